@@ -1,0 +1,79 @@
+# make demo    replays, a first training run and their figures, under runs/demo/
+# make test    the test suite (without the slow ones)
+# Both set up .venv first where that has not been done. `make help` lists the rest.
+
+PYTHON ?= python3
+PYTEST_ARGS ?=
+
+SHELL := /bin/bash
+VENV  := .venv
+PY    := $(VENV)/bin/python
+READY := $(VENV)/.ready
+READY_BENCH := $(VENV)/.ready-bench
+PIP_INSTALL := $(PY) -m pip install --disable-pip-version-check --quiet -c constraints.txt
+
+.DEFAULT_GOAL := help
+.PHONY: help setup setup-bench demo test test-slow lint format types architecture docs build clean distclean
+
+help: ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 15
+
+# ------------------------------------------------------------------ set-up
+setup: $(READY) ## .venv with the package (editable) and all it needs to train, render, test and build its documents
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "flexarm_env needs Python 3.11 or newer; '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." \
+	       "Say which to use: make $(or $(MAKECMDGOALS),setup) PYTHON=python3.12" >&2; exit 1; }
+	@if [ ! -x $(PY) ] || ! $(PY) -m pip --version >/dev/null 2>&1; then \
+	  echo "Setting up $(VENV) (a few minutes, once)"; \
+	  $(PYTHON) -m venv --clear $(VENV) || { \
+	    echo "Could not make $(VENV): the venv module of '$(PYTHON)' is missing or incomplete" \
+	         "(on Debian and Ubuntu: the package python3-venv)." >&2; exit 1; }; \
+	fi
+	$(PIP_INSTALL) -e ".[train,render,plot,docs,data,dev]"
+	@touch $@
+
+setup-bench: $(READY_BENCH) ## in addition, the programs that the benchmarks compare with
+
+$(READY_BENCH): $(READY)
+	$(PIP_INSTALL) -e ".[bench]"
+	@touch $@
+
+# --------------------------------------------------------------------- use
+demo: $(READY) ## replay two scenes, train a first controller; results in runs/demo/
+	$(PY) -m agents.demo
+
+# ------------------------------------------------------------------ checks
+test: $(READY) ## the test suite without the slow tests; PYTEST_ARGS="-k name" narrows it
+	$(PY) -m pytest -m "not slow" $(PYTEST_ARGS)
+
+# pytest ends with 5 where it found no test, which is no failure here
+test-slow: $(READY) ## the slow tests alone
+	$(PY) -m pytest -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]
+
+lint: $(READY) ## ruff: rules and format of imports
+	$(PY) -m ruff check .
+
+format: $(READY) ## let ruff mend what it can
+	$(PY) -m ruff check --fix .
+
+types: $(READY) ## mypy, strict
+	$(PY) -m mypy
+
+architecture: $(READY) ## which room may import which
+	$(PY) -m pytest -q tests/test_architecture.py
+
+docs: $(READY) ## the documentation site, in docs/_build/html; a warning is an error
+	$(PY) -m sphinx -W --keep-going -b html docs docs/_build/html
+
+build: $(READY) ## wheel and source distribution, in dist/
+	$(PY) -m build --no-isolation
+
+# ---------------------------------------------------------------- clean up
+clean: ## remove caches and builds; leave .venv and runs/
+	rm -rf build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean ## remove .venv and runs/ too
+	rm -rf $(VENV) runs
