@@ -1,0 +1,330 @@
+"""The house's rules, held by a walk over the syntax trees.
+
+ROOMS says which room of the package may import which. A room is a module or a subpackage directly under
+`flexarm_env`; a new one has to be declared here. Every rule is also tried on a source that breaks it.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = "flexarm_env"
+
+# ------------------------------------------------------------------ the table
+_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "scene", "scenes"}
+_PUBLIC = {*_DESCRIPTION, "simulation", "control", "envs", "plotting", "sb3", "__init__"}
+
+# room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
+ROOMS: dict[str, set[str]] = {
+    "validation": set(),
+    "parameters": {"validation"},
+    "settings": {"validation"},
+    "time_functions": {"validation"},
+    "scene": {"validation", "parameters", "settings", "time_functions"},
+    "scenes": {"validation", "parameters", "settings", "time_functions", "scene"},
+    "data": set(),
+    "model": set(),
+    "mechanics": {*_DESCRIPTION, "model"},
+    "kernels": {"model"},
+    "simulation": {*_DESCRIPTION, "mechanics", "model", "kernels"},
+    "control": {*_DESCRIPTION, "simulation"},
+    "envs": {*_DESCRIPTION, "simulation"},
+    "plotting": {*_DESCRIPTION, "simulation"},
+    "sb3": {*_DESCRIPTION, "envs"},
+    "cli": {*_PUBLIC, "data"},
+    "__main__": {"cli"},
+    "__init__": {*_DESCRIPTION, "simulation", "control", "envs"},
+}
+
+# other packages that only some rooms may import, anywhere in their code
+EXTERNALS: dict[str, set[str]] = {
+    "torch": {"sb3"},
+    "stable_baselines3": {"sb3"},
+    "numba": {"kernels"},
+    "llvmlite": {"kernels"},
+    "gymnasium": {"__init__", "envs", "sb3", "cli"},
+    "pygame": {"envs"},
+    "matplotlib": {"plotting"},
+    "minari": {"cli"},
+}
+
+# code outside of the package uses the public rooms only
+OUTSIDE = ("agents", "benchmarks")
+
+# what `import flexarm_env` must not load
+HEAVY = {"torch", "stable_baselines3", "pygame", "matplotlib", "scipy", "minari", "moviepy"}
+
+MAX_LINES = 450
+LONGER: dict[str, int] = {}  # path -> its own limit; to be kept short
+
+# Compiled code gives the same bits everywhere, and brings its own threads.
+FORBIDDEN_KEYWORDS = ("fastmath", "parallel")
+
+# Addresses of registries and paths of one machine have no place in the repository (split, not to find themselves).
+FORBIDDEN_TEXT = re.compile(
+    "|".join(
+        [
+            r"py" r"pi\.(org|python)",
+            r"python" r"hosted\.org",
+            r"download\.py" r"torch\.org",
+            r"anaconda" r"\.org",
+            r"registry\.npm" r"js",
+            r"deb\.deb" r"ian\.org",
+            r"archive\.ub" r"untu\.com",
+            r"index" r"-url",
+            r"(?<![\w.:/])/" r"(?:home|root|work|Users)/\w",
+        ]
+    )
+)
+
+
+# -------------------------------------------------------------------- the walk
+def room_of(module: str) -> str:
+    """`flexarm_env.mechanics.joints` -> `mechanics`; the package itself -> `__init__`."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def imports_of(source: str, module: str, is_package: bool, known: set[str]) -> Iterator[tuple[int, str]]:
+    """Line and absolute dotted name of every import in `source`, those inside functions included.
+
+    `from a import b` counts as `a.b` where b is a room of the package, as `a` elsewhere.
+    """
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                here = module.split(".")
+                here = here[: len(here) - node.level + is_package]
+                base = ".".join([*here, base]) if base else ".".join(here)
+            for alias in node.names:
+                inside = base == PACKAGE and alias.name in known
+                yield node.lineno, f"{base}.{alias.name}" if inside else base
+
+
+def package_faults(source: str, module: str, is_package: bool, known: set[str]) -> list[str]:
+    """Imports of a module of the package that its room may not make."""
+    room = room_of(module)
+    if room not in ROOMS:
+        return [f"{module}: the room '{room}' is not declared in ROOMS"]
+    faults = []
+    for line, name in imports_of(source, module, is_package, known):
+        top = name.split(".")[0]
+        if top == PACKAGE:
+            target = room_of(name)
+            if target != room and target not in ROOMS[room]:
+                faults.append(f"{module}:{line}: '{room}' may not import '{target}'")
+        elif top in OUTSIDE or top == "tests":
+            faults.append(f"{module}:{line}: the package may not import '{top}'")
+        elif room not in EXTERNALS.get(top, {room}):
+            faults.append(f"{module}:{line}: '{room}' may not import {top}")
+    return faults
+
+
+def outside_faults(source: str, module: str, known: set[str]) -> list[str]:
+    """Imports of code outside of the package that reach past the public rooms."""
+    return [
+        f"{module}:{line}: imports '{name}', which is not public"
+        for line, name in imports_of(source, module, False, known)
+        if name.split(".")[0] == PACKAGE and room_of(name) not in _PUBLIC
+    ]
+
+
+def keyword_faults(source: str, module: str) -> list[str]:
+    """Calls that switch on what compiled code must do without."""
+    return [
+        f"{module}:{node.lineno}: {keyword.arg}= is not to be used"
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Call)
+        for keyword in node.keywords
+        if keyword.arg in FORBIDDEN_KEYWORDS
+        and not (isinstance(keyword.value, ast.Constant) and not keyword.value.value)
+    ]
+
+
+def text_faults(text: str, path: str) -> list[str]:
+    """Words that have no place in the repository."""
+    return [
+        f"{path}:{number}: {found.group()!r}"
+        for number, line in enumerate(text.splitlines(), start=1)
+        for found in FORBIDDEN_TEXT.finditer(line)
+    ]
+
+
+def python_files(top: str) -> list[Path]:
+    return sorted((ROOT / top).rglob("*.py"))
+
+
+def module_name(path: Path) -> tuple[str, bool]:
+    """Dotted name of a file below ROOT, and whether it is a package's `__init__`."""
+    parts = list(path.relative_to(ROOT).with_suffix("").parts)
+    if parts[-1] == "__init__":
+        return ".".join(parts[:-1]), True
+    return ".".join(parts), False
+
+
+def existing_rooms() -> set[str]:
+    return {room_of(module_name(path)[0]) for path in python_files(PACKAGE)}
+
+
+def repository_texts() -> Iterator[tuple[str, str]]:
+    """Path and content of every text file that belongs to the repository."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if listed.returncode == 0:
+        paths = [ROOT / name for name in listed.stdout.split("\0") if name]
+    else:  # a source distribution
+        tops = (PACKAGE, *OUTSIDE, "configs", "docs", "tests")
+        paths = [path for top in tops for path in (ROOT / top).rglob("*") if "__pycache__" not in path.parts]
+        paths += list(ROOT.glob("*.*"))
+    for path in paths:
+        if path.is_file():
+            data = path.read_bytes()
+            if b"\0" not in data[:8192]:
+                yield str(path.relative_to(ROOT)), data.decode("utf-8", errors="replace")
+
+
+# ------------------------------------------------------------------- the rules
+def test_the_table_is_sound() -> None:
+    named = set().union(*ROOMS.values(), *EXTERNALS.values(), _PUBLIC)
+    assert named <= set(ROOMS), f"not declared: {sorted(named - set(ROOMS))}"
+    assert python_files(PACKAGE), "the package was not found"
+
+    done: set[str] = set()
+    low = set(ROOMS) - {"__init__", "cli", "__main__"}  # the package itself is an entrance, as is the command line
+    while ready := {room for room in low - done if ROOMS[room] <= done}:
+        done |= ready
+    assert done == low, f"rooms that import each other in a circle: {sorted(low - done)}"
+
+
+def test_imports_point_one_way() -> None:
+    known = existing_rooms()
+    faults = [
+        fault
+        for path in python_files(PACKAGE)
+        for fault in package_faults(path.read_text(encoding="utf-8"), *module_name(path), known)
+    ]
+    assert not faults, "\n".join(faults)
+
+
+def test_agents_and_benchmarks_use_public_rooms() -> None:
+    known = existing_rooms()
+    faults = [
+        fault
+        for top in OUTSIDE
+        for path in python_files(top)
+        for fault in outside_faults(path.read_text(encoding="utf-8"), module_name(path)[0], known)
+    ]
+    assert not faults, "\n".join(faults)
+
+
+def test_compiled_code_is_reproducible() -> None:
+    faults = [
+        fault
+        for path in python_files(f"{PACKAGE}/kernels")
+        for fault in keyword_faults(path.read_text(encoding="utf-8"), module_name(path)[0])
+    ]
+    assert not faults, "\n".join(faults)
+
+
+def test_files_stay_readable() -> None:
+    lengths = {
+        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines())
+        for path in python_files(PACKAGE)
+    }
+    long = [
+        f"{name}: {n} lines, at most {LONGER.get(name, MAX_LINES)}"
+        for name, n in lengths.items()
+        if n > LONGER.get(name, MAX_LINES)
+    ]
+    assert not long, "\n".join(long)
+    assert set(LONGER) <= set(lengths), f"no such file: {sorted(set(LONGER) - set(lengths))}"
+
+
+def test_no_registry_and_no_machine_is_named() -> None:
+    texts = dict(repository_texts())
+    assert "pyproject.toml" in texts
+    faults = [fault for path, text in texts.items() for fault in text_faults(text, path)]
+    assert not faults, "\n".join(faults)
+
+
+def heavy_after(statement: str) -> set[str]:
+    """Which of HEAVY a fresh interpreter has loaded after `statement`.
+
+    Numba loads the bare name `scipy` to read its version, so SciPy counts once one of its public parts is there.
+    """
+    code = f"{statement}\nimport sys\nprint(*sorted(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True, timeout=300
+    )
+    loaded = done.stdout.split()
+    heavy = {name for name in HEAVY - {"scipy"} if name in loaded}
+    if any(re.match(r"scipy\.(?!version)[a-z]", name) for name in loaded):
+        heavy.add("scipy")
+    return heavy
+
+
+def test_importing_the_package_is_light() -> None:
+    assert heavy_after(f"import {PACKAGE}") == set()
+
+
+# --------------------------------------------------- the rules can be broken
+def test_a_heavy_import_is_seen() -> None:
+    assert heavy_after("import scipy.linalg") == {"scipy"}
+    assert heavy_after("import numba") == set()
+
+
+@pytest.mark.parametrize(
+    ("module", "source", "words"),
+    [
+        ("flexarm_env.envs.task", "from flexarm_env.kernels.rollout import advance", "may not import 'kernels'"),
+        ("flexarm_env.envs.task", "from ..mechanics import joints", "may not import 'mechanics'"),
+        ("flexarm_env.envs.task", "def f():\n    from flexarm_env import kernels", "may not import 'kernels'"),
+        ("flexarm_env.parameters", "from .scene import Scene", "may not import 'scene'"),
+        ("flexarm_env.model", "import flexarm_env.mechanics.assembly", "may not import 'mechanics'"),
+        ("flexarm_env.kernels.newmark", "from .. import simulation", "may not import 'simulation'"),
+        ("flexarm_env.mechanics.joints", "from flexarm_env import simulate", "may not import '__init__'"),
+        ("flexarm_env.simulation", "def f():\n    import torch.nn", "may not import torch"),
+        ("flexarm_env.envs.single", "import stable_baselines3", "may not import stable_baselines3"),
+        ("flexarm_env.cli", "from agents import demo", "may not import 'agents'"),
+        ("flexarm_env.attic", "x = 1", "not declared in ROOMS"),
+    ],
+)
+def test_a_wrong_import_is_seen(module: str, source: str, words: str) -> None:
+    faults = package_faults(source, module, False, set(ROOMS))
+    assert len(faults) == 1
+    assert words in faults[0]
+
+
+def test_relative_imports_of_a_package_are_resolved() -> None:
+    assert package_faults("from . import kernels", PACKAGE, True, set(ROOMS)) == [
+        "flexarm_env:1: '__init__' may not import 'kernels'"
+    ]
+    assert package_faults("from .task import f", "flexarm_env.envs", True, set(ROOMS)) == []
+    assert package_faults("from ..simulation import f\nimport pygame", "flexarm_env.envs", True, set(ROOMS)) == []
+
+
+def test_other_broken_rules_are_seen() -> None:
+    assert outside_faults("from flexarm_env.kernels import jit", "agents.demo", set(ROOMS))
+    assert not outside_faults("import flexarm_env\nfrom flexarm_env.sb3 import f", "agents.demo", set(ROOMS))
+    assert keyword_faults("@njit(fastmath=True)\ndef f(): ...", "m")
+    assert not keyword_faults("@njit(fastmath=False)\ndef f(): ...", "m")
+    assert text_faults("see https://py" + "pi.org/x", "a.md")
+    assert text_faults("open('/ho" + "me/me/arm.toml')", "a.py")
+    assert not text_faults("work/precision, a/home/b and https://example.org/home/x", "a.md")
