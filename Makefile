@@ -62,7 +62,7 @@ types: $(READY) ## mypy, strict
 	$(PY) -m mypy
 
 architecture: $(READY) ## which room may import which
-	$(PY) -m pytest -q tests/test_architecture.py
+	$(PY) -m pytest tests/test_architecture.py
 
 docs: $(READY) ## the documentation site, in docs/_build/html; a warning is an error
 	$(PY) -m sphinx -W --keep-going -b html docs docs/_build/html
