@@ -1,0 +1,146 @@
+"""Named arms (``flexarm_env/data/arms``) and arms from TOML files of the user's own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from flexarm_env import toml_text
+from flexarm_env import validation as check
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+
+_SECTION = ("EI", "EA", "C", "m", "J")
+_RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
+_ELBOW = ("mass", "inertia_left", "inertia_right")
+_ARM = (
+    "name",
+    "links",
+    "hub_inertia",
+    "elbows",
+    "payload",
+    "tau_d",
+    "mass_damping",
+    "torque_limits",
+    "joint_limits",
+    "source",
+)
+
+
+def names() -> tuple[str, ...]:
+    """Names of the arms that come with the package."""
+    folder = resources.files("flexarm_env") / "data" / "arms"
+    return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+@cache
+def named(name: str) -> Arm:
+    """A named arm. Raises ValueError for a name that there is not."""
+    check.choice("arm", name, names())
+    return from_toml((resources.files("flexarm_env") / "data" / "arms" / f"{name}.toml").read_text("utf-8"))
+
+
+def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str] = ".") -> Arm:
+    """An arm from an :class:`Arm`, a name, or a TOML file (found from ``directory``).
+
+    Raises ValueError for a text that is neither a name nor a file, and for what is wrong in the file.
+    """
+    if isinstance(arm, Arm):
+        return arm
+    if not isinstance(arm, str | os.PathLike):
+        raise check.InvalidValue("arm", arm, "must be a name, a TOML file or an Arm")
+    if isinstance(arm, str) and arm in names():
+        return named(arm)
+    path = Path(directory) / arm
+    if path.suffix != ".toml" or not path.is_file():
+        known = ", ".join(f'"{n}"' for n in names())
+        raise check.InvalidValue("arm", os.fspath(arm), f"must be one of {known}, or a .toml file that exists")
+    return from_toml(path)
+
+
+def from_toml(source: str | os.PathLike[str]) -> Arm:
+    """The arm in a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
+
+    Raises ValueError that names the key path, the value and what is allowed.
+    """
+    table, path = toml_text.read(source)
+    if set(table) == {"arm"}:
+        with check.under("arm"):
+            return from_table(check.table_of("", table["arm"]))
+    return from_table(table, default_name=path.stem if path else None)
+
+
+def to_toml(arm: Arm) -> str:
+    """TOML text of an arm; :func:`from_toml` reads it back to an equal arm."""
+    return toml_text.write(to_table(arm))
+
+
+def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:
+    """An arm from the table of a TOML file."""
+    check.known_keys("", table, _ARM)
+    values = dict(table)
+    if default_name is not None:
+        values.setdefault("name", default_name)
+    check.needed("", values, "name", "must be a text")
+    links = check.needed("", values, "links", "must be a sequence of tables with length and section")
+    values["links"] = tuple(
+        _link(f"links[{i}]", entry) for i, entry in enumerate(check.sequence("links", links, "tables"))
+    )
+    values["elbows"] = tuple(
+        _part(f"elbows[{i}]", Elbow, entry, _ELBOW)
+        for i, entry in enumerate(check.sequence("elbows", values.get("elbows", ()), "tables"))
+    )
+    if "payload" in values:
+        values["payload"] = _part("payload", Payload, values["payload"], ("mass", "inertia"))
+    return Arm(**values)
+
+
+def _link(path: str, entry: object) -> Link:
+    table = check.table_of(path, entry)
+    check.known_keys(path, table, ("length", "section"))
+    length = check.needed(path, table, "length", "must be a positive number (m)")
+    what = f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}"
+    section = check.table_of(f"{path}.section", check.needed(path, table, "section", what))
+    rectangle = bool(section) and all(key in _RECTANGLE for key in section)
+    keys, optional = (_RECTANGLE, "kappa") if rectangle else (_SECTION, "J")
+    check.known_keys(f"{path}.section", section, keys if rectangle else (*_SECTION, *_RECTANGLE))
+    for key in keys:
+        if key != optional:
+            check.needed(f"{path}.section", section, key, what)
+    check.known_keys(f"{path}.section", section, keys)
+    with check.under(path):
+        return Link(length, Section.rectangle(**section) if rectangle else Section(**section))
+
+
+def _part(path: str, kind: type[Any], entry: object, keys: tuple[str, ...]) -> Any:
+    table = check.table_of(path, entry)
+    check.known_keys(path, table, keys)
+    if kind is Payload:  # names its own key path
+        return kind(**table)
+    with check.under(path):
+        return kind(**table)
+
+
+def to_table(arm: Arm) -> dict[str, Any]:
+    """The TOML table of an arm; what is at its default is left out."""
+    table: dict[str, Any] = {"name": arm.name}
+    if arm.source:
+        table["source"] = arm.source
+    for key in ("hub_inertia", "tau_d", "mass_damping"):
+        if getattr(arm, key):
+            table[key] = getattr(arm, key)
+    if arm.torque_limits is not None:
+        table["torque_limits"] = arm.torque_limits
+    if arm.joint_limits is not None:
+        table["joint_limits"] = tuple(() if limits is None else limits for limits in arm.joint_limits)
+    if arm.payload != Payload():
+        table["payload"] = {key: getattr(arm.payload, key) for key in ("mass", "inertia")}
+    table["links"] = [
+        {"length": link.length, "section": {key: getattr(link.section, key) for key in _SECTION}} for link in arm.links
+    ]
+    if arm.elbows:
+        table["elbows"] = [{key: getattr(elbow, key) for key in _ELBOW} for elbow in arm.elbows]
+    return table

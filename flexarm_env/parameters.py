@@ -1,0 +1,228 @@
+"""What an arm is made of: frozen, validated, in SI units.
+
+An :class:`Arm` is a chain of :class:`Link` objects. Link ``k`` starts at joint ``k``: joint 0 is the hub
+(the root of the arm), joint ``k >= 1`` the elbow between the tip of link ``k-1`` and the root of link ``k``.
+Every class is immutable and hashable; sequences are kept as tuples; ``dataclasses.replace`` makes a variant
+and checks it again. A value that is not allowed raises a ``ValueError`` which names the key path, the value
+and what is allowed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from flexarm_env import validation as check
+
+JointRange = tuple[float, float]
+
+
+def _store(item: object, **values: object) -> None:
+    """Set fields of a frozen dataclass from within its ``__post_init__``."""
+    for name, value in values.items():
+        object.__setattr__(item, name, value)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Cross-section of a beam, constant along a link (symbols of docs/theory.md; paper [41], [52]).
+
+    Args:
+        EI: bending stiffness, N m^2, positive.
+        EA: stretching stiffness, N, positive.
+        C: shear stiffness kappa G A, N, positive.
+        m: mass per length, kg/m, positive.
+        J: rotary inertia per length, kg m (rho I for a homogeneous section), zero or positive.
+    """
+
+    EI: float
+    EA: float
+    C: float
+    m: float
+    J: float = 0.0
+
+    def __post_init__(self) -> None:
+        _store(
+            self,
+            EI=check.number("section.EI", self.EI, "N m^2", above=0.0),
+            EA=check.number("section.EA", self.EA, "N", above=0.0),
+            C=check.number("section.C", self.C, "N", above=0.0),
+            m=check.number("section.m", self.m, "kg/m", above=0.0),
+            J=check.number("section.J", self.J, "kg m", minimum=0.0),
+        )
+
+    @classmethod
+    def rectangle(cls, width: float, thickness: float, E: float, rho: float, G: float, kappa: float = 0.85) -> Section:
+        """Homogeneous rectangle that bends about its ``width`` axis: I = width thickness^3 / 12.
+
+        Args:
+            width: m, across the plane of motion. thickness: m, in the plane of motion.
+            E: Young's modulus, Pa. rho: density, kg/m^3. G: shear modulus, Pa. kappa: shear coefficient, 0 to 1.
+        """
+        width = check.number("section.width", width, "m", above=0.0)
+        thickness = check.number("section.thickness", thickness, "m", above=0.0)
+        E = check.number("section.E", E, "Pa", above=0.0)
+        rho = check.number("section.rho", rho, "kg/m^3", above=0.0)
+        G = check.number("section.G", G, "Pa", above=0.0)
+        kappa = check.number("section.kappa", kappa, above=0.0, maximum=1.0)
+        A = width * thickness
+        second_moment = width * thickness**3 / 12.0
+        return cls(EI=E * second_moment, EA=E * A, C=kappa * G * A, m=rho * A, J=rho * second_moment)
+
+
+@dataclass(frozen=True)
+class Link:
+    """A straight beam of one section: ``length`` in m, positive."""
+
+    length: float
+    section: Section
+
+    def __post_init__(self) -> None:
+        _store(self, length=check.number("length", self.length, "m", above=0.0))
+        check.instance("section", self.section, Section)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the beam, kg."""
+        return self.length * self.section.m
+
+    @property
+    def slenderness(self) -> float:
+        """EI / (C L^2): how much shear counts beside bending; the elastica leaves it out (about 1e-3 is stubby)."""
+        return self.section.EI / (self.section.C * self.length**2)
+
+
+@dataclass(frozen=True)
+class Elbow:
+    """What sits at the joint between two links.
+
+    ``mass`` (kg) and ``inertia_left`` (kg m^2) belong to the tip of the link before it, ``inertia_right``
+    (kg m^2) to the root of the link after it. All zero or positive.
+    """
+
+    mass: float = 0.0
+    inertia_left: float = 0.0
+    inertia_right: float = 0.0
+
+    def __post_init__(self) -> None:
+        _store(
+            self,
+            mass=check.number("mass", self.mass, "kg", minimum=0.0),
+            inertia_left=check.number("inertia_left", self.inertia_left, "kg m^2", minimum=0.0),
+            inertia_right=check.number("inertia_right", self.inertia_right, "kg m^2", minimum=0.0),
+        )
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A body fixed to the tip of the last link: ``mass`` in kg, ``inertia`` in kg m^2, zero or positive."""
+
+    mass: float = 0.0
+    inertia: float = 0.0
+
+    def __post_init__(self) -> None:
+        _store(
+            self,
+            mass=check.number("payload.mass", self.mass, "kg", minimum=0.0),
+            inertia=check.number("payload.inertia", self.inertia, "kg m^2", minimum=0.0),
+        )
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A chain of N links with hub, elbows and payload.
+
+    Args:
+        name: a short word.
+        links: N >= 1 links, root to tip.
+        hub_inertia: at the root of link 0, kg m^2.
+        elbows: N-1 elbows, or () for massless ones.
+        payload: at the tip of the last link.
+        tau_d: Kelvin-Voigt time constant, s: stress = D (strain + tau_d strain rate), so zeta_k = tau_d omega_k / 2.
+        mass_damping: 1/s, floating-frame formulation only: C = mass_damping M + tau_d K on elastic coordinates.
+        torque_limits: N positive numbers, N m, or None (no limit).
+        joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
+            link k's root from link k-1's tip), or None (no limits at all).
+        source: where the numbers come from.
+    """
+
+    name: str
+    links: tuple[Link, ...]
+    hub_inertia: float = 0.0
+    elbows: tuple[Elbow, ...] = ()
+    payload: Payload = field(default_factory=Payload)
+    tau_d: float = 0.0
+    mass_damping: float = 0.0
+    torque_limits: tuple[float, ...] | None = None
+    joint_limits: tuple[JointRange | None, ...] | None = None
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        check.text("name", self.name, empty=False)
+        links = check.sequence("links", self.links, "at least one Link")
+        if not links:
+            raise check.InvalidValue("links", links, "must be a sequence of at least one Link")
+        for i, link in enumerate(links):
+            check.instance(f"links[{i}]", link, Link)
+        n = len(links)
+        elbows = check.sequence("elbows", self.elbows, "Elbow")
+        if elbows and len(elbows) != n - 1:
+            raise check.InvalidValue("elbows", elbows, f"must be empty or hold {n - 1} (one less than the links)")
+        for i, elbow in enumerate(elbows):
+            check.instance(f"elbows[{i}]", elbow, Elbow)
+        check.instance("payload", self.payload, Payload)
+        check.text("source", self.source)
+        _store(
+            self,
+            links=links,
+            elbows=elbows,
+            hub_inertia=check.number("hub_inertia", self.hub_inertia, "kg m^2", minimum=0.0),
+            tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0),
+            mass_damping=check.number("mass_damping", self.mass_damping, "1/s", minimum=0.0),
+            torque_limits=_torque_limits(self.torque_limits, n),
+            joint_limits=_joint_limits(self.joint_limits, n),
+        )
+
+    @property
+    def n_links(self) -> int:
+        """Number of links N."""
+        return len(self.links)
+
+    @property
+    def total_length(self) -> float:
+        """Sum of the links' lengths, m."""
+        return sum(link.length for link in self.links)
+
+    @property
+    def mass(self) -> float:
+        """Mass of links, elbows and payload, kg."""
+        return sum(k.mass for k in self.links) + sum(e.mass for e in self.elbows) + self.payload.mass
+
+    def elbow(self, joint: int) -> Elbow:
+        """The elbow at joint 1 ... N-1 (a massless one where none is given)."""
+        if not 1 <= joint < self.n_links:
+            raise check.InvalidValue("joint", joint, f"must be from 1 to {self.n_links - 1} for this arm")
+        return self.elbows[joint - 1] if self.elbows else Elbow()
+
+
+def _torque_limits(value: object, n: int) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    limits = check.sequence("torque_limits", value, f"{n} positive numbers (N m), one a joint", n)
+    return tuple(check.number(f"torque_limits[{i}]", v, "N m", above=0.0) for i, v in enumerate(limits))
+
+
+def _joint_limits(value: object, n: int) -> tuple[JointRange | None, ...] | None:
+    if value is None:
+        return None
+    ranges: list[JointRange | None] = []
+    for i, entry in enumerate(check.sequence("joint_limits", value, f"{n} entries, one a joint", n)):
+        if entry is None or (isinstance(entry, list | tuple) and not entry):
+            ranges.append(None)
+            continue
+        low, high = check.sequence(f"joint_limits[{i}]", entry, "two numbers, (low, high) in rad", 2)
+        low = check.number(f"joint_limits[{i}][0]", low, "rad")
+        high = check.number(f"joint_limits[{i}][1]", high, "rad")
+        if not low < high:
+            raise check.InvalidValue(f"joint_limits[{i}]", (low, high), "must be (low, high) with low < high (rad)")
+        ranges.append((low, high))
+    return tuple(ranges)

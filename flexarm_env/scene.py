@@ -1,0 +1,307 @@
+"""A scene: an arm, how it starts, what moves and loads it, for how long.
+
+Angles are measured from the global +x axis, counter-clockwise, in rad; all quantities are SI. A scene is frozen and
+hashable, and checked when it is made: a ``ValueError`` names the key path, the value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+
+from flexarm_env import validation as check
+from flexarm_env.parameters import Arm
+from flexarm_env.settings import FORMULATIONS, Settings, default_options, merged, options_of
+from flexarm_env.time_functions import TimeFunction
+
+_SAME_TIME = 1e-9
+"""Instants of different functions this close (s, and relative to the duration) are one instant."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A coordinate that is prescribed.
+
+    Args:
+        coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the
+            tip section of link k-1), "root_x" or "root_y" (position of the root, m).
+        function: its value (rad or m) over time; the value must not jump.
+    """
+
+    coordinate: str
+    function: TimeFunction
+
+    def __post_init__(self) -> None:
+        name = self.coordinate
+        if not isinstance(name, str) or not (name in ("root_x", "root_y") or re.fullmatch(r"joint\d+", name)):
+            raise check.InvalidValue("coordinate", name, 'must be "joint0", "joint1", ..., "root_x" or "root_y"')
+        check.instance("function", self.function, TimeFunction).check_no_jump()
+
+    @property
+    def joint(self) -> int | None:
+        """Index of the joint, or None for a coordinate of the root's position."""
+        return int(self.coordinate[5:]) if self.coordinate.startswith("joint") else None
+
+
+@dataclass(frozen=True)
+class JointTorque:
+    """A torque (N m) of joint ``k``: + on the root of link k, - on the tip of link k-1 (k = 0: on the ground)."""
+
+    joint: int
+    function: TimeFunction
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint", check.integer("joint", self.joint, minimum=0))
+        check.instance("function", self.function, TimeFunction)
+
+    @property
+    def functions(self) -> tuple[TimeFunction, ...]:
+        """The functions of time in it."""
+        return (self.function,)
+
+
+@dataclass(frozen=True)
+class PointLoad:
+    """A force in global axes (N) and a torque (N m) on the "root" or "tip" of a link; at least one of the three."""
+
+    link: int
+    end: str
+    force_x: TimeFunction | None = None
+    force_y: TimeFunction | None = None
+    torque: TimeFunction | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "link", check.integer("link", self.link, minimum=0))
+        check.choice("end", self.end, ("root", "tip"))
+        for name in ("force_x", "force_y", "torque"):
+            if getattr(self, name) is not None:
+                check.instance(name, getattr(self, name), TimeFunction)
+        if not self.functions:
+            raise check.MissingKey("force_x", "a point load needs force_x, force_y or torque")
+
+    @property
+    def functions(self) -> tuple[TimeFunction, ...]:
+        """The functions of time in it."""
+        return tuple(f for f in (self.force_x, self.force_y, self.torque) if f is not None)
+
+
+Load = JointTorque | PointLoad
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An arm that starts straight-linked and at rest, its joints, motions, loads and duration.
+
+    Args:
+        name: a short word.
+        arm: the arm, N links.
+        duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
+        root: "pinned" (position held or prescribed, hub angle free unless prescribed) or "free" (a free body).
+        position: of the root at t = 0, m, (x, y).
+        angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x.
+        rigid_joints: joints k >= 1 at which link k is fixed to link k-1 (at the angle it starts with), not hinged.
+        motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
+        loads: joint torques and point loads.
+        gravity: acceleration (gx, gy), m/s^2, or None.
+        solver: formulation and flat options that suit the scene, as pairs (name, value); a dict is taken too.
+        description, source, note: what it is, where it is from, what was assumed.
+    """
+
+    name: str
+    arm: Arm
+    _: KW_ONLY
+    duration: float
+    dt: float
+    sample: float | None = None
+    root: str = "pinned"
+    position: tuple[float, float] = (0.0, 0.0)
+    angles: tuple[float, ...] = ()
+    rigid_joints: tuple[int, ...] = ()
+    motions: tuple[Motion, ...] = ()
+    loads: tuple[Load, ...] = ()
+    gravity: tuple[float, float] | None = None
+    solver: tuple[tuple[str, Any], ...] = ()
+    description: str = ""
+    source: str = ""
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        check.text("name", self.name, empty=False)
+        n = check.instance("arm", self.arm, Arm).n_links
+        check.choice("root", self.root, ("pinned", "free"))
+        values: dict[str, Any] = {
+            "duration": check.number("duration", self.duration, "s", above=0.0),
+            "dt": check.number("dt", self.dt, "s", above=0.0),
+            "position": _numbers("position", self.position, "m", 2),
+            "angles": _numbers("angles", self.angles, "rad", n) if len(self.angles) else (0.0,) * n,
+            "gravity": None if self.gravity is None else _numbers("gravity", self.gravity, "m/s^2", 2),
+            "rigid_joints": self._checked_rigid_joints(n),
+            "motions": check.sequence("motions", self.motions, "Motion"),
+            "loads": check.sequence("loads", self.loads, "JointTorque or PointLoad"),
+            "solver": _solver(self.solver),
+        }
+        values["sample"] = values["dt"] if self.sample is None else check.number("sample", self.sample, "s", above=0.0)
+        for name in ("dt", "sample"):
+            if values[name] > values["duration"]:
+                raise check.InvalidValue(name, values[name], f"must not exceed the duration, {values['duration']:g} s")
+        for name in ("description", "source", "note"):
+            check.text(name, getattr(self, name))
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        self._check_motions()
+        self._check_loads()
+        self._join_instants()
+
+    def _checked_rigid_joints(self, n: int) -> tuple[int, ...]:
+        joints = check.sequence("rigid_joints", self.rigid_joints, "joint indices")
+        for i, joint in enumerate(joints):
+            check.integer(f"rigid_joints[{i}]", joint, minimum=1, maximum=max(n - 1, 0))
+            if joint in joints[:i]:
+                raise check.InvalidValue(f"rigid_joints[{i}]", joint, "must not be given twice")
+        return tuple(sorted(int(joint) for joint in joints))
+
+    def _check_motions(self) -> None:
+        for i, motion in enumerate(self.motions):
+            name = check.instance(f"motions[{i}]", motion, Motion).coordinate
+            path, joint = f"motions[{i}].coordinate", motion.joint
+            if name in [other.coordinate for other in self.motions[:i]]:
+                raise check.InvalidValue(path, name, "must not have two motions")
+            if self.root == "free" and not joint:
+                raise check.InvalidValue(path, name, "must not be prescribed where the root is free")
+            if joint is not None and joint >= self.arm.n_links:
+                last = self.arm.n_links - 1
+                raise check.InvalidValue(path, name, f'must be a joint of the arm, "joint0" to "joint{last}"')
+            if joint in self.rigid_joints:
+                raise check.InvalidValue(path, name, f"must be a joint that can turn; rigid: {self.rigid_joints}")
+            initial = self.initial_value(name)
+            if abs(motion.function.start - initial) > 1e-9 * max(1.0, abs(initial)):
+                what = f"must be {initial!r}, the value of {name} that position and angles give at t = 0"
+                raise check.InvalidValue(f"motions[{i}] at t = 0", motion.function.start, what)
+
+    def _check_loads(self) -> None:
+        n, prescribed = self.arm.n_links, [motion.joint for motion in self.motions]
+        for i, load in enumerate(self.loads):
+            if isinstance(load, JointTorque):
+                path, joint = f"loads[{i}].joint", load.joint
+                if joint >= n:
+                    raise check.InvalidValue(path, joint, f"must be a joint of the arm, 0 to {n - 1}")
+                if joint in prescribed:
+                    raise check.InvalidValue(path, joint, "must be a joint without a prescribed motion")
+                if joint in self.rigid_joints:
+                    raise check.InvalidValue(path, joint, "must be a joint that can turn, not a rigid one")
+                if joint == 0 and self.root == "free":
+                    what = 'must not be 0 where the root is free; give the torque to link 0, end "root"'
+                    raise check.InvalidValue(path, joint, what)
+            elif isinstance(load, PointLoad):
+                if load.link >= n:
+                    raise check.InvalidValue(f"loads[{i}].link", load.link, f"must be a link of the arm, 0 to {n - 1}")
+            else:
+                raise check.InvalidValue(f"loads[{i}]", load, "must be a JointTorque or a PointLoad")
+
+    def _join_instants(self) -> None:
+        """Give instants of different functions that differ by round-off one value, so that no step ends up between."""
+        times = sorted({t for function in self._functions() for t in function.pieces[1:, 0].tolist()})
+        joined: dict[float, float] = {}
+        for earlier, later in itertools.pairwise(times):
+            if later - earlier <= _SAME_TIME * max(1.0, self.duration):
+                joined[later] = joined.get(earlier, earlier)
+        if not joined or not self._can_join(joined):
+            return
+
+        def moved(item: Any) -> Any:
+            functions = {f.name: getattr(item, f.name) for f in dataclasses.fields(item)}
+            changed = {k: f.with_times(joined) for k, f in functions.items() if isinstance(f, TimeFunction)}
+            return dataclasses.replace(item, **changed)
+
+        object.__setattr__(self, "motions", tuple(moved(motion) for motion in self.motions))
+        object.__setattr__(self, "loads", tuple(moved(load) for load in self.loads))
+
+    def _can_join(self, joined: dict[float, float]) -> bool:
+        """No function has two pieces that would begin at one instant (a table finer than round-off)."""
+        for function in self._functions():
+            starts = [joined.get(t, t) for t in function.pieces[:, 0].tolist()]
+            if len(set(starts)) < len(starts):
+                return False
+        return True
+
+    def _functions(self) -> Iterator[TimeFunction]:
+        for motion in self.motions:
+            yield motion.function
+        for load in self.loads:
+            yield from load.functions
+
+    def initial_value(self, coordinate: str) -> float:
+        """Value at t = 0 of "joint0", "joint1", ... (rad), "root_x" or "root_y" (m)."""
+        if coordinate in ("root_x", "root_y"):
+            return self.position[0 if coordinate == "root_x" else 1]
+        joint = int(coordinate[5:])
+        return self.angles[0] if joint == 0 else self.angles[joint] - self.angles[joint - 1]
+
+    def motion_of(self, coordinate: str) -> TimeFunction | None:
+        """The function that prescribes a coordinate, or None where it is free."""
+        return next((motion.function for motion in self.motions if motion.coordinate == coordinate), None)
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Instants (s) inside the run on which a step must end: where a motion's value, rate or acceleration jumps,
+        or a load's value or slope; in order."""
+        times = {t for motion in self.motions for t in motion.function.kinks}
+        times |= {t for load in self.loads for function in load.functions for t in function.load_kinks}
+        return tuple(sorted(t for t in times if 0.0 < t < self.duration * (1.0 - 1e-12)))
+
+    def settings(self, formulation: str | None = None, **options: Any) -> Settings:
+        """Settings to run this scene with: defaults, under the scene's ``solver``, under ``options``; dt never None.
+
+        The scene's own solver options apply to its own formulation only (its default is "floating_frame").
+        """
+        own = dict(self.solver)
+        preferred = own.pop("formulation", "floating_frame")
+        formulation = formulation or preferred
+        if formulation != preferred:
+            own = {}
+        check.known_keys("", options, options_of(formulation), f"option of {formulation}")
+        return Settings.make(formulation, **merged(own, options)).with_dt(self.dt)
+
+    @classmethod
+    def from_toml(cls, source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:
+        """The scene in a TOML file or text (docs/scenes.md), with one of its parameter sets where named.
+
+        Raises ValueError that names the key path, the value and what is allowed.
+        """
+        from flexarm_env.scene_toml import read_scene
+
+        return read_scene(source, parameter_set)
+
+    def to_toml(self) -> str:
+        """TOML text that :meth:`from_toml` reads back to an equal scene."""
+        from flexarm_env.scene_toml import scene_text
+
+        return scene_text(self)
+
+
+def _numbers(path: str, values: object, unit: str, n: int) -> tuple[Any, ...]:
+    entries = check.sequence(path, values, f"{n} numbers ({unit})", n)
+    return tuple(check.number(f"{path}[{i}]", value, unit) for i, value in enumerate(entries))
+
+
+def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
+    """Checked pairs, the formulation first, the others in the order of the formulation's options."""
+    given = dict(value)
+    formulation = check.choice("solver.formulation", given.pop("formulation", "floating_frame"), FORMULATIONS)
+    if "dt" in given:
+        raise check.InvalidValue("solver.dt", given["dt"], "must be given as the scene's own dt")
+    if not given and not value:
+        return ()
+    with check.under("solver"):
+        Settings.make(formulation, **given)
+    if given.get("newmark") is not None:
+        given["newmark"] = tuple(np.asarray(given["newmark"], dtype=float).tolist())
+    ordered = [(name, given[name]) for name in default_options(formulation) if given.get(name) is not None]
+    return (("formulation", formulation), *ordered)

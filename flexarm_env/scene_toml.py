@@ -1,0 +1,175 @@
+"""Scenes as TOML: reading with key paths in every error, parameter sets, and writing."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from flexarm_env import arms, time_functions, toml_text
+from flexarm_env import validation as check
+from flexarm_env.parameters import Arm
+from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
+from flexarm_env.time_functions import TimeFunction
+
+KEYS = tuple(f.name for f in fields(Scene))
+"""Keys of a scene in TOML: the fields of :class:`Scene`."""
+_OPTIONAL_TEXT = ("description", "source", "note")
+_FORCES = ("force_x", "force_y", "torque")
+
+
+def read_scene(source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:
+    """See :meth:`Scene.from_toml`. A parameter set ``S`` replaces keys of the scene and names it ``NAME@S``."""
+    table, path = toml_text.read(source)
+    directory = path.parent if path else Path()
+    if path:
+        table.setdefault("name", path.stem)
+    sets = check.table_of("parameter_sets", table.pop("parameter_sets", {}))
+    scene = _scene(table, directory)
+    variants: dict[str, Scene] = {}
+    for name, changes in sets.items():
+        prefix = f"parameter_sets.{name}"
+        changed = check.table_of(prefix, changes)
+        check.known_keys(prefix, changed, [key for key in KEYS if key != "name"])
+        with check.under(prefix):
+            variants[name] = _scene({**table, **changed, "name": f"{table['name']}@{name}"}, directory)
+    if parameter_set is None:
+        return scene
+    if parameter_set not in variants:
+        known = ", ".join(variants) or "none"
+        raise check.InvalidValue("parameter_set", parameter_set, f"must be one that {scene.name} has: {known}")
+    return variants[parameter_set]
+
+
+def parameter_sets(source: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Names of the parameter sets in a TOML file or text."""
+    table, _ = toml_text.read(source)
+    return tuple(check.table_of("parameter_sets", table.get("parameter_sets", {})))
+
+
+def _scene(table: Mapping[str, Any], directory: Path) -> Scene:
+    check.known_keys("", table, (*KEYS, "parameter_sets"))
+    values = dict(table)
+    name = check.text("name", check.needed("", values, "name", "must be a text"), empty=False)
+    check.needed("", values, "duration", "must be a positive number (s)")
+    check.needed("", values, "dt", "must be a positive number (s)")
+    values["arm"] = _arm(check.needed("", values, "arm", "must be a name, a .toml file or a table"), name, directory)
+    values["motions"] = tuple(
+        _motion(f"motions[{i}]", entry, directory) for i, entry in enumerate(_tables("motions", values))
+    )
+    values["loads"] = tuple(_load(f"loads[{i}]", entry, directory) for i, entry in enumerate(_tables("loads", values)))
+    for key in ("position", "angles", "gravity", "rigid_joints"):
+        if key in values:
+            values[key] = check.sequence(key, values[key], "numbers")
+    solver = check.table_of("solver", values.pop("solver", {}))
+    return Scene(**values, solver=tuple(solver.items()))
+
+
+def _arm(value: object, name: str, directory: Path) -> Arm:
+    if isinstance(value, Mapping):
+        with check.under("arm"):
+            return arms.from_table(value, default_name=name)
+    return arms.resolve(check.text("arm", value), directory)
+
+
+def _tables(key: str, values: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
+    entries = check.sequence(key, values.get(key, ()), f"tables, [[{key}]]")
+    return tuple(check.table_of(f"{key}[{i}]", entry) for i, entry in enumerate(entries))
+
+
+def _motion(path: str, entry: dict[str, Any], directory: Path) -> Motion:
+    with check.under(path):
+        what = 'must be "joint0", "joint1", ..., "root_x" or "root_y"'
+        coordinate = check.needed("", entry, "coordinate", what)
+        rest = {key: value for key, value in entry.items() if key != "coordinate"}
+        return Motion(coordinate, function_from_table(rest, directory))
+
+
+def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
+    with check.under(path):
+        if "joint" in entry:
+            rest = {key: value for key, value in entry.items() if key != "joint"}
+            return JointTorque(entry["joint"], function_from_table(rest, directory))
+        if "link" not in entry:
+            raise check.MissingKey("joint", "a load has joint and kind, or link, end and force_x, force_y or torque")
+        check.known_keys("", entry, ("link", "end", *_FORCES))
+        end = check.needed("", entry, "end", 'must be "root" or "tip"')
+        forces = {}
+        for key in _FORCES:
+            if key in entry:
+                function = check.table_of(key, entry[key])
+                with check.under(key):
+                    forces[key] = function_from_table(function, directory)
+        return PointLoad(entry["link"], end, **forces)
+
+
+def scene_text(scene: Scene) -> str:
+    """See :meth:`Scene.to_toml`."""
+    table: dict[str, Any] = {"name": scene.name}
+    table |= {key: getattr(scene, key) for key in _OPTIONAL_TEXT if getattr(scene, key)}
+    table |= {key: getattr(scene, key) for key in ("duration", "dt", "sample", "root", "position", "angles")}
+    if scene.rigid_joints:
+        table["rigid_joints"] = scene.rigid_joints
+    if scene.gravity is not None:
+        table["gravity"] = scene.gravity
+    if scene.solver:
+        table["solver"] = dict(scene.solver)
+    table["motions"] = [
+        {"coordinate": motion.coordinate, **function_table(motion.function)} for motion in scene.motions
+    ]
+    table["loads"] = [_load_table(load) for load in scene.loads]
+    table["arm"] = arms.to_table(scene.arm)
+    return toml_text.write({key: value for key, value in table.items() if value != []})
+
+
+def _load_table(load: Load) -> dict[str, Any]:
+    if isinstance(load, JointTorque):
+        return {"joint": load.joint, **function_table(load.function)}
+    forces = {key: getattr(load, key) for key in _FORCES}
+    given = {key: function_table(f) for key, f in forces.items() if isinstance(f, TimeFunction)}
+    return {"link": load.link, "end": load.end, **given}
+
+
+KINDS: dict[str, Callable[..., TimeFunction]] = {
+    "constant": time_functions.constant,
+    "pulse": time_functions.pulse,
+    "ramp": time_functions.ramp,
+    "cycloid": time_functions.cycloid,
+    "spin_up": time_functions.spin_up,
+    "sine": time_functions.sine,
+    "steps": time_functions.steps,
+    "linear_table": time_functions.linear_table,
+    "spline_table": time_functions.spline_table,
+    "hermite_table": time_functions.hermite_table,
+    "table": time_functions.table,
+    "pieces": lambda pieces: TimeFunction(pieces),
+}
+"""The words that a TOML file uses for ``kind``; "csv" (with file and interpolation) is one more."""
+
+
+def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFunction:
+    """A function from a TOML table: ``kind`` and that kind's parameters; CSV files are found from ``directory``."""
+    kind = check.needed("", entry, "kind", "must be one of " + ", ".join(f'"{k}"' for k in (*KINDS, "csv")))
+    check.choice("kind", kind, (*KINDS, "csv"))
+    given = {key: value for key, value in entry.items() if key != "kind"}
+    if kind == "csv":
+        check.known_keys("", given, ("file", "interpolation"), 'parameter of kind "csv"')
+        name = check.text("file", check.needed("", given, "file", "must be the name of a CSV file"))
+        path = directory / name
+        if not path.is_file():
+            raise check.InvalidValue("file", name, f"must be a CSV file; there is none at {path}")
+        return time_functions.from_csv(path, given.get("interpolation"))
+    signature = inspect.signature(KINDS[kind]).parameters
+    check.known_keys("", given, signature, f'parameter of kind "{kind}"')
+    for name, parameter in signature.items():
+        if parameter.default is parameter.empty:
+            check.needed("", given, name, f'kind "{kind}" takes {", ".join(signature)}')
+    return KINDS[kind](**given)
+
+
+def function_table(function: TimeFunction) -> dict[str, Any]:
+    """The TOML table that :func:`function_from_table` reads back to an equal function."""
+    return {"kind": function.kind, **dict(function.parameters)}

@@ -1,0 +1,183 @@
+"""How an arm is computed: the formulation and its flat options, one spelling everywhere.
+
+``Settings.make("floating_frame", segments=8)`` fills in the defaults, which live here and nowhere else.
+An option that the formulation lacks is an error that names it and lists those the formulation takes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from flexarm_env import validation as check
+
+FORMULATIONS = ("floating_frame", "geometrically_exact", "elastica")
+COUPLINGS = ("von_karman", "paper", "linear")
+
+_COMMON: dict[str, Any] = {
+    "dt": None,
+    "rho_inf": None,
+    "tolerance": 1e-10,
+    "newton": "full",
+    "max_iterations": 20,
+    "max_halvings": 8,
+    "newmark": None,
+}
+_DEFAULTS: dict[str, dict[str, Any]] = {
+    "floating_frame": {
+        "segments": 5,
+        "elements": 1,
+        "coupling": "von_karman",
+        "modes": None,
+        **_COMMON,
+        "rho_inf": 0.9,
+    },
+    "geometrically_exact": {"elements": 5, "order": 2, **_COMMON, "rho_inf": 0.7},
+    "elastica": {"nodes": 6, **_COMMON, "rho_inf": 1.0},
+}
+_MESH = ("segments", "elements", "coupling")
+"""Options of the floating frame that the reduction to modes replaces."""
+
+
+def options_of(formulation: str) -> tuple[str, ...]:
+    """Names of the options that a formulation takes."""
+    check.choice("formulation", formulation, FORMULATIONS)
+    return tuple(_DEFAULTS[formulation])
+
+
+def default_options(formulation: str) -> dict[str, Any]:
+    """The options of a formulation with their defaults (a fresh dict)."""
+    check.choice("formulation", formulation, FORMULATIONS)
+    return dict(_DEFAULTS[formulation])
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A formulation with all its options; make it with :meth:`make`. None where the formulation has no such option.
+
+    Args:
+        formulation: "floating_frame", "geometrically_exact" or "elastica".
+        segments: floating frames per link, at least 1 (floating_frame, default 5).
+        elements: beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5).
+        coupling: "von_karman" (default), "paper" or "linear" axial-bending coupling (floating_frame).
+        modes: bending modes per link, 1 to 8, in place of segments, elements and coupling (floating_frame).
+        order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
+        nodes: tangent angles per link, 3 to 12 (elastica, default 6).
+        dt: step, s; None takes the scene's.
+        rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
+        newmark: (beta, gamma) of plain Newmark, in place of rho_inf.
+        tolerance: of the Newton iteration, default 1e-10.
+        newton: "full" (default) or "modified".
+        max_iterations: of Newton in one step, default 20.
+        max_halvings: of a step whose Newton fails, default 8.
+    """
+
+    formulation: str
+    segments: int | None = None
+    elements: int | None = None
+    coupling: str | None = None
+    modes: int | None = None
+    order: int | None = None
+    nodes: int | None = None
+    dt: float | None = None
+    rho_inf: float | None = None
+    tolerance: float = 1e-10
+    newton: str = "full"
+    max_iterations: int = 20
+    max_halvings: int = 8
+    newmark: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        check.choice("formulation", self.formulation, FORMULATIONS)
+        taken = _DEFAULTS[self.formulation]
+        for name in ("segments", "elements", "coupling", "modes", "order", "nodes"):
+            value = getattr(self, name)
+            if name not in taken:
+                if value is not None:
+                    raise check.UnknownKey(name, taken, f"option of {self.formulation}")
+                continue
+            reduced = self.modes is not None
+            if (name == "modes" or (reduced and name in _MESH)) and value is None:
+                continue
+            object.__setattr__(self, name, _CHECKS[name](name, value))
+            if reduced and name in _MESH:
+                raise check.InvalidValue(name, value, "must not be given together with modes, which replaces it")
+        if self.dt is not None:
+            object.__setattr__(self, "dt", check.number("dt", self.dt, "s", above=0.0))
+        object.__setattr__(self, "tolerance", check.number("tolerance", self.tolerance, above=0.0, maximum=1.0))
+        check.choice("newton", self.newton, ("full", "modified"))
+        object.__setattr__(self, "max_iterations", check.integer("max_iterations", self.max_iterations, minimum=1))
+        object.__setattr__(
+            self, "max_halvings", check.integer("max_halvings", self.max_halvings, minimum=0, maximum=30)
+        )
+        self._check_integrator()
+
+    def _check_integrator(self) -> None:
+        if self.newmark is None:
+            rho = check.number("rho_inf", self.rho_inf, minimum=0.0, maximum=1.0)
+            object.__setattr__(self, "rho_inf", rho)
+            return
+        if self.rho_inf is not None:
+            raise check.InvalidValue("rho_inf", self.rho_inf, "must not be given together with newmark")
+        beta, gamma = check.sequence("newmark", self.newmark, "two numbers, (beta, gamma)", 2)
+        beta = check.number("newmark[0]", beta, above=0.0, maximum=1.0)
+        gamma = check.number("newmark[1]", gamma, above=0.0, maximum=1.0)
+        object.__setattr__(self, "newmark", (beta, gamma))
+
+    @classmethod
+    def make(cls, formulation: str = "floating_frame", **options: Any) -> Settings:
+        """Settings of a formulation, its defaults overridden by ``options``.
+
+        An option given as None takes its default. Raises ValueError for an option the formulation lacks, a value
+        out of range, ``modes`` together with ``segments``, ``elements`` or ``coupling``, ``newmark`` with ``rho_inf``.
+        """
+        values = default_options(formulation)
+        check.known_keys("", options, values, f"option of {formulation}")
+        given = {name: value for name, value in options.items() if value is not None}
+        if "modes" in given:
+            for name in _MESH:
+                values[name] = None
+        if "newmark" in given:
+            values["rho_inf"] = None
+        return cls(formulation=formulation, **{**values, **given})
+
+    def options(self) -> dict[str, Any]:
+        """The options that :meth:`make` takes to make these settings again (those that are None left out)."""
+        names = _DEFAULTS[self.formulation]
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    def replace(self, **options: Any) -> Settings:
+        """These settings with some options changed; what a new option excludes is dropped."""
+        return Settings.make(self.formulation, **merged(self.options(), options))
+
+    def with_dt(self, dt: float) -> Settings:
+        """These settings with the step ``dt`` where none was given."""
+        return self if self.dt is not None else dataclasses.replace(self, dt=dt)
+
+
+def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
+    """``base`` overridden by ``options``: modes drops the mesh it replaces (and a mesh option drops modes),
+    newmark drops rho_inf and the other way about. None in ``options`` overrides nothing."""
+    given = {name: value for name, value in options.items() if value is not None}
+    kept = dict(base)
+    if "modes" in given:
+        for name in _MESH:
+            kept.pop(name, None)
+    elif any(name in given for name in _MESH):
+        kept.pop("modes", None)
+    if "newmark" in given:
+        kept.pop("rho_inf", None)
+    if "rho_inf" in given:
+        kept.pop("newmark", None)
+    return {**kept, **given}
+
+
+_CHECKS: dict[str, Any] = {
+    "segments": lambda name, value: check.integer(name, value, minimum=1),
+    "elements": lambda name, value: check.integer(name, value, minimum=1),
+    "coupling": lambda name, value: check.choice(name, value, COUPLINGS),
+    "modes": lambda name, value: check.integer(name, value, minimum=1, maximum=8),
+    "order": lambda name, value: check.integer(name, value, minimum=1, maximum=3),
+    "nodes": lambda name, value: check.integer(name, value, minimum=3, maximum=12),
+}

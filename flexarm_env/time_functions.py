@@ -1,0 +1,387 @@
+"""Prescribed functions of time: motions and loads, exact with their first two derivatives.
+
+A :class:`TimeFunction` is a list of pieces, each a cubic plus one sine, so that compiled code can evaluate it
+from one float64 array. Between pieces the value or a derivative may jump; the instants where it does are its
+``kinks``, on which a time step must end (docs/theory.md, integration).
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from flexarm_env import validation as check
+
+Array = npt.NDArray[np.float64]
+Side = Literal["right", "left"]
+
+KINK_TOLERANCE = 1e-9
+"""A jump counts when it exceeds this fraction of the function's (or its derivative's) size."""
+
+T0, C0, C1, C2, C3, AMPLITUDE, OMEGA, PHASE = range(8)
+"""Columns of ``TimeFunction.pieces``."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimeFunction:
+    """A function of time made of pieces; immutable, hashable, picklable.
+
+    ``pieces`` is float64 (n, 8), rows ``[t0, c0, c1, c2, c3, A, w, p]`` in order of ``t0`` (s):
+
+        value(t) = c0 + c1 s + c2 s^2 + c3 s^3 + A sin(w s + p),   s = t - t0,   for t0 <= t < next t0
+
+    Before the first ``t0`` the first piece holds, and the last piece extends to infinity. ``kind`` and ``parameters``
+    say how it was made (they are what a TOML file holds); two functions are equal when their pieces are.
+    """
+
+    pieces: Array
+    kind: str = "pieces"
+    parameters: tuple[tuple[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        try:
+            pieces = np.array(self.pieces, dtype=np.float64, order="C")
+        except (TypeError, ValueError):
+            raise check.InvalidValue("pieces", self.pieces, "must be rows of 8 numbers") from None
+        if pieces.ndim != 2 or pieces.shape[1] != 8 or not len(pieces):
+            raise check.InvalidValue("pieces", self.pieces, "must be rows of 8 numbers, at least one row")
+        for i, row in enumerate(pieces):
+            if not np.all(np.isfinite(row)):
+                raise check.InvalidValue(f"pieces[{i}]", row, f"must hold finite numbers, in row {i}")
+        _increasing("pieces", pieces[:, T0])
+        pieces += 0.0  # no negative zeros: equal functions have equal bytes
+        pieces.flags.writeable = False
+        object.__setattr__(self, "pieces", pieces)
+        if self.kind == "pieces":
+            object.__setattr__(self, "parameters", (("pieces", tuple(map(tuple, pieces.tolist()))),))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (TimeFunction, (self.pieces, self.kind, self.parameters))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, TimeFunction):
+            return NotImplemented
+        return self.pieces.shape == other.pieces.shape and self.pieces.tobytes() == other.pieces.tobytes()
+
+    def __hash__(self) -> int:
+        return hash(self.pieces.tobytes())
+
+    @overload
+    def __call__(self, t: float, derivative: int = 0, side: Side = "right") -> float: ...
+    @overload
+    def __call__(self, t: npt.ArrayLike, derivative: int = 0, side: Side = "right") -> Array: ...
+    def __call__(self, t: Any, derivative: int = 0, side: Side = "right") -> Any:
+        """Value (or derivative, 0 to 3) at ``t`` in s, a number or an array; at a kink the limit from ``side``."""
+        times = np.asarray(t, dtype=np.float64)
+        check.choice("side", side, ("right", "left"))
+        row = np.searchsorted(self.pieces[:, T0], times, side=side) - 1
+        result = _evaluate(self.pieces[np.maximum(row, 0)], times, derivative)
+        return float(result) if result.ndim == 0 else result
+
+    @property
+    def start(self) -> float:
+        """Value at t = 0."""
+        return self(0.0)
+
+    @property
+    def end(self) -> float:
+        """Instant (s) at which the last piece begins: from there on nothing changes but by that piece."""
+        return float(self.pieces[-1, T0])
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Instants (s) where the value itself jumps."""
+        return self.kinks_up_to(0)
+
+    @property
+    def load_kinks(self) -> tuple[float, ...]:
+        """Instants (s) where the value or its slope jumps: where a load's kinks are."""
+        return self.kinks_up_to(1)
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Instants (s) where the value, the first or the second derivative jumps: where a motion's kinks are."""
+        return self.kinks_up_to(2)
+
+    def kinks_up_to(self, order: int) -> tuple[float, ...]:
+        """Instants (s) where a derivative of order 0 ... ``order`` (at most 3) jumps."""
+        before, after, at = self.pieces[:-1], self.pieces[1:], self.pieces[1:, T0]
+        jumping = np.zeros(len(at), dtype=bool)
+        for k in range(check.integer("order", order, minimum=0, maximum=3) + 1):
+            jump = np.abs(_evaluate(after, at, k) - _evaluate(before, at, k))
+            jumping |= jump > KINK_TOLERANCE * self._size(k)
+        return tuple(at[jumping].tolist())
+
+    def _size(self, order: int) -> float:
+        """Largest size that the terms of a derivative reach; never less than round-off of the value."""
+        p, size = self.pieces, 0.0
+        lengths = np.append(np.diff(p[:, T0]), 0.0)
+        for k in (order, 0):
+            terms = np.abs(p[:, AMPLITUDE]) * np.abs(p[:, OMEGA]) ** k
+            for j in range(k, 4):
+                terms = terms + np.abs(p[:, C0 + j]) * math.perm(j, k) * lengths ** (j - k)
+            span = max(float(p[-1, T0] - p[0, T0]), 1e-300)
+            size = max(size, float(terms.max()) / (span ** (order - k) if k != order else 1.0))
+        return size
+
+    def plus(self, value: float) -> TimeFunction:
+        """This function with a constant added."""
+        pieces = self.pieces.copy()
+        pieces[:, C0] += check.number("value", value)
+        return TimeFunction(pieces)
+
+    def with_times(self, times: Mapping[float, float]) -> TimeFunction:
+        """This function with the pieces that begin at the keys beginning at the values (s) instead."""
+        pieces = self.pieces.copy()
+        pieces[:, T0] = [times.get(t, t) for t in pieces[:, T0].tolist()]
+        return TimeFunction(pieces, self.kind, self.parameters)
+
+    def check_no_jump(self) -> None:
+        """Raise ValueError, naming the row of ``pieces``, where the value jumps."""
+        for t in self.jumps:
+            row = int(np.searchsorted(self.pieces[:, T0], t))
+            change = f"from {self(t, side='left'):g} to {self(t):g}"
+            raise check.InvalidValue(f"t[{row}]", t, f"a motion must not jump: row {row} goes {change} in no time")
+
+
+def _evaluate(rows: Array, t: Array, order: int) -> Array:
+    """Derivative ``order`` of each row at its own time."""
+    check.integer("derivative", order, minimum=0, maximum=3)
+    s = t - rows[..., T0]
+    result = np.zeros_like(s)
+    for j in range(3, order - 1, -1):
+        result = result * s + math.perm(j, order) * rows[..., C0 + j]
+    angle = rows[..., OMEGA] * s + rows[..., PHASE]
+    wave = np.sin(angle) if order % 2 == 0 else np.cos(angle)
+    sign = -1.0 if order >= 2 else 1.0
+    return np.asarray(result + sign * rows[..., AMPLITUDE] * rows[..., OMEGA] ** order * wave, dtype=np.float64)
+
+
+def _increasing(path: str, t: Array) -> None:
+    for i in range(1, len(t)):
+        if not t[i] > t[i - 1]:
+            raise check.InvalidValue(f"{path}[{i}]", t[i], f"must be later than {t[i - 1]:g}, the time of row {i - 1}")
+
+
+def _row(t0: float, c0: float = 0.0, c1: float = 0.0, c2: float = 0.0, c3: float = 0.0, *sine: float) -> list[float]:
+    return [t0, c0, c1, c2, c3, *(sine or (0.0, 0.0, 0.0))]
+
+
+def _made(kind: str, rows: Any, **parameters: Any) -> TimeFunction:
+    kept = tuple((k, tuple(v.tolist()) if isinstance(v, np.ndarray) else v) for k, v in parameters.items())
+    return TimeFunction(np.array(rows, dtype=np.float64), kind, tuple((k, v) for k, v in kept if v is not None))
+
+
+# ---------------------------------------------------------------------------- closed forms
+
+
+def constant(value: float) -> TimeFunction:
+    """The same value for ever."""
+    value = check.number("value", value)
+    return _made("constant", [_row(0.0, value)], value=value)
+
+
+def pulse(value: float, t_end: float, t_start: float = 0.0) -> TimeFunction:
+    """``value`` from ``t_start`` to ``t_end`` (s), else 0. For loads: the value jumps."""
+    value = check.number("value", value)
+    t_start = check.number("t_start", t_start, "s", minimum=0.0)
+    t_end = check.number("t_end", t_end, "s", above=t_start)
+    rows = [_row(t_start, value), _row(t_end)]
+    return _made("pulse", [_row(0.0), *rows] if t_start > 0.0 else rows, value=value, t_end=t_end, t_start=t_start)
+
+
+def ramp(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
+    """``offset`` to ``offset + rise`` at constant rate in ``duration`` (s), then holds; the rate jumps at both ends."""
+    rise, duration, offset = _motion(rise, duration, offset)
+    rows = [_row(0.0, offset, rise / duration), _row(duration, offset + rise)]
+    return _made("ramp", rows, rise=rise, duration=duration, offset=offset)
+
+
+def cycloid(rise: float, duration: float, offset: float = 0.0) -> TimeFunction:
+    """offset + rise (t/T - sin(2 pi t/T)/(2 pi)) for T = ``duration`` (s), then holds; no kink."""
+    rise, duration, offset = _motion(rise, duration, offset)
+    first = _row(0.0, offset, rise / duration, 0.0, 0.0, -rise / (2 * math.pi), 2 * math.pi / duration, 0.0)
+    return _made("cycloid", [first, _row(duration, offset + rise)], rise=rise, duration=duration, offset=offset)
+
+
+def spin_up(rate: float, duration: float, offset: float = 0.0) -> TimeFunction:
+    """From rest smoothly to the ``rate`` (rad/s) in T = ``duration`` (s), then on at that rate; no kink.
+
+    psi = offset + (rate/T) (t^2/2 + (T/2 pi)^2 (cos(2 pi t/T) - 1)) to T, then offset + rate (t - T/2)
+    (Kane, Ryan & Banerjee 1987).
+    """
+    rate = check.number("rate", rate, "rad/s")
+    _, duration, offset = _motion(0.0, duration, offset)
+    A = rate * duration / (2 * math.pi) ** 2
+    first = _row(0.0, offset - A, 0.0, rate / (2 * duration), 0.0, A, 2 * math.pi / duration, math.pi / 2)
+    rows = [first, _row(duration, offset + rate * duration / 2, rate)]
+    return _made("spin_up", rows, rate=rate, duration=duration, offset=offset)
+
+
+def sine(
+    amplitude: float, omega: float, phase: float = 0.0, t_end: float | None = None, offset: float = 0.0
+) -> TimeFunction:
+    """offset + amplitude sin(omega t + phase), omega in rad/s; from ``t_end`` (s), where given, just ``offset``."""
+    amplitude, phase = check.number("amplitude", amplitude), check.number("phase", phase, "rad")
+    omega, offset = check.number("omega", omega, "rad/s", above=0.0), check.number("offset", offset)
+    rows = [_row(0.0, offset, 0.0, 0.0, 0.0, amplitude, omega, phase)]
+    if t_end is not None:
+        t_end = check.number("t_end", t_end, "s", above=0.0)
+        rows.append(_row(t_end, offset))
+    return _made("sine", rows, amplitude=amplitude, omega=omega, phase=phase, t_end=t_end, offset=offset)
+
+
+def _motion(rise: object, duration: object, offset: object) -> tuple[float, float, float]:
+    T = check.number("duration", duration, "s", above=0.0)
+    return check.number("rise", rise), T, check.number("offset", offset)
+
+
+# -------------------------------------------------------------------------------- tables
+
+
+def _columns(t: object, least: int, **values: object) -> tuple[Array, ...]:
+    """Checked columns of one table, the times first: at least ``least`` rows, times from 0 on and increasing."""
+    times = check.column("t", t, "s")
+    if len(times) < least:
+        raise check.InvalidValue("t", times, f"must hold at least {least} rows")
+    if times[0] < 0.0:
+        raise check.InvalidValue("t[0]", times[0], "must be a time from 0 on (s)")
+    _increasing("t", times)
+    columns = [times]
+    for name, value in values.items():
+        columns.append(check.column(name, value))
+        if len(columns[-1]) != len(times):
+            raise check.InvalidValue(name, value, f"must hold {len(times)} rows as t does, not {len(columns[-1])}")
+    return tuple(columns)
+
+
+def _held(t: Array, y: Array, rows: list[list[float]]) -> list[list[float]]:
+    """Pieces of a table, its first value held before it and its last value after it."""
+    before = [_row(0.0, y[0])] if t[0] > 0.0 else []
+    return [*before, *rows, _row(t[-1], y[-1])]
+
+
+def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
+    """Straight lines between the rows (t in s), the last value held: the rate jumps at every row."""
+    time, value = _columns(t, 2, y=y)
+    slopes = np.diff(value) / np.diff(time)
+    rows = [_row(*row) for row in zip(time[:-1], value[:-1], slopes, strict=True)]
+    return _made("linear_table", _held(time, value, rows), t=time, y=value)
+
+
+def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
+    """Constant from each row's time (s) to the next; 0 before the first. For loads: the value jumps."""
+    time, value = _columns(t, 1, y=y)
+    rows = [_row(*row) for row in zip(time, value, strict=True)]
+    return _made("steps", [_row(0.0), *rows] if time[0] > 0.0 else rows, t=time, y=value)
+
+
+def spline_table(
+    t: Sequence[float] | Array, psi: Sequence[float] | Array, boundary: str = "not-a-knot"
+) -> TimeFunction:
+    """The C2 cubic spline through the rows (t in s), the last value held.
+
+    ``boundary``: "not-a-knot" (default), "natural" (no curvature at the ends) or "clamped" (at rest at the ends).
+    """
+    from scipy.interpolate import CubicSpline
+
+    time, value = _columns(t, 2, psi=psi)
+    check.choice("boundary", boundary, ("not-a-knot", "natural", "clamped"))
+    spline = CubicSpline(time, value, bc_type=boundary)
+    rows = [_row(t0, *c[::-1]) for t0, c in zip(time[:-1], spline.c.T, strict=True)]
+    return _made("spline_table", _held(time, value, rows), t=time, psi=value, boundary=boundary)
+
+
+_THIRDS = np.array([[1.0, 1.0, 1.0], [2.5, 1.5, 0.5], [19 / 6, 7 / 6, 1 / 6]])
+"""What the third derivatives of three equal sub-intervals add to acceleration, rate and value at their end."""
+
+
+def hermite_table(
+    t: Sequence[float] | Array,
+    psi: Sequence[float] | Array,
+    psi_dot: Sequence[float] | Array,
+    psi_ddot: Sequence[float] | Array | None = None,
+) -> TimeFunction:
+    """Values and rates (1/s) of the rows, met by cubics (C1); accelerations (1/s^2) too, by three C2 cubics an interval.
+
+    The last value is held: a rate that is not zero there is a kink.
+    """
+    if psi_ddot is None:
+        time, y, v = _columns(t, 2, psi=psi, psi_dot=psi_dot)
+        h, mean = np.diff(time), np.diff(y) / np.diff(time)
+        c2, c3 = (3 * mean - 2 * v[:-1] - v[1:]) / h, (v[:-1] + v[1:] - 2 * mean) / h**2
+        rows = [_row(*row) for row in zip(time[:-1], y[:-1], v[:-1], c2, c3, strict=True)]
+        return _made("hermite_table", _held(time, y, rows), t=time, psi=y, psi_dot=v)
+    time, y, v, a = _columns(t, 2, psi=psi, psi_dot=psi_dot, psi_ddot=psi_ddot)
+    rows = []
+    for i, h in enumerate(np.diff(time)):
+        d, x, (y0, v0, a0) = h / 3, time[i], (y[i], v[i], a[i])
+        missing = [a[i + 1] - a0, v[i + 1] - v0 - a0 * h, y[i + 1] - y0 - v0 * h - a0 * h**2 / 2]
+        for jerk in np.linalg.solve(_THIRDS, np.array(missing) / [d, d**2, d**3]):
+            rows.append(_row(x, y0, v0, a0 / 2, jerk / 6))
+            x, y0 = x + d, y0 + v0 * d + a0 * d**2 / 2 + jerk * d**3 / 6
+            v0, a0 = v0 + a0 * d + jerk * d**2 / 2, a0 + jerk * d
+    return _made("hermite_table", _held(time, y, rows), t=time, psi=y, psi_dot=v, psi_ddot=a)
+
+
+def table(
+    t: Sequence[float] | Array,
+    psi: Sequence[float] | Array,
+    psi_dot: Sequence[float] | Array | None = None,
+    psi_ddot: Sequence[float] | Array | None = None,
+    interpolation: str | None = None,
+) -> TimeFunction:
+    """A user's table: t (s), psi (rad or m)[, psi_dot[, psi_ddot]].
+
+    With psi alone ``interpolation`` is "spline" (default, C2) or "linear" (each row a kink); with rates the rows'
+    values and rates are met and no interpolation may be chosen.
+    """
+    if psi_dot is None:
+        if psi_ddot is not None:
+            raise check.MissingKey("psi_dot", "psi_ddot needs it too")
+        chosen = check.choice("interpolation", interpolation or "spline", ("spline", "linear"))
+        return spline_table(t, psi) if chosen == "spline" else linear_table(t, psi)
+    if interpolation is not None:
+        raise check.InvalidValue("interpolation", interpolation, "must not be given where the table holds psi_dot")
+    return hermite_table(t, psi, psi_dot, psi_ddot)
+
+
+COLUMNS = ("t", "psi", "psi_dot", "psi_ddot")
+
+
+def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFunction:
+    """:func:`table` of an array (n, 2 ... 4) with the columns t, psi[, psi_dot[, psi_ddot]]."""
+    rows = np.asarray(data)
+    if rows.ndim != 2 or not 2 <= rows.shape[1] <= 4 or rows.dtype.kind not in "fiu":
+        what = f"{rows.dtype} of shape {rows.shape}"
+        raise check.InvalidValue("table", what, "must be numbers of shape (n, 2 to 4): t, psi[, psi_dot[, psi_ddot]]")
+    columns = dict(zip(COLUMNS, rows.astype(np.float64).T, strict=False))
+    return table(**columns, interpolation=interpolation)
+
+
+def from_csv(path: str | os.PathLike[str], interpolation: str | None = None) -> TimeFunction:
+    """:func:`table` of a CSV file whose first line names the columns t, psi[, psi_dot[, psi_ddot]]."""
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        lines = [line for line in csv.reader(file) if line]
+    header = tuple(name.strip() for name in lines[0]) if lines else ()
+    with check.under(os.fspath(path)):
+        if len(header) < 2 or header != COLUMNS[: len(header)]:
+            raise check.InvalidValue("columns", header, "must be t,psi[,psi_dot[,psi_ddot]] in the first line")
+        values: list[list[float]] = []
+        for i, line in enumerate(lines[1:]):
+            if len(line) != len(header):
+                raise check.InvalidValue(f"[{i}]", line, f"must hold {len(header)} numbers, in row {i}")
+            try:
+                values.append([float(cell) for cell in line])
+            except ValueError:
+                raise check.InvalidValue(f"[{i}]", line, f"must hold numbers, in row {i}") from None
+        if not values:
+            raise check.InvalidValue("rows", 0, "must be at least two")
+        return from_array(values, interpolation)
