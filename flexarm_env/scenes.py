@@ -7,9 +7,8 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
-from flexarm_env import scene_toml
 from flexarm_env import validation as check
-from flexarm_env.scene import Scene
+from flexarm_env.scene import Scene, toml
 
 ORDER = (
     "robot_arm_motion",
@@ -32,7 +31,7 @@ def names(parameter_sets: bool = False) -> tuple[str, ...]:
     """Names of the scenes that come with the package; with ``parameter_sets`` also those of form NAME@SET."""
     if not parameter_sets:
         return ORDER
-    return tuple(n for name in ORDER for n in (name, *(f"{name}@{s}" for s in scene_toml.parameter_sets(_text(name)))))
+    return tuple(n for name in ORDER for n in (name, *(f"{name}@{s}" for s in toml.parameter_sets(_text(name)))))
 
 
 @cache
@@ -42,7 +41,7 @@ def named(name: str) -> Scene:
     if name not in known:
         raise check.UnknownKey(str(name), known, "scene")
     base, _, parameter_set = name.partition("@")
-    return scene_toml.read_scene(_text(base), parameter_set or None)
+    return toml.read_scene(_text(base), parameter_set or None)
 
 
 def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:

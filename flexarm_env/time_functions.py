@@ -309,7 +309,7 @@ def hermite_table(
     psi_dot: Sequence[float] | Array,
     psi_ddot: Sequence[float] | Array | None = None,
 ) -> TimeFunction:
-    """Values and rates (1/s) of the rows, met by cubics (C1); accelerations (1/s^2) too, by three C2 cubics an interval.
+    """Values and rates (1/s) of the rows, met by cubics (C1); accelerations (1/s^2) too, by three cubics (C2) each.
 
     The last value is held: a rate that is not zero there is a kink.
     """

@@ -275,13 +275,13 @@ class Scene:
 
         Raises ValueError that names the key path, the value and what is allowed.
         """
-        from flexarm_env.scene_toml import read_scene
+        from flexarm_env.scene.toml import read_scene
 
         return read_scene(source, parameter_set)
 
     def to_toml(self) -> str:
         """TOML text that :meth:`from_toml` reads back to an equal scene."""
-        from flexarm_env.scene_toml import scene_text
+        from flexarm_env.scene.toml import scene_text
 
         return scene_text(self)
 

@@ -12,7 +12,7 @@ from typing import Any
 from flexarm_env import arms, time_functions, toml_text
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
-from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
+from flexarm_env.scene.definition import JointTorque, Load, Motion, PointLoad, Scene
 from flexarm_env.time_functions import TimeFunction
 
 KEYS = tuple(f.name for f in fields(Scene))
