@@ -1,12 +1,19 @@
-"""The named validation scenes (``flexarm_env/data/scenes``) and scenes from TOML files of the user's own."""
+"""The named validation scenes (``flexarm_env/data/scenes``), scenes from TOML files, and reference trajectories."""
 
 from __future__ import annotations
 
+import csv
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from flexarm_env import toml_text
 from flexarm_env import validation as check
 from flexarm_env.scene import Scene, toml
 
@@ -63,3 +70,87 @@ def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
     if not file.is_file():
         raise check.InvalidValue("scene", text, "must be a name or a .toml file that exists")
     return Scene.from_toml(file, parameter_set if path else None)
+
+
+COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y", "tip_angle")
+"""Columns that a trajectory's CSV file begins with (s, J, m, m, rad, m, m, rad)."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A reference trajectory: its scene, origin, absolute tolerances and columns.
+
+    ``tip_tolerance`` (m) and ``angle_tolerance`` (rad); the energy is no reference. ``columns`` maps each name of
+    :data:`COLUMNS` to a float64 array (n,).
+    """
+
+    scene: str
+    source: str
+    method: str
+    note: str
+    tip_tolerance: float
+    angle_tolerance: float
+    columns: Mapping[str, np.ndarray[Any, np.dtype[np.float64]]] = field(compare=False, repr=False)
+
+
+def reference_names() -> tuple[str, ...]:
+    """Names of the scenes for which the package carries a reference trajectory."""
+    return tuple(name for name in ORDER if name in _references())
+
+
+@cache
+def reference(name: str) -> Reference:
+    """The reference trajectory of a named scene. Raises ValueError for a scene that has none."""
+    if name not in reference_names():
+        raise check.UnknownKey(str(name), reference_names(), "scene with a reference")
+    entry = _references()[name]
+    with resources.as_file(resources.files("flexarm_env") / "data" / "references" / entry["file"]) as path:
+        columns = read_trajectory(path)
+    for column in columns.values():
+        column.flags.writeable = False
+    tolerance = entry["tolerance"]
+    texts = {key: entry[key] for key in ("scene", "source", "method", "note")}
+    return Reference(**texts, tip_tolerance=tolerance["tip"], angle_tolerance=tolerance["angle"], columns=columns)
+
+
+def spot_values(name: str) -> dict[str, Any]:
+    """Single tip positions that another program gives for a named scene: t (s), tip_x and tip_y (m), source, tolerance.
+
+    Raises ValueError for a scene that has none.
+    """
+    entries = {entry["scene"]: entry for entry in _references()["spot_values"]}
+    if name not in entries:
+        raise check.UnknownKey(str(name), entries, "scene with spot values")
+    return dict(entries[name])
+
+
+def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    """Columns of a trajectory's CSV file by name; the first line must begin with :data:`COLUMNS`.
+
+    Raises ValueError that names the file and the row for what is no such table, FileNotFoundError for no file.
+    """
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        lines = [line for line in csv.reader(file) if line]
+    header = tuple(name.strip() for name in lines[0]) if lines else ()
+    with check.under(os.fspath(path)):
+        if header[: len(COLUMNS)] != COLUMNS:
+            raise check.InvalidValue("columns", header, f"must begin with {','.join(COLUMNS)}")
+        rows = np.empty((len(lines) - 1, len(header)))
+        for i, line in enumerate(lines[1:]):
+            try:
+                rows[i] = [float(cell) for cell in line]
+            except ValueError:
+                what = f"must hold {len(header)} numbers, in row {i}"
+                raise check.InvalidValue(f"[{i}]", ",".join(line), what) from None
+            if not np.all(np.isfinite(rows[i])) or (i and rows[i, 0] <= rows[i - 1, 0]):
+                what = f"must hold finite numbers and a time later than the row before, in row {i}"
+                raise check.InvalidValue(f"[{i}]", ",".join(line), what)
+        if not len(rows):
+            raise check.InvalidValue("rows", 0, "must be at least one")
+    return dict(zip(header, rows.T.copy(), strict=True))
+
+
+@cache
+def _references() -> dict[str, Any]:
+    text = (resources.files("flexarm_env") / "data" / "references" / "references.toml").read_text("utf-8")
+    return toml_text.read(text)[0]

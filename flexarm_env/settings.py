@@ -7,6 +7,7 @@ An option that the formulation lacks is an error that names it and lists those t
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,6 +53,16 @@ def default_options(formulation: str) -> dict[str, Any]:
     return dict(_DEFAULTS[formulation])
 
 
+def check_options(formulation: str, names: Iterable[str]) -> None:
+    """Every name is an option of the formulation, or a ValueError that says what the formulation takes."""
+    taken = options_of(formulation)
+    for name in names:
+        if name not in taken:
+            others = [other for other, options in _DEFAULTS.items() if name in options]
+            hint = f"it belongs to {' and '.join(others)}" if others else ""
+            raise check.UnknownKey(str(name), taken, f"option of {formulation}", hint)
+
+
 @dataclass(frozen=True)
 class Settings:
     """A formulation with all its options; make it with :meth:`make`. None where the formulation has no such option.
@@ -94,8 +105,7 @@ class Settings:
         for name in ("segments", "elements", "coupling", "modes", "order", "nodes"):
             value = getattr(self, name)
             if name not in taken:
-                if value is not None:
-                    raise check.UnknownKey(name, taken, f"option of {self.formulation}")
+                check_options(self.formulation, [name] if value is not None else [])
                 continue
             reduced = self.modes is not None
             if (name == "modes" or (reduced and name in _MESH)) and value is None:
@@ -133,7 +143,7 @@ class Settings:
         out of range, ``modes`` together with ``segments``, ``elements`` or ``coupling``, ``newmark`` with ``rho_inf``.
         """
         values = default_options(formulation)
-        check.known_keys("", options, values, f"option of {formulation}")
+        check_options(formulation, options)
         given = {name: value for name, value in options.items() if value is not None}
         if "modes" in given:
             for name in _MESH:

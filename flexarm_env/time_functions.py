@@ -113,22 +113,25 @@ class TimeFunction:
     def kinks_up_to(self, order: int) -> tuple[float, ...]:
         """Instants (s) where a derivative of order 0 ... ``order`` (at most 3) jumps."""
         before, after, at = self.pieces[:-1], self.pieces[1:], self.pieces[1:, T0]
+        check.integer("order", order, minimum=0, maximum=3)
+        if not len(at):
+            return ()
         jumping = np.zeros(len(at), dtype=bool)
-        for k in range(check.integer("order", order, minimum=0, maximum=3) + 1):
+        for k in range(order + 1):
             jump = np.abs(_evaluate(after, at, k) - _evaluate(before, at, k))
             jumping |= jump > KINK_TOLERANCE * self._size(k)
         return tuple(at[jumping].tolist())
 
     def _size(self, order: int) -> float:
-        """Largest size that the terms of a derivative reach; never less than round-off of the value."""
+        """Largest size that the terms of a derivative reach, at least the value's over the pieces' span of time."""
         p, size = self.pieces, 0.0
         lengths = np.append(np.diff(p[:, T0]), 0.0)
+        span = float(p[-1, T0] - p[0, T0])
         for k in (order, 0):
             terms = np.abs(p[:, AMPLITUDE]) * np.abs(p[:, OMEGA]) ** k
             for j in range(k, 4):
                 terms = terms + np.abs(p[:, C0 + j]) * math.perm(j, k) * lengths ** (j - k)
-            span = max(float(p[-1, T0] - p[0, T0]), 1e-300)
-            size = max(size, float(terms.max()) / (span ** (order - k) if k != order else 1.0))
+            size = max(size, float(terms.max()) / span ** (order - k))
         return size
 
     def plus(self, value: float) -> TimeFunction:

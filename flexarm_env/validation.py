@@ -37,17 +37,19 @@ class InvalidValue(ValueError):
 class UnknownKey(ValueError):
     """A key that does not exist: ``path`` (its key path) and ``allowed`` (the keys that do)."""
 
-    def __init__(self, path: str, allowed: Iterable[str], what: str = "key") -> None:
+    def __init__(self, path: str, allowed: Iterable[str], what: str = "key", hint: str = "") -> None:
         allowed = tuple(allowed)
-        super().__init__(path, allowed, what)
+        super().__init__(path, allowed, what, hint)
         self.path = path
         self.allowed = allowed
         self.what = what
+        self.hint = hint
 
     def __str__(self) -> str:
         last = self.path.rsplit(".", 1)[-1]
-        near = difflib.get_close_matches(last, self.allowed, n=1)
-        hint = f" (did you mean {near[0]}?)" if near else ""
+        near = difflib.get_close_matches(last, self.allowed, n=1, cutoff=0.7)
+        hint = self.hint or (f"did you mean {near[0]}?" if near else "")
+        hint = hint and f" ({hint})"
         return f"{self.path}: unknown {self.what}{hint}; allowed: {', '.join(self.allowed) or 'none'}"
 
 
@@ -88,7 +90,7 @@ def under(prefix: str) -> Iterator[None]:
     except InvalidValue as error:
         raise InvalidValue(joined(prefix, error.path), error.value, error.allowed) from None
     except UnknownKey as error:
-        raise UnknownKey(joined(prefix, error.path), error.allowed, error.what) from None
+        raise UnknownKey(joined(prefix, error.path), error.allowed, error.what, error.hint) from None
     except MissingKey as error:
         raise MissingKey(joined(prefix, error.path), error.allowed) from None
 

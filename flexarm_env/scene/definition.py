@@ -10,7 +10,7 @@ import dataclasses
 import itertools
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
-from flexarm_env.settings import FORMULATIONS, Settings, default_options, merged, options_of
+from flexarm_env.settings import FORMULATIONS, Settings, check_options, default_options, merged
 from flexarm_env.time_functions import TimeFunction
 
 _SAME_TIME = 1e-9
@@ -40,7 +40,9 @@ class Motion:
 
     def __post_init__(self) -> None:
         name = self.coordinate
-        if not isinstance(name, str) or not (name in ("root_x", "root_y") or re.fullmatch(r"joint\d+", name)):
+        if not isinstance(name, str) or not (
+            name in ("root_x", "root_y") or re.fullmatch(r"joint(0|[1-9][0-9]*)", name)
+        ):
             raise check.InvalidValue("coordinate", name, 'must be "joint0", "joint1", ..., "root_x" or "root_y"')
         check.instance("function", self.function, TimeFunction).check_no_jump()
 
@@ -140,7 +142,7 @@ class Scene:
             "duration": check.number("duration", self.duration, "s", above=0.0),
             "dt": check.number("dt", self.dt, "s", above=0.0),
             "position": _numbers("position", self.position, "m", 2),
-            "angles": _numbers("angles", self.angles, "rad", n) if len(self.angles) else (0.0,) * n,
+            "angles": self._checked_angles(n),
             "gravity": None if self.gravity is None else _numbers("gravity", self.gravity, "m/s^2", 2),
             "rigid_joints": self._checked_rigid_joints(n),
             "motions": check.sequence("motions", self.motions, "Motion"),
@@ -158,6 +160,10 @@ class Scene:
         self._check_motions()
         self._check_loads()
         self._join_instants()
+
+    def _checked_angles(self, n: int) -> tuple[float, ...]:
+        given = check.sequence("angles", self.angles, f"{n} numbers (rad)")
+        return _numbers("angles", given, "rad", n) if given else (0.0,) * n
 
     def _checked_rigid_joints(self, n: int) -> tuple[int, ...]:
         joints = check.sequence("rigid_joints", self.rigid_joints, "joint indices")
@@ -183,7 +189,7 @@ class Scene:
             initial = self.initial_value(name)
             if abs(motion.function.start - initial) > 1e-9 * max(1.0, abs(initial)):
                 what = f"must be {initial!r}, the value of {name} that position and angles give at t = 0"
-                raise check.InvalidValue(f"motions[{i}] at t = 0", motion.function.start, what)
+                raise check.InvalidValue(f"motions[{i}].function(0)", motion.function.start, what)
 
     def _check_loads(self) -> None:
         n, prescribed = self.arm.n_links, [motion.joint for motion in self.motions]
@@ -266,7 +272,7 @@ class Scene:
         formulation = formulation or preferred
         if formulation != preferred:
             own = {}
-        check.known_keys("", options, options_of(formulation), f"option of {formulation}")
+        check_options(formulation, options)
         return Settings.make(formulation, **merged(own, options)).with_dt(self.dt)
 
     @classmethod
@@ -293,6 +299,9 @@ def _numbers(path: str, values: object, unit: str, n: int) -> tuple[Any, ...]:
 
 def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
     """Checked pairs, the formulation first, the others in the order of the formulation's options."""
+    if not isinstance(value, Mapping):
+        pairs = check.sequence("solver", value, "pairs (name, value)")
+        value = dict(check.sequence(f"solver[{i}]", pair, "a name and a value", 2) for i, pair in enumerate(pairs))
     given = dict(value)
     formulation = check.choice("solver.formulation", given.pop("formulation", "floating_frame"), FORMULATIONS)
     if "dt" in given:

@@ -1,0 +1,176 @@
+"""Named arms: their numbers against sources and against frequencies computed here, TOML and errors."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from flexarm_env import arms
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def clamped_frequencies(links: list[Link], lumps: list[tuple[float, float]], n: int = 20) -> np.ndarray:
+    """Frequencies (rad/s) of Euler-Bernoulli links in one line, clamped at the root; a mass and an inertia at each tip.
+
+    Hermite elements written out here, an oracle that shares nothing with the package.
+    """
+    size = 2 * (n * len(links) + 1)
+    K, M = np.zeros((size, size)), np.zeros((size, size))
+    for k, (link, (mass, inertia)) in enumerate(zip(links, lumps, strict=True)):
+        h, EI, m = link.length / n, link.section.EI, link.section.m
+        stiffness = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]) * EI / h**3
+        masses = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]) * m * h / 420
+        scale = np.diag([1.0, h, 1.0, h])
+        for e in range(n * k, n * (k + 1)):
+            at = slice(2 * e, 2 * e + 4)
+            K[at, at] += scale @ stiffness @ scale
+            M[at, at] += scale @ masses @ scale
+        tip = 2 * n * (k + 1)
+        M[tip, tip] += mass
+        M[tip + 1, tip + 1] += inertia
+    return np.sqrt(eigh(K[2:, 2:], M[2:, 2:], eigvals_only=True))
+
+
+def test_the_oracle_knows_a_cantilever() -> None:
+    link = Link(1.0, Section(1.0, 1.0, 1.0, 1.0))
+    exact = np.array([1.8751040687, 4.6940911330, 7.8547574382]) ** 2
+    np.testing.assert_allclose(clamped_frequencies([link], [(0.0, 0.0)])[:3], exact, rtol=1e-4)
+
+
+def test_names_and_sources() -> None:
+    assert set(arms.names()) == {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl"}
+    for name in arms.names():
+        arm = arms.named(name)
+        assert arm.name == name
+        assert arm.source
+        assert arm.torque_limits is not None
+        assert len(arm.torque_limits) == arm.n_links
+
+
+def test_strip() -> None:
+    arm = arms.named("strip")
+    assert arm.n_links == 1
+    assert arm.links[0].length == 1.0
+    assert arm.links[0].section == Section.rectangle(0.03, 0.00342, 70e9, 2700, 26e9, 0.85)
+    assert (arm.hub_inertia, arm.payload, arm.torque_limits) == (0.05, Payload(0.2), (2.0,))
+    omega = clamped_frequencies(list(arm.links), [(0.2, 0.0)])[0]
+    assert omega == pytest.approx(8.889, abs=5e-4)
+    assert arm.tau_d == pytest.approx(2 * 0.01 / omega, rel=1e-3)
+
+
+def test_de_luca_siciliano() -> None:
+    arm = arms.named("de_luca_siciliano")
+    for link in arm.links:
+        assert (link.length, link.section.EI, link.section.m) == (0.5, 1.0, 0.2)
+        assert link.slenderness < 1e-5  # stiff in shear, and in stretch:
+        assert link.section.EI / (link.section.EA * link.length**2) < 1e-5
+    assert arm.hub_inertia == 0.1
+    assert arm.elbows == (Elbow(1.0, 0.05, 0.05),)
+    assert arm.payload == Payload(0.1, 5e-4)
+    assert (arm.torque_limits, arm.joint_limits) == ((1.0, 0.3), (None, (-2.8, 2.8)))
+    hub = arm.elbows[0].inertia_left + arm.elbows[0].inertia_right
+    carried = hub + 0.2 * 0.5**3 / 3 + 0.1 * 0.5**2 + 5e-4
+    first = clamped_frequencies([arm.links[0]], [(1 + 0.2 * 0.5 + 0.1, carried)])[:2] / (2 * math.pi)
+    second = clamped_frequencies([arm.links[1]], [(0.1, 5e-4)])[:2] / (2 * math.pi)
+    np.testing.assert_allclose(first, [0.480, 1.797], atol=1e-3)  # published 0.48, 1.80 Hz
+    np.testing.assert_allclose(second, [2.178, 15.915], atol=2e-3)  # published 2.18, 15.91 Hz
+    assert arm.tau_d == pytest.approx(2 * 0.01 / (2 * math.pi * 0.48), rel=1e-3)
+
+
+def test_quanser() -> None:
+    arm = arms.named("quanser_2dsfl")
+    first, second = arm.links
+    inch, E = 0.0254, 2.068427e11
+    assert pytest.approx(E * 3 * inch * (0.05 * inch) ** 3 / 12, rel=1e-12) == first.section.EI
+    assert pytest.approx(E * 1.5 * inch * (0.035 * inch) ** 3 / 12, rel=1e-12) == second.section.EI
+    # the vendor's torsional springs, 40.0 and 6.9 N m/rad, are 3 EI / L; torque limits are 2 degrees of them
+    springs = np.array([3 * link.section.EI / link.length for link in arm.links])
+    np.testing.assert_allclose(springs, [40.0, 6.9], atol=0.05)
+    assert arm.torque_limits is not None
+    np.testing.assert_allclose(arm.torque_limits, springs * math.radians(2), atol=0.005)
+    assert arm.hub_inertia == pytest.approx(100**2 * 6.28e-6 + 0.00073616)
+    elbow = arm.elbow(1)
+    assert elbow.inertia_right == pytest.approx(50**2 * 1.03e-6 + 0.00044455)
+    assert arm.payload.inertia == pytest.approx(0.157 * (0.0445**2 + 0.0224**2) / 12, rel=1e-3)
+    assert elbow.mass + second.mass + arm.payload.mass == pytest.approx(1.578, abs=1e-4)
+    # what link 1 carries, straight, about its root: the vendor's 0.17043 kg m^2
+    a, b, m = first.length, arm.total_length, second.section.m
+    carried = elbow.mass * a**2 + m * (b**3 - a**3) / 3 + arm.payload.mass * b**2 + arm.payload.inertia
+    assert carried + elbow.inertia_left == pytest.approx(0.17043, abs=5e-4)
+    lumps = [(elbow.mass, elbow.inertia_left + elbow.inertia_right), (arm.payload.mass, arm.payload.inertia)]
+    omega = clamped_frequencies([first, second], lumps)[0]
+    assert omega / (2 * math.pi) == pytest.approx(1.67, abs=0.01)
+    assert arm.tau_d == pytest.approx(2 * 0.01 / omega, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl"])
+def test_named_arms_round_trip(name: str) -> None:
+    arm = arms.named(name)
+    assert arms.from_toml(arms.to_toml(arm)) == arm
+    in_a_table = re.sub(r"^(\[+)", r"\1arm.", arms.to_toml(arm), flags=re.MULTILINE)
+    assert arms.from_toml("[arm]\n" + in_a_table) == arm
+
+
+def test_resolve(tmp_path: Path) -> None:
+    arm = Arm("mine", (Link(1.0, Section(1.0, 1.0, 1.0, 1.0)),) * 3, mass_damping=0.1, joint_limits=(None,) * 3)
+    path = tmp_path / "mine.toml"
+    path.write_text(arms.to_toml(arm))
+    assert arms.resolve(arm) is arm
+    assert arms.resolve("strip") is arms.named("strip")
+    assert arms.resolve(path) == arms.resolve(str(path)) == arms.resolve("mine.toml", tmp_path) == arm
+    for wrong in ("stripe", "none.toml", str(tmp_path)):
+        with pytest.raises(ValueError, match=r'^arm = .*must be one of "de_luca_siciliano", .*or a .toml file'):
+            arms.resolve(wrong)
+    with pytest.raises(ValueError, match=r"^arm = 3: must be a name, a TOML file or an Arm"):
+        arms.resolve(3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^arm = 'stripe': must be one of"):
+        arms.named("stripe")
+
+
+def test_the_example_arm() -> None:
+    arm = arms.resolve(ROOT / "configs" / "arms" / "two_rods.toml")
+    assert arm.n_links == 2
+    assert arm.joint_limits == (None, (-2.5, 2.5))
+    assert arm.links[1].section == Section.rectangle(0.02, 0.0025, 70e9, 2700, 26e9)
+
+
+LINK = "[[links]]\nlength = 1.0\nsection = {EI = 1.0, EA = 1.0, C = 1.0, m = 1.0}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("links = []", "name: missing"),
+        ("name = 'a'", "links: missing"),
+        ("name = 'a'\nlinks = []", "links = (): must be a sequence of at least one Link"),
+        ("name = 'a'\npayloads = 1", "payloads: unknown key (did you mean payload?)"),
+        ("name = 'a'\ntau_d = -1\n" + LINK, "tau_d = -1: must be a number, zero or positive (s)"),
+        ("name = 'a'\npayload = {mass = '1'}\n" + LINK, "payload.mass = '1': must be"),
+        ("name = 'a'\npayload = 1\n" + LINK, "payload = 1: must be a table"),
+        ("name = 'a'\n" + LINK + LINK + "[[elbows]]\nmas = 1", "elbows[0].mas: unknown key"),
+        ("name = 'a'\n" + LINK + LINK + "[[elbows]]\nmass = -1", "elbows[0].mass = -1: must be"),
+        (
+            "name = 'a'\n[[links]]\nlength = 1\nsection = {width = 1, thickness = 1, E = 1, rho = 1}",
+            "links[0].section.G: missing",
+        ),
+        (
+            "name = 'a'\n[[links]]\nlength = 1\nsection = {width = 1, thickness = 0, E = 1, rho = 1, G = 1}",
+            "links[0].section.thickness = 0: must be a positive number (m)",
+        ),
+        (
+            "name = 'a'\n[[links]]\nlength = 1\nsection = {EI = 1, EA = 1, C = 1, m = 1, width = 1}",
+            "links[0].section.width: unknown key",
+        ),
+    ],
+)
+def test_a_wrong_file_names_the_key_path(text: str, message: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        arms.from_toml(text + "\n")
+    assert str(caught.value).startswith(message)
