@@ -14,7 +14,7 @@ import pytest
 from flexarm_env import arms, scenes, toml_text
 from flexarm_env import time_functions as tf
 from flexarm_env.parameters import Arm, Link, Section
-from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
+from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene, toml
 from flexarm_env.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -546,3 +546,12 @@ def test_a_wrong_trajectory_file_is_refused(tmp_path: Path, lines: list[str], me
         scenes.read_trajectory(path)
     assert str(caught.value).startswith(str(path))
     assert message in str(caught.value)
+
+
+def test_the_documented_file_is_a_scene() -> None:
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    block = page.split("```toml\n")[1].split("```")[0]
+    s = Scene.from_toml(block, "heavy")
+    assert (s.name, s.gravity, s.arm) == ("swing@heavy", (0.0, -19.62), arms.named("de_luca_siciliano"))
+    for name in (*scenes.names(), *arms.names(), *(n for n in scenes.names(True) if "@" in n), *toml.KINDS):
+        assert f"`{name}`" in page
