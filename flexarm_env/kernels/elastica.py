@@ -1,0 +1,481 @@
+"""The elastica's equations of motion, their tangent and what is read off its state (model: `flexarm_env.model.Elastica`).
+
+With e_j = (cos phi_j, sin phi_j) and its second rate e_j'' the inertia force on node i is (-sin phi_i, cos phi_i) . A_i,
+A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads: no sine of a difference is needed. Its derivative by node j is
+(-sin phi_i, cos phi_i) . P_ij d e_j'', by node i itself also -e_i . A_i. The payload adds m_p w w' to P, m_p w to b and
+J_p l(L) l(L)' to the last link's R.
+"""
+
+from __future__ import annotations
+
+from ..model import Elastica
+from .jit import kernel
+from .lanes import load, sincos, splat, store
+from .protocol import register, size
+from .stack import stack
+
+
+@kernel
+def _absolute(lane, model, q, x):  # type: ignore[no-untyped-def]
+    """x <- angles of the nodes (or their rates) from the coordinates: a joint's is relative to the tip before it."""
+    n = size(model.nodes)
+    for i in range(n):
+        store(x, i, load(lane, q, i))
+    for k in range(1, size(model.links)):
+        store(x, k * n, load(lane, q, k * n) + load(lane, q, k * n - 1))
+        for i in range(k * n + 1, k * n + n):
+            store(x, i, load(lane, q, i))
+
+
+@kernel
+def _frame_acceleration(lane, model, gravity, a):  # type: ignore[no-untyped-def]
+    """Acceleration of the root less gravity."""
+    x, y = splat(lane, 0.0), splat(lane, 0.0)
+    if model.root is not None:
+        m = size(model.links) * size(model.nodes)
+        x, y = load(lane, a, m), load(lane, a, m + 1)
+    if gravity is not None:
+        x, y = x - gravity[0], y - gravity[1]
+    return x, y
+
+
+@kernel
+def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+    """r and, where S is given, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
+    n, links, rows = size(model.nodes), size(model.links), size(model.n)
+    m = n * links
+    payload = load(lane, par, 0)
+    stiffness, tau_d = load(lane, par, 2), load(lane, par, 3)
+    x, y, z = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
+    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
+    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)  # e''
+    dx, dy = stack(lane, model.scratch), stack(lane, model.scratch)  # its derivative
+    fx, fy = stack(lane, model.scratch), stack(lane, model.scratch)  # A
+    _absolute(lane, model, q, x)
+    _absolute(lane, model, v, y)
+    _absolute(lane, model, a, z)
+    frame_x, frame_y = _frame_acceleration(lane, model, model.gravity, a)
+    for i in range(m):
+        angle, rate, second = load(lane, x, i), load(lane, y, i), load(lane, z, i)
+        sine, cosine = sincos(angle)
+        square = rate * rate
+        ax, ay = -(sine * second + cosine * square), cosine * second - sine * square
+        store(c, i, cosine)
+        store(s, i, sine)
+        store(ex, i, ax)
+        store(ey, i, ay)
+        store(x, i, (angle + rate * tau_d) * stiffness)
+        if S is not None:
+            twice = rate * (2.0 * cc)
+            store(dx, i, -(sine * cm + cosine * twice + ay * ck))
+            store(dy, i, cosine * cm - sine * twice + ax * ck)
+        if model.root is not None or model.gravity is not None:
+            moment = payload * model.w[i] + model.b[i]
+            store(fx, i, frame_x * moment)
+            store(fy, i, frame_y * moment)
+        else:
+            store(fx, i, splat(lane, 0.0))
+            store(fy, i, splat(lane, 0.0))
+        store(r, i, splat(lane, 0.0))
+    _less_forces(lane, model, model.load_arms, u, fx, fy)
+    slope = stiffness * (tau_d * cc + ck)
+    for i in range(m):
+        share = payload * model.w[i]
+        ci, si, xi, zi = load(lane, c, i), load(lane, s, i), load(lane, x, i), load(lane, z, i)
+        exi, eyi = load(lane, ex, i), load(lane, ey, i)
+        fxi, fyi, ri = load(lane, fx, i), load(lane, fy, i), load(lane, r, i)
+        k = i // n
+        for j in range(i):
+            p = share * model.w[j] + model.P[i * m + j]
+            fxi, fyi = fxi + p * load(lane, ex, j), fyi + p * load(lane, ey, j)
+            store(fx, j, load(lane, fx, j) + p * exi)
+            store(fy, j, load(lane, fy, j) + p * eyi)
+            if S is not None:
+                store(S, i * rows + j, p * (ci * load(lane, dy, j) - si * load(lane, dx, j)))
+                store(S, j * rows + i, p * (load(lane, c, j) * load(lane, dy, i) - load(lane, s, j) * load(lane, dx, i)))
+            if j >= k * n:
+                o = i * n + j - k * n
+                bend, turn = model.K[o], model.R[o]
+                ri = ri + (load(lane, x, j) * bend + load(lane, z, j) * turn)
+                store(r, j, load(lane, r, j) + (xi * bend + zi * turn))
+                if S is not None:
+                    both = slope * bend + cm * turn
+                    store(S, i * rows + j, load(lane, S, i * rows + j) + both)
+                    store(S, j * rows + i, load(lane, S, j * rows + i) + both)
+        p = share * model.w[i] + model.P[i * m + i]
+        store(fx, i, fxi + p * exi)
+        store(fy, i, fyi + p * eyi)
+        o = i * n + i - k * n
+        store(r, i, ri + (xi * model.K[o] + zi * model.R[o]))
+        if S is not None:
+            store(S, i * rows + i, p * (ci * load(lane, dy, i) - si * load(lane, dx, i)) + (slope * model.K[o] + cm * model.R[o]))
+    for i in range(m):
+        ci, si, ax, ay = load(lane, c, i), load(lane, s, i), load(lane, fx, i), load(lane, fy, i)
+        store(r, i, load(lane, r, i) + (ci * ay - si * ax))
+        if S is not None:
+            store(S, i * rows + i, load(lane, S, i * rows + i) - (ci * ax + si * ay) * ck)
+    _payload_turns(lane, model, load(lane, par, 1), z, cm, r, S)
+    _root_rows(lane, model, payload, c, s, ex, ey, dx, dy, frame_x, frame_y, cm, u, r, S)
+    _less_torques(lane, model, model.load_angles, u, r)
+    _to_relative(lane, model, r, S)
+    for k in range(links):
+        store(r, k * n, load(lane, r, k * n) - load(lane, u, k))
+
+
+@kernel
+def _less_forces(lane, model, arms, u, fx, fy):  # type: ignore[no-untyped-def]
+    """A_i <- A_i less the forces of the point loads times their arms."""
+    if arms is not None:
+        links = size(model.links)
+        m = links * size(model.nodes)
+        for f in range(arms.shape[0] // m):
+            force_x, force_y = load(lane, u, links + 3 * f), load(lane, u, links + 3 * f + 1)
+            for i in range(m):
+                store(fx, i, load(lane, fx, i) - force_x * arms[f * m + i])
+                store(fy, i, load(lane, fy, i) - force_y * arms[f * m + i])
+
+
+@kernel
+def _less_torques(lane, model, angles, u, r):  # type: ignore[no-untyped-def]
+    """r_i <- r_i less the torques of the point loads."""
+    if angles is not None:
+        links = size(model.links)
+        m = links * size(model.nodes)
+        for f in range(angles.shape[0] // m):
+            torque = load(lane, u, links + 3 * f + 2)
+            for i in range(m):
+                store(r, i, load(lane, r, i) - torque * angles[f * m + i])
+
+
+@kernel
+def _payload_turns(lane, model, inertia, z, cm, r, S):  # type: ignore[no-untyped-def]
+    """Rotary inertia of the payload, on the last link's angles."""
+    if model.payload_turns is not None:
+        n, rows = size(model.nodes), size(model.n)
+        first = (size(model.links) - 1) * n
+        moment = splat(lane, 0.0)
+        for j in range(first, first + n):
+            moment = moment + load(lane, z, j) * model.tips[j]
+        moment = moment * inertia
+        for i in range(first, first + n):
+            store(r, i, load(lane, r, i) + moment * model.tips[i])
+            if S is not None:
+                share = inertia * (cm * model.tips[i])
+                for j in range(first, first + n):
+                    o = i * rows + j
+                    store(S, o, load(lane, S, o) + share * model.tips[j])
+
+
+@kernel
+def _root_rows(lane, model, payload, c, s, ex, ey, dx, dy, frame_x, frame_y, cm, u, r, S):  # type: ignore[no-untyped-def]
+    """Momentum of the whole chain: the rows and columns of the root's position."""
+    if model.root is not None:
+        links, rows = size(model.links), size(model.n)
+        m = links * size(model.nodes)
+        mass = payload + model.mass
+        total_x, total_y = mass * frame_x, mass * frame_y
+        for j in range(m):
+            moment = payload * model.w[j] + model.b[j]
+            total_x = total_x + moment * load(lane, ex, j)
+            total_y = total_y + moment * load(lane, ey, j)
+            if S is not None:
+                store(S, m * rows + j, moment * load(lane, dx, j))
+                store(S, (m + 1) * rows + j, moment * load(lane, dy, j))
+                store(S, j * rows + m, moment * load(lane, s, j) * -cm)
+                store(S, j * rows + m + 1, moment * load(lane, c, j) * cm)
+        store(r, m, total_x)
+        store(r, m + 1, total_y)
+        _less_total(lane, model, model.load_arms, u, r)
+        if S is not None:
+            store(S, m * rows + m, mass * cm)
+            store(S, m * rows + m + 1, splat(lane, 0.0))
+            store(S, (m + 1) * rows + m, splat(lane, 0.0))
+            store(S, (m + 1) * rows + m + 1, mass * cm)
+
+
+@kernel
+def _less_total(lane, model, arms, u, r):  # type: ignore[no-untyped-def]
+    """The root's rows less all forces."""
+    if arms is not None:
+        links = size(model.links)
+        m = links * size(model.nodes)
+        for f in range(arms.shape[0] // m):
+            store(r, m, load(lane, r, m) - load(lane, u, links + 3 * f))
+            store(r, m + 1, load(lane, r, m + 1) - load(lane, u, links + 3 * f + 1))
+
+
+@kernel
+def _to_relative(lane, model, r, S):  # type: ignore[no-untyped-def]
+    """From the nodes' angles to the coordinates: what acts on a link's root acts on the tip before it as well."""
+    n, rows = size(model.nodes), size(model.n)
+    for k in range(size(model.links) - 1, 0, -1):
+        root = k * n
+        store(r, root - 1, load(lane, r, root - 1) + load(lane, r, root))
+        if S is not None:
+            for j in range(rows):
+                o = j * rows + root
+                store(S, o - 1, load(lane, S, o - 1) + load(lane, S, o))
+            for j in range(rows):
+                o = root * rows + j
+                store(S, o - rows, load(lane, S, o - rows) + load(lane, S, o))
+
+
+@kernel
+def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-untyped-def]
+    """No constraint is left: joints are coordinates."""
+
+
+@kernel
+def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
+    """Row and column k <- those of the identity."""
+    rows = size(model.n)
+    for j in range(rows):
+        store(S, k * rows + j, splat(lane, 0.0))
+        store(S, j * rows + k, splat(lane, 0.0))
+    store(S, k * rows + k, splat(lane, 1.0))
+
+
+@kernel
+def factor(lane, model, S):  # type: ignore[no-untyped-def]
+    """S <- L U without pivoting, the diagonal inverted: cm M, positive definite, outweighs the rest."""
+    rows = size(model.n)
+    for k in range(rows):
+        inverse = 1.0 / load(lane, S, k * rows + k)
+        store(S, k * rows + k, inverse)
+        for i in range(k + 1, rows):
+            f = load(lane, S, i * rows + k) * inverse
+            store(S, i * rows + k, f)
+            for j in range(k + 1, rows):
+                store(S, i * rows + j, load(lane, S, i * rows + j) - f * load(lane, S, k * rows + j))
+
+
+@kernel
+def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+    """x <- S^-1 x with the factors of `factor`."""
+    rows = size(model.n)
+    for i in range(1, rows):
+        total = load(lane, x, i)
+        for j in range(i):
+            total = total - load(lane, S, i * rows + j) * load(lane, x, j)
+        store(x, i, total)
+    for i in range(rows - 1, -1, -1):
+        total = load(lane, x, i)
+        for j in range(i + 1, rows):
+            total = total - load(lane, S, i * rows + j) * load(lane, x, j)
+        store(x, i, total * load(lane, S, i * rows + i))
+
+
+@kernel
+def _tangents(lane, model, q, v, c, s, ex, ey):  # type: ignore[no-untyped-def]
+    """(c, s) <- e_j, (ex, ey) <- e_j'; c, s, ex, ey hold angles and rates on the way."""
+    _absolute(lane, model, q, c)
+    _absolute(lane, model, v, ex)
+    for i in range(size(model.links) * size(model.nodes)):
+        sine, cosine = sincos(load(lane, c, i))
+        rate = load(lane, ex, i)
+        store(c, i, cosine)
+        store(s, i, sine)
+        store(ex, i, -(sine * rate))
+        store(ey, i, cosine * rate)
+
+
+@kernel
+def _root(lane, model, q):  # type: ignore[no-untyped-def]
+    """Position of the root."""
+    if model.root is not None:
+        m = size(model.links) * size(model.nodes)
+        return load(lane, q, m), load(lane, q, m + 1)
+    return splat(lane, model.position[0]), splat(lane, model.position[1])
+
+
+@kernel
+def _sum(lane, weights, first, x, m):  # type: ignore[no-untyped-def]
+    """sum_j weights[first + j] x_j."""
+    total = splat(lane, 0.0)
+    for j in range(m):
+        total = total + load(lane, x, j) * weights[first + j]
+    return total
+
+
+@kernel
+def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
+    """Joint angles, then position and angle of the point of each load."""
+    n, links = size(model.nodes), size(model.links)
+    for k in range(links):
+        store(y, k, load(lane, q, k * n))
+    _load_ports(lane, model, model.load_arms, model.load_angles, q, y)
+
+
+@kernel
+def _load_ports(lane, model, arms, angles, q, y):  # type: ignore[no-untyped-def]
+    """Position and angle of the point of each load."""
+    if arms is not None:
+        links = size(model.links)
+        m = links * size(model.nodes)
+        x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
+        _absolute(lane, model, q, x)
+        for i in range(m):
+            sine, cosine = sincos(load(lane, x, i))
+            store(c, i, cosine)
+            store(s, i, sine)
+        root_x, root_y = _root(lane, model, q)
+        for f in range(arms.shape[0] // m):
+            store(y, links + 3 * f, root_x + _sum(lane, arms, f * m, c, m))
+            store(y, links + 3 * f + 1, root_y + _sum(lane, arms, f * m, s, m))
+            store(y, links + 3 * f + 2, _sum(lane, angles, f * m, x, m))
+
+
+@kernel
+def _bending(lane, model, x):  # type: ignore[no-untyped-def]
+    """x' K x over all links; x: angles or rates of the nodes. Differences from the root's keep spins exact."""
+    n = size(model.nodes)
+    total = splat(lane, 0.0)
+    for k in range(size(model.links)):
+        start = load(lane, x, k * n)
+        for i in range(1, n):
+            row = splat(lane, 0.0)
+            for j in range(1, n):
+                row = row + (load(lane, x, k * n + j) - start) * model.K[(k * n + i) * n + j]
+            total = total + row * (load(lane, x, k * n + i) - start)
+    return total
+
+
+@kernel
+def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+    """Power lost in Kelvin-Voigt damping, W."""
+    y = stack(lane, model.scratch)
+    _absolute(lane, model, v, y)
+    return _bending(lane, model, y) * (load(lane, par, 2) * load(lane, par, 3))
+
+
+@kernel
+def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+    """(kinetic, strain, gravity), J; gravity's is zero where the centre of mass is at the origin."""
+    n, links = size(model.nodes), size(model.links)
+    m = n * links
+    payload = load(lane, par, 0)
+    x, y = stack(lane, model.scratch), stack(lane, model.scratch)
+    c, s, ex, ey = (
+        stack(lane, model.scratch),
+        stack(lane, model.scratch),
+        stack(lane, model.scratch),
+        stack(lane, model.scratch),
+    )
+    _absolute(lane, model, q, x)
+    _absolute(lane, model, v, y)
+    _tangents(lane, model, q, v, c, s, ex, ey)
+    strain = _bending(lane, model, x) * (load(lane, par, 2) * 0.5)
+    tip_x, tip_y = _sum(lane, model.w, 0, ex, m), _sum(lane, model.w, 0, ey, m)
+    turn = splat(lane, 0.0)
+    for i in range(m - n, m):
+        turn = turn + load(lane, y, i) * model.tips[i]
+    twice = payload * (tip_x * tip_x + tip_y * tip_y) + load(lane, par, 1) * (turn * turn)
+    for i in range(m):
+        px, py, spin = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+        for j in range(m):
+            px = px + load(lane, ex, j) * model.P[i * m + j]
+            py = py + load(lane, ey, j) * model.P[i * m + j]
+        for j in range(n):
+            spin = spin + load(lane, y, i // n * n + j) * model.R[i * n + j]
+        twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + load(lane, y, i) * spin)
+    mass = payload + model.mass
+    if model.root is not None:
+        vx, vy = load(lane, v, m), load(lane, v, m + 1)
+        px = payload * tip_x + _sum(lane, model.b, 0, ex, m)
+        py = payload * tip_y + _sum(lane, model.b, 0, ey, m)
+        twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
+    return twice * 0.5, strain, _gravity_energy(lane, model, model.gravity, payload, q, c, s)
+
+
+@kernel
+def _gravity_energy(lane, model, gravity, payload, q, c, s):  # type: ignore[no-untyped-def]
+    """- mass g . centre of mass."""
+    if gravity is None:
+        return splat(lane, 0.0)
+    m = size(model.links) * size(model.nodes)
+    mass = payload + model.mass
+    root_x, root_y = _root(lane, model, q)
+    cx = payload * _sum(lane, model.w, 0, c, m) + _sum(lane, model.b, 0, c, m) + mass * root_x
+    cy = payload * _sum(lane, model.w, 0, s, m) + _sum(lane, model.b, 0, s, m) + mass * root_y
+    return -(cx * gravity[0] + cy * gravity[1])
+
+
+@kernel
+def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
+    """12 numbers a link: root x, y, angle and their rates, tip x, y, angle and their rates."""
+    n, links = size(model.nodes), size(model.links)
+    m = n * links
+    x, y = stack(lane, model.scratch), stack(lane, model.scratch)
+    c, s, ex, ey = (
+        stack(lane, model.scratch),
+        stack(lane, model.scratch),
+        stack(lane, model.scratch),
+        stack(lane, model.scratch),
+    )
+    _absolute(lane, model, q, x)
+    _absolute(lane, model, v, y)
+    _tangents(lane, model, q, v, c, s, ex, ey)
+    px, py = _root(lane, model, q)
+    vx, vy = splat(lane, 0.0), splat(lane, 0.0)
+    if model.root is not None:
+        vx, vy = load(lane, v, m), load(lane, v, m + 1)
+    for k in range(links):
+        o = 12 * k
+        store(out, o, px)
+        store(out, o + 1, py)
+        store(out, o + 2, load(lane, x, k * n))
+        store(out, o + 3, vx)
+        store(out, o + 4, vy)
+        store(out, o + 5, load(lane, y, k * n))
+        angle, rate = splat(lane, 0.0), splat(lane, 0.0)
+        for i in range(k * n, k * n + n):
+            px, py = px + load(lane, c, i) * model.w[i], py + load(lane, s, i) * model.w[i]
+            vx, vy = vx + load(lane, ex, i) * model.w[i], vy + load(lane, ey, i) * model.w[i]
+            angle, rate = angle + load(lane, x, i) * model.tips[i], rate + load(lane, y, i) * model.tips[i]
+        store(out, o + 6, px)
+        store(out, o + 7, py)
+        store(out, o + 8, angle)
+        store(out, o + 9, vx)
+        store(out, o + 10, vy)
+        store(out, o + 11, rate)
+
+
+@kernel
+def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
+    """The geometry is exact: no deflection is too large."""
+    return splat(lane, 0.0)
+
+
+@kernel
+def shape(model, q, points):  # type: ignore[no-untyped-def]
+    """Positions along the chain, into the first rows of `points`; returns how many."""
+    lane = (0,)
+    m = size(model.links) * size(model.nodes)
+    count = min(model.stations.shape[0] // m, points.shape[0])
+    x = stack(lane, model.scratch)
+    _absolute(lane, model, q, x)
+    root_x, root_y = _root(lane, model, q)
+    for p in range(count):
+        points[p, 0], points[p, 1] = root_x, root_y
+    for j in range(m):
+        sine, cosine = sincos(x[j])
+        for p in range(count):
+            points[p, 0] += cosine * model.stations[p * m + j]
+            points[p, 1] += sine * model.stations[p * m + j]
+    return count
+
+
+register(
+    Elastica,
+    assemble=assemble,
+    constrain=constrain,
+    pin=pin,
+    factor=factor,
+    solve=solve,
+    ports=ports,
+    dissipation=dissipation,
+    energy=energy,
+    link_poses=link_poses,
+    out_of_range=out_of_range,
+    shape=shape,
+)

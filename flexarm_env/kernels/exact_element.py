@@ -1,0 +1,390 @@
+"""One geometrically exact element, written out: residual, tangent, condensation, for each polynomial order.
+
+An element of order p and length l joins two vertices (x, y, psi). Between them it has p - 1 interior functions whose
+derivatives are the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) and which
+vanish at both ends: together with the linear functions they span what p + 1 Lagrange nodes span, but their amplitudes,
+the interior coordinates, make bending stiffness diagonal and the sums below short.
+
+With d = l r' (twice the derivative on [-1, 1]), (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y) the
+strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = (l psi')/l, and with p Gauss points of weights w the energy is
+
+    sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l psi')^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l.
+
+The code below writes Python source for that, loops over nodes and points unrolled and sums that recur taken once, and
+turns it into a function (`function`). Which features it holds (tangent, damping, gravity) is settled then as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from .lanes import load, sincos, splat, store
+
+AXES = "xyt"
+LL = ("Lx", "Ly", "Lt")
+RR = ("Rx", "Ry", "Rt")
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Functions of an element on [-1, 1]: left and right linear ones, then the interior ones.
+
+    weights (p,) of the Gauss points; value (p + 1, p), slope (p, p): values, and twice the derivatives of (right -
+    left, interior ...), at the Gauss points; mass (p + 1, p + 1): integrals of products; norm (p,): sum w slope^2.
+    """
+
+    weights: np.ndarray
+    value: np.ndarray
+    slope: np.ndarray
+    mass: np.ndarray
+    norm: np.ndarray
+
+
+def interior(order: int, x: np.ndarray) -> np.ndarray:
+    """Interior functions at points x of [-1, 1], shape (order - 1, len(x))."""
+    points = legendre.leggauss(order)[0]
+    rows = []
+    for k in range(1, order):
+        polynomial = np.eye(order + 1)[k]
+        values = legendre.legval(points, polynomial)
+        scale = values[np.argmax(np.abs(values).round(12))]
+        primitive = legendre.legint(polynomial / scale, lbnd=-1.0)
+        rows.append(0.5 * legendre.legval(np.asarray(x, dtype=np.float64), primitive))
+    return np.array(rows).reshape(order - 1, np.size(x))
+
+
+@cache
+def tables(order: int) -> Tables:
+    """The tables of an order from 1 to 3 (or more)."""
+    points, weights = legendre.leggauss(order)
+
+    def value(x: np.ndarray) -> np.ndarray:
+        return np.vstack([0.5 * (1.0 - x), 0.5 * (1.0 + x), interior(order, x)])
+
+    slope = [np.ones(order)]
+    for k in range(1, order):
+        values = legendre.legval(points, np.eye(order)[k])
+        slope.append(values / values[np.argmax(np.abs(values).round(12))])
+    fine, fine_weights = legendre.leggauss(order + 1)
+    at = value(fine)
+    slopes = np.array([_tidy(row) for row in slope])
+    return Tables(_tidy(weights), value(points), slopes, _tidy((at * fine_weights) @ at.T), (weights * slopes**2).sum(1))
+
+
+def _tidy(values: np.ndarray) -> np.ndarray:
+    """Round-off taken out of numbers that are simple."""
+    values = np.where(np.abs(values) < 1e-14, 0.0, values)
+    simple = np.round(values * 60.0) / 60.0
+    return np.where(np.abs(values - simple) < 1e-14, simple, values)
+
+
+@dataclass
+class Writer:
+    """Lines of source, and the sums written so far (`sums`: terms scaled to a leading 1 -> name)."""
+
+    lines: list[str] = field(default_factory=list)
+    sums: dict[tuple[tuple[float, str], ...], str] = field(default_factory=dict)
+
+    def let(self, name: str, expression: str) -> str:
+        """name = expression"""
+        self.lines.append(f"{name} = {expression}")
+        return name
+
+    def sum(self, terms: Sequence[tuple[float, str]]) -> tuple[float, str]:
+        """(factor, name) with factor * name = sum of coefficient * name; ("0" for no term)."""
+        kept = [(float(c), n) for c, n in terms if c != 0.0]
+        if not kept:
+            return 0.0, "0"
+        first = kept[0][0]
+        if len(kept) == 1:
+            return first, kept[0][1]
+        scaled = tuple((1.0 if c == first else -1.0 if c == -first else c / first, n) for c, n in kept)
+        if scaled not in self.sums:
+            text = scaled[0][1]
+            for c, n in scaled[1:]:
+                text += f" + {n}" if c == 1.0 else f" - {n}" if c == -1.0 else f" {'-+'[c > 0]} {n} * {abs(c)!r}"
+            self.sums[scaled] = self.let(f"sum{len(self.sums)}", text)
+        return first, self.sums[scaled]
+
+
+def times(factor: float, name: str) -> str:
+    """Source of factor * name."""
+    if factor == 0.0:
+        return ""
+    return name if factor == 1.0 else f"-{name}" if factor == -1.0 else f"{name} * {factor!r}"
+
+
+def plus(*parts: str) -> str:
+    """Source of the sum of sources; empty ones left out."""
+    kept = [part for part in parts if part]
+    return " + ".join(kept).replace("+ -", "- ") if kept else "zero"
+
+
+def function(name: str, arguments: str, lines: Sequence[str], result: str) -> Callable[..., Any]:
+    """The function made of the lines."""
+    body = "\n".join(f"    {line}" for line in lines)
+    scope: dict[str, Any] = {"load": load, "store": store, "splat": splat, "sincos": sincos}
+    exec(f"def {name}({arguments}):\n{body}\n    return {result}\n", scope)  # straight-line source, made above
+    made: Callable[..., Any] = scope[name]
+    return made
+
+
+def interior_names(order: int) -> list[str]:
+    """Interior coordinates in the order of q."""
+    return [f"{k}{axis}" for k in range(1, order) for axis in AXES]
+
+
+def factor_size(order: int) -> int:
+    """Entries of S for one element: interior factors with their couplings, then the condensed matrix."""
+    n = 3 * (order - 1)
+    return sum(1 + (n - 1 - m) + 6 for m in range(n)) + 21
+
+
+# --- names: coordinate "Lx", "Rt", "1y" ...; q_, v_, a_ before it for its value, rate, acceleration -----------------
+
+
+def _interpolate(w: Writer, t: Tables, letter: str, axis: str) -> tuple[list[tuple[float, str]], list[tuple[float, str]]]:
+    """Slope and value of a coordinate at each Gauss point, as (factor, name)."""
+    order = len(t.weights)
+    span = w.let(f"{letter}_D{axis}", f"{letter}_R{axis} - {letter}_L{axis}")
+    slopes = [w.sum([(t.slope[i][g], span if i == 0 else f"{letter}_{i}{axis}") for i in range(order)]) for g in range(order)]
+    if axis != "t":
+        return slopes, []
+    middle = w.let(f"{letter}_M{axis}", f"({letter}_L{axis} + {letter}_R{axis}) * 0.5")
+    values = []
+    for g in range(order):
+        even = [(1.0, middle)] + [(t.value[i][g], f"{letter}_{i - 1}{axis}") for i in range(2, order + 1) if i % 2 == 0]
+        odd = [(0.5 * (t.value[1][g] - t.value[0][g]) * 2.0, span)]
+        odd += [(t.value[i][g], f"{letter}_{i - 1}{axis}") for i in range(2, order + 1) if i % 2 == 1]
+        one, two = w.sum(even), w.sum(odd)
+        values.append(w.sum([one, two]))
+    return slopes, values
+
+
+def _points(w: Writer, t: Tables, damped: bool, tangent: bool) -> None:
+    """At each Gauss point g: forces fx, fy, mt (per d, psi), and hxx ... htt, their derivatives; weights included."""
+    order = len(t.weights)
+    dx, dy = (_interpolate(w, t, "q", axis)[0] for axis in "xy")
+    angle = _interpolate(w, t, "q", "t")[1]
+    if damped:
+        vx, vy = (_interpolate(w, t, "v", axis)[0] for axis in "xy")
+        turn = _interpolate(w, t, "v", "t")[1]
+    if tangent:
+        share = "(cc * tau + ck)" if damped else "ck"
+        for k in ("k1", "k2", "kb"):
+            w.let(f"{k}t", f"{share} * {k}")
+        w.let("difference", "k1t - k2t")
+        w.let("total", "k1t + k2t")
+    for g in range(order):
+        x, y = times(*dx[g]), times(*dy[g])
+        w.let(f"s{g}, c{g}", f"sincos({times(*angle[g])})")
+        c, s = f"c{g}", f"s{g}"
+        g1 = w.let(f"g1_{g}", f"{c} * {x} + {s} * {y}")
+        g2 = w.let(f"g2_{g}", f"{c} * {y} - {s} * {x}")
+        if damped:
+            ux, uy, omega = times(*vx[g]), times(*vy[g]), times(*turn[g])
+            w.let(f"e1_{g}", f"({g1} - l) + tau * ({c} * {ux} + {s} * {uy} + {g2} * ({omega}))")
+            w.let(f"e2_{g}", f"{g2} + tau * ({c} * {uy} - {s} * {ux} - {g1} * ({omega}))")
+        else:
+            w.let(f"e1_{g}", f"{g1} - l")
+            w.let(f"e2_{g}", g2)
+        weight = t.weights[g]
+        scale = "" if weight == 1.0 else f" * {float(weight)!r}"
+        n1 = w.let(f"n1_{g}", f"e1_{g} * (k1{scale})")
+        n2 = w.let(f"n2_{g}", f"e2_{g} * (k2{scale})")
+        w.let(f"fx{g}", f"{c} * {n1} - {s} * {n2}")
+        w.let(f"fy{g}", f"{s} * {n1} + {c} * {n2}")
+        w.let(f"mt{g}", f"{n1} * {g2} - {n2} * {g1}")
+        if tangent:
+            w.let(f"part{g}", f"(difference{scale}) * {c}")
+            w.let(f"hxx{g}", f"part{g} * {c} + (k2t{scale})")
+            w.let(f"hxy{g}", f"part{g} * {s}")
+            w.let(f"hyy{g}", f"(total{scale}) - hxx{g}")
+            w.let(f"p{g}", f"{g2} * (k1t{scale}) - ck * {n2}")
+            w.let(f"r{g}", f"{g1} * (k2t{scale}) - ck * {n1}")
+            w.let(f"hxt{g}", f"{c} * p{g} + {s} * r{g}")
+            w.let(f"hyt{g}", f"{s} * p{g} - {c} * r{g}")
+            w.let(f"htt{g}", f"{g2} * p{g} + {g1} * r{g}")
+
+
+def _residual(w: Writer, t: Tables, damped: bool) -> None:
+    """f_NAME: elastic and inertia force on each coordinate."""
+    order = len(t.weights)
+    points = range(order)
+    for axis in "xy":
+        for i in range(order):
+            w.let(f"e_{i}{axis}", times(*w.sum([(t.slope[i][g], f"f{axis}{g}") for g in points])))
+    for i in range(order + 1):
+        w.let(f"m_{i}", times(*w.sum([(t.value[i][g], f"mt{g}") for g in points])))
+    for i in range(order):
+        bend = f"q_{'D' if i == 0 else i}t"
+        if damped:
+            bend = w.let(f"b_{i}", f"{bend} + tau * v_{'D' if i == 0 else i}t")
+        w.let(f"k_{i}", f"{bend} * (kb * {float(t.norm[i])!r})")
+    nodes = ["L", "R", *[str(k) for k in range(1, order)]]
+    for axis in AXES:
+        unit = "jl" if axis == "t" else "ml"
+        for i, node in enumerate(nodes):
+            factor, name = w.sum([(t.mass[i][j], f"a_{other}{axis}") for j, other in enumerate(nodes)])
+            inertia = f"{name} * ({unit} * {factor!r})"
+            if axis == "t":
+                bend = "- k_0" if node == "L" else f"+ k_{0 if node == 'R' else node}"
+                w.let(f"f_{node}t", f"{inertia} + (m_{i} {bend})")
+            else:
+                sign, k = ("-", 0) if node == "L" else ("+", max(i - 1, 0))
+                w.let(f"f_{node}{axis}", f"{inertia} {sign} e_{k}{axis}")
+
+
+def _tangent(w: Writer, t: Tables) -> None:
+    """K_NAME_NAME for every pair of coordinates (each pair once, in the order interior, left, right)."""
+    order = len(t.weights)
+    points = range(order)
+    nodes = [*[str(k) for k in range(1, order)], "L", "R"]
+    row = {"L": 0, "R": 1, **{str(k): k + 1 for k in range(1, order)}}
+
+    def slope_of(node: str) -> tuple[float, np.ndarray]:
+        return (-1.0, t.slope[0]) if node == "L" else (1.0, t.slope[0 if node == "R" else int(node)])
+
+    def mass(one: str, two: str, unit: str) -> str:
+        factor = float(t.mass[row[one]][row[two]])
+        return f"({unit} * {factor!r})" if factor != 0.0 else ""
+
+    order_of = {f"{node}{axis}": i for i, (node, axis) in enumerate((n, a) for n in nodes for a in AXES)}
+    w.let("cml", "cm * ml")
+    w.let("cjl", "cm * jl")
+    for one in order_of:
+        for two in order_of:
+            if order_of[two] < order_of[one]:
+                continue
+            (n1, a1), (n2, a2) = (one[:-1], one[-1]), (two[:-1], two[-1])
+            if a1 != "t" and a2 != "t":
+                (sign1, d1), (sign2, d2) = slope_of(n1), slope_of(n2)
+                kind = "".join(sorted(a1 + a2))
+                factor, name = w.sum([(d1[g] * d2[g], f"h{kind}{g}") for g in points])
+                text = plus(times(sign1 * sign2 * factor, name), mass(n1, n2, "cml") if a1 == a2 else "")
+            elif a1 == "t" and a2 == "t":
+                v1, v2 = t.value[row[n1]], t.value[row[n2]]
+                text = times(*w.sum([(v1[g] * v2[g], f"htt{g}") for g in points]))
+                (sign1, d1), (sign2, d2) = slope_of(n1), slope_of(n2)
+                bend = sign1 * sign2 * float((t.weights * d1 * d2).sum())
+                stiff = f"kbt * {bend!r}" if abs(bend) > 1e-13 else ""
+                text = plus(text, f"({plus(stiff, mass(n1, n2, 'cjl'))})")
+            else:
+                position, angle = (one, two) if a2 == "t" else (two, one)
+                sign, d = slope_of(position[:-1])
+                value = t.value[row[angle[:-1]]]
+                factor, name = w.sum([(value[g] * d[g], f"h{position[-1]}t{g}") for g in points])
+                text = times(sign * factor, name)
+            w.let(f"K_{one}_{two}", text)
+
+
+def _condense(w: Writer, order: int) -> None:
+    """Eliminate the interior coordinates; store their factors, then the condensed matrix LL, LR, RR."""
+    inner = interior_names(order)
+    names = [*inner, *LL, *RR]
+    at = 0
+    for m, pivot in enumerate(inner):
+        inverse = w.let(f"D_{pivot}", f"1.0 / K_{pivot}_{pivot}")
+        w.lines.append(f"store(S, at + {at}, {inverse})")
+        at += 1
+        later = names[m + 1 :]
+        for name in later:
+            z = w.let(f"Z_{pivot}_{name}", f"K_{pivot}_{name} * {inverse}")
+            w.lines.append(f"store(S, at + {at}, {z})")
+            at += 1
+        for i, one in enumerate(later):
+            for two in later[i:]:
+                w.let(f"K_{one}_{two}", f"K_{one}_{two} - K_{pivot}_{one} * Z_{pivot}_{two}")
+    pairs = [(LL[i], LL[j]) for i in range(3) for j in range(i, 3)]
+    pairs += [(i, j) for i in LL for j in RR]
+    pairs += [(RR[i], RR[j]) for i in range(3) for j in range(i, 3)]
+    for one, two in pairs:
+        w.lines.append(f"store(S, at + {at}, K_{one}_{two})")
+        at += 1
+
+
+ELEMENT_ARGUMENTS = "lane, order, damped, gravity, q, v, a, left, i, k1, k2, kb, l, ml, jl, tau, cm, cc, ck, r, S, at"
+
+
+@cache
+def element_function(order: int, damped: bool, heavy: bool, tangent: bool) -> Callable[..., Any]:
+    """element(lane, ...) for an order and what is present; see `exact_beam.element`."""
+    t, w = tables(order), Writer()
+    w.let("zero", "splat(lane, 0.0)")
+    left = [f"{letter}_L{axis}" for letter in ("q", "v", "a") for axis in AXES] + [f"f0_{axis}" for axis in AXES]
+    w.lines.append(f"{', '.join(left)} = left")
+    others = [*interior_names(order), *RR]
+    for letter in ("q", "v", "a") if damped else ("q", "a"):
+        for k, name in enumerate(others):
+            weight = f" - gravity[{AXES.index(name[-1])}]" if heavy and letter == "a" and name[-1] != "t" else ""
+            w.let(f"{letter}_{name}", f"load(lane, {letter}, i + {k}){weight}")
+    if not damped:
+        for name in RR:
+            w.let(f"v_{name}", "zero")
+    _points(w, t, damped, tangent)
+    _residual(w, t, damped)
+    for k, axis in enumerate(AXES):
+        w.lines.append(f"store(r, i + {k - 3}, f0_{axis} + f_L{axis})")
+    for k, name in enumerate(interior_names(order)):
+        w.lines.append(f"store(r, i + {k}, f_{name})")
+    if tangent:
+        _tangent(w, t)
+        _condense(w, order)
+    right = [f"{letter}_{name}" for letter in ("q", "v", "a") for name in RR] + [f"f_{name}" for name in RR]
+    return function(f"element{order}", ELEMENT_ARGUMENTS, w.lines, f"({', '.join(right)})")
+
+
+SOLVE_ARGUMENTS = "lane, order, S, at, x, i, left"
+
+
+@cache
+def forward_function(order: int) -> Callable[..., Any]:
+    """Reduce the interior entries of x (from row i) and return what they add to (left, right)."""
+    w = Writer()
+    inner = interior_names(order)
+    for k, name in enumerate(inner):
+        w.let(f"x_{name}", f"load(lane, x, i + {k})")
+    totals = {name: "" for name in (*LL, *RR)}
+    at = 0
+    for m, pivot in enumerate(inner):
+        at += 1
+        for name in [*inner[m + 1 :], *LL, *RR]:
+            product = f"load(lane, S, at + {at}) * x_{pivot}"
+            if name in totals:
+                totals[name] = f"{totals[name]} + {product}" if totals[name] else product
+            else:
+                w.let(f"x_{name}", f"x_{name} - {product}")
+            at += 1
+        w.lines.append(f"store(x, i + {m}, x_{pivot})")
+    if not inner:
+        w.let("zero", "splat(lane, 0.0)")
+    for name in totals:
+        w.let(f"t_{name}", totals[name] or "zero")
+    return function("forward", SOLVE_ARGUMENTS, w.lines, f"({', '.join(f't_{name}' for name in totals)})")
+
+
+@cache
+def backward_function(order: int) -> Callable[..., Any]:
+    """Interior entries of x (from row i) from those of the vertices; returns the right vertex's."""
+    w = Writer()
+    inner = interior_names(order)
+    n = len(inner)
+    w.lines.append(f"{', '.join(f'x_{name}' for name in LL)} = left")
+    for k, name in enumerate(RR):
+        w.let(f"x_{name}", f"load(lane, x, i + {n + k})")
+    starts = np.cumsum([0] + [1 + (n - 1 - m) + 6 for m in range(n)])
+    for m in reversed(range(n)):
+        text = f"load(lane, x, i + {m}) * load(lane, S, at + {starts[m]})"
+        for k, name in enumerate([*LL, *RR]):
+            text += f" - load(lane, S, at + {starts[m] + n - m + k}) * x_{name}"
+        for k, name in enumerate(inner[m + 1 :]):
+            text += f" - load(lane, S, at + {starts[m] + 1 + k}) * x_{name}"
+        w.let(f"x_{inner[m]}", text)
+        w.lines.append(f"store(x, i + {m}, x_{inner[m]})")
+    return function("backward", SOLVE_ARGUMENTS, w.lines, f"({', '.join(f'x_{name}' for name in RR)})")

@@ -1,0 +1,56 @@
+"""Scene and settings to System and Drive: which formulation assembles, and what is driven by functions of time."""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+
+from ..model import Drive, System
+from ..scene import JointTorque, Scene
+from ..settings import Settings
+from ..time_functions import TimeFunction
+
+_BUILDERS = {
+    "floating_frame": "floating_chain",
+    "geometrically_exact": "exact_beam",
+    "elastica": "elastica",
+}
+
+
+def assemble(scene: Scene, settings: Settings) -> System:
+    """The scene's System in the formulation that the settings name."""
+    module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
+    system: System = module.build(scene, settings)
+    return system
+
+
+def drive(scene: Scene, system: System) -> Drive | None:
+    """The scene's motions and loads for the kernels, or None where nothing is driven."""
+    if not scene.motions and not scene.loads:
+        return None
+    functions: list[TimeFunction] = []
+    terms: list[tuple[int, int]] = []
+
+    def add(entry: int, function: TimeFunction | None) -> None:
+        if function is not None:
+            terms.append((entry, len(functions)))
+            functions.append(function)
+
+    point = 0
+    for load in scene.loads:
+        if isinstance(load, JointTorque):
+            add(load.joint, load.function)
+        else:
+            first_entry = scene.arm.n_links + 3 * point
+            for k, function in enumerate((load.force_x, load.force_y, load.torque)):
+                add(first_entry + k, function)
+            point += 1
+    terms.sort(key=lambda term: term[0])
+    inputs = np.array(terms, np.int64).reshape(-1, 2)
+    known = np.array([system.coordinates[motion.coordinate] for motion in scene.motions], np.int64)
+    motions = np.arange(len(functions), len(functions) + len(scene.motions), dtype=np.int64)
+    functions += [motion.function for motion in scene.motions]
+    pieces = np.concatenate([function.pieces for function in functions])
+    first = np.cumsum([0] + [len(function.pieces) for function in functions]).astype(np.int64)
+    return Drive(np.ascontiguousarray(pieces), first, inputs, known, motions)

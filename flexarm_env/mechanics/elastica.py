@@ -1,0 +1,245 @@
+"""The elastica: a slender chain without stretch and shear, its geometry exact (docs: theory, section "Elastica").
+
+The unknowns of a link are the tangent angles phi_l at n nodes; the unit tangent is interpolated, so that
+r(s) = r_root + sum_l S_l(s) (cos phi_l, sin phi_l) with S_l the integral of the Lagrange polynomial l_l. The chain of
+all links then has the equations of a pendulum of nodes,
+
+    sum_j [P_ij cos(phi_i - phi_j) + R_ij] phi_j'' + P_ij sin(phi_i - phi_j) phi_j'^2 + K_ij (phi_j + tau_d phi_j')
+        + b_i (a_root - g) . (-sin phi_i, cos phi_i) = generalised loads
+
+with the constant matrices of :class:`Chain`. Nodes are Lobatto's where another link follows (one lies at the tip, where
+the next link hangs) and Radau's on the last link (one at the root, none at the tip).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from flexarm_env.model import Elastica, System
+from flexarm_env.parameters import Arm, Link
+from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.settings import Settings
+
+Array = NDArray[np.float64]
+
+UNROLLED = 12
+"""Chains of at most this many nodes in all get kernels of their own, with their sizes compiled in."""
+
+
+def nodes(n: int, tip: bool) -> Array:
+    """n nodes on [-1, 1], the first at -1: Lobatto's with the last at +1 (``tip``), otherwise Radau's."""
+    basis = np.zeros(n + 1)
+    if tip:
+        basis[n - 1] = 1.0
+        inner = legendre.legroots(legendre.legder(basis[:n]))
+        return np.concatenate([[-1.0], np.sort(inner.real), [1.0]])
+    basis[n - 1 :] = 1.0
+    roots: Array = np.sort(legendre.legroots(basis).real)
+    roots[0] = -1.0
+    return roots
+
+
+@dataclass(frozen=True)
+class Line:
+    """One link of n nodes: its interpolation and its own matrices, SI. `at` are nodes on [-1, 1]."""
+
+    length: float
+    at: Array  # (n,)
+    coefficients: Array  # (n, n): column l holds the Legendre coefficients of l_l
+
+    @classmethod
+    def of(cls, length: float, n: int, tip: bool) -> Line:
+        """The interpolation of a link; ``tip``: a node at its tip."""
+        at = nodes(n, tip)
+        return cls(length, at, np.linalg.inv(legendre.legvander(at, n - 1)))
+
+    def _position(self, s: Array) -> Array:
+        return 2.0 * np.asarray(s) / self.length - 1.0
+
+    def lagrange(self, s: Array) -> Array:
+        """l_l(s), shape (len(s), n), s in m from the root."""
+        return legendre.legvander(self._position(s), self.at.size - 1) @ self.coefficients
+
+    def slope(self, s: Array) -> Array:
+        """l_l'(s), 1/m, shape (len(s), n)."""
+        rate = legendre.legder(self.coefficients, axis=0)
+        values = legendre.legvander(self._position(s), max(self.at.size - 2, 0)) @ rate
+        return values * (2.0 / self.length)
+
+    def integral(self, s: Array) -> Array:
+        """S_l(s) = int_0^s l_l, m, shape (len(s), n)."""
+        primitive = legendre.legint(self.coefficients, lbnd=-1.0, axis=0)
+        return legendre.legvander(self._position(s), self.at.size) @ primitive * (0.5 * self.length)
+
+    def quadrature(self) -> tuple[Array, Array]:
+        """Gauss points and weights, m, exact for all matrices of the link."""
+        x, weights = legendre.leggauss(self.at.size + 1)
+        return 0.5 * self.length * (x + 1.0), 0.5 * self.length * weights
+
+    def matrix(self, table: Array) -> Array:
+        """int table table' ds for a table at the quadrature's points."""
+        return (table.T * self.quadrature()[1]) @ table
+
+    @property
+    def tip_weights(self) -> Array:
+        """w_l = S_l(L), m."""
+        return self.integral(np.array([self.length]))[0]
+
+    @property
+    def tip_angle(self) -> Array:
+        """l_l(L)."""
+        return self.lagrange(np.array([self.length]))[0]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Constant matrices of a chain of N links with n nodes each, payload left out; SI, numbered from root to tip."""
+
+    lines: tuple[Line, ...]
+    P: Array  # (Nn, Nn) kg m^2: masses, 1/2 sum P_ij e_i'.e_j'
+    R: Array  # (N, n, n) kg m^2: rotary inertia of sections, hub and elbows
+    K: Array  # (N, n, n) N m: bending stiffness
+    b: Array  # (Nn,) kg m: first moments, the centre of mass is r_root + sum b_j e_j / mass
+    w: Array  # (Nn,) m: the tip of the last link is r_root + sum w_j e_j
+    mass: float  # kg
+
+    @property
+    def n(self) -> int:
+        """Nodes of a link."""
+        return self.lines[0].at.size
+
+    def arm_to(self, link: int, s: float) -> Array:
+        """Weights (Nn,) in m with which the unit tangents add up to the point at s on a link."""
+        n, weights = self.n, np.zeros(self.w.size)
+        for k in range(link):
+            weights[k * n : (k + 1) * n] = self.lines[k].tip_weights
+        weights[link * n : (link + 1) * n] = self.lines[link].integral(np.array([s]))[0]
+        return weights
+
+    def angle_at(self, link: int, s: float) -> Array:
+        """Weights (Nn,) of the nodes' angles in the section angle at s on a link."""
+        n, weights = self.n, np.zeros(self.w.size)
+        weights[link * n : (link + 1) * n] = self.lines[link].lagrange(np.array([s]))[0]
+        return weights
+
+
+def chain(arm: Arm, n: int) -> Chain:
+    """The matrices of an arm, mechanics of docs/theory.md, with n nodes a link."""
+    count = arm.n_links
+    lines = tuple(Line.of(link.length, n, k < count - 1) for k, link in enumerate(arm.links))
+    size = count * n
+    P, R, K = np.zeros((size, size)), np.zeros((count, n, n)), np.zeros((count, n, n))
+    b, w = np.zeros(size), np.zeros(size)
+    beyond = 0.0  # mass that hangs on the link's tip
+    for k in reversed(range(count)):
+        link, line, own = arm.links[k], lines[k], slice(k * n, (k + 1) * n)
+        s, weights = line.quadrature()
+        if k < count - 1:
+            beyond += arm.elbow(k + 1).mass
+        w[own] = line.tip_weights
+        b[own] = link.section.m * (weights @ line.integral(s)) + beyond * w[own]
+        P[own, own] = link.section.m * line.matrix(line.integral(s)) + beyond * np.outer(w[own], w[own])
+        R[k] = _rotary(arm, k, line, link)
+        K[k] = link.section.EI * line.matrix(line.slope(s))
+        beyond += link.mass
+    for k in range(count):
+        own, later = slice(k * n, (k + 1) * n), slice((k + 1) * n, size)
+        P[own, later] = np.outer(w[own], b[later])
+        P[later, own] = P[own, later].T
+    return Chain(lines, P, R, K, b, w, beyond)
+
+
+def _rotary(arm: Arm, k: int, line: Line, link: Link) -> Array:
+    """Rotary inertia of link k's sections and of the hub or the elbows' halves at its ends."""
+    R = link.section.J * line.matrix(line.lagrange(line.quadrature()[0]))
+    R[0, 0] += arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
+    if k < arm.n_links - 1:
+        R[-1, -1] += arm.elbow(k + 1).inertia_left
+    return R
+
+
+def _end(chain_: Chain, load: PointLoad) -> tuple[Array, Array]:
+    """Position and angle weights of the point that a load acts on."""
+    s = 0.0 if load.end == "root" else chain_.lines[load.link].length
+    return chain_.arm_to(load.link, s), chain_.angle_at(load.link, s)
+
+
+def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
+    """n as a Model's size field: a compile-time constant or a number (see kernels/protocol.py)."""
+    return (0,) * n if compiled_in else n
+
+
+def build(scene: Scene, settings: Settings, points: int = 12) -> System:
+    """Model, parameters and initial state of a scene as a chain of elasticas with ``settings.nodes`` angles a link.
+
+    ``points``: intervals a link into which the shape (for drawing) is divided. State and Model: `kernels/elastica.py`.
+    """
+    assert settings.nodes is not None
+    arm, n = scene.arm, settings.nodes
+    parts = chain(arm, n)
+    count, size = arm.n_links, arm.n_links * n
+    moved = [k for k in ("root_x", "root_y") if scene.motion_of(k) is not None]
+    has_root = scene.root == "free" or bool(moved)
+    fixed = [joint * n for joint in scene.rigid_joints]
+    if scene.root != "free" and len(moved) == 1:
+        fixed.append(size + (1 if moved == ["root_x"] else 0))
+    rows = size + (2 if has_root else 0)
+    unroll = size <= UNROLLED
+    loads = [load for load in scene.loads if isinstance(load, PointLoad)]
+    ends = [_end(parts, load) for load in loads]
+    stations = np.concatenate(
+        [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
+    )
+    model = Elastica(
+        n=tag(rows, unroll),
+        n_factor=tag(rows * rows, unroll),
+        n_inputs=tag(count + 3 * len(loads), unroll),
+        fixed=np.array(fixed, dtype=np.int64) if fixed else None,
+        algebraic=None,
+        weight=np.concatenate([np.ones(size), np.full(rows - size, 1.0 / arm.total_length)]),
+        predictor=1.0,
+        links=tag(count, unroll),
+        nodes=tag(n, unroll),
+        scratch=(0,) * (size if unroll else 16 * -(-size // 16)),
+        P=np.ascontiguousarray(parts.P.ravel()),
+        R=np.ascontiguousarray(parts.R.ravel()),
+        K=np.ascontiguousarray(parts.K.ravel()),
+        b=parts.b,
+        w=parts.w,
+        tips=np.concatenate([line.tip_angle for line in parts.lines]),
+        mass=parts.mass,
+        payload_turns=(0,),
+        root=(0, 0) if has_root else None,
+        position=np.array(scene.position, dtype=np.float64),
+        gravity=None if scene.gravity is None else np.array(scene.gravity, dtype=np.float64),
+        load_arms=np.concatenate([end[0] for end in ends]) if loads else None,
+        load_angles=np.concatenate([end[1] for end in ends]) if loads else None,
+        stations=stations,
+    )
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    names, coordinates = _names(count, n, has_root)
+    q0 = np.concatenate([np.repeat(scene.angles, n), scene.position if has_root else ()]).astype(np.float64)
+    for k in range(1, count):
+        q0[k * n] = scene.angles[k] - scene.angles[k - 1]
+    return System(model, par, q0, np.zeros(rows), coordinates, names, {})
+
+
+def _stations(length: float, points: int, link: int) -> Array:
+    """Where the shape is drawn: ends of a link's intervals, a joint once."""
+    s: Array = np.linspace(0.0, length, points + 1)
+    return s if link == 0 else s[1:]
+
+
+def _names(count: int, n: int, has_root: bool) -> tuple[tuple[str, ...], dict[str, int]]:
+    names = [f"phi{k}_{i}" for k in range(count) for i in range(n)]
+    coordinates = {f"joint{k}": k * n for k in range(count)}
+    for k in range(count):
+        names[k * n] = f"joint{k}"
+    if has_root:
+        coordinates |= {"root_x": count * n, "root_y": count * n + 1}
+        names += ["root_x", "root_y"]
+    return tuple(names), coordinates

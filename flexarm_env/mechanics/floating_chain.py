@@ -1,0 +1,162 @@
+"""A scene's links as floating-frame bodies joined by multipliers: the `FloatingFrame` Model.
+
+Each link is cut into `segments` bodies joined rigidly, or reduced to one body of `modes`. What needs no
+multiplier has none: a pinned root and a prescribed hub angle are coordinates that are known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import COUPLINGS, FloatingFrame, System
+from ..parameters import Arm
+from ..scene import PointLoad, Scene
+from ..settings import Settings
+from .floating_frame import Body, finite_element_body
+from .reduction import modal_body
+
+MODAL_BOUND = 0.25
+"""Tip deflection over length beyond which a link reduced to modes is out of its range (error several % of L, theory 4)."""
+
+
+def carried(arm: Arm, link: int) -> tuple[float, float]:
+    """Mass (kg) and inertia (kg m^2) that link k carries at its tip, the links behind it straight and locked."""
+    mass, inertia, distance = arm.payload.mass, arm.payload.inertia, 0.0
+    first_moment = 0.0
+    if link + 1 == arm.n_links:
+        return mass, inertia
+    lengths = [item.length for item in arm.links]
+    mass = first_moment = inertia = 0.0
+    for k in range(link + 1, arm.n_links):
+        elbow, item = arm.elbow(k), arm.links[k]
+        m, length = item.section.m, item.length
+        mass += elbow.mass + m * length
+        inertia += elbow.inertia_left + elbow.inertia_right + elbow.mass * distance**2
+        inertia += m * ((distance + length) ** 3 - distance**3) / 3 + item.section.J * length
+        distance += lengths[k]
+    return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * distance**2
+
+
+def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
+    """Bodies root to tip with hub and elbows lumped (the payload stays an arm's own parameter), and their links."""
+    bodies: list[Body] = []
+    links: list[int] = []
+    for k, link in enumerate(arm.links):
+        if settings.modes is not None:
+            pieces = [modal_body(link, settings.modes, *carried(arm, k))]
+        else:
+            assert settings.segments is not None and settings.elements is not None
+            part = link.length / settings.segments
+            pieces = [finite_element_body(link.section, part, settings.elements) for _ in range(settings.segments)]
+        pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
+        if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it
+            pieces[-1].add_tip_mass(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left)
+        bodies += pieces
+        links += [k] * len(pieces)
+    return bodies, links
+
+
+def _stack(bodies: list[Body], field: str) -> NDArray[np.float64]:
+    """One field of all bodies, leading axis the body, other axes zero-padded to the largest."""
+    arrays = [np.asarray(getattr(body, field)) for body in bodies]
+    shape = [max(a.shape[i] for a in arrays) for i in range(arrays[0].ndim)]
+    out = np.zeros((len(bodies), *shape))
+    for b, a in enumerate(arrays):
+        out[(b, *(slice(s) for s in a.shape))] = a
+    return out
+
+
+def build(scene: Scene, settings: Settings) -> System:
+    """Assemble a scene in the floating-frame formulation."""
+    arm = scene.arm
+    bodies, links = _bodies(arm, settings)
+    count = len(bodies)
+    sizes = np.array([body.n for body in bodies], dtype=np.int64)
+    motions = [motion.coordinate for motion in scene.motions]
+    rows, angle, offset = np.zeros(count, np.int64), np.full(count, -1, np.int64), np.zeros(count)
+    start = np.zeros(count + 1, np.int64)
+    algebraic: list[int] = []
+    coordinates: dict[str, int] = {"root_x": 0, "root_y": 1, "joint0": 2}
+    names: list[str] = []
+    for b in range(count):
+        names += [f"body{b}.{what}" for what in ("x", "y", "theta")]
+        names += [f"body{b}.q{i}" for i in range(bodies[b].n)]
+        if b + 1 < count:
+            rows[b] = 3
+            if links[b + 1] != links[b]:
+                joint = links[b + 1]
+                if joint in scene.rigid_joints:
+                    offset[b] = scene.angles[joint] - scene.angles[joint - 1]
+                elif f"joint{joint}" in motions:
+                    angle[b] = motions.index(f"joint{joint}")
+                    coordinates[f"joint{joint}"] = -1 - (len(algebraic) + 2)
+                else:
+                    rows[b] = 2
+            first = start[b] + 3 + sizes[b]
+            algebraic += range(first, first + rows[b])
+            names += [f"joint{b}.lambda{i}" for i in range(rows[b])]
+        start[b + 1] = start[b] + 3 + sizes[b] + rows[b]
+    n = int(start[-1])
+    half = max(max(3 + sizes[b] + rows[b] - 1, rows[b] + 2) for b in range(count))
+    fixed = [k for k, name in ((0, "root_x"), (1, "root_y")) if scene.root == "pinned" and name not in motions]
+    q0, weight = np.zeros(n), np.ones(n)
+    x, y = scene.position
+    for b, body in enumerate(bodies):
+        theta = scene.angles[links[b]]
+        q0[start[b] : start[b] + 3] = x, y, theta
+        x, y = x + body.length * np.cos(theta), y + body.length * np.sin(theta)
+        weight[start[b] : start[b] + 2] = 1.0 / arm.total_length
+        elastic = slice(start[b] + 3, start[b] + 3 + body.n)
+        # finite elements: u and v are lengths, phi is an angle; modes: their tip deflection is a length
+        own = np.tile([1.0, 1.0, arm.total_length], body.n // 3) if settings.modes is None else np.abs(body.tip[1])
+        weight[elastic] = own / arm.total_length
+    heads = [links.index(k) for k in range(arm.n_links)]
+    tails = [count - 1 - links[::-1].index(k) for k in range(arm.n_links)]
+    point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
+    places = [(heads[p.link], 0) if p.end == "root" else (tails[p.link], 1) for p in point_loads]
+    model = FloatingFrame(
+        n=n,
+        n_factor=n * (3 * int(half) + 2),
+        n_inputs=arm.n_links + 3 * len(point_loads),
+        fixed=np.array(fixed, np.int64) if fixed else None,
+        algebraic=np.array(algebraic, np.int64) if algebraic else None,
+        weight=weight,
+        predictor=1.0,
+        half=int(half),
+        coupling=COUPLINGS[settings.coupling or "linear"],
+        mass_damping=arm.mass_damping,
+        gravity=np.array(scene.gravity or (0.0, 0.0)),
+        start=start,
+        size=sizes,
+        link=np.array(links, np.int64),
+        rows=rows,
+        angle=angle,
+        offset=offset,
+        length=_stack(bodies, "length"),
+        mass=_stack(bodies, "mass"),
+        s0=_stack(bodies, "s0"),
+        i0=_stack(bodies, "i0"),
+        s_bar=_stack(bodies, "s_bar"),
+        g=_stack(bodies, "g"),
+        m_ff=_stack(bodies, "m_ff"),
+        b=_stack(bodies, "b"),
+        c_u=_stack(bodies, "c_u"),
+        c=_stack(bodies, "c"),
+        k_axial=_stack(bodies, "k_axial"),
+        k_bend=_stack(bodies, "k_bend"),
+        d0=_stack(bodies, "d0"),
+        tip=_stack(bodies, "tip"),
+        tip_h=_stack(bodies, "tip_h"),
+        elements=np.array([body.element_ea.size for body in bodies], np.int64),
+        element_ea=_stack(bodies, "element_ea"),
+        element_g=_stack(bodies, "element_g"),
+        loads=np.array(places, np.int64).reshape(-1, 2),
+        n_links=arm.n_links,
+        bound=MODAL_BOUND if settings.modes is not None else 0.0,
+        stations=_stack(bodies, "stations"),
+        shapes=_stack(bodies, "shapes"),
+        station_h=_stack(bodies, "station_h"),
+    )
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    return System(model, par, q0, np.zeros(n), coordinates, tuple(names), {})

@@ -1,0 +1,212 @@
+"""The contract between the mechanics that assemble a model and the kernels that move it.
+
+A Model is a NamedTuple of arrays and numbers, never written after assembly; each formulation has its own
+(`FloatingFrame` here; `ExactBeam`, `Elastica` beside it). The state is q, v, a (accelerations) and b (the integrator's auxiliary
+acceleration), float64, one entry a row of the system. `kernels/protocol.py` says what a Model must hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+OK, NEWTON_FAILED, DIVERGED, OUT_OF_RANGE, NOT_FINITE, TIMED_OUT = range(6)
+STATUS = ("ok", "newton_failed", "diverged", "out_of_range", "not_finite", "timed_out")
+"""Status words of an arm, in the order of their codes."""
+
+MESSAGE = (
+    "finished",
+    "Newton's iteration did not converge at t = {t:.6g} s although the step {h:.3g} s was halved {halvings} times; "
+    "take a smaller dt or a smaller rho_inf, or look for a load that is too large",
+    "the solution diverged at t = {t:.6g} s: a link's tip deflects by more than its length, or energy appeared from "
+    "nowhere; take more segments, coupling='von_karman', or a smaller dt",
+    "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length); "
+    "take the full model (segments, elements) or formulation='geometrically_exact'",
+    "a value that is not finite appeared at t = {t:.6g} s",
+    "the time allowed for the run was used up at t = {t:.6g} s",
+)
+"""Sentences of the status codes."""
+
+LINEAR, PAPER, VON_KARMAN = range(3)
+COUPLINGS = {"linear": LINEAR, "paper": PAPER, "von_karman": VON_KARMAN}
+
+PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D = range(4)
+"""Entries of an arm's own parameters `par` (kg, kg m^2, factor on EI, s): what may differ between arms of a batch."""
+
+
+class Scheme(NamedTuple):
+    """Generalized-alpha or Newmark: its coefficients, and the limits of its Newton iteration (theory, section 6)."""
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+    tolerance: float  # of a Newton increment, weighted by the Model's `weight`
+    max_iterations: int
+    max_halvings: int
+    modified: int | None  # 1: modified Newton
+
+
+def scheme(
+    rho_inf: float | None,
+    newmark: tuple[float, float] | None = None,
+    tolerance: float = 1e-10,
+    max_iterations: int = 20,
+    max_halvings: int = 8,
+    modified: bool = False,
+) -> Scheme:
+    """Coefficients from the spectral radius rho_inf (Arnold & Bruels 2007), or plain Newmark's (beta, gamma), eq. [66]."""
+    if newmark is not None:
+        alpha_m = alpha_f = 0.0
+        beta, gamma = newmark
+    else:
+        assert rho_inf is not None
+        alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
+        gamma = 0.5 + alpha_f - alpha_m
+        beta = 0.25 * (gamma + 0.5) ** 2
+    limits = (float(tolerance), int(max_iterations), int(max_halvings))
+    return Scheme(float(alpha_m), float(alpha_f), float(beta), float(gamma), *limits, 1 if modified else None)
+
+
+class Drive(NamedTuple):
+    """Time functions of a scene. Row f of `first` says where function f's pieces begin.
+
+    pieces      float64 (n_pieces, 8): t0, c0..c3, A, w, p; value = sum c_k s^k + A sin(w s + p), s = t - t0
+    first       int64 (n_functions + 1,)
+    inputs      int64 (n_terms, 2): entry of u and the function that adds to it; terms of one entry follow each
+                other; an entry with no term is set from outside (an action)
+    known       int64 (n_motions,): the prescribed coordinate, or -1 - j where multiplier j prescribes it
+    motions     int64 (n_motions,): function of each prescribed coordinate
+    """
+
+    pieces: np.ndarray
+    first: np.ndarray
+    inputs: np.ndarray
+    known: np.ndarray
+    motions: np.ndarray
+
+
+class FloatingFrame(NamedTuple):
+    """B bodies, n_q = most elastic coordinates of any; arrays lead with the body. Fields as in `mechanics.floating_frame.Body`."""
+
+    n: int
+    n_factor: int
+    n_inputs: int
+    fixed: np.ndarray | None
+    algebraic: np.ndarray | None
+    weight: np.ndarray
+    predictor: float
+    half: int  # half width of the band
+    coupling: int
+    mass_damping: float  # 1/s
+    gravity: np.ndarray  # (2,) m/s^2
+    start: np.ndarray  # int64 (B + 1,): first row of each body
+    size: np.ndarray  # int64 (B,): elastic coordinates of each body
+    link: np.ndarray  # int64 (B,): link that the body belongs to
+    rows: np.ndarray  # int64 (B,): multipliers of the joint after the body, 0, 2 (hinge) or 3 (with angle)
+    angle: np.ndarray  # int64 (B,): motion that prescribes the joint's angle, -1: none (rigid, offset below)
+    offset: np.ndarray  # (B,) rad: angle of a rigid joint
+    length: np.ndarray  # (B,)
+    mass: np.ndarray  # (B,)
+    s0: np.ndarray  # (B,)
+    i0: np.ndarray  # (B,)
+    s_bar: np.ndarray  # (B, 2, n_q)
+    g: np.ndarray  # (B, n_q, n_q)
+    m_ff: np.ndarray
+    b: np.ndarray
+    c_u: np.ndarray  # (B, n_q)
+    c: np.ndarray
+    k_axial: np.ndarray  # (B, n_q, n_q)
+    k_bend: np.ndarray
+    d0: np.ndarray
+    tip: np.ndarray  # (B, 3, n_q)
+    tip_h: np.ndarray  # (B, n_q, n_q)
+    elements: np.ndarray  # int64 (B,)
+    element_ea: np.ndarray  # (B, n_elements) EA / l
+    element_g: np.ndarray  # (B, n_elements, 4, 4)
+    loads: np.ndarray  # int64 (n_loads, 2): body, 0 root or 1 tip of each point load
+    n_links: int
+    bound: float  # largest tip deflection allowed, share of the body's length; 0: no check
+    stations: np.ndarray  # (B, n_stations) x of drawing points
+    shapes: np.ndarray  # (B, n_stations, 3, n_q)
+    station_h: np.ndarray  # (B, n_stations, n_q, n_q)
+
+
+class Elastica(NamedTuple):
+    """A chain of N links with k nodes each, N k tangent angles, numbered from root to tip; arrays are flat, SI.
+
+    Rows: angles of the nodes (the first of each link the joint's, relative), then root x, y where the root can move.
+    Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size.
+    """
+
+    n: int | tuple[int, ...]
+    n_factor: int | tuple[int, ...]
+    n_inputs: int | tuple[int, ...]
+    fixed: np.ndarray | None
+    algebraic: np.ndarray | None
+    weight: np.ndarray
+    predictor: float
+    links: int | tuple[int, ...]  # N
+    nodes: int | tuple[int, ...]  # k
+    scratch: tuple[int, ...]  # at least N k zeros: room on the stack
+    P: np.ndarray  # (N k * N k,) kg m^2: masses but the payload's
+    R: np.ndarray  # (N * k * k,) kg m^2: rotary inertia of sections, hub and elbows, link by link
+    K: np.ndarray  # (N * k * k,) N m: bending stiffness, link by link
+    b: np.ndarray  # (N k,) kg m: first moments, sum b_j e_j = mass (centre - root)
+    w: np.ndarray  # (N k,) m: sum w_j e_j = tip of the last link - root
+    tips: np.ndarray  # (N * k,): weights of a link's angles in its tip's angle
+    mass: float  # kg, payload left out
+    payload_turns: tuple[int, ...] | None  # a tag where the payload has, or may be given, rotary inertia
+    root: tuple[int, int] | None  # a tag where the root's position is among the rows
+    position: np.ndarray  # (2,) m: the root where it is not
+    gravity: np.ndarray | None  # (2,) m/s^2
+    load_arms: np.ndarray | None  # (n_loads * N k,) m: sum of weights times e_j = where the load acts - root
+    load_angles: np.ndarray | None  # (n_loads * N k,): weights of the angles in the angle there
+    stations: np.ndarray  # (n_points * N k,) m: likewise for the points drawn
+
+
+class ExactBeam(NamedTuple):
+    """A chain of N links of E elements of order p, geometrically exact; SI.
+
+    Rows: vertices (x, y, psi) from root to tip, after each but the last the 3 (p - 1) interior coordinates of the
+    element that follows (see `kernels/exact_element.py`), then the relative angles of joints 1 ... N-1.
+    `loads` holds the rows of x, y, psi and of the joint's angle (-1: none) where each point load acts.
+    """
+
+    n: int | tuple[int, ...]
+    n_factor: int | tuple[int, ...]
+    n_inputs: int | tuple[int, ...]
+    fixed: np.ndarray | None
+    algebraic: np.ndarray | None
+    weight: np.ndarray
+    predictor: float
+    order: tuple[int, ...]  # p zeros
+    links: int  # N
+    elements: int  # E, of each link
+    sections: np.ndarray  # (N, 6): EA/2l, C/2l, EI/2l in N/m, N m; l in m; m l/2 in kg; J l/2 in kg m^2; l of an element
+    elbows: np.ndarray  # (N - 1, 3): mass in kg, inertia of the link before and of the one after in kg m^2
+    hub_inertia: float  # kg m^2
+    damped: tuple[int, ...] | None  # a tag where there is material damping
+    gravity: np.ndarray | None  # (2,) m/s^2
+    loads: np.ndarray | None  # int64 (n_loads, 4)
+
+
+@dataclass(frozen=True)
+class System:
+    """An assembled scene: its Model, the arm's own parameters, the start, and where coordinates stand.
+
+    par  (4,): see PAYLOAD_MASS ... TAU_D. q0, v0 (n,): state at t = 0. coordinates: row of "joint0" ...,
+    "root_x", "root_y" (a negative entry -1 - j: prescribed by multiplier j). names (n,): of the rows.
+    notes: figures that a formulation reports about its own limits, as fractions of the arm's length.
+    """
+
+    model: Any
+    par: NDArray[np.float64]
+    q0: NDArray[np.float64]
+    v0: NDArray[np.float64]
+    coordinates: dict[str, int]
+    names: tuple[str, ...]
+    notes: dict[str, float]

@@ -1,0 +1,188 @@
+"""What a run leaves behind: times, poses, energies, torques, work counts; CSV and NPZ."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .model import STATUS
+from .scene import Scene
+from .settings import Settings
+
+Array = NDArray[np.float64]
+
+COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y", "tip_angle")
+
+
+def link_deflection(poses: Array) -> Array:
+    """Tip deflection of each link over its root's tangent, m: the component of tip - root normal to it.
+
+    poses (..., n_links, 12) as the kernels give them; result (..., n_links).
+    """
+    dx, dy, angle = poses[..., 6] - poses[..., 0], poses[..., 7] - poses[..., 1], poses[..., 2]
+    return np.asarray(np.cos(angle) * dy - np.sin(angle) * dx)
+
+
+@dataclass
+class Trajectory:
+    """A recorded run of n instants and N links, SI units.
+
+    t (n,); start, tip (n, 3): x, y, angle of the root and of the last tip; hinges (n, N-1, 2);
+    joint_angles, joint_rates, joint_torque (n, N): relative angles (rad), rates, torques (N m) applied or, where the
+    angle is prescribed, enforcing it; tip_deflection (n, N): each link's tip normal to its root tangent, over its
+    length; kinetic, strain, gravity, dissipated, work (n,): J; shapes (n, points, 2): m, along the chain;
+    q, v (n, rows): the state, rows named in `names`. At a kink the values just before it are recorded.
+    """
+
+    scene: Scene
+    settings: Settings
+    t: Array
+    start: Array
+    tip: Array
+    tip_velocity: Array
+    hinges: Array
+    joint_angles: Array
+    joint_rates: Array
+    joint_torque: Array
+    tip_deflection: Array
+    kinetic: Array
+    strain: Array
+    gravity: Array
+    dissipated: Array
+    work: Array
+    shapes: Array
+    q: Array
+    v: Array
+    names: tuple[str, ...]
+    status: str
+    message: str
+    steps: int
+    iterations: int
+    factorizations: int
+    halvings: int
+    cpu_seconds: float
+    notes: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic + strain + gravity energy, J (n,)."""
+        return self.kinetic + self.strain + self.gravity
+
+    @property
+    def balance(self) -> Array:
+        """Energy that appeared from nowhere, J (n,): change of energy + dissipated - work; 0 for an exact solution."""
+        energy = self.energy
+        return np.asarray(energy - energy[0] + self.dissipated - (self.work - self.work[0]))
+
+    def columns(self) -> dict[str, Array]:
+        """The table that `to_csv` writes."""
+        table = dict(
+            zip(COLUMNS, (self.t, self.energy, *self.start.T, *self.tip.T), strict=True),
+        )
+        for k in range(self.hinges.shape[1]):
+            mark = "" if self.hinges.shape[1] == 1 else str(k + 1)
+            table[f"hinge{mark}_x"], table[f"hinge{mark}_y"] = self.hinges[:, k].T
+        return table
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write t, energy, start, tip and hinges; 17 significant digits, so that nothing is lost."""
+        table = self.columns()
+        text = [",".join(table)]
+        text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]
+        _write_whole(Path(path), ("\n".join(text) + "\n").encode())
+
+    def to_npz(self, path: str | os.PathLike[str]) -> None:
+        """Write every array, with status, settings and the scene's TOML as text."""
+        import io
+
+        arrays: dict[str, Any] = {
+            name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        arrays |= {"status": self.status, "scene": self.scene.to_toml(), "names": np.array(self.names)}
+        arrays |= {"formulation": self.settings.formulation, "options": repr(self.settings.options())}
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **arrays)
+        _write_whole(Path(path), buffer.getvalue())
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    """Write a file completely or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(content)
+    part.replace(path)
+
+
+class Recorder:
+    """Collects samples of a running Simulation."""
+
+    def __init__(self, scene: Scene, settings: Settings) -> None:
+        self.scene, self.settings = scene, settings
+        self.rows: dict[str, list[Any]] = {
+            name: []
+            for name in ("t", "poses", "energies", "books", "torque", "shapes", "q", "v")
+        }
+
+    @property
+    def last_energy(self) -> float:
+        """Energy at the last sample, J."""
+        return float(self.rows["energies"][-1].sum())
+
+    def add(self, simulation: Any) -> None:
+        """Record the present state."""
+        poses, energies = simulation.observe()
+        rows = self.rows
+        rows["t"].append(simulation.t)
+        rows["poses"].append(poses)
+        rows["energies"].append(energies)
+        rows["books"].append(simulation.work.books[:2].copy())
+        rows["torque"].append(simulation.joint_torques())
+        rows["shapes"].append(simulation.shape_points())
+        rows["q"].append(simulation.work.q.copy())
+        rows["v"].append(simulation.work.v.copy())
+
+    def finish(self, simulation: Any, cpu_seconds: float) -> Trajectory:
+        """The Trajectory of what was recorded."""
+        data = {name: np.array(rows) for name, rows in self.rows.items()}
+        poses = data["poses"]
+        angles, rates = poses[:, :, 2].copy(), poses[:, :, 5].copy()
+        angles[:, 1:] -= poses[:, :-1, 8]
+        rates[:, 1:] -= poses[:, :-1, 11]
+        lengths = np.array([link.length for link in self.scene.arm.links])
+        counts = simulation.work.counts
+        return Trajectory(
+            scene=self.scene,
+            settings=self.settings,
+            t=data["t"],
+            start=poses[:, 0, 0:3].copy(),
+            tip=poses[:, -1, 6:9].copy(),
+            tip_velocity=poses[:, -1, 9:12].copy(),
+            hinges=poses[:, 1:, 0:2].copy(),
+            joint_angles=angles,
+            joint_rates=rates,
+            joint_torque=data["torque"],
+            tip_deflection=link_deflection(poses) / lengths,
+            kinetic=data["energies"][:, 0],
+            strain=data["energies"][:, 1],
+            gravity=data["energies"][:, 2],
+            dissipated=data["books"][:, 1],
+            work=data["books"][:, 0],
+            shapes=data["shapes"],
+            q=data["q"],
+            v=data["v"],
+            names=simulation.system.names,
+            status=STATUS[simulation.status],
+            message=simulation.message,
+            steps=int(counts[3]),
+            iterations=int(counts[0]),
+            factorizations=int(counts[1]),
+            halvings=int(counts[2]),
+            cpu_seconds=cpu_seconds,
+            notes=simulation.system.notes,
+        )
