@@ -139,17 +139,17 @@ def _load_vector(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_pointer(context, builder, signature.args[1], args[1], args[2], count), align=8)
 
-    return LanesType(count)(lane, array, types.intp), codegen
+    return _lane_type(count)(lane, array, types.intp), codegen
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _store_vector(typingctx: Any, array: Any, k: Any, value: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        target = _pointer(context, builder, signature.args[0], args[0], args[1], value.count)
+        target = _pointer(context, builder, signature.args[0], args[0], args[1], _width(value))
         builder.store(args[2], target, align=8)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, value), codegen
+    return types.void(array, types.intp, value if isinstance(value, LanesType) else types.float64), codegen
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -179,20 +179,13 @@ def splat(lane: tuple[int, ...], x: float) -> float:
 
 @overload(load, inline="always")  # type: ignore[untyped-decorator]
 def _load(lane, array, k):  # type: ignore[no-untyped-def]
-    if len(lane) == 1:
-        return lambda lane, array, k: array[k]
     return lambda lane, array, k: _load_vector(lane, array, k)
 
 
 @overload(store, inline="always")  # type: ignore[untyped-decorator]
 def _store(array, k, value):  # type: ignore[no-untyped-def]
-    if isinstance(value, LanesType):
-        return lambda array, k, value: _store_vector(array, k, value)
-
-    def scalar(array, k, value):  # type: ignore[no-untyped-def]
-        array[k] = value
-
-    return scalar
+    # An intrinsic for a scalar too: Numba's dead-code pass drops `array[k] = value` where it takes the array for its own.
+    return lambda array, k, value: _store_vector(array, k, value)
 
 
 @overload(splat, inline="always")  # type: ignore[untyped-decorator]
