@@ -90,108 +90,37 @@ class Drive(NamedTuple):
 
 
 class FloatingFrame(NamedTuple):
-    """B bodies, n_q = most elastic coordinates of any; arrays lead with the body. Fields as in `mechanics.floating_frame.Body`."""
+    """B bodies in a chain. Few arrays, because each one passed to a kernel costs time to compile and to call.
+
+    table  int64 (B, 8), a row a body: first row in the system; elastic coordinates n; link; multipliers of the joint
+           behind it (0, 2 hinge, 3 with angle); motion that prescribes that joint's angle (-1: rigid); elements
+           (0: reduced to modes); drawing stations; start of its block in `data`
+    data   float64: block by block
+             length, mass m_t, S0, I0, angle of the rigid joint behind it            5
+             S_bar (2 n), c_u (n), c (n), tip u, v, phi (3 n)                         7 n
+             G, M_ff, B, K_axial, K_bend, D0, tip H, each (n, n) by rows              7 n^2
+             per element: EA / l, then G of eq. [45] (4, 4)                           17
+             per drawing station: x, u (n), v (n), H (n, n)                           1 + 2 n + n^2
+           with names and units as in `mechanics.floating_frame.Body`
+    loads  int64 (n_loads, 2): body and end (0 root, 1 tip) of each point load
+    """
 
     n: int
     n_factor: int
     n_inputs: int
-    fixed: np.ndarray | None
-    algebraic: np.ndarray | None
+    fixed: np.ndarray
+    algebraic: np.ndarray
     weight: np.ndarray
     predictor: float
     half: int  # half width of the band
     coupling: int
     mass_damping: float  # 1/s
     gravity: np.ndarray  # (2,) m/s^2
-    start: np.ndarray  # int64 (B + 1,): first row of each body
-    size: np.ndarray  # int64 (B,): elastic coordinates of each body
-    link: np.ndarray  # int64 (B,): link that the body belongs to
-    rows: np.ndarray  # int64 (B,): multipliers of the joint after the body, 0, 2 (hinge) or 3 (with angle)
-    angle: np.ndarray  # int64 (B,): motion that prescribes the joint's angle, -1: none (rigid, offset below)
-    offset: np.ndarray  # (B,) rad: angle of a rigid joint
-    length: np.ndarray  # (B,)
-    mass: np.ndarray  # (B,)
-    s0: np.ndarray  # (B,)
-    i0: np.ndarray  # (B,)
-    s_bar: np.ndarray  # (B, 2, n_q)
-    g: np.ndarray  # (B, n_q, n_q)
-    m_ff: np.ndarray
-    b: np.ndarray
-    c_u: np.ndarray  # (B, n_q)
-    c: np.ndarray
-    k_axial: np.ndarray  # (B, n_q, n_q)
-    k_bend: np.ndarray
-    d0: np.ndarray
-    tip: np.ndarray  # (B, 3, n_q)
-    tip_h: np.ndarray  # (B, n_q, n_q)
-    elements: np.ndarray  # int64 (B,)
-    element_ea: np.ndarray  # (B, n_elements) EA / l
-    element_g: np.ndarray  # (B, n_elements, 4, 4)
-    loads: np.ndarray  # int64 (n_loads, 2): body, 0 root or 1 tip of each point load
     n_links: int
-    bound: float  # largest tip deflection allowed, share of the body's length; 0: no check
-    stations: np.ndarray  # (B, n_stations) x of drawing points
-    shapes: np.ndarray  # (B, n_stations, 3, n_q)
-    station_h: np.ndarray  # (B, n_stations, n_q, n_q)
-
-
-class Elastica(NamedTuple):
-    """A chain of N links with k nodes each, N k tangent angles, numbered from root to tip; arrays are flat, SI.
-
-    Rows: angles of the nodes (the first of each link the joint's, relative), then root x, y where the root can move.
-    Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size.
-    """
-
-    n: int | tuple[int, ...]
-    n_factor: int | tuple[int, ...]
-    n_inputs: int | tuple[int, ...]
-    fixed: np.ndarray | None
-    algebraic: np.ndarray | None
-    weight: np.ndarray
-    predictor: float
-    links: int | tuple[int, ...]  # N
-    nodes: int | tuple[int, ...]  # k
-    scratch: tuple[int, ...]  # at least N k zeros: room on the stack
-    P: np.ndarray  # (N k * N k,) kg m^2: masses but the payload's
-    R: np.ndarray  # (N * k * k,) kg m^2: rotary inertia of sections, hub and elbows, link by link
-    K: np.ndarray  # (N * k * k,) N m: bending stiffness, link by link
-    b: np.ndarray  # (N k,) kg m: first moments, sum b_j e_j = mass (centre - root)
-    w: np.ndarray  # (N k,) m: sum w_j e_j = tip of the last link - root
-    tips: np.ndarray  # (N * k,): weights of a link's angles in its tip's angle
-    mass: float  # kg, payload left out
-    payload_turns: tuple[int, ...] | None  # a tag where the payload has, or may be given, rotary inertia
-    root: tuple[int, int] | None  # a tag where the root's position is among the rows
-    position: np.ndarray  # (2,) m: the root where it is not
-    gravity: np.ndarray | None  # (2,) m/s^2
-    load_arms: np.ndarray | None  # (n_loads * N k,) m: sum of weights times e_j = where the load acts - root
-    load_angles: np.ndarray | None  # (n_loads * N k,): weights of the angles in the angle there
-    stations: np.ndarray  # (n_points * N k,) m: likewise for the points drawn
-
-
-class ExactBeam(NamedTuple):
-    """A chain of N links of E elements of order p, geometrically exact; SI.
-
-    Rows: vertices (x, y, psi) from root to tip, after each but the last the 3 (p - 1) interior coordinates of the
-    element that follows (see `kernels/exact_element.py`), then the relative angles of joints 1 ... N-1.
-    `loads` holds the rows of x, y, psi and of the joint's angle (-1: none) where each point load acts.
-    """
-
-    n: int | tuple[int, ...]
-    n_factor: int | tuple[int, ...]
-    n_inputs: int | tuple[int, ...]
-    fixed: np.ndarray | None
-    algebraic: np.ndarray | None
-    weight: np.ndarray
-    predictor: float
-    order: tuple[int, ...]  # p zeros
-    links: int  # N
-    elements: int  # E, of each link
-    sections: np.ndarray  # (N, 6): EA/2l, C/2l, EI/2l in N/m, N m; l in m; m l/2 in kg; J l/2 in kg m^2; l of an element
-    elbows: np.ndarray  # (N - 1, 3): mass in kg, inertia of the link before and of the one after in kg m^2
-    hub_inertia: float  # kg m^2
-    damped: tuple[int, ...] | None  # a tag where there is material damping
-    gravity: np.ndarray | None  # (2,) m/s^2
-    loads: np.ndarray | None  # int64 (n_loads, 4)
+    bound: float  # largest tip deflection of a reduced link over its length
+    table: np.ndarray
+    data: np.ndarray
+    loads: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from . import kernels  # noqa: F401  (registers the formulations)
 from .kernels.lanes import SINGLE
-from .kernels.newmark import Work, unpack, work_size
-from .kernels.rollout import advance_arm, observe_arm, shape_of, start_arm
+from .kernels.newmark import Work, advance, restart, unpack, work_size
+from .kernels.rollout import observe_arm, shape_of
 from .mechanics import assembly
 from .model import DIVERGED, MESSAGE, NOT_FINITE, OK, scheme
 from .scene import Scene
@@ -94,7 +94,7 @@ class Simulation:
             stop = min(stop, t_end)
             n_steps = max(1, math.ceil((stop - self.t) / self.dt * (1.0 - 1e-9)))
             h = (stop - self.t) / n_steps
-            self.t = advance_arm(
+            self.t = advance(
                 SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions,
                 self.t, h, n_steps, self.scheme, books,
             )  # fmt: skip
@@ -109,7 +109,7 @@ class Simulation:
         return True
 
     def _restart(self) -> None:
-        start_arm(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt)
+        restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt)
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""

@@ -41,85 +41,93 @@ def _frame_acceleration(lane, model, gravity, a):  # type: ignore[no-untyped-def
 
 @kernel
 def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
-    """r and, where S is given, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
-    n, links, rows = size(model.nodes), size(model.links), size(model.n)
+    """r and, unless cm = 0, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
+    n, links = size(model.nodes), size(model.links)
     m = n * links
-    payload = load(lane, par, 0)
-    stiffness, tau_d = load(lane, par, 2), load(lane, par, 3)
+    payload, stiffness, tau_d = load(lane, par, 0), load(lane, par, 2), load(lane, par, 3)
     x, y, z = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
     c, s = stack(lane, model.scratch), stack(lane, model.scratch)
     ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)  # e''
-    dx, dy = stack(lane, model.scratch), stack(lane, model.scratch)  # its derivative
     fx, fy = stack(lane, model.scratch), stack(lane, model.scratch)  # A
     _absolute(lane, model, q, x)
     _absolute(lane, model, v, y)
     _absolute(lane, model, a, z)
     frame_x, frame_y = _frame_acceleration(lane, model, model.gravity, a)
+    tip_x, tip_y = frame_x, frame_y
     for i in range(m):
         angle, rate, second = load(lane, x, i), load(lane, y, i), load(lane, z, i)
         sine, cosine = sincos(angle)
         square = rate * rate
         ax, ay = -(sine * second + cosine * square), cosine * second - sine * square
+        tip_x, tip_y = tip_x + ax * model.w[i], tip_y + ay * model.w[i]
         store(c, i, cosine)
         store(s, i, sine)
         store(ex, i, ax)
         store(ey, i, ay)
         store(x, i, (angle + rate * tau_d) * stiffness)
-        if S is not None:
-            twice = rate * (2.0 * cc)
-            store(dx, i, -(sine * cm + cosine * twice + ay * ck))
-            store(dy, i, cosine * cm - sine * twice + ax * ck)
+    tip_x, tip_y = tip_x * payload, tip_y * payload
+    for i in range(m):
+        fxi, fyi = tip_x * model.w[i], tip_y * model.w[i]
         if model.root is not None or model.gravity is not None:
-            moment = payload * model.w[i] + model.b[i]
-            store(fx, i, frame_x * moment)
-            store(fy, i, frame_y * moment)
-        else:
-            store(fx, i, splat(lane, 0.0))
-            store(fy, i, splat(lane, 0.0))
-        store(r, i, splat(lane, 0.0))
+            fxi, fyi = fxi + frame_x * model.b[i], fyi + frame_y * model.b[i]
+        for j in range(m):
+            fxi = fxi + load(lane, ex, j) * model.P[i * m + j]
+            fyi = fyi + load(lane, ey, j) * model.P[i * m + j]
+        store(fx, i, fxi)
+        store(fy, i, fyi)
     _less_forces(lane, model, model.load_arms, u, fx, fy)
-    slope = stiffness * (tau_d * cc + ck)
+    for k in range(links):
+        for i in range(k * n, k * n + n):
+            total = load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)
+            for j in range(n):
+                total = total + load(lane, x, k * n + j) * model.K[i * n + j]
+                total = total + load(lane, z, k * n + j) * model.R[i * n + j]
+            store(r, i, total)
+    _less_torques(lane, model, model.load_angles, u, r)
+    _payload_turns(lane, model, load(lane, par, 1), z, r)
+    _root_force(lane, model, payload, ex, ey, frame_x, frame_y, u, r)
+    for k in range(links - 1, 0, -1):  # from angles to coordinates, see _to_relative
+        store(r, k * n - 1, load(lane, r, k * n - 1) + load(lane, r, k * n))
+    for k in range(links):
+        store(r, k * n, load(lane, r, k * n) - load(lane, u, k))
+    if cm != 0.0:
+        _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S)
+
+
+@kernel
+def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type: ignore[no-untyped-def]
+    """The matrix of `assemble`; ex, ey become the weighted derivative of e''."""
+    n, links, rows = size(model.nodes), size(model.links), size(model.n)
+    m = n * links
+    payload = load(lane, par, 0)
+    slope = load(lane, par, 2) * (load(lane, par, 3) * cc + ck)
+    for i in range(m):
+        cosine, sine, ax, ay = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
+        twice = load(lane, y, i) * (2.0 * cc)
+        store(ex, i, -(sine * cm + cosine * twice + ay * ck))
+        store(ey, i, cosine * cm - sine * twice + ax * ck)
     for i in range(m):
         share = payload * model.w[i]
-        ci, si, xi, zi = load(lane, c, i), load(lane, s, i), load(lane, x, i), load(lane, z, i)
-        exi, eyi = load(lane, ex, i), load(lane, ey, i)
-        fxi, fyi, ri = load(lane, fx, i), load(lane, fy, i), load(lane, r, i)
+        ci, si, dxi, dyi = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         k = i // n
         for j in range(i):
             p = share * model.w[j] + model.P[i * m + j]
-            fxi, fyi = fxi + p * load(lane, ex, j), fyi + p * load(lane, ey, j)
-            store(fx, j, load(lane, fx, j) + p * exi)
-            store(fy, j, load(lane, fy, j) + p * eyi)
-            if S is not None:
-                store(S, i * rows + j, p * (ci * load(lane, dy, j) - si * load(lane, dx, j)))
-                store(S, j * rows + i, p * (load(lane, c, j) * load(lane, dy, i) - load(lane, s, j) * load(lane, dx, i)))
+            lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
+            upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
             if j >= k * n:
                 o = i * n + j - k * n
-                bend, turn = model.K[o], model.R[o]
-                ri = ri + (load(lane, x, j) * bend + load(lane, z, j) * turn)
-                store(r, j, load(lane, r, j) + (xi * bend + zi * turn))
-                if S is not None:
-                    both = slope * bend + cm * turn
-                    store(S, i * rows + j, load(lane, S, i * rows + j) + both)
-                    store(S, j * rows + i, load(lane, S, j * rows + i) + both)
-        p = share * model.w[i] + model.P[i * m + i]
-        store(fx, i, fxi + p * exi)
-        store(fy, i, fyi + p * eyi)
+                both = slope * model.K[o] + cm * model.R[o]
+                lower, upper = lower + both, upper + both
+            store(S, i * rows + j, lower)
+            store(S, j * rows + i, upper)
         o = i * n + i - k * n
-        store(r, i, ri + (xi * model.K[o] + zi * model.R[o]))
-        if S is not None:
-            store(S, i * rows + i, p * (ci * load(lane, dy, i) - si * load(lane, dx, i)) + (slope * model.K[o] + cm * model.R[o]))
-    for i in range(m):
-        ci, si, ax, ay = load(lane, c, i), load(lane, s, i), load(lane, fx, i), load(lane, fy, i)
-        store(r, i, load(lane, r, i) + (ci * ay - si * ax))
-        if S is not None:
-            store(S, i * rows + i, load(lane, S, i * rows + i) - (ci * ax + si * ay) * ck)
-    _payload_turns(lane, model, load(lane, par, 1), z, cm, r, S)
-    _root_rows(lane, model, payload, c, s, ex, ey, dx, dy, frame_x, frame_y, cm, u, r, S)
-    _less_torques(lane, model, model.load_angles, u, r)
-    _to_relative(lane, model, r, S)
-    for k in range(links):
-        store(r, k * n, load(lane, r, k * n) - load(lane, u, k))
+        p = share * model.w[i] + model.P[i * m + i]
+        both = slope * model.K[o] + cm * model.R[o]
+        own = p * (ci * dyi - si * dxi) + both
+        store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
+    _payload_turns_tangent(lane, model, load(lane, par, 1), cm, S)
+    _root_tangent(lane, model, payload, c, s, ex, ey, cm, S)
+    _to_relative(lane, model, S)
 
 
 @kernel
@@ -148,49 +156,59 @@ def _less_torques(lane, model, angles, u, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _payload_turns(lane, model, inertia, z, cm, r, S):  # type: ignore[no-untyped-def]
+def _payload_turns(lane, model, inertia, z, r):  # type: ignore[no-untyped-def]
     """Rotary inertia of the payload, on the last link's angles."""
     if model.payload_turns is not None:
-        n, rows = size(model.nodes), size(model.n)
-        first = (size(model.links) - 1) * n
+        n, m = size(model.nodes), size(model.links) * size(model.nodes)
         moment = splat(lane, 0.0)
-        for j in range(first, first + n):
+        for j in range(m - n, m):
             moment = moment + load(lane, z, j) * model.tips[j]
         moment = moment * inertia
-        for i in range(first, first + n):
+        for i in range(m - n, m):
             store(r, i, load(lane, r, i) + moment * model.tips[i])
-            if S is not None:
-                share = inertia * (cm * model.tips[i])
-                for j in range(first, first + n):
-                    o = i * rows + j
-                    store(S, o, load(lane, S, o) + share * model.tips[j])
 
 
 @kernel
-def _root_rows(lane, model, payload, c, s, ex, ey, dx, dy, frame_x, frame_y, cm, u, r, S):  # type: ignore[no-untyped-def]
-    """Momentum of the whole chain: the rows and columns of the root's position."""
+def _payload_turns_tangent(lane, model, inertia, cm, S):  # type: ignore[no-untyped-def]
+    if model.payload_turns is not None:
+        n, m, rows = size(model.nodes), size(model.links) * size(model.nodes), size(model.n)
+        for i in range(m - n, m):
+            share = inertia * (cm * model.tips[i])
+            for j in range(m - n, m):
+                store(S, i * rows + j, load(lane, S, i * rows + j) + share * model.tips[j])
+
+
+@kernel
+def _root_force(lane, model, payload, ex, ey, frame_x, frame_y, u, r):  # type: ignore[no-untyped-def]
+    """Rate of the whole chain's momentum less gravity and loads: the rows of the root's position."""
     if model.root is not None:
-        links, rows = size(model.links), size(model.n)
-        m = links * size(model.nodes)
+        m = size(model.links) * size(model.nodes)
         mass = payload + model.mass
         total_x, total_y = mass * frame_x, mass * frame_y
         for j in range(m):
             moment = payload * model.w[j] + model.b[j]
             total_x = total_x + moment * load(lane, ex, j)
             total_y = total_y + moment * load(lane, ey, j)
-            if S is not None:
-                store(S, m * rows + j, moment * load(lane, dx, j))
-                store(S, (m + 1) * rows + j, moment * load(lane, dy, j))
-                store(S, j * rows + m, moment * load(lane, s, j) * -cm)
-                store(S, j * rows + m + 1, moment * load(lane, c, j) * cm)
         store(r, m, total_x)
         store(r, m + 1, total_y)
         _less_total(lane, model, model.load_arms, u, r)
-        if S is not None:
-            store(S, m * rows + m, mass * cm)
-            store(S, m * rows + m + 1, splat(lane, 0.0))
-            store(S, (m + 1) * rows + m, splat(lane, 0.0))
-            store(S, (m + 1) * rows + m + 1, mass * cm)
+
+
+@kernel
+def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):  # type: ignore[no-untyped-def]
+    if model.root is not None:
+        m, rows = size(model.links) * size(model.nodes), size(model.n)
+        for j in range(m):
+            moment = payload * model.w[j] + model.b[j]
+            store(S, m * rows + j, moment * load(lane, dx, j))
+            store(S, (m + 1) * rows + j, moment * load(lane, dy, j))
+            store(S, j * rows + m, moment * load(lane, s, j) * -cm)
+            store(S, j * rows + m + 1, moment * load(lane, c, j) * cm)
+        mass = (payload + model.mass) * cm
+        store(S, m * rows + m, mass)
+        store(S, m * rows + m + 1, splat(lane, 0.0))
+        store(S, (m + 1) * rows + m, splat(lane, 0.0))
+        store(S, (m + 1) * rows + m + 1, mass)
 
 
 @kernel
@@ -205,19 +223,16 @@ def _less_total(lane, model, arms, u, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _to_relative(lane, model, r, S):  # type: ignore[no-untyped-def]
+def _to_relative(lane, model, S):  # type: ignore[no-untyped-def]
     """From the nodes' angles to the coordinates: what acts on a link's root acts on the tip before it as well."""
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):
-        root = k * n
-        store(r, root - 1, load(lane, r, root - 1) + load(lane, r, root))
-        if S is not None:
-            for j in range(rows):
-                o = j * rows + root
-                store(S, o - 1, load(lane, S, o - 1) + load(lane, S, o))
-            for j in range(rows):
-                o = root * rows + j
-                store(S, o - rows, load(lane, S, o - rows) + load(lane, S, o))
+        for j in range(rows):
+            o = j * rows + k * n
+            store(S, o - 1, load(lane, S, o - 1) + load(lane, S, o))
+        for j in range(rows):
+            o = k * n * rows + j
+            store(S, o - rows, load(lane, S, o - rows) + load(lane, S, o))
 
 
 @kernel

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numba import types
 from numba.extending import overload
 
@@ -23,13 +24,14 @@ from .exact_element import (
     SOLVE_ARGUMENTS,
     backward_function,
     element_function,
-    factor_size,
     forward_function,
     interior,
+    measure_function,
+    MEASURE_ARGUMENTS,
 )
 from .jit import kernel
-from .lanes import load, sincos, splat, store
-from .protocol import register, size
+from .lanes import load, splat, store
+from .protocol import register
 
 HEAD = 9
 HINGE = 4
@@ -328,27 +330,23 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
     zero = splat(lane, 0.0)
     deltas = 3 * p * model.elements * links + 3
     i, o = deltas, HEAD + HINGE * (links - 1) + stride * links * model.elements
-    left = (zero, zero, zero)
-    tx, ty, tt = load(lane, x, i - 3), load(lane, x, i - 2), load(lane, x, i - 1)
+    tx, ty, tt, taken = load(lane, x, i - 3), load(lane, x, i - 2), load(lane, x, i - 1), zero
     for k in range(links - 1, -1, -1):
         for _ in range(model.elements):
             i -= 3 * p
             o -= stride
-            lx, ly, lt, rx, ry, rt = forward(lane, model.order, S, o, x, i, left)
+            lx, ly, lt, rx, ry, rt = forward(lane, model.order, S, o, x, i, None)
             tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + stride - 21, tx - rx, ty - ry, tt - rt)
             store(x, i + 3 * p - 3, tx)
             store(x, i + 3 * p - 2, ty)
             store(x, i + 3 * p - 1, tt)
-            tx, ty, tt = (load(lane, x, i - 3) - lx) - ux, (load(lane, x, i - 2) - ly) - uy, -(lt + ut)
-            if k == 0:
-                tt = load(lane, x, i - 1) + tt
-            else:
-                tt = load(lane, x, i - 1) + tt
+            taken = lt + ut
+            tx, ty, tt = (load(lane, x, i - 3) - lx) - ux, (load(lane, x, i - 2) - ly) - uy, load(lane, x, i - 1) - taken
         if k > 0:
             h, d = HEAD + HINGE * (k - 1), deltas + k - 1
             if S[h * len(lane)] == 0.0:
                 turn = load(lane, x, d)
-                both = turn + (tt - load(lane, x, i - 1))
+                both = turn - taken
                 tt = load(lane, x, i - 1) - turn
                 tx, ty = tx - load(lane, S, h + 1) * both, ty - load(lane, S, h + 2) * both
                 store(x, d, both)
@@ -377,3 +375,151 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
             tx, ty, tt = backward(lane, model.order, S, o, x, i, (tx, ty, tt))
             i += 3 * p
             o += stride
+
+
+@kernel
+def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
+    """Joint angles, then position and angle of the point of each load."""
+    links = model.links
+    store(y, 0, load(lane, q, 2))
+    for k in range(1, links):
+        store(y, k, load(lane, q, 3 * len(model.order) * model.elements * links + 2 + k))
+    _load_points(lane, model.loads, links, q, y)
+
+
+@kernel
+def _load_points(lane, loads, links, q, y):  # type: ignore[no-untyped-def]
+    if loads is not None:
+        for f in range(loads.shape[0]):
+            k = links + 3 * f
+            store(y, k, load(lane, q, loads[f, 0]))
+            store(y, k + 1, load(lane, q, loads[f, 1]))
+            turn = load(lane, q, loads[f, 2])
+            if loads[f, 3] >= 0:
+                turn = turn + load(lane, q, loads[f, 3])
+            store(y, k + 2, turn)
+
+
+measure = _written_out("measure", MEASURE_ARGUMENTS, lambda given: measure_function(len(given["order"])))
+"""(kinetic, strain energy, power lost per tau_d, first mass moments x, y) of an element."""
+
+
+@kernel
+def _totals(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+    """(kinetic energy, strain energy, power lost per tau_d, first mass moments x, y) of the whole chain."""
+    links, p = model.links, len(model.order)
+    deltas = 3 * p * model.elements * links + 3
+    stiffness = load(lane, par, 2)
+    w = load(lane, v, 2)
+    kinetic = (w * w) * (0.5 * model.hub_inertia)
+    strain, lost, mx, my = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+    i = 3
+    for k in range(links):
+        turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
+        if k > 0:
+            mass = model.elbows[k - 1, 0]
+            vx, vy = load(lane, v, i - 3), load(lane, v, i - 2)
+            kinetic = kinetic + (vx * vx + vy * vy) * (0.5 * mass) + (spin * spin) * (0.5 * model.elbows[k - 1, 1])
+            mx, my = mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
+            turn, spin = turn + load(lane, q, deltas + k - 1), spin + load(lane, v, deltas + k - 1)
+            kinetic = kinetic + (spin * spin) * (0.5 * model.elbows[k - 1, 2])
+        k1, k2, kb = model.sections[k, 0], model.sections[k, 1], stiffness * model.sections[k, 2]
+        l, ml, jl = model.sections[k, 3], model.sections[k, 4], model.sections[k, 5]
+        for _ in range(model.elements):
+            part = measure(lane, model.order, q, v, turn, spin, i, k1, k2, kb, l, ml, jl)
+            kinetic, strain, lost = kinetic + part[0], strain + part[1], lost + part[2]
+            mx, my = mx + part[3], my + part[4]
+            i += 3 * p
+            turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
+    mass = load(lane, par, 0)
+    vx, vy = load(lane, v, i - 3), load(lane, v, i - 2)
+    kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * load(lane, par, 1)) * 0.5
+    return kinetic, strain, lost, mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
+
+
+@kernel
+def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+    """Power lost in the material, W."""
+    return _lost(lane, model.damped, model, par, q, v)
+
+
+@kernel
+def _lost(lane, damped, model, par, q, v):  # type: ignore[no-untyped-def]
+    if damped is None:
+        return splat(lane, 0.0)
+    return _totals(lane, model, par, q, v)[2] * load(lane, par, 3)
+
+
+@kernel
+def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+    """(kinetic, strain, gravity) energy, J."""
+    kinetic, strain, _, mx, my = _totals(lane, model, par, q, v)
+    return kinetic, strain, -(mx * _fall(model.gravity, 0) + my * _fall(model.gravity, 1))
+
+
+@kernel
+def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
+    """Of each link: x, y, angle of its root and their rates, then those of its tip."""
+    span = 3 * len(model.order) * model.elements
+    deltas = span * model.links + 3
+    for k in range(model.links):
+        for part in range(2):
+            for j in range(3):
+                i = span * (k + part) + j
+                position, rate = load(lane, q, i), load(lane, v, i)
+                if k > 0 and part == 0 and j == 2:
+                    position = position + load(lane, q, deltas + k - 1)
+                    rate = rate + load(lane, v, deltas + k - 1)
+                store(out, 12 * k + 6 * part + j, position)
+                store(out, 12 * k + 6 * part + j + 3, rate)
+
+
+@kernel
+def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
+    """The exact beam holds at any deflection."""
+    return splat(lane, 0.0)
+
+
+STATIONS = np.zeros((4, 4, 2))
+"""Interior functions (last axis) at p equal steps along an element of order p."""
+for _order in range(2, 4):
+    STATIONS[_order, :_order, : _order - 1] = interior(_order, np.arange(_order) * 2.0 / _order - 1.0).T
+
+
+@kernel
+def shape(model, q, points):  # type: ignore[no-untyped-def]
+    """Positions along the chain at p equal steps of each element, as many as `points` has room for; their number."""
+    p = len(model.order)
+    count = 0
+    for e in range(model.links * model.elements):
+        i = 3 * p * e
+        for j in range(p):
+            if count < points.shape[0]:
+                share = j / p
+                for axis in range(2):
+                    value = q[i + axis] * (1.0 - share) + q[i + 3 * p + axis] * share
+                    for k in range(p - 1):
+                        value += STATIONS[p, j, k] * q[i + 3 + 3 * k + axis]
+                    points[count, axis] = value
+                count += 1
+    if count < points.shape[0]:
+        last = 3 * p * model.links * model.elements
+        points[count, 0], points[count, 1] = q[last], q[last + 1]
+        count += 1
+    return count
+
+
+register(
+    ExactBeam,
+    assemble=assemble,
+    constrain=constrain,
+    pin=pin,
+    factor=factor,
+    solve=solve,
+    ports=ports,
+    dissipation=dissipation,
+    energy=energy,
+    link_poses=link_poses,
+    out_of_range=out_of_range,
+    shape=shape,
+)

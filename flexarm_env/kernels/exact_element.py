@@ -388,3 +388,44 @@ def backward_function(order: int) -> Callable[..., Any]:
         w.let(f"x_{inner[m]}", text)
         w.lines.append(f"store(x, i + {m}, x_{inner[m]})")
     return function("backward", SOLVE_ARGUMENTS, w.lines, f"({', '.join(f'x_{name}' for name in RR)})")
+
+
+MEASURE_ARGUMENTS = "lane, order, q, v, turn, spin, i, k1, k2, kb, l, ml, jl"
+
+
+@cache
+def measure_function(order: int) -> Callable[..., Any]:
+    """(kinetic, strain energy, power lost per tau_d, first mass moments x, y); `turn`, `spin`: left psi and its rate."""
+    t, w = tables(order), Writer()
+    inner = interior_names(order)
+    for letter in "qv":
+        for k, name in enumerate([*LL, *inner, *RR]):
+            w.let(f"{letter}_{name}", f"load(lane, {letter}, i + {k - 3})")
+    w.lines += ["q_Lt = turn", "v_Lt = spin", "strain = splat(lane, 0.0)", "lost = splat(lane, 0.0)"]
+    (dx, _), (dy, _), (bend, angle) = (_interpolate(w, t, "q", axis) for axis in AXES)
+    (vx, _), (vy, _), (bending, turning) = (_interpolate(w, t, "v", axis) for axis in AXES)
+    for g in range(order):
+        weight = float(t.weights[g])
+        x, y, ux, uy = times(*dx[g]), times(*dy[g]), times(*vx[g]), times(*vy[g])
+        w.let("s, c", f"sincos({times(*angle[g])})")
+        w.let("omega", times(*turning[g]))
+        w.let("g1", f"c * {x} + s * {y}")
+        w.let("g2", f"c * {y} - s * {x}")
+        w.let("r1", f"c * {ux} + s * {uy} + g2 * omega")
+        w.let("r2", f"c * {uy} - s * {ux} - g1 * omega")
+        w.let("k", times(*bend[g]))
+        w.let("rk", times(*bending[g]))
+        w.let("e1", "g1 - l")
+        w.let("strain", f"strain + (e1 * e1 * k1 + g2 * g2 * k2 + k * k * kb) * {0.5 * weight!r}")
+        w.let("lost", f"lost + (r1 * r1 * k1 + r2 * r2 * k2 + rk * rk * kb) * {weight!r}")
+    nodes = ["L", "R", *[str(k) for k in range(1, order)]]
+    for axis in AXES:
+        rows = []
+        for i, node in enumerate(nodes):
+            factor, name = w.sum([(t.mass[i][j], f"v_{other}{axis}") for j, other in enumerate(nodes)])
+            rows.append(f"v_{node}{axis} * {name} * {factor!r}")
+        w.let(f"squares_{axis}", " + ".join(rows))
+        parts = [(float(t.mass[i][0] + t.mass[i][1]), f"q_{node}{axis}") for i, node in enumerate(nodes)]
+        w.let(f"moment_{axis}", times(*w.sum(parts)))
+    kinetic = "(squares_x + squares_y) * (0.5 * ml) + squares_t * (0.5 * jl)"
+    return function("measure", MEASURE_ARGUMENTS, w.lines, f"({kinetic}, strain, lost, moment_x * ml, moment_y * ml)")

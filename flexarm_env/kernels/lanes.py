@@ -177,18 +177,18 @@ def splat(lane: tuple[int, ...], x: float) -> float:
     return x
 
 
-@overload(load, inline="always")  # type: ignore[untyped-decorator]
+@overload(load)  # type: ignore[untyped-decorator]
 def _load(lane, array, k):  # type: ignore[no-untyped-def]
     return lambda lane, array, k: _load_vector(lane, array, k)
 
 
-@overload(store, inline="always")  # type: ignore[untyped-decorator]
+@overload(store)  # type: ignore[untyped-decorator]
 def _store(array, k, value):  # type: ignore[no-untyped-def]
     # An intrinsic for a scalar too: Numba's dead-code pass drops `array[k] = value` where it takes the array for its own.
     return lambda array, k, value: _store_vector(array, k, value)
 
 
-@overload(splat, inline="always")  # type: ignore[untyped-decorator]
+@overload(splat)  # type: ignore[untyped-decorator]
 def _splat(lane, x):  # type: ignore[no-untyped-def]
     if len(lane) == 1:
         return lambda lane, x: float(x)
@@ -271,27 +271,27 @@ def largest(x: float) -> float:
     return x
 
 
-@overload(select_lt, inline="always")  # type: ignore[untyped-decorator]
+@overload(select_lt)  # type: ignore[untyped-decorator]
 def _ov_select_lt(a, b, x, y):  # type: ignore[no-untyped-def]
     return lambda a, b, x, y: _select_lt(a, b, x, y)
 
 
-@overload(absolute, inline="always")  # type: ignore[untyped-decorator]
+@overload(absolute)  # type: ignore[untyped-decorator]
 def _ov_absolute(x):  # type: ignore[no-untyped-def]
     return lambda x: _fabs(x)
 
 
-@overload(square_root, inline="always")  # type: ignore[untyped-decorator]
+@overload(square_root)  # type: ignore[untyped-decorator]
 def _ov_square_root(x):  # type: ignore[no-untyped-def]
     return lambda x: _sqrt(x)
 
 
-@overload(round_even, inline="always")  # type: ignore[untyped-decorator]
+@overload(round_even)  # type: ignore[untyped-decorator]
 def _ov_round_even(x):  # type: ignore[no-untyped-def]
     return lambda x: _rint(x)
 
 
-@overload(largest, inline="always")  # type: ignore[untyped-decorator]
+@overload(largest)  # type: ignore[untyped-decorator]
 def _ov_largest(x):  # type: ignore[no-untyped-def]
     if isinstance(x, LanesType):
         return lambda x: _largest(x)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model import NEWTON_FAILED, OK
+from ..model import NEWTON_FAILED
 from .drive import set_inputs, set_motions
 from .jit import kernel
 from .lanes import absolute, largest, load, maximum, select_lt, splat, store
@@ -73,37 +73,42 @@ def unpack(lane, model, flat, n_motions):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pin_fixed(lane, model, fixed, w):  # type: ignore[no-untyped-def]
-    if fixed is not None:
-        for k in fixed:
-            pin(lane, model, w.S, k)
-
-
-@kernel
-def _zero_fixed(lane, fixed, w):  # type: ignore[no-untyped-def]
+def _take_out_fixed(lane, model, fixed, w, matrix):  # type: ignore[no-untyped-def]
     if fixed is not None:
         for k in fixed:
             store(w.r, k, splat(lane, 0.0))
-
-
-@kernel
-def _pin_all(lane, model, drive, w):  # type: ignore[no-untyped-def]
-    """Take fixed and prescribed coordinates out of the Newton matrix."""
-    _pin_fixed(lane, model, model.fixed, w)
-    if drive is not None:
-        for k in drive.known:
-            if k >= 0:
+            if matrix:
                 pin(lane, model, w.S, k)
 
 
 @kernel
-def _zero_known(lane, model, drive, w):  # type: ignore[no-untyped-def]
-    """Take fixed and prescribed coordinates out of the residual."""
-    _zero_fixed(lane, model.fixed, w)
+def _take_out_known(lane, model, drive, w, matrix):  # type: ignore[no-untyped-def]
+    """Take fixed and prescribed coordinates out of the residual and, where asked for, out of the matrix."""
+    _take_out_fixed(lane, model, model.fixed, w, matrix)
     if drive is not None:
         for k in drive.known:
             if k >= 0:
                 w.r[k] = 0.0
+                if matrix:
+                    pin(lane, model, w.S, k)
+
+
+@kernel
+def _multiplier_row(algebraic, j):  # type: ignore[no-untyped-def]
+    if algebraic is None:
+        return 0
+    return algebraic[j]
+
+
+@kernel
+def _note_reactions(model, drive, w, multipliers):  # type: ignore[no-untyped-def]
+    """Generalised forces that hold the prescribed coordinates: rows of the residual, or multipliers."""
+    for i in range(drive.known.shape[0]):
+        k = drive.known[i]
+        if k >= 0:
+            w.reaction[i] = w.r[k]
+        else:
+            w.reaction[i] = multipliers[_multiplier_row(model.algebraic, -1 - k)]
 
 
 @kernel
@@ -170,246 +175,8 @@ def _correct(lane, model, w, active, c_b, c_v, c_m):  # type: ignore[no-untyped-
 
 
 @kernel
-def _newton_matrix(lane, model, drive, par, w, c_m, c_v, iteration, modified):  # type: ignore[no-untyped-def]
-    """Residual, and the factored iteration matrix [76]-[78] (in modified Newton only in the first iteration)."""
-    if modified is not None:
-        if iteration > 0:
-            assemble(lane, model, par, w.q, w.v, w.a, w.u, c_m, c_v, 1.0, w.r, None)
-            constrain(lane, model, w.psi, w.q, w.v, w.a, 0, c_m, w.r)
-            _zero_known(lane, model, drive, w)
-            return 0.0
-    assemble(lane, model, par, w.q, w.v, w.a, w.u, c_m, c_v, 1.0, w.r, w.S)
-    constrain(lane, model, w.psi, w.q, w.v, w.a, 0, c_m, w.r)
-    _zero_known(lane, model, drive, w)
-    _pin_all(lane, model, drive, w)
-    factor(lane, model, w.S)
-    return 1.0
-
-
-@kernel
-def step(lane, model, drive, par, w, t, h, scheme):  # type: ignore[no-untyped-def]
-    """One step of size h from time t; lanes whose iteration does not converge are flagged NEWTON_FAILED."""
-    _predict(lane, model, w, h, scheme)
-    if drive is not None:
-        end = t + h
-        set_inputs(drive, w.u, end, end - 1e-6 * h)
-        set_motions(drive, w.psi, end, end - 1e-6 * h)
-        _set_known(drive, w)
-    c_b = 1.0 / (scheme.beta * h * h)
-    c_v = scheme.gamma / (scheme.beta * h)
-    c_m = c_b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f)
-    active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
-    before = splat(lane, 1e300)
-    for iteration in range(scheme.max_iterations):
-        w.counts[1] += _newton_matrix(lane, model, drive, par, w, c_m, c_v, iteration, scheme.modified)
-        solve(lane, model, w.S, w.r)
-        increment = _correct(lane, model, w, active, c_b, c_v, c_m)
-        w.counts[0] += 1.0
-        # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
-        # The first iteration has seen none and must itself be below the tolerance.
-        theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
-        if iteration == 0:
-            theta = splat(lane, 0.5)
-        active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
-        before = increment
-        if largest(active) < 0.5:
-            break
-    store(w.flag, 0, select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), load(lane, w.flag, 0)))
-    w.counts[3] += 1.0
-
-
-@kernel
-def _halve(lane, model, drive, par, w, t, h, scheme, books):  # type: ignore[no-untyped-def]
-    """Repeat a failed step in pieces, at the smallest h / 2^max_halvings; SINGLE only. Leaves the last good state."""
-    done, piece = 0.0, 0.5 * h
-    smallest = h * 0.5**scheme.max_halvings
-    _restore(lane, model, w)
-    while done < h * (1.0 - 1e-9):
-        piece = min(piece, h - done)
-        w.flag[0] = OK
-        step(lane, model, drive, par, w, t + done, piece, scheme)
-        if w.flag[0] == OK:
-            if books:
-                _keep_books(lane, model, drive, par, w, piece)
-            done += piece
-        else:
-            _restore(lane, model, w)
-            w.counts[2] += 1.0
-            piece *= 0.5
-            if piece < smallest:
-                return t + done
-    return t + h
-
-
-@kernel
-def advance(lane, model, drive, par, w, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
-    """n_steps steps of size h from t within a smooth stretch; returns the time reached (SINGLE) or meant (lanes).
-
-    A single arm retries a failed step in halves and stops at the last good state. In lanes a failed arm is
-    flagged and its neighbours go on; the caller repeats it alone from where the stretch began.
-    """
-    if books:
-        _open_books(lane, model, drive, par, w)
-    for i in range(n_steps):
-        start = t + i * h
-        step(lane, model, drive, par, w, start, h, scheme)
-        if len(lane) == 1 and w.flag[0] != OK:
-            w.counts[2] += 1.0
-            reached = _halve(lane, model, drive, par, w, start, h, scheme, books)
-            if w.flag[0] != OK:
-                return reached
-        elif books:
-            _keep_books(lane, model, drive, par, w, h)
-        code = out_of_range(lane, model, par, w.q)
-        flag = load(lane, w.flag, 0)
-        store(w.flag, 0, select_lt(flag, 0.5, code, flag))
-        if len(lane) == 1 and w.flag[0] != OK:
-            return start + h
-    return t + n_steps * h
-
-
-@kernel
-def restart(lane, model, drive, par, w, t, h):  # type: ignore[no-untyped-def]
-    """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
-
-    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known, then M a + Phi_q^T lambda =
-    Q - h(q, v) gives a, and b = a. The work of the impulse goes to the books. h: a step, for sidedness only.
-    """
-    n = size(model.n)
-    if drive is not None:
-        set_inputs(drive, w.u, t, t + 1e-6 * h)
-        set_motions(drive, w.psi, t, t + 1e-6 * h)
-        _velocity_jump(lane, model, drive, par, w)
-        _set_known(drive, w)
-    for k in range(n):
-        store(w.a, k, splat(lane, 0.0))
-    _clear_multipliers(model.algebraic, w)
-    if drive is not None:
-        _set_known(drive, w)
-    assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0, 0.0, 0.0, w.r, w.S)
-    constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
-    _zero_known(lane, model, drive, w)
-    _pin_all(lane, model, drive, w)
-    factor(lane, model, w.S)
-    w.counts[1] += 1.0
-    solve(lane, model, w.S, w.r)
-    for k in range(n):
-        store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
-    _move_multipliers(model.algebraic, w)
-    for k in range(n):
-        store(w.b, k, load(lane, w.a, k))
-    if drive is not None:
-        reactions(lane, model, drive, par, w)
-
-
-@kernel
-def _clear_multipliers(algebraic, w):  # type: ignore[no-untyped-def]
-    if algebraic is not None:
-        for k in algebraic:
-            w.q[k] = 0.0
-
-
-@kernel
-def _move_multipliers(algebraic, w):  # type: ignore[no-untyped-def]
-    """The solve for accelerations leaves the multipliers in a; they live in q."""
-    if algebraic is not None:
-        for k in algebraic:
-            w.q[k], w.a[k] = w.a[k], 0.0
-
-
-@kernel
-def _velocity_jump(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
-    """v <- v + dv with M dv + Phi_q^T Lambda = 0; SINGLE only. q0, v0, a0, b0 serve as scratch."""
-    n = size(model.n)
-    dv, impulse = w.a, w.b0
-    for k in range(n):
-        w.v0[k], w.q0[k] = w.v[k], w.q[k]
-        dv[k] = 0.0
-    for i in range(drive.known.shape[0]):
-        k = drive.known[i]
-        if k >= 0:
-            dv[k] = w.psi[3 * i + 1] - w.v[k]
-    for k in range(n):
-        w.v[k] = 0.0
-    _clear_multipliers(model.algebraic, w)
-    _momentum(lane, model, par, w, dv, impulse)
-    assemble(lane, model, par, w.q, w.v, dv, w.u, 1.0, 0.0, 0.0, w.r, w.S)
-    for k in range(n):
-        w.r[k] = impulse[k]
-        w.v[k] = w.v0[k] + dv[k]
-    constrain(lane, model, w.psi, w.q, w.v, w.a, 1, 1.0, w.r)
-    _zero_known(lane, model, drive, w)
-    _pin_all(lane, model, drive, w)
-    factor(lane, model, w.S)
-    w.counts[1] += 1.0
-    solve(lane, model, w.S, w.r)
-    for k in range(n):
-        dv[k] -= w.r[k]
-    _work_of_impulse(lane, model, drive, par, w, dv, impulse)
-    for k in range(n):
-        w.q[k] = w.q0[k]
-        w.v[k] = w.v0[k] + dv[k]
-    _clear_multiplier_rates(model.algebraic, w)
-
-
-@kernel
-def _clear_multiplier_rates(algebraic, w):  # type: ignore[no-untyped-def]
-    if algebraic is not None:
-        for k in algebraic:
-            w.v[k] = 0.0
-
-
-@kernel
-def _momentum(lane, model, par, w, dv, out):  # type: ignore[no-untyped-def]
-    """out <- M(q) dv: what the residual gains by the acceleration dv, at v = 0."""
-    n = size(model.n)
-    for k in range(n):
-        w.a0[k] = 0.0
-        w.v[k] = 0.0
-    assemble(lane, model, par, w.q, w.v, w.a0, w.u, 1.0, 0.0, 0.0, out, None)
-    assemble(lane, model, par, w.q, w.v, dv, w.u, 1.0, 0.0, 0.0, w.r, None)
-    for k in range(n):
-        out[k] = w.r[k] - out[k]
-
-
-@kernel
-def _work_of_impulse(lane, model, drive, par, w, dv, impulse):  # type: ignore[no-untyped-def]
-    """Impulse times mean velocity of each prescribed coordinate is exactly the kinetic energy it brings."""
-    multipliers = w.reaction0
-    for i in range(drive.known.shape[0]):
-        if drive.known[i] < 0:
-            multipliers[i] = dv[_multiplier_row(model.algebraic, -1 - drive.known[i])]
-    _momentum(lane, model, par, w, dv, impulse)
-    for i in range(drive.known.shape[0]):
-        k = drive.known[i]
-        if k >= 0:
-            w.books[0] += impulse[k] * 0.5 * (w.v0[k] + w.v0[k] + dv[k])
-        else:
-            w.books[0] += multipliers[i] * (w.psi[3 * i + 1] + w.psi0[3 * i + 1]) * 0.5
-
-
-@kernel
-def reactions(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
-    """Generalised forces that hold the prescribed coordinates, from the converged state."""
-    assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0, 0.0, 0.0, w.r, None)
-    for i in range(drive.known.shape[0]):
-        k = drive.known[i]
-        if k >= 0:
-            w.reaction[i] = w.r[k]
-        else:
-            w.reaction[i] = w.q[_multiplier_row(model.algebraic, -1 - k)]
-
-
-@kernel
-def _multiplier_row(algebraic, j):  # type: ignore[no-untyped-def]
-    if algebraic is None:
-        return 0
-    return algebraic[j]
-
-
-@kernel
 def _open_books(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
-    """Remember ports, forces and dissipated power at the start of a step or a smooth stretch."""
+    """Remember ports, forces and dissipated power at the start of a smooth stretch."""
     for i in range(w.u.shape[0]):
         w.u0[i] = w.u[i]
     ports(lane, model, par, w.q, w.y0)
@@ -417,7 +184,6 @@ def _open_books(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
     if drive is not None:
         for i in range(w.psi.shape[0]):
             w.psi0[i] = w.psi[i]
-        reactions(lane, model, drive, par, w)
         for i in range(w.reaction.shape[0]):
             w.reaction0[i] = w.reaction[i]
 
@@ -433,7 +199,6 @@ def _keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
         store(w.u0, i, load(lane, w.u, i))
         store(w.y0, i, load(lane, w.y, i))
     if drive is not None:
-        reactions(lane, model, drive, par, w)
         for i in range(drive.known.shape[0]):
             work += 0.5 * (w.reaction0[i] + w.reaction[i]) * (w.psi[3 * i] - w.psi0[3 * i])
             w.reaction0[i] = w.reaction[i]
@@ -443,3 +208,187 @@ def _keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
     power = dissipation(lane, model, par, w.q, w.v)
     store(w.books, 1, load(lane, w.books, 1) + (load(lane, w.books, 2) + power) * (0.5 * h))
     store(w.books, 2, power)
+
+
+@kernel
+def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
+    """n_steps steps of size h from t within a smooth stretch; returns the time reached (SINGLE) or meant (lanes).
+
+    A single arm retries a step whose Newton fails in halves and stops at the last good state. In lanes a failed
+    arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch began.
+    """
+    w = unpack(lane, model, flat, n_motions)
+    if books:
+        _open_books(lane, model, drive, par, w)
+    done, left, piece = 0, h, h
+    while done < n_steps:
+        start = t + done * h + (h - left)
+        _predict(lane, model, w, piece, scheme)
+        if drive is not None:
+            finish = start + piece
+            set_inputs(drive, w.u, finish, finish - 1e-6 * piece)
+            set_motions(drive, w.psi, finish, finish - 1e-6 * piece)
+            _set_known(drive, w)
+        c_b = 1.0 / (scheme.beta * piece * piece)
+        c_v = scheme.gamma / (scheme.beta * piece)
+        c_m = c_b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f)
+        active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+        before = splat(lane, 1e300)
+        iteration, converged = 0, False
+        while True:  # Newton-Raphson, eqs. [69]-[82]; a driven arm closes with one residual for its reactions
+            fresh = not converged and (iteration == 0 or scheme.modified is None)
+            use = 1.0 if fresh else 0.0
+            assemble(lane, model, par, w.q, w.v, w.a, w.u, use * c_m, use * c_v, use, w.r, w.S)
+            if drive is not None:
+                if converged:
+                    _note_reactions(model, drive, w, w.q)
+                    break
+            constrain(lane, model, w.psi, w.q, w.v, w.a, 0, c_m, w.r)
+            _take_out_known(lane, model, drive, w, fresh)
+            if fresh:
+                factor(lane, model, w.S)
+                w.counts[1] += 1.0
+            solve(lane, model, w.S, w.r)
+            increment = _correct(lane, model, w, active, c_b, c_v, c_m)
+            w.counts[0] += 1.0
+            # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
+            # The first iteration has seen none and must itself be below the tolerance.
+            theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
+            if iteration == 0:
+                theta = splat(lane, 0.5)
+            active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
+            before = increment
+            iteration += 1
+            if largest(active) < 0.5 or iteration == scheme.max_iterations:
+                if drive is None:
+                    break
+                converged = True
+        flag = load(lane, w.flag, 0)
+        flag = select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), flag)
+        if len(lane) == 1:
+            if largest(flag) > 0.5:
+                _restore(lane, model, w)
+                w.counts[2] += 1.0
+                piece *= 0.5
+                if piece < h * 0.5**scheme.max_halvings:
+                    store(w.flag, 0, flag)
+                    return start
+                continue
+        w.counts[3] += 1.0
+        if books:
+            _keep_books(lane, model, drive, par, w, piece)
+        code = out_of_range(lane, model, par, w.q)
+        flag = select_lt(flag, 0.5, code, flag)
+        store(w.flag, 0, flag)
+        if len(lane) == 1:
+            if largest(flag) > 0.5:
+                return start + piece
+        left -= piece
+        if left <= 1e-9 * h:
+            done += 1
+            left, piece = h, h
+        else:
+            piece = min(piece, left)
+    return t + n_steps * h
+
+
+@kernel
+def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-untyped-def]
+    """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
+
+    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known, then M a + Phi_q^T lambda =
+    Q - h(q, v) gives a, and b = a. The work of the impulse goes to the books. h: a step, for sidedness only.
+    """
+    w = unpack(lane, model, flat, n_motions)
+    n = size(model.n)
+    if drive is not None:
+        for i in range(w.psi.shape[0]):
+            w.psi0[i] = w.psi[i]
+        set_inputs(drive, w.u, t, t + 1e-6 * h)
+        set_motions(drive, w.psi, t, t + 1e-6 * h)
+        for k in range(n):
+            w.v0[k] = w.v[k]
+            w.a0[k] = 0.0  # the jump dv; impulses in its rows of multipliers
+        for i in range(drive.known.shape[0]):
+            k = drive.known[i]
+            if k >= 0:
+                w.a0[k] = w.psi[3 * i + 1] - w.v[k]
+    for stage in range(5):
+        if drive is None:  # only the accelerations are to be solved for
+            if stage != 3:
+                continue
+        if stage == 3:
+            for k in range(n):
+                store(w.a, k, splat(lane, 0.0))
+            _set_multipliers(model.algebraic, w, w.a)
+        if drive is not None:
+            if stage == 0:  # the residual at rest, to be subtracted: what is left is inertia
+                for k in range(n):
+                    w.v[k], w.a[k] = 0.0, 0.0
+                _set_multipliers(model.algebraic, w, w.a)
+            elif stage <= 2:
+                for k in range(n):
+                    w.a[k] = w.a0[k]
+                _set_multipliers(model.algebraic, w, w.a0)
+            elif stage == 3:
+                for k in range(n):
+                    w.v[k] = w.v0[k] + w.a0[k]
+                _set_multipliers(model.algebraic, w, w.a)
+                _clear(model.algebraic, w.v)
+                _set_known(drive, w)
+        matrix = stage == 1 or stage == 3
+        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, 0.0, 0.0, w.r, w.S)
+        if drive is not None:
+            if stage == 0:
+                for k in range(n):
+                    w.b0[k] = w.r[k]
+            elif stage <= 2:
+                for k in range(n):
+                    w.r[k] -= w.b0[k]
+            if stage == 2:
+                _note_reactions(model, drive, w, w.a0)
+                for i in range(drive.known.shape[0]):  # impulse times mean velocity is the kinetic energy it brings
+                    k = drive.known[i]
+                    speed = w.psi[3 * i + 1] + (w.v0[k] if k >= 0 else w.psi0[3 * i + 1])
+                    w.books[0] += 0.5 * speed * w.reaction[i]
+            elif stage == 1:
+                for k in range(n):
+                    w.v[k] = w.v0[k] + w.a0[k]
+                constrain(lane, model, w.psi, w.q, w.v, w.a, 1, 1.0, w.r)
+                for k in range(n):
+                    w.v[k] = 0.0
+        if stage == 3:
+            constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
+        if matrix:
+            _take_out_known(lane, model, drive, w, True)
+            factor(lane, model, w.S)
+            w.counts[1] += 1.0
+            solve(lane, model, w.S, w.r)
+        if stage == 3:
+            for k in range(n):
+                store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
+            _set_multipliers(model.algebraic, w, w.a)
+            _clear(model.algebraic, w.a)
+            for k in range(n):
+                store(w.b, k, load(lane, w.a, k))
+        if drive is not None:
+            if stage == 1:
+                for k in range(n):
+                    w.a0[k] -= w.r[k]
+            elif stage == 4:
+                _note_reactions(model, drive, w, w.q)
+
+
+@kernel
+def _set_multipliers(algebraic, w, values):  # type: ignore[no-untyped-def]
+    """Multipliers live in q; solves for accelerations or velocity jumps leave them in those arrays."""
+    if algebraic is not None:
+        for k in algebraic:
+            w.q[k] = values[k]
+
+
+@kernel
+def _clear(algebraic, values):  # type: ignore[no-untyped-def]
+    if algebraic is not None:
+        for k in algebraic:
+            values[k] = 0.0

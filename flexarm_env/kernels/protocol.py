@@ -14,7 +14,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
 
     assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S)
         r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and  S = cm dr/da + cc dr/dv + ck dr/dq, eqs. [64]-[78];
-        rows of multipliers belong to `constrain`, except that columns of multipliers are scaled by cm
+        rows of multipliers belong to `constrain`, except that columns of multipliers are scaled by cm;
+        cm = 0 asks for the residual alone and must leave S as it is
     constrain(lane, model, psi, q, v, a, level, scale, r)
         the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
     pin(lane, model, S, k)           replace row and column k of S by those of the identity

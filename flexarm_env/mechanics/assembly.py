@@ -25,10 +25,8 @@ def assemble(scene: Scene, settings: Settings) -> System:
     return system
 
 
-def drive(scene: Scene, system: System) -> Drive | None:
-    """The scene's motions and loads for the kernels, or None where nothing is driven."""
-    if not scene.motions and not scene.loads:
-        return None
+def drive(scene: Scene, system: System) -> Drive:
+    """The scene's motions and loads for the kernels (an empty Drive where there are none: one compiled kernel fits all)."""
     functions: list[TimeFunction] = []
     terms: list[tuple[int, int]] = []
 
@@ -51,6 +49,6 @@ def drive(scene: Scene, system: System) -> Drive | None:
     known = np.array([system.coordinates[motion.coordinate] for motion in scene.motions], np.int64)
     motions = np.arange(len(functions), len(functions) + len(scene.motions), dtype=np.int64)
     functions += [motion.function for motion in scene.motions]
-    pieces = np.concatenate([function.pieces for function in functions])
+    pieces = np.concatenate([function.pieces for function in functions] or [np.zeros((1, 8))])
     first = np.cumsum([0] + [len(function.pieces) for function in functions]).astype(np.int64)
     return Drive(np.ascontiguousarray(pieces), first, inputs, known, motions)

@@ -57,14 +57,16 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
     return bodies, links
 
 
-def _stack(bodies: list[Body], field: str) -> NDArray[np.float64]:
-    """One field of all bodies, leading axis the body, other axes zero-padded to the largest."""
-    arrays = [np.asarray(getattr(body, field)) for body in bodies]
-    shape = [max(a.shape[i] for a in arrays) for i in range(arrays[0].ndim)]
-    out = np.zeros((len(bodies), *shape))
-    for b, a in enumerate(arrays):
-        out[(b, *(slice(s) for s in a.shape))] = a
-    return out
+def _block(body: Body, offset: float) -> NDArray[np.float64]:
+    """A body's block of `FloatingFrame.data`."""
+    parts: list[NDArray[np.float64]] = [np.array([body.length, body.mass, body.s0, body.i0, offset])]
+    parts += [body.s_bar, body.c_u, body.c, body.tip]
+    parts += [body.g, body.m_ff, body.b, body.k_axial, body.k_bend, body.d0, body.tip_h]
+    for ea, g in zip(body.element_ea, body.element_g, strict=True):
+        parts += [np.array([ea]), g]
+    for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True):
+        parts += [np.array([x]), shape[:2], h]
+    return np.concatenate([np.ravel(part) for part in parts])
 
 
 def build(scene: Scene, settings: Settings) -> System:
@@ -115,48 +117,29 @@ def build(scene: Scene, settings: Settings) -> System:
     tails = [count - 1 - links[::-1].index(k) for k in range(arm.n_links)]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
     places = [(heads[p.link], 0) if p.end == "root" else (tails[p.link], 1) for p in point_loads]
+    blocks = [_block(body, float(offset[b])) for b, body in enumerate(bodies)]
+    places_of_blocks = np.cumsum([0] + [block.size for block in blocks[:-1]])
+    elements = [body.element_ea.size for body in bodies]
+    stations = [body.stations.size for body in bodies]
     model = FloatingFrame(
         n=n,
         n_factor=n * (3 * int(half) + 2),
         n_inputs=arm.n_links + 3 * len(point_loads),
-        fixed=np.array(fixed, np.int64) if fixed else None,
-        algebraic=np.array(algebraic, np.int64) if algebraic else None,
+        fixed=np.array(fixed, np.int64),
+        algebraic=np.array(algebraic, np.int64),
         weight=weight,
         predictor=1.0,
         half=int(half),
         coupling=COUPLINGS[settings.coupling or "linear"],
         mass_damping=arm.mass_damping,
         gravity=np.array(scene.gravity or (0.0, 0.0)),
-        start=start,
-        size=sizes,
-        link=np.array(links, np.int64),
-        rows=rows,
-        angle=angle,
-        offset=offset,
-        length=_stack(bodies, "length"),
-        mass=_stack(bodies, "mass"),
-        s0=_stack(bodies, "s0"),
-        i0=_stack(bodies, "i0"),
-        s_bar=_stack(bodies, "s_bar"),
-        g=_stack(bodies, "g"),
-        m_ff=_stack(bodies, "m_ff"),
-        b=_stack(bodies, "b"),
-        c_u=_stack(bodies, "c_u"),
-        c=_stack(bodies, "c"),
-        k_axial=_stack(bodies, "k_axial"),
-        k_bend=_stack(bodies, "k_bend"),
-        d0=_stack(bodies, "d0"),
-        tip=_stack(bodies, "tip"),
-        tip_h=_stack(bodies, "tip_h"),
-        elements=np.array([body.element_ea.size for body in bodies], np.int64),
-        element_ea=_stack(bodies, "element_ea"),
-        element_g=_stack(bodies, "element_g"),
-        loads=np.array(places, np.int64).reshape(-1, 2),
         n_links=arm.n_links,
         bound=MODAL_BOUND if settings.modes is not None else 0.0,
-        stations=_stack(bodies, "stations"),
-        shapes=_stack(bodies, "shapes"),
-        station_h=_stack(bodies, "station_h"),
+        table=np.column_stack([start[:-1], sizes, links, rows, angle, elements, stations, places_of_blocks]).astype(
+            np.int64, order="C"
+        ),
+        data=np.concatenate(blocks),
+        loads=np.array(places, np.int64).reshape(-1, 2),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
     return System(model, par, q0, np.zeros(n), coordinates, tuple(names), {})

@@ -1,0 +1,387 @@
+"""One floating-frame body: inertia [57]-[63], elastic force [44], [45], payload and tip forces, with their tangents.
+
+A body's constants lie in one block of the Model's `data` (see `flexarm_env.model.FloatingFrame`). They may carry
+foreshortening (`d0`, `tip_h`): then the elastic coordinates are bending modes, and the body has no elements.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model import VON_KARMAN
+from .jit import kernel
+
+START, SIZE, LINK, ROWS, ANGLE, ELEMENTS, STATIONS, BLOCK = range(8)  # columns of `table`
+LENGTH, MASS, S0, I0, OFFSET, VECTORS = range(6)  # scalars at the head of a body's block, then its vectors
+
+
+@kernel
+def first_multiplier(m, body):  # type: ignore[no-untyped-def]
+    """First row of the multipliers after a body."""
+    return m.table[body, START] + 3 + m.table[body, SIZE]
+
+
+@kernel
+def block_at(m, body, vectors, matrices):  # type: ignore[no-untyped-def]
+    """Place in `data` behind so many vectors (n) and matrices (n, n) of a body's block."""
+    n = m.table[body, SIZE]
+    return m.table[body, BLOCK] + VECTORS + n * (vectors + n * matrices)
+
+
+@kernel
+def scalar(m, body, which):  # type: ignore[no-untyped-def]
+    return m.data[m.table[body, BLOCK] + which]
+
+
+@kernel
+def s_bar_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 0, 0)
+
+
+@kernel
+def c_u_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 2, 0)
+
+
+@kernel
+def c_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 3, 0)
+
+
+@kernel
+def tip_at(m, body):  # type: ignore[no-untyped-def]
+    """u, v, phi at the tip."""
+    return block_at(m, body, 4, 0)
+
+
+@kernel
+def g_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 7, 0)
+
+
+@kernel
+def m_ff_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 7, 1)
+
+
+@kernel
+def b_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 7, 2)
+
+
+@kernel
+def k_axial_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 7, 3)
+
+
+@kernel
+def k_bend_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 7, 4)
+
+
+@kernel
+def d0_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 7, 5)
+
+
+@kernel
+def tip_h_at(m, body):  # type: ignore[no-untyped-def]
+    return block_at(m, body, 7, 6)
+
+
+@kernel
+def element_at(m, body, element):  # type: ignore[no-untyped-def]
+    """EA / l, then the 16 entries of G."""
+    return block_at(m, body, 7, 7) + 17 * element
+
+
+@kernel
+def quadratic(d, at, x, y, e, n):  # type: ignore[no-untyped-def]
+    """x'A y with the matrix at d[at:], elastic coordinates from e."""
+    total = 0.0
+    for i in range(n):
+        line = 0.0
+        for j in range(n):
+            line += d[at + i * n + j] * y[e + j]
+        total += x[e + i] * line
+    return total
+
+
+@kernel
+def line(d, at, i, y, e, n):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for j in range(n):
+        total += d[at + i * n + j] * y[e + j]
+    return total
+
+
+@kernel
+def dot(d, at, y, e, n):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for j in range(n):
+        total += d[at + j] * y[e + j]
+    return total
+
+
+@kernel
+def add_entry(S, half, i, j, x):  # type: ignore[no-untyped-def]
+    S[i * (3 * half + 1) + j - i + half] += x
+
+
+@kernel
+def add_pair(S, half, cos, sin, k, j, x, y):  # type: ignore[no-untyped-def]
+    """Add the body-frame vector (x, y), turned to global axes, to rows k, k+1 of column j."""
+    add_entry(S, half, k, j, cos * x - sin * y)
+    add_entry(S, half, k + 1, j, sin * x + cos * y)
+
+
+@kernel
+def add_pair_row(S, half, cos, sin, i, k, x, y):  # type: ignore[no-untyped-def]
+    """The same for columns k, k+1 of row i."""
+    add_entry(S, half, i, k, cos * x - sin * y)
+    add_entry(S, half, i, k + 1, sin * x + cos * y)
+
+
+@kernel
+def tip_position(m, body, q):  # type: ignore[no-untyped-def]
+    """Tip in the body frame: (s_x, s_y, phi)."""
+    at, n = m.table[body, START] + 3, m.table[body, SIZE]
+    tip = tip_at(m, body)
+    s_x = scalar(m, body, LENGTH) + dot(m.data, tip, q, at, n)
+    if m.table[body, ELEMENTS] == 0:
+        s_x -= 0.5 * quadratic(m.data, tip_h_at(m, body), q, q, at, n)
+    return s_x, dot(m.data, tip + n, q, at, n), dot(m.data, tip + 2 * n, q, at, n)
+
+
+@kernel
+def tip_rate(m, body, q, v):  # type: ignore[no-untyped-def]
+    """Rate of the tip in the body frame."""
+    at, n = m.table[body, START] + 3, m.table[body, SIZE]
+    tip = tip_at(m, body)
+    s_x = dot(m.data, tip, v, at, n)
+    if m.table[body, ELEMENTS] == 0:
+        s_x -= quadratic(m.data, tip_h_at(m, body), q, v, at, n)
+    return s_x, dot(m.data, tip + n, v, at, n), dot(m.data, tip + 2 * n, v, at, n)
+
+
+@kernel
+def tip_gradient(m, body, q, j):  # type: ignore[no-untyped-def]
+    """d(s_x, s_y)/dq_j at the tip."""
+    x = m.data[tip_at(m, body) + 0 + j]
+    if m.table[body, ELEMENTS] == 0:
+        x -= line(m.data, tip_h_at(m, body), j, q, m.table[body, START] + 3, m.table[body, SIZE])
+    return x, m.data[tip_at(m, body) + m.table[body, SIZE] + j]
+
+
+@kernel
+def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+    """Inertia [61]-[63], damping, elastic force [44] of one body, gravity as an acceleration of the frame."""
+    d, at = m.data, m.table[body, START]
+    e, n, half = at + 3, m.table[body, SIZE], m.half
+    cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
+    gx, gy = a[at] - m.gravity[0], a[at + 1] - m.gravity[1]
+    ax, ay = cos * gx + sin * gy, cos * gy - sin * gx  # a_R in the body frame
+    w, alpha = v[at + 2], a[at + 2]
+    s_bar, d0, g, b, m_ff = s_bar_at(m, body), d0_at(m, body), g_at(m, body), b_at(m, body), m_ff_at(m, body)
+    k_axial, k_bend, c_u, c = k_axial_at(m, body), k_bend_at(m, body), c_u_at(m, body), c_at(m, body)
+    modal = m.table[body, ELEMENTS] == 0
+    stiff, damp = par[2], par[3]
+
+    # s = s_bar, t its rate, h = grad s q'' + second-order term
+    sx, sy = scalar(m, body, S0) + dot(d, s_bar, q, e, n), dot(d, s_bar + n, q, e, n)
+    tx, ty = dot(d, s_bar, v, e, n), dot(d, s_bar + n, v, e, n)
+    hx, hy = dot(d, s_bar, a, e, n), dot(d, s_bar + n, a, e, n)
+    if modal:
+        sx -= 0.5 * quadratic(d, d0, q, q, e, n)
+        tx -= quadratic(d, d0, q, v, e, n)
+        hx -= quadratic(d, d0, q, a, e, n) + quadratic(d, d0, v, v, e, n)
+    inertia, spin_rate, lever = scalar(m, body, I0), 0.0, 0.0  # I, (c_u + G q)'q', (c + B q)'q''
+    for i in range(n):
+        gq = line(d, g, i, q, e, n)
+        inertia += (2.0 * d[c_u + i] + gq) * q[e + i]
+        spin_rate += (d[c_u + i] + gq) * v[e + i]
+        lever += (d[c + i] + line(d, b, i, q, e, n)) * a[e + i]
+
+    fx = scalar(m, body, MASS) * ax - alpha * sy - w * w * sx - 2.0 * w * ty + hx
+    fy = scalar(m, body, MASS) * ay + alpha * sx - w * w * sy + 2.0 * w * tx + hy
+    r[at] += cos * fx - sin * fy
+    r[at + 1] += sin * fx + cos * fy
+    r[at + 2] += sx * ay - sy * ax + alpha * inertia + lever + 2.0 * w * spin_rate
+    if cm != 0.0:
+        add_entry(S, half, at, at, cm * scalar(m, body, MASS))
+        add_entry(S, half, at + 1, at + 1, cm * scalar(m, body, MASS))
+        # column theta: through acceleration, rate and angle
+        dx, dy = fx - scalar(m, body, MASS) * ax, fy - scalar(m, body, MASS) * ay
+        add_pair(
+            S, half, cos, sin, at, at + 2,
+            -cm * sy - cc * (2.0 * w * sx + 2.0 * ty) - ck * dy,
+            cm * sx - cc * (2.0 * w * sy - 2.0 * tx) + ck * dx,
+        )  # fmt: skip
+        add_entry(S, half, at + 2, at + 2, cm * inertia + cc * 2.0 * spin_rate - ck * (sx * ax + sy * ay))
+        add_pair_row(S, half, cos, sin, at + 2, at, -cm * sy, cm * sx)
+
+    for i in range(n):
+        gs_x, gs_y = d[s_bar + i], d[s_bar + n + i]
+        if modal:
+            gs_x -= line(d, d0, i, q, e, n)
+        gq, cb, bv = d[c_u + i] + line(d, g, i, q, e, n), d[c + i] + line(d, b, i, q, e, n), line(d, b, i, v, e, n)
+        mv = 0.0 if m.mass_damping == 0.0 else m.mass_damping * line(d, m_ff, i, v, e, n)
+        elastic = line(d, k_axial, i, q, e, n) + stiff * line(d, k_bend, i, q, e, n)
+        if damp != 0.0:
+            elastic += damp * (line(d, k_axial, i, v, e, n) + stiff * line(d, k_bend, i, v, e, n))
+        r[e + i] += (
+            gs_x * ax + gs_y * ay + alpha * cb + line(d, m_ff, i, a, e, n) - w * w * gq + 2.0 * w * bv + elastic + mv
+        )
+        if cm != 0.0:
+            p, k = 0.0, 0.0  # d(rate of grad s)/dq terms of foreshortening
+            if modal:
+                p, k = line(d, d0, i, v, e, n), line(d, d0, i, a, e, n)
+            add_pair(
+                S, half, cos, sin, at, e + i,
+                cm * gs_x - cc * (2.0 * w * gs_y + 2.0 * p) - ck * (alpha * gs_y + w * w * gs_x + k),
+                cm * gs_y + cc * 2.0 * w * gs_x + ck * (alpha * gs_x - w * w * gs_y - 2.0 * w * p),
+            )  # fmt: skip
+            ba = 0.0  # (B'q'')_i
+            for j in range(n):
+                ba += d[b + j * n + i] * a[e + j]
+            add_entry(S, half, at + 2, e + i,
+                 cm * cb + cc * 2.0 * w * gq
+                 + ck * (gs_x * ay - gs_y * ax + 2.0 * alpha * gq + ba + 2.0 * w * line(d, g, i, v, e, n)))  # fmt: skip
+            add_pair_row(S, half, cos, sin, e + i, at, cm * gs_x, cm * gs_y)
+            add_entry(S, half, e + i, at + 2, cm * cb + cc * 2.0 * (bv - w * gq) + ck * (gs_x * ay - gs_y * ax))
+            inert = cm + cc * m.mass_damping
+            linear = ck + cc * damp
+            row = (e + i) * (3 * half + 1) - i + half
+            for j in range(n):
+                x = inert * d[m_ff + i * n + j] + (2.0 * w * cc + alpha * ck) * d[b + i * n + j] - ck * w * w * d[g + i * n + j]
+                x += linear * (d[k_axial + i * n + j] + stiff * d[k_bend + i * n + j])
+                if modal:
+                    x -= ck * ax * d[d0 + i * n + j]
+                S[row + j] += x
+
+
+@kernel
+def coupling_force(m, body, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
+    """Axial-bending coupling of each element: P G w [45], and with it the foreshortening in von Karman's energy."""
+    d, e, half = m.data, m.table[body, START] + 3, m.half
+    full = m.coupling == VON_KARMAN
+    for element in range(m.table[body, ELEMENTS]):
+        first = e + 3 * (element - 1)  # rows of the element's first node; the clamped root has none
+        g = element_at(m, body, element) + 1
+        ea = d[g - 1]
+        stretch = q[first + 3] - (q[first] if element > 0 else 0.0)
+        w0 = q[first + 1] if element > 0 else 0.0
+        w1 = q[first + 2] if element > 0 else 0.0
+        w2, w3 = q[first + 4], q[first + 5]
+        wgw = 0.0
+        for i in range(4):
+            gw = d[g + 4 * i + 0] * w0 + d[g + 4 * i + 1] * w1 + d[g + 4 * i + 2] * w2 + d[g + 4 * i + 3] * w3
+            wgw += gw * (w0 if i == 0 else w1 if i == 1 else w2 if i == 2 else w3)
+        force = ea * (stretch + (0.5 * wgw if full else 0.0))  # axial force P
+        if full:
+            r[first + 3] += 0.5 * ea * wgw
+            if element > 0:
+                r[first] -= 0.5 * ea * wgw
+        low = 0 if element > 0 else 2
+        for i in range(low, 4):
+            row = first + 1 + i + (i // 2)
+            gw = d[g + 4 * i + 0] * w0 + d[g + 4 * i + 1] * w1 + d[g + 4 * i + 2] * w2 + d[g + 4 * i + 3] * w3
+            r[row] += force * gw
+            if cm != 0.0:
+                add_entry(S, half, row, first + 3, ck * ea * gw)
+                if element > 0:
+                    add_entry(S, half, row, first, -ck * ea * gw)
+                if full:
+                    add_entry(S, half, first + 3, row, ck * ea * gw)
+                    if element > 0:
+                        add_entry(S, half, first, row, -ck * ea * gw)
+                for j in range(low, 4):
+                    x = force * d[g + 4 * i + j]
+                    if full:
+                        x += ea * gw * (d[g + 4 * j + 0] * w0 + d[g + 4 * j + 1] * w1 + d[g + 4 * j + 2] * w2 + d[g + 4 * j + 3] * w3)
+                    add_entry(S, half, row, first + 1 + j + (j // 2), ck * x)
+
+
+@kernel
+def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+    """A point mass and inertia at a body's tip, exactly."""
+    at = m.table[body, START]
+    e, n, half = at + 3, m.table[body, SIZE], m.half
+    cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
+    gx, gy = a[at] - m.gravity[0], a[at + 1] - m.gravity[1]
+    ax, ay = cos * gx + sin * gy, cos * gy - sin * gx
+    w, alpha = v[at + 2], a[at + 2]
+    sx, sy, _ = tip_position(m, body, q)
+    tx, ty, _ = tip_rate(m, body, q, v)
+    hx, hy, turn = tip_rate(m, body, q, a)
+    modal = m.table[body, ELEMENTS] == 0
+    if modal:
+        hx -= quadratic(m.data, tip_h_at(m, body), v, v, e, n)
+    turn += alpha
+    bx = -alpha * sy - w * w * sx - 2.0 * w * ty + hx
+    by = alpha * sx - w * w * sy + 2.0 * w * tx + hy
+    fx, fy = mass * (ax + bx), mass * (ay + by)
+    r[at] += cos * fx - sin * fy
+    r[at + 1] += sin * fx + cos * fy
+    r[at + 2] += sx * fy - sy * fx + inertia * turn
+    for i in range(n):
+        x, y = tip_gradient(m, body, q, i)
+        r[e + i] += x * fx + y * fy + inertia * m.data[tip_at(m, body) + 2 * m.table[body, SIZE] + i] * turn
+    if cm == 0.0:
+        return
+    for j in range(3 + n):  # column by column: how the tip's acceleration (mass times) and the lever arms change
+        dx, dy, px, py, spin = 0.0, 0.0, 0.0, 0.0, 0.0
+        if j == 0:
+            dx, dy = cm * cos, -cm * sin
+        elif j == 1:
+            dx, dy = cm * sin, cm * cos
+        elif j == 2:
+            dx = -cm * sy - cc * (2.0 * w * sx + 2.0 * ty) + ck * ay
+            dy = cm * sx - cc * (2.0 * w * sy - 2.0 * tx) - ck * ax
+            spin = cm
+        else:
+            px, py = tip_gradient(m, body, q, j - 3)
+            p, k = 0.0, 0.0
+            if modal:
+                p, k = line(m.data, tip_h_at(m, body), j - 3, v, e, n), line(m.data, tip_h_at(m, body), j - 3, a, e, n)
+            dx = cm * px - cc * (2.0 * w * py + 2.0 * p) - ck * (alpha * py + w * w * px + k)
+            dy = cm * py + cc * 2.0 * w * px + ck * (alpha * px - w * w * py - 2.0 * w * p)
+            spin = cm * m.data[tip_at(m, body) + 2 * n + j - 3]
+        dx *= mass
+        dy *= mass
+        if j == 2:  # the force turns with the frame
+            add_pair(S, half, cos, sin, at, at + j, dx - ck * fy, dy + ck * fx)
+        else:
+            add_pair(S, half, cos, sin, at, at + j, dx, dy)
+        add_entry(S, half, at + 2, at + j, sx * dy - sy * dx + ck * (px * fy - py * fx) + inertia * spin)
+        for i in range(n):
+            x, y = tip_gradient(m, body, q, i)
+            entry = x * dx + y * dy + inertia * m.data[tip_at(m, body) + 2 * m.table[body, SIZE] + i] * spin
+            if modal and j >= 3:
+                entry -= ck * fx * m.data[tip_h_at(m, body) + i * n + j - 3]
+            add_entry(S, half, e + i, at + j, entry)
+
+
+@kernel
+def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
+    """Residual -= what a global force and a moment do at a body's tip; tangent with its curvature."""
+    at = m.table[body, START]
+    e, n, half = at + 3, m.table[body, SIZE], m.half
+    cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
+    lx, ly = cos * fx + sin * fy, cos * fy - sin * fx
+    sx, sy, _ = tip_position(m, body, q)
+    r[at] -= fx
+    r[at + 1] -= fy
+    r[at + 2] -= sx * ly - sy * lx + moment
+    for i in range(n):
+        x, y = tip_gradient(m, body, q, i)
+        r[e + i] -= x * lx + y * ly + m.data[tip_at(m, body) + 2 * m.table[body, SIZE] + i] * moment
+        if cm != 0.0:
+            turned = ck * (x * ly - y * lx)
+            add_entry(S, half, e + i, at + 2, -turned)
+            add_entry(S, half, at + 2, e + i, -turned)
+            if m.table[body, ELEMENTS] == 0:
+                for j in range(n):
+                    add_entry(S, half, e + i, e + j, ck * lx * m.data[tip_h_at(m, body) + i * n + j])
+    if cm != 0.0:
+        add_entry(S, half, at + 2, at + 2, ck * (sx * lx + sy * ly))
