@@ -123,6 +123,38 @@ class FloatingFrame(NamedTuple):
     loads: np.ndarray
 
 
+class Elastica(NamedTuple):
+    """A chain of N links with k nodes each: m = N k tangent angles, numbered from root to tip. SI.
+
+    Rows: angles of the nodes (the first of each link the joint's, relative), then root x, y where the root can move.
+    Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size. One array holds
+    all constants, because each array passed to a kernel costs time to compile and to call:
+
+    data   P (m, m) kg m^2: masses but the payload's; R (N, k, k) kg m^2: rotary inertia of sections, hub and elbows;
+           K (N, k, k) N m: bending stiffness; b (m,) kg m: first moments, sum b_j e_j = mass (centre - root);
+           w (m,) m: sum w_j e_j = tip of the last link - root, and of each link: its tip - its root;
+           tips (m,): weights of a link's angles in its tip's angle; then mass (payload left out), x and y of a root
+           that cannot move, gravity x and y; then a row of m for each point drawn: sum of weights times e_j = point - root
+    loads  likewise for each point load, then the weights of the angles in the angle there, (n_loads, 2, m), or None
+    """
+
+    n: int | tuple[int, ...]
+    n_factor: int | tuple[int, ...]
+    n_inputs: int | tuple[int, ...]
+    fixed: np.ndarray | None
+    algebraic: np.ndarray | None
+    weight: np.ndarray
+    predictor: float
+    links: int | tuple[int, ...]  # N
+    nodes: int | tuple[int, ...]  # k
+    scratch: tuple[int, ...]  # at least N k zeros: room on the stack
+    root: tuple[int, ...] | None  # a tag where the root's position is among the rows
+    gravity: tuple[int, ...] | None  # a tag where there is gravity
+    payload_turns: tuple[int, ...] | None  # a tag where the payload has, or may be given, rotary inertia
+    data: np.ndarray
+    loads: np.ndarray | None
+
+
 @dataclass(frozen=True)
 class System:
     """An assembled scene: its Model, the arm's own parameters, the start, and where coordinates stand.

@@ -16,6 +16,15 @@ from .stack import stack
 
 
 @kernel
+def _offsets(model):  # type: ignore[no-untyped-def]
+    """Where R, K, b, w, tips and the single numbers begin in model.data; P begins at 0."""
+    n = size(model.nodes)
+    m = size(model.links) * n
+    b = m * m + 2 * m * n
+    return m * m, m * m + m * n, b, b + m, b + 2 * m, b + 3 * m
+
+
+@kernel
 def _absolute(lane, model, q, x):  # type: ignore[no-untyped-def]
     """x <- angles of the nodes (or their rates) from the coordinates: a joint's is relative to the tip before it."""
     n = size(model.nodes)
@@ -28,20 +37,23 @@ def _absolute(lane, model, q, x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _frame_acceleration(lane, model, gravity, a):  # type: ignore[no-untyped-def]
+def _frame_acceleration(lane, model, a):  # type: ignore[no-untyped-def]
     """Acceleration of the root less gravity."""
     x, y = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
         x, y = load(lane, a, m), load(lane, a, m + 1)
-    if gravity is not None:
-        x, y = x - gravity[0], y - gravity[1]
+    if model.gravity is not None:
+        o = _offsets(model)[5]
+        x, y = x - model.data[o + 3], y - model.data[o + 4]
     return x, y
 
 
 @kernel
 def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
     """r and, unless cm = 0, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
+    D = model.data
+    at_R, at_K, at_b, at_w, _, _ = _offsets(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     payload, stiffness, tau_d = load(lane, par, 0), load(lane, par, 2), load(lane, par, 3)
@@ -52,14 +64,14 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
     _absolute(lane, model, q, x)
     _absolute(lane, model, v, y)
     _absolute(lane, model, a, z)
-    frame_x, frame_y = _frame_acceleration(lane, model, model.gravity, a)
+    frame_x, frame_y = _frame_acceleration(lane, model, a)
     tip_x, tip_y = frame_x, frame_y
     for i in range(m):
         angle, rate, second = load(lane, x, i), load(lane, y, i), load(lane, z, i)
         sine, cosine = sincos(angle)
         square = rate * rate
         ax, ay = -(sine * second + cosine * square), cosine * second - sine * square
-        tip_x, tip_y = tip_x + ax * model.w[i], tip_y + ay * model.w[i]
+        tip_x, tip_y = tip_x + ax * D[at_w + i], tip_y + ay * D[at_w + i]
         store(c, i, cosine)
         store(s, i, sine)
         store(ex, i, ax)
@@ -67,23 +79,23 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
         store(x, i, (angle + rate * tau_d) * stiffness)
     tip_x, tip_y = tip_x * payload, tip_y * payload
     for i in range(m):
-        fxi, fyi = tip_x * model.w[i], tip_y * model.w[i]
+        fxi, fyi = tip_x * D[at_w + i], tip_y * D[at_w + i]
         if model.root is not None or model.gravity is not None:
-            fxi, fyi = fxi + frame_x * model.b[i], fyi + frame_y * model.b[i]
+            fxi, fyi = fxi + frame_x * D[at_b + i], fyi + frame_y * D[at_b + i]
         for j in range(m):
-            fxi = fxi + load(lane, ex, j) * model.P[i * m + j]
-            fyi = fyi + load(lane, ey, j) * model.P[i * m + j]
+            fxi = fxi + load(lane, ex, j) * D[i * m + j]
+            fyi = fyi + load(lane, ey, j) * D[i * m + j]
         store(fx, i, fxi)
         store(fy, i, fyi)
-    _less_forces(lane, model, model.load_arms, u, fx, fy)
+    _less_forces(lane, model, model.loads, u, fx, fy)
     for k in range(links):
         for i in range(k * n, k * n + n):
             total = load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)
             for j in range(n):
-                total = total + load(lane, x, k * n + j) * model.K[i * n + j]
-                total = total + load(lane, z, k * n + j) * model.R[i * n + j]
+                total = total + load(lane, x, k * n + j) * D[at_K + i * n + j]
+                total = total + load(lane, z, k * n + j) * D[at_R + i * n + j]
             store(r, i, total)
-    _less_torques(lane, model, model.load_angles, u, r)
+    _less_torques(lane, model, model.loads, u, r)
     _payload_turns(lane, model, load(lane, par, 1), z, r)
     _root_force(lane, model, payload, ex, ey, frame_x, frame_y, u, r)
     for k in range(links - 1, 0, -1):  # from angles to coordinates, see _to_relative
@@ -97,6 +109,8 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
 @kernel
 def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type: ignore[no-untyped-def]
     """The matrix of `assemble`; ex, ey become the weighted derivative of e''."""
+    D = model.data
+    at_R, at_K, _, at_w, _, _ = _offsets(model)
     n, links, rows = size(model.nodes), size(model.links), size(model.n)
     m = n * links
     payload = load(lane, par, 0)
@@ -107,22 +121,22 @@ def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type:
         store(ex, i, -(sine * cm + cosine * twice + ay * ck))
         store(ey, i, cosine * cm - sine * twice + ax * ck)
     for i in range(m):
-        share = payload * model.w[i]
+        share = payload * D[at_w + i]
         ci, si, dxi, dyi = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         k = i // n
         for j in range(i):
-            p = share * model.w[j] + model.P[i * m + j]
+            p = share * D[at_w + j] + D[i * m + j]
             lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
             upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
             if j >= k * n:
                 o = i * n + j - k * n
-                both = slope * model.K[o] + cm * model.R[o]
+                both = slope * D[at_K + o] + cm * D[at_R + o]
                 lower, upper = lower + both, upper + both
             store(S, i * rows + j, lower)
             store(S, j * rows + i, upper)
         o = i * n + i - k * n
-        p = share * model.w[i] + model.P[i * m + i]
-        both = slope * model.K[o] + cm * model.R[o]
+        p = share * D[at_w + i] + D[i * m + i]
+        both = slope * D[at_K + o] + cm * D[at_R + o]
         own = p * (ci * dyi - si * dxi) + both
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
     _payload_turns_tangent(lane, model, load(lane, par, 1), cm, S)
@@ -131,80 +145,88 @@ def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type:
 
 
 @kernel
-def _less_forces(lane, model, arms, u, fx, fy):  # type: ignore[no-untyped-def]
+def _less_forces(lane, model, loads, u, fx, fy):  # type: ignore[no-untyped-def]
     """A_i <- A_i less the forces of the point loads times their arms."""
-    if arms is not None:
+    if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range(arms.shape[0] // m):
+        for f in range(loads.shape[0] // (2 * m)):
             force_x, force_y = load(lane, u, links + 3 * f), load(lane, u, links + 3 * f + 1)
             for i in range(m):
-                store(fx, i, load(lane, fx, i) - force_x * arms[f * m + i])
-                store(fy, i, load(lane, fy, i) - force_y * arms[f * m + i])
+                store(fx, i, load(lane, fx, i) - force_x * loads[2 * f * m + i])
+                store(fy, i, load(lane, fy, i) - force_y * loads[2 * f * m + i])
 
 
 @kernel
-def _less_torques(lane, model, angles, u, r):  # type: ignore[no-untyped-def]
+def _less_torques(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
     """r_i <- r_i less the torques of the point loads."""
-    if angles is not None:
+    if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range(angles.shape[0] // m):
+        for f in range(loads.shape[0] // (2 * m)):
             torque = load(lane, u, links + 3 * f + 2)
             for i in range(m):
-                store(r, i, load(lane, r, i) - torque * angles[f * m + i])
+                store(r, i, load(lane, r, i) - torque * loads[(2 * f + 1) * m + i])
 
 
 @kernel
 def _payload_turns(lane, model, inertia, z, r):  # type: ignore[no-untyped-def]
     """Rotary inertia of the payload, on the last link's angles."""
+    D = model.data
+    _, _, _, _, at_tips, _ = _offsets(model)
     if model.payload_turns is not None:
         n, m = size(model.nodes), size(model.links) * size(model.nodes)
         moment = splat(lane, 0.0)
         for j in range(m - n, m):
-            moment = moment + load(lane, z, j) * model.tips[j]
+            moment = moment + load(lane, z, j) * D[at_tips + j]
         moment = moment * inertia
         for i in range(m - n, m):
-            store(r, i, load(lane, r, i) + moment * model.tips[i])
+            store(r, i, load(lane, r, i) + moment * D[at_tips + i])
 
 
 @kernel
 def _payload_turns_tangent(lane, model, inertia, cm, S):  # type: ignore[no-untyped-def]
+    D = model.data
+    _, _, _, _, at_tips, _ = _offsets(model)
     if model.payload_turns is not None:
         n, m, rows = size(model.nodes), size(model.links) * size(model.nodes), size(model.n)
         for i in range(m - n, m):
-            share = inertia * (cm * model.tips[i])
+            share = inertia * (cm * D[at_tips + i])
             for j in range(m - n, m):
-                store(S, i * rows + j, load(lane, S, i * rows + j) + share * model.tips[j])
+                store(S, i * rows + j, load(lane, S, i * rows + j) + share * D[at_tips + j])
 
 
 @kernel
 def _root_force(lane, model, payload, ex, ey, frame_x, frame_y, u, r):  # type: ignore[no-untyped-def]
     """Rate of the whole chain's momentum less gravity and loads: the rows of the root's position."""
+    D = model.data
+    _, _, at_b, at_w, _, at_one = _offsets(model)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
-        mass = payload + model.mass
+        mass = payload + D[at_one]
         total_x, total_y = mass * frame_x, mass * frame_y
         for j in range(m):
-            moment = payload * model.w[j] + model.b[j]
+            moment = payload * D[at_w + j] + D[at_b + j]
             total_x = total_x + moment * load(lane, ex, j)
             total_y = total_y + moment * load(lane, ey, j)
         store(r, m, total_x)
         store(r, m + 1, total_y)
-        _less_total(lane, model, model.load_arms, u, r)
+        _less_total(lane, model, model.loads, u, r)
 
 
 @kernel
 def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):  # type: ignore[no-untyped-def]
+    D = model.data
+    _, _, at_b, at_w, _, at_one = _offsets(model)
     if model.root is not None:
         m, rows = size(model.links) * size(model.nodes), size(model.n)
         for j in range(m):
-            moment = payload * model.w[j] + model.b[j]
+            moment = payload * D[at_w + j] + D[at_b + j]
             store(S, m * rows + j, moment * load(lane, dx, j))
             store(S, (m + 1) * rows + j, moment * load(lane, dy, j))
             store(S, j * rows + m, moment * load(lane, s, j) * -cm)
             store(S, j * rows + m + 1, moment * load(lane, c, j) * cm)
-        mass = (payload + model.mass) * cm
+        mass = (payload + D[at_one]) * cm
         store(S, m * rows + m, mass)
         store(S, m * rows + m + 1, splat(lane, 0.0))
         store(S, (m + 1) * rows + m, splat(lane, 0.0))
@@ -212,12 +234,12 @@ def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):  # type: ignore[no
 
 
 @kernel
-def _less_total(lane, model, arms, u, r):  # type: ignore[no-untyped-def]
+def _less_total(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
     """The root's rows less all forces."""
-    if arms is not None:
+    if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range(arms.shape[0] // m):
+        for f in range(loads.shape[0] // (2 * m)):
             store(r, m, load(lane, r, m) - load(lane, u, links + 3 * f))
             store(r, m + 1, load(lane, r, m + 1) - load(lane, u, links + 3 * f + 1))
 
@@ -297,10 +319,12 @@ def _tangents(lane, model, q, v, c, s, ex, ey):  # type: ignore[no-untyped-def]
 @kernel
 def _root(lane, model, q):  # type: ignore[no-untyped-def]
     """Position of the root."""
+    D = model.data
+    _, _, _, _, _, at_one = _offsets(model)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
         return load(lane, q, m), load(lane, q, m + 1)
-    return splat(lane, model.position[0]), splat(lane, model.position[1])
+    return splat(lane, D[at_one + 1]), splat(lane, D[at_one + 2])
 
 
 @kernel
@@ -318,13 +342,13 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
     n, links = size(model.nodes), size(model.links)
     for k in range(links):
         store(y, k, load(lane, q, k * n))
-    _load_ports(lane, model, model.load_arms, model.load_angles, q, y)
+    _load_ports(lane, model, model.loads, q, y)
 
 
 @kernel
-def _load_ports(lane, model, arms, angles, q, y):  # type: ignore[no-untyped-def]
+def _load_ports(lane, model, loads, q, y):  # type: ignore[no-untyped-def]
     """Position and angle of the point of each load."""
-    if arms is not None:
+    if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
         x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
@@ -334,15 +358,17 @@ def _load_ports(lane, model, arms, angles, q, y):  # type: ignore[no-untyped-def
             store(c, i, cosine)
             store(s, i, sine)
         root_x, root_y = _root(lane, model, q)
-        for f in range(arms.shape[0] // m):
-            store(y, links + 3 * f, root_x + _sum(lane, arms, f * m, c, m))
-            store(y, links + 3 * f + 1, root_y + _sum(lane, arms, f * m, s, m))
-            store(y, links + 3 * f + 2, _sum(lane, angles, f * m, x, m))
+        for f in range(loads.shape[0] // (2 * m)):
+            store(y, links + 3 * f, root_x + _sum(lane, loads, 2 * f * m, c, m))
+            store(y, links + 3 * f + 1, root_y + _sum(lane, loads, 2 * f * m, s, m))
+            store(y, links + 3 * f + 2, _sum(lane, loads, (2 * f + 1) * m, x, m))
 
 
 @kernel
 def _bending(lane, model, x):  # type: ignore[no-untyped-def]
     """x' K x over all links; x: angles or rates of the nodes. Differences from the root's keep spins exact."""
+    D = model.data
+    _, at_K, _, _, _, _ = _offsets(model)
     n = size(model.nodes)
     total = splat(lane, 0.0)
     for k in range(size(model.links)):
@@ -350,7 +376,7 @@ def _bending(lane, model, x):  # type: ignore[no-untyped-def]
         for i in range(1, n):
             row = splat(lane, 0.0)
             for j in range(1, n):
-                row = row + (load(lane, x, k * n + j) - start) * model.K[(k * n + i) * n + j]
+                row = row + (load(lane, x, k * n + j) - start) * D[at_K + (k * n + i) * n + j]
             total = total + row * (load(lane, x, k * n + i) - start)
     return total
 
@@ -366,6 +392,8 @@ def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 @kernel
 def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     """(kinetic, strain, gravity), J; gravity's is zero where the centre of mass is at the origin."""
+    D = model.data
+    at_R, _, at_b, at_w, at_tips, at_one = _offsets(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     payload = load(lane, par, 0)
@@ -380,44 +408,48 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     _absolute(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
     strain = _bending(lane, model, x) * (load(lane, par, 2) * 0.5)
-    tip_x, tip_y = _sum(lane, model.w, 0, ex, m), _sum(lane, model.w, 0, ey, m)
+    tip_x, tip_y = _sum(lane, D, at_w, ex, m), _sum(lane, D, at_w, ey, m)
     turn = splat(lane, 0.0)
     for i in range(m - n, m):
-        turn = turn + load(lane, y, i) * model.tips[i]
+        turn = turn + load(lane, y, i) * D[at_tips + i]
     twice = payload * (tip_x * tip_x + tip_y * tip_y) + load(lane, par, 1) * (turn * turn)
     for i in range(m):
         px, py, spin = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
         for j in range(m):
-            px = px + load(lane, ex, j) * model.P[i * m + j]
-            py = py + load(lane, ey, j) * model.P[i * m + j]
+            px = px + load(lane, ex, j) * D[i * m + j]
+            py = py + load(lane, ey, j) * D[i * m + j]
         for j in range(n):
-            spin = spin + load(lane, y, i // n * n + j) * model.R[i * n + j]
+            spin = spin + load(lane, y, i // n * n + j) * D[at_R + i * n + j]
         twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + load(lane, y, i) * spin)
-    mass = payload + model.mass
+    mass = payload + D[at_one]
     if model.root is not None:
         vx, vy = load(lane, v, m), load(lane, v, m + 1)
-        px = payload * tip_x + _sum(lane, model.b, 0, ex, m)
-        py = payload * tip_y + _sum(lane, model.b, 0, ey, m)
+        px = payload * tip_x + _sum(lane, D, at_b, ex, m)
+        py = payload * tip_y + _sum(lane, D, at_b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
-    return twice * 0.5, strain, _gravity_energy(lane, model, model.gravity, payload, q, c, s)
+    return twice * 0.5, strain, _gravity_energy(lane, model, payload, q, c, s)
 
 
 @kernel
-def _gravity_energy(lane, model, gravity, payload, q, c, s):  # type: ignore[no-untyped-def]
+def _gravity_energy(lane, model, payload, q, c, s):  # type: ignore[no-untyped-def]
     """- mass g . centre of mass."""
-    if gravity is None:
+    D = model.data
+    _, _, at_b, at_w, _, at_one = _offsets(model)
+    if model.gravity is None:
         return splat(lane, 0.0)
     m = size(model.links) * size(model.nodes)
-    mass = payload + model.mass
+    mass = payload + D[at_one]
     root_x, root_y = _root(lane, model, q)
-    cx = payload * _sum(lane, model.w, 0, c, m) + _sum(lane, model.b, 0, c, m) + mass * root_x
-    cy = payload * _sum(lane, model.w, 0, s, m) + _sum(lane, model.b, 0, s, m) + mass * root_y
-    return -(cx * gravity[0] + cy * gravity[1])
+    cx = payload * _sum(lane, D, at_w, c, m) + _sum(lane, D, at_b, c, m) + mass * root_x
+    cy = payload * _sum(lane, D, at_w, s, m) + _sum(lane, D, at_b, s, m) + mass * root_y
+    return -(cx * D[at_one + 3] + cy * D[at_one + 4])
 
 
 @kernel
 def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
     """12 numbers a link: root x, y, angle and their rates, tip x, y, angle and their rates."""
+    D = model.data
+    _, _, _, at_w, at_tips, _ = _offsets(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
@@ -444,9 +476,9 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
         store(out, o + 5, load(lane, y, k * n))
         angle, rate = splat(lane, 0.0), splat(lane, 0.0)
         for i in range(k * n, k * n + n):
-            px, py = px + load(lane, c, i) * model.w[i], py + load(lane, s, i) * model.w[i]
-            vx, vy = vx + load(lane, ex, i) * model.w[i], vy + load(lane, ey, i) * model.w[i]
-            angle, rate = angle + load(lane, x, i) * model.tips[i], rate + load(lane, y, i) * model.tips[i]
+            px, py = px + load(lane, c, i) * D[at_w + i], py + load(lane, s, i) * D[at_w + i]
+            vx, vy = vx + load(lane, ex, i) * D[at_w + i], vy + load(lane, ey, i) * D[at_w + i]
+            angle, rate = angle + load(lane, x, i) * D[at_tips + i], rate + load(lane, y, i) * D[at_tips + i]
         store(out, o + 6, px)
         store(out, o + 7, py)
         store(out, o + 8, angle)
@@ -464,9 +496,12 @@ def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
 @kernel
 def shape(model, q, points):  # type: ignore[no-untyped-def]
     """Positions along the chain, into the first rows of `points`; returns how many."""
+    D = model.data
+    _, _, _, _, _, at_one = _offsets(model)
     lane = (0,)
     m = size(model.links) * size(model.nodes)
-    count = min(model.stations.shape[0] // m, points.shape[0])
+    first = at_one + 5
+    count = min((D.shape[0] - first) // m, points.shape[0])
     x = stack(lane, model.scratch)
     _absolute(lane, model, q, x)
     root_x, root_y = _root(lane, model, q)
@@ -475,8 +510,8 @@ def shape(model, q, points):  # type: ignore[no-untyped-def]
     for j in range(m):
         sine, cosine = sincos(x[j])
         for p in range(count):
-            points[p, 0] += cosine * model.stations[p * m + j]
-            points[p, 1] += sine * model.stations[p * m + j]
+            points[p, 0] += cosine * D[first + p * m + j]
+            points[p, 1] += sine * D[first + p * m + j]
     return count
 
 

@@ -14,6 +14,7 @@ the next link hangs) and Radau's on the last link (one at the root, none at the 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -168,6 +169,11 @@ def _end(chain_: Chain, load: PointLoad) -> tuple[Array, Array]:
     return chain_.arm_to(load.link, s), chain_.angle_at(load.link, s)
 
 
+def _flat(*items: Any) -> Array:
+    """All numbers of the items in one array."""
+    return np.concatenate([np.asarray(item, dtype=np.float64).ravel() for item in items])
+
+
 def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
     """n as a Model's size field: a compile-time constant or a number (see kernels/protocol.py)."""
     return (0,) * n if compiled_in else n
@@ -190,10 +196,10 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     rows = size + (2 if has_root else 0)
     unroll = size <= UNROLLED
     loads = [load for load in scene.loads if isinstance(load, PointLoad)]
-    ends = [_end(parts, load) for load in loads]
-    stations = np.concatenate(
-        [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
-    )
+    ends = [weights for load in loads for weights in _end(parts, load)]
+    tips = np.concatenate([line.tip_angle for line in parts.lines])
+    gravity = (0.0, 0.0) if scene.gravity is None else scene.gravity
+    stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
     model = Elastica(
         n=tag(rows, unroll),
         n_factor=tag(rows * rows, unroll),
@@ -205,20 +211,11 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         links=tag(count, unroll),
         nodes=tag(n, unroll),
         scratch=(0,) * (size if unroll else 16 * -(-size // 16)),
-        P=np.ascontiguousarray(parts.P.ravel()),
-        R=np.ascontiguousarray(parts.R.ravel()),
-        K=np.ascontiguousarray(parts.K.ravel()),
-        b=parts.b,
-        w=parts.w,
-        tips=np.concatenate([line.tip_angle for line in parts.lines]),
-        mass=parts.mass,
+        root=(0,) if has_root else None,
+        gravity=None if scene.gravity is None else (0,),
         payload_turns=(0,),
-        root=(0, 0) if has_root else None,
-        position=np.array(scene.position, dtype=np.float64),
-        gravity=None if scene.gravity is None else np.array(scene.gravity, dtype=np.float64),
-        load_arms=np.concatenate([end[0] for end in ends]) if loads else None,
-        load_angles=np.concatenate([end[1] for end in ends]) if loads else None,
-        stations=stations,
+        data=_flat(parts.P, parts.R, parts.K, parts.b, parts.w, tips, parts.mass, scene.position, gravity, stations),
+        loads=_flat(*ends) if loads else None,
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
     names, coordinates = _names(count, n, has_root)
