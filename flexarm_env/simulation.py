@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from . import kernels  # noqa: F401  (registers the formulations)
 from .kernels.lanes import SINGLE
 from .kernels.newmark import Work, advance, restart, unpack, work_size
-from .kernels.rollout import observe_arm, shape_of
+from .kernels.rollout import observe_arm
 from .mechanics import assembly
 from .model import DIVERGED, MESSAGE, NOT_FINITE, OK, scheme
 from .scene import Scene
@@ -21,6 +21,8 @@ from .settings import Settings
 from .trajectory import Recorder, Trajectory
 
 Array = NDArray[np.float64]
+
+_NO_POINTS = np.zeros((0, 2))
 
 ENERGY_LIMIT = 1e3
 """Energy beyond this many times (initial energy + gross work) means that the solution has diverged."""
@@ -118,8 +120,12 @@ class Simulation:
 
     def observe(self) -> tuple[Array, Array]:
         """Link poses (n_links, 12) and energies (kinetic, strain, gravity) in J; copies."""
-        observe_arm(SINGLE, self.model, self.par, self._flat, self.n_motions, self._poses, self._energies)
+        self._observe(_NO_POINTS)
         return self._poses.reshape(-1, 12).copy(), self._energies.copy()
+
+    def _observe(self, points: Array) -> int:
+        w = self.work
+        return int(observe_arm(SINGLE, self.model, self.par, w.q, w.v, self._poses, self._energies, points))
 
     def joint_torques(self) -> Array:
         """Torque of each joint, N m (n_links,): applied, or the one that enforces its prescribed angle."""
@@ -132,7 +138,7 @@ class Simulation:
     def shape_points(self) -> Array:
         """Positions along the chain, root to tip, (n_points, 2) m."""
         points = np.full((2 + 8 * 64 * self.scene.arm.n_links, 2), np.nan)
-        return points[: shape_of(self.model, self.work.q, points)].copy()
+        return points[: self._observe(points)].copy()
 
 
 def simulate(

@@ -14,85 +14,9 @@ from .jit import kernel
 START, SIZE, LINK, ROWS, ANGLE, ELEMENTS, STATIONS, BLOCK = range(8)  # columns of `table`
 LENGTH, MASS, S0, I0, OFFSET, VECTORS = range(6)  # scalars at the head of a body's block, then its vectors
 
-
-@kernel
-def first_multiplier(m, body):  # type: ignore[no-untyped-def]
-    """First row of the multipliers after a body."""
-    return m.table[body, START] + 3 + m.table[body, SIZE]
-
-
-@kernel
-def block_at(m, body, vectors, matrices):  # type: ignore[no-untyped-def]
-    """Place in `data` behind so many vectors (n) and matrices (n, n) of a body's block."""
-    n = m.table[body, SIZE]
-    return m.table[body, BLOCK] + VECTORS + n * (vectors + n * matrices)
-
-
-@kernel
-def scalar(m, body, which):  # type: ignore[no-untyped-def]
-    return m.data[m.table[body, BLOCK] + which]
-
-
-@kernel
-def s_bar_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 0, 0)
-
-
-@kernel
-def c_u_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 2, 0)
-
-
-@kernel
-def c_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 3, 0)
-
-
-@kernel
-def tip_at(m, body):  # type: ignore[no-untyped-def]
-    """u, v, phi at the tip."""
-    return block_at(m, body, 4, 0)
-
-
-@kernel
-def g_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 7, 0)
-
-
-@kernel
-def m_ff_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 7, 1)
-
-
-@kernel
-def b_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 7, 2)
-
-
-@kernel
-def k_axial_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 7, 3)
-
-
-@kernel
-def k_bend_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 7, 4)
-
-
-@kernel
-def d0_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 7, 5)
-
-
-@kernel
-def tip_h_at(m, body):  # type: ignore[no-untyped-def]
-    return block_at(m, body, 7, 6)
-
-
-@kernel
-def element_at(m, body, element):  # type: ignore[no-untyped-def]
-    """EA / l, then the 16 entries of G."""
-    return block_at(m, body, 7, 7) + 17 * element
+# Where things stand in a body's block p = table[body, BLOCK], n coordinates (each accessor would be one more function
+# to compile, so the arithmetic is written out): from v = p + VECTORS the vectors S_bar v, c_u v+2n, c v+3n, tip v+4n;
+# from w = v + 7n the matrices G w, M_ff w+nn, B w+2nn, K_axial w+3nn, K_bend w+4nn, D0 w+5nn, tip H w+6nn; then elements.
 
 
 @kernel
@@ -146,10 +70,10 @@ def add_pair_row(S, half, cos, sin, i, k, x, y):  # type: ignore[no-untyped-def]
 def tip_position(m, body, q):  # type: ignore[no-untyped-def]
     """Tip in the body frame: (s_x, s_y, phi)."""
     at, n = m.table[body, START] + 3, m.table[body, SIZE]
-    tip = tip_at(m, body)
-    s_x = scalar(m, body, LENGTH) + dot(m.data, tip, q, at, n)
+    tip = (m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE])
+    s_x = m.data[m.table[body, BLOCK] + LENGTH] + dot(m.data, tip, q, at, n)
     if m.table[body, ELEMENTS] == 0:
-        s_x -= 0.5 * quadratic(m.data, tip_h_at(m, body), q, q, at, n)
+        s_x -= 0.5 * quadratic(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), q, q, at, n)
     return s_x, dot(m.data, tip + n, q, at, n), dot(m.data, tip + 2 * n, q, at, n)
 
 
@@ -157,20 +81,20 @@ def tip_position(m, body, q):  # type: ignore[no-untyped-def]
 def tip_rate(m, body, q, v):  # type: ignore[no-untyped-def]
     """Rate of the tip in the body frame."""
     at, n = m.table[body, START] + 3, m.table[body, SIZE]
-    tip = tip_at(m, body)
+    tip = (m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE])
     s_x = dot(m.data, tip, v, at, n)
     if m.table[body, ELEMENTS] == 0:
-        s_x -= quadratic(m.data, tip_h_at(m, body), q, v, at, n)
+        s_x -= quadratic(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), q, v, at, n)
     return s_x, dot(m.data, tip + n, v, at, n), dot(m.data, tip + 2 * n, v, at, n)
 
 
 @kernel
 def tip_gradient(m, body, q, j):  # type: ignore[no-untyped-def]
     """d(s_x, s_y)/dq_j at the tip."""
-    x = m.data[tip_at(m, body) + 0 + j]
+    x = m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 0 + j]
     if m.table[body, ELEMENTS] == 0:
-        x -= line(m.data, tip_h_at(m, body), j, q, m.table[body, START] + 3, m.table[body, SIZE])
-    return x, m.data[tip_at(m, body) + m.table[body, SIZE] + j]
+        x -= line(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), j, q, m.table[body, START] + 3, m.table[body, SIZE])
+    return x, m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + m.table[body, SIZE] + j]
 
 
 @kernel
@@ -182,36 +106,38 @@ def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-u
     gx, gy = a[at] - m.gravity[0], a[at + 1] - m.gravity[1]
     ax, ay = cos * gx + sin * gy, cos * gy - sin * gx  # a_R in the body frame
     w, alpha = v[at + 2], a[at + 2]
-    s_bar, d0, g, b, m_ff = s_bar_at(m, body), d0_at(m, body), g_at(m, body), b_at(m, body), m_ff_at(m, body)
-    k_axial, k_bend, c_u, c = k_axial_at(m, body), k_bend_at(m, body), c_u_at(m, body), c_at(m, body)
+    p = m.table[body, BLOCK]
+    s_bar = p + VECTORS
+    c_u, c, g = s_bar + 2 * n, s_bar + 3 * n, s_bar + 7 * n
+    m_ff, b, k_axial, k_bend, d0 = g + n * n, g + 2 * n * n, g + 3 * n * n, g + 4 * n * n, g + 5 * n * n
     modal = m.table[body, ELEMENTS] == 0
     stiff, damp = par[2], par[3]
 
     # s = s_bar, t its rate, h = grad s q'' + second-order term
-    sx, sy = scalar(m, body, S0) + dot(d, s_bar, q, e, n), dot(d, s_bar + n, q, e, n)
+    sx, sy = m.data[m.table[body, BLOCK] + S0] + dot(d, s_bar, q, e, n), dot(d, s_bar + n, q, e, n)
     tx, ty = dot(d, s_bar, v, e, n), dot(d, s_bar + n, v, e, n)
     hx, hy = dot(d, s_bar, a, e, n), dot(d, s_bar + n, a, e, n)
     if modal:
         sx -= 0.5 * quadratic(d, d0, q, q, e, n)
         tx -= quadratic(d, d0, q, v, e, n)
         hx -= quadratic(d, d0, q, a, e, n) + quadratic(d, d0, v, v, e, n)
-    inertia, spin_rate, lever = scalar(m, body, I0), 0.0, 0.0  # I, (c_u + G q)'q', (c + B q)'q''
+    inertia, spin_rate, lever = m.data[m.table[body, BLOCK] + I0], 0.0, 0.0  # I, (c_u + G q)'q', (c + B q)'q''
     for i in range(n):
         gq = line(d, g, i, q, e, n)
         inertia += (2.0 * d[c_u + i] + gq) * q[e + i]
         spin_rate += (d[c_u + i] + gq) * v[e + i]
         lever += (d[c + i] + line(d, b, i, q, e, n)) * a[e + i]
 
-    fx = scalar(m, body, MASS) * ax - alpha * sy - w * w * sx - 2.0 * w * ty + hx
-    fy = scalar(m, body, MASS) * ay + alpha * sx - w * w * sy + 2.0 * w * tx + hy
+    fx = m.data[m.table[body, BLOCK] + MASS] * ax - alpha * sy - w * w * sx - 2.0 * w * ty + hx
+    fy = m.data[m.table[body, BLOCK] + MASS] * ay + alpha * sx - w * w * sy + 2.0 * w * tx + hy
     r[at] += cos * fx - sin * fy
     r[at + 1] += sin * fx + cos * fy
     r[at + 2] += sx * ay - sy * ax + alpha * inertia + lever + 2.0 * w * spin_rate
     if cm != 0.0:
-        add_entry(S, half, at, at, cm * scalar(m, body, MASS))
-        add_entry(S, half, at + 1, at + 1, cm * scalar(m, body, MASS))
+        add_entry(S, half, at, at, cm * m.data[m.table[body, BLOCK] + MASS])
+        add_entry(S, half, at + 1, at + 1, cm * m.data[m.table[body, BLOCK] + MASS])
         # column theta: through acceleration, rate and angle
-        dx, dy = fx - scalar(m, body, MASS) * ax, fy - scalar(m, body, MASS) * ay
+        dx, dy = fx - m.data[m.table[body, BLOCK] + MASS] * ax, fy - m.data[m.table[body, BLOCK] + MASS] * ay
         add_pair(
             S, half, cos, sin, at, at + 2,
             -cm * sy - cc * (2.0 * w * sx + 2.0 * ty) - ck * dy,
@@ -263,11 +189,11 @@ def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-u
 @kernel
 def coupling_force(m, body, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
     """Axial-bending coupling of each element: P G w [45], and with it the foreshortening in von Karman's energy."""
-    d, e, half = m.data, m.table[body, START] + 3, m.half
+    d, e, half, n = m.data, m.table[body, START] + 3, m.half, m.table[body, SIZE]
     full = m.coupling == VON_KARMAN
     for element in range(m.table[body, ELEMENTS]):
         first = e + 3 * (element - 1)  # rows of the element's first node; the clamped root has none
-        g = element_at(m, body, element) + 1
+        g = m.table[body, BLOCK] + VECTORS + 7 * n * (1 + n) + 17 * element + 1
         ea = d[g - 1]
         stretch = q[first + 3] - (q[first] if element > 0 else 0.0)
         w0 = q[first + 1] if element > 0 else 0.0
@@ -316,7 +242,7 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
     hx, hy, turn = tip_rate(m, body, q, a)
     modal = m.table[body, ELEMENTS] == 0
     if modal:
-        hx -= quadratic(m.data, tip_h_at(m, body), v, v, e, n)
+        hx -= quadratic(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), v, v, e, n)
     turn += alpha
     bx = -alpha * sy - w * w * sx - 2.0 * w * ty + hx
     by = alpha * sx - w * w * sy + 2.0 * w * tx + hy
@@ -326,7 +252,7 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
     r[at + 2] += sx * fy - sy * fx + inertia * turn
     for i in range(n):
         x, y = tip_gradient(m, body, q, i)
-        r[e + i] += x * fx + y * fy + inertia * m.data[tip_at(m, body) + 2 * m.table[body, SIZE] + i] * turn
+        r[e + i] += x * fx + y * fy + inertia * m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 2 * m.table[body, SIZE] + i] * turn
     if cm == 0.0:
         return
     for j in range(3 + n):  # column by column: how the tip's acceleration (mass times) and the lever arms change
@@ -343,10 +269,10 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
             px, py = tip_gradient(m, body, q, j - 3)
             p, k = 0.0, 0.0
             if modal:
-                p, k = line(m.data, tip_h_at(m, body), j - 3, v, e, n), line(m.data, tip_h_at(m, body), j - 3, a, e, n)
+                p, k = line(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), j - 3, v, e, n), line(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), j - 3, a, e, n)
             dx = cm * px - cc * (2.0 * w * py + 2.0 * p) - ck * (alpha * py + w * w * px + k)
             dy = cm * py + cc * 2.0 * w * px + ck * (alpha * px - w * w * py - 2.0 * w * p)
-            spin = cm * m.data[tip_at(m, body) + 2 * n + j - 3]
+            spin = cm * m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 2 * n + j - 3]
         dx *= mass
         dy *= mass
         if j == 2:  # the force turns with the frame
@@ -356,9 +282,9 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
         add_entry(S, half, at + 2, at + j, sx * dy - sy * dx + ck * (px * fy - py * fx) + inertia * spin)
         for i in range(n):
             x, y = tip_gradient(m, body, q, i)
-            entry = x * dx + y * dy + inertia * m.data[tip_at(m, body) + 2 * m.table[body, SIZE] + i] * spin
+            entry = x * dx + y * dy + inertia * m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 2 * m.table[body, SIZE] + i] * spin
             if modal and j >= 3:
-                entry -= ck * fx * m.data[tip_h_at(m, body) + i * n + j - 3]
+                entry -= ck * fx * m.data[(m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])) + i * n + j - 3]
             add_entry(S, half, e + i, at + j, entry)
 
 
@@ -375,13 +301,13 @@ def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):  # type: ignore[no-unty
     r[at + 2] -= sx * ly - sy * lx + moment
     for i in range(n):
         x, y = tip_gradient(m, body, q, i)
-        r[e + i] -= x * lx + y * ly + m.data[tip_at(m, body) + 2 * m.table[body, SIZE] + i] * moment
+        r[e + i] -= x * lx + y * ly + m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 2 * m.table[body, SIZE] + i] * moment
         if cm != 0.0:
             turned = ck * (x * ly - y * lx)
             add_entry(S, half, e + i, at + 2, -turned)
             add_entry(S, half, at + 2, e + i, -turned)
             if m.table[body, ELEMENTS] == 0:
                 for j in range(n):
-                    add_entry(S, half, e + i, e + j, ck * lx * m.data[tip_h_at(m, body) + i * n + j])
+                    add_entry(S, half, e + i, e + j, ck * lx * m.data[(m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])) + i * n + j])
     if cm != 0.0:
         add_entry(S, half, at + 2, at + 2, ck * (sx * lx + sy * ly))

@@ -11,6 +11,7 @@ import numpy as np
 from ..model import DIVERGED, LINEAR, OK, OUT_OF_RANGE, VON_KARMAN, FloatingFrame
 from .floating_body import (
     ANGLE,
+    BLOCK,
     ELEMENTS,
     I0,
     LENGTH,
@@ -22,28 +23,15 @@ from .floating_body import (
     SIZE,
     START,
     STATIONS,
+    VECTORS,
     add_entry,
-    b_at,
     body_residual,
-    c_at,
-    c_u_at,
     coupling_force,
-    d0_at,
     dot,
-    element_at,
-    first_multiplier,
-    g_at,
-    k_axial_at,
-    k_bend_at,
-    m_ff_at,
     payload_residual,
     quadratic,
-    s_bar_at,
-    scalar,
-    tip_at,
     tip_force,
     tip_gradient,
-    tip_h_at,
     tip_position,
     tip_rate,
 )
@@ -55,8 +43,9 @@ from .protocol import register
 @kernel
 def _joint_columns(m, body, q, scale, S):  # type: ignore[no-untyped-def]
     """Phi_q and its transpose for the joint between a body's tip and the next body, both times `scale`."""
-    at, lam, nxt, half = m.table[body, START], first_multiplier(m, body), m.table[body + 1, START], m.half
+    at, lam, nxt, half = m.table[body, START], m.table[body, START] + 3 + m.table[body, SIZE], m.table[body + 1, START], m.half
     e, n = at + 3, m.table[body, SIZE]
+    p = m.table[body, BLOCK] + VECTORS
     cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
     sx, sy, _ = tip_position(m, body, q)
     for k in range(2):
@@ -72,7 +61,7 @@ def _joint_columns(m, body, q, scale, S):  # type: ignore[no-untyped-def]
         _both(S, half, lam + 2, at + 2, scale)
         _both(S, half, lam + 2, nxt + 2, -scale)
         for i in range(n):
-            _both(S, half, lam + 2, e + i, scale * m.data[tip_at(m, body) + 2 * m.table[body, SIZE] + i])
+            _both(S, half, lam + 2, e + i, scale * m.data[p + 4 * n + 2 * m.table[body, SIZE] + i])
 
 
 @kernel
@@ -99,7 +88,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
         if body == 0 or m.table[body, LINK] != m.table[body - 1, LINK]:
             r[at + 2] -= u[m.table[body, LINK]]
         if body < last:
-            lam = first_multiplier(m, body)
+            lam = m.table[body, START] + 3 + m.table[body, SIZE]
             fx, fy, moment = -q[lam], -q[lam + 1], 0.0
             r[at + 3 + m.table[body, SIZE] + m.table[body, ROWS]] -= q[lam]
             r[at + 4 + m.table[body, SIZE] + m.table[body, ROWS]] -= q[lam + 1]
@@ -128,8 +117,9 @@ def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-un
     """Constraint rows: tip of each body minus the next frame's origin, and its angle where rigid or prescribed."""
     m = model
     for body in range(m.table.shape[0] - 1):
-        at, lam, nxt = m.table[body, START], first_multiplier(m, body), m.table[body + 1, START]
+        at, lam, nxt = m.table[body, START], m.table[body, START] + 3 + m.table[body, SIZE], m.table[body + 1, START]
         e, n = at + 3, m.table[body, SIZE]
+        p = m.table[body, BLOCK] + VECTORS
         cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
         sx, sy, phi = tip_position(m, body, q)
         if level == 0:
@@ -144,7 +134,7 @@ def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-un
             else:
                 hx, hy, second_rate = tip_rate(m, body, q, a)
                 if m.table[body, ELEMENTS] == 0:
-                    hx -= quadratic(m.data, tip_h_at(m, body), v, v, e, n)
+                    hx -= quadratic(m.data, p + n * (7 + 6 * n), v, v, e, n)
                 x = hx - a[at + 2] * sy - w * w * sx - 2.0 * w * ty
                 y = hy + a[at + 2] * sx - w * w * sy + 2.0 * w * tx
                 turn = a[at + 2] + second_rate - a[nxt + 2]
@@ -155,7 +145,7 @@ def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-un
             if m.table[body, ANGLE] >= 0:
                 turn += psi[3 * m.table[body, ANGLE] + level]
             elif level == 0:
-                turn += scalar(m, body, OFFSET)
+                turn += m.data[m.table[body, BLOCK] + OFFSET]
             r[lam + 2] = scale * turn
 
 
@@ -213,21 +203,23 @@ def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     power = 0.0
     for body in range(m.table.shape[0]):
         e, n = m.table[body, START] + 3, m.table[body, SIZE]
+        p = m.table[body, BLOCK] + VECTORS
         if par[3] != 0.0:
-            power += par[3] * quadratic(m.data, k_axial_at(m, body), v, v, e, n)
-            power += par[3] * par[2] * quadratic(m.data, k_bend_at(m, body), v, v, e, n)
+            power += par[3] * quadratic(m.data, p + n * (7 + 3 * n), v, v, e, n)
+            power += par[3] * par[2] * quadratic(m.data, p + n * (7 + 4 * n), v, v, e, n)
         if m.mass_damping != 0.0:
-            power += m.mass_damping * quadratic(m.data, m_ff_at(m, body), v, v, e, n)
+            power += m.mass_damping * quadratic(m.data, p + n * (7 + n), v, v, e, n)
     return power
 
 
 @kernel
 def _coupling_energy(m, body, q):  # type: ignore[no-untyped-def]
-    d, e = m.data, m.table[body, START] + 3
+    d, e, n = m.data, m.table[body, START] + 3, m.table[body, SIZE]
+    p = m.table[body, BLOCK] + VECTORS
     total = 0.0
     for element in range(m.table[body, ELEMENTS]):
         first = e + 3 * (element - 1)
-        g = element_at(m, body, element) + 1
+        g = p + 7 * n * (1 + n) + 17 * element + 1
         ea = d[g - 1]
         stretch = q[first + 3] - (q[first] if element > 0 else 0.0)
         wgw = 0.0
@@ -250,25 +242,26 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     for body in range(last + 1):
         at = m.table[body, START]
         e, n = at + 3, m.table[body, SIZE]
+        p = m.table[body, BLOCK] + VECTORS
         cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
         w = v[at + 2]
-        s_bar, d0 = s_bar_at(m, body), d0_at(m, body)
-        sx, sy = scalar(m, body, S0) + dot(m.data, s_bar, q, e, n), dot(m.data, s_bar + n, q, e, n)
+        s_bar, d0 = p, p + n * (7 + 5 * n)
+        sx, sy = m.data[m.table[body, BLOCK] + S0] + dot(m.data, s_bar, q, e, n), dot(m.data, s_bar + n, q, e, n)
         tx, ty = dot(m.data, s_bar, v, e, n), dot(m.data, s_bar + n, v, e, n)
         if m.table[body, ELEMENTS] == 0:
             sx -= 0.5 * quadratic(m.data, d0, q, q, e, n)
             tx -= quadratic(m.data, d0, q, v, e, n)
         vx, vy = cos * v[at] + sin * v[at + 1], cos * v[at + 1] - sin * v[at]
-        inertia = scalar(m, body, I0) + 2.0 * dot(m.data, c_u_at(m, body), q, e, n) + quadratic(m.data, g_at(m, body), q, q, e, n)
-        kinetic += 0.5 * scalar(m, body, MASS) * (vx * vx + vy * vy) + vx * (tx - w * sy) + vy * (ty + w * sx)
-        kinetic += 0.5 * w * w * inertia + 0.5 * quadratic(m.data, m_ff_at(m, body), v, v, e, n)
-        kinetic += w * (dot(m.data, c_at(m, body), v, e, n) - quadratic(m.data, b_at(m, body), q, v, e, n))
-        strain += 0.5 * quadratic(m.data, k_axial_at(m, body), q, q, e, n)
-        strain += 0.5 * par[2] * quadratic(m.data, k_bend_at(m, body), q, q, e, n)
+        inertia = m.data[m.table[body, BLOCK] + I0] + 2.0 * dot(m.data, p + 2 * n, q, e, n) + quadratic(m.data, p + 7 * n, q, q, e, n)
+        kinetic += 0.5 * m.data[p - VECTORS + MASS] * (vx * vx + vy * vy) + vx * (tx - w * sy) + vy * (ty + w * sx)
+        kinetic += 0.5 * w * w * inertia + 0.5 * quadratic(m.data, p + n * (7 + n), v, v, e, n)
+        kinetic += w * (dot(m.data, p + 3 * n, v, e, n) - quadratic(m.data, p + n * (7 + 2 * n), q, v, e, n))
+        strain += 0.5 * quadratic(m.data, p + n * (7 + 3 * n), q, q, e, n)
+        strain += 0.5 * par[2] * quadratic(m.data, p + n * (7 + 4 * n), q, q, e, n)
         if m.coupling != LINEAR:
             strain += _coupling_energy(m, body, q)
-        potential -= m.gravity[0] * (scalar(m, body, MASS) * q[at] + cos * sx - sin * sy)
-        potential -= m.gravity[1] * (scalar(m, body, MASS) * q[at + 1] + sin * sx + cos * sy)
+        potential -= m.gravity[0] * (m.data[m.table[body, BLOCK] + MASS] * q[at] + cos * sx - sin * sy)
+        potential -= m.gravity[1] * (m.data[m.table[body, BLOCK] + MASS] * q[at + 1] + sin * sx + cos * sy)
         if body == last and (par[0] != 0.0 or par[1] != 0.0):
             px, py, _ = tip_position(m, body, q)
             rx, ry, turn = tip_rate(m, body, q, v)
@@ -305,9 +298,9 @@ def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
     m = model
     for body in range(m.table.shape[0]):
         sx, sy, _ = tip_position(m, body, q)
-        if not abs(sy) < scalar(m, body, LENGTH):
+        if not abs(sy) < m.data[m.table[body, BLOCK] + LENGTH]:
             return float(DIVERGED)
-        if m.table[body, ELEMENTS] == 0 and m.bound > 0.0 and abs(sy) > m.bound * scalar(m, body, LENGTH):
+        if m.table[body, ELEMENTS] == 0 and m.bound > 0.0 and abs(sy) > m.bound * m.data[m.table[body, BLOCK] + LENGTH]:
             return float(OUT_OF_RANGE)
     return float(OK)
 
@@ -321,9 +314,10 @@ def shape(model, q, points):  # type: ignore[no-untyped-def]
     for body in range(m.table.shape[0]):
         at = m.table[body, START]
         e, n = at + 3, m.table[body, SIZE]
+        p = m.table[body, BLOCK] + VECTORS
         cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
         d = m.data
-        first = element_at(m, body, m.table[body, ELEMENTS])  # stations lie behind the elements: x, u, v, H each
+        first = p + 7 * n * (1 + n) + 17 * m.table[body, ELEMENTS]  # stations lie behind the elements: x, u, v, H each
         for station in range(m.table[body, STATIONS]):
             place = first + station * (1 + 2 * n + n * n)
             x = d[place] + dot(d, place + 1, q, e, n) - 0.5 * quadratic(d, place + 1 + 2 * n, q, q, e, n)

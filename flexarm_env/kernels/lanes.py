@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import config, types
 from numba.core import cgutils
-from numba.extending import intrinsic, lower_builtin, models, overload, register_model, type_callable
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 from .jit import kernel
 
@@ -132,8 +132,33 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, k: Any, co
     return builder.bitcast(first, _vector(count).as_pointer())
 
 
+def _either(python: Any, compiled: Any) -> Any:
+    """What kernels call: the intrinsic, or its Python twin where compilation is disabled.
+
+    Intrinsics themselves, not overloads that call them: an overload is a library of its own to compile, and Numba's
+    dead-code pass drops a plain `array[k] = value` behind one where it takes the array for its own.
+    """
+    compiled.__doc__ = python.__doc__
+    return python if config.DISABLE_JIT else compiled
+
+
+def _py_load(lane: tuple[int, ...], array: np.ndarray, k: int) -> float:
+    """Element k of every lane of a contiguous array."""
+    return array[k]
+
+
+def _py_store(array: np.ndarray, k: int, value: float) -> None:
+    """Write element k of every lane."""
+    array[k] = value
+
+
+def _py_splat(lane: tuple[int, ...], x: float) -> float:
+    """The scalar x in every lane."""
+    return x
+
+
 @intrinsic  # type: ignore[untyped-decorator]
-def _load_vector(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
+def _load(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
     count = len(lane)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -143,7 +168,7 @@ def _load_vector(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _store_vector(typingctx: Any, array: Any, k: Any, value: Any) -> Any:
+def _store(typingctx: Any, array: Any, k: Any, value: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         target = _pointer(context, builder, signature.args[0], args[0], args[1], _width(value))
         builder.store(args[2], target, align=8)
@@ -153,79 +178,72 @@ def _store_vector(typingctx: Any, array: Any, k: Any, value: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _splat_vector(typingctx: Any, lane: Any, x: Any) -> Any:
+def _splat(typingctx: Any, lane: Any, x: Any) -> Any:
     count = len(lane)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return _broadcast(builder, args[1], count)
 
-    return LanesType(count)(lane, types.float64), codegen
+    return _lane_type(count)(lane, types.float64), codegen
 
 
-def load(lane: tuple[int, ...], array: np.ndarray, k: int) -> float:
-    """Element k of every lane of a contiguous array."""
-    return array[k]
-
-
-def store(array: np.ndarray, k: int, value: float) -> None:
-    """Write element k of every lane."""
-    array[k] = value
-
-
-def splat(lane: tuple[int, ...], x: float) -> float:
-    """The scalar x in every lane."""
-    return x
-
-
-@overload(load)  # type: ignore[untyped-decorator]
-def _load(lane, array, k):  # type: ignore[no-untyped-def]
-    return lambda lane, array, k: _load_vector(lane, array, k)
-
-
-@overload(store)  # type: ignore[untyped-decorator]
-def _store(array, k, value):  # type: ignore[no-untyped-def]
-    # An intrinsic for a scalar too: Numba's dead-code pass drops `array[k] = value` where it takes the array for its own.
-    return lambda array, k, value: _store_vector(array, k, value)
-
-
-@overload(splat)  # type: ignore[untyped-decorator]
-def _splat(lane, x):  # type: ignore[no-untyped-def]
-    if len(lane) == 1:
-        return lambda lane, x: float(x)
-    return lambda lane, x: _splat_vector(lane, float(x))
+load, store, splat = _either(_py_load, _load), _either(_py_store, _store), _either(_py_splat, _splat)
 
 
 # --- functions -------------------------------------------------------------------------------------
 
 
-def _common_width(*kinds: Any) -> int:
-    return max(_width(k) for k in kinds)
+def _py_select_lt(a: float, b: float, x: float, y: float) -> float:
+    """x where a < b, otherwise y (also where a or b is NaN)."""
+    return x if a < b else y
+
+
+def _py_absolute(x: float) -> float:
+    """|x|"""
+    return abs(x)
+
+
+def _py_square_root(x: float) -> float:
+    """The square root of x."""
+    return math.sqrt(x)
+
+
+def _py_round_even(x: float) -> float:
+    """The nearest whole number, ties to even."""
+    return float(np.rint(x))
+
+
+def _py_largest(x: float) -> float:
+    """The largest entry of all lanes, as a float64 (NaN entries are passed over)."""
+    return x
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _select_lt(typingctx: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
-    count = _common_width(a, b, x, y)
+    count = max(_width(kind) for kind in (a, b, x, y))
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        a_, b_, x_, y_ = (
-            _widen(context, builder, v, t, count) for v, t in zip(args, signature.args, strict=True)
-        )
+        a_, b_, x_, y_ = (_widen(context, builder, v, t, count) for v, t in zip(args, signature.args, strict=True))
         return builder.select(builder.fcmp_ordered("<", a_, b_), x_, y_)
 
-    arguments = [k if isinstance(k, LanesType) else types.float64 for k in (a, b, x, y)]
+    arguments = [kind if isinstance(kind, LanesType) else types.float64 for kind in (a, b, x, y)]
     return _lane_type(count)(*arguments), codegen
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _largest(typingctx: Any, x: Any) -> Any:
+    count = _width(x)
+
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        if count == 1:
+            return args[0]
         result = builder.extract_element(args[0], ir.Constant(_SLOT, 0))
-        for i in range(1, x.count):
+        for i in range(1, count):
             entry = builder.extract_element(args[0], ir.Constant(_SLOT, i))
             result = builder.select(builder.fcmp_ordered("<", result, entry), entry, result)
         return result
 
-    return types.float64(x), codegen
+    return types.float64(_lane_type(count)), codegen
 
 
 def _unary(name: str) -> Any:
@@ -238,64 +256,15 @@ def _unary(name: str) -> Any:
             kind = ir.FunctionType(_vector(count), [_vector(count)])
             return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"{name}.{suffix}"), args)
 
-        return _lane_type(count)(x if isinstance(x, LanesType) else types.float64), codegen
+        return _lane_type(count)(_lane_type(count)), codegen
 
     return function
 
 
-_fabs, _sqrt, _rint = _unary("llvm.fabs"), _unary("llvm.sqrt"), _unary("llvm.rint")
-
-
-def select_lt(a: float, b: float, x: float, y: float) -> float:
-    """x where a < b, otherwise y (also where a or b is NaN)."""
-    return x if a < b else y
-
-
-def absolute(x: float) -> float:
-    """|x|"""
-    return abs(x)
-
-
-def square_root(x: float) -> float:
-    """The square root of x."""
-    return math.sqrt(x)
-
-
-def round_even(x: float) -> float:
-    """The nearest whole number, ties to even."""
-    return float(np.rint(x))
-
-
-def largest(x: float) -> float:
-    """The largest entry of all lanes, as a float64 (NaN entries are passed over)."""
-    return x
-
-
-@overload(select_lt)  # type: ignore[untyped-decorator]
-def _ov_select_lt(a, b, x, y):  # type: ignore[no-untyped-def]
-    return lambda a, b, x, y: _select_lt(a, b, x, y)
-
-
-@overload(absolute)  # type: ignore[untyped-decorator]
-def _ov_absolute(x):  # type: ignore[no-untyped-def]
-    return lambda x: _fabs(x)
-
-
-@overload(square_root)  # type: ignore[untyped-decorator]
-def _ov_square_root(x):  # type: ignore[no-untyped-def]
-    return lambda x: _sqrt(x)
-
-
-@overload(round_even)  # type: ignore[untyped-decorator]
-def _ov_round_even(x):  # type: ignore[no-untyped-def]
-    return lambda x: _rint(x)
-
-
-@overload(largest)  # type: ignore[untyped-decorator]
-def _ov_largest(x):  # type: ignore[no-untyped-def]
-    if isinstance(x, LanesType):
-        return lambda x: _largest(x)
-    return lambda x: x
+select_lt, largest = _either(_py_select_lt, _select_lt), _either(_py_largest, _largest)
+absolute = _either(_py_absolute, _unary("llvm.fabs"))
+square_root = _either(_py_square_root, _unary("llvm.sqrt"))
+round_even = _either(_py_round_even, _unary("llvm.rint"))
 
 
 @kernel

@@ -73,105 +73,85 @@ def unpack(lane, model, flat, n_motions):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_out_fixed(lane, model, fixed, w, matrix):  # type: ignore[no-untyped-def]
-    if fixed is not None:
-        for k in fixed:
-            store(w.r, k, splat(lane, 0.0))
-            if matrix:
-                pin(lane, model, w.S, k)
-
-
-@kernel
-def _take_out_known(lane, model, drive, w, matrix):  # type: ignore[no-untyped-def]
+def _take_out_known(lane, model, drive, r, S, matrix):  # type: ignore[no-untyped-def]
     """Take fixed and prescribed coordinates out of the residual and, where asked for, out of the matrix."""
-    _take_out_fixed(lane, model, model.fixed, w, matrix)
+    for k in model.fixed:
+        store(r, k, splat(lane, 0.0))
+        if matrix:
+            pin(lane, model, S, k)
     if drive is not None:
         for k in drive.known:
             if k >= 0:
-                w.r[k] = 0.0
+                r[k] = 0.0
                 if matrix:
-                    pin(lane, model, w.S, k)
+                    pin(lane, model, S, k)
 
 
 @kernel
-def _multiplier_row(algebraic, j):  # type: ignore[no-untyped-def]
-    if algebraic is None:
-        return 0
-    return algebraic[j]
-
-
-@kernel
-def _note_reactions(model, drive, w, multipliers):  # type: ignore[no-untyped-def]
+def _note_reactions(known, algebraic, r, multipliers, reaction):  # type: ignore[no-untyped-def]
     """Generalised forces that hold the prescribed coordinates: rows of the residual, or multipliers."""
-    for i in range(drive.known.shape[0]):
-        k = drive.known[i]
+    for i in range(known.shape[0]):
+        k = known[i]
         if k >= 0:
-            w.reaction[i] = w.r[k]
-        else:
-            w.reaction[i] = multipliers[_multiplier_row(model.algebraic, -1 - k)]
+            reaction[i] = r[k]
+        elif algebraic is not None:
+            reaction[i] = multipliers[algebraic[-1 - k]]
 
 
 @kernel
-def _set_known(drive, w):  # type: ignore[no-untyped-def]
+def _set_known(known, psi, q, v, a, b):  # type: ignore[no-untyped-def]
     """Give prescribed coordinates their position, velocity and acceleration."""
-    for i in range(drive.known.shape[0]):
-        k = drive.known[i]
+    for i in range(known.shape[0]):
+        k = known[i]
         if k >= 0:
-            w.q[k], w.v[k], w.a[k] = w.psi[3 * i], w.psi[3 * i + 1], w.psi[3 * i + 2]
-            w.b[k] = w.a[k]
+            q[k], v[k], a[k], b[k] = psi[3 * i], psi[3 * i + 1], psi[3 * i + 2], psi[3 * i + 2]
 
 
 @kernel
-def _predict(lane, model, w, h, scheme):  # type: ignore[no-untyped-def]
-    """Start of Newton, eqs. [66]-[68]; the state is kept in q0, v0, a0, b0."""
+def _predict(lane, n, flat, predictor, h, scheme):  # type: ignore[no-untyped-def]
+    """Start of Newton, eqs. [66]-[68]; the state q, v, a, b is kept in q0, v0, a0, b0 (rows of `flat`, see `unpack`)."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    for k in range(size(model.n)):
-        q, v, a, b = load(lane, w.q, k), load(lane, w.v, k), load(lane, w.a, k), load(lane, w.b, k)
-        store(w.q0, k, q)
-        store(w.v0, k, v)
-        store(w.a0, k, a)
-        store(w.b0, k, b)
-        new_a = a * model.predictor
+    for k in range(n):
+        q, v, a, b = (
+            load(lane, flat, k),
+            load(lane, flat, n + k),
+            load(lane, flat, 2 * n + k),
+            load(lane, flat, 3 * n + k),
+        )
+        store(flat, 4 * n + k, q)
+        store(flat, 5 * n + k, v)
+        store(flat, 6 * n + k, a)
+        store(flat, 7 * n + k, b)
+        new_a = a * predictor
         new_b = (new_a * (1.0 - af) + a * af - b * am) * (1.0 / (1.0 - am))
-        store(w.a, k, new_a)
-        store(w.b, k, new_b)
-        store(w.q, k, q + v * h + (b * (0.5 - beta) + new_b * beta) * (h * h))
-        store(w.v, k, v + (b * (1.0 - gamma) + new_b * gamma) * h)
+        store(flat, k, q + v * h + (b * (0.5 - beta) + new_b * beta) * (h * h))
+        store(flat, n + k, v + (b * (1.0 - gamma) + new_b * gamma) * h)
+        store(flat, 2 * n + k, new_a)
+        store(flat, 3 * n + k, new_b)
 
 
 @kernel
-def _restore(lane, model, w):  # type: ignore[no-untyped-def]
-    for k in range(size(model.n)):
-        store(w.q, k, load(lane, w.q0, k))
-        store(w.v, k, load(lane, w.v0, k))
-        store(w.a, k, load(lane, w.a0, k))
-        store(w.b, k, load(lane, w.b0, k))
+def _correct(lane, n, flat, algebraic, weight, active, c_b, c_v, c_m):  # type: ignore[no-untyped-def]
+    """Apply the Newton increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite.
 
-
-@kernel
-def _correct_multipliers(algebraic, w, active, c_m):  # type: ignore[no-untyped-def]
-    """Multipliers do not count towards convergence: they have the scale of a force."""
+    Multipliers do not count towards convergence: they have the scale of a force.
+    """
     if algebraic is not None:
         for k in algebraic:
-            w.q[k] = select_lt(0.5, active, w.q[k] - c_m * w.r[k], w.q[k])
-            w.r[k] = 0.0
-
-
-@kernel
-def _correct(lane, model, w, active, c_b, c_v, c_m):  # type: ignore[no-untyped-def]
-    """Apply the Newton increment -w.r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
-    _correct_multipliers(model.algebraic, w, active, c_m)
-    increment = splat(lane, 0.0)
-    for k in range(size(model.n)):
-        d = -load(lane, w.r, k)
-        increment = maximum(absolute(d) * model.weight[k], increment)
-        increment = select_lt(absolute(d), np.inf, increment, splat(lane, np.nan))
-        q, v, a, b = load(lane, w.q, k), load(lane, w.v, k), load(lane, w.a, k), load(lane, w.b, k)
-        store(w.q, k, select_lt(0.5, active, q + d, q))
-        store(w.v, k, select_lt(0.5, active, v + d * c_v, v))
-        store(w.b, k, select_lt(0.5, active, b + d * c_b, b))
-        store(w.a, k, select_lt(0.5, active, a + d * c_m, a))
-    return increment
+            flat[k] = select_lt(0.5, active, flat[k] - c_m * flat[8 * n + k], flat[k])
+            flat[8 * n + k] = 0.0
+    size_of = splat(lane, 0.0)
+    for k in range(n):
+        d = -load(lane, flat, 8 * n + k)
+        size_of = maximum(absolute(d) * weight[k], size_of)
+        size_of = select_lt(absolute(d), np.inf, size_of, splat(lane, np.nan))
+        q, v = load(lane, flat, k), load(lane, flat, n + k)
+        a, b = load(lane, flat, 2 * n + k), load(lane, flat, 3 * n + k)
+        store(flat, k, select_lt(0.5, active, q + d, q))
+        store(flat, n + k, select_lt(0.5, active, v + d * c_v, v))
+        store(flat, 2 * n + k, select_lt(0.5, active, a + d * c_m, a))
+        store(flat, 3 * n + k, select_lt(0.5, active, b + d * c_b, b))
+    return size_of
 
 
 @kernel
@@ -218,17 +198,18 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch began.
     """
     w = unpack(lane, model, flat, n_motions)
+    n = size(model.n)
     if books:
         _open_books(lane, model, drive, par, w)
     done, left, piece = 0, h, h
     while done < n_steps:
         start = t + done * h + (h - left)
-        _predict(lane, model, w, piece, scheme)
+        _predict(lane, n, flat, model.predictor, piece, scheme)
         if drive is not None:
             finish = start + piece
             set_inputs(drive, w.u, finish, finish - 1e-6 * piece)
             set_motions(drive, w.psi, finish, finish - 1e-6 * piece)
-            _set_known(drive, w)
+            _set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
         c_b = 1.0 / (scheme.beta * piece * piece)
         c_v = scheme.gamma / (scheme.beta * piece)
         c_m = c_b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f)
@@ -241,15 +222,15 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
             assemble(lane, model, par, w.q, w.v, w.a, w.u, use * c_m, use * c_v, use, w.r, w.S)
             if drive is not None:
                 if converged:
-                    _note_reactions(model, drive, w, w.q)
+                    _note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
                     break
             constrain(lane, model, w.psi, w.q, w.v, w.a, 0, c_m, w.r)
-            _take_out_known(lane, model, drive, w, fresh)
+            _take_out_known(lane, model, drive, w.r, w.S, fresh)
             if fresh:
                 factor(lane, model, w.S)
                 w.counts[1] += 1.0
             solve(lane, model, w.S, w.r)
-            increment = _correct(lane, model, w, active, c_b, c_v, c_m)
+            increment = _correct(lane, n, flat, model.algebraic, model.weight, active, c_b, c_v, c_m)
             w.counts[0] += 1.0
             # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
             # The first iteration has seen none and must itself be below the tolerance.
@@ -267,7 +248,8 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
         flag = select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), flag)
         if len(lane) == 1:
             if largest(flag) > 0.5:
-                _restore(lane, model, w)
+                for k in range(4 * n):
+                    flat[k] = flat[4 * n + k]
                 w.counts[2] += 1.0
                 piece *= 0.5
                 if piece < h * 0.5**scheme.max_halvings:
@@ -320,22 +302,22 @@ def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-
         if stage == 3:
             for k in range(n):
                 store(w.a, k, splat(lane, 0.0))
-            _set_multipliers(model.algebraic, w, w.a)
+            _move_multipliers(model.algebraic, w.q, w.a, False)
         if drive is not None:
             if stage == 0:  # the residual at rest, to be subtracted: what is left is inertia
                 for k in range(n):
                     w.v[k], w.a[k] = 0.0, 0.0
-                _set_multipliers(model.algebraic, w, w.a)
+                _move_multipliers(model.algebraic, w.q, w.a, False)
             elif stage <= 2:
                 for k in range(n):
                     w.a[k] = w.a0[k]
-                _set_multipliers(model.algebraic, w, w.a0)
+                _move_multipliers(model.algebraic, w.q, w.a0, False)
             elif stage == 3:
                 for k in range(n):
                     w.v[k] = w.v0[k] + w.a0[k]
-                _set_multipliers(model.algebraic, w, w.a)
-                _clear(model.algebraic, w.v)
-                _set_known(drive, w)
+                _move_multipliers(model.algebraic, w.q, w.a, False)
+                _move_multipliers(model.algebraic, w.v, w.v, True)
+                _set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
         matrix = stage == 1 or stage == 3
         assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, 0.0, 0.0, w.r, w.S)
         if drive is not None:
@@ -346,7 +328,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-
                 for k in range(n):
                     w.r[k] -= w.b0[k]
             if stage == 2:
-                _note_reactions(model, drive, w, w.a0)
+                _note_reactions(drive.known, model.algebraic, w.r, w.a0, w.reaction)
                 for i in range(drive.known.shape[0]):  # impulse times mean velocity is the kinetic energy it brings
                     k = drive.known[i]
                     speed = w.psi[3 * i + 1] + (w.v0[k] if k >= 0 else w.psi0[3 * i + 1])
@@ -360,15 +342,15 @@ def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-
         if stage == 3:
             constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
         if matrix:
-            _take_out_known(lane, model, drive, w, True)
+            _take_out_known(lane, model, drive, w.r, w.S, matrix)
             factor(lane, model, w.S)
             w.counts[1] += 1.0
             solve(lane, model, w.S, w.r)
         if stage == 3:
             for k in range(n):
                 store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
-            _set_multipliers(model.algebraic, w, w.a)
-            _clear(model.algebraic, w.a)
+            _move_multipliers(model.algebraic, w.q, w.a, False)
+            _move_multipliers(model.algebraic, w.a, w.a, True)
             for k in range(n):
                 store(w.b, k, load(lane, w.a, k))
         if drive is not None:
@@ -376,19 +358,12 @@ def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-
                 for k in range(n):
                     w.a0[k] -= w.r[k]
             elif stage == 4:
-                _note_reactions(model, drive, w, w.q)
+                _note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
 
 
 @kernel
-def _set_multipliers(algebraic, w, values):  # type: ignore[no-untyped-def]
+def _move_multipliers(algebraic, target, values, clear):  # type: ignore[no-untyped-def]
     """Multipliers live in q; solves for accelerations or velocity jumps leave them in those arrays."""
     if algebraic is not None:
         for k in algebraic:
-            w.q[k] = values[k]
-
-
-@kernel
-def _clear(algebraic, values):  # type: ignore[no-untyped-def]
-    if algebraic is not None:
-        for k in algebraic:
-            values[k] = 0.0
+            target[k] = 0.0 if clear else values[k]

@@ -5,7 +5,7 @@ A formulation's Model is a NamedTuple of arrays and numbers, never written after
     n          int, or a tuple of n zeros where n is to be a compile-time constant: rows of the system
     n_factor   likewise: float64 entries per arm that the iteration matrix and its factors need
     n_inputs   likewise: entries of u (joint torques first, then force x, force y, torque of each point load)
-    fixed      int64 (n_fixed,) or None: coordinates that never move (a ground pin)
+    fixed      int64 (n_fixed,), may be empty: coordinates that never move (a ground pin)
     algebraic  int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
     weight     float64 (n,): one over the size that matters of each coordinate (1/L for lengths, 1 for angles)
     predictor  float: 1 starts Newton from the last acceleration, 0 from none (stiff stretch and shear)
@@ -35,7 +35,8 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
-from numba.extending import overload
+from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.extending import lower_builtin, overload
 
 REGISTRY: dict[type, dict[str, Callable[..., Any]]] = {}
 
@@ -46,17 +47,32 @@ def register(model_class: type, **functions: Callable[..., Any]) -> None:
 
 
 def _dispatched(name: str, arguments: str) -> Callable[..., Any]:
-    """A function that calls the one registered under `name` for the class of its argument `model`."""
-    scope: dict[str, Any] = {"REGISTRY": REGISTRY}
-    exec(  # one template for all: the dispatch needs the exact argument names
-        f"def {name}({arguments}):\n    return REGISTRY[type(model)]['{name}']({arguments})\n"
-        f"def _overload({arguments}):\n"
-        f"    function = REGISTRY[model.instance_class]['{name}']\n"
-        f"    return lambda {arguments}: function({arguments})\n",
-        scope,
-    )
-    overload(scope[name])(scope["_overload"])
-    function: Callable[..., Any] = scope[name]
+    """A function that calls the one registered under `name` for the class of its argument `model`.
+
+    Typed and lowered directly as a call of that kernel: an overload would be one more library to compile.
+    """
+    place = [word.strip() for word in arguments.split(",")].index("model")
+
+    def function(*args: Any) -> Any:
+        return REGISTRY[type(args[place])][name](*args)
+
+    function.__name__ = function.__qualname__ = name
+    globals()[name] = function  # Numba wants to find it in its module
+
+    def kernel_of(kinds: Any) -> Any:
+        return types.Dispatcher(REGISTRY[kinds[place].instance_class][name])
+
+    @infer_global(function)
+    class _Template(AbstractTemplate):  # type: ignore[misc]
+        def generic(self, args: Any, kws: Any) -> Any:
+            return kernel_of(args).get_call_type(self.context, args, kws)
+
+    @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
+    def _lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        call = context.get_function(kernel_of(signature.args), signature)
+        context.add_linking_libs(getattr(call, "libs", ()))
+        return call(builder, args)
+
     return function
 
 

@@ -1,21 +1,19 @@
-"""Entry points from Python that look at an arm; those that move it are `newmark.advance` and `newmark.restart`."""
+"""Entry point from Python that looks at one arm; those that move it are `newmark.advance` and `newmark.restart`."""
 
 from __future__ import annotations
 
 from .jit import kernel
-from .newmark import unpack
 from .protocol import energy, link_poses, shape
 
 
 @kernel
-def observe_arm(lane, model, par, flat, n_motions, poses, energies):  # type: ignore[no-untyped-def]
-    """Link poses (12 numbers a link) and (kinetic, strain, gravity) energy of one arm; SINGLE only."""
-    w = unpack(lane, model, flat, n_motions)
-    link_poses(lane, model, par, w.q, w.v, poses)
-    energies[0], energies[1], energies[2] = energy(lane, model, par, w.q, w.v)
+def observe_arm(lane, model, par, q, v, poses, energies, points):  # type: ignore[no-untyped-def]
+    """Link poses (12 numbers a link), (kinetic, strain, gravity) energy and points along the chain; SINGLE only.
 
-
-@kernel
-def shape_of(model, q, points):  # type: ignore[no-untyped-def]
-    """Positions along the chain; returns how many were written."""
+    Returns how many points were written; none where `points` is empty.
+    """
+    link_poses(lane, model, par, q, v, poses)
+    energies[0], energies[1], energies[2] = energy(lane, model, par, q, v)
+    if points.shape[0] == 0:
+        return 0
     return shape(model, q, points)

@@ -204,7 +204,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         n=tag(rows, unroll),
         n_factor=tag(rows * rows, unroll),
         n_inputs=tag(count + 3 * len(loads), unroll),
-        fixed=np.array(fixed, dtype=np.int64) if fixed else None,
+        fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.concatenate([np.ones(size), np.full(rows - size, 1.0 / arm.total_length)]),
         predictor=1.0,

@@ -89,7 +89,7 @@ def build(scene: Scene, settings: Settings) -> System:
         n=len(names),
         n_factor=9 + 4 * (arm.n_links - 1) + elements * arm.n_links * factor_size(order),
         n_inputs=arm.n_links + 3 * len(loads),
-        fixed=np.array(fixed, dtype=np.int64) if fixed else None,
+        fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.where(lengths, 1.0 / arm.total_length, 1.0),
         predictor=0.0,

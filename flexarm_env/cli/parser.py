@@ -1,0 +1,169 @@
+"""Arguments, help texts and exit codes of `flexarm`; nothing heavy is imported here.
+
+Exit codes: 0 done; 1 the run ended early (its status is in the output) or a check failed; 2 the input is wrong;
+130 interrupted. An error is one sentence on standard error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """An ArgumentParser whose errors are one sentence, and whose help keeps its line breaks."""
+
+    def __init__(self, **options: Any) -> None:
+        options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        super().__init__(allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        """Leave with code 2 and a sentence that says where help is."""
+        sys.stderr.write(f"{self.prog}: {message} (see {self.prog} --help)\n")
+        sys.exit(BAD_INPUT)
+
+
+OVERVIEW = """\
+Planar flexible robot arms: replay scenes, compare with references, look at the results.
+
+  flexarm scenes                                   what there is to replay
+  flexarm replay robot_arm_motion                  run it and compare with its reference
+  flexarm replay robot_arm_motion --plot arm.png   the same, with a figure
+  flexarm simulate my_scene.toml --out run.csv     run a scene of your own
+  flexarm doctor                                   versions, threads, cache, a self-test
+"""
+
+SCENES = """\
+Without NAME: list the scenes that come with the package. With NAME: print that scene's TOML file,
+a good start for one of your own.
+
+  flexarm scenes
+  flexarm scenes robot_arm_motion > my_scene.toml
+  flexarm simulate my_scene.toml
+"""
+
+REPLAY = """\
+Run a scene and print what it took, as `name: value` lines. A named scene that has a reference is compared
+with it: max_tip_error and rms_tip_error, in m.
+
+  flexarm replay robot_arm_motion
+  flexarm replay robot_arm_motion --segments 8 --dt 0.025 --plot arm.png
+  flexarm replay robot_arm_motion --formulation geometrically_exact --elements 8 --order 2
+  flexarm replay flying_rod@as_printed --duration 5 --out rod.csv
+  flexarm replay my_scene.toml --reference measured.csv --json
+"""
+
+SIMULATE = """\
+Run a scene from a TOML file (or a named one) without comparing it with anything; the flags are those of replay.
+
+  flexarm simulate my_scene.toml
+  flexarm simulate my_scene.toml --formulation elastica --nodes 8 --out run.npz --plot run.png
+  flexarm simulate configs/scenes/strip_slew.toml@hasty
+"""
+
+SOLVER_NOTE = """\
+The scene's own defaults hold for what is not given. An option that the formulation lacks is an error.
+"""
+
+OUTPUT_NOTE = """\
+exit code: 0 done, 1 the run ended early (see status), 2 wrong input
+"""
+
+DOCTOR = """\
+Versions, processors and threads, the folder of compiled code, and a self-test that takes seconds
+(longer the first time, when it compiles). The exit code is 1 where the self-test fails.
+"""
+
+
+def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
+    """Flags of `replay` and `simulate`; their names are the options' names everywhere."""
+    solver = parser.add_argument_group("how it is computed", SOLVER_NOTE)
+    solver.add_argument("--formulation", metavar="NAME", help="floating_frame, geometrically_exact or elastica")
+    solver.add_argument("--segments", type=int, metavar="N", help="bodies a link is cut into (floating_frame)")
+    solver.add_argument(
+        "--elements", type=int, metavar="N", help="per segment (floating_frame), per link (geometrically_exact)"
+    )
+    solver.add_argument("--coupling", metavar="NAME", help="von_karman, paper or linear (floating_frame)")
+    solver.add_argument(
+        "--modes", type=int, metavar="N", help="bending modes instead of segments and elements (floating_frame)"
+    )
+    solver.add_argument("--order", type=int, metavar="P", help="of the elements, 1 to 3 (geometrically_exact)")
+    solver.add_argument("--nodes", type=int, metavar="N", help="per link, 3 to 12 (elastica)")
+    solver.add_argument("--dt", type=float, metavar="H", help="step, s")
+    solver.add_argument("--rho-inf", type=float, metavar="R", help="numerical damping: 1 none, 0 most")
+    solver.add_argument("--tolerance", type=float, metavar="T", help="of the Newton iteration")
+    run = parser.add_argument_group("what is run and compared")
+    run.add_argument("--duration", type=float, metavar="T", help="s")
+    run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")
+    if reference:
+        run.add_argument("--reference", metavar="FILE.csv", help="compare with this file; default: the scene's own")
+    run.add_argument("--through-env", action="store_true", help="go through the environment's step; the same numbers")
+    output = parser.add_argument_group("output")
+    output.add_argument("--out", metavar="FILE", help="trajectory to .csv (t, energy, start, tip, hinges) or .npz (all)")
+    output.add_argument("--plot", metavar="FILE", help="figure of shapes, tip deflection and energy; .png, .pdf or .svg")
+    output.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
+
+
+def build_parser() -> Parser:
+    """The parser of the whole command."""
+    from flexarm_env import __version__
+
+    parser = Parser(prog="flexarm", description=OVERVIEW, epilog="flexarm COMMAND --help says more about each.")
+    parser.add_argument("--version", action="version", version=f"flexarm_env {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+
+    def add(name: str, summary: str, description: str, module: str, epilog: str = "") -> Parser:
+        command: Parser = commands.add_parser(name, help=summary, description=description, epilog=epilog)
+        command.set_defaults(module=module)
+        return command
+
+    scenes = add("scenes", "list the scenes that come with the package", SCENES, "scenes")
+    scenes.add_argument("name", nargs="?", metavar="NAME", help="print this scene's TOML file")
+    scenes.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+
+    replay = add("replay", "run a scene and compare it with its reference", REPLAY, "replay", OUTPUT_NOTE)
+    replay.add_argument("scene", metavar="SCENE", help="a name, NAME@as_printed, or a TOML file (FILE.toml@SET)")
+    _add_run(replay, reference=True)
+
+    simulate = add("simulate", "run a scene of your own", SIMULATE, "replay", OUTPUT_NOTE)
+    simulate.add_argument("scene", metavar="FILE", help="a TOML file (FILE.toml@SET for a parameter set), or a name")
+    _add_run(simulate, reference=False)
+
+    doctor = add("doctor", "versions, threads, cache and a self-test", DOCTOR, "doctor")
+    doctor.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code (and raises SystemExit for --help and wrong flags)."""
+    parser = build_parser()
+    args = parser.parse_args(arguments)
+    if args.command is None:
+        parser.print_help()
+        return DONE
+    try:
+        code: int = importlib.import_module(f"flexarm_env.cli.{args.module}").run(args)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader has seen enough (`flexarm scenes | head`)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except (ValueError, OSError) as error:
+        sys.stderr.write(f"flexarm {args.command}: {sentence(error)}\n")
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        sys.stderr.write(f"flexarm {args.command}: interrupted\n")
+        return INTERRUPTED
+    return code
+
+
+def sentence(error: BaseException) -> str:
+    """An error in one line."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,96 @@
+"""A progress bar on a terminal, and the one way to print results."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any, TextIO
+
+
+class ProgressBar:
+    """Call it with the share done, 0 to 1. Writes to a terminal only, and not before half a second has passed."""
+
+    def __init__(self, label: str, stream: TextIO | None = None, after: float = 0.5) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._visible = self._stream.isatty()
+        self._label, self._start, self._after = label, time.monotonic(), after
+        self._drawn = ""
+
+    def __call__(self, share: float) -> None:
+        spent = time.monotonic() - self._start
+        if not self._visible or spent < self._after:
+            return
+        width = 30
+        full = int(width * share)
+        left = f", {spent / share - spent:.0f} s left" if share > 0.02 else ""
+        text = f"{self._label} [{'#' * full}{'.' * (width - full)}] {share:4.0%}{left}"
+        if text != self._drawn:
+            self._write(text)
+
+    def say(self, text: str) -> None:
+        """Show a sentence in the bar's place."""
+        if self._visible:
+            self._write(text)
+
+    def _write(self, text: str) -> None:
+        self._stream.write("\r" + text.ljust(len(self._drawn)))
+        self._stream.flush()
+        self._drawn = text
+
+    def close(self) -> None:
+        """Wipe the line."""
+        if self._drawn:
+            self._stream.write("\r" + " " * len(self._drawn) + "\r")
+            self._stream.flush()
+            self._drawn = ""
+
+
+class Announced:
+    """Within `with`, say a sentence on a terminal when it takes longer than two seconds (first compilation)."""
+
+    def __init__(self, bar: ProgressBar, text: str, after: float = 2.0) -> None:
+        self._bar = bar
+        self._timer = threading.Timer(after, bar.say, [text])
+        self._timer.daemon = True
+
+    def __enter__(self) -> None:
+        self._timer.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._timer.cancel()
+        self._timer.join()
+        self._bar.close()
+
+
+def show(values: Mapping[str, Any], as_json: bool) -> None:
+    """Print results as `name: value` lines, or as one JSON object."""
+    if as_json:
+        print(json.dumps({name: _plain(value) for name, value in values.items()}, indent=2))
+        return
+    for name, value in values.items():
+        print(f"{name}: {_text(value)}")
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}={_text(item)}" for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_text(item) for item in value)
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no infinity and no NaN: null stands for them."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value

@@ -1,0 +1,139 @@
+"""`flexarm replay` and `flexarm simulate`: run a scene, report, compare, write, draw."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import scenes
+from flexarm_env import validation as check
+from flexarm_env.cli.parser import DONE, FAILED
+from flexarm_env.cli.progress import Announced, ProgressBar, show
+from flexarm_env.comparison import tip_error
+from flexarm_env.scene import Scene
+from flexarm_env.settings import Settings
+
+OPTIONS = ("segments", "elements", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance")
+TABLES, FIGURES = (".csv", ".npz"), (".png", ".pdf", ".svg")
+
+Columns = Mapping[str, NDArray[np.float64]]
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the scene and print the report; 1 where the run ended early."""
+    scene = scenes.resolve(args.scene)
+    options = {name: getattr(args, name) for name in OPTIONS if getattr(args, name) is not None}
+    settings = scene.settings(args.formulation, **options)
+    reference, origin = _reference(args)
+    outputs = {"out": (args.out, TABLES), "plot": (args.plot, FIGURES)}
+    paths = {name: _writable(name, path, endings) for name, (path, endings) in outputs.items() if path is not None}
+
+    trajectory, compiling = _trajectory(scene, settings, args)
+    values = report(trajectory, compiling)
+    if reference is not None:
+        values["reference"] = origin
+        values |= _errors(trajectory, reference)
+    if "out" in paths:
+        write = trajectory.to_csv if paths["out"].suffix.lower() == ".csv" else trajectory.to_npz
+        write(paths["out"])
+        values["out"] = str(paths["out"])
+    if "plot" in paths:
+        from flexarm_env.plotting import plot_trajectory
+
+        values["plot"] = str(plot_trajectory(trajectory, paths["plot"], reference=reference))
+    show(values, args.json)
+    return DONE if trajectory.status == "ok" else FAILED
+
+
+def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
+    """What a run took, by name; energies in J, times in s."""
+    simulated = float(trajectory.t[-1])
+    values: dict[str, Any] = {
+        "scene": trajectory.scene.name,
+        "formulation": trajectory.settings.formulation,
+        "options": trajectory.settings.options(),
+        "status": trajectory.status,
+        "message": trajectory.message,
+        "simulated_seconds": simulated,
+        "steps": trajectory.steps,
+        "newton_iterations": trajectory.iterations,
+        "factorizations": trajectory.factorizations,
+        "halvings": trajectory.halvings,
+        "cpu_seconds_per_simulated_second": trajectory.cpu_seconds / simulated if simulated > 0.0 else float("nan"),
+        "compile_seconds": compile_seconds,
+        "max_energy_balance_residual": float(np.abs(trajectory.balance).max()),
+    }
+    values |= {f"note_{name}": float(value) for name, value in trajectory.notes.items()}
+    return values
+
+
+def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
+    """max_tip_error and rms_tip_error; nan with a reason where the run ended before there was anything to compare."""
+    try:
+        return asdict(tip_error(trajectory.t, trajectory.tip, reference))
+    except ValueError:
+        if trajectory.status == "ok":
+            raise
+        return {"max_tip_error": float("nan"), "rms_tip_error": float("nan"), "instants": 0}
+
+
+def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> tuple[Any, float]:
+    """The run, and the wall time (s) that compiling or loading compiled code took before it."""
+    if args.through_env:
+        return _through_env(scene, settings, args), 0.0
+    from flexarm_env.simulation import simulate
+
+    bar = ProgressBar(scene.name)
+    options, formulation = settings.options(), settings.formulation
+    start = time.perf_counter()
+    with Announced(bar, "compiling, which happens once ..."):
+        first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
+        simulate(scene, formulation, duration=first, sample=first, **options)
+    compiling = time.perf_counter() - start
+    bar = ProgressBar(scene.name)
+    try:
+        run_options = {"duration": args.duration, "sample": args.sample, "progress": bar}
+        return simulate(scene, formulation, **run_options, **options), compiling
+    finally:
+        bar.close()
+
+
+def _through_env(scene: Scene, settings: Settings, args: argparse.Namespace) -> Any:
+    try:
+        from flexarm_env.envs.replay import through_env
+    except ImportError:
+        raise ValueError("--through-env: this version of the package has no environments") from None
+    if args.duration is not None:
+        import dataclasses
+
+        scene = dataclasses.replace(scene, duration=check.number("duration", args.duration, "s", above=0.0))
+    return through_env(scene, settings, args.sample)
+
+
+def _reference(args: argparse.Namespace) -> tuple[Columns | None, str]:
+    """Columns to compare with and where they are from: the file given, or the named scene's own."""
+    given = getattr(args, "reference", None)
+    if given is not None:
+        return scenes.read_trajectory(given), given
+    if args.command != "replay" or args.scene not in scenes.reference_names():
+        return None, ""
+    own = scenes.reference(args.scene)
+    return own.columns, f"{own.scene} ({own.method}; tip good to {own.tip_tolerance:g} m)"
+
+
+def _writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
+    """The path of an output, its folder made; known to be sound before a long run."""
+    file = Path(path)
+    if file.suffix.lower() not in endings:
+        raise check.InvalidValue(f"--{name}", path, f"must end in {' or '.join(endings)}")
+    if file.is_dir():
+        raise check.InvalidValue(f"--{name}", path, "must be a file, and this is a folder")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    return file

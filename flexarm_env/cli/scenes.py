@@ -1,0 +1,49 @@
+"""`flexarm scenes`: what there is to replay."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from flexarm_env import scenes
+from flexarm_env.cli.parser import DONE
+
+
+def run(args: argparse.Namespace) -> int:
+    """List the named scenes, or print one of them as TOML."""
+    if args.name is not None:
+        scene = scenes.named(args.name)
+        if args.json:
+            print(json.dumps(_entry(args.name), indent=2))
+        else:
+            print(scene.to_toml(), end="")
+        return DONE
+    entries = [_entry(name) for name in scenes.names(parameter_sets=True)]
+    if args.json:
+        print(json.dumps({"scenes": entries}, indent=2))
+        return DONE
+    width = max(len(str(entry["name"])) for entry in entries)
+    print(f"{'name':{width}}  links  run, s   dt, s  reference  what happens")
+    for entry in entries:
+        mark = "yes" if entry["reference"] else "-"
+        what = entry["description"] if "@" not in str(entry["name"]) else "the same, with the digits printed in the paper"
+        print(
+            f"{entry['name']:{width}}  {entry['links']:5d}  {entry['duration']:6g}  {entry['dt']:6g}  {mark:9}  {what}"
+        )
+    return DONE
+
+
+def _entry(name: str) -> dict[str, object]:
+    scene = scenes.named(name)
+    return {
+        "name": name,
+        "links": scene.arm.n_links,
+        "root": scene.root,
+        "duration": scene.duration,
+        "dt": scene.dt,
+        "sample": scene.sample,
+        "reference": name in scenes.reference_names(),
+        "description": scene.description,
+        "source": scene.source,
+        "note": " ".join(scene.note.split()),
+    }
