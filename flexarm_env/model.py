@@ -21,7 +21,7 @@ MESSAGE = (
     "finished",
     "Newton's iteration did not converge at t = {t:.6g} s although the step {h:.3g} s was halved {halvings} times; "
     "take a smaller dt or a smaller rho_inf, or look for a load that is too large",
-    "the solution diverged at t = {t:.6g} s: a link's tip deflects by more than its length, or energy appeared from "
+    "the solution diverged at t = {t:.6g} s: a floating body's tip deflects by more than its length, or energy appeared from "
     "nowhere; take more segments, coupling='von_karman', or a smaller dt",
     "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length); "
     "take the full model (segments, elements) or formulation='geometrically_exact'",

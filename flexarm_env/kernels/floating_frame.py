@@ -294,24 +294,14 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
-    """DIVERGED when a link's tip deflects beyond its length; OUT_OF_RANGE when a reduced link leaves its range."""
+    """DIVERGED when a body's tip deflects beyond the body's length; OUT_OF_RANGE when a reduced link leaves its range."""
     m = model
-    head, length = 0, 0.0
     for body in range(m.table.shape[0]):
-        at = m.table[body, START]
-        if body > 0 and m.table[body, LINK] != m.table[body - 1, LINK]:
-            head, length = body, 0.0
-        length += m.data[m.table[body, BLOCK] + LENGTH]
-        if body + 1 == m.table.shape[0] or m.table[body, LINK] != m.table[body + 1, LINK]:
-            root = m.table[head, START]
-            sx, sy, _ = tip_position(m, body, q)
-            cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
-            dx, dy = q[at] - q[root] + cos * sx - sin * sy, q[at + 1] - q[root + 1] + sin * sx + cos * sy
-            deflection = abs(np.cos(q[root + 2]) * dy - np.sin(q[root + 2]) * dx)
-            if not deflection < length:
-                return float(DIVERGED)
-            if m.bound > 0.0 and deflection > m.bound * length:
-                return float(OUT_OF_RANGE)
+        deflection, length = abs(tip_position(m, body, q)[1]), m.data[m.table[body, BLOCK] + LENGTH]
+        if not deflection < length:
+            return float(DIVERGED)
+        if m.table[body, ELEMENTS] == 0 and deflection > m.bound * length:
+            return float(OUT_OF_RANGE)
     return float(OK)
 
 
