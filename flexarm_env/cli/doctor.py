@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     values |= {name: _version(name) for name in NEEDED}
     values |= {name: _version(name) or "not installed" for name in OPTIONAL}
     values |= {"platform": platform.platform(), "processors": _processors(), "executable": sys.executable}
-    values |= {f"threads_{name}": os.environ[name] for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS") if name in os.environ}
+    values |= {name: os.environ[name] for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS") if name in os.environ}
     missing = [name for name in NEEDED if _version(name) is None]
     if missing:
         values |= {"self_test": f"not run: {', '.join(missing)} missing"}
@@ -69,7 +69,7 @@ def _self_test() -> tuple[dict[str, Any], bool]:
     trajectory = simulation.simulate(scene)
     error = tip_error(trajectory.t, trajectory.tip, scenes.reference(SELF_TEST).columns).max_tip_error
     good = trajectory.status == "ok" and error < SELF_TEST_ERROR
-    folder = _cache_folder(simulation.advance)
+    folder = _cache_folder(vars(simulation)["advance"])
     values = {
         "cache_folder": "none (compilation is switched off)" if folder is None else str(folder),
         "cache_writable": folder is not None and folder.is_dir() and os.access(folder, os.W_OK),

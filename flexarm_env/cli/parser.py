@@ -105,8 +105,8 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
         run.add_argument("--reference", metavar="FILE.csv", help="compare with this file; default: the scene's own")
     run.add_argument("--through-env", action="store_true", help="go through the environment's step; the same numbers")
     output = parser.add_argument_group("output")
-    output.add_argument("--out", metavar="FILE", help="trajectory to .csv (t, energy, start, tip, hinges) or .npz (all)")
-    output.add_argument("--plot", metavar="FILE", help="figure of shapes, tip deflection and energy; .png, .pdf or .svg")
+    output.add_argument("--out", metavar="FILE", help="trajectory: .csv (t, energy, start, tip, hinges) or .npz (all)")
+    output.add_argument("--plot", metavar="FILE", help="figure of shapes, tip deflection, energy: .png, .pdf or .svg")
     output.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
 

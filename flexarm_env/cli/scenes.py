@@ -26,7 +26,8 @@ def run(args: argparse.Namespace) -> int:
     print(f"{'name':{width}}  links  run, s   dt, s  reference  what happens")
     for entry in entries:
         mark = "yes" if entry["reference"] else "-"
-        what = entry["description"] if "@" not in str(entry["name"]) else "the same, with the digits printed in the paper"
+        printed = str(entry["name"]).endswith("@as_printed")
+        what = "the same, with the digits printed in the paper" if printed else entry["description"]
         print(
             f"{entry['name']:{width}}  {entry['links']:5d}  {entry['duration']:6g}  {entry['dt']:6g}  {mark:9}  {what}"
         )

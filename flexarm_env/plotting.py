@@ -1,0 +1,390 @@
+"""Figures of trajectories by one call each; PNG, PDF or SVG by the path's ending. Needs matplotlib (`plot` extra).
+
+`plot_trajectory` is the paper's kind of figure: deformed shapes with time labels, beside tip deflection and energy.
+`plot_comparison` sets runs against each other and a reference; `plot_energies` and `plot_spectrum` look closer.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from flexarm_env.comparison import common_instants
+
+if TYPE_CHECKING:
+    from flexarm_env.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Array]
+
+COLORS = ("#1f5fa8", "#d1591b", "#2a8a57", "#8a4fa8", "#b8860b", "#4c4c4c")
+INK, FAINT = "#222222", "#9a9a9a"
+_TIME = LinearSegmentedColormap.from_list("flexarm_time", ["#a9c6e8", "#1f5fa8", "#0b2545"])
+
+_STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555555",
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "savefig.dpi": 150,
+    "svg.hashsalt": "flexarm_env",  # the same figure gives the same file
+}
+
+
+@contextmanager
+def _figure(path: str | os.PathLike[str], width: float, height: float) -> Iterator[Figure]:
+    """A figure in the house's style, written whole to `path` when the block ends well."""
+    file = Path(path)
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+        file.parent.mkdir(parents=True, exist_ok=True)
+        part = file.with_name(f"{file.stem}.part{file.suffix}")
+        figure.savefig(part)
+        part.replace(file)
+
+
+def plot_trajectory(
+    trajectory: Trajectory,
+    path: str | os.PathLike[str],
+    reference: Columns | None = None,
+    shapes: int = 13,
+    title: str | None = None,
+) -> Path:
+    """Deformed shapes with time labels beside tip deflection and energy over time.
+
+    Args:
+        trajectory: a run. path: the file to write. reference: a table (`scenes.reference(NAME).columns`) whose tip
+        path is drawn as dots. shapes: how many shapes. title: default, scene and formulation.
+    Returns:
+        The path.
+    Raises:
+        ValueError: the file's ending is not one that matplotlib writes.
+    """
+    stages = _stages(trajectory)
+    extents = [_extent(trajectory.shapes[chosen]) for chosen in stages]
+    widths = [float(np.clip(4.4 * w / h, 2.8, 8.5 if len(stages) == 1 else 4.8)) for w, h in extents]
+    with _figure(path, sum(widths) + 4.4, 4.8) as figure:
+        figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
+        grid = figure.add_gridspec(2, len(stages) + 1, width_ratios=[*widths, 4.2])
+        for i, chosen in enumerate(stages):
+            axes = figure.add_subplot(grid[:, i])
+            count = max(4, round(shapes / len(stages)) + len(stages) - 1)
+            _draw_shapes(axes, trajectory, chosen, count, reference, (widths[i], 4.4))
+            t = trajectory.t[chosen]
+            axes.set_title(f"shapes, {t[0]:g} to {t[-1]:g} s")
+        deflection = figure.add_subplot(grid[0, -1])
+        energy = figure.add_subplot(grid[1, -1], sharex=deflection)
+        _draw_deflection(deflection, trajectory)
+        _draw_energies(energy, trajectory)
+        deflection.tick_params(labelbottom=False)
+    return Path(path)
+
+
+def plot_comparison(
+    trajectories: Mapping[str, Trajectory],
+    path: str | os.PathLike[str],
+    reference: Columns | None = None,
+    title: str = "",
+) -> Path:
+    """Several runs of a scene: tip paths, tip deflection over time, and the distance of the tips from the reference.
+
+    Args:
+        trajectories: runs by their labels. reference: a table; without one the first run stands for it.
+    Returns:
+        The path.
+    Raises:
+        ValueError: no run is given.
+    """
+    if not trajectories:
+        raise ValueError("trajectories = {}: must hold at least one run")
+    labels = list(trajectories)
+    table: Columns = trajectories[labels[0]].columns() if reference is None else reference
+    name = labels[0] if reference is None else "reference"
+    with _figure(path, 10.5, 5.0) as figure:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, color=INK)
+        grid = figure.add_gridspec(2, 2, width_ratios=[4.6, 5.4])
+        paths = figure.add_subplot(grid[:, 0])
+        deflection = figure.add_subplot(grid[0, 1])
+        error = figure.add_subplot(grid[1, 1], sharex=deflection)
+        if reference is not None:
+            paths.plot(table["tip_x"], table["tip_y"], ".", color=INK, ms=2.5, label="reference")
+        for color, label in zip(_cycle(len(labels)), labels, strict=True):
+            run = trajectories[label]
+            paths.plot(run.tip[:, 0], run.tip[:, 1], color=color, lw=1.1, label=label)
+            deflection.plot(run.t, run.tip_deflection[:, -1], color=color, lw=1.1)
+            mine, theirs = common_instants(run.t, table["t"])
+            if mine.size and not (reference is None and label == labels[0]):
+                apart = np.hypot(*(run.tip[mine, :2] - np.column_stack([table["tip_x"], table["tip_y"]])[theirs]).T)
+                error.semilogy(run.t[mine], np.where(apart > 0.0, apart, np.nan), color=color, lw=1.1)
+        paths.set(title="path of the tip", xlabel="x (m)", ylabel="y (m)", aspect="equal", adjustable="datalim")
+        paths.legend(loc="best")
+        deflection.set(title="tip deflection / link length")
+        deflection.tick_params(labelbottom=False)
+        error.set(title=f"distance of the tip from the {name} (m)", xlabel="t (s)")
+        _floor(error)
+    return Path(path)
+
+
+def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: str | None = None) -> Path:
+    """Energies, and below them the balance: energy that appeared from nowhere (J)."""
+    with _figure(path, 7.0, 5.0) as figure:
+        figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
+        energy, balance = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 1.0]})
+        _draw_energies(energy, trajectory)
+        energy.set_xlabel("")
+        balance.plot(trajectory.t, trajectory.balance, color=COLORS[5], lw=1.1)
+        balance.set(title="change of energy + dissipated - work (J)", xlabel="t (s)")
+        _mark_kinks(balance, trajectory)
+    return Path(path)
+
+
+def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
+    """Amplitude spectrum of an evenly sampled signal: frequencies (Hz) and amplitudes (unit of x), Hann window.
+
+    The mean is taken out; a sine of amplitude A gives a peak of A. Raises ValueError for uneven or too few samples.
+    """
+    step = np.diff(t)
+    if t.size < 8 or np.ptp(step) > 1e-6 * step.mean():
+        raise ValueError(f"t = {t.size} samples: must be at least 8, evenly spaced")
+    window = np.hanning(t.size)
+    amplitude = np.abs(np.fft.rfft((x - x.mean()) * window)) * 2.0 / window.sum()
+    return np.asarray(np.fft.rfftfreq(t.size, float(step.mean()))), np.asarray(amplitude)
+
+
+def plot_spectrum(
+    trajectory: Trajectory, path: str | os.PathLike[str], since: float | None = None, title: str | None = None
+) -> Path:
+    """Amplitude spectrum of each link's tip deflection (fraction of its length), the highest peaks labelled.
+
+    Args:
+        since: s; the part before it is left out. Default: the last instant at which a drive jumps or ends.
+    Raises:
+        ValueError: too few samples are left.
+    """
+    start = _last_kink(trajectory) if since is None else since
+    chosen = trajectory.t >= start - 1e-9
+    t = trajectory.t[chosen]
+    with _figure(path, 7.0, 3.8) as figure:
+        axes = figure.add_subplot()
+        figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
+        highest, last = 0.0, 0.0
+        for k in range(trajectory.tip_deflection.shape[1]):
+            frequency, amplitude = spectrum(t, trajectory.tip_deflection[chosen, k])
+            color = COLORS[k % len(COLORS)]
+            axes.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-16), color=color, label=f"link {k + 1}")
+            highest = max(highest, float(amplitude[1:].max()))
+            last = max(last, float(frequency[amplitude > 1e-5 * amplitude[1:].max()].max(initial=0.0)))
+            for i in _peaks(amplitude)[: 3 if k == 0 else 0]:
+                axes.annotate(
+                    f"{frequency[i]:.3g} Hz", (frequency[i], amplitude[i]), xytext=(0, 3), textcoords="offset points",
+                    fontsize=8, color=color, rotation=40, ha="left", va="bottom",
+                )  # fmt: skip
+        axes.set(xlabel="frequency (Hz)", title=f"amplitude of the tip deflection / length, {t[0]:g} to {t[-1]:g} s")
+        axes.set_xlim(0.0, min(1.05 * last, float(frequency[-1])) or float(frequency[-1]))
+        if highest > 0.0:
+            axes.set_ylim(bottom=highest * 1e-5, top=highest * 10.0)
+        if trajectory.tip_deflection.shape[1] > 1:
+            axes.legend(loc="upper right")
+    return Path(path)
+
+
+# ------------------------------------------------------------------ parts
+def _title(trajectory: Trajectory) -> str:
+    settings = trajectory.settings
+    keys = ("segments", "elements", "coupling", "modes", "order", "nodes")
+    given = ", ".join(f"{k} {getattr(settings, k)}" for k in keys if getattr(settings, k) is not None)
+    ended = "" if trajectory.status == "ok" else f"   [{trajectory.status} after {trajectory.t[-1]:g} s]"
+    return f"{trajectory.scene.name}   ({settings.formulation}: {given}, dt {settings.dt:g} s){ended}"
+
+
+def _cycle(n: int) -> list[str]:
+    return [COLORS[i % len(COLORS)] for i in range(n)]
+
+
+def _last_kink(trajectory: Trajectory) -> float:
+    kinks = [t for t in trajectory.scene.kinks if t < trajectory.t[-1]]
+    return max(kinks, default=float(trajectory.t[0]))
+
+
+def _stages(trajectory: Trajectory) -> list[NDArray[np.intp]]:
+    """Samples of each panel: driven and after, where the root stays and the arm would be drawn over itself."""
+    t, everything = trajectory.t, np.arange(trajectory.t.size)
+    stop = _last_kink(trajectory)
+    moved = float(np.ptp(trajectory.start[:, :2], axis=0).max())
+    share = (stop - t[0]) / (t[-1] - t[0]) if t.size > 1 else 0.0
+    if moved > 0.2 * trajectory.scene.arm.total_length or not 0.15 < share < 0.85:
+        return [everything]
+    return [everything[t <= stop + 1e-9], everything[t >= stop - 1e-9]]
+
+
+def _extent(points: Array) -> tuple[float, float]:
+    """Width and height that shapes take, neither much smaller than the other."""
+    flat = points.reshape(-1, 2)
+    width, height = np.ptp(flat[:, 0]), np.ptp(flat[:, 1])
+    least = 0.35 * max(width, height, 1e-12)
+    return float(max(width, least)), float(max(height, least))
+
+
+def _draw_shapes(
+    axes: Any,
+    trajectory: Trajectory,
+    chosen: NDArray[np.intp],
+    count: int,
+    reference: Columns | None,
+    size: tuple[float, float],
+) -> None:
+    t = trajectory.t[chosen]
+    times = np.linspace(t[0], t[-1], min(count, t.size))
+    frames = chosen[np.unique(np.abs(t[:, None] - times).argmin(axis=0))]
+    axes.plot(*trajectory.tip[chosen, :2].T, color=FAINT, lw=0.7, ls=(0, (4, 2)), zorder=1)
+    if reference is not None:
+        inside = (reference["t"] >= t[0] - 1e-9) & (reference["t"] <= t[-1] + 1e-9)
+        axes.plot(
+            reference["tip_x"][inside], reference["tip_y"][inside], ".", color=COLORS[1], ms=2.2, zorder=2,
+            label="reference tip",
+        )  # fmt: skip
+        axes.legend(loc="best", handletextpad=0.2)
+    for i, frame in enumerate(frames):
+        color = _shade(i, len(frames))
+        axes.plot(*trajectory.shapes[frame].T, color=color, lw=1.7, solid_capstyle="round", zorder=3 + i)
+        for hinge in trajectory.hinges[frame]:
+            axes.plot(*hinge, "o", color="white", mec=color, mew=1.1, ms=4.0, zorder=4 + i)
+    _mark_root(axes, trajectory, frames)
+    _label_times(axes, trajectory, frames, size)
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", adjustable="datalim")
+    axes.margins(0.09)
+
+
+def _mark_root(axes: Any, trajectory: Trajectory, frames: Sequence[int]) -> None:
+    if trajectory.scene.root == "pinned":
+        axes.plot(*trajectory.start[frames[0], :2], "o", color=INK, ms=6, zorder=40)
+        axes.plot(*trajectory.start[frames[0], :2], "o", color="white", ms=2.2, zorder=41)
+
+
+def _label_times(axes: Any, trajectory: Trajectory, frames: Sequence[int], size: tuple[float, float]) -> None:
+    """A time at an end of each shape, where it covers least; left out where it would cover another label.
+
+    size: of the panel, inches.
+    """
+    drawn = trajectory.shapes[frames].reshape(-1, 2)
+    point = float(np.max(np.ptp(drawn, axis=0) / (np.array(size) * 72.0 * 0.8)))  # m
+    half = np.array([11.0, 5.5]) * point  # of a label's box
+    taken = np.zeros((0, 2))
+    for i in [0, len(frames) - 1, *range(1, len(frames) - 1)][: len(frames)]:
+        frame = frames[i]
+        places = np.array(
+            list(_label_places(trajectory.shapes[frame], 11.0 * point, trajectory.scene.root == "free"))
+        )
+        cost = 0.5 * np.arange(len(places))
+        cost += (np.abs(drawn - places[:, None]) < half).all(axis=2).sum(axis=1)
+        cost[(np.abs(taken - places[:, None]) < 2.0 * half).all(axis=2).any(axis=1)] = np.inf
+        best = int(cost.argmin())
+        if not np.isfinite(cost[best]):
+            continue
+        taken = np.vstack([taken, places[best]])
+        axes.text(
+            *places[best], f"{trajectory.t[frame]:.3g}", fontsize=7.5, color=_shade(i, len(frames), 0.4), ha="center",
+            va="center", zorder=50, bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8},
+        )  # fmt: skip
+
+
+def _label_places(points: Array, gap: float, both_ends: bool) -> Iterator[Array]:
+    """Where a shape's label may stand: around its tip and, of a free body, around its other end, the best first."""
+    ends = [(points[-1], points[max(0, len(points) - 4)])]
+    if both_ends:
+        ends.append((points[0], points[min(3, len(points) - 1)]))
+    for end, inner in ends:
+        along = (end - inner) / max(float(np.hypot(*(end - inner))), 1e-300)
+        across = np.array([-along[1], along[0]])
+        for direction in (along, along + across, along - across, across, -across):
+            yield end + direction * gap * np.array([1.25, 0.9])
+
+
+def _shade(i: int, count: int, start: float = 0.0) -> Any:
+    """Colour of shape i of `count`: later is darker."""
+    return _TIME(start + (1.0 - start) * i / max(1, count - 1))
+
+
+def _mark_kinks(axes: Any, trajectory: Trajectory) -> None:
+    """A fine line at each instant at which a drive jumps, where there are few."""
+    kinks = [t for t in trajectory.scene.kinks if t < trajectory.t[-1]]
+    if len(kinks) <= 8:
+        for t in kinks:
+            axes.axvline(t, color=FAINT, lw=0.8, ls=":", zorder=0)
+
+
+def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
+    n_links = trajectory.tip_deflection.shape[1]
+    for k in range(n_links):
+        axes.plot(trajectory.t, trajectory.tip_deflection[:, k], color=COLORS[k % len(COLORS)], label=f"link {k + 1}")
+    axes.axhline(0.0, color=FAINT, lw=0.7, zorder=0)
+    axes.set(title="tip deflection / link length")
+    _mark_kinks(axes, trajectory)
+    if n_links > 1:
+        _legend_above(axes, n_links)
+
+
+def _draw_energies(axes: Any, trajectory: Trajectory) -> None:
+    parts = {"kinetic": trajectory.kinetic, "strain": trajectory.strain}
+    if np.any(trajectory.gravity != 0.0):
+        parts["gravity"] = trajectory.gravity
+    for color, (label, values) in zip(COLORS, parts.items(), strict=False):
+        axes.plot(trajectory.t, values, color=color, lw=1.1, label=label)
+    axes.plot(trajectory.t, trajectory.energy, color=INK, lw=1.6, label="total")
+    axes.set(title="energy (J)", xlabel="t (s)")
+    axes.margins(x=0.01)
+    _mark_kinks(axes, trajectory)
+    _legend_above(axes, len(parts) + 1)
+
+
+def _legend_above(axes: Any, columns: int) -> None:
+    """A legend on the title's line, at the right, where it covers nothing."""
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=columns, borderaxespad=0.0, handlelength=1.3,
+        columnspacing=1.0, handletextpad=0.5,
+    )  # fmt: skip
+
+
+def _floor(axes: Any) -> None:
+    """Let zero distances not stretch a logarithmic axis."""
+    values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines] or [np.ones(1)])
+    values = values[np.isfinite(values)]
+    if values.size:
+        axes.set_ylim(bottom=max(values.max() * 1e-5, values.min() * 0.5), top=values.max() * 2.0)
+
+
+def _peaks(amplitude: Array) -> list[int]:
+    """Peaks that stand out by a factor of three at least, the highest first."""
+    from scipy.signal import find_peaks
+
+    level = np.log(np.maximum(amplitude, 1e-300))
+    found = find_peaks(level, prominence=np.log(3.0))[0]
+    return [int(i) for i in found[np.argsort(-amplitude[found])] if amplitude[i] > 1e-4 * amplitude.max()]
