@@ -123,6 +123,34 @@ class FloatingFrame(NamedTuple):
     loads: np.ndarray
 
 
+class ExactBeam(NamedTuple):
+    """N links of equal numbers of geometrically exact elements, a link's vertices shared with its neighbours.
+
+    order     tuple of p zeros: polynomial order, a compile-time constant
+    sections  float64 (N, 6): EA / 2l, C / 2l, EI / 2l, l, m l / 2, J l / 2 of each link's elements of length l
+    elbows    float64 (N - 1, 3): mass (kg), inertia left, inertia right (kg m^2)
+    damped    (0,) where tau_d > 0, otherwise None; gravity float64 (2,) m/s^2 or None; loads int64 or None: absent
+              features are compiled out
+    """
+
+    n: int
+    n_factor: int
+    n_inputs: int
+    fixed: np.ndarray
+    algebraic: None
+    weight: np.ndarray
+    predictor: float
+    order: tuple[int, ...]
+    links: int
+    elements: int
+    sections: np.ndarray
+    elbows: np.ndarray
+    hub_inertia: float
+    damped: tuple[int, ...] | None
+    gravity: np.ndarray | None
+    loads: np.ndarray | None
+
+
 class Elastica(NamedTuple):
     """A chain of N links with k nodes each: m = N k tangent angles, numbered from root to tip. SI.
 
