@@ -19,29 +19,36 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "scene", "scenes"}
-_PUBLIC = {*_DESCRIPTION, "simulation", "control", "envs", "plotting", "sb3", "__init__"}
+_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes", "toml_text"}
+_PHYSICS = {*_DESCRIPTION, "model", "trajectory", "simulation", "batch", "linear"}
+_PUBLIC = {*_PHYSICS, "comparison", "control", "envs", "plotting", "sb3", "__init__"}
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
+    "toml_text": {"validation"},
     "parameters": {"validation"},
     "settings": {"validation"},
     "time_functions": {"validation"},
-    "scene": {"validation", "parameters", "settings", "time_functions"},
-    "scenes": {"validation", "parameters", "settings", "time_functions", "scene"},
+    "arms": {"validation", "parameters", "toml_text"},
+    "scene": {"validation", "parameters", "settings", "time_functions", "arms", "toml_text"},
+    "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms", "toml_text"},
     "data": set(),
     "model": set(),
     "mechanics": {*_DESCRIPTION, "model"},
     "kernels": {"model"},
-    "simulation": {*_DESCRIPTION, "mechanics", "model", "kernels"},
-    "control": {*_DESCRIPTION, "simulation"},
-    "envs": {*_DESCRIPTION, "simulation"},
-    "plotting": {*_DESCRIPTION, "simulation"},
+    "trajectory": {*_DESCRIPTION, "model"},
+    "simulation": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory"},
+    "batch": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "simulation"},
+    "linear": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "simulation"},
+    "comparison": {*_DESCRIPTION, "trajectory", "simulation"},
+    "control": _PHYSICS,
+    "envs": {*_PHYSICS, "control"},
+    "plotting": _PHYSICS,
     "sb3": {*_DESCRIPTION, "envs"},
     "cli": {*_PUBLIC, "data"},
     "__main__": {"cli"},
-    "__init__": {*_DESCRIPTION, "simulation", "control", "envs"},
+    "__init__": {*_PHYSICS, "control", "envs"},
 }
 
 # other packages that only some rooms may import, anywhere in their code
