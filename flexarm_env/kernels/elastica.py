@@ -13,6 +13,7 @@ from .jit import kernel
 from .lanes import load, sincos, splat, store
 from .protocol import register, size
 from .stack import stack
+from .unroll import unrolled
 
 
 @kernel
@@ -52,15 +53,25 @@ def _frame_acceleration(lane, model, a):  # type: ignore[no-untyped-def]
 @kernel
 def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
     """r and, unless cm = 0, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
+    y = stack(lane, model.scratch)
+    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
+    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
+    fx, fy = stack(lane, model.scratch), stack(lane, model.scratch)
+    _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r)
+    if cm != 0.0:
+        _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S)
+
+
+@unrolled
+@kernel
+def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: ignore[no-untyped-def]
+    """r, and on the way: nodes' rates y, e_j = (c, s), e_j'' = (ex, ey), A_i = (fx, fy)."""
     D = model.data
     at_R, at_K, at_b, at_w, _, _ = _offsets(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     payload, stiffness, tau_d = load(lane, par, 0), load(lane, par, 2), load(lane, par, 3)
-    x, y, z = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
-    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
-    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)  # e''
-    fx, fy = stack(lane, model.scratch), stack(lane, model.scratch)  # A
+    x, z = stack(lane, model.scratch), stack(lane, model.scratch)
     _absolute(lane, model, q, x)
     _absolute(lane, model, v, y)
     _absolute(lane, model, a, z)
@@ -102,10 +113,9 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
         store(r, k * n - 1, load(lane, r, k * n - 1) + load(lane, r, k * n))
     for k in range(links):
         store(r, k * n, load(lane, r, k * n) - load(lane, u, k))
-    if cm != 0.0:
-        _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S)
 
 
+@unrolled
 @kernel
 def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type: ignore[no-untyped-def]
     """The matrix of `assemble`; ex, ey become the weighted derivative of e''."""
@@ -150,7 +160,7 @@ def _less_forces(lane, model, loads, u, fx, fy):  # type: ignore[no-untyped-def]
     if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range(loads.shape[0] // (2 * m)):
+        for f in range((size(model.n_inputs) - links) // 3):
             force_x, force_y = load(lane, u, links + 3 * f), load(lane, u, links + 3 * f + 1)
             for i in range(m):
                 store(fx, i, load(lane, fx, i) - force_x * loads[2 * f * m + i])
@@ -163,7 +173,7 @@ def _less_torques(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
     if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range(loads.shape[0] // (2 * m)):
+        for f in range((size(model.n_inputs) - links) // 3):
             torque = load(lane, u, links + 3 * f + 2)
             for i in range(m):
                 store(r, i, load(lane, r, i) - torque * loads[(2 * f + 1) * m + i])
@@ -239,7 +249,7 @@ def _less_total(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
     if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range(loads.shape[0] // (2 * m)):
+        for f in range((size(model.n_inputs) - links) // 3):
             store(r, m, load(lane, r, m) - load(lane, u, links + 3 * f))
             store(r, m + 1, load(lane, r, m + 1) - load(lane, u, links + 3 * f + 1))
 
@@ -272,8 +282,9 @@ def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
     store(S, k * rows + k, splat(lane, 1.0))
 
 
+@unrolled
 @kernel
-def factor(lane, model, S):  # type: ignore[no-untyped-def]
+def _factor(lane, model, S):  # type: ignore[no-untyped-def]
     """S <- L U without pivoting, the diagonal inverted: cm M, positive definite, outweighs the rest."""
     rows = size(model.n)
     for k in range(rows):
@@ -286,9 +297,10 @@ def factor(lane, model, S):  # type: ignore[no-untyped-def]
                 store(S, i * rows + j, load(lane, S, i * rows + j) - f * load(lane, S, k * rows + j))
 
 
+@unrolled
 @kernel
-def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
-    """x <- S^-1 x with the factors of `factor`."""
+def _solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+    """x <- S^-1 x with the factors of `_factor`."""
     rows = size(model.n)
     for i in range(1, rows):
         total = load(lane, x, i)
@@ -300,6 +312,18 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
         for j in range(i + 1, rows):
             total = total - load(lane, S, i * rows + j) * load(lane, x, j)
         store(x, i, total * load(lane, S, i * rows + i))
+
+
+@kernel
+def factor(lane, model, S):  # type: ignore[no-untyped-def]
+    """See _factor."""
+    _factor(lane, model, S)
+
+
+@kernel
+def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+    """See _solve."""
+    _solve(lane, model, S, x)
 
 
 @kernel
@@ -358,7 +382,7 @@ def _load_ports(lane, model, loads, q, y):  # type: ignore[no-untyped-def]
             store(c, i, cosine)
             store(s, i, sine)
         root_x, root_y = _root(lane, model, q)
-        for f in range(loads.shape[0] // (2 * m)):
+        for f in range((size(model.n_inputs) - links) // 3):
             store(y, links + 3 * f, root_x + _sum(lane, loads, 2 * f * m, c, m))
             store(y, links + 3 * f + 1, root_y + _sum(lane, loads, 2 * f * m, s, m))
             store(y, links + 3 * f + 2, _sum(lane, loads, (2 * f + 1) * m, x, m))

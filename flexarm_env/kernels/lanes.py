@@ -22,6 +22,7 @@ from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
+from .bare import pointer
 from .jit import kernel
 
 SINGLE: tuple[int, ...] = (0,)
@@ -58,7 +59,7 @@ def _lane_type(count: int) -> Any:
     return types.float64 if count == 1 else LanesType(count)
 
 
-def _broadcast(builder: Any, value: Any, count: int) -> Any:
+def broadcast(builder: Any, value: Any, count: int) -> Any:
     """A scalar repeated in every lane."""
     if count == 1:
         return value
@@ -71,7 +72,7 @@ def _broadcast(builder: Any, value: Any, count: int) -> Any:
 def _widen(context: Any, builder: Any, value: Any, from_type: Any, count: int) -> Any:
     if isinstance(from_type, LanesType):
         return value
-    return _broadcast(builder, context.cast(builder, value, from_type, types.float64), count)
+    return broadcast(builder, context.cast(builder, value, from_type, types.float64), count)
 
 
 # --- arithmetic ------------------------------------------------------------------------------------
@@ -127,7 +128,7 @@ def _lower_negative(context: Any, builder: Any, signature: Any, args: Any) -> An
 
 
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, k: Any, count: int) -> Any:
-    data = context.make_array(array_type)(context, builder, array).data
+    data = pointer(context, builder, array_type, array)
     first = builder.gep(data, [builder.mul(k, ir.Constant(_INDEX, count))], inbounds=True)
     return builder.bitcast(first, _vector(count).as_pointer())
 
@@ -182,7 +183,7 @@ def _splat(typingctx: Any, lane: Any, x: Any) -> Any:
     count = len(lane)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return _broadcast(builder, args[1], count)
+        return broadcast(builder, args[1], count)
 
     return _lane_type(count)(lane, types.float64), codegen
 

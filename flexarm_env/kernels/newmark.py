@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import NEWTON_FAILED
+from .bare import bare
 from .drive import set_inputs, set_motions
 from .jit import kernel
 from .lanes import absolute, largest, load, maximum, select_lt, splat, store
@@ -75,7 +76,8 @@ def unpack(lane, model, flat, n_motions):  # type: ignore[no-untyped-def]
 @kernel
 def _take_out_known(lane, model, drive, r, S, matrix):  # type: ignore[no-untyped-def]
     """Take fixed and prescribed coordinates out of the residual and, where asked for, out of the matrix."""
-    for k in model.fixed:
+    for i in range(model.fixed.shape[0]):
+        k = model.fixed[i]
         store(r, k, splat(lane, 0.0))
         if matrix:
             pin(lane, model, S, k)
@@ -137,7 +139,8 @@ def _correct(lane, n, flat, algebraic, weight, active, c_b, c_v, c_m):  # type: 
     Multipliers do not count towards convergence: they have the scale of a force.
     """
     if algebraic is not None:
-        for k in algebraic:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
             flat[k] = select_lt(0.5, active, flat[k] - c_m * flat[8 * n + k], flat[k])
             flat[8 * n + k] = 0.0
     size_of = splat(lane, 0.0)
@@ -197,7 +200,14 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     A single arm retries a step whose Newton fails in halves and stops at the last good state. In lanes a failed
     arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch began.
     """
+    flat = bare(flat)
     w = unpack(lane, model, flat, n_motions)
+    return _advance(lane, bare(model), drive, bare(par), flat, w, t, h, n_steps, scheme, books)
+
+
+@kernel
+def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
+    """`advance` on bare arrays."""
     n = size(model.n)
     if books:
         _open_books(lane, model, drive, par, w)
@@ -281,7 +291,12 @@ def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-
     Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known, then M a + Phi_q^T lambda =
     Q - h(q, v) gives a, and b = a. The work of the impulse goes to the books. h: a step, for sidedness only.
     """
-    w = unpack(lane, model, flat, n_motions)
+    _restart(lane, bare(model), drive, bare(par), unpack(lane, model, bare(flat), n_motions), t, h)
+
+
+@kernel
+def _restart(lane, model, drive, par, w, t, h):  # type: ignore[no-untyped-def]
+    """`restart` on bare arrays."""
     n = size(model.n)
     if drive is not None:
         for i in range(w.psi.shape[0]):
@@ -365,5 +380,6 @@ def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-
 def _move_multipliers(algebraic, target, values, clear):  # type: ignore[no-untyped-def]
     """Multipliers live in q; solves for accelerations or velocity jumps leave them in those arrays."""
     if algebraic is not None:
-        for k in algebraic:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
             target[k] = 0.0 if clear else values[k]

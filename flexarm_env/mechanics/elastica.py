@@ -202,7 +202,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
     model = Elastica(
         n=tag(rows, unroll),
-        n_factor=tag(rows * rows, unroll),
+        n_factor=rows * rows,
         n_inputs=tag(count + 3 * len(loads), unroll),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
