@@ -14,10 +14,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numba import types
-from numba.extending import overload
-
 from ..model import ExactBeam
 from .exact_element import (
     ELEMENT_ARGUMENTS,
@@ -25,45 +21,27 @@ from .exact_element import (
     backward_function,
     element_function,
     forward_function,
-    interior,
-    measure_function,
-    MEASURE_ARGUMENTS,
 )
+from .exact_output import dissipation, energy, link_poses, out_of_range, ports, predict, shape
 from .jit import kernel
 from .lanes import load, splat, store
 from .protocol import register
+from .written import is_given, written_out
 
 HEAD = 9
 HINGE = 4
 
 
-def _is_given(kind: Any) -> bool:
-    return not isinstance(kind, types.NoneType) and kind is not None
-
-
-def _written_out(name: str, arguments: str, choose: Any) -> Any:
-    """A function of those arguments that `choose`s its source by their types (compiled) or values (not compiled)."""
-    scope: dict[str, Any] = {"choose": choose}
-    listed = arguments.split(", ")
-    exec(
-        f"def {name}({arguments}):\n    return choose(dict(zip({listed!r}, ({arguments}))))({arguments})\n"
-        f"def _overload({arguments}):\n    return choose(dict(zip({listed!r}, ({arguments}))))\n",
-        scope,
-    )
-    overload(scope[name])(scope["_overload"])
-    return scope[name]
-
-
 def _element_of(given: dict[str, Any]) -> Any:
-    present = [_is_given(given[name]) for name in ("damped", "gravity", "S")]
+    present = [is_given(given[name]) for name in ("damped", "gravity")]
     return element_function(len(given["order"]), *present)
 
 
-element = _written_out("element", ELEMENT_ARGUMENTS, _element_of)
+element = written_out("element", ELEMENT_ARGUMENTS, _element_of)
 """What is known of a vertex after the element behind it: x, y, psi, their rates and accelerations (less gravity), and
-the forces on them so far; from the left vertex's to the right one's. Writes r, and S where it is given."""
-forward = _written_out("forward", SOLVE_ARGUMENTS, lambda given: forward_function(len(given["order"])))
-backward = _written_out("backward", SOLVE_ARGUMENTS, lambda given: backward_function(len(given["order"])))
+the forces on them so far; from the left vertex's to the right one's. Writes r, and S unless cm = 0."""
+forward = written_out("forward", SOLVE_ARGUMENTS, lambda given: forward_function(len(given["order"])))
+backward = written_out("backward", SOLVE_ARGUMENTS, lambda given: backward_function(len(given["order"])))
 
 
 @kernel
@@ -76,14 +54,6 @@ def _stride(order):  # type: ignore[no-untyped-def]
 @kernel
 def _add(lane, array, k, value):  # type: ignore[no-untyped-def]
     store(array, k, load(lane, array, k) + value)
-
-
-@kernel
-def _fall(gravity, k):  # type: ignore[no-untyped-def]
-    """Component k of gravity; 0.0 where there is none."""
-    if gravity is None:
-        return 0.0
-    return gravity[k]
 
 
 @kernel
@@ -125,7 +95,7 @@ def _loaded(lane, loads, links, u, r):  # type: ignore[no-untyped-def]
 @kernel
 def _lumps(lane, model, par, cm, S):  # type: ignore[no-untyped-def]
     """Pin flags cleared; inertia of hub, elbows and payload added to the condensed matrices."""
-    if S is not None:
+    if cm != 0.0:
         links, stride = model.links, _stride(model.order)
         first = HEAD + HINGE * (links - 1)
         zero = splat(lane, 0.0)
@@ -151,7 +121,7 @@ def _lumps(lane, model, par, cm, S):  # type: ignore[no-untyped-def]
 
 @kernel
 def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
-    """r and, where S is given, the tangent cm M + cc D + ck K, condensed to the vertices."""
+    """r and, unless cm = 0, the tangent cm M + cc D + ck K, condensed to the vertices."""
     links, p, stride = model.links, len(model.order), _stride(model.order)
     stiffness, tau = load(lane, par, 2), load(lane, par, 3)
     zero = splat(lane, 0.0)
@@ -177,11 +147,11 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
                 fx + ax * mass, fy + ay * mass, turn * model.elbows[k - 1, 2],
             )  # fmt: skip
         k1, k2, kb = model.sections[k, 0], model.sections[k, 1], stiffness * model.sections[k, 2]
-        l, ml, jl = model.sections[k, 3], model.sections[k, 4], model.sections[k, 5]
+        length, ml, jl = model.sections[k, 3], model.sections[k, 4], model.sections[k, 5]
         for _ in range(model.elements):
             left = element(
                 lane, model.order, model.damped, model.gravity, q, v, a, left, i,
-                k1, k2, kb, l, ml, jl, tau, cm, cc, ck, r, S, o,
+                k1, k2, kb, length, ml, jl, tau, cm, cc, ck, r, S, o,
             )  # fmt: skip
             i += 3 * p
             o += stride
@@ -341,7 +311,8 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
             store(x, i + 3 * p - 2, ty)
             store(x, i + 3 * p - 1, tt)
             taken = lt + ut
-            tx, ty, tt = (load(lane, x, i - 3) - lx) - ux, (load(lane, x, i - 2) - ly) - uy, load(lane, x, i - 1) - taken
+            tx, ty = (load(lane, x, i - 3) - lx) - ux, (load(lane, x, i - 2) - ly) - uy
+            tt = load(lane, x, i - 1) - taken
         if k > 0:
             h, d = HEAD + HINGE * (k - 1), deltas + k - 1
             if S[h * len(lane)] == 0.0:
@@ -350,6 +321,12 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
                 tt = load(lane, x, i - 1) - turn
                 tx, ty = tx - load(lane, S, h + 1) * both, ty - load(lane, S, h + 2) * both
                 store(x, d, both)
+    if S[0] != 0.0:
+        tx = load(lane, x, 0)
+    if S[len(lane)] != 0.0:
+        ty = load(lane, x, 1)
+    if S[2 * len(lane)] != 0.0:
+        tt = load(lane, x, 2)
     ty = ty - load(lane, S, 4) * tx
     tt = (tt - load(lane, S, 5) * tx) - load(lane, S, 7) * ty
     tt = tt * load(lane, S, 8)
@@ -377,140 +354,9 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
             o += stride
 
 
-@kernel
-def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
-    """Joint angles, then position and angle of the point of each load."""
-    links = model.links
-    store(y, 0, load(lane, q, 2))
-    for k in range(1, links):
-        store(y, k, load(lane, q, 3 * len(model.order) * model.elements * links + 2 + k))
-    _load_points(lane, model.loads, links, q, y)
-
-
-@kernel
-def _load_points(lane, loads, links, q, y):  # type: ignore[no-untyped-def]
-    if loads is not None:
-        for f in range(loads.shape[0]):
-            k = links + 3 * f
-            store(y, k, load(lane, q, loads[f, 0]))
-            store(y, k + 1, load(lane, q, loads[f, 1]))
-            turn = load(lane, q, loads[f, 2])
-            if loads[f, 3] >= 0:
-                turn = turn + load(lane, q, loads[f, 3])
-            store(y, k + 2, turn)
-
-
-measure = _written_out("measure", MEASURE_ARGUMENTS, lambda given: measure_function(len(given["order"])))
-"""(kinetic, strain energy, power lost per tau_d, first mass moments x, y) of an element."""
-
-
-@kernel
-def _totals(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """(kinetic energy, strain energy, power lost per tau_d, first mass moments x, y) of the whole chain."""
-    links, p = model.links, len(model.order)
-    deltas = 3 * p * model.elements * links + 3
-    stiffness = load(lane, par, 2)
-    w = load(lane, v, 2)
-    kinetic = (w * w) * (0.5 * model.hub_inertia)
-    strain, lost, mx, my = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
-    i = 3
-    for k in range(links):
-        turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
-        if k > 0:
-            mass = model.elbows[k - 1, 0]
-            vx, vy = load(lane, v, i - 3), load(lane, v, i - 2)
-            kinetic = kinetic + (vx * vx + vy * vy) * (0.5 * mass) + (spin * spin) * (0.5 * model.elbows[k - 1, 1])
-            mx, my = mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
-            turn, spin = turn + load(lane, q, deltas + k - 1), spin + load(lane, v, deltas + k - 1)
-            kinetic = kinetic + (spin * spin) * (0.5 * model.elbows[k - 1, 2])
-        k1, k2, kb = model.sections[k, 0], model.sections[k, 1], stiffness * model.sections[k, 2]
-        l, ml, jl = model.sections[k, 3], model.sections[k, 4], model.sections[k, 5]
-        for _ in range(model.elements):
-            part = measure(lane, model.order, q, v, turn, spin, i, k1, k2, kb, l, ml, jl)
-            kinetic, strain, lost = kinetic + part[0], strain + part[1], lost + part[2]
-            mx, my = mx + part[3], my + part[4]
-            i += 3 * p
-            turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
-    mass = load(lane, par, 0)
-    vx, vy = load(lane, v, i - 3), load(lane, v, i - 2)
-    kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * load(lane, par, 1)) * 0.5
-    return kinetic, strain, lost, mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
-
-
-@kernel
-def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """Power lost in the material, W."""
-    return _lost(lane, model.damped, model, par, q, v)
-
-
-@kernel
-def _lost(lane, damped, model, par, q, v):  # type: ignore[no-untyped-def]
-    if damped is None:
-        return splat(lane, 0.0)
-    return _totals(lane, model, par, q, v)[2] * load(lane, par, 3)
-
-
-@kernel
-def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """(kinetic, strain, gravity) energy, J."""
-    kinetic, strain, _, mx, my = _totals(lane, model, par, q, v)
-    return kinetic, strain, -(mx * _fall(model.gravity, 0) + my * _fall(model.gravity, 1))
-
-
-@kernel
-def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
-    """Of each link: x, y, angle of its root and their rates, then those of its tip."""
-    span = 3 * len(model.order) * model.elements
-    deltas = span * model.links + 3
-    for k in range(model.links):
-        for part in range(2):
-            for j in range(3):
-                i = span * (k + part) + j
-                position, rate = load(lane, q, i), load(lane, v, i)
-                if k > 0 and part == 0 and j == 2:
-                    position = position + load(lane, q, deltas + k - 1)
-                    rate = rate + load(lane, v, deltas + k - 1)
-                store(out, 12 * k + 6 * part + j, position)
-                store(out, 12 * k + 6 * part + j + 3, rate)
-
-
-@kernel
-def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
-    """The exact beam holds at any deflection."""
-    return splat(lane, 0.0)
-
-
-STATIONS = np.zeros((4, 4, 2))
-"""Interior functions (last axis) at p equal steps along an element of order p."""
-for _order in range(2, 4):
-    STATIONS[_order, :_order, : _order - 1] = interior(_order, np.arange(_order) * 2.0 / _order - 1.0).T
-
-
-@kernel
-def shape(model, q, points):  # type: ignore[no-untyped-def]
-    """Positions along the chain at p equal steps of each element, as many as `points` has room for; their number."""
-    p = len(model.order)
-    count = 0
-    for e in range(model.links * model.elements):
-        i = 3 * p * e
-        for j in range(p):
-            if count < points.shape[0]:
-                share = j / p
-                for axis in range(2):
-                    value = q[i + axis] * (1.0 - share) + q[i + 3 * p + axis] * share
-                    for k in range(p - 1):
-                        value += STATIONS[p, j, k] * q[i + 3 + 3 * k + axis]
-                    points[count, axis] = value
-                count += 1
-    if count < points.shape[0]:
-        last = 3 * p * model.links * model.elements
-        points[count, 0], points[count, 1] = q[last], q[last + 1]
-        count += 1
-    return count
-
-
 register(
     ExactBeam,
+    predict=predict,
     assemble=assemble,
     constrain=constrain,
     pin=pin,

@@ -16,123 +16,18 @@ turns it into a function (`function`). Which features it holds (tangent, damping
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
 
-from .lanes import load, sincos, splat, store
+from .exact_tables import Tables, tables
+from .written import Term, Writer, function, plus, scaled, times
 
 AXES = "xyt"
 LL = ("Lx", "Ly", "Lt")
 RR = ("Rx", "Ry", "Rt")
-
-
-@dataclass(frozen=True)
-class Tables:
-    """Functions of an element on [-1, 1]: left and right linear ones, then the interior ones.
-
-    weights (p,) of the Gauss points; value (p + 1, p), slope (p, p): values, and twice the derivatives of (right -
-    left, interior ...), at the Gauss points; mass (p + 1, p + 1): integrals of products; norm (p,): sum w slope^2.
-    """
-
-    weights: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
-    mass: np.ndarray
-    norm: np.ndarray
-
-
-def interior(order: int, x: np.ndarray) -> np.ndarray:
-    """Interior functions at points x of [-1, 1], shape (order - 1, len(x))."""
-    points = legendre.leggauss(order)[0]
-    rows = []
-    for k in range(1, order):
-        polynomial = np.eye(order + 1)[k]
-        values = legendre.legval(points, polynomial)
-        scale = values[np.argmax(np.abs(values).round(12))]
-        primitive = legendre.legint(polynomial / scale, lbnd=-1.0)
-        rows.append(0.5 * legendre.legval(np.asarray(x, dtype=np.float64), primitive))
-    return np.array(rows).reshape(order - 1, np.size(x))
-
-
-@cache
-def tables(order: int) -> Tables:
-    """The tables of an order from 1 to 3 (or more)."""
-    points, weights = legendre.leggauss(order)
-
-    def value(x: np.ndarray) -> np.ndarray:
-        return np.vstack([0.5 * (1.0 - x), 0.5 * (1.0 + x), interior(order, x)])
-
-    slope = [np.ones(order)]
-    for k in range(1, order):
-        values = legendre.legval(points, np.eye(order)[k])
-        slope.append(values / values[np.argmax(np.abs(values).round(12))])
-    fine, fine_weights = legendre.leggauss(order + 1)
-    at = value(fine)
-    slopes = np.array([_tidy(row) for row in slope])
-    return Tables(_tidy(weights), value(points), slopes, _tidy((at * fine_weights) @ at.T), (weights * slopes**2).sum(1))
-
-
-def _tidy(values: np.ndarray) -> np.ndarray:
-    """Round-off taken out of numbers that are simple."""
-    values = np.where(np.abs(values) < 1e-14, 0.0, values)
-    simple = np.round(values * 60.0) / 60.0
-    return np.where(np.abs(values - simple) < 1e-14, simple, values)
-
-
-@dataclass
-class Writer:
-    """Lines of source, and the sums written so far (`sums`: terms scaled to a leading 1 -> name)."""
-
-    lines: list[str] = field(default_factory=list)
-    sums: dict[tuple[tuple[float, str], ...], str] = field(default_factory=dict)
-
-    def let(self, name: str, expression: str) -> str:
-        """name = expression"""
-        self.lines.append(f"{name} = {expression}")
-        return name
-
-    def sum(self, terms: Sequence[tuple[float, str]]) -> tuple[float, str]:
-        """(factor, name) with factor * name = sum of coefficient * name; ("0" for no term)."""
-        kept = [(float(c), n) for c, n in terms if c != 0.0]
-        if not kept:
-            return 0.0, "0"
-        first = kept[0][0]
-        if len(kept) == 1:
-            return first, kept[0][1]
-        scaled = tuple((1.0 if c == first else -1.0 if c == -first else c / first, n) for c, n in kept)
-        if scaled not in self.sums:
-            text = scaled[0][1]
-            for c, n in scaled[1:]:
-                text += f" + {n}" if c == 1.0 else f" - {n}" if c == -1.0 else f" {'-+'[c > 0]} {n} * {abs(c)!r}"
-            self.sums[scaled] = self.let(f"sum{len(self.sums)}", text)
-        return first, self.sums[scaled]
-
-
-def times(factor: float, name: str) -> str:
-    """Source of factor * name."""
-    if factor == 0.0:
-        return ""
-    return name if factor == 1.0 else f"-{name}" if factor == -1.0 else f"{name} * {factor!r}"
-
-
-def plus(*parts: str) -> str:
-    """Source of the sum of sources; empty ones left out."""
-    kept = [part for part in parts if part]
-    return " + ".join(kept).replace("+ -", "- ") if kept else "zero"
-
-
-def function(name: str, arguments: str, lines: Sequence[str], result: str) -> Callable[..., Any]:
-    """The function made of the lines."""
-    body = "\n".join(f"    {line}" for line in lines)
-    scope: dict[str, Any] = {"load": load, "store": store, "splat": splat, "sincos": sincos}
-    exec(f"def {name}({arguments}):\n{body}\n    return {result}\n", scope)  # straight-line source, made above
-    made: Callable[..., Any] = scope[name]
-    return made
 
 
 def interior_names(order: int) -> list[str]:
@@ -149,38 +44,33 @@ def factor_size(order: int) -> int:
 # --- names: coordinate "Lx", "Rt", "1y" ...; q_, v_, a_ before it for its value, rate, acceleration -----------------
 
 
-def _interpolate(w: Writer, t: Tables, letter: str, axis: str) -> tuple[list[tuple[float, str]], list[tuple[float, str]]]:
+def _interpolate(w: Writer, t: Tables, letter: str, axis: str) -> tuple[list[Term], list[Term]]:
     """Slope and value of a coordinate at each Gauss point, as (factor, name)."""
     order = len(t.weights)
     span = w.let(f"{letter}_D{axis}", f"{letter}_R{axis} - {letter}_L{axis}")
-    slopes = [w.sum([(t.slope[i][g], span if i == 0 else f"{letter}_{i}{axis}") for i in range(order)]) for g in range(order)]
+    names = [span, *[f"{letter}_{i}{axis}" for i in range(1, order)]]
+    slopes = [w.sum([(t.slope[i][g], names[i]) for i in range(order)]) for g in range(order)]
     if axis != "t":
         return slopes, []
     middle = w.let(f"{letter}_M{axis}", f"({letter}_L{axis} + {letter}_R{axis}) * 0.5")
     values = []
     for g in range(order):
         even = [(1.0, middle)] + [(t.value[i][g], f"{letter}_{i - 1}{axis}") for i in range(2, order + 1) if i % 2 == 0]
-        odd = [(0.5 * (t.value[1][g] - t.value[0][g]) * 2.0, span)]
+        odd = [(0.5 * (t.value[1][g] - t.value[0][g]), span)]
         odd += [(t.value[i][g], f"{letter}_{i - 1}{axis}") for i in range(2, order + 1) if i % 2 == 1]
         one, two = w.sum(even), w.sum(odd)
         values.append(w.sum([one, two]))
     return slopes, values
 
 
-def _points(w: Writer, t: Tables, damped: bool, tangent: bool) -> None:
-    """At each Gauss point g: forces fx, fy, mt (per d, psi), and hxx ... htt, their derivatives; weights included."""
+def _points(w: Writer, t: Tables, damped: bool) -> None:
+    """At each Gauss point g: cosine, sine, strains and the forces fx, fy, mt (per d and psi), weights included."""
     order = len(t.weights)
     dx, dy = (_interpolate(w, t, "q", axis)[0] for axis in "xy")
     angle = _interpolate(w, t, "q", "t")[1]
     if damped:
         vx, vy = (_interpolate(w, t, "v", axis)[0] for axis in "xy")
         turn = _interpolate(w, t, "v", "t")[1]
-    if tangent:
-        share = "(cc * tau + ck)" if damped else "ck"
-        for k in ("k1", "k2", "kb"):
-            w.let(f"{k}t", f"{share} * {k}")
-        w.let("difference", "k1t - k2t")
-        w.let("total", "k1t + k2t")
     for g in range(order):
         x, y = times(*dx[g]), times(*dy[g])
         w.let(f"s{g}, c{g}", f"sincos({times(*angle[g])})")
@@ -189,28 +79,36 @@ def _points(w: Writer, t: Tables, damped: bool, tangent: bool) -> None:
         g2 = w.let(f"g2_{g}", f"{c} * {y} - {s} * {x}")
         if damped:
             ux, uy, omega = times(*vx[g]), times(*vy[g]), times(*turn[g])
-            w.let(f"e1_{g}", f"({g1} - l) + tau * ({c} * {ux} + {s} * {uy} + {g2} * ({omega}))")
+            w.let(f"e1_{g}", f"({g1} - length) + tau * ({c} * {ux} + {s} * {uy} + {g2} * ({omega}))")
             w.let(f"e2_{g}", f"{g2} + tau * ({c} * {uy} - {s} * {ux} - {g1} * ({omega}))")
         else:
-            w.let(f"e1_{g}", f"{g1} - l")
+            w.let(f"e1_{g}", f"{g1} - length")
             w.let(f"e2_{g}", g2)
-        weight = t.weights[g]
-        scale = "" if weight == 1.0 else f" * {float(weight)!r}"
-        n1 = w.let(f"n1_{g}", f"e1_{g} * (k1{scale})")
-        n2 = w.let(f"n2_{g}", f"e2_{g} * (k2{scale})")
+        n1 = w.let(f"n1_{g}", f"e1_{g} * {scaled('k1', t.weights[g])}")
+        n2 = w.let(f"n2_{g}", f"e2_{g} * {scaled('k2', t.weights[g])}")
         w.let(f"fx{g}", f"{c} * {n1} - {s} * {n2}")
         w.let(f"fy{g}", f"{s} * {n1} + {c} * {n2}")
         w.let(f"mt{g}", f"{n1} * {g2} - {n2} * {g1}")
-        if tangent:
-            w.let(f"part{g}", f"(difference{scale}) * {c}")
-            w.let(f"hxx{g}", f"part{g} * {c} + (k2t{scale})")
-            w.let(f"hxy{g}", f"part{g} * {s}")
-            w.let(f"hyy{g}", f"(total{scale}) - hxx{g}")
-            w.let(f"p{g}", f"{g2} * (k1t{scale}) - ck * {n2}")
-            w.let(f"r{g}", f"{g1} * (k2t{scale}) - ck * {n1}")
-            w.let(f"hxt{g}", f"{c} * p{g} + {s} * r{g}")
-            w.let(f"hyt{g}", f"{s} * p{g} - {c} * r{g}")
-            w.let(f"htt{g}", f"{g2} * p{g} + {g1} * r{g}")
+
+
+def _slopes(w: Writer, t: Tables, damped: bool) -> None:
+    """At each Gauss point g: hxx ... htt, the derivatives of fx, fy, mt by d_x, d_y, psi."""
+    share = "(cc * tau + ck)" if damped else "ck"
+    for k in ("k1", "k2", "kb"):
+        w.let(f"{k}t", f"{share} * {k}")
+    w.let("difference", "k1t - k2t")
+    w.let("total", "k1t + k2t")
+    for g, weight in enumerate(t.weights):
+        c, s = f"c{g}", f"s{g}"
+        w.let(f"part{g}", f"{scaled('difference', weight)} * {c}")
+        w.let(f"hxx{g}", f"part{g} * {c} + {scaled('k2t', weight)}")
+        w.let(f"hxy{g}", f"part{g} * {s}")
+        w.let(f"hyy{g}", f"{scaled('total', weight)} - hxx{g}")
+        w.let(f"p{g}", f"g2_{g} * {scaled('k1t', weight)} - ck * n2_{g}")
+        w.let(f"r{g}", f"g1_{g} * {scaled('k2t', weight)} - ck * n1_{g}")
+        w.let(f"hxt{g}", f"{c} * p{g} + {s} * r{g}")
+        w.let(f"hyt{g}", f"{s} * p{g} - {c} * r{g}")
+        w.let(f"htt{g}", f"g2_{g} * p{g} + g1_{g} * r{g}")
 
 
 def _residual(w: Writer, t: Tables, damped: bool) -> None:
@@ -241,79 +139,77 @@ def _residual(w: Writer, t: Tables, damped: bool) -> None:
                 w.let(f"f_{node}{axis}", f"{inertia} {sign} e_{k}{axis}")
 
 
-def _tangent(w: Writer, t: Tables) -> None:
-    """K_NAME_NAME for every pair of coordinates (each pair once, in the order interior, left, right)."""
-    order = len(t.weights)
-    points = range(order)
-    nodes = [*[str(k) for k in range(1, order)], "L", "R"]
-    row = {"L": 0, "R": 1, **{str(k): k + 1 for k in range(1, order)}}
+def _tangent(w: Writer, t: Tables) -> Callable[[str, str], str]:
+    """The writer of an entry of the tangent, for a pair of coordinates."""
+    points = range(len(t.weights))
 
-    def slope_of(node: str) -> tuple[float, np.ndarray]:
+    def row(node: str) -> int:
+        return "LR".index(node) if node in "LR" else int(node) + 1
+
+    def slope(node: str) -> tuple[float, np.ndarray]:
         return (-1.0, t.slope[0]) if node == "L" else (1.0, t.slope[0 if node == "R" else int(node)])
 
     def mass(one: str, two: str, unit: str) -> str:
-        factor = float(t.mass[row[one]][row[two]])
+        factor = float(t.mass[row(one)][row(two)])
         return f"({unit} * {factor!r})" if factor != 0.0 else ""
 
-    order_of = {f"{node}{axis}": i for i, (node, axis) in enumerate((n, a) for n in nodes for a in AXES)}
+    def entry(one: str, two: str) -> str:
+        (n1, a1), (n2, a2) = (one[:-1], one[-1]), (two[:-1], two[-1])
+        (sign1, d1), (sign2, d2) = slope(n1), slope(n2)
+        if a1 != "t" and a2 != "t":
+            kind = "".join(sorted(a1 + a2))
+            factor, name = w.sum([(d1[g] * d2[g], f"h{kind}{g}") for g in points])
+            return plus(times(sign1 * sign2 * factor, name), mass(n1, n2, "cml") if a1 == a2 else "")
+        v1, v2 = t.value[row(n1)], t.value[row(n2)]
+        if a1 == "t" and a2 == "t":
+            text = times(*w.sum([(v1[g] * v2[g], f"htt{g}") for g in points]))
+            bend = sign1 * sign2 * float((t.weights * d1 * d2).sum())
+            stiff = f"kbt * {bend!r}" if abs(bend) > 1e-13 else ""
+            return plus(text, f"({plus(stiff, mass(n1, n2, 'cjl'))})")
+        (sign, d, v, axis) = (sign1, d1, v2, a1) if a2 == "t" else (sign2, d2, v1, a2)
+        factor, name = w.sum([(v[g] * d[g], f"h{axis}t{g}") for g in points])
+        return times(sign * factor, name)
+
     w.let("cml", "cm * ml")
     w.let("cjl", "cm * jl")
-    for one in order_of:
-        for two in order_of:
-            if order_of[two] < order_of[one]:
-                continue
-            (n1, a1), (n2, a2) = (one[:-1], one[-1]), (two[:-1], two[-1])
-            if a1 != "t" and a2 != "t":
-                (sign1, d1), (sign2, d2) = slope_of(n1), slope_of(n2)
-                kind = "".join(sorted(a1 + a2))
-                factor, name = w.sum([(d1[g] * d2[g], f"h{kind}{g}") for g in points])
-                text = plus(times(sign1 * sign2 * factor, name), mass(n1, n2, "cml") if a1 == a2 else "")
-            elif a1 == "t" and a2 == "t":
-                v1, v2 = t.value[row[n1]], t.value[row[n2]]
-                text = times(*w.sum([(v1[g] * v2[g], f"htt{g}") for g in points]))
-                (sign1, d1), (sign2, d2) = slope_of(n1), slope_of(n2)
-                bend = sign1 * sign2 * float((t.weights * d1 * d2).sum())
-                stiff = f"kbt * {bend!r}" if abs(bend) > 1e-13 else ""
-                text = plus(text, f"({plus(stiff, mass(n1, n2, 'cjl'))})")
-            else:
-                position, angle = (one, two) if a2 == "t" else (two, one)
-                sign, d = slope_of(position[:-1])
-                value = t.value[row[angle[:-1]]]
-                factor, name = w.sum([(value[g] * d[g], f"h{position[-1]}t{g}") for g in points])
-                text = times(sign * factor, name)
-            w.let(f"K_{one}_{two}", text)
+    return entry
 
 
-def _condense(w: Writer, order: int) -> None:
-    """Eliminate the interior coordinates; store their factors, then the condensed matrix LL, LR, RR."""
+def _condense(w: Writer, order: int, entry: Callable[[str, str], str]) -> None:
+    """Eliminate the interior coordinates; store their factors, then the condensed matrix LL, LR, RR.
+
+    An entry of the tangent is written where it is first needed: there are more of them than registers.
+    """
     inner = interior_names(order)
     names = [*inner, *LL, *RR]
     at = 0
     for m, pivot in enumerate(inner):
-        inverse = w.let(f"D_{pivot}", f"1.0 / K_{pivot}_{pivot}")
+        for name in names[m:]:
+            less = "".join(f" - Z_{earlier}_{pivot} * V_{earlier}_{name}" for earlier in inner[:m])
+            w.let(f"V_{pivot}_{name}", f"{entry(pivot, name)}{less}")
+        inverse = w.let(f"D_{pivot}", f"1.0 / V_{pivot}_{pivot}")
         w.lines.append(f"store(S, at + {at}, {inverse})")
         at += 1
-        later = names[m + 1 :]
-        for name in later:
-            z = w.let(f"Z_{pivot}_{name}", f"K_{pivot}_{name} * {inverse}")
+        for name in names[m + 1 :]:
+            z = w.let(f"Z_{pivot}_{name}", f"V_{pivot}_{name} * {inverse}")
             w.lines.append(f"store(S, at + {at}, {z})")
             at += 1
-        for i, one in enumerate(later):
-            for two in later[i:]:
-                w.let(f"K_{one}_{two}", f"K_{one}_{two} - K_{pivot}_{one} * Z_{pivot}_{two}")
     pairs = [(LL[i], LL[j]) for i in range(3) for j in range(i, 3)]
     pairs += [(i, j) for i in LL for j in RR]
     pairs += [(RR[i], RR[j]) for i in range(3) for j in range(i, 3)]
     for one, two in pairs:
-        w.lines.append(f"store(S, at + {at}, K_{one}_{two})")
+        less = "".join(f" - V_{pivot}_{one} * Z_{pivot}_{two}" for pivot in inner)
+        w.lines.append(f"store(S, at + {at}, {entry(one, two)}{less})")
         at += 1
 
 
-ELEMENT_ARGUMENTS = "lane, order, damped, gravity, q, v, a, left, i, k1, k2, kb, l, ml, jl, tau, cm, cc, ck, r, S, at"
+ELEMENT_ARGUMENTS = (
+    "lane, order, damped, gravity, q, v, a, left, i, k1, k2, kb, length, ml, jl, tau, cm, cc, ck, r, S, at"
+)
 
 
 @cache
-def element_function(order: int, damped: bool, heavy: bool, tangent: bool) -> Callable[..., Any]:
+def element_function(order: int, damped: bool, heavy: bool) -> Callable[..., Any]:
     """element(lane, ...) for an order and what is present; see `exact_beam.element`."""
     t, w = tables(order), Writer()
     w.let("zero", "splat(lane, 0.0)")
@@ -322,20 +218,22 @@ def element_function(order: int, damped: bool, heavy: bool, tangent: bool) -> Ca
     others = [*interior_names(order), *RR]
     for letter in ("q", "v", "a") if damped else ("q", "a"):
         for k, name in enumerate(others):
-            weight = f" - gravity[{AXES.index(name[-1])}]" if heavy and letter == "a" and name[-1] != "t" else ""
+            falls = heavy and letter == "a" and name in ("Rx", "Ry")
+            weight = f" - gravity[{AXES.index(name[-1])}]" if falls else ""
             w.let(f"{letter}_{name}", f"load(lane, {letter}, i + {k}){weight}")
     if not damped:
         for name in RR:
             w.let(f"v_{name}", "zero")
-    _points(w, t, damped, tangent)
+    _points(w, t, damped)
     _residual(w, t, damped)
     for k, axis in enumerate(AXES):
         w.lines.append(f"store(r, i + {k - 3}, f0_{axis} + f_L{axis})")
     for k, name in enumerate(interior_names(order)):
         w.lines.append(f"store(r, i + {k}, f_{name})")
-    if tangent:
-        _tangent(w, t)
-        _condense(w, order)
+    written = len(w.lines)
+    _slopes(w, t, damped)
+    _condense(w, order, _tangent(w, t))
+    w.lines[written:] = ["if cm != 0.0:", *[f"    {line}" for line in w.lines[written:]]]
     right = [f"{letter}_{name}" for letter in ("q", "v", "a") for name in RR] + [f"f_{name}" for name in RR]
     return function(f"element{order}", ELEMENT_ARGUMENTS, w.lines, f"({', '.join(right)})")
 
@@ -350,7 +248,7 @@ def forward_function(order: int) -> Callable[..., Any]:
     inner = interior_names(order)
     for k, name in enumerate(inner):
         w.let(f"x_{name}", f"load(lane, x, i + {k})")
-    totals = {name: "" for name in (*LL, *RR)}
+    totals = dict.fromkeys((*LL, *RR), "")
     at = 0
     for m, pivot in enumerate(inner):
         at += 1
@@ -390,12 +288,12 @@ def backward_function(order: int) -> Callable[..., Any]:
     return function("backward", SOLVE_ARGUMENTS, w.lines, f"({', '.join(f'x_{name}' for name in RR)})")
 
 
-MEASURE_ARGUMENTS = "lane, order, q, v, turn, spin, i, k1, k2, kb, l, ml, jl"
+MEASURE_ARGUMENTS = "lane, order, q, v, turn, spin, i, k1, k2, kb, length, ml, jl"
 
 
 @cache
 def measure_function(order: int) -> Callable[..., Any]:
-    """(kinetic, strain energy, power lost per tau_d, first mass moments x, y); `turn`, `spin`: left psi and its rate."""
+    """measure(lane, ...) for an order, see `exact_beam.measure`; `turn`, `spin` are psi and its rate at the left."""
     t, w = tables(order), Writer()
     inner = interior_names(order)
     for letter in "qv":
@@ -415,7 +313,7 @@ def measure_function(order: int) -> Callable[..., Any]:
         w.let("r2", f"c * {uy} - s * {ux} - g1 * omega")
         w.let("k", times(*bend[g]))
         w.let("rk", times(*bending[g]))
-        w.let("e1", "g1 - l")
+        w.let("e1", "g1 - length")
         w.let("strain", f"strain + (e1 * e1 * k1 + g2 * g2 * k2 + k * k * kb) * {0.5 * weight!r}")
         w.let("lost", f"lost + (r1 * r1 * k1 + r2 * r2 * k2 + rk * rk * kb) * {weight!r}")
     nodes = ["L", "R", *[str(k) for k in range(1, order)]]
@@ -429,3 +327,42 @@ def measure_function(order: int) -> Callable[..., Any]:
         w.let(f"moment_{axis}", times(*w.sum(parts)))
     kinetic = "(squares_x + squares_y) * (0.5 * ml) + squares_t * (0.5 * jl)"
     return function("measure", MEASURE_ARGUMENTS, w.lines, f"({kinetic}, strain, lost, moment_x * ml, moment_y * ml)")
+
+
+CARRY_ARGUMENTS = "lane, order, start, q, turn, new_turn, i, x, y"
+
+
+@cache
+def carry_function(order: int) -> Callable[..., Any]:
+    """Interior and right positions in q from the left one (x, y) and the angles in q, with the strains of `start`.
+
+    d turns with psi at each Gauss point; sine and cosine of that turn to its sixth power, which is plenty for a guess.
+    `turn`, `new_turn`: psi at the left.
+    """
+    t, w = tables(order), Writer()
+    inner = interior_names(order)
+    for k, name in enumerate([*LL, *inner, *RR]):
+        w.let(f"q_{name}", f"load(lane, start, i + {k - 3})")
+    w.lines += ["q_Lt = turn", "w_Lt = new_turn - turn"]
+    for k, name in enumerate([*inner, *RR]):
+        if name[-1] == "t":
+            w.let(f"w_{name}", f"load(lane, q, i + {k}) - q_{name}")
+    (dx, _), (dy, _), (_, turns) = (_interpolate(w, t, *of) for of in ("qx", "qy", "wt"))
+    for g in range(order):
+        px, py = times(*dx[g]), times(*dy[g])
+        w.let("w", times(*turns[g]))
+        w.let("z", "w * w")
+        w.let("s", "w + w * (z * (z * (1.0 / 120.0) - 1.0 / 6.0))")
+        w.let("c", "1.0 + z * (z * (1.0 / 24.0 - z * (1.0 / 720.0)) - 0.5)")
+        w.let(f"ux{g}", f"c * {px} - s * {py}")
+        w.let(f"uy{g}", f"s * {px} + c * {py}")
+    for axis in "xy":
+        for k in range(order):
+            factor, name = w.sum([(t.weights[g] * t.slope[k][g], f"u{axis}{g}") for g in range(order)])
+            value = times(factor / float(t.norm[k]), name)
+            if k == 0:
+                w.let(axis, f"{axis} + {value}")
+                w.lines.append(f"store(q, i + {len(inner) + AXES.index(axis)}, {axis})")
+            else:
+                w.lines.append(f"store(q, i + {inner.index(f'{k}{axis}')}, {value})")
+    return function("carry", CARRY_ARGUMENTS, w.lines, "(x, y)")

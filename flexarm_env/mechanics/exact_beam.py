@@ -28,8 +28,8 @@ def sections(arm: Arm, elements: int) -> Array:
     """Constants of each link's elements, see `ExactBeam.sections`."""
     rows = []
     for link in arm.links:
-        l, s = link.length / elements, link.section
-        rows.append([s.EA / (2 * l), s.C / (2 * l), s.EI / (2 * l), l, 0.5 * s.m * l, 0.5 * s.J * l])
+        h, s = 0.5 * link.length / elements, link.section
+        rows.append([0.25 * s.EA / h, 0.25 * s.C / h, 0.25 * s.EI / h, 2.0 * h, s.m * h, s.J * h])
     return np.array(rows)
 
 
@@ -53,7 +53,8 @@ def straight(scene: Scene, elements: int, order: int) -> Array:
 
 
 def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Names of the rows (linkK.xE, ... of vertex E; linkK.xE.J of interior coordinate J in element E) and the joints'."""
+    """Names of the rows (linkK.xE ... of vertex E, linkK.xE.J of an interior coordinate of element E), and where the
+    joints' angles and the root's position are."""
     names = ["root_x", "root_y", "joint0"]
     for k in range(arm.n_links):
         for e in range(elements):
