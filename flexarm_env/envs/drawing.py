@@ -1,0 +1,190 @@
+"""Strokes, discs and words on a supersampled pygame surface: what pictures of arms are made of."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Color = tuple[int, int, int]
+
+SUPERSAMPLING = 3
+"""Strokes are drawn this many times as wide and high, and averaged down."""
+
+PAPER: Color = (250, 251, 252)
+SHADE: Color = (229, 233, 239)
+GRID: Color = (236, 239, 244)
+AXIS: Color = (214, 221, 229)
+INK: Color = (52, 62, 76)
+FAINT: Color = (120, 132, 147)
+
+
+def pygame_module() -> Any:
+    """pygame, imported when first drawn with. Raises DependencyNotInstalled where there is none."""
+    try:
+        import pygame
+    except ImportError as error:
+        raise DependencyNotInstalled('rendering needs pygame: pip install "flexarm_env[render]"') from error
+    return pygame
+
+
+class Sheet:
+    """One picture while it is drawn.
+
+    Args:
+        size: width and height of the picture, pixels. reach: half of the shorter side is `margin` reaches, m.
+        center: the point in the middle, m (2,). cell: side of a grid square, m.
+    Lengths named in points are 1/640 of the picture's shorter side.
+    """
+
+    def __init__(self, size: tuple[int, int], reach: float, margin: float, center: Array, cell: float) -> None:
+        self.pg = pygame_module()
+        self.size, self.center = size, center
+        self.scale = scale_of(size, reach, margin) * SUPERSAMPLING
+        self.point = min(size) / 640.0 * SUPERSAMPLING
+        self.canvas = _paper(size, reach, self.scale, (float(center[0]), float(center[1])), cell).copy()
+
+    def pixels(self, points: ArrayLike) -> Array:
+        """Canvas coordinates (..., 2) of points in m."""
+        return _pixels(points, self.size, self.scale, self.center)
+
+    def disc(self, at: ArrayLike, radius: float, color: Color) -> None:
+        """A filled disc; radius in points."""
+        self.pg.draw.circle(self.canvas, color, self.pixels(at), radius * self.point)
+
+    def ring(self, at: ArrayLike, radius: float, width: float, color: Color) -> None:
+        """A circle; outer radius and width in points."""
+        self.pg.draw.circle(self.canvas, color, self.pixels(at), radius * self.point, max(1, round(width * self.point)))
+
+    def band(self, points: Array, root: float, tip: float, color: Color, shift: float = 0.0) -> None:
+        """A stroke along points (n, 2) with round ends; its width goes from `root` to `tip` points."""
+        line = self.pixels(points) + shift * self.point
+        widths = np.linspace(root, tip, len(line)) * self.point
+        self.pg.draw.polygon(self.canvas, color, ribbon(line, widths))
+        for end in (0, -1):
+            self.pg.draw.circle(self.canvas, color, line[end], 0.5 * widths[end])
+
+    def trace(self, points: Array, colors: list[Color], width: float) -> None:
+        """A line through points (n, 2), one colour a piece (n - 1)."""
+        line = self.pixels(points)
+        for k, color in enumerate(colors):
+            self.pg.draw.line(self.canvas, color, line[k], line[k + 1], max(1, round(width * self.point)))
+
+    def dashes(self, start: Array, end: Array, width: float, color: Color) -> None:
+        """A broken line."""
+        a, b = self.pixels(start), self.pixels(end)
+        count = max(1, round(float(np.hypot(*(b - a))) / (9.0 * self.point)))
+        wide = max(1, round(width * self.point))
+        for k in range(count):
+            self.pg.draw.line(self.canvas, color, a + (b - a) * (k / count), a + (b - a) * ((k + 0.5) / count), wide)
+
+    def picture(self) -> Any:
+        """The surface of the picture's own size, strokes smooth."""
+        return self.pg.transform.smoothscale(self.canvas, self.size)
+
+
+def write(picture: Any, text: str, at: tuple[float, float], height: float, color: Color, side: str) -> None:
+    """Words on a surface; `side` names the attribute of their pygame.Rect that comes to lie at `at`."""
+    image = _label(text, max(7, round(height)), color)
+    picture.blit(image, image.get_rect(**{side: (round(at[0]), round(at[1]))}))
+
+
+def array_of(picture: Any) -> NDArray[np.uint8]:
+    """Pixels (height, width, 3) of a surface, a new array."""
+    data = pygame_module().image.tobytes(picture, "RGB")
+    return np.frombuffer(data, dtype=np.uint8).reshape(picture.get_height(), picture.get_width(), 3).copy()
+
+
+def scale_of(size: tuple[int, int], reach: float, margin: float) -> float:
+    """Pixels of the picture a metre."""
+    return min(size) / (2.0 * margin * reach)
+
+
+def _pixels(points: ArrayLike, size: tuple[int, int], scale: float, center: ArrayLike) -> Array:
+    middle = 0.5 * np.array(size) * SUPERSAMPLING
+    offset = (np.asarray(points, dtype=np.float64) - np.asarray(center)) * scale
+    return np.asarray(np.clip(middle + offset * (1.0, -1.0), -30000.0, 30000.0))
+
+
+@lru_cache(maxsize=4)
+def _paper(size: tuple[int, int], reach: float, scale: float, center: tuple[float, float], cell: float) -> Any:
+    """The empty sheet: grid, axes, and the circle within reach of the origin."""
+    pg = pygame_module()
+    width, height = size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING
+    paper = pg.Surface((width, height), 0, 32)
+    paper.fill(PAPER)
+    half = np.array([width, height]) / (2.0 * scale)
+    first = np.floor((np.array(center) - half) / cell).astype(int)
+    last = np.ceil((np.array(center) + half) / cell).astype(int)
+    lines = [(axis, k) for axis in (0, 1) for k in range(first[axis], last[axis] + 1)]
+    for axis, k in sorted(lines, key=lambda line: line[1] == 0):  # the axes last
+        at = float(_pixels(np.full(2, k * cell), size, scale, center)[axis])
+        at = SUPERSAMPLING * math.floor(at / SUPERSAMPLING)  # one whole pixel of the picture
+        box = (at, 0, SUPERSAMPLING, height) if axis == 0 else (0, at, width, SUPERSAMPLING)
+        pg.draw.rect(paper, AXIS if k == 0 else GRID, box)
+    pg.draw.circle(paper, AXIS, _pixels((0.0, 0.0), size, scale, center), reach * scale, SUPERSAMPLING)
+    return paper
+
+
+@lru_cache(maxsize=512)
+def _label(text: str, height: int, color: Color) -> Any:
+    pg = pygame_module()
+    if not pg.font.get_init():
+        _font.cache_clear()
+        pg.font.init()
+    large = _font(4 * height).render(text, True, color)
+    width, height = large.get_size()
+    return pg.transform.smoothscale(large, (max(1, round(width / 4)), max(1, round(height / 4))))
+
+
+@lru_cache(maxsize=16)
+def _font(pixels: int) -> Any:
+    return pygame_module().font.Font(None, pixels)
+
+
+# -------------------------------------------------------------------- geometry
+def smooth(points: Array, root_angle: float, tip_angle: float, pieces: int = 6) -> Array:
+    """A C1 cubic through points (n, 2) that leaves the first and reaches the last in the given directions (rad)."""
+    if len(points) < 2:
+        return np.repeat(points, 2, axis=0)
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    slopes = np.empty_like(points)
+    slopes[1:-1] = 0.5 * (points[2:] - points[:-2])
+    slopes[0] = steps[0] * np.array([math.cos(root_angle), math.sin(root_angle)])
+    slopes[-1] = steps[-1] * np.array([math.cos(tip_angle), math.sin(tip_angle)])
+    s = np.linspace(0.0, 1.0, pieces + 1)[:-1, None]
+    a, b, c, d = (2 * s - 3) * s * s + 1, ((s - 2) * s + 1) * s, (3 - 2 * s) * s * s, (s - 1) * s * s
+    inner = a * points[:-1, None] + b * slopes[:-1, None] + c * points[1:, None] + d * slopes[1:, None]
+    return np.concatenate([inner.reshape(-1, 2), points[-1:]])
+
+
+def ribbon(line: Array, widths: Array) -> Array:
+    """Outline (2 n, 2) of a stroke of the given widths (n,) along a line (n, 2)."""
+    along = np.empty_like(line)
+    along[1:-1] = line[2:] - line[:-2]
+    along[0], along[-1] = line[1] - line[0], line[-1] - line[-2]
+    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) * (0.5 * widths / length)[:, None]
+    return np.concatenate([line + normal, (line - normal)[::-1]])
+
+
+def length_of(line: Array) -> float:
+    """Length of a line (n, 2)."""
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+
+
+def round_step(value: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above value."""
+    power = 10.0 ** math.floor(math.log10(value) + 1e-9)
+    return next(m * power for m in (5.0, 2.0, 1.0) if m * power <= value * (1.0 + 1e-9))
+
+
+def blend(first: Color, second: Color, share: float) -> Color:
+    """A colour on the way from the first to the second."""
+    red, green, blue = (round(a + (b - a) * share) for a, b in zip(first, second, strict=True))
+    return red, green, blue

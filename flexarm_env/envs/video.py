@@ -1,0 +1,137 @@
+"""Films: the pictures of a recorded run, and their files."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+from ..simulation import Trajectory
+from .rendering import Renderer
+
+FILMS = (".mp4", ".webm", ".mkv", ".mov")
+"""Endings of film files, which imageio-ffmpeg writes; .gif is written by Pillow."""
+
+
+def pictures(
+    trajectory: Trajectory,
+    fps: float = 25.0,
+    speed: float = 1.0,
+    size: tuple[int, int] = (640, 640),
+    mode: str = "rgb_array",
+) -> Iterator[NDArray[np.uint8]]:
+    """The pictures of a run, one every speed / fps seconds of its time, each of the nearest recorded instant.
+
+    Args:
+        trajectory: a run; record it with sample = speed / fps to see every instant once.
+        fps: pictures a second. speed: seconds of the run a second of the film. size: width and height, pixels.
+        mode: "rgb_array" yields (height, width, 3) uint8; "human" shows them in a window and yields nothing.
+    Raises:
+        ValueError: fps or speed that is not positive.
+    """
+    for name, value in (("fps", fps), ("speed", speed)):
+        if not 0.0 < value < float("inf"):
+            raise ValueError(f"{name} = {value!r}: must be a positive number")
+    scene, t = trajectory.scene, trajectory.t
+    arm, limits = scene.arm, scene.arm.torque_limits
+    count = 1 + int(np.floor((t[-1] - t[0]) * fps / speed * (1.0 + 1e-9)))
+    times = t[0] + np.arange(count) * speed / fps
+    nearest = np.abs(t[None, :] - times[:, None]).argmin(axis=1)
+    hinges = [0, *_hinge_points(trajectory), trajectory.shapes.shape[1] - 1]
+    renderer = Renderer(mode, arm.total_length, size, fps, hub=scene.root == "pinned", payload=arm.payload.mass > 0.0)
+    try:
+        for i in nearest:
+            chain = [trajectory.shapes[i, a : b + 1] for a, b in pairwise(hinges)]
+            torques = None if limits is None else trajectory.joint_torque[i] / np.asarray(limits)
+            poses = _poses(trajectory, int(i), chain)
+            picture = renderer.frame(chain, poses, None, float(t[i]), torques, trajectory.tip_deflection[i])
+            if renderer.closed:
+                break
+            if picture is not None:
+                yield picture
+    finally:
+        renderer.close()
+
+
+def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], fps: float = 25.0) -> Path:
+    """Write pictures (height, width, 3) to a file, whole or not at all: .mp4, .webm, .mkv, .mov or .gif.
+
+    Raises:
+        ValueError: another ending, or no picture at all. DependencyNotInstalled: nothing here writes such a file.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in (*FILMS, ".gif"):
+        raise ValueError(f"video = {os.fspath(path)!r}: must end with one of {', '.join((*FILMS, '.gif'))}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(f".{target.stem}.part{target.suffix}")
+    write = _write_gif if target.suffix.lower() == ".gif" else _write_ffmpeg
+    try:
+        write(part, iter(frames), fps)
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+    return target
+
+
+def _write_ffmpeg(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
+    ffmpeg = _import("imageio_ffmpeg", "imageio-ffmpeg")
+    first = _first(frames)
+    writer = ffmpeg.write_frames(
+        str(path), (first.shape[1], first.shape[0]), fps=fps, quality=8, macro_block_size=2, ffmpeg_log_level="error"
+    )
+    writer.send(None)
+    try:
+        writer.send(first)
+        for frame in frames:
+            writer.send(np.ascontiguousarray(frame))
+    finally:
+        writer.close()
+
+
+def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
+    image = _import("PIL.Image", "Pillow")
+    every = [_first(frames), *frames]
+    some = np.concatenate(every[:: max(1, len(every) // 8)])
+    palette = image.fromarray(some).quantize(256, method=image.Quantize.MAXCOVERAGE)  # small patches keep their colour
+    first, *rest = (image.fromarray(frame).quantize(palette=palette, dither=image.Dither.NONE) for frame in every)
+    first.save(path, save_all=True, append_images=rest, duration=max(20, round(1000.0 / fps)), loop=0)
+
+
+def _first(frames: Iterator[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    first = next(frames, None)
+    if first is None:
+        raise ValueError("frames: must hold one picture or more")
+    return np.ascontiguousarray(first)
+
+
+def _import(module: str, package: str) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise DependencyNotInstalled(f'such a film needs {package}: pip install "flexarm_env[render]"') from error
+
+
+def _hinge_points(trajectory: Trajectory) -> list[int]:
+    """Which of the recorded points of the chain are its hinges: those that stay there throughout."""
+    gaps = np.abs(trajectory.shapes[:, None] - trajectory.hinges[:, :, None]).sum(axis=-1)  # (n, N-1, points)
+    return [int(k) for k in gaps.max(axis=0).argmin(axis=-1)]
+
+
+def _poses(trajectory: Trajectory, i: int, chain: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Link poses (N, 12) as far as a picture needs them; a link's tip angle is that of its last piece."""
+    poses = np.zeros((len(chain), 12))
+    angle = 0.0
+    for k, line in enumerate(chain):
+        along = line[-1] - line[-2]
+        poses[k, :2], poses[k, 6:8] = line[0], line[-1]
+        poses[k, 2] = angle + trajectory.joint_angles[i, k]
+        angle = poses[k, 8] = np.arctan2(along[1], along[0])
+    poses[0, 2], poses[-1, 8] = trajectory.start[i, 2], trajectory.tip[i, 2]
+    return poses

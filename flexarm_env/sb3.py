@@ -1,0 +1,326 @@
+"""Vector environments for Stable-Baselines3: a Gymnasium VectorEnv as a VecEnv, with its wrappers ready.
+
+    from flexarm_env.sb3 import make_sb3_vec
+    env = make_sb3_vec("FlexibleArm-v0", n_envs=64, seed=0, normalize=True)
+    PPO("MlpPolicy", env).learn(1_000_000)
+"""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import NDArray
+
+try:
+    from stable_baselines3.common.env_util import is_wrapped
+    from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+except ImportError as error:
+    raise ImportError(
+        'flexarm_env.sb3 needs Stable-Baselines3, which cannot be imported here: pip install "flexarm_env[train]"'
+    ) from error
+
+Indices = None | int | Iterable[int]
+Infos = list[dict[str, Any]]
+
+PER_ENVIRONMENT = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
+"""Attributes that a vector environment has for all together, and what each of its environments has instead."""
+
+
+def make_sb3_vec(
+    env_id: str,
+    n_envs: int = 1,
+    seed: int | None = None,
+    *,
+    monitor: bool | str = True,
+    normalize: bool | Mapping[str, Any] = False,
+    info_keys: Sequence[str] = (),
+    vectorization_mode: str = "vector_entry_point",
+    **kwargs: Any,
+) -> VecEnv:
+    """A Stable-Baselines3 VecEnv of n_envs environments that are stepped together.
+
+    Args:
+        env_id: a registered id, such as "FlexibleArm-v0". n_envs: how many.
+        seed: environment i starts with seed + i at the first reset; None seeds from the system.
+        monitor: wrap in VecMonitor (episode returns and lengths, `is_success`); a text is the file it writes to.
+        normalize: wrap in VecNormalize; a mapping holds its keywords, e.g. {"norm_reward": False, "gamma": 0.98}.
+        info_keys: entries of the environment's info that every step shall bring; without them only the infos of
+            episodes that end are filled, which is all that Stable-Baselines3 reads.
+        vectorization_mode: "vector_entry_point" (the native one), or "sync" or "async" for n_envs single ones.
+        kwargs: keywords of the environment.
+    Returns:
+        VecNormalize(VecMonitor(GymnasiumVecEnv)), less what was not asked for.
+    Raises:
+        ValueError: n_envs below 1, or a native vector environment that cannot reset in the step that ends an
+            episode. Besides, whatever the environment raises for its keywords.
+    """
+    if isinstance(n_envs, bool) or not isinstance(n_envs, int | np.integer) or n_envs < 1:
+        raise ValueError(f"n_envs = {n_envs!r}: must be a whole number from 1")
+    mode: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    if vectorization_mode == "vector_entry_point":
+        kwargs = mode | kwargs
+    else:
+        kwargs = {"vector_kwargs": mode} | kwargs
+    try:
+        native = gym.make_vec(env_id, num_envs=int(n_envs), vectorization_mode=vectorization_mode, **kwargs)
+    except TypeError as error:
+        if "'autoreset_mode'" not in str(error):
+            raise
+        raise ValueError(
+            f"vectorization_mode = {vectorization_mode!r}: must be 'sync' or 'async' for {env_id}, whose own vector "
+            "environment has no same-step autoreset"
+        ) from error
+    adapter = GymnasiumVecEnv(native, info_keys)
+    if seed is not None:
+        adapter.seed(seed)
+        adapter.action_space.seed(seed)
+    env: VecEnv = adapter
+    if monitor:
+        env = VecMonitor(env, monitor if isinstance(monitor, str) else None)
+    if normalize:
+        env = VecNormalize(env, **(normalize if isinstance(normalize, Mapping) else {}))
+    return env
+
+
+class GymnasiumVecEnv(VecEnv):
+    """A Gymnasium VectorEnv in same-step autoreset mode, seen as a VecEnv.
+
+    Args:
+        env: the vector environment.
+        info_keys: entries of its info that every step's infos shall hold. The infos of an episode that ends hold all
+            of them in any case, with "terminal_observation" and "TimeLimit.truncated".
+    Raises:
+        ValueError: another autoreset mode: Stable-Baselines3 takes the first observation of the next episode
+            together with the last reward.
+    """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], info_keys: Sequence[str] = ()) -> None:
+        mode = env.metadata.get("autoreset_mode")
+        if mode != AutoresetMode.SAME_STEP:
+            raise ValueError(f"metadata['autoreset_mode'] = {mode}: must be {AutoresetMode.SAME_STEP}")
+        self.env = env
+        self.info_keys = tuple(info_keys)
+        self._actions: NDArray[Any] | None = None
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata = dict(env.metadata)
+
+    # ------------------------------------------------------------- episodes
+    def reset(self) -> Any:
+        """Reset all, with the seeds and options of `seed` and `set_options`; first observations."""
+        seeds, options = self._seeds, self._options
+        self._reset_seeds()
+        self._reset_options()
+        seed: Any = seeds
+        if seeds[0] is None:
+            seed = None
+        elif seeds == list(range(seeds[0], seeds[0] + self.num_envs)):  # what an int means to every VectorEnv
+            seed = int(seeds[0])
+        groups = _alike(options)
+        if len(groups) == 1:
+            observations, infos = self.env.reset(seed=seed, options=options[0] or None)
+            self.reset_infos = [_info_of(infos, i) for i in range(self.num_envs)]
+            return observations
+        observations, infos = self.env.reset(seed=seed)
+        self.reset_infos = [_info_of(infos, i) for i in range(self.num_envs)]
+        for group in groups:
+            if options[group[0]]:
+                observations = self._reset_some(group, seed, options[group[0]])[0]
+        return observations
+
+    def _reset_some(self, indices: Sequence[int], seed: Any, options: Mapping[str, Any]) -> tuple[Any, Infos]:
+        """Reset these environments: observations of all, infos of these."""
+        mask = np.zeros(self.num_envs, dtype=np.bool_)
+        mask[list(indices)] = True
+        observations, infos = self.env.reset(seed=seed, options={**options, "reset_mask": mask})
+        some = [_info_of(infos, i) for i in indices]
+        for i, info in zip(indices, some, strict=True):
+            self.reset_infos[i] = info
+        return observations, some
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Take note of the actions (n_envs, ...)."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Infos]:
+        """Step: observations (of the next episode where one ends), rewards (n,) float32, dones (n,), infos."""
+        observations, rewards, terminated, truncated, info = self.env.step(self._actions)
+        dones = np.logical_or(terminated, truncated)
+        infos: Infos = [{} for _ in range(self.num_envs)]
+        for key in self.info_keys:
+            for i, value in enumerate(info[key]):
+                infos[i][key] = value
+        for i in map(int, np.flatnonzero(dones)):
+            infos[i] = _info_of(info.get("final_info", {}), i)
+            infos[i]["terminal_observation"] = _item(info["final_obs"], i)
+            infos[i]["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
+            self.reset_infos[i] = {
+                key: value for key, value in _info_of(info, i).items() if key not in ("final_info", "final_obs")
+            }
+        return observations, np.asarray(rewards, dtype=np.float32), dones, infos
+
+    def close(self) -> None:
+        """Close the environments."""
+        self.env.close()
+
+    # --------------------------------------------------------------- images
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """A picture (height, width, 3) of each environment, where they were made with render_mode="rgb_array"."""
+        if self.render_mode != "rgb_array":
+            warnings.warn(f"render_mode = {self.render_mode!r}: pictures need 'rgb_array'", stacklevel=2)
+            return [None] * self.num_envs
+        return list(self.env.render() or [None] * self.num_envs)  # type: ignore[arg-type]
+
+    # ----------------------------------------- attributes, methods, wrappers
+    def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
+        """An attribute of these environments.
+
+        Where the vector environment has one value for all, that value; of an array with one row an environment
+        (or a list or tuple as long), the rows.
+        """
+        name = PER_ENVIRONMENT.get(attr_name, attr_name)
+        if hasattr(self.env, "get_attr") and name == attr_name and not hasattr(VectorEnv, name):
+            values: Any = self.env.get_attr(name)
+        else:
+            values = _spread(getattr(self.env, name), self.num_envs)
+        return [values[i] for i in self._indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
+        """Set an attribute of these environments to one value.
+
+        Raises:
+            ValueError: some of the environments are named, but the attribute is one of all together.
+        """
+        chosen = self._indices(indices)
+        if hasattr(self.env, "set_attr"):
+            values = [value] * self.num_envs if len(set(chosen)) == self.num_envs else self.get_attr(attr_name)
+            for i in chosen:
+                values[i] = value
+            self.env.set_attr(attr_name, values)
+            return
+        present = getattr(self.env, attr_name, None)
+        if isinstance(present, np.ndarray) and present.shape[:1] == (self.num_envs,):
+            rows = present.copy()
+            rows[chosen] = value
+            setattr(self.env, attr_name, rows)
+        elif len(set(chosen)) == self.num_envs:
+            setattr(self.env, attr_name, value)
+        else:
+            raise ValueError(
+                f"indices = {chosen}: must be all {self.num_envs} environments, which share one '{attr_name}'"
+            )
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of these environments, and list what each returns.
+
+        "reset" takes seed (an int: environment i gets seed + i) and options, and resets these alone; "render" draws.
+        A method of the vector environment that has a parameter `indices` is given them.
+
+        Raises:
+            ValueError: some of the environments are named, but the method is one of all together.
+        """
+        chosen = self._indices(indices)
+        if method_name == "reset":
+            observations, infos = self._reset_some(
+                chosen, method_kwargs.get("seed"), method_kwargs.get("options") or {}
+            )
+            return [(_item(observations, i), info) for i, info in zip(chosen, infos, strict=True)]
+        if method_name == "render":
+            frames = _spread(self.env.render(), self.num_envs)
+            return [frames[i] for i in chosen]
+        if isinstance(singles := getattr(self.env, "envs", None), list):
+            return [singles[i].get_wrapper_attr(method_name)(*method_args, **method_kwargs) for i in chosen]
+        method = getattr(self.env, method_name, None)
+        if method is not None and "indices" in inspect.signature(method).parameters:
+            values = method(*method_args, indices=chosen, **method_kwargs)
+            return list(_spread(values, len(chosen)))
+        if len(set(chosen)) < self.num_envs:
+            raise ValueError(
+                f"indices = {chosen}: must be all {self.num_envs} environments, which share one '{method_name}'"
+            )
+        if method is None and hasattr(self.env, "call"):
+            values = self.env.call(method_name, *method_args, **method_kwargs)
+        else:
+            values = getattr(self.env, method_name)(*method_args, **method_kwargs)
+        values = _spread(values, self.num_envs)
+        return [values[i] for i in chosen]
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Indices = None
+    ) -> list[bool]:
+        """Whether each of these environments has the wrapper; one of a native vector environment has none."""
+        singles = getattr(self.env, "envs", None)
+        chosen = self._indices(indices)
+        if not isinstance(singles, list):
+            return [False] * len(chosen)
+        return [is_wrapped(singles[i], wrapper_class) for i in chosen]
+
+    def _indices(self, indices: Indices) -> list[int]:
+        return [int(i) for i in self._get_indices(indices)]
+
+
+# ---------------------------------------------------------------------- infos
+def _info_of(infos: Mapping[str, Any], i: int) -> dict[str, Any]:
+    """The info of environment i, out of Gymnasium's arrays and their masks."""
+    info: dict[str, Any] = {}
+    for key, values in infos.items():
+        if key.startswith("_") and key[1:] in infos:
+            continue
+        mask = infos.get(f"_{key}")
+        if mask is None or mask[i]:
+            info[key] = _info_of(values, i) if isinstance(values, Mapping) else _scalar(values[i])
+    return info
+
+
+def _scalar(value: Any) -> Any:
+    """Python numbers and copies, so that nothing refers to an array of all environments."""
+    if isinstance(value, np.generic):
+        return value.item()
+    return value.copy() if isinstance(value, np.ndarray) else value
+
+
+def _item(values: Any, i: int) -> Any:
+    """Entry i of an observation of all, which may be a dict or tuple of arrays, or an array of single ones."""
+    if isinstance(values, Mapping):
+        return {key: _item(value, i) for key, value in values.items()}
+    if isinstance(values, tuple):
+        return tuple(_item(value, i) for value in values)
+    return np.array(values[i]) if isinstance(values[i], np.ndarray) else values[i]
+
+
+def _spread(values: Any, n: int) -> Any:
+    """One value an environment: the rows of what has n of them, else the value n times."""
+    if isinstance(values, list | tuple) and len(values) == n:
+        return values
+    if isinstance(values, np.ndarray) and values.shape[:1] == (n,):
+        return values
+    return [values] * n
+
+
+def _alike(options: Sequence[dict[str, Any]]) -> list[list[int]]:
+    """Indices of equal options, group by group."""
+    groups: list[list[int]] = []
+    for i, option in enumerate(options):
+        for group in groups:
+            if _equal(options[group[0]], option):
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
+
+
+def _equal(a: dict[str, Any], b: dict[str, Any]) -> bool:
+    if a is b or (not a and not b):
+        return True
+    try:
+        return bool(a == b)
+    except ValueError:  # arrays inside: taken as different
+        return False

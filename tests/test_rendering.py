@@ -1,0 +1,288 @@
+"""Pictures: what is to be seen is there, where it belongs, without a display and without being asked twice."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("pygame")
+
+import pygame
+
+from flexarm_env.envs import drawing, rendering
+from flexarm_env.envs.rendering import Renderer, rigid_arm
+
+Picture = NDArray[np.uint8]
+
+
+def arm(*angles: float, bend: float = 0.0, at: tuple[float, float] = (0.0, 0.0)) -> tuple[list[Any], Any]:
+    """Links of length 1 / N, root tangents at these absolute angles, each bent by `bend` rad: points and poses."""
+    n, length = len(angles), 1.0 / len(angles)
+    points, poses = [], np.zeros((n, 12))
+    start = np.array(at)
+    for k, angle in enumerate(angles):
+        turn = angle + bend * np.linspace(0.0, 1.0, 11)
+        middle = 0.5 * (turn[1:] + turn[:-1])
+        steps = 0.1 * length * np.column_stack([np.cos(middle), np.sin(middle)])
+        points.append(np.vstack([start, start + np.cumsum(steps, axis=0)]))
+        poses[k, [0, 1, 2]] = *start, angle
+        poses[k, [6, 7, 8]] = *points[-1][-1], angle + bend
+        start = points[-1][-1]
+    return points, poses
+
+
+def draw(renderer: Renderer, *angles: float, **more: Any) -> Picture:
+    points, poses = arm(*angles, bend=more.pop("bend", 0.0), at=more.pop("at", (0.0, 0.0)))
+    picture = renderer.frame(points, poses, more.pop("target", None), more.pop("time", 0.0), **more)
+    assert picture is not None
+    return picture
+
+
+def near(picture: Picture, x: float, y: float, center: tuple[float, float] = (0.0, 0.0)) -> Picture:
+    """The pixel at a point in m (reach 1)."""
+    height, width, _ = picture.shape
+    scale = min(width, height) / (2.0 * rendering.MARGIN)
+    pixel: Picture = picture[round(height / 2 - (y - center[1]) * scale), round(width / 2 + (x - center[0]) * scale)]
+    return pixel
+
+
+def has(picture: Picture, color: tuple[int, int, int]) -> bool:
+    return bool((np.abs(picture.astype(int) - color).max(axis=-1) <= 3).any())
+
+
+# -------------------------------------------------------------------- pictures
+@pytest.mark.parametrize("angles", [(0.4,), (0.4, 1.5), (0.1, 0.5, -0.9, 0.3)])
+@pytest.mark.parametrize("size", [(640, 640), (320, 240)])
+def test_a_picture(angles: tuple[float, ...], size: tuple[int, int]) -> None:
+    n = len(angles)
+    picture = draw(
+        Renderer("rgb_array", 1.0, size), *angles, bend=0.5, target=(-0.5, 0.5), time=1.25,
+        torques=np.full(n, 0.5), deflection=np.full(n, -0.1),
+    )  # fmt: skip
+    assert picture.shape == (size[1], size[0], 3) and picture.dtype == np.uint8
+    assert picture.flags.c_contiguous and picture.flags.writeable
+    for color in (rendering.PAYLOAD, rendering.TORQUE, rendering.DEFLECTION, drawing.PAPER):
+        assert has(picture, color), color
+    assert np.abs(near(picture, -0.5, 0.5).astype(int) - rendering.TARGET).max() < 90
+    assert np.median(picture) > 230  # a light sheet, little ink
+
+
+def test_the_link_is_where_it_is() -> None:
+    renderer = Renderer("rgb_array", 1.0)
+    points, poses = arm(0.5, bend=1.2)
+    picture = renderer.frame(points, poses, None, 0.0)
+    assert picture is not None
+    for point in points[0][2:-1]:
+        assert near(picture, *point)[2] > near(picture, *point)[0] + 40, "blue along the bent link"
+    payload = drawing.blend(rendering.PAYLOAD, rendering.WHITE, 0.55)
+    np.testing.assert_allclose(near(picture, *points[0][-1]), payload, atol=3)
+    ghost = 0.9 * np.array([np.cos(0.5), np.sin(0.5)])
+    np.testing.assert_allclose(near(picture, *ghost), rendering.GHOST, atol=3)
+
+
+def test_small_and_absent_things() -> None:
+    bare = Renderer("rgb_array", 1.0, hub=False, payload=False)
+    picture = draw(bare, 0.0)
+    for color in (rendering.PAYLOAD, rendering.TORQUE, rendering.DEFLECTION, rendering.TARGET, rendering.STEEL):
+        assert not has(picture, color)
+    full = draw(bare, 0.0, time=1.0, torques=[0.0], deflection=[1e-4])
+    assert not has(full, rendering.DEFLECTION) and not has(full, rendering.TORQUE)
+    beyond = draw(bare, 0.0, time=2.0, torques=[-7.0], deflection=[3.0])
+    assert has(beyond, rendering.DEFLECTION) and has(beyond, rendering.TORQUE)
+    draw(bare, 0.0, time=3.0, torques=[np.nan], deflection=[np.nan])
+
+
+def test_a_broken_state_is_told_and_not_drawn() -> None:
+    renderer = Renderer("rgb_array", 1.0)
+    points, poses = arm(0.3)
+    points[0][4, 1] = np.nan
+    picture = renderer.frame(points, poses, (0.5, 0.5), 0.0, [0.1], [np.nan])
+    assert picture is not None and has(picture, rendering.DEFLECTION) and not has(picture, rendering.PAYLOAD)
+    huge, poses = arm(0.3, at=(1e12, -1e12))
+    assert renderer.frame(huge, poses, (0.5, 0.5), 0.1) is not None
+
+
+def test_the_view_follows_a_root_that_leaves() -> None:
+    renderer = Renderer("rgb_array", 1.0, hub=False)
+    draw(renderer, 0.0)
+    assert renderer._center.tolist() == [0.0, 0.0]
+    draw(renderer, 0.0, at=(4.0, 0.0), time=1.0)
+    assert renderer._center[0] == pytest.approx(5.0 - 0.94 * rendering.MARGIN) and renderer._center[1] == 0.0
+    draw(renderer, 0.0, time=0.0)
+    assert renderer._center.tolist() == [0.0, 0.0]
+
+
+def test_the_trace_belongs_to_one_episode() -> None:
+    renderer = Renderer("rgb_array", 1.0)
+    for k in range(100):
+        draw(renderer, 0.02 * k, time=0.02 * k) if k % 20 == 0 else renderer._trace.append(np.zeros(2))
+    assert len(renderer._trace) == rendering.TRACE
+    before = draw(renderer, 2.0, time=3.0)
+    np.testing.assert_array_equal(draw(renderer, 2.0, time=3.0), before)
+    fresh = draw(renderer, 2.0, time=0.0)
+    assert len(renderer._trace) == 1
+    assert not np.array_equal(fresh[60:560], before[60:560])
+    np.testing.assert_array_equal(fresh, draw(Renderer("rgb_array", 1.0), 2.0))
+
+
+def test_copies_draw_alike() -> None:
+    renderer = Renderer("rgb_array", 1.0)
+    draw(renderer, 0.0, time=0.0)
+    again: list[Renderer] = [copy.deepcopy(renderer), pickle.loads(pickle.dumps(renderer))]
+    expected = draw(renderer, 0.4, time=0.1)
+    for other in again:
+        np.testing.assert_array_equal(draw(other, 0.4, time=0.1), expected)
+
+
+@pytest.mark.parametrize(
+    ("mode", "reach", "words"),
+    [("ascii", 1.0, "render_mode = 'ascii': must be one of human, rgb_array"), ("human", 0.0, "reach = 0.0: must be")],
+)
+def test_wrong_arguments(mode: str, reach: float, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Renderer(mode, reach)
+
+
+# -------------------------------------------------------------------- geometry
+def test_the_rigid_arm() -> None:
+    points, poses = arm(0.3, 1.0, bend=0.4)
+    first, second = rigid_arm(points, poses)
+    np.testing.assert_allclose(first[1], 0.5 * np.array([np.cos(0.3), np.sin(0.3)]), atol=1e-12)
+    np.testing.assert_array_equal(second[0], first[1])
+    # the elbow's angle is from link 1's tip, 0.7, to link 2's root, 1.0: the rigid second link points along 0.6
+    np.testing.assert_allclose(second[1] - second[0], 0.5 * np.array([np.cos(0.6), np.sin(0.6)]), atol=1e-12)
+
+
+def test_the_smooth_line() -> None:
+    angle = np.linspace(0.0, 1.0, 5)
+    circle = np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+    line = drawing.smooth(circle, 0.0, 1.0)
+    np.testing.assert_array_equal(line[::6], circle)
+    np.testing.assert_allclose(np.hypot(line[:, 0], line[:, 1] - 1.0), 1.0, atol=2e-3)
+    assert drawing.smooth(circle[:1], 0.0, 0.0).shape == (2, 2)
+
+
+def test_ribbon_and_steps() -> None:
+    line = np.column_stack([np.linspace(0.0, 1.0, 5), np.zeros(5)])
+    outline = drawing.ribbon(line, np.linspace(2.0, 1.0, 5))
+    np.testing.assert_allclose(outline[:5, 1], np.linspace(1.0, 0.5, 5))
+    np.testing.assert_allclose(outline[5:, 1], -np.linspace(0.5, 1.0, 5))
+    assert [drawing.round_step(x) for x in (1.0, 3.3, 0.5, 0.333, 9.99)] == [1.0, 2.0, 0.5, 0.2, 5.0]
+
+
+# ---------------------------------------------------------------------- window
+def test_no_display_is_said_once(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    points, poses = arm(0.1)
+    renderer = Renderer("human", 1.0)
+    with caplog.at_level(logging.WARNING):
+        assert renderer.frame(points, poses, None, 0.0) is None
+        assert renderer.frame(points, poses, None, 0.1) is None
+    assert [record.message.startswith("render_mode 'human' shows nothing") for record in caplog.records] == [True]
+    assert not pygame.display.get_init()
+    renderer.close()
+
+
+def test_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With SDL's dummy driver in place of a display."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: "a display")
+    points, poses = arm(0.1)
+    renderer = Renderer("human", 1.0, (200, 150), fps=1000)
+    assert not pygame.display.get_init(), "no window before the first picture"
+    assert renderer.frame(points, poses, None, 0.0) is None
+    shown = drawing.array_of(pygame.display.get_surface())
+    np.testing.assert_array_equal(shown, draw(Renderer("rgb_array", 1.0, (200, 150)), 0.1))
+    assert pickle.loads(pickle.dumps(renderer))._window is None
+
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    assert renderer.frame(points, poses, None, 0.1) is None
+    assert renderer.closed and not pygame.display.get_init()
+    assert renderer.frame(points, poses, None, 0.2) is None
+    renderer.close()
+
+
+def test_pixels_need_no_display_and_leave_sdl_alone() -> None:
+    code = """
+import os, sys
+for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+    os.environ.pop(name, None)
+import numpy as np
+from flexarm_env.envs.rendering import Renderer
+assert "pygame" not in sys.modules
+r = Renderer("rgb_array", 1.0)
+import pygame
+points = np.array([[0.0, 0.0], [1.0, 0.0]])
+assert r.frame([points], np.zeros((1, 12)), None, 0.0).shape == (640, 640, 3)
+assert not pygame.display.get_init() and "SDL_VIDEODRIVER" not in os.environ
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_missing_pygame_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    from gymnasium.error import DependencyNotInstalled
+
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(DependencyNotInstalled, match="rendering needs pygame: pip install"):
+        Renderer("rgb_array", 1.0)
+
+
+# ------------------------------------------------------------------------ film
+def moving(count: int = 6) -> list[Picture]:
+    renderer = Renderer("rgb_array", 1.0, (160, 120))
+    return [draw(renderer, 0.1 * k, time=0.1 * k, deflection=[0.1]) for k in range(count)]
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".gif"])
+def test_films(ending: str, tmp_path: Path) -> None:
+    from flexarm_env.envs.video import write_film
+
+    imageio = pytest.importorskip("imageio.v2")
+    frames = moving()
+    path = write_film(tmp_path / "new" / f"film{ending}", frames, fps=10)
+    read = [np.asarray(frame)[..., :3] for frame in imageio.get_reader(path)]
+    assert len(read) == len(frames)
+    for mine, seen in zip(frames, read, strict=True):
+        assert seen.shape == mine.shape
+        assert np.abs(mine.astype(int) - seen).mean() < 6.0
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_a_film_is_whole_or_absent(tmp_path: Path) -> None:
+    from flexarm_env.envs.video import write_film
+
+    with pytest.raises(ValueError, match=r"must end with one of \.mp4"):
+        write_film(tmp_path / "film.txt", moving(1))
+    with pytest.raises(ValueError, match="must hold one picture or more"):
+        write_film(tmp_path / "film.mp4", [])
+    (tmp_path / "film.gif").write_text("old")
+
+    def broken() -> Any:
+        yield from moving(2)
+        raise RuntimeError("the run broke")
+
+    with pytest.raises(RuntimeError, match="the run broke"):
+        write_film(tmp_path / "film.gif", broken())
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("film.gif", "old")]
+
+
+def test_pictures_of_a_run() -> None:
+    from flexarm_env.envs.video import pictures
+    from flexarm_env.scenes import named
+    from flexarm_env.simulation import simulate
+
+    run = simulate(named("two_link_motion"), duration=0.4, sample=0.02)
+    film = list(pictures(run, fps=25, speed=0.5, size=(160, 160)))
+    assert len(film) == 21 and all(frame.shape == (160, 160, 3) for frame in film)
+    assert len(list(pictures(run, fps=25, speed=2.0, size=(160, 160)))) == 6
+    with pytest.raises(ValueError, match="speed = 0: must be a positive number"):
+        next(pictures(run, speed=0))
