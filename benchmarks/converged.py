@@ -1,0 +1,95 @@
+"""Converged solutions of the validation scenes, from the project's own exact formulation with a convergence study.
+
+    python -m benchmarks.converged [--scene NAME ...] [--check]
+
+Each scene is run on two meshes and with two steps; the finest is kept in `flexarm_env/data/references/converged/` as CSV
+(columns of `Trajectory.to_csv`) and `converged.json` says how far mesh and step still moved its tip. `--check` only prints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexarm_env.scenes import named, names
+from flexarm_env.simulation import simulate
+from flexarm_env.trajectory import Trajectory
+
+FOLDER = Path(__file__).parents[1] / "flexarm_env" / "data" / "references" / "converged"
+ORDER = 3
+PLANS: dict[str, tuple[int, float]] = {  # elements a link on the finest mesh, finest step (s)
+    "robot_arm_motion": (64, 1 / 3200),
+    "robot_arm_motion_smooth": (16, 1 / 800),
+    "robot_arm_torque": (64, 1 / 3200),
+    "flying_rod": (64, 1 / 3200),
+    "flying_rod_soft": (64, 1 / 3200),
+    "two_link_motion": (24, 1 / 16000),
+    "two_link_free_flight": (24, 1 / 8000),
+    "spin_up": (8, 1 / 1600),
+}
+
+
+def run(name: str, elements: int, dt: float) -> Trajectory:
+    """One run, undamped Newmark."""
+    trajectory = simulate(
+        named(name), "geometrically_exact", order=ORDER, elements=elements, dt=dt, rho_inf=1.0, tolerance=1e-10
+    )
+    if trajectory.status != "ok":
+        raise SystemExit(f"{name}, {elements} elements, step {dt:g} s: {trajectory.message}")
+    return trajectory
+
+
+def distance(a: Trajectory, b: Trajectory) -> float:
+    """Largest distance of the tips, m."""
+    return float(np.hypot(*(a.tip[:, :2] - b.tip[:, :2]).T).max())
+
+
+def study(name: str) -> tuple[Trajectory, dict[str, Any]]:
+    """The finest run, and how much halving the mesh or doubling the step moves its tip."""
+    elements, dt = PLANS[name]
+    finest = run(name, elements, dt)
+    mesh = distance(run(name, elements // 2, dt), finest)
+    step = distance(run(name, elements, 2 * dt), finest)
+    scene = named(name)
+    return finest, {
+        "elements": elements,
+        "order": ORDER,
+        "dt": dt,
+        "tip_change_by_mesh": mesh,
+        "tip_change_by_step": step,
+        "tip_error_estimate": mesh + step / 3.0,  # the step's error falls fourfold with each halving
+        "length": scene.arm.total_length,
+        "balance": float(np.abs(finest.balance).max()),
+        "cpu_seconds": finest.cpu_seconds,
+        "date": date.today().isoformat(),
+    }
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the studies and write what they give."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", nargs="*", choices=names(), help="scenes to run (default: all)")
+    parser.add_argument("--check", action="store_true", help="print the study, write nothing")
+    options = parser.parse_args(arguments)
+    index_path = FOLDER / "converged.json"
+    index = json.loads(index_path.read_text()) if index_path.exists() else {}
+    for name in options.scene or names():
+        finest, figures = study(name)
+        print(name, json.dumps(figures), flush=True)
+        if options.check:
+            continue
+        finest.to_csv(FOLDER / f"{name}.csv")
+        index[name] = figures
+        part = index_path.with_suffix(".part")
+        part.write_text(json.dumps(dict(sorted(index.items())), indent=1) + "\n")
+        part.replace(index_path)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
