@@ -12,36 +12,16 @@ with x and y, inverse pivot), then `factor_size` entries an element.
 
 from __future__ import annotations
 
-from typing import Any
-
 from ..model import ExactBeam
-from .exact_element import (
-    ELEMENT_ARGUMENTS,
-    SOLVE_ARGUMENTS,
-    backward_function,
-    element_function,
-    forward_function,
-)
+from .exact_element import VERTEX, backward, forces, forward, tangent
 from .exact_output import dissipation, energy, link_poses, out_of_range, ports, predict, shape
 from .jit import kernel
 from .lanes import load, splat, store
 from .protocol import register
-from .written import is_given, written_out
+from .traced import aligned_frame
 
 HEAD = 9
 HINGE = 4
-
-
-def _element_of(given: dict[str, Any]) -> Any:
-    present = [is_given(given[name]) for name in ("damped", "gravity")]
-    return element_function(len(given["order"]), *present)
-
-
-element = written_out("element", ELEMENT_ARGUMENTS, _element_of)
-"""What is known of a vertex after the element behind it: x, y, psi, their rates and accelerations (less gravity), and
-the forces on them so far; from the left vertex's to the right one's. Writes r, and S unless cm = 0."""
-forward = written_out("forward", SOLVE_ARGUMENTS, lambda given: forward_function(len(given["order"])))
-backward = written_out("backward", SOLVE_ARGUMENTS, lambda given: backward_function(len(given["order"])))
 
 
 @kernel
@@ -83,13 +63,13 @@ def _rate(lane, damped, v, k):  # type: ignore[no-untyped-def]
 def _loaded(lane, loads, links, u, r):  # type: ignore[no-untyped-def]
     """r less the point loads."""
     if loads is not None:
-        for f in range(loads.shape[0]):
+        for f in range(loads.shape[0] // 4):
             k = links + 3 * f
-            _add(lane, r, loads[f, 0], -load(lane, u, k))
-            _add(lane, r, loads[f, 1], -load(lane, u, k + 1))
-            _add(lane, r, loads[f, 2], -load(lane, u, k + 2))
-            if loads[f, 3] >= 0:
-                _add(lane, r, loads[f, 3], -load(lane, u, k + 2))
+            _add(lane, r, loads[4 * f], -load(lane, u, k))
+            _add(lane, r, loads[4 * f + 1], -load(lane, u, k + 1))
+            _add(lane, r, loads[4 * f + 2], -load(lane, u, k + 2))
+            if loads[4 * f + 3] >= 0:
+                _add(lane, r, loads[4 * f + 3], -load(lane, u, k + 2))
 
 
 @kernel
@@ -107,11 +87,11 @@ def _lumps(lane, model, par, cm, S):  # type: ignore[no-untyped-def]
             store(S, HEAD + HINGE * (k - 1), zero)
             after = block + stride * model.elements * k
             before = after - stride
-            mass = splat(lane, cm * model.elbows[k - 1, 0])
+            mass = splat(lane, cm * model.elbows[3 * k - 3])
             _add(lane, S, before + 15, mass)
             _add(lane, S, before + 18, mass)
-            _add(lane, S, before + 20, splat(lane, cm * model.elbows[k - 1, 1]))
-            _add(lane, S, after + 5, splat(lane, cm * model.elbows[k - 1, 2]))
+            _add(lane, S, before + 20, splat(lane, cm * model.elbows[3 * k - 2]))
+            _add(lane, S, after + 5, splat(lane, cm * model.elbows[3 * k - 1]))
         last = block + stride * (model.elements * links - 1)
         mass = cm * load(lane, par, 0)
         _add(lane, S, last + 15, mass)
@@ -122,6 +102,7 @@ def _lumps(lane, model, par, cm, S):  # type: ignore[no-untyped-def]
 @kernel
 def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
     """r and, unless cm = 0, the tangent cm M + cc D + ck K, condensed to the vertices."""
+    aligned_frame(lane)
     links, p, stride = model.links, len(model.order), _stride(model.order)
     stiffness, tau = load(lane, par, 2), load(lane, par, 3)
     zero = splat(lane, 0.0)
@@ -138,21 +119,27 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
         root, before, turn = i, zero, zero
         if k > 0:
             x, y, t, vx, vy, vt, ax, ay, at, fx, fy, ft = left
-            mass = model.elbows[k - 1, 0]
-            before = ft + at * model.elbows[k - 1, 1]
+            mass = model.elbows[3 * k - 3]
+            before = ft + at * model.elbows[3 * k - 2]
             d = deltas + k - 1
             turn = at + load(lane, a, d)
             left = (
                 x, y, t + load(lane, q, d), vx, vy, vt + _rate(lane, model.damped, v, d), ax, ay, turn,
-                fx + ax * mass, fy + ay * mass, turn * model.elbows[k - 1, 2],
+                fx + ax * mass, fy + ay * mass, turn * model.elbows[3 * k - 1],
             )  # fmt: skip
-        k1, k2, kb = model.sections[k, 0], model.sections[k, 1], stiffness * model.sections[k, 2]
-        length, ml, jl = model.sections[k, 3], model.sections[k, 4], model.sections[k, 5]
+        k1, k2, kb = model.sections[6 * k], model.sections[6 * k + 1], stiffness * model.sections[6 * k + 2]
+        length, ml, jl = model.sections[6 * k + 3], model.sections[6 * k + 4], model.sections[6 * k + 5]
         for _ in range(model.elements):
-            left = element(
-                lane, model.order, model.damped, model.gravity, q, v, a, left, i,
-                k1, k2, kb, length, ml, jl, tau, cm, cc, ck, r, S, o,
+            j = (i - 3) * len(lane)
+            out = forces(
+                lane, model.order, model.damped, model.gravity, q[j:], v[j:], a[j:], left,
+                k1, k2, kb, length, ml, jl, tau, r[j:],
             )  # fmt: skip
+            left, points = out[:VERTEX], out[VERTEX:]
+            if cm != 0.0:
+                tangent(
+                    lane, model.order, model.damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S[o * len(lane) :]
+                )
             i += 3 * p
             o += stride
         if k > 0:
@@ -231,6 +218,7 @@ def _eliminate(lane, S, o, tail):  # type: ignore[no-untyped-def]
 @kernel
 def factor(lane, model, S):  # type: ignore[no-untyped-def]
     """L D L' over the vertices from tip to root; inverse pivots are kept."""
+    aligned_frame(lane)
     links, stride = model.links, _stride(model.order)
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
     tail = (zero, zero, zero, zero, zero, zero)
@@ -296,6 +284,7 @@ def _restore(lane, S, o, x, y, t, a, b, c):  # type: ignore[no-untyped-def]
 @kernel
 def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
     """x <- S^-1 x with the factors of `factor`."""
+    aligned_frame(lane)
     links, p, stride = model.links, len(model.order), _stride(model.order)
     zero = splat(lane, 0.0)
     deltas = 3 * p * model.elements * links + 3
@@ -305,7 +294,9 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
         for _ in range(model.elements):
             i -= 3 * p
             o -= stride
-            lx, ly, lt, rx, ry, rt = forward(lane, model.order, S, o, x, i, None)
+            lx, ly, lt, rx, ry, rt = forward(
+                lane, model.order, S[o * len(lane) :], x[(i - 3) * len(lane) :]
+            )
             tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + stride - 21, tx - rx, ty - ry, tt - rt)
             store(x, i + 3 * p - 3, tx)
             store(x, i + 3 * p - 2, ty)
@@ -349,7 +340,8 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
             store(x, j, rx)
             store(x, j + 1, ry)
             store(x, j + 2, rt)
-            tx, ty, tt = backward(lane, model.order, S, o, x, i, (tx, ty, tt))
+            backward(lane, model.order, S[o * len(lane) :], x[(i - 3) * len(lane) :], (tx, ty, tt), (rx, ry, rt))
+            tx, ty, tt = rx, ry, rt
             i += 3 * p
             o += stride
 

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .exact_element import (
-    CARRY_ARGUMENTS,
-    MEASURE_ARGUMENTS,
-    carry_function,
-    measure_function,
-)
+from .exact_element import carry, measure
 from .exact_tables import interior
 from .jit import kernel
 from .lanes import load, splat, store
-from .written import written_out
 
 
 @kernel
@@ -37,18 +31,14 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
 @kernel
 def _load_points(lane, loads, links, q, y):  # type: ignore[no-untyped-def]
     if loads is not None:
-        for f in range(loads.shape[0]):
+        for f in range(loads.shape[0] // 4):
             k = links + 3 * f
-            store(y, k, load(lane, q, loads[f, 0]))
-            store(y, k + 1, load(lane, q, loads[f, 1]))
-            turn = load(lane, q, loads[f, 2])
-            if loads[f, 3] >= 0:
-                turn = turn + load(lane, q, loads[f, 3])
+            store(y, k, load(lane, q, loads[4 * f]))
+            store(y, k + 1, load(lane, q, loads[4 * f + 1]))
+            turn = load(lane, q, loads[4 * f + 2])
+            if loads[4 * f + 3] >= 0:
+                turn = turn + load(lane, q, loads[4 * f + 3])
             store(y, k + 2, turn)
-
-
-measure = written_out("measure", MEASURE_ARGUMENTS, lambda given: measure_function(len(given["order"])))
-"""(kinetic, strain energy, power lost per tau_d, first mass moments x, y) of an element."""
 
 
 @kernel
@@ -64,16 +54,17 @@ def _totals(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     for k in range(links):
         turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
         if k > 0:
-            mass = model.elbows[k - 1, 0]
+            mass = model.elbows[3 * k - 3]
             vx, vy = load(lane, v, i - 3), load(lane, v, i - 2)
-            kinetic = kinetic + (vx * vx + vy * vy) * (0.5 * mass) + (spin * spin) * (0.5 * model.elbows[k - 1, 1])
+            kinetic = kinetic + (vx * vx + vy * vy) * (0.5 * mass) + (spin * spin) * (0.5 * model.elbows[3 * k - 2])
             mx, my = mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
             turn, spin = turn + load(lane, q, deltas + k - 1), spin + load(lane, v, deltas + k - 1)
-            kinetic = kinetic + (spin * spin) * (0.5 * model.elbows[k - 1, 2])
-        k1, k2, kb = model.sections[k, 0], model.sections[k, 1], stiffness * model.sections[k, 2]
-        length, ml, jl = model.sections[k, 3], model.sections[k, 4], model.sections[k, 5]
+            kinetic = kinetic + (spin * spin) * (0.5 * model.elbows[3 * k - 1])
+        k1, k2, kb = model.sections[6 * k], model.sections[6 * k + 1], stiffness * model.sections[6 * k + 2]
+        length, ml, jl = model.sections[6 * k + 3], model.sections[6 * k + 4], model.sections[6 * k + 5]
         for _ in range(model.elements):
-            part = measure(lane, model.order, q, v, turn, spin, i, k1, k2, kb, length, ml, jl)
+            j = (i - 3) * len(lane)
+            part = measure(lane, model.order, q[j:], v[j:], turn, spin, k1, k2, kb, length, ml, jl)
             kinetic, strain, lost = kinetic + part[0], strain + part[1], lost + part[2]
             mx, my = mx + part[3], my + part[4]
             i += 3 * p
@@ -156,9 +147,6 @@ def shape(model, q, points):  # type: ignore[no-untyped-def]
     return count
 
 
-carry = written_out("carry", CARRY_ARGUMENTS, lambda given: carry_function(len(given["order"])))
-
-
 @kernel
 def predict(lane, model, start, q):  # type: ignore[no-untyped-def]
     """Positions in q anew: from the root's, with the angles of q and the strains of `start`.
@@ -175,6 +163,7 @@ def predict(lane, model, start, q):  # type: ignore[no-untyped-def]
         if k > 0:
             turn, new_turn = turn + load(lane, start, deltas + k - 1), new_turn + load(lane, q, deltas + k - 1)
         for _ in range(model.elements):
-            x, y = carry(lane, model.order, start, q, turn, new_turn, i, x, y)
+            j = (i - 3) * len(lane)
+            x, y = carry(lane, model.order, start[j:], q[j:], turn, new_turn, x, y)
             i += 3 * p
             turn, new_turn = load(lane, start, i - 1), load(lane, q, i - 1)

@@ -97,12 +97,12 @@ def build(scene: Scene, settings: Settings) -> System:
         order=(0,) * order,
         links=arm.n_links,
         elements=elements,
-        sections=sections(arm, elements),
-        elbows=np.array([[e.mass, e.inertia_left, e.inertia_right] for e in elbows]).reshape(-1, 3),
+        sections=sections(arm, elements).ravel(),
+        elbows=np.array([[e.mass, e.inertia_left, e.inertia_right] for e in elbows]).ravel(),
         hub_inertia=arm.hub_inertia,
         damped=(0,) if arm.tau_d > 0.0 else None,
         gravity=None if scene.gravity is None else np.array(scene.gravity),
-        loads=np.array(loads, dtype=np.int64) if loads else None,
+        loads=np.array(loads, dtype=np.int64).ravel() if loads else None,
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
     q0 = straight(scene, elements, order)
