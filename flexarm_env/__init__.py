@@ -1,3 +1,60 @@
-"""Flexible robot arms: planar beam mechanics, scene replay and Gymnasium environments."""
+"""Flexible robot arms: planar beam mechanics, scene replay and Gymnasium environments.
+
+Importing registers FlexibleArm-v0 and TwoLinkFlexArm-v0; the public names below are loaded when they are first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from gymnasium.envs.registration import register, registry
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from .parameters import Arm, Elbow, Link, Payload, Section
+    from .scene import JointTorque, Motion, PointLoad, Scene
+    from .scenes import named
+    from .settings import Settings
+    from .simulation import Simulation, simulate
+    from .time_functions import TimeFunction
+    from .trajectory import Trajectory
+
+_HOME = {
+    **dict.fromkeys(("Arm", "Elbow", "Link", "Payload", "Section"), "parameters"),
+    **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
+    "named": "scenes",
+    "Settings": "settings",
+    **dict.fromkeys(("Simulation", "simulate"), "simulation"),
+    "TimeFunction": "time_functions",
+    "Trajectory": "trajectory",
+}
+"""Where each public name is defined."""
+
+__all__ = [
+    "Arm", "Elbow", "JointTorque", "Link", "Motion", "Payload", "PointLoad", "Scene", "Section", "Settings",
+    "Simulation", "TimeFunction", "Trajectory", "__version__", "named", "simulate",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})
+
+
+def _register(env_id: str, module: str, name: str) -> None:
+    if env_id not in registry:
+        home = f"flexarm_env.envs.{module}"
+        register(env_id, entry_point=f"{home}:{name}Env", vector_entry_point=f"{home}:{name}VectorEnv")
+
+
+_register("FlexibleArm-v0", "flexible_arm", "FlexibleArm")
+_register("TwoLinkFlexArm-v0", "two_link", "TwoLinkFlexArm")

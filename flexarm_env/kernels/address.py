@@ -1,8 +1,8 @@
 """A compiled function's whole world behind one whole number: no argument of a call from Python costs more than that.
 
 Handing a NamedTuple of twenty arrays to a compiled function takes microseconds, more than a control period of a small
-arm. `place` writes the unpacked tuple into a buffer once; `follow` reads it back inside compiled code. The Python side
-keeps buffer and arrays alive (`Placed`) and calls the compiled function through `entry`, which skips the
+arm. `Placed` writes the unpacked tuple, its arrays bare, into a buffer once; `follow` reads it back inside compiled
+code. The Python side keeps buffer and arrays alive and calls the compiled function through `entry`, which skips the
 dispatcher's look at the types.
 """
 
@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types, typeof
+from numba import typeof, types
 from numba.extending import NativeValue, intrinsic, models, register_model, unbox
 
+from .bare import bare, bare_type
 from .jit import kernel
 
 
@@ -38,27 +39,13 @@ def _unbox_address(typ: Any, obj: Any, c: Any) -> Any:
     return NativeValue(c.pyapi.long_as_longlong(obj))
 
 
-def _unowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """The value with its arrays stripped of ownership: compiled code does not count references to them."""
-    if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, value)
-        array.meminfo = ir.Constant(array.meminfo.type, None)
-        array.parent = ir.Constant(array.parent.type, None)
-        return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
-        for i, part in enumerate(kind):
-            inner = _unowned(context, builder, part, builder.extract_value(value, i))
-            value = builder.insert_value(value, inner, i)
-    return value
-
-
 @intrinsic  # type: ignore[untyped-decorator]
 def _write(typingctx: Any, buffer: Any, value: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kind = signature.args[1]
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
         target = builder.bitcast(data, context.get_value_type(kind).as_pointer())
-        builder.store(_unowned(context, builder, kind, args[1]), target, align=8)
+        builder.store(args[1], target, align=8)
         size = context.get_abi_sizeof(context.get_value_type(kind))
         return ir.Constant(ir.IntType(64), size)
 
@@ -67,7 +54,7 @@ def _write(typingctx: Any, buffer: Any, value: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def follow(typingctx: Any, address: Any) -> Any:
-    """The value placed at an address (its arrays are borrowed)."""
+    """The value placed at an address, its arrays bare."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         pointer = builder.inttoptr(args[0], context.get_value_type(address.target).as_pointer())
@@ -78,11 +65,14 @@ def follow(typingctx: Any, address: Any) -> Any:
 
 @kernel
 def _place(buffer, value):  # type: ignore[no-untyped-def]
-    return _write(buffer, value)
+    return _write(buffer, bare(value))
 
 
 class Placed:
-    """A tuple of arrays and numbers that compiled code reaches by `address`; neither may be replaced, only written to."""
+    """A named tuple of one-dimensional arrays and numbers that compiled code reaches by `address`.
+
+    Its arrays may be written to, but not be replaced.
+    """
 
     def __init__(self, value: Any) -> None:
         self.value = value  # keeps the arrays alive
@@ -90,7 +80,7 @@ class Placed:
         used = _place(self._buffer, value)
         assert used <= self._buffer.nbytes
         self.address = int(self._buffer.ctypes.data)
-        self.kind = Address(typeof(value))
+        self.kind = Address(bare_type(typeof(value)))
 
 
 def entry(function: Any, placed: Placed, *arguments: Any) -> Callable[..., Any]:

@@ -1,0 +1,365 @@
+"""Many arms of one kind, advanced together by one compiled call per control period; a single arm is a batch of one.
+
+The arms share a Model and a task; payload, stiffness, damping and torque constant are each arm's own. Arms stand in
+lane groups; groups are divided among threads. What an arm does depends on nothing but itself: the same bits in any
+batch, on any number of threads.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import kernels  # noqa: F401  (registers the formulations)
+from .kernels import environment
+from .kernels.address import Placed, entry
+from .kernels.environment import ACTION_NOT_FINITE, JOINT_LIMIT, RETRY, Layout, Program, Ranges
+from .kernels.lanes import EIGHT, SINGLE
+from .kernels.newmark import work_size
+from .kernels.rollout import observe_arm
+from .kernels.task import (
+    DEFLECTION,
+    ENERGIES,
+    ERROR,
+    FRESH,
+    GOAL,
+    GUIDED,
+    IN_RANGE,
+    LIMIT,
+    MODE,
+    OVER,
+    REASON,
+    RUNNING,
+    STEP,
+    SUCCESS,
+    TAIL,
+    TARGET,
+    TIP,
+    Reach,
+    Slew,
+)
+from .mechanics import assembly
+from .model import STATUS, System, scheme
+from .parameters import Arm
+from .scene import Scene
+from .settings import Settings
+from .threads import Crew
+
+Array = NDArray[np.float64]
+
+LANES_FROM = 3
+"""Batches of at least this many arms stand in lanes of eight; the others are advanced one by one."""
+
+
+def reason_word(code: int) -> str:
+    """Why an episode ended, as a word; "" for no reason."""
+    if code == ACTION_NOT_FINITE:
+        return "action_not_finite"
+    if code == JOINT_LIMIT:
+        return "joint_limit"
+    return STATUS[code] if code else ""
+
+
+REASONS: dict[float, str] = {
+    float(code): reason_word(code) for code in (*range(len(STATUS)), ACTION_NOT_FINITE, JOINT_LIMIT)
+}
+"""Words of the codes that `info` holds."""
+
+STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
+"""The solver's status for each of these codes."""
+
+
+def _python(function: Any) -> Any:
+    return getattr(function, "py_func", function)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """What fresh starts are drawn from, uniformly (see `kernels.environment.Ranges`).
+
+    start: (low, high) of each joint angle, rad. target: two ranges: rad from the start (slew; the second unused), or
+    m and rad, polar (reach). straight: share of starts with all joints at 0. vibration: largest initial vibration, as
+    a tip deflection over L. factors: ranges of the factors on payload, EI, damping and torque constant.
+    """
+
+    start: Sequence[tuple[float, float]]
+    target: Sequence[tuple[float, float]]
+    straight: float = 0.0
+    vibration: float = 0.0
+    factors: Sequence[tuple[float, float]] = field(default_factory=lambda: ((1.0, 1.0),) * 4)
+
+
+def standing_scene(arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = ()) -> Scene:
+    """The arm, pinned and without drives."""
+    return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles))
+
+
+def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> Array:
+    """(n, 1 + 3 N) table with q = table (1, alpha_k, cos alpha_k, sin alpha_k) for straight links at angles alpha."""
+    assert settings.dt is not None
+    count = arm.n_links
+    rng = np.random.default_rng(1)
+    samples = np.concatenate([np.zeros((1, count)), rng.uniform(-3.0, 3.0, (3 * count + 6, count))])
+    rows = [
+        assembly.assemble(standing_scene(arm, settings.dt, gravity, angles), settings).q0 for angles in samples.tolist()
+    ]
+    basis = np.concatenate([np.ones((len(samples), 1)), samples, np.cos(samples), np.sin(samples)], axis=1)
+    table = np.linalg.lstsq(basis, np.array(rows), rcond=None)[0].T
+    table[np.abs(table) < 1e-12] = 0.0
+    exact = np.round(table)
+    table = np.where(np.abs(table - exact) < 1e-12, exact, table)
+    assert np.allclose(basis @ table.T, np.array(rows), atol=1e-9 * max(1.0, arm.total_length))
+    return np.ascontiguousarray(table)
+
+
+@dataclass(frozen=True)
+class View:
+    """One arm at an instant: points (n, 2) root to tip, m; poses (N, 12) as `kernels.protocol.link_poses`; time, s;
+    target, m or rad; torques (N,), N m; deflection (N,), over L."""
+
+    points: Array
+    poses: Array
+    time: float
+    target: Array
+    torques: Array
+    deflection: Array
+
+
+class Batch:
+    """n arms with a task, in lane groups.
+
+    Args:
+        arm, settings (with dt), gravity: what moves. n: how many.
+        task: a `Slew` or `Reach`. starts: what fresh starts are drawn from.
+        period: control period, s, a whole number of settings.dt. books: keep energies. threads: at most so many.
+    Attributes:
+        action (n, A) float32: to be filled before `step`. observation (n, O) float32, reward (n,), terminated,
+        truncated (n,): of the last step or start. address: what the compiled functions take.
+    """
+
+    def __init__(
+        self, arm: Arm, settings: Settings, n: int, task: Slew | Reach, starts: Starts, *,
+        period: float, gravity: tuple[float, float] | None = None, books: bool = False, threads: int = 1,
+    ) -> None:  # fmt: skip
+        assert settings.dt is not None
+        self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
+        self.period, self.gravity, self.books = period, gravity, books
+        self.system: System = assembly.assemble(standing_scene(arm, settings.dt, gravity), settings)
+        self.lane = SINGLE if n < LANES_FROM else EIGHT
+        self.groups = -(-n // len(self.lane))
+        self.threads = max(1, min(threads, self.groups))
+        self.pose = pose_table(arm, settings, gravity)
+        self._build()
+
+    def _build(self) -> None:
+        lanes, model, task, settings = len(self.lane), self.system.model, self.task, self.settings
+        assert settings.dt is not None
+        self.layout = _layout(lanes, model, task)
+        self._work = int(_python(work_size)(1, model, 0)) - 4  # the integrator's entries an arm (its counters are not)
+        count, links = self.n, self.arm.n_links
+        self.block = np.zeros((self.groups, self.layout.row))
+        self.action = np.zeros((count, links), np.float32)
+        self.observation = np.zeros((count, len(task.entries)), np.float32)
+        self.reward = np.zeros(count)
+        self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+        self.stream = np.zeros(count, np.uint64)
+        self.wish = np.full(links + 3, np.nan)
+        limits = (settings.tolerance, settings.max_iterations, settings.max_halvings, settings.newton == "modified")
+        n_steps = round(self.period / settings.dt)
+        self.program = Program(
+            lane=self.lane, model=model, scheme=scheme(settings.rho_inf, settings.newmark, *limits), task=task,
+            ranges=self._ranges(), layout=self.layout, books=self.books, estimate=self.estimate,
+            h=self.period / n_steps, n_steps=n_steps, n=count,
+            block=self.block.reshape(-1), action=self.action.reshape(-1),
+            observation=self.observation.reshape(-1), reward=self.reward,
+            terminated=self.terminated.view(np.uint8), truncated=self.truncated.view(np.uint8),
+            stream=self.stream, wish=self.wish,
+        )  # fmt: skip
+        self._placed = Placed(self.program)
+        self.address = self._placed.address
+        self.compiled_step = entry(environment.step, self._placed, 0, 0)
+        self._begin = entry(environment.begin, self._placed, 0, 0)
+        self._chunks = _chunks(self.groups, self.threads)
+        self._crew = Crew(self.threads - 1)
+        self._alone: Batch | None = None
+        for i in range(self.groups * lanes):
+            self._par(i)[...] = self.system.par
+        for i in range(count):
+            self.record(i)[MODE] = OVER
+
+    @property
+    def estimate(self) -> float:
+        """What the formulation leaves out, as a fraction of the arm's length (its own notes)."""
+        return float(sum(abs(v) for v in self.system.notes.values()))
+
+    def _ranges(self) -> Ranges:
+        starts = self.starts
+        return Ranges(
+            pose=self.pose.ravel(),
+            shake=np.zeros(3 * len(self.system.q0)),
+            nominal=self.system.par.copy(),
+            start=np.array(starts.start, np.float64).ravel(),
+            target=np.array(starts.target, np.float64).ravel(),
+            straight=float(starts.straight),
+            vibration=float(starts.vibration),
+            factors=np.array(starts.factors, np.float64).ravel(),
+        )
+
+    # --- one arm's entries -----------------------------------------------------------------------
+    def _mine(self, first: int, last: int, i: int) -> Array:
+        """Entries [first, last) of the block that are arm i's, a view."""
+        lanes = len(self.lane)
+        return self.block[i // lanes, first:last].reshape(-1, lanes)[:, i % lanes]
+
+    def _par(self, i: int) -> Array:
+        return self._mine(self.layout.par, self.layout.poses, i)
+
+    def record(self, i: int) -> Array:
+        """Arm i's record (see `kernels.task`), a view."""
+        return self._mine(self.layout.record, self.layout.action, i)
+
+    # --- motion ----------------------------------------------------------------------------------
+    def begin(self, i: int, key: int | None = None, *, limit: int, mode: int = RUNNING) -> None:
+        """A fresh start of arm i; key: 64 random bits that its draws and noise follow from (None: go on)."""
+        if key is not None:
+            self.stream[i] = key
+        self.record(i)[LIMIT] = limit
+        self._begin(self.address, i, mode)
+
+    def step(self) -> int:
+        """One control period of all arms with `action`; returns how many want attention (ended, or guided)."""
+        if self.threads == 1:
+            count = self.compiled_step(self.address, 0, self.groups)
+        else:
+            count = sum(self._crew.run(self.compiled_step, [(self.address, *chunk) for chunk in self._chunks]))
+        if count and len(self.lane) > 1:
+            self._repeat_alone()
+        return int(count)
+
+    def _repeat_alone(self) -> None:
+        """Arms whose Newton iteration failed in their lane go through the period again, where steps are halved."""
+        reasons = self.tail(REASON)
+        for i in np.flatnonzero(reasons == RETRY).tolist():
+            alone = self.alone()
+            alone.take(0, self.give(i))
+            alone.action[0] = self.action[i]
+            alone.compiled_step(alone.address, 0, 1)
+            self.take(i, alone.give(0))
+
+    def alone(self) -> Batch:
+        """A batch of one like this one."""
+        if self._alone is None:
+            self._alone = Batch(
+                self.arm, self.settings, 1, self.task, self.starts,
+                period=self.period, gravity=self.gravity, books=self.books,
+            )  # fmt: skip
+        return self._alone
+
+    def give(self, i: int) -> dict[str, Any]:
+        """Everything about arm i, copied."""
+        return {
+            "block": np.concatenate(self._parts(i)),
+            "stream": int(self.stream[i]),
+            "observation": self.observation[i].copy(),
+            "reward": float(self.reward[i]),
+            "terminated": bool(self.terminated[i]),
+            "truncated": bool(self.truncated[i]),
+        }
+
+    def take(self, i: int, state: dict[str, Any]) -> None:
+        """Make arm i what `give` of a like batch returned."""
+        work, rest = self._parts(i)
+        work[...], rest[...] = state["block"][: self._work], state["block"][self._work :]
+        self.stream[i] = state["stream"]
+        self.observation[i] = state["observation"]
+        self.reward[i] = state["reward"]
+        self.terminated[i], self.truncated[i] = state["terminated"], state["truncated"]
+
+    def _parts(self, i: int) -> tuple[Array, Array]:
+        """All that the block holds of arm i, views: the integrator's work, and the other sections."""
+        return self._mine(0, self._work * len(self.lane), i), self._mine(self.layout.par, self.layout.end, i)
+
+    def view(self, i: int) -> View:
+        """Where arm i is."""
+        lanes, rows, links = len(self.lane), len(self.system.q0), self.arm.n_links
+        q, v = self._mine(0, rows * lanes, i).copy(), self._mine(rows * lanes, 2 * rows * lanes, i).copy()
+        poses, points = np.zeros(12 * links), np.full((2 + 8 * 64 * links, 2), np.nan)
+        count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
+        record, targets = self.record(i), len(self.task.targets)
+        info = self._mine(self.layout.info, self.layout.saved, i)
+        torque = DEFLECTION + links + targets
+        return View(
+            points=points[:count].copy(),
+            poses=poses.reshape(-1, 12),
+            time=float(record[STEP]) * self.period,
+            target=record[TARGET : TARGET + targets].copy(),
+            torques=info[torque : torque + links].copy(),
+            deflection=info[DEFLECTION : DEFLECTION + links].copy(),
+        )
+
+    # --- what info is made of --------------------------------------------------------------------
+    def info(self, k: int, count: int | None = None) -> Array:
+        """Entry k of info for all arms (n,), or entries k ... k + count - 1 (n, count); a fresh array."""
+        lanes = len(self.lane)
+        first = self.layout.info + k * lanes
+        if count is None:
+            return self.block[:, first : first + lanes].reshape(-1)[: self.n].copy()
+        view = self.block[:, first : first + count * lanes].reshape(self.groups, count, lanes)
+        return np.ascontiguousarray(view.transpose(0, 2, 1)).reshape(-1, count)[: self.n]
+
+    def tail(self, k: int) -> Array:
+        """Entry k of the tail of info for all arms (n,)."""
+        return self.info(self.tail_first + k)
+
+    @property
+    def tail_first(self) -> int:
+        """Index of info's tail."""
+        task = self.task
+        return DEFLECTION + 2 * len(task.links) + len(task.targets) + len(task.terms)
+
+    def close(self) -> None:
+        """Let the threads go."""
+        self._crew.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        skipped = ("program", "_placed", "address", "compiled_step", "_begin", "_crew", "_alone", "_chunks")
+        return {k: v for k, v in vars(self).items() if k not in skipped}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        kept = {k: state[k] for k in ("block", "action", "observation", "reward", "terminated", "truncated", "stream")}
+        self._build()
+        for name, values in kept.items():
+            getattr(self, name)[...] = values
+
+
+def _layout(lanes: int, model: Any, task: Slew | Reach) -> Layout:
+    """Sections of a block, each beginning on a whole number of lanes (and of cache lines)."""
+    links = len(task.links)
+    n = len(model.n) if isinstance(model.n, tuple) else int(model.n)
+    first = -(-int(_python(work_size)(lanes, model, 0)) // 8) * 8
+    starts = [first]
+    for entries in (
+        4, 12 * links, GOAL + links, links, len(task.entries),
+        DEFLECTION + 2 * links + len(task.targets) + len(task.terms) + TAIL, 4 * n + 3,
+    ):  # fmt: skip
+        starts.append(starts[-1] + entries * lanes)
+    par, poses, record, action, seen, info, saved, end = starts
+    return Layout(par, poses, record, action, seen, info, saved, end, row=-(-end // 8) * 8)
+
+
+def _chunks(groups: int, parts: int) -> list[tuple[int, int]]:
+    """Groups divided into `parts` runs of nearly equal length."""
+    edges = [groups * k // parts for k in range(parts + 1)]
+    return [(a, b) for a, b in itertools.pairwise(edges) if b > a]
+
+
+__all__ = [
+    "Batch", "DEFLECTION", "ENERGIES", "ERROR", "FRESH", "GUIDED", "IN_RANGE", "MODE", "OVER", "REASON", "REASONS",
+    "RUNNING", "Reach", "STATUS_WORDS", "SUCCESS", "Slew", "Starts", "TIP", "View",
+]  # fmt: skip

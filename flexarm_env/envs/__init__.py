@@ -1,0 +1,1 @@
+"""Gymnasium environments: FlexibleArm-v0 and TwoLinkFlexArm-v0."""

@@ -1,0 +1,173 @@
+"""What `gymnasium.make` takes, checked, and made into a Batch."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import arms
+from .. import validation as check
+from ..batch import Batch, Starts
+from ..parameters import Arm
+from ..settings import Settings, check_options, default_options, merged
+from .task import CLIP, Entry, Kind, info_entries, reward_weights
+
+INFO_LEVELS = ("standard", "full")
+RENDER_MODES = ("human", "rgb_array")
+
+DEFAULT_FORMULATION = "elastica"
+DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
+    "elastica": {"nodes": 5, "dt": 0.0025, "tolerance": 1e-6},
+    "geometrically_exact": {"elements": 3, "dt": 0.0025, "tolerance": 1e-6},
+    "floating_frame": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
+}
+"""What the environments use where nothing is said; benchmarks/choose_default.py is the reason."""
+
+FACTORS = ("payload", "EI", "damping", "torque_constant")
+"""Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
+
+
+class Given:
+    """The mark of an argument that was not given, where None means something."""
+
+    def __repr__(self) -> str:
+        return "<the arm's>"
+
+
+OF_THE_ARM = Given()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A checked environment: all that a Batch is made from, and what its outside looks like."""
+
+    kind: Kind
+    arm: Arm
+    settings: Settings
+    period: float
+    duration: float
+    limit: int
+    gravity: tuple[float, float] | None
+    full: bool
+    render_mode: str | None
+    starts: Starts
+    rewards: tuple[float, ...]
+    entries: tuple[Entry, ...]
+
+    def batch(self, n: int, threads: int = 1) -> Batch:
+        """n arms of this environment."""
+        task = self.kind.build(self.arm, np.array(self.rewards), self.period)
+        return Batch(
+            self.arm, self.settings, n, task, self.starts,
+            period=self.period, gravity=self.gravity, books=self.full, threads=threads,
+        )  # fmt: skip
+
+    @property
+    def observation_bounds(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        """Largest value of each entry of the observation: 1 for sines and cosines, otherwise CLIP scales."""
+        return np.array([1.0 if n.endswith(("_sin", "_cos")) else CLIP for n in self.kind.names], np.float32)
+
+
+def plan(
+    kind: Kind,
+    *,
+    arm: Arm | str | os.PathLike[str] | None = None,
+    formulation: str | None = None,
+    control_dt: float = 0.02,
+    duration: float | None = None,
+    reward: Mapping[str, float] | None = None,
+    randomization: Mapping[str, Sequence[float]] | None = None,
+    initial_vibration: float = 0.0,
+    joint_limits: Any = OF_THE_ARM,
+    gravity: Sequence[float] | None = None,
+    info_level: str = "standard",
+    render_mode: str | None = None,
+    max_episode_steps: int | None = None,
+    **options: Any,
+) -> Plan:
+    """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
+    own = _arm(kind, arm, joint_limits)
+    period = check.number("control_dt", control_dt, "s", above=0.0)
+    settings = _settings(formulation, period, options)
+    length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
+    limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
+    if max_episode_steps is not None:
+        limit = min(limit, check.integer("max_episode_steps", max_episode_steps, minimum=1))
+    if render_mode is not None:
+        check.choice("render_mode", render_mode, RENDER_MODES)
+    full = check.choice("info_level", info_level, INFO_LEVELS) == "full"
+    vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
+    starts = dataclasses.replace(kind.starts(own), factors=_factors(randomization), vibration=vibration)
+    return Plan(
+        kind=kind, arm=own, settings=settings, period=period, duration=length, limit=limit, gravity=_gravity(gravity),
+        full=full, render_mode=render_mode, starts=starts,
+        rewards=tuple(reward_weights(kind, reward).tolist()), entries=info_entries(kind, full),
+    )  # fmt: skip
+
+
+def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
+    arm = arms.resolve(kind.arm if given is None else given)
+    if arm.n_links != kind.n_links:
+        raise check.InvalidValue("arm", arm.name, f"must have {kind.n_links} link(s) for {kind.id}, not {arm.n_links}")
+    if arm.torque_limits is None:
+        raise check.MissingKey("arm.torque_limits", f"an environment needs {kind.n_links} torque limit(s) (N m)")
+    if not isinstance(joint_limits, Given):
+        arm = dataclasses.replace(arm, joint_limits=joint_limits)
+    return arm
+
+
+def _settings(formulation: str | None, period: float, options: dict[str, Any]) -> Settings:
+    chosen = formulation or DEFAULT_FORMULATION
+    check_options(chosen, [name for name in options if name in default_options(chosen) or _known(name)])
+    for name in options:
+        if not _known(name):
+            raise check.UnknownKey(name, ARGUMENTS, "argument")
+    settings = Settings.make(chosen, **merged(DEFAULT_OPTIONS[chosen], options))
+    if "dt" not in options or options["dt"] is None:
+        assert settings.dt is not None
+        return dataclasses.replace(settings, dt=period / max(1, math.ceil(period / settings.dt - 1e-9)))
+    assert settings.dt is not None
+    steps = period / settings.dt
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
+        what = f"must divide control_dt = {period!r} s into a whole number of steps"
+        raise check.InvalidValue("dt", options["dt"], what)
+    return settings
+
+
+def _known(name: str) -> bool:
+    return any(name in default_options(f) for f in DEFAULT_OPTIONS)
+
+
+def _gravity(given: Any) -> tuple[float, float] | None:
+    if given is None:
+        return None
+    x, y = check.sequence("gravity", given, "two numbers (m/s^2), (x, y)", 2)
+    return check.number("gravity[0]", x, "m/s^2"), check.number("gravity[1]", y, "m/s^2")
+
+
+def _factors(given: Any) -> tuple[tuple[float, float], ...]:
+    table = {} if given is None else check.table_of("randomization", given)
+    check.known_keys("randomization", table, FACTORS)
+    rows = []
+    for name in FACTORS:
+        path = f"randomization.{name}"
+        low, high = check.sequence(path, table.get(name, (1.0, 1.0)), "two numbers, (low, high)", 2)
+        low = check.number(f"{path}[0]", low, minimum=0.0)
+        high = check.number(f"{path}[1]", high, minimum=0.0)
+        if low > high or (low == 0.0 and name in ("EI", "torque_constant")):
+            raise check.InvalidValue(path, (low, high), "must be factors (low, high), low at most high, not 0 here")
+        rows.append((low, high))
+    return tuple(rows)
+
+
+ARGUMENTS = (
+    "arm", "formulation", "control_dt", "duration", "reward", "randomization", "initial_vibration", "joint_limits",
+    "gravity", "info_level", "render_mode", "max_episode_steps",
+    *dict.fromkeys(name for f in DEFAULT_OPTIONS for name in default_options(f)),
+)  # fmt: skip

@@ -1,0 +1,162 @@
+"""One arm as a `gymnasium.Env`: a batch of one."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..batch import IN_RANGE, MODE, OVER, REASON, REASONS, STATUS_WORDS, SUCCESS
+from .options import Plan, plan
+from .resets import Wishes, wishes
+from .task import Kind
+
+Array32 = NDArray[np.float32]
+F32 = np.dtype(np.float32)
+
+
+class SingleArmEnv(gym.Env[Array32, Array32]):
+    """What FlexibleArm-v0 and TwoLinkFlexArm-v0 have in common."""
+
+    kind: ClassVar[Kind]
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
+
+    def __init__(self, **arguments: Any) -> None:
+        self.plan: Plan = plan(self.kind, **arguments)
+        self.render_mode = self.plan.render_mode
+        self.metadata = self.metadata | {"render_fps": max(1, round(1.0 / self.plan.period))}
+        self.batch = self.plan.batch(1)
+        joints = self.kind.n_links
+        self.action_space = Box(-1.0, 1.0, (joints,), np.float32)
+        bounds = self.plan.observation_bounds
+        self.observation_space = Box(-bounds, bounds, dtype=np.float32)
+        self._renderer: Any = None
+        self._bind()
+
+    def _bind(self) -> None:
+        """Names that a step reads, short to reach."""
+        batch = self.batch
+        self._step, self._address = batch.compiled_step, batch.address
+        self._action, self._shape = batch.action[0], batch.action[0].shape
+        self._seen, self._reward = batch.observation[0], batch.reward
+        self._terminated, self._truncated = batch.terminated, batch.truncated
+        layout = batch.layout
+        self._numbers = batch.block[0, layout.info : layout.saved]
+        self._tail = batch.tail_first
+        self._mode = batch.record(0)[MODE : MODE + 1]
+        self._floats = tuple((e.name, e.first) for e in self.plan.entries if e.count is None)
+        self._arrays = tuple((e.name, e.first, e.first + e.count) for e in self.plan.entries if e.count is not None)
+
+    # --- gymnasium ---------------------------------------------------------------------------------
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array32, dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: of the environment's generator; None goes on with it.
+            options: see the class. An unknown key or a wrong value is a ValueError, before anything changes.
+        """
+        asked = wishes(self.plan, options)
+        super().reset(seed=seed)
+        self._begin(asked)
+        if self.render_mode == "human":
+            self.render()
+        return self._seen.copy(), self._info()
+
+    def _begin(self, asked: Wishes) -> None:
+        self.batch.wish[:] = asked.numbers
+        self.batch.begin(0, int(self.np_random.bit_generator.random_raw()), limit=self.plan.limit)
+
+    def step(self, action: Array32) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
+        """One control period. A wrong shape or kind of action is a ValueError, and nothing has moved."""
+        if type(action) is not np.ndarray or action.dtype is not F32 or action.shape != self._shape:
+            action = checked_action(action, self._shape)
+        if self._mode[0] == OVER:
+            raise ResetNeeded("The episode has ended (or none has begun): call reset() first")
+        self._action[:] = action
+        self._step(self._address, 0, 1)
+        if self.render_mode == "human":
+            self.render()
+        return (
+            self._seen.copy(),
+            self._reward.item(),
+            self._terminated.item(),
+            self._truncated.item(),
+            self._info(),
+        )
+
+    def _info(self) -> dict[str, Any]:
+        numbers = self._numbers.copy()
+        values = numbers.tolist()
+        tail = self._tail
+        reason = values[tail + REASON]
+        info: dict[str, Any] = {
+            "is_success": values[SUCCESS] > 0.5,
+            "in_range": values[tail + IN_RANGE] > 0.5,
+            "solver_status": STATUS_WORDS[reason],
+            "termination_reason": REASONS[reason],
+        }
+        for name, first in self._floats:
+            info[name] = values[first]
+        for name, first, last in self._arrays:
+            info[name] = numbers[first:last]
+        return info
+
+    def render(self) -> Any:
+        """A picture (height, width, 3) uint8 in "rgb_array" mode; None otherwise."""
+        from .pictures import draw
+
+        if self.render_mode is None:
+            gym.logger.warn('render() draws nothing: make the environment with render_mode="rgb_array" or "human"')
+            return None
+        if self._renderer is None:
+            from .pictures import renderer
+
+            self._renderer = renderer(self.plan, self.render_mode)
+        return draw(self._renderer, self.batch, 0)
+
+    def close(self) -> None:
+        """Close the window and let go of what was held."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    @property
+    def dt(self) -> float:
+        """Control period, s."""
+        return self.plan.period
+
+    def __getstate__(self) -> dict[str, Any]:
+        bound = (
+            "_step", "_address", "_action", "_shape", "_seen", "_reward", "_terminated", "_truncated", "_numbers",
+            "_mode",
+        )  # fmt: skip
+        return {k: v for k, v in vars(self).items() if k not in bound} | {"_renderer": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._bind()
+
+
+def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """The action as float32 of this shape, or a ValueError."""
+    try:
+        values = np.asarray(action)
+    except (TypeError, ValueError):
+        values = np.array(None)
+    if values.dtype.kind not in "fiu" or values.shape != shape:
+        raise check.InvalidValue("action", action, f"must be an array of numbers of shape {shape}")
+    with np.errstate(over="ignore"):
+        return values.astype(np.float32)
+
+
+def tip_of(angle: float, length: float) -> tuple[float, float]:
+    """The point at a polar angle and a distance from the hub."""
+    return length * math.cos(angle), length * math.sin(angle)

@@ -1,0 +1,233 @@
+"""Many arms as a `gymnasium.vector.VectorEnv`, each the very environment that `single` is, bit for bit."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..batch import FRESH, IN_RANGE, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS
+from .options import Plan, plan
+from .resets import Wishes, wishes
+from .single import F32, checked_action
+from .task import Kind
+
+Array32 = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+ARMS_PER_THREAD = 128
+"""A second thread pays from about this many arms on."""
+
+
+def default_threads(n: int) -> int:
+    """Threads for n arms: as many as there are processors for this process, but none for fewer than ARMS_PER_THREAD."""
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(available, n // ARMS_PER_THREAD))
+
+
+class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
+    """What the vector forms of both environments have in common."""
+
+    kind: ClassVar[Kind]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        **arguments: Any,
+    ) -> None:
+        self.num_envs = check.integer("num_envs", num_envs, minimum=1)
+        if not isinstance(autoreset_mode, AutoresetMode):
+            words = [mode.value for mode in AutoresetMode]
+            autoreset_mode = AutoresetMode(check.choice("autoreset_mode", autoreset_mode, words))
+        self.autoreset_mode = autoreset_mode
+        self.plan: Plan = plan(self.kind, **arguments)
+        self.render_mode = self.plan.render_mode
+        wanted = default_threads(num_envs) if threads is None else check.integer("threads", threads, minimum=1)
+        self.batch = self.plan.batch(self.num_envs, wanted)
+        self.metadata = {
+            "render_modes": ["human", "rgb_array"],
+            "render_fps": max(1, round(1.0 / self.plan.period)),
+            "autoreset_mode": autoreset_mode,
+        }
+        bounds = self.plan.observation_bounds
+        self.single_action_space = Box(-1.0, 1.0, (self.kind.n_links,), np.float32)
+        self.single_observation_space = Box(-bounds, bounds, dtype=np.float32)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._generators: list[np.random.Generator | None] = [None] * self.num_envs
+        self._seeds: list[int] = [-1] * self.num_envs
+        self._renderers: list[Any] = []
+        self._ended: list[int] = []
+        self._nothing = np.full(self.kind.n_links + 3, np.nan)
+
+    # --- gymnasium ---------------------------------------------------------------------------------
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array32, dict[str, Any]]:
+        """Start episodes: of all arms, or of those in options["reset_mask"], an array of num_envs bools.
+
+        Args:
+            seed: arm i is seeded with seed + i, or with seed[i]; None goes on with its generator.
+            options: those of the single environment, for every arm.
+        """
+        seeds = self._checked_seeds(seed)
+        chosen, rest = self._checked_mask(options)
+        asked = wishes(self.plan, rest)
+        for i in chosen:
+            if seeds[i] is not None:
+                self._seed(i, seeds[i])
+        self._start(chosen, RUNNING, asked)
+        self._ended = [i for i in self._ended if i not in set(chosen)]
+        return self.batch.observation.copy(), self._infos(self._mask(chosen))
+
+    def step(self, actions: Array32) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """One control period of every arm; those that ended before are started anew as the autoreset mode says."""
+        batch = self.batch
+        if type(actions) is not np.ndarray or actions.dtype is not F32 or actions.shape != batch.action.shape:
+            actions = checked_action(actions, batch.action.shape)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            if self._ended:
+                self._start(self._ended, FRESH, Wishes(self._nothing))
+        elif self.autoreset_mode is AutoresetMode.DISABLED:
+            assert not self._ended, f"arms {self._ended} have ended: reset them with options['reset_mask']"
+        batch.action[:] = actions
+        attention = batch.step()
+        self._ended = np.flatnonzero(batch.terminated | batch.truncated).tolist() if attention else []
+        infos: dict[str, Any] = {}
+        if self._ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            return self._same_step()
+        infos = self._infos()
+        return (
+            batch.observation.copy(), batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy(), infos,
+        )  # fmt: skip
+
+    def _same_step(self) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """The step's outcome where some arms ended: these are started anew, their last words kept under final_*."""
+        batch, ended = self.batch, self._ended
+        mask = self._mask(ended)
+        reward, terminated, truncated = batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
+        last = np.full(self.num_envs, None, dtype=object)
+        for i in ended:
+            last[i] = batch.observation[i].copy()
+        final = self._infos(mask)
+        self._start(ended, RUNNING, Wishes(self._nothing))
+        self._ended = []
+        infos = {"final_obs": last, "_final_obs": mask.copy(), "final_info": final, "_final_info": mask} | self._infos()
+        return batch.observation.copy(), reward, terminated, truncated, infos
+
+    def render(self) -> tuple[Any, ...] | None:
+        """A picture (height, width, 3) uint8 of every arm, in "rgb_array" mode."""
+        if self.render_mode is None:
+            return None
+        from .pictures import draw, renderer
+
+        if not self._renderers:
+            self._renderers = [renderer(self.plan, self.render_mode) for _ in range(self.num_envs)]
+        return tuple(draw(self._renderers[i], self.batch, i) for i in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close windows, end threads."""
+        for one in self._renderers:
+            one.close()
+        self._renderers = []
+        self.batch.close()
+
+    # --- seeds and starts ----------------------------------------------------------------------------
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generators of the arms; may be set to as many others."""
+        return tuple(self._generator(i) for i in range(self.num_envs))
+
+    @np_random.setter
+    def np_random(self, generators: Sequence[np.random.Generator]) -> None:
+        self._generators, self._seeds = list(generators), [-1] * self.num_envs
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seeds of the arms' generators."""
+        self.np_random  # noqa: B018  (seeds those that are not)
+        return tuple(self._seeds)
+
+    def _seed(self, i: int, seed: int | None) -> None:
+        self._generators[i], self._seeds[i] = seeding.np_random(seed)
+
+    def _generator(self, i: int) -> np.random.Generator:
+        if self._generators[i] is None:
+            self._seed(i, None)
+        generator = self._generators[i]
+        assert generator is not None
+        return generator
+
+    def _start(self, arms: Sequence[int], mode: int, asked: Wishes) -> None:
+        batch = self.batch
+        batch.wish[:] = asked.numbers
+        for i in arms:
+            key = int(self._generator(i).bit_generator.random_raw())
+            batch.begin(i, key, limit=self.plan.limit, mode=mode)
+
+    def _checked_seeds(self, seed: Any) -> Sequence[int | None]:
+        n = self.num_envs
+        if seed is None:
+            return [None] * n
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + i for i in range(n)]
+        if len(seed) != n:
+            raise check.InvalidValue("seed", seed, f"must be a number or a sequence of {n}")
+        return [None if s is None else int(s) for s in seed]
+
+    def _checked_mask(self, options: dict[str, Any] | None) -> tuple[list[int], dict[str, Any] | None]:
+        if options is None or "reset_mask" not in options:
+            return list(range(self.num_envs)), options
+        mask = options["reset_mask"]
+        right = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)
+        if not right or not mask.any():
+            what = f"must be a numpy array of {self.num_envs} bools, at least one of them True"
+            raise check.InvalidValue("options.reset_mask", mask, what)
+        return np.flatnonzero(mask).tolist(), {k: v for k, v in options.items() if k != "reset_mask"}
+
+    # --- info ------------------------------------------------------------------------------------------
+    def _mask(self, arms: Sequence[int]) -> Flags:
+        mask = np.zeros(self.num_envs, np.bool_)
+        mask[list(arms)] = True
+        return mask
+
+    def _infos(self, only: Flags | None = None) -> dict[str, Any]:
+        """info of all arms, or of those in `only` (zeros elsewhere), each key with its mask."""
+        batch, n = self.batch, self.num_envs
+        infos: dict[str, Any] = {}
+        tail = batch.tail_first
+        infos["is_success"] = batch.info(SUCCESS) > 0.5
+        infos["in_range"] = batch.info(tail + IN_RANGE) > 0.5
+        infos["solver_status"], infos["termination_reason"] = _words(batch.info(tail + REASON))
+        for entry in self.plan.entries:
+            infos[entry.name] = batch.info(entry.first, entry.count)
+        if only is not None:
+            for name, values in infos.items():
+                infos[name] = _blanked(values, only)
+        for name in list(infos):
+            infos[f"_{name}"] = np.ones(n, np.bool_) if only is None else only.copy()
+        return infos
+
+
+def _words(codes: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Solver status and reason of each arm, as words."""
+    status, reason = np.full(len(codes), STATUS_WORDS[0.0], dtype=object), np.full(len(codes), "", dtype=object)
+    for i in np.flatnonzero(codes).tolist():
+        status[i], reason[i] = STATUS_WORDS[codes[i]], REASONS[codes[i]]
+    return status, reason
+
+
+def _blanked(values: NDArray[Any], only: Flags) -> NDArray[Any]:
+    blank = np.full(len(values), None, dtype=object) if values.dtype == object else np.zeros_like(values)
+    blank[only] = values[only]
+    return blank

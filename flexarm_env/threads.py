@@ -1,0 +1,79 @@
+"""A crew of threads for compiled functions that let go of the interpreter; made on first use, anew after a fork."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from typing import Any
+
+
+class _Worker:
+    """One thread that runs a function when told to. Two bare locks hand over in either direction."""
+
+    def __init__(self) -> None:
+        self._go, self._done = threading.Lock(), threading.Lock()
+        self._go.acquire()
+        self._done.acquire()
+        self._task: tuple[Callable[..., Any], tuple[Any, ...]] | None = None
+        self._result: Any = None
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._work, name="flexarm", daemon=True)
+        self._thread.start()
+
+    def _work(self) -> None:
+        while True:
+            self._go.acquire()
+            if self._task is None:
+                return
+            function, arguments = self._task
+            try:
+                self._result, self._error = function(*arguments), None
+            except BaseException as error:
+                self._error = error
+            self._done.release()
+
+    def start(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        self._task = (function, arguments)
+        self._go.release()
+
+    def result(self) -> Any:
+        self._done.acquire()
+        if self._error is not None:
+            raise self._error
+        return self._result
+
+    def stop(self) -> None:
+        self._task = None
+        self._go.release()
+
+
+class Crew:
+    """Runs calls on the calling thread and `size` others. Only one thread may use a crew at a time."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self._workers: list[_Worker] = []
+        self._process = os.getpid()
+
+    def run(self, function: Callable[..., Any], calls: list[tuple[Any, ...]]) -> list[Any]:
+        """Results of function(*call) for each call, the first on the calling thread; at most size + 1 calls."""
+        if self._process != os.getpid():  # a forked child has the objects, but not the threads
+            self._workers, self._process = [], os.getpid()
+        while len(self._workers) < len(calls) - 1:
+            self._workers.append(_Worker())
+        for worker, call in zip(self._workers, calls[1:], strict=False):
+            worker.start(function, call)
+        results = [function(*calls[0])]
+        results += [worker.result() for worker in self._workers[: len(calls) - 1]]
+        return results
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._process == os.getpid():
+            for worker in self._workers:
+                worker.stop()
+        self._workers = []
+
+    def __del__(self) -> None:
+        self.close()
