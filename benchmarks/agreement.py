@@ -8,13 +8,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import describe_machine, write_text
+from benchmarks import exudyn_peer
 from benchmarks.converged import FOLDER as CONVERGED
+from benchmarks.machine import describe_machine, write_text
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 
@@ -62,6 +64,27 @@ def measure(scene_name: str, label: str, formulation: str, options: dict[str, An
     }
 
 
+def peer(scene_name: str, elements: int = 20) -> dict[str, Any]:
+    """The same scene by Exudyn (another program, another element), as a row of the table."""
+    scene = named(scene_name)
+    result = exudyn_peer.run(scene_name, elements, STEP)
+    error = exudyn_peer.error(scene_name, result)
+    return {
+        "scene": scene_name,
+        "case": f"Exudyn, {elements} quadratic elements",
+        "formulation": "exudyn",
+        "options": {"elements": elements, "order": 2},
+        "dt": STEP,
+        "status": "ok" if result["finished"] else "failed",
+        "reached": float(result["t"][-1]),
+        "duration": scene.duration,
+        "max_tip_error": error,
+        "max_tip_error_percent": 100.0 * error / scene.arm.total_length,
+        "cpu_seconds": result["cpu_seconds"],
+        "energy_drift": None,
+    }
+
+
 def table(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
     """Markdown of all rows, scene by scene."""
     index = json.loads((CONVERGED / "converged.json").read_text())
@@ -81,7 +104,8 @@ def table(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
     for row in rows:
         known = 100.0 * index[row["scene"]]["tip_error_estimate"] / index[row["scene"]]["length"]
         if row["status"] == "ok":
-            figures = f"{row['max_tip_error_percent']:.3g} | {1e3 * row['cpu_seconds']:.1f} | {row['energy_drift']:.1e}"
+            drift = "–" if row["energy_drift"] is None else f"{row['energy_drift']:.1e}"
+            figures = f"{row['max_tip_error_percent']:.3g} | {1e3 * row['cpu_seconds']:.1f} | {drift}"
         else:
             figures = f"{row['status']} at {row['reached']:.3g} s | – | –"
         lines.append(f"| {row['scene']} | {row['case']} | {row['dt']:g} | {figures} | {known:.2g} |")
@@ -98,7 +122,10 @@ def main(arguments: list[str] | None = None) -> None:
         for label, formulation, settings in CASES:
             rows.append(measure(name, label, formulation, settings))
             print(f"{name:26s} {label:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %", flush=True)
-    machine = describe_machine()
+        if name in exudyn_peer.SCENES and find_spec("exudyn"):
+            rows.append(peer(name))
+            print(f"{name:26s} {rows[-1]['case']:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %")
+    machine = describe_machine("exudyn")
     write_text(options.out / "agreement.json", json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
     write_text(options.out / "agreement.md", table(rows, machine))
 

@@ -1,0 +1,145 @@
+"""Exudyn as a peer: the one-link validation scenes on its own geometrically exact beam elements (extra: bench).
+
+    python -m benchmarks.exudyn_peer [--elements 20] [--dt 0.005]
+
+Node chain, loads switched off at their kink between two calls of the solver (so that no Python function runs inside it);
+a prescribed hub angle needs a function of time, which Exudyn calls from Python, once or more a step: that is in its time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.converged import FOLDER as CONVERGED
+from flexarm_env.scenes import named, read_trajectory
+
+SCENES = ("robot_arm_motion_smooth", "robot_arm_motion", "robot_arm_torque", "flying_rod", "flying_rod_soft")
+
+
+def run(name: str, elements: int, dt: float, *, order: int = 2, rho_inf: float = 1.0) -> dict[str, Any]:
+    """One scene: tip positions at the scene's sampling instants (m), CPU seconds of the solver, and whether it finished.
+
+    order: 1 or 2 (nodes of an element less one). rho_inf: of its generalized-alpha; modified Newton, dense solver.
+    """
+    import exudyn as exu
+    import exudyn.itemInterface as eii
+
+    scene = named(name)
+    link = scene.arm.links[0]
+    section = link.section
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    angle = scene.angles[0]
+    start = np.array(scene.position)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    nodes = [
+        mbs.AddNode(eii.NodeRigidBody2D(referenceCoordinates=[*(start + along * x), angle]))
+        for x in np.linspace(0.0, link.length, order * elements + 1)
+    ]
+    for e in range(elements):
+        mbs.AddObject(
+            eii.ObjectBeamGeometricallyExact2D(
+                nodeNumbers=nodes[order * e : order * e + order + 1],
+                length=link.length / elements,
+                massPerLength=section.m,
+                crossSectionInertia=section.J,
+                bendingStiffness=section.EI,
+                axialStiffness=section.EA,
+                shearStiffness=section.C,
+            )
+        )
+    ground = mbs.AddNode(eii.NodePointGround())
+    ground_marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
+    held = (0, 1) if scene.root == "pinned" else ()
+    for coordinate in held:
+        marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
+        mbs.AddObject(eii.CoordinateConstraint(markerNumbers=[ground_marker, marker]))
+    motion = scene.motion_of("joint0")
+    if motion is not None:
+        marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=2))
+        mbs.AddObject(
+            eii.CoordinateConstraint(
+                markerNumbers=[ground_marker, marker],
+                offset=0.0,
+                offsetUserFunction=lambda mbs, t, number, offset: motion(t) - angle,
+                offsetUserFunction_t=lambda mbs, t, number, offset: motion(t, 1),
+            )
+        )
+    loads: list[tuple[int, str, Any]] = []
+    for load in scene.loads:
+        parts = (
+            [(2, load.function)]
+            if hasattr(load, "joint")
+            else [(k, f) for k, f in enumerate((load.force_x, load.force_y, load.torque)) if f is not None]
+        )
+        for coordinate, function in parts:
+            marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
+            loads.append((mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=function(0.0))), "load", function))
+    sensor = mbs.AddSensor(
+        eii.SensorNode(nodeNumber=nodes[-1], storeInternal=True, outputVariableType=exu.OutputVariableType.Position)
+    )
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.generalizedAlpha.spectralRadius = rho_inf
+    settings.timeIntegration.newton.useModifiedNewton = True
+    settings.linearSolver.solverType = exu.LinearSolverType.EXUdense if elements * order < 30 else exu.LinearSolverType.EigenSparse
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = scene.sample
+    settings.show.statistics = False
+    settings.show.computationTime = False
+    instants = [0.0, *scene.kinks, scene.duration] if loads else [0.0, scene.duration]
+    clock, finished = time.process_time(), True
+    for first, last in zip(instants[:-1], instants[1:], strict=True):
+        for load, what, function in loads:
+            mbs.SetLoadParameter(load, what, function(first))
+        settings.timeIntegration.startTime, settings.timeIntegration.endTime = first, last
+        settings.timeIntegration.numberOfSteps = max(1, round((last - first) / dt))
+        try:
+            finished = bool(mbs.SolveDynamic(settings, updateInitialValues=True))
+        except Exception:  # Exudyn raises its own kinds of error when Newton fails
+            finished = False
+        if not finished:
+            break
+    cpu = time.process_time() - clock
+    record: NDArray[np.float64] = np.asarray(mbs.GetSensorStoredData(sensor))
+    return {"finished": finished, "cpu_seconds": cpu, "t": record[:, 0], "tip": record[:, 1:3]}
+
+
+def error(name: str, result: dict[str, Any]) -> float:
+    """Largest distance of the tip from the converged solution at the instants both have, m."""
+    reference = read_trajectory(CONVERGED / f"{name}.csv")
+    t = np.asarray(reference["t"])
+    near = np.abs(result["t"][:, None] - t[None, :])
+    mine = near.argmin(axis=0)
+    both = near.min(axis=0) < 1e-6
+    tip = np.column_stack([reference["tip_x"], reference["tip_y"]])
+    return float(np.hypot(*(result["tip"][mine] - tip)[both].T).max())
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the scenes and print error and time."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--elements", type=int, default=20)
+    parser.add_argument("--order", type=int, default=2, choices=(1, 2))
+    parser.add_argument("--dt", type=float, default=0.005)
+    options = parser.parse_args(arguments)
+    try:
+        import exudyn  # noqa: F401
+    except ImportError:
+        raise SystemExit("Exudyn is not installed: make setup-bench") from None
+    for name in SCENES:
+        result = run(name, options.elements, options.dt, order=options.order)
+        row = {"finished": result["finished"], "cpu_seconds": result["cpu_seconds"], "max_tip_error": error(name, result)}
+        print(name, json.dumps(row), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
