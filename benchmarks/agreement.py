@@ -1,6 +1,6 @@
 """All validation scenes under every formulation, against the converged solutions: docs/results/agreement.{md,json}.
 
-    python -m benchmarks.agreement [--out FOLDER]
+python -m benchmarks.agreement [--out FOLDER]
 """
 
 from __future__ import annotations
@@ -91,10 +91,10 @@ def table(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
     lines = [
         "# All scenes, all formulations",
         "",
-        "Largest distance of the tip from the converged solution over the whole run, in % of the arm's length; CPU time of",
-        "the run (compiled, one core); energy that appeared or went, over the gross work of the drives. Written by",
-        "`python -m benchmarks.agreement`; the converged solutions by `python -m benchmarks.converged`, whose own study",
-        "gives the uncertainty in the last column.",
+        "Largest distance of the tip from the converged solution over the whole run, in % of the arm's length; CPU",
+        "time of the run (compiled, one core); energy that appeared or went, over the gross work of the drives. Written by",
+        "`python -m benchmarks.agreement`; the converged solutions by `python -m benchmarks.converged`, whose own",
+        "study gives the uncertainty in the last column.",
         "",
         " · ".join(f"{k}: {v}" for k, v in machine.items()),
         "",
@@ -121,10 +121,14 @@ def main(arguments: list[str] | None = None) -> None:
     for name in names():
         for label, formulation, settings in CASES:
             rows.append(measure(name, label, formulation, settings))
-            print(f"{name:26s} {label:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %", flush=True)
+            print(
+                f"{name:26s} {label:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %", flush=True
+            )
         if name in exudyn_peer.SCENES and find_spec("exudyn"):
             rows.append(peer(name))
-            print(f"{name:26s} {rows[-1]['case']:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %")
+            print(
+                f"{name:26s} {rows[-1]['case']:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %"
+            )
     machine = describe_machine("exudyn")
     write_text(options.out / "agreement.json", json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
     write_text(options.out / "agreement.md", table(rows, machine))

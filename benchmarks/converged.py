@@ -2,8 +2,9 @@
 
     python -m benchmarks.converged [--scene NAME ...] [--check]
 
-Each scene is run on two meshes and with two steps; the finest is kept in `flexarm_env/data/references/converged/` as CSV
-(columns of `Trajectory.to_csv`) and `converged.json` says how far mesh and step still moved its tip. `--check` only prints.
+Each scene is run on two meshes and with two steps; the finest is kept in `flexarm_env/data/references/converged/` as
+CSV (columns of `Trajectory.to_csv`) and `converged.json` says how far mesh and step still moved its tip. `--check` only
+prints.
 """
 
 from __future__ import annotations

@@ -2,13 +2,14 @@
 
     python -m benchmarks.exudyn_peer [--elements 20] [--dt 0.005]
 
-Node chain, loads switched off at their kink between two calls of the solver (so that no Python function runs inside it);
-a prescribed hub angle needs a function of time, which Exudyn calls from Python, once or more a step: that is in its time.
+Loads are switched off at their kink between two calls of the solver, so that no Python function runs inside it; a
+prescribed hub angle needs a function of time, which Exudyn calls from Python, once or more a step: that is in its time.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
 import time
@@ -24,12 +25,12 @@ SCENES = ("robot_arm_motion_smooth", "robot_arm_motion", "robot_arm_torque", "fl
 
 
 def run(name: str, elements: int, dt: float, *, order: int = 2, rho_inf: float = 1.0) -> dict[str, Any]:
-    """One scene: tip positions at the scene's sampling instants (m), CPU seconds of the solver, and whether it finished.
+    """One scene: tip positions at its sampling instants (m), CPU seconds of the solver, and whether it finished.
 
     order: 1 or 2 (nodes of an element less one). rho_inf: of its generalized-alpha; modified Newton, dense solver.
     """
     import exudyn as exu
-    import exudyn.itemInterface as eii
+    from exudyn import itemInterface
 
     scene = named(name)
     link = scene.arm.links[0]
@@ -40,12 +41,12 @@ def run(name: str, elements: int, dt: float, *, order: int = 2, rho_inf: float =
     start = np.array(scene.position)
     along = np.array([np.cos(angle), np.sin(angle)])
     nodes = [
-        mbs.AddNode(eii.NodeRigidBody2D(referenceCoordinates=[*(start + along * x), angle]))
+        mbs.AddNode(itemInterface.NodeRigidBody2D(referenceCoordinates=[*(start + along * x), angle]))
         for x in np.linspace(0.0, link.length, order * elements + 1)
     ]
     for e in range(elements):
         mbs.AddObject(
-            eii.ObjectBeamGeometricallyExact2D(
+            itemInterface.ObjectBeamGeometricallyExact2D(
                 nodeNumbers=nodes[order * e : order * e + order + 1],
                 length=link.length / elements,
                 massPerLength=section.m,
@@ -55,17 +56,17 @@ def run(name: str, elements: int, dt: float, *, order: int = 2, rho_inf: float =
                 shearStiffness=section.C,
             )
         )
-    ground = mbs.AddNode(eii.NodePointGround())
-    ground_marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
+    ground = mbs.AddNode(itemInterface.NodePointGround())
+    ground_marker = mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
     held = (0, 1) if scene.root == "pinned" else ()
     for coordinate in held:
-        marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
-        mbs.AddObject(eii.CoordinateConstraint(markerNumbers=[ground_marker, marker]))
+        marker = mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
+        mbs.AddObject(itemInterface.CoordinateConstraint(markerNumbers=[ground_marker, marker]))
     motion = scene.motion_of("joint0")
     if motion is not None:
-        marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=2))
+        marker = mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=2))
         mbs.AddObject(
-            eii.CoordinateConstraint(
+            itemInterface.CoordinateConstraint(
                 markerNumbers=[ground_marker, marker],
                 offset=0.0,
                 offsetUserFunction=lambda mbs, t, number, offset: motion(t) - angle,
@@ -80,24 +81,29 @@ def run(name: str, elements: int, dt: float, *, order: int = 2, rho_inf: float =
             else [(k, f) for k, f in enumerate((load.force_x, load.force_y, load.torque)) if f is not None]
         )
         for coordinate, function in parts:
-            marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
-            loads.append((mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=function(0.0))), "load", function))
+            marker = mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
+            loads.append(
+                (mbs.AddLoad(itemInterface.LoadCoordinate(markerNumber=marker, load=function(0.0))), "load", function)
+            )
     sensor = mbs.AddSensor(
-        eii.SensorNode(nodeNumber=nodes[-1], storeInternal=True, outputVariableType=exu.OutputVariableType.Position)
+        itemInterface.SensorNode(
+            nodeNumber=nodes[-1], storeInternal=True, outputVariableType=exu.OutputVariableType.Position
+        )
     )
     mbs.Assemble()
     settings = exu.SimulationSettings()
     settings.timeIntegration.verboseMode = 0
     settings.timeIntegration.generalizedAlpha.spectralRadius = rho_inf
     settings.timeIntegration.newton.useModifiedNewton = True
-    settings.linearSolver.solverType = exu.LinearSolverType.EXUdense if elements * order < 30 else exu.LinearSolverType.EigenSparse
+    small = elements * order < 30
+    settings.linearSolver.solverType = exu.LinearSolverType.EXUdense if small else exu.LinearSolverType.EigenSparse
     settings.solution.file.write = False
     settings.solution.sensors.writePeriod = scene.sample
     settings.show.statistics = False
     settings.show.computationTime = False
     instants = [0.0, *scene.kinks, scene.duration] if loads else [0.0, scene.duration]
     clock, finished = time.process_time(), True
-    for first, last in zip(instants[:-1], instants[1:], strict=True):
+    for first, last in itertools.pairwise(instants):
         for load, what, function in loads:
             mbs.SetLoadParameter(load, what, function(first))
         settings.timeIntegration.startTime, settings.timeIntegration.endTime = first, last
@@ -137,7 +143,11 @@ def main(arguments: list[str] | None = None) -> None:
         raise SystemExit("Exudyn is not installed: make setup-bench") from None
     for name in SCENES:
         result = run(name, options.elements, options.dt, order=options.order)
-        row = {"finished": result["finished"], "cpu_seconds": result["cpu_seconds"], "max_tip_error": error(name, result)}
+        row = {
+            "finished": result["finished"],
+            "cpu_seconds": result["cpu_seconds"],
+            "max_tip_error": error(name, result),
+        }
         print(name, json.dumps(row), flush=True)
 
 
