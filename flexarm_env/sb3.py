@@ -237,19 +237,18 @@ class GymnasiumVecEnv(VecEnv):
             return [frames[i] for i in chosen]
         if isinstance(singles := getattr(self.env, "envs", None), list):
             return [singles[i].get_wrapper_attr(method_name)(*method_args, **method_kwargs) for i in chosen]
-        method = getattr(self.env, method_name, None)
-        if method is not None and "indices" in inspect.signature(method).parameters:
+        if hasattr(self.env, "call") and not hasattr(self.env, method_name):
+            method, method_args = self.env.call, (method_name, *method_args)
+        else:
+            method = getattr(self.env, method_name)
+        if "indices" in inspect.signature(method).parameters:
             values = method(*method_args, indices=chosen, **method_kwargs)
             return list(_spread(values, len(chosen)))
         if len(set(chosen)) < self.num_envs:
             raise ValueError(
                 f"indices = {chosen}: must be all {self.num_envs} environments, which share one '{method_name}'"
             )
-        if method is None and hasattr(self.env, "call"):
-            values = self.env.call(method_name, *method_args, **method_kwargs)
-        else:
-            values = getattr(self.env, method_name)(*method_args, **method_kwargs)
-        values = _spread(values, self.num_envs)
+        values = _spread(method(*method_args, **method_kwargs), self.num_envs)
         return [values[i] for i in chosen]
 
     def env_is_wrapped(

@@ -226,7 +226,9 @@ def test_methods_of_a_native_vector_environment(counting: GymnasiumVecEnv) -> No
     assert counting.env_method("get_state", indices=[2, 0]) == [1, 1]
     with pytest.raises(ValueError, match=r"indices = \[1\]: must be all 3 environments"):
         counting.env_method("double", 4.0, indices=1)
-    (observation, info), = counting.env_method("reset", indices=[1], seed=20, options={"shift": 1.0})
+    with pytest.raises(AttributeError, match="nonesuch"):
+        counting.env_method("nonesuch", indices=1)
+    ((observation, info),) = counting.env_method("reset", indices=[1], seed=20, options={"shift": 1.0})
     assert observation.tolist() == [0.0, 22.0] and info == {"start": 22.0}
     assert counting.env_method("get_state") == [1, 0, 1]
     assert counting.env_is_wrapped(Monitor) == [False] * 3
@@ -314,6 +316,47 @@ def test_ppo_sac_and_evaluation() -> None:
     critic = SAC("MlpPolicy", env, learning_starts=40, batch_size=16, buffer_size=500, device="cpu").learn(120)
     replay: Any = critic.replay_buffer
     assert replay.timeouts.sum() == 4 * (120 // 80)  # every episode's end is a time limit, and known as one
+
+
+# -------------------------------------------------------------- our own arms
+@pytest.mark.parametrize("env_id", ["FlexibleArm-v0", "TwoLinkFlexArm-v0"])
+def test_our_arms_equal_single_ones_bit_for_bit(env_id: str) -> None:
+    more: dict[str, Any] = {"duration": 0.3, "randomization": {"payload": (0.8, 1.2)}}
+    ours = make_sb3_vec(env_id, 3, seed=11, monitor=False, info_keys=["tip_position"], **more)
+    theirs = DummyVecEnv([lambda: gym.make(env_id, **more)] * 3)
+    assert ours.observation_space == theirs.observation_space and ours.action_space == theirs.action_space
+    theirs.seed(11)
+    rng = np.random.default_rng(1)
+    np.testing.assert_array_equal(ours.reset(), theirs.reset())
+    for k in range(1, 32):
+        actions = rng.uniform(-1.0, 1.0, (3, *ours.action_space.shape)).astype(np.float32)  # type: ignore[misc]
+        a, b = ours.step(actions), theirs.step(actions)
+        for mine, other in zip(a[:3], b[:3], strict=True):
+            assert mine.dtype == other.dtype
+            np.testing.assert_array_equal(mine, other)
+        assert a[2].all() == (k % 15 == 0)
+        for mine, other in zip(a[3], b[3], strict=True):
+            np.testing.assert_array_equal(mine["tip_position"], other["tip_position"])
+            if k % 15 == 0:
+                assert mine.keys() == other.keys()
+                for key in mine:
+                    assert type(mine[key]) is type(other[key]), key
+                    np.testing.assert_array_equal(mine[key], other[key], err_msg=key)
+    assert [sorted(info) for info in ours.reset_infos] == [sorted(info) for info in theirs.reset_infos]
+
+
+@pytest.mark.parametrize("algorithm", [PPO, SAC])
+def test_learning_on_our_arms(algorithm: Any) -> None:
+    env = make_sb3_vec("FlexibleArm-v0", 4, seed=0, normalize=True, duration=0.3, render_mode="rgb_array")
+    more: dict[str, Any] = {"n_steps": 32, "n_epochs": 1} if algorithm is PPO else {"learning_starts": 50}
+    model = algorithm("MlpPolicy", env, batch_size=16, device="cpu", seed=5, **more).learn(256)
+    assert len(model.ep_info_buffer or ()) == len(model.ep_success_buffer or ()) == 16
+    returns, lengths = evaluate_policy(model, env, n_eval_episodes=5, return_episode_rewards=True)
+    assert lengths == [15] * 5 and np.isfinite(returns).all()
+    assert env.env_is_wrapped(Monitor) == [False] * 4
+    picture = env.render()
+    assert picture is not None and picture.shape == (1280, 1280, 3)
+    env.close()
 
 
 # --------------------------------------------------------------------- imports
