@@ -19,7 +19,7 @@ from .bare import bare
 from .drive import set_inputs, set_motions
 from .jit import kernel
 from .lanes import absolute, largest, load, maximum, select_lt, splat, store
-from .protocol import assemble, constrain, dissipation, factor, out_of_range, pin, ports, size, solve
+from .protocol import assemble, constrain, dissipation, factor, out_of_range, pin, ports, predict, size, solve
 
 class Work(NamedTuple):
     """Views of one flat float64 array; n rows, L lanes. q v a b: state; *0: state at the step's start."""
@@ -110,9 +110,43 @@ def _set_known(known, psi, q, v, a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _factor_of(predictor):  # type: ignore[no-untyped-def]
+    """Share of the last acceleration to start from."""
+    if predictor is None:
+        return 0.0
+    return predictor
+
+
+@kernel
+def _guess(lane, model, n, predictor, w, c_b, c_v, c_m):  # type: ignore[no-untyped-def]
+    """Start of Newton where the formulation knows better (predictor None); v, a, b follow q as in `_correct`."""
+    if predictor is None:
+        for k in range(n):
+            store(w.r, k, load(lane, w.q, k))
+        predict(lane, model, w.q0, w.r)
+        for k in range(n):
+            q = load(lane, w.r, k)
+            d = q - load(lane, w.q, k)
+            store(w.q, k, q)
+            store(w.v, k, load(lane, w.v, k) + d * c_v)
+            store(w.a, k, load(lane, w.a, k) + d * c_m)
+            store(w.b, k, load(lane, w.b, k) + d * c_b)
+
+
+@kernel
+def _first_contraction(lane, predictor, increment):  # type: ignore[no-untyped-def]
+    """Contraction to expect of the first iteration, which has seen none: 1/2, so that its increment itself is the error
+    left; where it starts from the formulation's own guess, 10 times the increment: the error left is quadratic."""
+    if predictor is None:
+        return select_lt(increment, 0.05, increment * 10.0, splat(lane, 0.5))
+    return splat(lane, 0.5)
+
+
+@kernel
 def _predict(lane, n, flat, predictor, h, scheme):  # type: ignore[no-untyped-def]
     """Start of Newton, eqs. [66]-[68]; the state q, v, a, b is kept in q0, v0, a0, b0 (rows of `flat`, see `unpack`)."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    share = _factor_of(predictor)
     for k in range(n):
         q, v, a, b = (
             load(lane, flat, k),
@@ -124,7 +158,7 @@ def _predict(lane, n, flat, predictor, h, scheme):  # type: ignore[no-untyped-de
         store(flat, 5 * n + k, v)
         store(flat, 6 * n + k, a)
         store(flat, 7 * n + k, b)
-        new_a = a * predictor
+        new_a = a * share
         new_b = (new_a * (1.0 - af) + a * af - b * am) * (1.0 / (1.0 - am))
         store(flat, k, q + v * h + (b * (0.5 - beta) + new_b * beta) * (h * h))
         store(flat, n + k, v + (b * (1.0 - gamma) + new_b * gamma) * h)
@@ -223,6 +257,7 @@ def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  #
         c_b = 1.0 / (scheme.beta * piece * piece)
         c_v = scheme.gamma / (scheme.beta * piece)
         c_m = c_b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f)
+        _guess(lane, model, n, model.predictor, w, c_b, c_v, c_m)
         active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
         before = splat(lane, 1e300)
         iteration, converged = 0, False
@@ -243,10 +278,9 @@ def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  #
             increment = _correct(lane, n, flat, model.algebraic, model.weight, active, c_b, c_v, c_m)
             w.counts[0] += 1.0
             # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
-            # The first iteration has seen none and must itself be below the tolerance.
             theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
             if iteration == 0:
-                theta = splat(lane, 0.5)
+                theta = _first_contraction(lane, model.predictor, increment)
             active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
             before = increment
             iteration += 1

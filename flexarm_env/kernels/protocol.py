@@ -8,10 +8,12 @@ A formulation's Model is a NamedTuple of arrays and numbers, never written after
     fixed      int64 (n_fixed,), may be empty: coordinates that never move (a ground pin)
     algebraic  int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
     weight     float64 (n,): one over the size that matters of each coordinate (1/L for lengths, 1 for angles)
-    predictor  float: 1 starts Newton from the last acceleration, 0 from none (stiff stretch and shear)
+    predictor  float: 1 starts Newton from the last acceleration, 0 from none; None: from none, then `predict`
 
 and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes, `par` the arm's own parameters):
 
+    predict(lane, model, start, q)   only where predictor is None: a better q than the given one to start Newton from;
+        its first increment is then trusted to leave an error of 10 times its square
     assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S)
         r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and  S = cm dr/da + cc dr/dv + ck dr/dq, eqs. [64]-[78];
         rows of multipliers belong to `constrain`, except that columns of multipliers are scaled by cm;
@@ -77,6 +79,7 @@ def _dispatched(name: str, arguments: str) -> Callable[..., Any]:
 
 
 assemble = _dispatched("assemble", "lane, model, par, q, v, a, u, cm, cc, ck, r, S")
+predict = _dispatched("predict", "lane, model, start, q")
 constrain = _dispatched("constrain", "lane, model, psi, q, v, a, level, scale, r")
 pin = _dispatched("pin", "lane, model, S, k")
 factor = _dispatched("factor", "lane, model, S")

@@ -93,7 +93,7 @@ def build(scene: Scene, settings: Settings) -> System:
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.where(lengths, 1.0 / arm.total_length, 1.0),
-        predictor=0.0,
+        predictor=None,
         order=(0,) * order,
         links=arm.n_links,
         elements=elements,
