@@ -40,12 +40,19 @@ from numba import types
 from numba.core.typing.templates import AbstractTemplate, infer_global
 from numba.extending import lower_builtin, overload
 
+from .jit import kernel
+
 REGISTRY: dict[type, dict[str, Callable[..., Any]]] = {}
+
+
+@kernel
+def _no_guess(lane, model, start, q):  # type: ignore[no-untyped-def]
+    """`predict` of a formulation that has none."""
 
 
 def register(model_class: type, **functions: Callable[..., Any]) -> None:
     """Bind a formulation's functions to its Model class."""
-    REGISTRY[model_class] = functions
+    REGISTRY[model_class] = {"predict": _no_guess, **functions}
 
 
 def _dispatched(name: str, arguments: str) -> Callable[..., Any]:
