@@ -43,7 +43,7 @@ class Work(NamedTuple):
     reaction: np.ndarray
     reaction0: np.ndarray
     flag: np.ndarray  # status of each lane
-    books: np.ndarray  # work of the drives, dissipated energy, dissipated power at the step's start
+    books: np.ndarray  # work of the drives, dissipated energy, unused
     counts: np.ndarray  # Newton iterations, factorisations, halvings, steps
 
 
@@ -193,11 +193,10 @@ def _correct(lane, n, flat, algebraic, weight, active, c_b, c_v, c_m):  # type: 
 
 @kernel
 def _open_books(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
-    """Remember ports, forces and dissipated power at the start of a smooth stretch."""
+    """Remember ports and forces at the start of a smooth stretch."""
     for i in range(w.u.shape[0]):
         w.u0[i] = w.u[i]
     ports(lane, model, par, w.q, w.y0)
-    store(w.books, 2, dissipation(lane, model, par, w.q, w.v))
     if drive is not None:
         for i in range(w.psi.shape[0]):
             w.psi0[i] = w.psi[i]
@@ -207,7 +206,10 @@ def _open_books(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
 
 @kernel
 def _keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
-    """Add the step's work (mean force times displacement, what Newmark itself does) and dissipation."""
+    """Add the step's work (mean force times displacement, what Newmark itself does) and dissipation (at its middle).
+
+    q0 and v0 are free once the step has succeeded; the mean of start and end is formed there.
+    """
     ports(lane, model, par, w.q, w.y)
     work = load(lane, w.books, 0)
     for i in range(size(model.n_inputs)):
@@ -222,9 +224,10 @@ def _keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
         for i in range(w.psi.shape[0]):
             w.psi0[i] = w.psi[i]
     store(w.books, 0, work)
-    power = dissipation(lane, model, par, w.q, w.v)
-    store(w.books, 1, load(lane, w.books, 1) + (load(lane, w.books, 2) + power) * (0.5 * h))
-    store(w.books, 2, power)
+    for k in range(size(model.n)):
+        store(w.q0, k, (load(lane, w.q0, k) + load(lane, w.q, k)) * 0.5)
+        store(w.v0, k, (load(lane, w.v0, k) + load(lane, w.v, k)) * 0.5)
+    store(w.books, 1, load(lane, w.books, 1) + dissipation(lane, model, par, w.q0, w.v0) * h)
 
 
 @kernel
