@@ -158,7 +158,7 @@ class Elastica(NamedTuple):
     Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size. One array holds
     all constants, because each array passed to a kernel costs time to compile and to call:
 
-    data   P (m, m) kg m^2: masses but the payload's; R (N, k, k) kg m^2: rotary inertia of sections, hub and elbows;
+    data   P (m, m) kg m^2: masses but the payload's; R (m,) kg m^2: rotary inertia of sections, hub and elbows;
            K (N, k, k) N m: bending stiffness; b (m,) kg m: first moments, sum b_j e_j = mass (centre - root);
            w (m,) m: sum w_j e_j = tip of the last link - root, and of each link: its tip - its root;
            tips (m,): weights of a link's angles in its tip's angle; then mass (payload left out), x and y of a root
@@ -169,10 +169,10 @@ class Elastica(NamedTuple):
     n: int | tuple[int, ...]
     n_factor: int | tuple[int, ...]
     n_inputs: int | tuple[int, ...]
-    fixed: np.ndarray | None
-    algebraic: np.ndarray | None
+    fixed: np.ndarray
+    algebraic: None
     weight: np.ndarray
-    predictor: float
+    predictor: tuple[float, float]
     links: int | tuple[int, ...]  # N
     nodes: int | tuple[int, ...]  # k
     scratch: tuple[int, ...]  # at least N k zeros: room on the stack

@@ -96,6 +96,7 @@ class Oracle:
                 {
                     "r": root[:, None] + e @ self.integrals[k].T,
                     "phi": self.values[k] @ phi,
+                    "nodal": phi,
                     "kappa": self.slopes[k] @ phi,
                     "root": root,
                     "root_angle": phi[0],
@@ -119,7 +120,8 @@ class Oracle:
         pairs: list[tuple[Any, Any]] = [
             (section.m * self.ds[k], link["r"][0]),
             (section.m * self.ds[k], link["r"][1]),
-            (section.J * self.ds[k], link["phi"]),
+            # Lobatto's nodes (links with another behind) carry rotary inertia by their own quadrature
+            (section.J * self.ds[k], link["phi"]) if last else (section.J * self.ends[k], link["nodal"]),
             (arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right, link["root_angle"]),
             (arm.payload.inertia if last else arm.elbow(k + 1).inertia_left, link["tip_angle"]),
         ]
@@ -156,6 +158,7 @@ class Oracle:
                 link = {
                     "r": (root[0] + self.integrals[j] @ ex, root[1] + self.integrals[j] @ ey),
                     "phi": self.values[j] @ angle,
+                    "nodal": angle,
                     "root_angle": angle[0],
                     "tip": tip,
                     "tip_angle": self.tips[j] @ angle,

@@ -13,6 +13,7 @@ from .jit import kernel
 from .lanes import load, sincos, splat, store
 from .protocol import register, size
 from .stack import stack
+from .traced import aligned_frame
 from .unroll import unrolled
 
 
@@ -21,8 +22,9 @@ def _offsets(model):  # type: ignore[no-untyped-def]
     """Where R, K, b, w, tips and the single numbers begin in model.data; P begins at 0."""
     n = size(model.nodes)
     m = size(model.links) * n
-    b = m * m + 2 * m * n
-    return m * m, m * m + m * n, b, b + m, b + 2 * m, b + 3 * m
+    R = m * m
+    b = R + m + m * n
+    return R, R + m, b, b + m, b + 2 * m, b + 3 * m
 
 
 @kernel
@@ -53,6 +55,7 @@ def _frame_acceleration(lane, model, a):  # type: ignore[no-untyped-def]
 @kernel
 def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
     """r and, unless cm = 0, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
+    aligned_frame(lane)
     y = stack(lane, model.scratch)
     c, s = stack(lane, model.scratch), stack(lane, model.scratch)
     ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
@@ -90,22 +93,21 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
         store(x, i, (angle + rate * tau_d) * stiffness)
     tip_x, tip_y = tip_x * payload, tip_y * payload
     for i in range(m):
-        fxi, fyi = tip_x * D[at_w + i], tip_y * D[at_w + i]
-        if model.root is not None or model.gravity is not None:
-            fxi, fyi = fxi + frame_x * D[at_b + i], fyi + frame_y * D[at_b + i]
-        for j in range(m):
+        fxi, fyi = load(lane, ex, 0) * D[i * m], load(lane, ey, 0) * D[i * m]
+        for j in range(1, m):
             fxi = fxi + load(lane, ex, j) * D[i * m + j]
             fyi = fyi + load(lane, ey, j) * D[i * m + j]
-        store(fx, i, fxi)
-        store(fy, i, fyi)
+        if model.root is not None or model.gravity is not None:
+            fxi, fyi = fxi + frame_x * D[at_b + i], fyi + frame_y * D[at_b + i]
+        store(fx, i, fxi + tip_x * D[at_w + i])
+        store(fy, i, fyi + tip_y * D[at_w + i])
     _less_forces(lane, model, model.loads, u, fx, fy)
     for k in range(links):
         for i in range(k * n, k * n + n):
-            total = load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)
+            total = load(lane, z, i) * D[at_R + i]
             for j in range(n):
                 total = total + load(lane, x, k * n + j) * D[at_K + i * n + j]
-                total = total + load(lane, z, k * n + j) * D[at_R + i * n + j]
-            store(r, i, total)
+            store(r, i, total + (load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)))
     _less_torques(lane, model, model.loads, u, r)
     _payload_turns(lane, model, load(lane, par, 1), z, r)
     _root_force(lane, model, payload, ex, ey, frame_x, frame_y, u, r)
@@ -139,15 +141,12 @@ def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type:
             lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
             upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
             if j >= k * n:
-                o = i * n + j - k * n
-                both = slope * D[at_K + o] + cm * D[at_R + o]
-                lower, upper = lower + both, upper + both
+                bend = slope * D[at_K + i * n + j - k * n]
+                lower, upper = lower + bend, upper + bend
             store(S, i * rows + j, lower)
             store(S, j * rows + i, upper)
-        o = i * n + i - k * n
         p = share * D[at_w + i] + D[i * m + i]
-        both = slope * D[at_K + o] + cm * D[at_R + o]
-        own = p * (ci * dyi - si * dxi) + both
+        own = p * (ci * dyi - si * dxi) + (slope * D[at_K + i * n + i - k * n] + cm * D[at_R + i])
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
     _payload_turns_tangent(lane, model, load(lane, par, 1), cm, S)
     _root_tangent(lane, model, payload, c, s, ex, ey, cm, S)
@@ -317,12 +316,14 @@ def _solve(lane, model, S, x):  # type: ignore[no-untyped-def]
 @kernel
 def factor(lane, model, S):  # type: ignore[no-untyped-def]
     """See _factor."""
+    aligned_frame(lane)
     _factor(lane, model, S)
 
 
 @kernel
 def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
     """See _solve."""
+    aligned_frame(lane)
     _solve(lane, model, S, x)
 
 
@@ -438,13 +439,11 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
         turn = turn + load(lane, y, i) * D[at_tips + i]
     twice = payload * (tip_x * tip_x + tip_y * tip_y) + load(lane, par, 1) * (turn * turn)
     for i in range(m):
-        px, py, spin = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+        px, py, rate = splat(lane, 0.0), splat(lane, 0.0), load(lane, y, i)
         for j in range(m):
             px = px + load(lane, ex, j) * D[i * m + j]
             py = py + load(lane, ey, j) * D[i * m + j]
-        for j in range(n):
-            spin = spin + load(lane, y, i // n * n + j) * D[at_R + i * n + j]
-        twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + load(lane, y, i) * spin)
+        twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + rate * rate * D[at_R + i])
     mass = payload + D[at_one]
     if model.root is not None:
         vx, vy = load(lane, v, m), load(lane, v, m + 1)

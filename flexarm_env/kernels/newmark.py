@@ -13,6 +13,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from ..model import NEWTON_FAILED
 from .bare import bare
@@ -109,12 +111,32 @@ def _set_known(known, psi, q, v, a, b):  # type: ignore[no-untyped-def]
             q[k], v[k], a[k], b[k] = psi[3 * i], psi[3 * i + 1], psi[3 * i + 2], psi[3 * i + 2]
 
 
-@kernel
-def _factor_of(predictor):  # type: ignore[no-untyped-def]
+def _share(predictor):  # type: ignore[no-untyped-def]
     """Share of the last acceleration to start from."""
-    if predictor is None:
-        return 0.0
-    return predictor
+    if isinstance(predictor, tuple):
+        return predictor[0]
+    return 0.0 if predictor is None else predictor
+
+
+def _trust(predictor):  # type: ignore[no-untyped-def]
+    """How many times its square the first increment leaves as error; 0: not known."""
+    if isinstance(predictor, tuple):
+        return predictor[1]
+    return 10.0 if predictor is None else 0.0
+
+
+@overload(_share)  # type: ignore[untyped-decorator]
+def _share_of_type(predictor):  # type: ignore[no-untyped-def]
+    if isinstance(predictor, types.BaseTuple):
+        return lambda predictor: predictor[0]
+    return (lambda predictor: 0.0) if isinstance(predictor, types.NoneType) else (lambda predictor: predictor)
+
+
+@overload(_trust)  # type: ignore[untyped-decorator]
+def _trust_of_type(predictor):  # type: ignore[no-untyped-def]
+    if isinstance(predictor, types.BaseTuple):
+        return lambda predictor: predictor[1]
+    return (lambda predictor: 10.0) if isinstance(predictor, types.NoneType) else (lambda predictor: 0.0)
 
 
 @kernel
@@ -134,11 +156,11 @@ def _guess(lane, model, n, predictor, w, c_b, c_v, c_m):  # type: ignore[no-unty
 
 
 @kernel
-def _first_contraction(lane, predictor, increment):  # type: ignore[no-untyped-def]
+def _first_contraction(lane, trust, increment):  # type: ignore[no-untyped-def]
     """Contraction to expect of the first iteration, which has seen none: 1/2, so that its increment itself is the error
-    left; where it starts from the formulation's own guess, 10 times the increment: the error left is quadratic."""
-    if predictor is None:
-        return select_lt(increment, 0.05, increment * 10.0, splat(lane, 0.5))
+    left, or `trust` times the increment where the error left is known to be quadratic."""
+    if trust > 0.0:
+        return select_lt(increment, 0.05, increment * trust, splat(lane, 0.5))
     return splat(lane, 0.5)
 
 
@@ -146,7 +168,7 @@ def _first_contraction(lane, predictor, increment):  # type: ignore[no-untyped-d
 def _predict(lane, n, flat, predictor, h, scheme):  # type: ignore[no-untyped-def]
     """Start of Newton, eqs. [66]-[68]; the state q, v, a, b is kept in q0, v0, a0, b0 (rows of `flat`, see `unpack`)."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    share = _factor_of(predictor)
+    share = _share(predictor)
     for k in range(n):
         q, v, a, b = (
             load(lane, flat, k),
@@ -283,7 +305,7 @@ def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  #
             # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
             theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
             if iteration == 0:
-                theta = _first_contraction(lane, model.predictor, increment)
+                theta = _first_contraction(lane, _trust(model.predictor), increment)
             active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
             before = increment
             iteration += 1

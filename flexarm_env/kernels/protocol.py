@@ -8,7 +8,8 @@ A formulation's Model is a NamedTuple of arrays and numbers, never written after
     fixed      int64 (n_fixed,), may be empty: coordinates that never move (a ground pin)
     algebraic  int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
     weight     float64 (n,): one over the size that matters of each coordinate (1/L for lengths, 1 for angles)
-    predictor  float: 1 starts Newton from the last acceleration, 0 from none; None: from none, then `predict`
+    predictor  float: 1 starts Newton from the last acceleration, 0 from none; (that, kappa): the first increment is
+               trusted to leave an error of kappa times its square; None: from none, then `predict`
 
 and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes, `par` the arm's own parameters):
 

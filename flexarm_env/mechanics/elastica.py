@@ -102,7 +102,7 @@ class Chain:
 
     lines: tuple[Line, ...]
     P: Array  # (Nn, Nn) kg m^2: masses, 1/2 sum P_ij e_i'.e_j'
-    R: Array  # (N, n, n) kg m^2: rotary inertia of sections, hub and elbows
+    R: Array  # (N, n, n) kg m^2: rotary inertia of sections, hub and elbows, lumped at the nodes
     K: Array  # (N, n, n) N m: bending stiffness
     b: Array  # (Nn,) kg m: first moments, the centre of mass is r_root + sum b_j e_j / mass
     w: Array  # (Nn,) m: the tip of the last link is r_root + sum w_j e_j
@@ -155,12 +155,15 @@ def chain(arm: Arm, n: int) -> Chain:
 
 
 def _rotary(arm: Arm, k: int, line: Line, link: Link) -> Array:
-    """Rotary inertia of link k's sections and of the hub or the elbows' halves at its ends."""
-    R = link.section.J * line.matrix(line.lagrange(line.quadrature()[0]))
-    R[0, 0] += arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
+    """Rotary inertia at the nodes of link k: its sections by the nodes' own quadrature, hub or elbows' halves at its ends.
+
+    That is exact for Radau's nodes; of Lobatto's it is the usual lumping, which errs in the highest polynomial alone.
+    """
+    R = link.section.J * line.tip_weights
+    R[0] += arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
     if k < arm.n_links - 1:
-        R[-1, -1] += arm.elbow(k + 1).inertia_left
-    return R
+        R[-1] += arm.elbow(k + 1).inertia_left
+    return np.diag(R)
 
 
 def _end(chain_: Chain, load: PointLoad) -> tuple[Array, Array]:
@@ -171,7 +174,7 @@ def _end(chain_: Chain, load: PointLoad) -> tuple[Array, Array]:
 
 def _flat(*items: Any) -> Array:
     """All numbers of the items in one array."""
-    return np.concatenate([np.asarray(item, dtype=np.float64).ravel() for item in items])
+    return np.concatenate([np.zeros(0), *(np.asarray(item, dtype=np.float64).ravel() for item in items)])
 
 
 def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
@@ -182,40 +185,41 @@ def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
 def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     """Model, parameters and initial state of a scene as a chain of elasticas with ``settings.nodes`` angles a link.
 
-    ``points``: intervals a link into which the shape (for drawing) is divided. State and Model: `kernels/elastica.py`.
+    A small chain that nothing drives but its inputs (an environment's arm) gets a kernel written out for its sizes and for
+    what it has; all others share one kernel with everything in it, where a pinned root has fixed coordinates.
+    ``points``: intervals a link into which the shape (for drawing) is divided.
     """
     assert settings.nodes is not None
     arm, n = scene.arm, settings.nodes
     parts = chain(arm, n)
     count, size = arm.n_links, arm.n_links * n
-    moved = [k for k in ("root_x", "root_y") if scene.motion_of(k) is not None]
-    has_root = scene.root == "free" or bool(moved)
-    fixed = [joint * n for joint in scene.rigid_joints]
-    if scene.root != "free" and len(moved) == 1:
-        fixed.append(size + (1 if moved == ["root_x"] else 0))
+    own = size <= UNROLLED and not scene.motions and not scene.loads
+    movable = [scene.root == "free" or scene.motion_of(name) is not None for name in ("root_x", "root_y")]
+    has_root = any(movable) or not own
     rows = size + (2 if has_root else 0)
-    unroll = size <= UNROLLED
-    loads = [load for load in scene.loads if isinstance(load, PointLoad)]
-    ends = [weights for load in loads for weights in _end(parts, load)]
+    fixed = [joint * n for joint in scene.rigid_joints]
+    fixed += [size + i for i in range(2) if has_root and not movable[i]]
+    ends = [weights for load in scene.loads if isinstance(load, PointLoad) for weights in _end(parts, load)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
-    gravity = (0.0, 0.0) if scene.gravity is None else scene.gravity
     stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
+    lumped = [np.diag(R) for R in parts.R]
+    gravity = scene.gravity or (0.0, 0.0)
     model = Elastica(
-        n=tag(rows, unroll),
-        n_factor=rows * rows,
-        n_inputs=tag(count + 3 * len(loads), unroll),
+        n=tag(rows, own),
+        n_factor=tag(rows * rows, own),
+        n_inputs=tag(count + 3 * (len(ends) // 2), own),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.concatenate([np.ones(size), np.full(rows - size, 1.0 / arm.total_length)]),
-        predictor=1.0,
-        links=tag(count, unroll),
-        nodes=tag(n, unroll),
-        scratch=(0,) * (size if unroll else 16 * -(-size // 16)),
+        predictor=(1.0, 10.0),
+        links=tag(count, own),
+        nodes=tag(n, own),
+        scratch=(0,) * (size if own else 48 * -(-size // 48)),
         root=(0,) if has_root else None,
-        gravity=None if scene.gravity is None else (0,),
+        gravity=None if own and scene.gravity is None else (0,),
         payload_turns=(0,),
-        data=_flat(parts.P, parts.R, parts.K, parts.b, parts.w, tips, parts.mass, scene.position, gravity, stations),
-        loads=_flat(*ends) if loads else None,
+        data=_flat(parts.P, lumped, parts.K, parts.b, parts.w, tips, parts.mass, scene.position, gravity, stations),
+        loads=None if own else _flat(*ends),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
     names, coordinates = _names(count, n, has_root)
