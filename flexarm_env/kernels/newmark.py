@@ -252,6 +252,50 @@ def _keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
     store(w.books, 1, load(lane, w.books, 1) + dissipation(lane, model, par, w.q0, w.v0) * h)
 
 
+NEWTON, VELOCITIES, ACCELERATIONS, CLOSE = range(4)
+"""Stages of a step: the iteration; with multipliers, velocities and accelerations across the constraints; a driven arm
+closes with one residual, for its reactions."""
+
+
+@kernel
+def _after_newton(algebraic):  # type: ignore[no-untyped-def]
+    if algebraic is None:
+        return CLOSE
+    return VELOCITIES if algebraic.shape[0] > 0 else CLOSE
+
+
+@kernel
+def _constrain(lane, model, algebraic, w, stage, c_m):  # type: ignore[no-untyped-def]
+    """Constraint rows of a stage: of positions, of velocities (by an impulse alone), of accelerations."""
+    if algebraic is not None:
+        if stage == VELOCITIES:
+            for k in range(size(model.n)):
+                w.r[k] = 0.0
+        constrain(lane, model, w.psi, w.q, w.v, w.a, stage, c_m if stage == NEWTON else 1.0, w.r)
+
+
+@kernel
+def _settle(algebraic, w, stage):  # type: ignore[no-untyped-def]
+    """Take what a step left across the constraints out of velocities, then out of accelerations (theory, section 6).
+
+    Constraints hold for positions alone, so that the velocity across them is off by O(h^2) and the acceleration by
+    O(h); at rho_inf = 1 both would alternate and grow. M dv + Phi_q^T Lambda = 0 and M da + Phi_q^T dlambda = -r set
+    them right; b keeps its distance from a.
+    """
+    if algebraic is not None:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
+            if stage == ACCELERATIONS:
+                w.q[k] -= w.r[k]
+            w.r[k] = 0.0
+        for k in range(w.r.shape[0]):
+            if stage == VELOCITIES:
+                w.v[k] -= w.r[k]
+            else:
+                w.a[k] -= w.r[k]
+                w.b[k] -= w.r[k]
+
+
 @kernel
 def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
     """n_steps steps of size h from t within a smooth stretch; returns the time reached (SINGLE) or meant (lanes).
@@ -285,21 +329,32 @@ def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  #
         _guess(lane, model, n, model.predictor, w, c_b, c_v, c_m)
         active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
         before = splat(lane, 1e300)
-        iteration, converged = 0, False
-        while True:  # Newton-Raphson, eqs. [69]-[82]; a driven arm closes with one residual for its reactions
-            fresh = not converged and (iteration == 0 or scheme.modified is None)
-            use = 1.0 if fresh else 0.0
-            assemble(lane, model, par, w.q, w.v, w.a, w.u, use * c_m, use * c_v, use, w.r, w.S)
-            if drive is not None:
-                if converged:
+        iteration, stage = 0, NEWTON
+        while True:  # Newton-Raphson, eqs. [69]-[82], and what follows once it has converged
+            fresh = iteration == 0 if stage == NEWTON else stage == VELOCITIES
+            if scheme.modified is None:
+                fresh = fresh or stage == NEWTON
+            c_a, use = c_m if stage == NEWTON else 1.0, 1.0 if stage == NEWTON else 0.0
+            if not fresh:
+                c_a, use = 0.0, 0.0
+            assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, use * c_v, use, w.r, w.S)
+            if stage == CLOSE:
+                if drive is not None:
                     _note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
-                    break
-            constrain(lane, model, w.psi, w.q, w.v, w.a, 0, c_m, w.r)
+                break
+            _constrain(lane, model, model.algebraic, w, stage, c_m)
             _take_out_known(lane, model, drive, w.r, w.S, fresh)
             if fresh:
                 factor(lane, model, w.S)
                 w.counts[1] += 1.0
             solve(lane, model, w.S, w.r)
+            if stage != NEWTON:
+                _settle(model.algebraic, w, stage)
+                stage += 1
+                if drive is None:
+                    if stage == CLOSE:
+                        break
+                continue
             increment = _correct(lane, n, flat, model.algebraic, model.weight, active, c_b, c_v, c_m)
             w.counts[0] += 1.0
             # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
@@ -310,9 +365,10 @@ def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  #
             before = increment
             iteration += 1
             if largest(active) < 0.5 or iteration == scheme.max_iterations:
+                stage = _after_newton(model.algebraic)
                 if drive is None:
-                    break
-                converged = True
+                    if stage == CLOSE:
+                        break
         flag = load(lane, w.flag, 0)
         flag = select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), flag)
         if len(lane) == 1:
