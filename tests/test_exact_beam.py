@@ -1,0 +1,218 @@
+"""The geometrically exact beam, compiled: references, known answers, orders of convergence, the stiff strip, lanes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexarm_env import simulate
+from flexarm_env.arms import named as named_arm
+from flexarm_env.kernels.lanes import EIGHT, SINGLE
+from flexarm_env.kernels.newmark import advance, restart, unpack, work_size
+from flexarm_env.kernels.switching import switch
+from flexarm_env.mechanics.exact_beam import build
+from flexarm_env.model import scheme
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.scenes import named, reference
+from flexarm_env.settings import Settings
+from flexarm_env.time_functions import sine
+
+from .oracle_exact import tips
+
+HERE = Path(__file__).parent
+
+
+def tip_error(run: Any, columns: Any) -> float:
+    """Largest distance of the tip from a reference's, over its instants."""
+    t = columns["t"]
+    assert np.allclose(run.t, t[: len(run.t)], atol=1e-9)
+    n = len(run.t)
+    return float(np.hypot(run.tip[:, 0] - columns["tip_x"][:n], run.tip[:, 1] - columns["tip_y"][:n]).max())
+
+
+def exact(scene: Scene, **options: Any) -> Any:
+    run = simulate(scene, "geometrically_exact", **options)
+    assert run.status == "ok", run.message
+    return run
+
+
+def test_uncompiled() -> None:
+    """Tangent, mass, energy, damping, statics and frequencies, for every order (`uncompiled_exact.py`)."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / "uncompiled_exact.py")]
+    done = subprocess.run(command, cwd=HERE.parent, env=environment, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert "skipped" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "elements", "bound"),
+    [("robot_arm_motion_smooth", 5, 0.01), ("robot_arm_motion", 5, 0.02), ("flying_rod", 8, 0.02)],
+)
+def test_references(name: str, elements: int, bound: float) -> None:
+    """Wave fronts of a load that starts at once ask for more than 5 elements in `flying_rod` (5: 0.037)."""
+    run = exact(named(name), dt=0.005, sample=0.05, elements=elements)
+    assert tip_error(run, reference(name).columns) <= bound
+
+
+def test_centre_of_mass_of_the_flying_rod() -> None:
+    scene = named("flying_rod")
+    run = exact(scene, dt=0.005, sample=0.5, elements=5)
+    section = scene.arm.links[0].section
+    p = 3 * 2  # rows of an element
+    centre = []
+    for q in run.q:
+        total = np.zeros(2)
+        for e in range(5):
+            left, inner, right = q[p * e : p * e + 2], q[p * e + 3 : p * e + 5], q[p * e + 6 : p * e + 8]
+            total += (left + right) / 2 + inner / (2 * np.sqrt(3))  # mean of the interior function
+        centre.append(total / 5)
+    assert section.m * 10 == 10.0
+    x = np.where(run.t <= 2.5, 3 + 0.4 * run.t**2, 5.5 + 2 * (run.t - 2.5))
+    assert np.abs(np.array(centre) - np.column_stack([x, np.full_like(x, 4.0)])).max() < 1e-9
+
+
+def test_spin_up() -> None:
+    run = exact(named("spin_up"), dt=0.005, sample=0.05, elements=6)
+    angle = run.start[:, 2]
+    lag = np.cos(angle) * run.tip[:, 1] - np.sin(angle) * run.tip[:, 0]
+    deepest = lag.argmin()
+    assert lag[deepest] == pytest.approx(-0.5739, abs=3e-4)
+    assert run.t[deepest] == pytest.approx(6.75, abs=0.1)
+    stretch = np.hypot(run.tip[:, 0], run.tip[:, 1])[-60:] - 10.0
+    assert stretch.mean() == pytest.approx(5.143e-4, rel=0.02)
+
+
+def test_a_prescribed_angle_reports_its_torque_and_the_books_balance() -> None:
+    run = exact(named("robot_arm_motion_smooth"), dt=0.0025, sample=0.05, elements=5, rho_inf=1.0)
+    assert np.abs(run.balance).max() < 1e-4 * run.energy.max()
+    # torque = rate of angular momentum about the pin = J-weighted and lever-arm momentum, here by differences
+    rows = run.q.shape[1]
+    momentum = np.zeros(len(run.t))
+    for e in range(5):
+        x = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
+        for s, w in zip(x, np.array([5, 8, 5]) / 9 * 1.0, strict=True):
+            N = np.array([(1 - s) / 2, np.sqrt(3) / 4 * (1 - s * s), (1 + s) / 2])
+            at = [np.tensordot(N, [z[:, 6 * e + k :: 3][:, :3] for z in (run.q, run.v)], ([0], [2])) for k in range(3)]
+            (px, vx), (py, vy), (_, spin) = at
+            momentum += w * ((px * vy - py * vx) + 10.0 * spin)
+    assert rows == 33
+    rate = np.gradient(momentum, run.t)
+    assert np.abs(rate - run.joint_torque[:, 0])[2:-2].max() < 0.02 * np.abs(run.joint_torque).max()
+
+
+def test_quadratic_elements_converge_at_the_fourth_order() -> None:
+    scene = named("robot_arm_motion_smooth")
+    options = {"dt": 0.01, "sample": 0.5, "duration": 5.0}
+    fine = exact(scene, elements=32, **options).tip[:, :2]
+    errors = [np.abs(exact(scene, elements=n, **options).tip[:, :2] - fine).max() for n in (4, 8)]
+    assert np.log2(errors[0] / errors[1]) >= 3.5
+
+
+def test_second_order_in_time() -> None:
+    scene = named("robot_arm_motion_smooth")
+    runs = [exact(scene, elements=5, dt=dt, sample=0.5, duration=4.0).tip[:, :2] for dt in (0.02, 0.01, 0.005, 0.00125)]
+    errors = [np.abs(run - runs[-1]).max() for run in runs[:-1]]
+    # against a reference of finite step the ratio of a second-order method is (16^2 - 1) / (8^2 - 1) and so on
+    assert np.log2(errors[0] / errors[1] * (63 / 255) * 4) == pytest.approx(2.0, abs=0.1)
+    assert np.log2(errors[1] / errors[2] * (15 / 63) * 4) == pytest.approx(2.0, abs=0.1)
+
+
+def test_two_links_against_finite_differences() -> None:
+    """Hub and elbow torques, elbow mass and inertias, payload, large deflection; the other solution shares no code."""
+    soft = Section(EI=400.0, EA=8e3, C=6e3, m=1.0, J=0.5)
+    arm = Arm(
+        "two", (Link(4.0, soft), Link(3.0, Section(EI=150.0, EA=6e3, C=5e3, m=0.8, J=0.3))),
+        hub_inertia=5.0, elbows=(Elbow(0.5, 0.6, 0.4),), payload=Payload(0.7, 0.3),
+    )  # fmt: skip
+    drives = (sine(60.0, 2.5, 0.3, None), sine(-40.0, 3.5, 0.2, None))
+    scene = Scene(
+        "two", arm, duration=2.0, dt=0.0025, sample=0.25, angles=(0.0, 0.5),
+        loads=tuple(JointTorque(k, f) for k, f in enumerate(drives)),
+    )  # fmt: skip
+    run = exact(scene, elements=8, rho_inf=0.9)
+    expected, doubt = tips(arm, 20, run.t[1:], lambda t: [f(t) for f in drives], scene.angles)
+    assert np.abs(run.tip_deflection).max() > 0.1
+    assert doubt < 0.02
+    assert np.abs(run.tip[1:, :2] - expected).max() < max(0.003, 0.15 * doubt)
+
+
+# --------------------------------------------------------------------- the stiff strip, in lanes
+STRIP = Arm(
+    "strip", (Link(1.0, Section(EI=7.0, EA=7.2e6, C=2.3e6, m=0.277, J=2.7e-7)),), hub_inertia=0.05, payload=Payload(0.2)
+)
+
+
+def aligned(n: int) -> np.ndarray:
+    """Room that begins on a multiple of 64 bytes."""
+    room = np.zeros(n + 8)
+    first = (-room.ctypes.data % 64) // 8
+    return room[first : first + n]
+
+
+def swing(
+    lane: Any, torques: np.ndarray, arm: Arm = STRIP, dt: float = 0.005, tolerance: float = 1e-10
+) -> tuple[Any, Any]:
+    """Final tips (arms, 2) and status codes of arms under torques (periods of 20 ms, lanes)."""
+    scene = Scene("s", arm, duration=1.0, dt=dt)
+    s = build(scene, Settings.make("geometrically_exact", elements=3, dt=dt))
+    count, rule = len(lane), scheme(0.7, None, tolerance)
+    flat = aligned(getattr(work_size, "py_func", work_size)(count, s.model, 0))
+    w = getattr(unpack, "py_func", unpack)(lane, s.model, flat, 0)
+    w.q[:], par = np.repeat(s.q0, count), np.repeat(s.par, count)
+    for k, torque in enumerate(torques):
+        w.u0[:] = w.u
+        w.u[:count] = torque
+        if k == 0:
+            restart(lane, s.model, None, par, flat, 0, 0.0, dt)
+        else:
+            switch(lane, s.model, par, flat, 0)
+        advance(lane, s.model, None, par, flat, 0, 0.0, dt, round(0.02 / dt), rule, False)
+    return np.column_stack([w.q[-3 * count : -2 * count], w.q[-2 * count : -count]]), w.flag.copy()
+
+
+def test_strips_survive_random_full_torque() -> None:
+    """512 arms, 4 s, +-2 N m of random sign each 20 ms at 5 ms: none is lost, and none even needs its step halved."""
+    rng = np.random.default_rng(11)
+    for _ in range(64):
+        signs = rng.choice([-2.0, 2.0], (200, 8))
+        tip, flags = swing(EIGHT, signs)
+        assert not flags.any()
+        assert np.all(np.hypot(*tip.T) < 1.01)
+
+
+def test_a_lane_is_an_arm_alone_bit_for_bit() -> None:
+    torques = np.random.default_rng(7).uniform(-2.0, 2.0, (40, 8))
+    together, flags = swing(EIGHT, torques)
+    assert not flags.any()
+    for i in range(8):
+        alone, _ = swing(SINGLE, torques[:, i : i + 1])
+        assert np.array_equal(alone[0], together[i])
+
+
+def test_one_linear_solve_a_step_is_nearly_enough() -> None:
+    """From a guess that keeps the strains, one iteration meets a tolerance of 1e-4, and the tip hardly changes."""
+    torques = np.random.default_rng(3).uniform(-2.0, 2.0, (200, 8))
+    converged, _ = swing(EIGHT, torques, dt=0.0025)
+    loose, flags = swing(EIGHT, torques, dt=0.0025, tolerance=1e-4)
+    assert not flags.any()
+    assert np.hypot(*(loose - converged).T).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_damped_strips_survive_too() -> None:
+    rng = np.random.default_rng(12)
+    arm = named_arm("strip")
+    assert arm.tau_d > 0.0
+    for tolerance in (1e-10, 1e-6, 1e-4):
+        for _ in range(16):
+            tip, flags = swing(EIGHT, rng.choice([-2.0, 2.0], (200, 8)), arm, tolerance=tolerance)
+            assert not flags.any()
+            assert np.all(np.hypot(*tip.T) < 1.01)

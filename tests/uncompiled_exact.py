@@ -1,0 +1,301 @@
+"""Checks of the exact beam on plain Python numbers; `test_exact_beam.py` runs this file with NUMBA_DISABLE_JIT=1.
+
+The kernels are the very ones that are compiled elsewhere; here all orders, damping and gravity come at no compile time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import config
+from numpy.polynomial import legendre
+
+from flexarm_env.kernels import exact_beam as kernels
+from flexarm_env.kernels.exact_tables import interior, tables
+from flexarm_env.kernels.lanes import SINGLE
+from flexarm_env.mechanics.exact_beam import build, factor_size
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.settings import Settings
+from flexarm_env.time_functions import constant
+
+pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
+
+SOFT = Section(EI=3.0, EA=50.0, C=30.0, m=0.7, J=0.2)
+OTHER = Section(EI=2.0, EA=40.0, C=20.0, m=0.5, J=0.1)
+
+
+def system(order: int, damped: bool, heavy: bool, elements: int = 2) -> Any:
+    arm = Arm(
+        "three",
+        (Link(1.3, SOFT), Link(0.8, OTHER), Link(0.5, SOFT)),
+        hub_inertia=0.3,
+        elbows=(Elbow(0.2, 0.1, 0.05), Elbow(0.3, 0.02, 0.04)),
+        payload=Payload(0.4, 0.06),
+        tau_d=0.05 if damped else 0.0,
+    )
+    loads = tuple(
+        PointLoad(link, end, constant(1.0), constant(1.0), constant(1.0)) for link, end in ((1, "root"), (2, "tip"))
+    )
+    scene = Scene(
+        "s", arm, duration=1.0, dt=0.01, root="free", angles=(0.0, 0.3, -0.4), loads=loads,
+        gravity=(0.5, -9.8) if heavy else None,
+    )  # fmt: skip
+    return build(scene, Settings.make("geometrically_exact", elements=elements, order=order, dt=0.01))
+
+
+def residual(s: Any, q: Any, v: Any, a: Any, u: Any) -> Any:
+    r = np.full(s.model.n, np.nan)
+    kernels.assemble(SINGLE, s.model, s.par, q, v, a, u, 0.0, 0.0, 0.0, r, np.zeros(0))
+    return r
+
+
+def jacobian(f: Any, x: Any, h: float = 1e-6) -> Any:
+    return np.column_stack([(f(x + h * e) - f(x - h * e)) / (2 * h) for e in np.eye(len(x))])
+
+
+def states(s: Any) -> tuple[Any, Any, Any, Any]:
+    rng = np.random.default_rng(3)
+    n = s.model.n
+    q = s.q0 + 0.1 * rng.normal(size=n)
+    return q, rng.normal(size=n), rng.normal(size=n), rng.normal(size=s.model.n_inputs)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_tables(order: int) -> None:
+    t = tables(order)
+    x = np.linspace(-1.0, 1.0, 7)
+    assert np.allclose(t.value[:2].sum(0), 1.0)
+    if order > 1:
+        assert np.abs(interior(order, np.array([-1.0, 1.0]))).max() < 1e-15
+        # together with the linear functions they span all polynomials of the order
+        basis = np.vstack([1 - x, 1 + x, interior(order, x)])
+        powers = np.vander(x, order + 1)
+        assert np.linalg.matrix_rank(np.column_stack([basis.T, powers]), tol=1e-9) == order + 1
+    points, weights = legendre.leggauss(8)
+    values = np.vstack([0.5 * (1 - points), 0.5 * (1 + points), interior(order, points)])
+    assert np.allclose(t.mass, (values * weights) @ values.T, atol=1e-14)
+    assert np.allclose((t.slope * t.weights) @ t.slope.T, np.diag(t.norm), atol=1e-14)
+    at, h = legendre.leggauss(order)[0], 1e-6
+    if order > 1:
+        slopes = (interior(order, at + h) - interior(order, at - h)) / h
+        assert np.allclose(t.slope[1:], slopes, atol=1e-8)
+    inner = 3 * (order - 1)
+    assert factor_size(order) == sum(1 + (inner - 1 - m) + 6 for m in range(inner)) + 21
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("damped", [False, True])
+@pytest.mark.parametrize("heavy", [False, True])
+def test_tangent_solves_what_differences_of_the_residual_say(order: int, damped: bool, heavy: bool) -> None:
+    s = system(order, damped, heavy)
+    m, n = s.model, s.model.n
+    q, v, a, u = states(s)
+    if damped:  # the term that would make the tangent unsymmetric is left out: it vanishes with the rates
+        v = np.zeros(n)
+    cm, cc, ck = 3.0, 0.7, 1.3
+    T = cm * jacobian(lambda x: residual(s, q, v, x, u), a) + ck * jacobian(lambda x: residual(s, x, v, a, u), q)
+    T += cc * jacobian(lambda x: residual(s, q, x, a, u), v)
+    assert np.abs(T - T.T).max() < 1e-6
+    rng = np.random.default_rng(1)
+    for pinned in ((), (0, 1), (2,), (0, 1, 2), (n - 1,), (n - 2, 0, 1), (n - 2, n - 1)):
+        r, S, b = np.full(n, np.nan), np.full(m.n_factor, np.nan), rng.normal(size=n)
+        kernels.assemble(SINGLE, m, s.par, q, v, a, u, cm, cc, ck, r, S)
+        assert np.array_equal(r, residual(s, q, v, a, u))
+        expected = T.copy()
+        for k in pinned:
+            expected[k], expected[:, k], expected[k, k], b[k] = 0.0, 0.0, 1.0, 0.0
+            kernels.pin(SINGLE, m, S, k)
+        kernels.factor(SINGLE, m, S)
+        x = b.copy()
+        kernels.solve(SINGLE, m, S, x)
+        assert np.allclose(x, np.linalg.solve(expected, b), rtol=1e-6, atol=1e-7), pinned
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_forces_are_the_gradient_of_the_energy(order: int) -> None:
+    s = system(order, damped=False, heavy=True)
+    n = s.model.n
+    q, v, _, u = states(s)
+    zero = np.zeros(n)
+
+    def potential(x: Any) -> float:
+        energies = kernels.energy(SINGLE, s.model, s.par, x, zero)
+        return float(energies[1] + energies[2])
+
+    def work(x: Any) -> float:
+        y = np.full(len(u), np.nan)
+        kernels.ports(SINGLE, s.model, s.par, x, y)
+        return float(u @ y)
+
+    h = 1e-5
+    gradient = np.array(
+        [(potential(q + h * e) - potential(q - h * e) - work(q + h * e) + work(q - h * e)) / (2 * h) for e in np.eye(n)]
+    )
+    assert np.allclose(residual(s, q, zero, zero, u), gradient, atol=1e-7)
+    M = jacobian(lambda x: residual(s, q, v, x, u), zero, 1.0)
+    assert np.isclose(kernels.energy(SINGLE, s.model, s.par, q, v)[0], 0.5 * v @ M @ v, rtol=1e-12)
+    assert np.linalg.eigvalsh(M).min() > 0.0
+
+
+def test_mass_is_the_hessian_of_the_kinetic_energy_of_the_fields() -> None:
+    """Kinetic energy by quadrature over r(s), psi(s), by 6 Gauss points an element."""
+    s = system(2, damped=False, heavy=False)
+    rng = np.random.default_rng(5)
+    v = rng.normal(size=s.model.n)
+    x, weights = legendre.leggauss(6)
+    values = np.vstack([0.5 * (1 - x), 0.5 * (1 + x), interior(2, x)])
+    energy, row = 0.0, 0
+    for k, (length, section) in enumerate(((1.3, SOFT), (0.8, OTHER), (0.5, SOFT))):
+        for e in range(2):
+            left, inner, right = v[row : row + 3].copy(), v[row + 3 : row + 6], v[row + 6 : row + 9]
+            if e == 0 and k > 0:
+                left[2] += v[-3 + k]
+            field = np.array([left, right, inner]).T @ values
+            factor = 0.5 * length / 2 * weights
+            energy += 0.5 * float(section.m * (factor * (field[0] ** 2 + field[1] ** 2)).sum())
+            energy += 0.5 * float(section.J * (factor * field[2] ** 2).sum())
+            row += 6
+    hinges = (12, 24)
+    energy += 0.5 * 0.3 * v[2] ** 2 + 0.5 * (0.4 * (v[36] ** 2 + v[37] ** 2) + 0.06 * v[38] ** 2)
+    for k, (row, mass, left_inertia, right_inertia) in enumerate(
+        zip(hinges, (0.2, 0.3), (0.1, 0.02), (0.05, 0.04), strict=True)
+    ):
+        energy += 0.5 * (mass * (v[row] ** 2 + v[row + 1] ** 2) + left_inertia * v[row + 2] ** 2)
+        energy += 0.5 * right_inertia * (v[row + 2] + v[39 + k]) ** 2
+    assert np.isclose(kernels.energy(SINGLE, s.model, s.par, s.q0, v)[0], energy, rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_damping_takes_the_power_that_it_reports_and_none_from_rigid_motion(order: int) -> None:
+    s = system(order, damped=True, heavy=False)
+    q, v, a, u = states(s)
+    loss = kernels.dissipation(SINGLE, s.model, s.par, q, v)
+    assert loss > 0.0
+    assert np.isclose(loss, v @ (residual(s, q, v, a, u) - residual(s, q, 0 * v, a, u)), rtol=1e-9)
+    spin = np.zeros_like(q)  # the whole chain turns about the origin: positions (interior ones too) and angles
+    nodes = 3 * order * 2 * 3 + 3
+    spin[0:nodes:3], spin[1:nodes:3] = -q[1:nodes:3], q[0:nodes:3]
+    for row in range(0, nodes, 3 * order):
+        spin[row + 2] = 1.0
+    assert abs(kernels.dissipation(SINGLE, s.model, s.par, q, spin)) < 1e-12 * loss
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_first_guess_keeps_the_strains(order: int) -> None:
+    s = system(order, damped=False, heavy=False)
+    q = states(s)[0]
+    turned = q.copy()
+    nodes = 3 * order * 2 * 3 + 3
+    turned[2:nodes:3] += 0.05 * np.random.default_rng(2).normal(size=len(turned[2:nodes:3]))
+    turned[-2:] += 0.03
+    angles = turned[2:nodes:3].copy()
+    kernels.predict(SINGLE, s.model, q, turned)
+    assert np.array_equal(turned[2:nodes:3], angles)
+    assert np.array_equal(turned[:2], q[:2])
+    zero = np.zeros_like(q)
+    straight = Section(EI=1e-12, EA=50.0, C=30.0, m=1.0)
+    arm = Arm("a", (Link(1.3, straight), Link(0.8, straight), Link(0.5, straight)))
+    scene = Scene("s", arm, duration=1.0, dt=0.01, root="free")
+    bare = build(scene, Settings.make("geometrically_exact", elements=2, order=order, dt=0.01))
+    before, after = (float(kernels.energy(SINGLE, bare.model, bare.par, x, zero)[1]) for x in (q, turned))
+    assert np.isclose(before, after, rtol=1e-8)
+
+
+def statics(s: Any, u: Any, steps: int = 1) -> Any:
+    """Equilibrium under u, by Newton from the straight state with the root clamped."""
+    q, zero = s.q0.copy(), np.zeros(s.model.n)
+    for step in range(steps):
+        for _ in range(30):
+            r, S = np.full(s.model.n, np.nan), np.full(s.model.n_factor, np.nan)
+            kernels.assemble(SINGLE, s.model, s.par, q, zero, zero, u * (step + 1) / steps, 1e-30, 0.0, 1.0, r, S)
+            for k in range(3):
+                r[k] = 0.0
+                kernels.pin(SINGLE, s.model, S, k)
+            kernels.factor(SINGLE, s.model, S)
+            kernels.solve(SINGLE, s.model, S, r)
+            q -= r
+            if np.abs(r).max() < 1e-13:
+                break
+    return q
+
+
+@pytest.mark.parametrize(("order", "elements", "tolerance"), [(1, 64, 2e-4), (2, 2, 1e-9), (3, 2, 1e-9)])
+def test_cantilever_under_an_end_load(order: int, elements: int, tolerance: float) -> None:
+    section = Section(EI=7.0, EA=7.2e6, C=500.0, m=0.3, J=1e-6)
+    load = PointLoad(0, "tip", force_y=constant(1.0))
+    scene = Scene("s", Arm("a", (Link(1.2, section),)), duration=1.0, dt=0.01, loads=(load,))
+    s = build(scene, Settings.make("geometrically_exact", elements=elements, order=order, dt=0.01))
+    P = 1e-5
+    q = statics(s, np.array([0.0, 0.0, P, 0.0]))
+    assert np.isclose(q[-2], P * 1.2**3 / (3 * 7.0) + P * 1.2 / 500.0, rtol=tolerance)
+
+
+def test_rolled_up_by_an_end_moment() -> None:
+    """M = 2 pi EI / L bends a beam to a full circle: exact curvature at any size of rotation."""
+    section = Section(EI=7.0, EA=7.2e5, C=2.3e5, m=0.3)
+    load = PointLoad(0, "tip", torque=constant(1.0))
+    scene = Scene("s", Arm("a", (Link(1.0, section),)), duration=1.0, dt=0.01, loads=(load,))
+    s = build(scene, Settings.make("geometrically_exact", elements=8, order=3, dt=0.01))
+    q = statics(s, np.array([0.0, 0.0, 0.0, 2 * np.pi * 7.0]), steps=12)
+    assert np.isclose(q[-1], 2 * np.pi, rtol=1e-10)
+    assert np.hypot(q[-3], q[-2]) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("speed", "expected"),
+    [(0.0, (3.51602, 22.0345, 61.6972)), (2.0, (3.6218, 22.5263, 62.2411)), (6.0, (4.2632, 26.1290, 66.4134)),
+     (12.0, (5.4270, 35.6370, 78.7049))],
+)  # fmt: skip
+def test_frequencies_of_a_rotating_cantilever(speed: float, expected: tuple[float, ...]) -> None:
+    """Small motion about the steady rotation, in the rotating frame: M u'' + 2 W G u' + (K - W^2 M_r) u = 0."""
+    section = Section(EI=1.0, EA=1e7, C=1e7, m=1.0, J=0.0)
+    scene = Scene("s", Arm("a", (Link(1.0, section),)), duration=1.0, dt=0.01)
+    s = build(scene, Settings.make("geometrically_exact", elements=8, order=3, dt=0.01))
+    n = s.model.n
+    q, zero, u = s.q0.copy(), np.zeros(n), np.zeros(1)
+    M = jacobian(lambda x: residual(s, q, zero, x, u), zero, 1.0)
+    across = np.zeros((n, n))  # G: x -> y, y -> -x
+    position = np.arange(n) % 3 != 2
+    for k in range(0, n, 3):
+        across[:, k], across[:, k + 1] = M[:, k + 1], -M[:, k]
+    pull = np.where(position, 1.0, 0.0)
+    free = np.arange(3, n)
+    for _ in range(20):  # the stretched straight state: f(q) = W^2 M q
+        r = residual(s, q, zero, -(speed**2) * q * pull, u)
+        K = jacobian(lambda x: residual(s, x, zero, zero, u), q) - speed**2 * M * pull
+        step = np.linalg.solve(K[np.ix_(free, free)], r[free])
+        q[free] -= step
+        if np.abs(step).max() < 1e-12:
+            break
+    K = 0.5 * (K + K.T)
+    keep = [i for i in free if position[i]]
+    turns = [i for i in free if not position[i]]
+    # sections without rotary inertia follow at once
+    Kc = K[np.ix_(keep, keep)]
+    Kc = Kc - K[np.ix_(keep, turns)] @ np.linalg.solve(K[np.ix_(turns, turns)], K[np.ix_(turns, keep)])
+    Mc, Gc, m = M[np.ix_(keep, keep)], 2 * speed * across[np.ix_(keep, keep)], len(keep)
+    A = np.block([[np.zeros((m, m)), np.eye(m)], [-np.linalg.solve(Mc, Kc), -np.linalg.solve(Mc, Gc)]])
+    frequencies = np.sort(np.abs(np.linalg.eigvals(A).imag))[::2][:3]
+    assert np.allclose(frequencies, expected, rtol=3e-4)
+
+
+def test_shape_and_poses() -> None:
+    s = system(2, damped=False, heavy=False)
+    points, out = np.full((20, 2), np.nan), np.full(36, np.nan)
+    assert kernels.shape(s.model, s.q0, points) == 13
+    assert kernels.shape(s.model, s.q0, np.zeros((5, 2))) == 5
+    v = np.arange(s.model.n) * 0.1
+    kernels.link_poses(SINGLE, s.model, s.par, s.q0, v, out)
+    ends = np.array([0.0, 0.0]), np.array([1.3, 0.0])
+    assert np.allclose(points[0], ends[0])
+    assert np.allclose(points[4], ends[1])
+    assert np.allclose(np.diff(points[:5], axis=0), [0.325, 0.0])
+    third = ends[1] + 0.8 * np.array([np.cos(0.3), np.sin(0.3)])
+    assert np.allclose(points[8], third)
+    assert np.allclose(out[12:15], [1.3, 0.0, 0.3])
+    assert np.allclose(out[17], v[14] + v[39])
+    assert np.allclose(out[30:33], [*(third + 0.5 * np.array([np.cos(0.4), -np.sin(0.4)])), -0.4])
+    assert np.allclose(out[33:36], v[36:39])
