@@ -230,7 +230,7 @@ def _open_books(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
 def _keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
     """Add the step's work (mean force times displacement, what Newmark itself does) and dissipation (at its middle).
 
-    q0 and v0 are free once the step has succeeded; the middle and the displacement over h are formed there.
+    q0 and v0 are free once the step has succeeded; the mean of start and end is formed there.
     """
     ports(lane, model, par, w.q, w.y)
     work = load(lane, w.books, 0)
@@ -247,9 +247,8 @@ def _keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
             w.psi0[i] = w.psi[i]
     store(w.books, 0, work)
     for k in range(size(model.n)):
-        start, end = load(lane, w.q0, k), load(lane, w.q, k)
-        store(w.q0, k, (start + end) * 0.5)
-        store(w.v0, k, (end - start) * (1.0 / h))
+        store(w.q0, k, (load(lane, w.q0, k) + load(lane, w.q, k)) * 0.5)
+        store(w.v0, k, (load(lane, w.v0, k) + load(lane, w.v, k)) * 0.5)
     store(w.books, 1, load(lane, w.books, 1) + dissipation(lane, model, par, w.q0, w.v0) * h)
 
 
