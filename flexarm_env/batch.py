@@ -16,33 +16,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import kernels  # noqa: F401  (registers the formulations)
-from .kernels import environment
+from .kernels import environment, starts
 from .kernels.address import Placed, entry
-from .kernels.environment import ACTION_NOT_FINITE, JOINT_LIMIT, RETRY, Layout, Program, Ranges
 from .kernels.lanes import EIGHT, SINGLE
 from .kernels.newmark import work_size
-from .kernels.rollout import observe_arm
-from .kernels.task import (
+from .kernels.program import (
+    ACTION_NOT_FINITE,
+    CLIP,
     DEFLECTION,
     ENERGIES,
     ERROR,
     FRESH,
     GOAL,
     GUIDED,
+    HOLD,
     IN_RANGE,
+    JOINT_LIMIT,
     LIMIT,
     MODE,
     OVER,
     REASON,
+    RETRY,
     RUNNING,
     STEP,
     SUCCESS,
     TAIL,
     TARGET,
+    TARGET_RATE,
     TIP,
-    Reach,
-    Slew,
+    Actuator,
+    Controller,
+    Layout,
+    Program,
+    Ranges,
+    Reference,
+    Sensors,
 )
+from .kernels.rollout import observe_arm
+from .kernels.task import Reach, Slew
 from .mechanics import assembly
 from .model import STATUS, System, scheme
 from .parameters import Arm
@@ -85,6 +96,7 @@ class Starts:
     start: (low, high) of each joint angle, rad. target: two ranges: rad from the start (slew; the second unused), or
     m and rad, polar (reach). straight: share of starts with all joints at 0. vibration: largest initial vibration, as
     a tip deflection over L. factors: ranges of the factors on payload, EI, damping and torque constant.
+    shake (n, 3): velocities of a unit of initial vibration, see `Ranges`; None where there is none.
     """
 
     start: Sequence[tuple[float, float]]
@@ -92,6 +104,17 @@ class Starts:
     straight: float = 0.0
     vibration: float = 0.0
     factors: Sequence[tuple[float, float]] = field(default_factory=lambda: ((1.0, 1.0),) * 4)
+    shake: Array | None = None
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What an ideal environment lacks; None: absent, and paid for by nobody."""
+
+    controller: Controller | None = None
+    actuator: Actuator | None = None
+    sensors: Sensors | None = None
+    reference: Reference | None = None
 
 
 def standing_scene(arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = ()) -> Scene:
@@ -137,6 +160,7 @@ class Batch:
         arm, settings (with dt), gravity: what moves. n: how many.
         task: a `Slew` or `Reach`. starts: what fresh starts are drawn from.
         period: control period, s, a whole number of settings.dt. books: keep energies. threads: at most so many.
+        extras: controllers, motors, sensors, moving targets.
     Attributes:
         action (n, A) float32: to be filled before `step`. observation (n, O) float32, reward (n,), terminated,
         truncated (n,): of the last step or start. address: what the compiled functions take.
@@ -145,10 +169,11 @@ class Batch:
     def __init__(
         self, arm: Arm, settings: Settings, n: int, task: Slew | Reach, starts: Starts, *,
         period: float, gravity: tuple[float, float] | None = None, books: bool = False, threads: int = 1,
+        extras: Extras | None = None,
     ) -> None:  # fmt: skip
         assert settings.dt is not None
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
-        self.period, self.gravity, self.books = period, gravity, books
+        self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
         self.system: System = assembly.assemble(standing_scene(arm, settings.dt, gravity), settings)
         self.lane = SINGLE if n < LANES_FROM else EIGHT
         self.groups = -(-n // len(self.lane))
@@ -159,31 +184,38 @@ class Batch:
     def _build(self) -> None:
         lanes, model, task, settings = len(self.lane), self.system.model, self.task, self.settings
         assert settings.dt is not None
-        self.layout = _layout(lanes, model, task)
+        gauges = 0 if self.extras.sensors is None else len(self.extras.sensors.gauges) // len(self.system.q0)
+        ahead = 0 if self.extras.reference is None else len(self.extras.reference.scales)
+        self.entries = len(task.entries) + ahead + gauges
+        self.layout = _layout(lanes, model, task, self.entries, self.extras)
         self._work = int(_python(work_size)(1, model, 0)) - 4  # the integrator's entries an arm (its counters are not)
         count, links = self.n, self.arm.n_links
         self.block = np.zeros((self.groups, self.layout.row))
         self.action = np.zeros((count, links), np.float32)
-        self.observation = np.zeros((count, len(task.entries)), np.float32)
+        self.observation = np.zeros((count, self.entries), np.float32)
         self.reward = np.zeros(count)
         self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.stream = np.zeros(count, np.uint64)
         self.wish = np.full(links + 3, np.nan)
+        self.outside = np.zeros(14 * links + 6 + gauges)
         limits = (settings.tolerance, settings.max_iterations, settings.max_halvings, settings.newton == "modified")
         n_steps = round(self.period / settings.dt)
         self.program = Program(
             lane=self.lane, model=model, scheme=scheme(settings.rho_inf, settings.newmark, *limits), task=task,
-            ranges=self._ranges(), layout=self.layout, books=self.books, estimate=self.estimate,
+            ranges=self._ranges(), controller=self.extras.controller, actuator=self.extras.actuator,
+            sensors=self.extras.sensors, reference=self.extras.reference, layout=self.layout, entries=self.entries,
+            books=(0,) if self.books else None, estimate=self.estimate, period=self.period,
             h=self.period / n_steps, n_steps=n_steps, n=count,
             block=self.block.reshape(-1), action=self.action.reshape(-1),
             observation=self.observation.reshape(-1), reward=self.reward,
             terminated=self.terminated.view(np.uint8), truncated=self.truncated.view(np.uint8),
-            stream=self.stream, wish=self.wish,
+            stream=self.stream, wish=self.wish, outside=self.outside,
         )  # fmt: skip
         self._placed = Placed(self.program)
         self.address = self._placed.address
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
-        self._begin = entry(environment.begin, self._placed, 0, 0)
+        self._begin = entry(starts.begin, self._placed, 0, 0)
+        self._witness: Any = None
         self._chunks = _chunks(self.groups, self.threads)
         self._crew = Crew(self.threads - 1)
         self._alone: Batch | None = None
@@ -201,7 +233,7 @@ class Batch:
         starts = self.starts
         return Ranges(
             pose=self.pose.ravel(),
-            shake=np.zeros(3 * len(self.system.q0)),
+            shake=np.zeros(3 * len(self.system.q0)) if starts.shake is None else starts.shake.ravel(),
             nominal=self.system.par.copy(),
             start=np.array(starts.start, np.float64).ravel(),
             target=np.array(starts.target, np.float64).ravel(),
@@ -231,6 +263,22 @@ class Batch:
         self.record(i)[LIMIT] = limit
         self._begin(self.address, i, mode)
 
+    def witness(
+        self, i: int, poses: Array, torques: Array, action: Array, energies: Array, code: int, gauges: Array | None = None
+    ) -> None:
+        """The outcome of a period of arm i that was moved elsewhere.
+
+        poses (N, 12), torques (N,) N m, action (N,), energies (5,) J: kinetic, strain, gravity, dissipated, work;
+        gauges (G,), scaled; code: status, or -1 for the start of its episode.
+        """
+        links = self.arm.n_links
+        parts = [poses.ravel(), torques, action, energies, [1.0], [] if gauges is None else gauges]
+        self.outside[:] = np.concatenate(parts)
+        assert len(torques) == links
+        if self._witness is None:
+            self._witness = entry(starts.witness, self._placed, 0, 0)
+        self._witness(self.address, i, code)
+
     def step(self) -> int:
         """One control period of all arms with `action`; returns how many want attention (ended, or guided)."""
         if self.threads == 1:
@@ -256,7 +304,7 @@ class Batch:
         if self._alone is None:
             self._alone = Batch(
                 self.arm, self.settings, 1, self.task, self.starts,
-                period=self.period, gravity=self.gravity, books=self.books,
+                period=self.period, gravity=self.gravity, books=self.books, extras=self.extras,
             )  # fmt: skip
         return self._alone
 
@@ -327,7 +375,9 @@ class Batch:
         self._crew.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        skipped = ("program", "_placed", "address", "compiled_step", "_begin", "_crew", "_alone", "_chunks")
+        skipped = (
+            "program", "_placed", "address", "compiled_step", "_begin", "_witness", "_crew", "_alone", "_chunks",
+        )  # fmt: skip
         return {k: v for k, v in vars(self).items() if k not in skipped}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -338,19 +388,23 @@ class Batch:
             getattr(self, name)[...] = values
 
 
-def _layout(lanes: int, model: Any, task: Slew | Reach) -> Layout:
+def _layout(lanes: int, model: Any, task: Slew | Reach, entries: int, extras: Extras) -> Layout:
     """Sections of a block, each beginning on a whole number of lanes (and of cache lines)."""
-    links = len(task.links)
+    links, record = len(task.links), GOAL + len(task.links)
+    if extras.actuator is not None:
+        record += links * (extras.actuator.age + 3)
+    if extras.sensors is not None:
+        record += entries * extras.sensors.age
+    kept = 0 if extras.actuator is None and extras.reference is None else record
     n = len(model.n) if isinstance(model.n, tuple) else int(model.n)
     first = -(-int(_python(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
-    for entries in (
-        4, 12 * links, GOAL + links, links, len(task.entries),
-        DEFLECTION + 2 * links + len(task.targets) + len(task.terms) + TAIL, 4 * n + 3,
+    for count in (
+        4, 12 * links, record, links, entries,
+        DEFLECTION + 2 * links + len(task.targets) + len(task.terms) + TAIL, 4 * n + 3 + kept,
     ):  # fmt: skip
-        starts.append(starts[-1] + entries * lanes)
-    par, poses, record, action, seen, info, saved, end = starts
-    return Layout(par, poses, record, action, seen, info, saved, end, row=-(-end // 8) * 8)
+        starts.append(starts[-1] + count * lanes)
+    return Layout(*starts, row=-(-starts[-1] // 8) * 8)  # type: ignore[misc]
 
 
 def _chunks(groups: int, parts: int) -> list[tuple[int, int]]:
@@ -360,6 +414,7 @@ def _chunks(groups: int, parts: int) -> list[tuple[int, int]]:
 
 
 __all__ = [
-    "Batch", "DEFLECTION", "ENERGIES", "ERROR", "FRESH", "GUIDED", "IN_RANGE", "MODE", "OVER", "REASON", "REASONS",
-    "RUNNING", "Reach", "STATUS_WORDS", "SUCCESS", "Slew", "Starts", "TIP", "View",
+    "Actuator", "Batch", "CLIP", "Controller", "DEFLECTION", "ENERGIES", "ERROR", "Extras", "FRESH", "GUIDED", "HOLD",
+    "IN_RANGE", "LIMIT", "MODE", "OVER", "REASON", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "STEP",
+    "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "TARGET_RATE", "TIP", "View",
 ]  # fmt: skip

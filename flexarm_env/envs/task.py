@@ -11,13 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import DEFLECTION, ENERGIES, ERROR, IN_RANGE, SUCCESS, TIP, Reach, Slew, Starts
+from ..batch import CLIP, DEFLECTION, ENERGIES, ERROR, IN_RANGE, SUCCESS, TIP, Reach, Slew, Starts
 from ..parameters import Arm
 
 Array = NDArray[np.float64]
-
-CLIP = 10.0
-"""Observations are clipped to this many scales."""
 
 HOLD_TIME = 0.5
 """Success: in the band throughout the trailing so many seconds."""
@@ -85,7 +82,6 @@ def _common(arm: Arm, weights: Array, period: float, targets: int, scales: list[
         "weights": weights,
         "torque_limits": np.array(arm.torque_limits),
         "joint_limits": _limits(arm),
-        "gains": controller_gains(arm),
         "hold": float(math.ceil(HOLD_TIME / period - 1e-9) + 1),
     }
 
@@ -211,4 +207,4 @@ def reward_weights(kind: Kind, given: Mapping[str, float] | None) -> Array:
     return np.array([weights[name] for name in REWARDS])
 
 
-__all__ = ["Entry", "IN_RANGE", "Kind", "REACH", "REWARDS", "SLEW", "SUCCESS", "info_entries", "reward_weights"]
+__all__ = ["CLIP", "Entry", "IN_RANGE", "Kind", "REACH", "REWARDS", "SLEW", "SUCCESS", "info_entries", "reward_weights"]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import typeof, types
+from numba import config, typeof, types
 from numba.extending import NativeValue, intrinsic, models, register_model, unbox
 
 from .bare import bare, bare_type
@@ -63,6 +63,12 @@ def follow(typingctx: Any, address: Any) -> Any:
     return address.target(address), codegen
 
 
+if config.DISABLE_JIT:  # the value is its own address
+
+    def follow(address: Any) -> Any:  # noqa: F811
+        return address
+
+
 @kernel
 def _place(buffer, value):  # type: ignore[no-untyped-def]
     return _write(buffer, bare(value))
@@ -76,15 +82,20 @@ class Placed:
 
     def __init__(self, value: Any) -> None:
         self.value = value  # keeps the arrays alive
+        if config.DISABLE_JIT:
+            self.address = value
+            return
         self._buffer = np.zeros(8192, np.uint64)
         used = _place(self._buffer, value)
         assert used <= self._buffer.nbytes
-        self.address = int(self._buffer.ctypes.data)
+        self.address: Any = int(self._buffer.ctypes.data)
         self.kind = Address(bare_type(typeof(value)))
 
 
 def entry(function: Any, placed: Placed, *arguments: Any) -> Callable[..., Any]:
     """The compiled form of `function(address, *arguments)`; later calls must bring the same types (nothing checks)."""
+    if config.DISABLE_JIT:
+        return function  # type: ignore[no-any-return]
     signature = (placed.kind, *(typeof(argument) for argument in arguments))
     function.compile(signature)
     compiled: Callable[..., Any] = function.overloads[signature].entry_point

@@ -3,7 +3,7 @@
 `poses` holds 12 numbers a link (`protocol.link_poses`); each observed entry is divided by its scale and clipped to
 +-10. Everything here is arithmetic on lanes, so that a batch and a single arm give the same bits.
 
-    observe(lane, task, poses, record, out)                the scaled observation into `out`
+    observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
     judge(lane, task, poses, action, record, live, info)   success and reward terms into `info`, where `live` > 1/2;
                                                            returns (reward, joint limit passed: 1 or 0)
 """
@@ -17,25 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.extending import overload
 
+from .arithmetic import arctangent, clip, decay, put, smaller
 from .jit import kernel
 from .lanes import absolute, load, select_lt, sincos, splat, square_root, store
+from .program import CLIP, DEFLECTION, GOAL, HOLD, SUCCESS, TARGET, TARGET_RATE, TIP
 from .protocol import size
-
-STEP, LIMIT, MODE, HOLD, TARGET, TORQUE_FACTOR, GOAL = 0, 1, 2, 3, 4, 6, 7
-"""An environment's record: control periods done, allowed; mode; instants in the band; target (2); torque constant;
-joint angles that reach the target (n_links)."""
-
-RUNNING, OVER, FRESH, GUIDED = range(4)
-"""Modes: stepped; over, waits for a reset; just reset, next step passes it over; motion prescribed, moved elsewhere."""
-
-SUCCESS, TIP, DEFLECTION = 0, 1, 3
-"""First entries of info: success, tip x y; then come tip deflections, target, torques, reward terms, the tail."""
-IN_RANGE, ERROR, REASON, ENERGIES = 0, 1, 2, 3
-"""Entries of the tail of info: in range, error estimate, reason, then kinetic, strain, gravity, dissipated, work."""
-TAIL = 8
-
-CLIP = 10.0
-
 
 class Slew(NamedTuple):
     """One link turns its tip to a polar angle. scales (6,), weights (6,): see `envs.flexible_arm`."""
@@ -49,7 +35,6 @@ class Slew(NamedTuple):
     weights: np.ndarray
     torque_limits: np.ndarray
     joint_limits: np.ndarray  # (2 n_links,): low, high of each joint, rad
-    gains: np.ndarray  # (2 n_links,): N m/rad and N m s/rad of each joint's controller
     hold: float  # instants in the band that make a success
 
 
@@ -65,68 +50,8 @@ class Reach(NamedTuple):
     weights: np.ndarray
     torque_limits: np.ndarray
     joint_limits: np.ndarray
-    gains: np.ndarray
     hold: float
     lengths: np.ndarray
-
-
-# --- arithmetic on lanes -----------------------------------------------------------------------------
-
-
-@kernel
-def smaller(x, y):  # type: ignore[no-untyped-def]
-    """The smaller of x and y; y where x is NaN."""
-    return select_lt(x, y, x, y)
-
-
-@kernel
-def clip(x, bound):  # type: ignore[no-untyped-def]
-    """x within +-bound."""
-    return select_lt(x, -bound, -bound, select_lt(bound, x, bound, x))
-
-
-@kernel
-def decay(x):  # type: ignore[no-untyped-def]
-    """exp(-x) for x >= 0, within 1e-11; 0 in effect from 60 on."""
-    y = smaller(x, 60.0) * (-1.0 / 1024.0)
-    z = y * (1.0 / 5040.0) + 1.0 / 720.0
-    z = z * y + 1.0 / 120.0
-    z = z * y + 1.0 / 24.0
-    z = z * y + 1.0 / 6.0
-    z = z * y + 0.5
-    z = z * y + 1.0
-    z = z * y + 1.0
-    for _ in range(10):
-        z = z * z
-    return z
-
-
-_ATAN = tuple((-1.0) ** k / (2 * k + 1) for k in range(12))
-
-
-@kernel
-def arctangent(y, x):  # type: ignore[no-untyped-def]
-    """Angle of the point (x, y) in (-pi, pi], within 1e-15; 0 at the origin."""
-    a, b = absolute(y), absolute(x)
-    low, high = select_lt(a, b, a, b), select_lt(a, b, b, a)
-    t = low / select_lt(high, 1e-300, 1e-300, high)
-    far = select_lt(t, 0.41421356237309503, 0.0, math.pi / 4)
-    t = select_lt(t, 0.41421356237309503, t, (t - 1.0) / (t + 1.0))
-    t = t / (square_root(t * t + 1.0) + 1.0)  # half the angle
-    z = t * t
-    p = z * _ATAN[11] + _ATAN[10]
-    for k in range(9, -1, -1):
-        p = p * z + _ATAN[k]
-    angle = t * p * 2.0 + far
-    angle = select_lt(a, b, angle, math.pi / 2 - angle)
-    angle = select_lt(x, 0.0, math.pi - angle, angle)
-    return select_lt(y, 0.0, -angle, angle)
-
-
-@kernel
-def put(live, array, k, value, old):  # type: ignore[no-untyped-def]
-    """array[k] <- value where live, old elsewhere."""
-    store(array, k, select_lt(0.5, live, value, old))
 
 
 # --- dispatch by the class of the task ---------------------------------------------------------------
@@ -252,7 +177,7 @@ def slew_judge(lane, task, poses, action, record, live, info):  # type: ignore[n
     good = select_lt(rate, 0.01, good, splat(lane, 0.0))
     _held(lane, task, good, record, live, info)
     _note(lane, task, poses, record, live, info)
-    wide, narrow, slow = error * 10.0, error * 50.0, turning * 5.0
+    wide, narrow, slow = error * 10.0, error * 50.0, (turning - load(lane, record, TARGET_RATE)) * 5.0
     total = _pay(lane, task, live, info, 0, decay(wide * wide))
     total = total + _pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))
     total = total + _pay(lane, task, live, info, 2, -smaller(error, 1.0))
@@ -313,7 +238,9 @@ def reach_judge(lane, task, poses, action, record, live, info):  # type: ignore[
     vx, vy = load(lane, poses, o + 9), load(lane, poses, o + 10)
     dx = load(lane, record, TARGET) - load(lane, poses, o + 6)
     dy = load(lane, record, TARGET + 1) - load(lane, poses, o + 7)
-    error, speed = square_root(dx * dx + dy * dy), square_root(vx * vx + vy * vy)
+    vx, vy = vx - load(lane, record, TARGET_RATE), vy - load(lane, record, TARGET_RATE + 1)
+    error = square_root(dx * dx + dy * dy) / task.length
+    speed = square_root(vx * vx + vy * vy) / task.length
     good = select_lt(error, 0.01, splat(lane, 1.0), splat(lane, 0.0))
     good = select_lt(speed, 0.05, good, splat(lane, 0.0))
     _held(lane, task, good, record, live, info)
