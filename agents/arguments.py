@@ -1,0 +1,77 @@
+"""Command lines from documented dataclasses: one flag a field, its help from the class's docstring."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import re
+import sys
+import typing
+from collections.abc import Sequence
+from typing import Any, NoReturn, TypeVar
+
+T = TypeVar("T")
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        sys.stderr.write(f"{self.prog}: {message} (see {self.prog} --help)\n")
+        sys.exit(2)
+
+
+def parse(kind: type[T], program: str, description: str | None, words: Sequence[str] | None = None) -> T:
+    """An instance of a dataclass from the command line.
+
+    Fields of type bool become switches (--name; --no-name where the default is True), dicts are given as JSON.
+    """
+    parser = _Parser(
+        prog=program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    texts, types = _texts(kind), typing.get_type_hints(kind)
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+        options: dict[str, Any] = {"dest": field.name, "help": texts.get(field.name, "").replace("%", "%%")}
+        flag = "--" + field.name.replace("_", "-")
+        default = None if field.default is dataclasses.MISSING else field.default
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            options["required"] = True
+        elif field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        wanted = [t for t in (typing.get_args(types[field.name]) or (types[field.name],)) if t is not type(None)]
+        if types[field.name] is bool:
+            parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=default, **options)
+        elif typing.get_origin(types[field.name]) is dict:
+            parser.add_argument(flag, type=_table, default=default, metavar="JSON", **options)
+        else:
+            parser.add_argument(flag, type=_number if wanted[0] is int else wanted[0], default=default, **options)
+    return kind(**vars(parser.parse_args(words)))
+
+
+def _number(text: str) -> int:
+    """A whole number, 1e6 allowed."""
+    value = float(text)
+    if value != int(value):
+        raise ValueError
+    return int(value)
+
+
+def _table(text: str) -> dict[str, Any]:
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not JSON such as '{{\"key\": 1}}'") from error
+    if not isinstance(value, dict):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a JSON object such as '{{\"key\": 1}}'")
+    return value
+
+
+def _texts(kind: type[Any]) -> dict[str, str]:
+    """Help of each field, from the entries `name: text` of the docstring's section Args."""
+    body = (kind.__doc__ or "").partition("Args:")[2]
+    names = [field.name for field in dataclasses.fields(kind)]
+    marks = [m for m in re.finditer(r"^\s*(\w+):\s", body, re.MULTILINE) if m.group(1) in names]
+    ends = [m.start() for m in marks[1:]] + [len(body)]
+    return {
+        mark.group(1): " ".join(body[mark.end() : end].split()).rstrip(".")
+        for mark, end in zip(marks, ends, strict=True)
+    }

@@ -1,0 +1,157 @@
+"""Hyper-parameters from files in RL Zoo's format: one entry an environment id.
+
+Beside the entries a file may hold a table `env_kwargs`, keyed by id as well: keywords of the environment that these
+hyper-parameters are for. RL Zoo passes it over; there, the same goes after `--env-kwargs`.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+HOME = Path(__file__).resolve().parents[1] / "configs"
+
+ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
+"""Keys that are no argument of the algorithm's class."""
+
+SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
+OURS = ("env", "seed", "tensorboard_log", "verbose", "device", "policy_kwargs", "self", "_init_setup_model")
+
+
+@dataclass(frozen=True)
+class Config:
+    """Hyper-parameters of a run, as they stand in the file (`text`) and as the algorithm takes them.
+
+    Args:
+        algorithm: "ppo" or "sac". text: key -> value of the file. env_kwargs: keywords of the environment.
+    """
+
+    algorithm: str
+    text: Mapping[str, Any]
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def n_envs(self) -> int:
+        """Environments stepped together."""
+        return int(self.text.get("n_envs", 1))
+
+    @property
+    def n_timesteps(self) -> int:
+        """Environment steps in all."""
+        return int(float(self.text["n_timesteps"]))
+
+    @property
+    def normalize(self) -> dict[str, Any] | None:
+        """Keywords of VecNormalize, or None for none."""
+        value = self.text.get("normalize", False)
+        if not value:
+            return None
+        keywords = {} if value is True else dict(_value("normalize", value) if isinstance(value, str) else value)
+        return {"gamma": self.text["gamma"]} | keywords if "gamma" in self.text else keywords
+
+    def arguments(self) -> dict[str, Any]:
+        """Keywords of the algorithm's class, policy and policy_kwargs among them."""
+        chosen = {k: v for k, v in self.text.items() if k not in ZOO}
+        for key in SCHEDULED:
+            if isinstance(chosen.get(key), str):
+                chosen[key] = schedule(key, chosen[key])
+        if isinstance(chosen.get("policy_kwargs"), str):
+            chosen["policy_kwargs"] = _value("policy_kwargs", chosen["policy_kwargs"])
+        if isinstance(chosen.get("train_freq"), list):
+            chosen["train_freq"] = tuple(chosen["train_freq"])
+        return {"policy": self.text.get("policy", "MlpPolicy"), **chosen}
+
+
+def default_path(algorithm: str) -> Path:
+    """The file of an algorithm that is taken where none is named."""
+    return HOME / algorithm / "default.yml"
+
+
+def load(path: Path | None, algorithm: str, env_id: str) -> Config:
+    """Read the entry of an environment. ValueError names the file, the key and what is allowed."""
+    import yaml
+
+    path = default_path(algorithm) if path is None else path
+    try:
+        content = yaml.safe_load(path.read_text("utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict) or not isinstance(content.get(env_id), dict):
+        ids = [k for k in content if k != "env_kwargs"] if isinstance(content, dict) else []
+        raise ValueError(f"{path}: no entry for {env_id}; it has {', '.join(map(str, ids)) or 'none'}")
+    return checked(
+        Config(algorithm, content[env_id], (content.get("env_kwargs") or {}).get(env_id) or {}), str(path), env_id
+    )
+
+
+def checked(config: Config, path: str, env_id: str) -> Config:
+    """The config, or a ValueError for a key or value that there is not."""
+    taken = {*inspect.signature(algorithm_class(config.algorithm).__init__).parameters} - {*OURS}
+    allowed = sorted({*taken, *ZOO, "policy_kwargs"})
+    for key in config.text:
+        if key not in allowed:
+            raise ValueError(f"{path}: {env_id}.{key}: unknown key; {config.algorithm} takes {', '.join(allowed)}")
+    for key in ("n_timesteps",):
+        if key not in config.text:
+            raise ValueError(f"{path}: {env_id}.{key}: missing; a positive number of environment steps")
+    config.arguments()
+    return config
+
+
+def algorithm_class(name: str) -> Any:
+    """The class in Stable-Baselines3."""
+    import stable_baselines3
+
+    classes = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
+    if name not in classes:
+        raise ValueError(f"algo = {name!r}: must be one of {', '.join(classes)}")
+    return classes[name]
+
+
+class Linear:
+    """From a first value to zero over the whole run (RL Zoo's "lin_VALUE"); it can be pickled, a closure can't."""
+
+    def __init__(self, first: float) -> None:
+        self.first = first
+
+    def __call__(self, remaining: float) -> float:
+        return self.first * max(remaining, 0.0)
+
+
+def schedule(key: str, text: str) -> Linear:
+    """The schedule "lin_VALUE"."""
+    kind, _, number = text.partition("_")
+    try:
+        if kind == "lin":
+            return Linear(float(number))
+    except ValueError:
+        pass
+    raise ValueError(f"{key} = {text!r}: must be a number, or lin_NUMBER for one that falls to zero")
+
+
+def _value(key: str, text: str) -> Any:
+    """The value of an expression made of dict(...), literals and nn.NAME; nothing else is run."""
+    try:
+        return _node(ast.parse(text.strip(), mode="eval").body)
+    except (SyntaxError, ValueError) as error:
+        raise ValueError(f"{key} = {text!r}: must be made of dict(...), literals and nn.NAME") from error
+
+
+def _node(node: ast.expr) -> Any:
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "dict" and not node.args:
+        return {k.arg: _node(k.value) for k in node.keywords if k.arg}
+    if isinstance(node, ast.Dict):
+        return {ast.literal_eval(k): _node(v) for k, v in zip(node.keys, node.values, strict=True) if k}
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "nn":
+        from torch import nn
+
+        if isinstance(getattr(nn, node.attr, None), type):
+            return getattr(nn, node.attr)
+        raise ValueError(f"nn.{node.attr}")
+    return ast.literal_eval(node)

@@ -1,0 +1,148 @@
+"""Fixed episodes of an environment under a policy, and what is measured in them.
+
+All episodes run together in one native vector environment; episode i is that of seed `first + i`, whatever the
+policy, so that policies are compared on the same starts, targets and arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import flexarm_env  # noqa: F401  (registers the environments)
+from flexarm_env.control import Setup
+
+Array = NDArray[np.float64]
+
+TEST, VALIDATION, TUNING = 10_000, 20_000, 30_000
+"""First seeds of the episodes that policies are judged on, that training chooses on, that controllers are tuned on."""
+
+RANDOMIZED: dict[str, list[float]] = {"payload": [0.5, 2.0], "EI": [0.7, 1.3]}
+"""Ranges of the factors on payload and bending stiffness in randomised episodes."""
+
+TRAINING_ONLY = ("duration", "reward")
+"""Keywords of the environment that hold in training alone: a policy is judged on the environment's own."""
+
+SLEW_BAND, SLEW_BAND_LEAST, REACH_BAND = 0.02, float(np.radians(0.5)), 0.02
+"""Settled: tip angle within this share of the slew, at least so many rad; tip within so many m of its target."""
+
+
+class Policy(Protocol):
+    """What acts: `reset` takes the first observations of episodes that begin together, `act` every one in turn."""
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Begin episodes."""
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Actions in [-1, 1]."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """n episodes, one entry or column each; errors in rad (slew) or m (reach).
+
+    Attributes:
+        task, dt: of the environment. success (n,), settling (n,) s (the whole duration where it never settled),
+        settled (n,), vibration (n,) m, overshoot (n,) share of the way, effort (n,) s, returns (n,),
+        terminated (n,): ended early. errors (steps + 1, n): over time. way (n,): error at the start.
+    """
+
+    task: str
+    dt: float
+    success: NDArray[np.bool_]
+    settling: Array
+    settled: NDArray[np.bool_]
+    vibration: Array
+    overshoot: Array
+    effort: Array
+    returns: Array
+    terminated: NDArray[np.bool_]
+    errors: Array
+    way: Array
+
+
+def make_episodes(env_id: str, n: int, **arguments: Any) -> Any:
+    """The vector environment in which `run` runs its episodes."""
+    return gym.make_vec(env_id, num_envs=n, vectorization_mode="vector_entry_point", **arguments)
+
+
+def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
+    """One episode in each environment of a native vector environment, from seeds first, first + 1, ..."""
+    plain = env.unwrapped
+    setup, limit, n = Setup.of(env), int(plain.plan.limit), int(env.num_envs)
+    lengths = np.array([link.length for link in setup.arm.links])
+    limits = np.array(setup.torque_limits)
+    observation, info = env.reset(seed=first)
+    policy.reset(observation)
+    alive, success = np.ones(n, bool), np.zeros(n, bool)
+    returns, effort = np.zeros(n), np.zeros(n)
+    misses = np.full((limit + 1, n, 2 if setup.task == "reach" else 1), np.nan)
+    bends = np.full((limit + 1, n, setup.n_joints), np.nan)
+    last = np.full(n, limit)
+    misses[0], bends[0] = _miss(setup, observation, info), _bend(info, n) * lengths
+    for k in range(1, limit + 1):
+        observation, reward, terminated, truncated, info = env.step(policy.act(observation))
+        misses[k, alive] = _miss(setup, observation, info)[alive]
+        bends[k, alive] = (_bend(info, n) * lengths)[alive]
+        returns += np.where(alive, reward, 0.0)
+        load = np.sum((info["joint_torque"].reshape(n, -1) / limits) ** 2, axis=1) * setup.control_dt
+        effort += np.where(alive, load, 0.0)
+        ended = alive & (terminated | truncated)
+        success[ended] = info["is_success"][ended] & ~terminated[ended]
+        last[ended] = np.where(terminated[ended], k, last[ended])
+        alive &= ~ended
+        if not alive.any():
+            break
+    early = last < limit
+    errors = np.linalg.norm(misses, axis=2)
+    settling, settled = _settling(setup, errors, early)
+    return Episodes(
+        task=setup.task, dt=setup.control_dt, success=success, settling=settling, settled=settled,
+        vibration=_vibration(bends, last, round(1.0 / setup.control_dt)), overshoot=_overshoot(misses),
+        effort=effort, returns=returns, terminated=early, errors=errors, way=errors[0],
+    )  # fmt: skip
+
+
+def _miss(setup: Setup, observation: NDArray[np.float32], info: Mapping[str, Any]) -> Array:
+    """Target less tip, (n, 1) rad or (n, 2) m in fixed axes."""
+    if setup.task == "slew":
+        return observation[:, -1:].astype(np.float64) * setup.scales[-1]
+    miss: Array = info["target"] - info["tip_position"]
+    return miss
+
+
+def _bend(info: Mapping[str, Any], n: int) -> Array:
+    bend: Array = np.asarray(info["tip_deflection"]).reshape(n, -1)
+    return bend
+
+
+def _settling(setup: Setup, errors: Array, early: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """First time, s, after which the error stays in its band to the end, or the duration; whether it did."""
+    steps = len(errors) - 1
+    band = np.maximum(SLEW_BAND * errors[0], SLEW_BAND_LEAST) if setup.task == "slew" else REACH_BAND
+    outside = ~(errors <= band)  # NaN after an early end counts as outside
+    since = np.where(outside.any(axis=0), len(errors) - np.argmax(outside[::-1], axis=0), 0)
+    settled = (since <= steps) & ~early
+    return np.where(settled, since, steps) * setup.control_dt, settled
+
+
+def _vibration(bends: Array, last: NDArray[np.int64], window: int) -> Array:
+    """Half the range of the tip's deflection over the last second, m, of the link where it is largest."""
+    out = np.empty(len(last))
+    for i, end in enumerate(last):
+        tail = bends[max(0, end - window) : end + 1, i]
+        out[i] = 0.5 * np.max(tail.max(axis=0) - tail.min(axis=0))
+    return out
+
+
+def _overshoot(misses: Array) -> Array:
+    """Farthest that the tip went beyond its target in the direction it came from, as a share of the way."""
+    way = np.linalg.norm(misses[0], axis=1)
+    beyond = -np.nansum(misses * (misses[0] / np.maximum(way, 1e-12)[:, None]), axis=2)
+    share: Array = np.maximum(beyond.max(axis=0), 0.0) / np.maximum(way, 1e-12)
+    return share

@@ -1,0 +1,87 @@
+"""Figures of learning curves and of episodes under several controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.episodes import Episodes
+from agents.runs import write_whole
+
+COLOURS = ("#1b6ca8", "#d1495b", "#2e933c", "#e08e0b", "#7b4fa3", "#4d4d4d", "#17a2a2")
+
+
+def _axes(rows: int, width: float = 7.0, height: float = 2.6) -> tuple[Any, Any]:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(
+        rows, 1, figsize=(width, height * rows), sharex=True, layout="constrained", squeeze=False
+    )
+    for ax in axes[:, 0]:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(True, linewidth=0.4, alpha=0.5)
+    return figure, axes[:, 0]
+
+
+def _save(figure: Any, path: Path) -> None:
+    import matplotlib.pyplot as plt
+
+    write_whole(
+        path, lambda part: figure.savefig(part, dpi=140, metadata={"Software": None} if path.suffix == ".png" else None)
+    )
+    plt.close(figure)
+
+
+def learning_curve(curves: Sequence[Sequence[Mapping[str, float]]], path: Path, title: str = "") -> None:
+    """Success, settling time and return over environment steps; of one run or of several seeds with their median."""
+    figure, axes = _axes(3)
+    shown = (
+        ("success_rate", "success rate"),
+        ("settling_median", "median settling (s)"),
+        ("return_mean", "mean return"),
+    )
+    for ax, (key, label) in zip(axes, shown, strict=True):
+        for rows in curves:
+            x = [row["steps"] for row in rows]
+            ax.plot(
+                x, [row[key] for row in rows], color=COLOURS[0], linewidth=1.6 if len(curves) == 1 else 0.8, alpha=0.8
+            )
+        if len(curves) > 1:
+            grid = sorted({row["steps"] for rows in curves for row in rows})
+            lines = [np.interp(grid, [r["steps"] for r in rows], [r[key] for r in rows]) for rows in curves]
+            ax.plot(
+                grid, np.median(lines, axis=0), color=COLOURS[1], linewidth=2.0, label=f"median of {len(curves)} seeds"
+            )
+            ax.legend(frameon=False, loc="best")
+        ax.set_ylabel(label)
+    axes[0].set_ylim(-0.03, 1.03)
+    axes[0].set_title(title)
+    axes[-1].set_xlabel("environment steps")
+    _save(figure, path)
+
+
+def tip_errors(results: Mapping[str, Episodes], episode: int, path: Path, title: str = "") -> None:
+    """Tip error over time in the same episode under each controller."""
+    figure, axes = _axes(2)
+    first = next(iter(results.values()))
+    slew = first.task == "slew"
+    factor, unit = (180.0 / np.pi, "deg") if slew else (1000.0, "mm")
+    for k, (name, result) in enumerate(results.items()):
+        errors = result.errors[:, episode] * factor
+        t = np.arange(len(errors)) * result.dt
+        for ax in axes:
+            ax.plot(t, errors, color=COLOURS[k % len(COLOURS)], linewidth=1.5, label=name)
+    axes[1].set_yscale("log")
+    axes[1].set_ylim(bottom=1e-2 * (1.0 if slew else 10.0))
+    for ax in axes:
+        ax.set_ylabel(f"tip error ({unit})")
+    axes[0].legend(frameon=False, ncols=2)
+    axes[0].set_title(title)
+    axes[-1].set_xlabel("time (s)")
+    _save(figure, path)

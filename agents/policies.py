@@ -1,0 +1,83 @@
+"""Policies by the words that a command line takes: controllers, run folders, policy files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.runs import load_model, read_run
+from flexarm_env import control
+from flexarm_env.control import NumpyPolicy, Setup, load_policy
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A policy before it meets its environment.
+
+    name: to be shown. env_kwargs: keywords of the environment it was trained with. make: environment -> Policy.
+    """
+
+    name: str
+    env_kwargs: Mapping[str, Any]
+    make: Callable[[Any], Any]
+
+
+class TorchPolicy:
+    """A Stable-Baselines3 model with its normaliser, as a Policy."""
+
+    def __init__(self, model: Any, normaliser: Any) -> None:
+        self.model, self.normaliser = model, normaliser
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Nothing to remember."""
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Deterministic actions."""
+        seen = observation if self.normaliser is None else self.normaliser.normalize_obs(observation)
+        action: NDArray[np.float32] = self.model.predict(seen, deterministic=True)[0]
+        return action
+
+
+def choose(word: str, env_id: str) -> Chosen:
+    """What a word names. ValueError with a sentence for a word that names nothing, or what cannot be read."""
+    if word in control.NAMES:
+        return Chosen(word, {}, lambda env: control.make(word, env))
+    path = Path(word)
+    if path.is_dir() and not (path / "policy.npz").is_file():
+        return _from_model(path, env_id)
+    if not path.exists() and word not in control.policy_names():
+        known = ", ".join((*control.NAMES, *control.policy_names()))
+        raise ValueError(f"--policy {word}: no such run folder or file, and not one of {known}")
+    policy = load_policy(word)
+    _same_env(word, policy.meta["env_id"], env_id)
+    name = path.name if path.suffix != ".npz" else path.stem
+    return Chosen(name, policy.meta["env_kwargs"], lambda env: _checked(policy, env))
+
+
+def _checked(policy: NumpyPolicy, env: Any) -> NumpyPolicy:
+    policy.check(Setup.of(env))
+    return policy
+
+
+def _from_model(run: Path, env_id: str) -> Chosen:
+    record = read_run(run)
+    _same_env(str(run), record["env_id"], env_id)
+    model, normaliser = load_model(run, record["algorithm"])
+
+    def make(env: Any) -> TorchPolicy:
+        layout = Setup.of(env).layout
+        if layout != record["layout"]:
+            raise ValueError(f"{run}: trained on observation layout {record['layout']}; this environment's is {layout}")
+        return TorchPolicy(model, normaliser)
+
+    return Chosen(run.name, record["env_kwargs"], make)
+
+
+def _same_env(word: str, trained: str, env_id: str) -> None:
+    if trained != env_id:
+        raise ValueError(f"--policy {word}: trained on {trained}, not on {env_id}")

@@ -1,0 +1,106 @@
+"""Files that runs leave behind: written whole or not at all; and errors told in a sentence."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+INTERRUPTED = 130
+PACKAGES = ("flexarm_env", "numpy", "scipy", "numba", "gymnasium", "stable_baselines3", "torch")
+
+
+def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let `write` fill a part-file (of the same suffix) beside path, then put it in path's place."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".part-{os.getpid()}-{path.name}")
+    try:
+        write(part)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+
+    def write(part: Path) -> None:
+        part.write_text(text, "utf-8")
+
+    write_whole(path, write)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file, whole or not at all."""
+    write_text(path, json.dumps(content, indent=2) + "\n")
+
+
+def read_json(path: Path) -> Any:
+    """A JSON file's content; ValueError with a sentence where it is missing or damaged."""
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: damaged, not JSON ({error})") from error
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that matter, and the machine."""
+    found = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def fail(sentence: object) -> int:
+    """Print what is wrong, in one line, on standard error; the exit code 2."""
+    sys.stderr.write(f"{' '.join(str(sentence).split())}\n")
+    return 2
+
+
+# ------------------------------------------------------------------ run folders
+def read_run(run: Path) -> dict[str, Any]:
+    """The record (run.json) of a run folder. ValueError with a sentence where there is none."""
+    if not run.is_dir():
+        raise ValueError(f"{run}: no such run folder")
+    if not (run / "run.json").is_file():
+        raise ValueError(f"{run}: not a run folder, it has no run.json")
+    record = read_json(run / "run.json")
+    for key in ("algorithm", "env_id", "env_kwargs", "layout"):
+        if not isinstance(record, dict) or key not in record:
+            raise ValueError(f"{run / 'run.json'}: damaged, it does not say {key}")
+    return dict(record)
+
+
+def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
+    """Model and VecNormalize statistics (or None) of a folder; ValueError with a sentence where they cannot be read."""
+    import pickle
+
+    from agents.config import algorithm_class
+
+    path = folder / "model.zip"
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file")
+    try:
+        model = algorithm_class(algorithm).load(path, device="cpu")
+    except Exception as error:  # a damaged zip fails in many ways
+        raise ValueError(f"{path}: damaged, or of other versions ({type(error).__name__})") from error
+    statistics = folder / "vecnormalize.pkl"
+    if not statistics.is_file():
+        return model, None
+    try:
+        with statistics.open("rb") as file:
+            normaliser = pickle.load(file)
+    except Exception as error:
+        raise ValueError(f"{statistics}: damaged ({type(error).__name__})") from error
+    normaliser.training = False
+    return model, normaliser

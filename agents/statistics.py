@@ -1,0 +1,69 @@
+"""Medians, means and rates with bootstrap intervals; tables of them in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.episodes import Episodes
+
+Array = NDArray[np.float64]
+
+RESAMPLES = 4000
+LEVEL = 0.95
+
+
+def bootstrap(values: Array, statistic: Callable[..., Any], seed: int = 0) -> tuple[float, float]:
+    """Percentile bootstrap interval of a statistic (called with axis=1) of the values (n,)."""
+    rng = np.random.default_rng(seed)
+    drawn = values[rng.integers(0, len(values), (RESAMPLES, len(values)))]
+    low, high = np.quantile(statistic(drawn, axis=1), [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
+    return float(low), float(high)
+
+
+QUANTITIES: dict[str, tuple[str, Callable[..., Any], Callable[[Episodes], Array]]] = {
+    "success_rate": ("success", np.mean, lambda e: e.success.astype(float)),
+    "settling_time_median": ("settling (s)", np.median, lambda e: e.settling),
+    "settling_time_mean": ("settling, mean (s)", np.mean, lambda e: e.settling),
+    "residual_vibration_median": ("residual vibration (mm)", np.median, lambda e: e.vibration * 1e3),
+    "overshoot_median": ("overshoot (%)", np.median, lambda e: e.overshoot * 100.0),
+    "effort_median": ("effort (s)", np.median, lambda e: e.effort),
+    "return_mean": ("return", np.mean, lambda e: e.returns),
+}
+"""Key in the JSON -> (heading, statistic, values of an Episodes). Vibration is in mm there, overshoot in %."""
+
+
+def summary(result: Episodes) -> dict[str, Any]:
+    """Every quantity and its interval (key + "_interval"); episodes, and how many settled and ended early."""
+    out: dict[str, Any] = {"episodes": len(result.success)}
+    for key, (_, statistic, values) in QUANTITIES.items():
+        numbers = values(result)
+        out[key] = float(statistic(numbers))
+        out[f"{key}_interval"] = list(bootstrap(numbers, statistic))
+    out["settled_rate"] = float(result.settled.mean())
+    out["terminated_rate"] = float(result.terminated.mean())
+    return out
+
+
+def markdown(rows: Mapping[str, Mapping[str, Any]], bounds: Mapping[str, float] | None = None) -> str:
+    """A table: a row a policy, intervals in brackets; the bounds' medians below it."""
+    heads = [head for head, _, _ in QUANTITIES.values()]
+    lines = ["| policy | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
+    for name, row in rows.items():
+        cells = [_cell(key, row[key], row[f"{key}_interval"]) for key in QUANTITIES]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    for name, value in (bounds or {}).items():
+        cells = ["" for _ in QUANTITIES]
+        cells[list(QUANTITIES).index("settling_time_median")] = f"{value:.2f}"
+        lines.append(f"| *{name}* | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(key: str, value: float, interval: Sequence[float]) -> str:
+    if key == "success_rate":
+        return f"{value:.0%} [{interval[0]:.0%}, {interval[1]:.0%}]"
+    digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
+    return f"{value:.{digits}f} [{interval[0]:.{digits}f}, {interval[1]:.{digits}f}]"

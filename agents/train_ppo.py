@@ -1,0 +1,203 @@
+"""Train a policy with Stable-Baselines3: PPO, or SAC with --algo sac.
+
+    python -m agents.train_ppo --env FlexibleArm-v0
+    python -m agents.train_ppo --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml
+    python -m agents.train_ppo --env FlexibleArm-v0 --out runs/mine --resume
+
+The run folder holds model.zip (the best on the validation episodes), vecnormalize.pkl where observations are
+normalised, policy.npz (the same for NumPy alone), config.yml (resolved), run.json (arguments, versions, layout of the
+observation, what it came to), learning_curve.csv and .png, tensorboard/ and checkpoints/.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from agents import config as configs
+from agents import episodes
+from agents.arguments import parse
+from agents.runs import fail, read_run, versions, write_json, write_text
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.train_ppo` takes.
+
+    Args:
+        env: id of the environment.
+        algo: "ppo" or "sac".
+        config: file of hyper-parameters, RL Zoo format; default configs/ALGO/default.yml.
+        env_kwargs: keywords of the environment, as JSON; they go before those of the config file.
+        seed: of everything.
+        n_timesteps: environment steps in all; default the config's.
+        out: run folder; default runs/ALGO-ENV-SEED.
+        resume: go on from the run folder's last checkpoint (other flags are then those of the run).
+        evaluate_every: environment steps from one evaluation to the next.
+        eval_episodes: episodes of an evaluation.
+        solved_at: success rate from which the task counts as solved.
+        stop_when_solved: end the run there.
+        checkpoint_every: environment steps from one checkpoint to the next.
+        threads: of torch; networks this small are quickest with one.
+        tensorboard: write curves for TensorBoard.
+        progress: show a progress bar.
+    """
+
+    env: str = "FlexibleArm-v0"
+    algo: str = "ppo"
+    config: Path | None = None
+    env_kwargs: dict[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    n_timesteps: int | None = None
+    out: Path | None = None
+    resume: bool = False
+    evaluate_every: int = 32_768
+    eval_episodes: int = 100
+    solved_at: float = 0.95
+    stop_when_solved: bool = False
+    checkpoint_every: int = 131_072
+    threads: int = 1
+    tensorboard: bool = True
+    progress: bool = True
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.out or Path("runs") / f"{self.algo}-{self.env}-{self.seed}"
+
+
+def train(arguments: Arguments) -> Any:
+    """Train, and return what it came to (`agents.training.Progress`). ValueError with a sentence for what is wrong."""
+    folder = arguments.folder
+    if arguments.resume:
+        arguments = _resumed(arguments)
+    elif (folder / "run.json").exists():
+        raise ValueError(f"{folder}: holds a run already; go on with it by --resume, or choose another --out")
+    config = _resolved(arguments)
+    import torch
+
+    torch.set_num_threads(arguments.threads)
+    from agents import training
+    from flexarm_env.control import Setup
+    from flexarm_env.sb3 import make_sb3_vec
+
+    kwargs = {**config.env_kwargs, **arguments.env_kwargs}
+    judged = {k: v for k, v in kwargs.items() if k not in episodes.TRAINING_ONLY}
+    eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
+    setup = Setup.of(eval_env)
+    env = make_sb3_vec(arguments.env, config.n_envs, seed=arguments.seed, normalize=config.normalize or False, **kwargs)
+    algorithm = configs.algorithm_class(config.algorithm)
+    record: dict[str, Any] = {
+        "algorithm": config.algorithm,
+        "env_id": arguments.env,
+        "env_kwargs": kwargs,
+        "layout": setup.layout,
+        "seed": arguments.seed,
+        "arguments": {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()},
+        "versions": versions(),
+        "finished": False,
+    }
+    if arguments.resume:
+        model, progress = training.restore(folder, algorithm, env)
+    else:
+        model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
+        progress = training.Progress()
+        write_text(folder / "config.yml", _text(config, arguments.env))
+        write_json(folder / "run.json", record)
+    _log(model, folder, arguments)
+    meta = {key: record[key] for key in ("env_id", "env_kwargs", "layout", "seed", "algorithm", "versions")}
+    watch = training.Watch(
+        folder, eval_env, meta, evaluate_every=arguments.evaluate_every, checkpoint_every=arguments.checkpoint_every,
+        solved_at=arguments.solved_at, stop=arguments.stop_when_solved, progress=progress, total=config.n_timesteps,
+        bar=arguments.progress,
+    )  # fmt: skip
+    left = config.n_timesteps - model.num_timesteps
+    if left > 0:
+        model.learn(left, callback=watch, reset_num_timesteps=False)
+    _finish(folder, record, progress)
+    env.close()
+    eval_env.close()
+    return progress
+
+
+def _finish(folder: Path, record: dict[str, Any], progress: Any) -> None:
+    from agents.export_policy import export
+    from agents.figures import learning_curve
+
+    record |= {
+        "finished": True,
+        "steps": progress.curve[-1]["steps"],
+        "wall_s": progress.wall_s,
+        "cpu_s": progress.cpu_s,
+        "best_steps": progress.best_steps,
+        "solved": progress.solved,
+    }
+    write_json(folder / "run.json", record)
+    learning_curve([progress.curve], folder / "learning_curve.png", str(record["env_id"]))
+    export(folder)
+    shutil.rmtree(folder / "checkpoints", ignore_errors=True)
+
+
+def _resolved(arguments: Arguments) -> configs.Config:
+    """The config with the number of steps asked for."""
+    config = configs.load(arguments.config, arguments.algo, arguments.env)
+    if arguments.n_timesteps is not None:
+        config = dataclasses.replace(config, text={**config.text, "n_timesteps": arguments.n_timesteps})
+    return config
+
+
+def _resumed(arguments: Arguments) -> Arguments:
+    """The arguments that the run was started with."""
+    record = read_run(arguments.folder)
+    if record.get("finished"):
+        raise ValueError(f"{arguments.folder}: that run has finished; there is nothing to resume")
+    known = {f.name for f in dataclasses.fields(Arguments)}
+    values = {k: v for k, v in record["arguments"].items() if k in known}
+    values |= {"config": arguments.folder / "config.yml", "out": arguments.folder, "resume": True}
+    values |= {"progress": arguments.progress}
+    return Arguments(**values)
+
+
+def _text(config: configs.Config, env_id: str) -> str:
+    import yaml
+
+    content: dict[str, Any] = {env_id: dict(config.text)}
+    if config.env_kwargs:
+        content["env_kwargs"] = {env_id: dict(config.env_kwargs)}
+    return str(yaml.safe_dump(content, sort_keys=False))
+
+
+def _log(model: Any, folder: Path, arguments: Arguments) -> None:
+    """Where Stable-Baselines3 writes its own curves."""
+    from importlib.util import find_spec
+
+    from stable_baselines3.common.logger import configure
+
+    wanted = arguments.tensorboard and find_spec("tensorboard") is not None
+    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]) if wanted else configure(None, []))
+
+
+def main() -> int:
+    """Run the command."""
+    from agents.runs import INTERRUPTED
+
+    arguments = parse(Arguments, "python -m agents.train_ppo", __doc__)
+    try:
+        progress = train(arguments)
+    except ValueError as error:
+        return fail(error)
+    except KeyboardInterrupt:
+        sys.stderr.write(f"interrupted; go on with: python -m agents.train_ppo --out {arguments.folder} --resume\n")
+        return INTERRUPTED
+    from agents.training import describe
+
+    print(f"{arguments.folder}: {describe(progress)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,300 @@
+"""What watches a training run: evaluation on fixed episodes, the learning curve, checkpoints, the progress bar."""
+
+from __future__ import annotations
+
+import csv
+import functools
+import io
+import json
+import os
+import pickle
+import random
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+from agents import episodes
+from agents.export_policy import numpy_policy
+from agents.runs import write_text, write_whole
+
+COLUMNS = (
+    "steps", "success_rate", "settling_mean", "settling_median", "return_mean", "train_return", "std", "learning_rate",
+    "wall_s", "cpu_s",
+)  # fmt: skip
+"""Of the learning curve. All but the last two are the same again for the same seed on the same machine."""
+
+
+@dataclass
+class Progress:
+    """What a run has come to; part of every checkpoint.
+
+    curve: rows of COLUMNS. best: least cost so far (see `cost`). solved: row at which it was solved, or None.
+    wall_s, cpu_s: spent so far, evaluation and checkpoints left out.
+    """
+
+    curve: list[dict[str, float]] = field(default_factory=list)
+    best: float = float("inf")
+    best_steps: int = 0
+    solved: dict[str, float] | None = None
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+
+def cost(result: episodes.Episodes) -> float:
+    """Mean settling time, s, an episode without success counting twice the duration."""
+    duration = (len(result.errors) - 1) * result.dt
+    return float(np.where(result.success, result.settling, 2.0 * duration).mean())
+
+
+class Watch(BaseCallback):
+    """Evaluates between rollouts, keeps the best model, saves checkpoints, and ends the run when it is solved.
+
+    Args:
+        folder: the run folder. env: the vector environment for evaluation. meta: of the exported policy.
+        evaluate_every, checkpoint_every: environment steps. solved_at: success rate. stop: end when solved.
+        progress: what an earlier part of the run has come to. total: steps of the run. bar: show a progress bar.
+    """
+
+    def __init__(
+        self, folder: Path, env: Any, meta: dict[str, Any], *, evaluate_every: int, checkpoint_every: int,
+        solved_at: float, stop: bool, progress: Progress, total: int, bar: bool,
+    ) -> None:  # fmt: skip
+        super().__init__()
+        self.folder, self.eval_env, self.meta, self.state = folder, env, meta, progress
+        self.evaluate_every, self.checkpoint_every = evaluate_every, checkpoint_every
+        self.solved_at, self.stop, self.total, self.show = solved_at, stop, total, bar
+        self._bar: Any = None
+        self._over = False
+        self._wall = self._cpu = 0.0
+
+    # --- clocks: what evaluation and checkpoints take is not training -------------------------------
+    def _tick(self) -> None:
+        wall, cpu = time.perf_counter(), time.process_time()
+        self.state.wall_s += wall - self._wall
+        self.state.cpu_s += cpu - self._cpu
+        self._wall, self._cpu = wall, cpu
+
+    def _reset_clock(self) -> None:
+        self._wall, self._cpu = time.perf_counter(), time.process_time()
+
+    # --- events --------------------------------------------------------------------------------------
+    def _on_training_start(self) -> None:
+        self._next_evaluation = _after(self.num_timesteps - 1, self.evaluate_every)
+        self._next_checkpoint = _after(self.num_timesteps, self.checkpoint_every)
+        if self.show:
+            from tqdm import tqdm  # type: ignore[import-untyped]
+
+            self._bar = tqdm(
+                total=self.total, initial=self.num_timesteps, unit="step", unit_scale=True, mininterval=0.5
+            )
+        self._reset_clock()
+
+    def _on_rollout_start(self) -> None:
+        steps = self.num_timesteps
+        self._tick()
+        if steps >= self._next_evaluation and steps not in [row["steps"] for row in self.state.curve[-1:]]:
+            self._next_evaluation = _after(steps, self.evaluate_every)
+            self.judge()
+        if steps >= self._next_checkpoint:
+            self._next_checkpoint = _after(steps, self.checkpoint_every)
+            save_checkpoint(self.folder, self.model, self.state)
+        self._reset_clock()
+        if self._bar is not None:
+            self._bar.update(steps - self._bar.n)
+
+    def _on_step(self) -> bool:
+        return not self._over
+
+    def _on_training_end(self) -> None:
+        self._tick()
+        if not self._over and self.num_timesteps not in [row["steps"] for row in self.state.curve[-1:]]:
+            self.judge()
+        if self._bar is not None:
+            self._bar.update(self.num_timesteps - self._bar.n)
+            self._bar.close()
+
+    # --- evaluation ----------------------------------------------------------------------------------
+    def judge(self) -> None:
+        """Evaluate on the validation episodes, note it, keep the model where it is the best so far."""
+        policy = numpy_policy(self.model, self.meta, self.model.get_vec_normalize_env())
+        result = episodes.run(self.eval_env, policy, episodes.VALIDATION)
+        state, now = self.state, cost(result)
+        std = getattr(self.model.policy, "log_std", None)
+        row = {
+            "steps": float(self.num_timesteps),
+            "success_rate": float(result.success.mean()),
+            "settling_mean": float(result.settling.mean()),
+            "settling_median": float(np.median(result.settling)),
+            "return_mean": float(result.returns.mean()),
+            "train_return": float(np.mean([e["r"] for e in self.model.ep_info_buffer or []] or [np.nan])),
+            "std": float(np.exp(std.detach().numpy()).mean()) if std is not None else float("nan"),
+            "learning_rate": float(self.model.lr_schedule(self.model._current_progress_remaining)),
+            "wall_s": round(state.wall_s, 2),
+            "cpu_s": round(state.cpu_s, 2),
+        }
+        state.curve.append(row)
+        if now < state.best:
+            state.best, state.best_steps = now, self.num_timesteps
+            save_model(self.folder, self.model)
+        if state.solved is None and row["success_rate"] >= self.solved_at:
+            state.solved = dict(row)
+        self._over = self.stop and state.solved is not None
+        write_curve(self.folder / "learning_curve.csv", state.curve)
+        for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
+            self.logger.record(f"validation/{name}", row[name])
+        if self._bar is not None:
+            self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
+
+
+def _after(steps: int, every: int) -> int:
+    """The first multiple of `every` beyond `steps`."""
+    return (steps // every + 1) * every
+
+
+def write_curve(path: Path, rows: list[dict[str, float]]) -> None:
+    """The learning curve as CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({k: f"{v:.10g}" for k, v in row.items()} for row in rows)
+    write_text(path, text.getvalue())
+
+
+def save_model(folder: Path, model: Any) -> None:
+    """model.zip and, where observations are normalised, vecnormalize.pkl."""
+    write_whole(folder / "model.zip", lambda part: _to(part, model.save))
+    normaliser = model.get_vec_normalize_env()
+    if normaliser is not None:
+        write_whole(folder / "vecnormalize.pkl", lambda part: normaliser.save(str(part)))
+
+
+def _to(part: Path, save: Callable[[Any], None]) -> None:
+    with part.open("wb") as file:
+        save(file)
+
+
+# ------------------------------------------------------------------ checkpoints
+def save_checkpoint(folder: Path, model: Any, progress: Progress, keep: int = 2) -> None:
+    """Everything from which the run goes on as if it had not stopped; the last few are kept."""
+    import torch
+
+    home = folder / "checkpoints"
+    part, final = home / f".part-{os.getpid()}", home / f"{model.num_timesteps:012d}"
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    save_model(part, model)
+    if hasattr(model, "replay_buffer"):
+        model.save_replay_buffer(part / "replay.pkl")
+    for name in ("model.zip", "vecnormalize.pkl"):  # the best so far, to fall back to together with the curve
+        if (folder / name).is_file():
+            shutil.copyfile(folder / name, part / f"best-{name}")
+    state = {
+        "progress": progress,
+        "torch": torch.get_rng_state(),
+        "numpy": np.random.get_state(),
+        "python": random.getstate(),
+        "envs": env_states(model.env),
+    }
+    with (part / "state.pkl").open("wb") as file:
+        pickle.dump(state, file)
+    shutil.rmtree(final, ignore_errors=True)
+    part.rename(final)
+    for old in checkpoints(folder)[:-keep]:
+        shutil.rmtree(old)
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """Complete checkpoints, oldest first."""
+    return sorted(p for p in (folder / "checkpoints").glob("[0-9]*") if (p / "state.pkl").is_file())
+
+
+def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
+    """Model and progress of the last checkpoint that can be read; the environments and generators with them."""
+    import torch
+
+    found = checkpoints(folder)
+    if not found:
+        raise ValueError(f"{folder}: no checkpoint to resume from")
+    for path in reversed(found):
+        try:
+            with (path / "state.pkl").open("rb") as file:
+                state = pickle.load(file)
+            model = algorithm.load(path / "model.zip", env=env, force_reset=not state["envs"], device="cpu")
+            if (path / "replay.pkl").is_file():
+                model.load_replay_buffer(path / "replay.pkl")
+            break
+        except Exception as error:
+            problem = f"{path}: damaged ({type(error).__name__})"
+    else:
+        raise ValueError(problem)
+    if (path / "vecnormalize.pkl").is_file():
+        with (path / "vecnormalize.pkl").open("rb") as file:
+            kept = pickle.load(file)
+        for name in ("obs_rms", "ret_rms", "returns"):
+            setattr(model.get_vec_normalize_env(), name, getattr(kept, name))
+    for name in ("model.zip", "vecnormalize.pkl"):
+        if (path / f"best-{name}").is_file():
+            best = path / f"best-{name}"
+            write_whole(folder / name, functools.partial(shutil.copyfile, best))
+    if state["envs"]:
+        set_env_states(model.env, state["envs"])
+    torch.set_rng_state(state["torch"])
+    np.random.set_state(state["numpy"])
+    random.setstate(state["python"])
+    return model, state["progress"]
+
+
+MONITOR = ("episode_returns", "episode_lengths", "episode_count")
+
+
+def env_states(venv: Any) -> dict[str, Any]:
+    """States of the environments, where they can give them, and what VecMonitor has counted."""
+    native = venv.unwrapped.env.unwrapped
+    if not hasattr(native, "get_state"):
+        return {}
+    states: dict[str, Any] = {"native": [native.get_state(i) for i in range(venv.num_envs)]}
+    inner = venv
+    while hasattr(inner, "venv"):
+        if hasattr(inner, "episode_returns"):
+            states["monitor"] = {k: np.copy(getattr(inner, k)) for k in MONITOR if hasattr(inner, k)}
+        inner = inner.venv
+    return states
+
+
+def set_env_states(venv: Any, states: dict[str, Any]) -> None:
+    """Give the environments back what `env_states` took."""
+    native = venv.unwrapped.env.unwrapped
+    venv.reset()
+    for i, state in enumerate(states["native"]):
+        native.set_state(state, i)
+    inner = venv
+    while hasattr(inner, "venv"):
+        if hasattr(inner, "episode_returns"):
+            for k, value in states.get("monitor", {}).items():
+                setattr(inner, k, value.copy() if value.ndim else value.item())
+        inner = inner.venv
+
+
+def describe(progress: Progress) -> str:
+    """What a run has come to, in a few words."""
+    if not progress.curve:
+        return "nothing evaluated"
+    rows = {row["steps"]: row for row in progress.curve}
+    best = rows[float(progress.best_steps)]
+    text = (
+        f"best at {progress.best_steps} steps: success {best['success_rate']:.0%}, "
+        f"median settling {best['settling_median']:.2f} s (validation episodes)"
+    )
+    if progress.solved is not None:
+        s = progress.solved
+        text += f"; solved after {s['steps']:.0f} steps, {s['wall_s']:.0f} s ({s['cpu_s']:.0f} s CPU)"
+    return text
+
+
+__all__ = ["COLUMNS", "Progress", "Watch", "checkpoints", "cost", "describe", "json", "restore", "save_checkpoint"]

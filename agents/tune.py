@@ -1,0 +1,186 @@
+"""Tune the gains of the classical controllers: random search, then Nelder-Mead, on episodes of their own.
+
+    python -m agents.tune --env FlexibleArm-v0                   # all controllers, a few minutes
+    python -m agents.tune --env TwoLinkFlexArm-v0 --controllers pd,lqr
+
+What is made small is the mean settling time plus the duration for every episode without success, on episodes that
+neither training nor evaluation sees. The gains found are written to flexarm_env/data/control/TASK.toml, from where
+`flexarm_env.control.make` takes them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import time
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents import episodes
+from agents.runs import fail, write_text
+from flexarm_env import control
+from flexarm_env.control.catalogue import gains_from
+
+HOME = Path(__file__).resolve().parents[1] / "flexarm_env" / "data" / "control"
+
+WEIGHTS = {"angle": (0.3, 300.0), "rate": (0.03, 100.0), "bend": (0.03, 300.0), "bend_rate": (0.03, 300.0)}
+PD = {"bandwidth": (0.05, 3.0), "ratio": (0.3, 3.0)}
+SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
+    "pd": PD,
+    "zv": PD | {"effort": (0.2, 1.0)},
+    "zvd": PD | {"effort": (0.2, 1.0)},
+    "lqr": WEIGHTS | {"noise": (0.003, 3.0)},
+    "time_optimal": {"effort": (0.8, 1.0)} | WEIGHTS | {"noise": (0.003, 3.0)},
+}
+"""Gains that are searched, with their ranges; on a logarithmic scale."""
+
+PER_JOINT = ("bandwidth", "ratio")
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.tune` takes.
+
+    Args:
+        env: id of the environment. controllers: names, separated by commas. samples: of the random search.
+        refinements: evaluations of Nelder-Mead. episodes: an evaluation runs. seed: of the search.
+        dry: print what is found, write nothing.
+    """
+
+    env: str
+    controllers: str = ",".join(control.NAMES)
+    samples: int = 80
+    refinements: int = 120
+    episodes: int = 64
+    seed: int = 0
+    dry: bool = False
+
+
+def search(
+    cost: Callable[[Array], float], bounds: Array, arguments: Arguments, start: Array | None
+) -> tuple[Array, float]:
+    """The point of least cost within bounds (k, 2), on a logarithmic scale."""
+    from scipy.optimize import minimize
+    from scipy.stats import qmc
+
+    low, high = np.log(bounds[:, 0]), np.log(bounds[:, 1])
+    points = qmc.scale(qmc.Sobol(len(low), rng=arguments.seed).random(arguments.samples), low, high)
+    if start is not None:
+        points = np.vstack([np.clip(np.log(start), low, high), points])
+    costs = [cost(np.exp(p)) for p in points]
+    best = points[int(np.argmin(costs))]
+    steps = np.vstack([best, best + np.diag(np.where(best + 0.25 < high, 0.25, -0.25))])
+    found = minimize(
+        lambda p: cost(np.exp(p)), best, method="Nelder-Mead", bounds=np.stack([low, high], axis=1),
+        options={"maxfev": arguments.refinements, "initial_simplex": steps, "xatol": 1e-2, "fatol": 1e-3},
+    )  # fmt: skip
+    return np.exp(found.x), float(found.fun)
+
+
+def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], episodes.Episodes]:
+    """Gains of a controller as a table, and the episodes run with them."""
+    setup = control.Setup.of(env)
+    names, bounds = [], []
+    for key, limits in SEARCHED[name].items():
+        for _ in range(setup.n_joints if key in PER_JOINT else 1):
+            names.append(key)
+            bounds.append(limits)
+
+    def table(values: Array) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key, value in zip(names, values, strict=True):
+            number = float(f"{value:.4g}")
+            out[key] = [*out.get(key, []), number] if key in PER_JOINT else number
+        return out
+
+    def trial(values: Array) -> episodes.Episodes:
+        controller = control.make(name, setup, gains_from(name, table(values)))
+        return episodes.run(env, controller, episodes.TUNING)
+
+    def cost(values: Array) -> float:
+        try:
+            result = trial(values)
+        except (np.linalg.LinAlgError, ValueError):  # a Riccati equation or a plan without solution
+            return 1e3
+        duration = (len(result.errors) - 1) * result.dt
+        return float(result.settling.mean() + duration * (1.0 - result.success.mean()))
+
+    known = current(setup.task).get(name)
+    start = None
+    if known is not None:
+        flat = [v for key in SEARCHED[name] for v in np.atleast_1d(known.get(key, np.nan))]
+        start = np.array(flat) if len(flat) == len(names) and np.isfinite(flat).all() else None
+    best, _ = search(cost, np.array(bounds), arguments, start)
+    return table(best), trial(best)
+
+
+def current(task: str) -> dict[str, Any]:
+    """The gains on file."""
+    path = HOME / f"{task}.toml"
+    return tomllib.loads(path.read_text("utf-8")) if path.is_file() else {}
+
+
+def text_of(tables: dict[str, Any], env_id: str) -> str:
+    """TOML text of the gains of all controllers."""
+    lines = [
+        f"# Gains of the controllers on {env_id}, found by `python -m agents.tune --env {env_id}`;",
+        "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, time_optimal.py.",
+    ]
+    for name in control.NAMES:
+        if name in tables:
+            lines += ["", f"[{name}]", *(f"{key} = {value}" for key, value in tables[name].items())]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Run the command."""
+    arguments = parse()
+    chosen = arguments.controllers.split(",")
+    for name in chosen:
+        if name not in control.NAMES:
+            return fail(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
+    env = episodes.make_episodes(arguments.env, arguments.episodes)
+    task = control.Setup.of(env).task
+    tables = current(task)
+    for name in chosen:
+        if name == "time_optimal" and task != "slew":
+            continue
+        clock = time.perf_counter()
+        tables[name], result = tune(name, env, arguments)
+        print(
+            f"{name:13s} success {result.success.mean():.2f}  settling mean {result.settling.mean():.3f} s, "
+            f"median {np.median(result.settling):.3f} s  {tables[name]}  ({time.perf_counter() - clock:.0f} s)",
+            flush=True,
+        )
+        if not arguments.dry:
+            write_text(HOME / f"{task}.toml", text_of(tables, arguments.env))
+    return 0
+
+
+def parse() -> Arguments:
+    """Arguments from the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m agents.tune", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for field in dataclasses.fields(Arguments):
+        if field.type == "bool":
+            parser.add_argument(f"--{field.name}", action="store_true")
+        else:
+            kind = int if field.type == "int" else str
+            required = field.default is dataclasses.MISSING
+            default = None if required else field.default
+            parser.add_argument(f"--{field.name}", type=kind, required=required, default=default)
+    return Arguments(**vars(parser.parse_args()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

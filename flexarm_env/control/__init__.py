@@ -1,0 +1,26 @@
+"""Controllers without learning, and trained policies run with NumPy alone.
+
+    from flexarm_env.control import make
+    env = gymnasium.make("FlexibleArm-v0")
+    controller = make("lqr", env)
+    observation, _ = env.reset(seed=0)
+    controller.reset(observation)
+    action = controller.act(observation)
+
+All of them read the environment's observation and nothing else, know the nominal arm, and keep its torque limits.
+"""
+
+from .base import Controller, Setup
+from .catalogue import NAMES, make
+from .lqr import LQR, LQRGains
+from .pd import PD, PDGains
+from .policy import NumpyPolicy, load_policy
+from .policy import names as policy_names
+from .shaping import ShapedGains, ShapedPD, Shaper, zv, zvd
+from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
+
+__all__ = [
+    "LQR", "NAMES", "PD", "Controller", "LQRGains", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains",
+    "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains", "load_policy", "make", "plan", "policy_names",
+    "rigid_time", "zv", "zvd",
+]  # fmt: skip

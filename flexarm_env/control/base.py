@@ -1,0 +1,161 @@
+"""What the controllers have in common: the numbers they read, the interface they keep, the torque limit they obey."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parameters import Arm
+from .kinematics import goal_angles, rigid_inertia, target_in_hub_frame, wrapped
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a controller may know about its environment: the nominal arm and the observation's layout, SI.
+
+    Args:
+        task: "slew" (one link, tip angle) or "reach" (two links, tip position).
+        arm: the nominal arm. control_dt: s. torque_limits (N,): N m at an action of 1.
+        names, scales: of the observation's entries, in order; entry = value / scale.
+    """
+
+    task: str
+    arm: Arm
+    control_dt: float
+    torque_limits: tuple[float, ...]
+    names: tuple[str, ...]
+    scales: tuple[float, ...]
+
+    @classmethod
+    def of(cls, env: Any) -> Setup:
+        """What there is to know of an environment of this package, single or vector, wrapped or not."""
+        plain = env.unwrapped
+        if not hasattr(plain, "plan"):
+            raise ValueError(f"{env}: controllers are made for the environments of flexarm_env")
+        kind, arm = plain.plan.kind, plain.plan.arm
+        scales = tuple(float(s) for s in plain.batch.task.scales)
+        return cls(kind.task, arm, plain.plan.period, arm.torque_limits, kind.names, scales)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints N."""
+        return self.arm.n_links
+
+    @property
+    def layout(self) -> str:
+        """Hash of the observation's layout, its names and scales (six digits) in order: 16 hexadecimal digits."""
+        entries = [[name, f"{scale:.6g}"] for name, scale in zip(self.names, self.scales, strict=True)]
+        return hashlib.sha256(json.dumps(entries).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """An observation in SI units, one row an environment.
+
+    Attributes: angles (n, N) rad, wrapped to one turn; rates (n, N) rad/s; bends (n, N): tip deflection over length;
+        bend_rates (n, N) 1/s; error (n, 1): target minus tip angle, rad (slew), or (n, 2): tip to target in the frame
+        that turns with the hub, m (reach).
+    """
+
+    angles: Array
+    rates: Array
+    bends: Array
+    bend_rates: Array
+    error: Array
+
+
+class Reader:
+    """Observations to :class:`Signals`."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.scales = np.asarray(setup.scales)
+        place = {name: i for i, name in enumerate(setup.names)}
+        joints = ("hub", "elbow") if setup.n_joints == 2 else ("hub",)
+        self._sin = [place[f"{j}_sin"] for j in joints]
+        self._cos = [place[f"{j}_cos"] for j in joints]
+        self._rates = [place[f"{j}_rate"] for j in joints]
+        links = ("",) if setup.n_joints == 1 else tuple(f"_{k + 1}" for k in range(setup.n_joints))
+        self._bends = [place[f"tip_deflection{k}"] for k in links]
+        self._bend_rates = [place[f"tip_deflection_rate{k}"] for k in links]
+        error = ("target_error",) if setup.task == "slew" else ("to_target_x", "to_target_y")
+        self._error = [place[name] for name in error]
+
+    def __call__(self, observation: NDArray[np.floating]) -> Signals:
+        values = np.atleast_2d(np.asarray(observation, dtype=np.float64)) * self.scales
+        angles = np.arctan2(values[:, self._sin], values[:, self._cos])
+        return Signals(
+            angles, values[:, self._rates], values[:, self._bends], values[:, self._bend_rates], values[:, self._error]
+        )
+
+
+class Controller(ABC):
+    """Observations in, actions out, for any number of environments that start their episodes together.
+
+    A subclass answers :meth:`torques`; what it remembers is set in :meth:`begin`. `reset` takes the first observation
+    of the episodes, and every later one goes to `act` in turn, the first included.
+    """
+
+    action_mode = "torque"
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self.limits = np.asarray(setup.torque_limits)
+        self.read = Reader(setup)
+        self.goal = np.zeros((0, setup.n_joints))
+        """Joint angles (n, N) of the arm at rest at its target, unwrapped from the angles at the start."""
+
+    def reset(self, observation: NDArray[np.floating]) -> None:
+        """Begin episodes with their first observation, (n, entries) or (entries,)."""
+        signals = self.read(observation)
+        self.step = 0
+        self._angles = signals.angles.copy()
+        self.goal = self._goal(signals)
+        self.begin(signals, self.goal - self._angles)
+
+    def act(self, observation: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Actions in [-1, 1], (n, N), or (N,) for a single observation."""
+        signals = self.read(observation)
+        if self.setup.task == "slew":
+            to_go = _hub_error(signals)
+        else:
+            self._angles += wrapped(signals.angles - self._angles)
+            to_go = self.goal - self._angles
+        torques = np.clip(self.torques(signals, to_go), -self.limits, self.limits)
+        self.applied(torques)
+        self.step += 1
+        actions: NDArray[np.float32] = (torques / self.limits).astype(np.float32)
+        return actions if np.ndim(observation) == 2 else actions.reshape(-1)
+
+    def begin(self, signals: Signals, to_go: Array) -> None:  # noqa: B027
+        """Start of an episode; to_go (n, N): goal minus joint angles, rad."""
+
+    @abstractmethod
+    def torques(self, signals: Signals, to_go: Array) -> Array:
+        """Joint torques (n, N) in N m, before the limit; to_go as in :meth:`begin`."""
+
+    def applied(self, torques: Array) -> None:  # noqa: B027
+        """Told the torques (n, N) that were applied."""
+
+    def _goal(self, signals: Signals) -> Array:
+        if self.setup.task == "slew":
+            return self._angles + _hub_error(signals)
+        arm = self.setup.arm
+        target = target_in_hub_frame(arm, signals.angles, signals.bends, signals.error)
+        inertia = rigid_inertia(arm, signals.angles[:, 1])
+        weight = np.sqrt(np.diagonal(inertia, axis1=1, axis2=2) / self.limits)
+        return goal_angles(arm, signals.angles, target, weight)
+
+
+def _hub_error(signals: Signals) -> Array:
+    """Target minus hub angle (n, 1): the straight arm's tip is where its hub points."""
+    bend = np.clip(signals.bends, -0.9, 0.9)
+    chord = 1.0 - 0.6 * bend**2  # along the root tangent, over the length, of a cantilever bent by its tip
+    return signals.error + np.arctan2(bend, chord)

@@ -1,0 +1,63 @@
+"""Controllers by name, with the tuned gains that come with the package (`data/control/*.toml`)."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from .. import validation as check
+from .base import Controller, Setup
+from .lqr import LQR, LQRGains
+from .pd import PD, PDGains
+from .shaping import ShapedGains, ShapedPD
+from .time_optimal import TimeOptimal, TimeOptimalGains
+
+_KINDS: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
+    "pd": (PDGains, PD),
+    "zv": (ShapedGains, lambda setup, gains: ShapedPD(setup, gains, "zv")),
+    "zvd": (ShapedGains, lambda setup, gains: ShapedPD(setup, gains, "zvd")),
+    "lqr": (LQRGains, LQR),
+    "time_optimal": (TimeOptimalGains, TimeOptimal),
+}
+
+NAMES = tuple(_KINDS)
+"""Names that `make` takes."""
+
+
+@cache
+def _table(task: str) -> dict[str, Any]:
+    path = resources.files("flexarm_env") / "data" / "control" / f"{task}.toml"
+    return tomllib.loads(path.read_text("utf-8"))
+
+
+def tuned_gains(name: str, task: str) -> Any:
+    """The tuned gains of a controller for a task ("slew" or "reach"), an instance of its gains' class."""
+    check.choice("controller", name, NAMES)
+    return gains_from(name, _table(task)[name])
+
+
+def gains_from(name: str, values: Mapping[str, Any]) -> Any:
+    """Gains of a controller from a mapping; an unknown key is a ValueError that says which there are."""
+    kind, _ = _KINDS[name]
+    fields = [field.name for field in dataclasses.fields(kind)]
+    check.known_keys(name, values, fields)
+    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+
+
+def make(name: str, env: Any, gains: Any = None) -> Controller:
+    """A controller for an environment of this package.
+
+    Args:
+        name: "pd", "zv", "zvd", "lqr" or "time_optimal".
+        env: a `Setup`, or an environment (single or vector) with action_mode "torque".
+        gains: of the controller's class of gains; None takes the tuned ones of the environment's task.
+    Raises:
+        ValueError: an unknown name, or an environment that the controller is not made for.
+    """
+    check.choice("controller", name, NAMES)
+    setup = env if isinstance(env, Setup) else Setup.of(env)
+    return _KINDS[name][1](setup, tuned_gains(name, setup.task) if gains is None else gains)

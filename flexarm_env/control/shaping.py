@@ -1,0 +1,154 @@
+"""Input shaping: a reference convolved with a few impulses leaves no vibration behind (ZV: Singer & Seering 1990).
+
+The impulses are made for the modes of the arm under its PD control, so that what is left after the shaped
+reference has ended is what the PD alone has to damp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parameters import Arm
+from .arm_model import arm_model
+from .base import Controller, Setup, Signals
+from .kinematics import coriolis, rigid_inertia
+from .pd import PDGains
+
+Array = NDArray[np.float64]
+
+LIGHT = 0.5
+"""Modes damped less than this are shaped for; the others die out by themselves."""
+
+GRID = 0.1
+"""Postures for which impulses are computed lie this far apart, rad."""
+
+
+@dataclass(frozen=True)
+class Shaper:
+    """Impulses: amplitudes (they sum to 1) and their delays in s, both (n_impulses,)."""
+
+    amplitudes: tuple[float, ...]
+    delays: tuple[float, ...]
+
+    def then(self, other: Shaper) -> Shaper:
+        """Both, one after the other: shapes for the modes of both."""
+        amplitudes = np.outer(self.amplitudes, other.amplitudes).ravel()
+        delays = np.add.outer(np.asarray(self.delays), np.asarray(other.delays)).ravel()
+        return Shaper(tuple(amplitudes.tolist()), tuple(delays.tolist()))
+
+    def residual(self, frequency: float, ratio: float = 0.0) -> float:
+        """Vibration that a mode is left with, over that left by one impulse at t = 0."""
+        pole = frequency * (ratio - 1j * np.sqrt(1.0 - ratio**2))
+        t = np.asarray(self.delays)
+        return float(abs(np.sum(np.asarray(self.amplitudes) * np.exp(pole * t))) * np.exp(-ratio * frequency * t.max()))
+
+
+def zv(frequency: float, ratio: float = 0.0) -> Shaper:
+    """Zero vibration: two impulses, half a damped period apart. frequency in rad/s, ratio of damping below 1."""
+    damped = np.sqrt(1.0 - ratio**2)
+    k = np.exp(-ratio * np.pi / damped)
+    return Shaper((1.0 / (1.0 + k), k / (1.0 + k)), (0.0, np.pi / (frequency * damped)))
+
+
+def zvd(frequency: float, ratio: float = 0.0) -> Shaper:
+    """Zero vibration and derivative: three impulses; an error in the frequency counts to second order only."""
+    one = zv(frequency, ratio)
+    a, b = one.amplitudes
+    return Shaper((a * a, 2.0 * a * b, b * b), (0.0, one.delays[1], 2.0 * one.delays[1]))
+
+
+SHAPERS = {"zv": zv, "zvd": zvd}
+
+
+@dataclass(frozen=True)
+class ShapedGains:
+    """Dimensionless: those of the PD (see `PDGains`), and `effort`: share of the torque limit for the reference."""
+
+    bandwidth: tuple[float, ...]
+    ratio: tuple[float, ...]
+    effort: float
+
+    @property
+    def pd(self) -> PDGains:
+        """The PD's own."""
+        return PDGains(self.bandwidth, self.ratio)
+
+
+@lru_cache(maxsize=1024)
+def closed_loop_shaper(arm: Arm, gains: PDGains, kind: str, posture: tuple[float, ...]) -> Shaper:
+    """Impulses for the N slowest lightly damped modes of the arm under PD control, the elbows at a posture in rad."""
+    model = arm_model(arm, posture)
+    n = model.n_joints
+    kp, kd = gains.of(arm)
+    closed = model.A - model.B @ (np.diag(kp) @ model.C[:n] + np.diag(kd) @ model.C[n : 2 * n])
+    poles = np.linalg.eigvals(closed)
+    poles = poles[poles.imag > 1e-6]
+    frequencies, ratios = np.abs(poles), -poles.real / np.abs(poles)
+    light = np.flatnonzero((ratios < LIGHT) & (ratios > 0.0))
+    shaper = Shaper((1.0,), (0.0,))
+    for i in light[np.argsort(frequencies[light])][:n]:
+        shaper = shaper.then(SHAPERS[kind](float(frequencies[i]), float(ratios[i])))
+    return shaper
+
+
+class ShapedPD(Controller):
+    """PD control along a shaped reference, with the torque that the rigid arm needs for it fed forward.
+
+    The reference is the quickest one of constant acceleration and deceleration that the rigid arm can follow with a
+    share `effort` of its torque, all joints in step; convolved with the impulses of `kind` ("zv" or "zvd").
+    """
+
+    def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:
+        super().__init__(setup)
+        self.gains, self.kind = gains, kind
+        self.kp, self.kd = gains.pd.of(setup.arm)
+
+    def begin(self, signals: Signals, to_go: Array) -> None:
+        arm = self.setup.arm
+        self.move = to_go
+        elbows = [np.abs(self.goal[:, k]) for k in range(1, arm.n_links)]
+        shapers = []
+        for row in range(len(to_go)):
+            posture = tuple(float(np.round(e[row] / GRID) * GRID) for e in elbows)
+            shapers.append(closed_loop_shaper(arm, self.gains.pd, self.kind, posture))
+        most = max(len(s.delays) for s in shapers)
+        padded = [
+            replace(s, amplitudes=s.amplitudes + (0.0,) * (most - len(s.delays)),
+                    delays=s.delays + (0.0,) * (most - len(s.delays))) for s in shapers
+        ]  # fmt: skip
+        self.amplitudes = np.array([s.amplitudes for s in padded])
+        self.delays = np.array([s.delays for s in padded])
+        inertia = self._inertia(self.goal)
+        load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / (self.gains.effort * self.limits)
+        self.period = np.maximum(2.0 * np.sqrt(load.max(axis=1)), 2.0 * self.setup.control_dt)
+
+    def _inertia(self, angles: Array) -> Array:
+        if self.setup.n_joints == 1:
+            return np.broadcast_to(arm_model(self.setup.arm).inertia, (len(angles), 1, 1))
+        return rigid_inertia(self.setup.arm, angles[:, 1])
+
+    def _reference(self, t: float) -> tuple[Array, Array]:
+        """Share of the move done and its rate in 1/s, (n,) each, at time t in s."""
+        x = np.clip((t - self.delays) / self.period[:, None], 0.0, 1.0)
+        early = x < 0.5
+        done = np.where(early, 2.0 * x**2, 1.0 - 2.0 * (1.0 - x) ** 2)
+        rate = np.where(early, 4.0 * x, 4.0 * (1.0 - x)) / self.period[:, None]
+        return np.sum(self.amplitudes * done, axis=1), np.sum(self.amplitudes * rate, axis=1)
+
+    def torques(self, signals: Signals, to_go: Array) -> Array:
+        dt = self.setup.control_dt
+        done, rate = self._reference(self.step * dt)
+        _, later = self._reference((self.step + 1) * dt)
+        left = self.move * (1.0 - done)[:, None]
+        rates = self.move * rate[:, None]
+        accelerations = self.move * ((later - rate) / dt)[:, None]
+        angles = self.goal - left
+        forward = np.einsum("nij,nj->ni", self._inertia(angles), accelerations)
+        if self.setup.n_joints == 2:
+            forward = forward + coriolis(self.setup.arm, angles[:, 1], rates)
+        torques: Array = forward + self.kp * (to_go - left) + self.kd * (rates - signals.rates)
+        return torques

@@ -1,0 +1,151 @@
+"""The quickest slew that leaves the arm at rest, its bending modes included: a bang-bang plan, then LQR along it.
+
+For one link, the linear model of `arm_model` and torques held over a control period: the least number of periods for
+which torques within the limit bring rigid motion and bending modes to rest at the goal is found by bisection over
+linear programmes (HiGHS, through SciPy).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arm_model import arm_model
+from .base import Setup, Signals
+from .lqr import LQR, LQRGains, _times, outputs_about_goal
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """torques (n, N) in N m, one row a period; states (n + 1, m), the last one zero: at rest at the goal."""
+
+    torques: Array
+    states: Array
+
+    @property
+    def periods(self) -> int:
+        """Length of the plan, control periods."""
+        return len(self.torques)
+
+
+def rigid_time(inertia: float, angle: float, limit: float) -> float:
+    """Time in s of the rigid time-optimal slew, 2 sqrt(I angle / torque): no arm of this inertia is quicker."""
+    return 2.0 * float(np.sqrt(inertia * abs(angle) / limit))
+
+
+def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: int = 1000) -> Plan:
+    """The quickest plan from a state to zero.
+
+    Args:
+        A (m, m), B (m, N): discrete model. start (m,): the state. limits (N,): N m.
+        least, most: bounds on the number of periods.
+    Raises:
+        ValueError: there is no plan of at most that many periods.
+    """
+    high = max(least, 1)
+    found = _feasible(A, B, start, limits, high)
+    low = high if found is None else least - 1
+    while found is None:
+        if high >= most:
+            raise ValueError(f"most = {most}: no plan of so few periods brings the arm to rest at its goal")
+        low, high = high, min(most, int(1.3 * high) + 1)
+        found = _feasible(A, B, start, limits, high)
+    best = found
+    while high - low > 1:
+        middle = (low + high) // 2
+        tried = _feasible(A, B, start, limits, middle)
+        low, high = (middle, high) if tried is None else (low, middle)
+        best = best if tried is None else tried
+    states = [start]
+    for torque in best:
+        states.append(A @ states[-1] + B @ torque)
+    return Plan(best, np.array(states))
+
+
+def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> Array | None:
+    """Torques (periods, N) that lead to zero, or None."""
+    from scipy.optimize import linprog
+
+    n_inputs = B.shape[1]
+    columns, block = np.empty((len(A), periods * n_inputs)), B * limits
+    for k in reversed(range(periods)):
+        columns[:, k * n_inputs : (k + 1) * n_inputs] = block
+        block = A @ block
+    end = np.linalg.matrix_power(A, periods) @ start
+    scale = 1.0 / np.maximum(np.abs(columns).max(axis=1), 1e-12)
+    answer = linprog(
+        np.zeros(columns.shape[1]), A_eq=columns * scale[:, None], b_eq=-end * scale, bounds=(-1.0, 1.0), method="highs"
+    )
+    return answer.x.reshape(periods, n_inputs) * limits if answer.status == 0 else None
+
+
+def plan_periods(setup: Setup, angle: float, effort: float = 1.0) -> int:
+    """Control periods of the quickest plan of one link, rest to rest over an angle, rad, at a share of its torque."""
+    model = arm_model(setup.arm)
+    A, B = model.discrete(setup.control_dt)
+    start = model.state_of(np.array([-angle, 0.0, 0.0, 0.0]))
+    limits = effort * np.asarray(setup.torque_limits)
+    least = int(rigid_time(float(model.inertia[0, 0]), angle, float(limits[0])) / setup.control_dt)
+    return plan(A, B, start, limits, max(1, least)).periods
+
+
+@dataclass(frozen=True)
+class TimeOptimalGains:
+    """`effort`: share of the torque limit that plans take; the rest of the fields as in `lqr.LQRGains`."""
+
+    effort: float
+    angle: float
+    rate: float
+    bend: float
+    bend_rate: float
+    noise: float = 0.05
+    flexible: int = 2
+
+    @property
+    def lqr(self) -> LQRGains:
+        """Of the regulator that keeps the arm on its plan."""
+        return LQRGains(self.angle, self.rate, self.bend, self.bend_rate, self.noise, self.flexible)
+
+
+class TimeOptimal(LQR):
+    """The plan's torques, and LQR about the plan's states; after its end LQR about the goal."""
+
+    def __init__(self, setup: Setup, gains: TimeOptimalGains) -> None:
+        if setup.n_joints != 1:
+            raise ValueError(f"time_optimal plans for one link; this arm has {setup.n_joints}")
+        super().__init__(setup, gains.lqr)
+        self.effort = gains.effort
+
+    def begin(self, signals: Signals, to_go: Array) -> None:
+        super().begin(signals, to_go)
+        limits = self.effort * self.limits
+        observer = self.observer
+        plans = [
+            plan(observer.A[i], observer.B[i], x, limits, self._least(float(to_go[i, 0])))
+            for i, x in enumerate(observer.x)
+        ]
+        self.periods = np.array([p.periods for p in plans])
+        longest = int(self.periods.max())
+        self.plan_torques = np.zeros((longest + 1, len(plans), self.setup.n_joints))
+        self.plan_states = np.zeros((longest + 1, *observer.x.shape))
+        for i, p in enumerate(plans):
+            self.plan_torques[: p.periods, i] = p.torques
+            self.plan_states[: p.periods, i] = p.states[:-1]
+
+    def _least(self, angle: float) -> int:
+        inertia = float(self.observer_inertia())
+        return max(1, int(rigid_time(inertia, angle, float(self.limits[0])) / self.setup.control_dt))
+
+    def observer_inertia(self) -> float:
+        """Rigid inertia about the hub, kg m^2."""
+        return float(self.designs()[0].model.inertia[0, 0])
+
+    def torques(self, signals: Signals, to_go: Array) -> Array:
+        self.observer.update(outputs_about_goal(signals, to_go))
+        k = min(self.step, len(self.plan_torques) - 1)
+        torques: Array = self.plan_torques[k] - _times(self.observer.K, self.observer.x - self.plan_states[k])
+        return torques

@@ -1,0 +1,244 @@
+"""Controllers: what they are derived from, and what they reach."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import flexarm_env  # noqa: F401  (registers the environments)
+from flexarm_env import arms, control
+from flexarm_env.control import kinematics, lqr, shaping, time_optimal
+from flexarm_env.control.arm_model import arm_model
+from flexarm_env.control.catalogue import gains_from, tuned_gains
+
+STRIP, TWO = arms.named("strip"), arms.named("de_luca_siciliano")
+IDS = {"slew": "FlexibleArm-v0", "reach": "TwoLinkFlexArm-v0"}
+
+
+@pytest.fixture(scope="module")
+def slew():
+    env = gym.make_vec(IDS["slew"], num_envs=16, vectorization_mode="vector_entry_point")
+    yield env
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def reach():
+    env = gym.make_vec(IDS["reach"], num_envs=16, vectorization_mode="vector_entry_point")
+    yield env
+    env.close()
+
+
+# ------------------------------------------------------------------ the arm as controllers know it
+@pytest.mark.parametrize("elbow", [-2.0, 0.0, 1.0])
+def test_rigid_inertia_is_that_of_the_linear_model(elbow):
+    inertia = kinematics.rigid_inertia(TWO, np.array([elbow]))[0]
+    assert arm_model(TWO, (elbow,)).inertia == pytest.approx(inertia, rel=1e-6)
+
+
+def test_coriolis_torques_follow_from_the_inertia():
+    elbow, rates, step = np.array([0.7]), np.array([[1.3, -0.6]]), 1e-5
+
+    def inertia(angle):
+        return kinematics.rigid_inertia(TWO, angle)[0]
+
+    slope = (inertia(elbow + step) - inertia(elbow - step)) / (2 * step)
+    v = rates[0]
+    expected = slope @ v * v[1] - 0.5 * np.array([0.0, v @ slope @ v])
+    assert kinematics.coriolis(TWO, elbow, rates)[0] == pytest.approx(expected, rel=1e-7)
+
+
+def test_frequencies_of_the_free_strip():
+    model = arm_model(STRIP, (), 2)
+    section = STRIP.links[0].section
+    assert model.frequencies[0] == pytest.approx(22.22, rel=1e-3)
+    assert model.ratios == pytest.approx(0.5 * STRIP.tau_d * model.frequencies)
+    assert pytest.approx(7.0, rel=1e-2) == section.EI
+
+
+@pytest.mark.parametrize(("arm", "posture"), [(STRIP, ()), (TWO, (0.9,))])
+def test_state_of_gives_the_outputs_back(arm, posture):
+    model = arm_model(arm, posture, 3)
+    outputs = np.random.default_rng(0).normal(size=(5, 4 * arm.n_links))
+    assert model.state_of(outputs) @ model.C.T == pytest.approx(outputs, abs=1e-12)
+
+
+# ------------------------------------------------------------------ geometry
+def test_goal_angles_reach_the_target_within_limits():
+    rng = np.random.default_rng(1)
+    n = 200
+    angles = np.stack([rng.uniform(-3, 3, n), rng.uniform(-2.5, 2.5, n)], axis=1)
+    radius, bearing = rng.uniform(0.3, 0.95, n), rng.uniform(-3, 3, n)
+    target = np.stack([radius * np.cos(bearing), radius * np.sin(bearing)], axis=1)
+    goal = kinematics.goal_angles(TWO, angles, target, np.ones((n, 2)))
+    tip = kinematics.tip_in_hub_frame(TWO, goal[:, 1], np.zeros((n, 2)))
+    turn = goal[:, 0] - angles[:, 0]
+    c, s = np.cos(turn), np.sin(turn)
+    reached = np.stack([c * tip[:, 0] - s * tip[:, 1], s * tip[:, 0] + c * tip[:, 1]], axis=1)
+    assert reached == pytest.approx(target, abs=1e-9)
+    assert np.abs(goal[:, 1]).max() <= 2.8
+    assert np.abs(turn).max() <= np.pi
+
+
+def test_the_goal_is_where_the_environment_has_its_target(slew, reach):
+    for env in (slew, reach):
+        observation, info = env.reset(seed=3)
+        controller = control.make("pd", env)
+        controller.reset(observation)
+        if controller.setup.task == "slew":
+            hub = np.arctan2(observation[:, 0], observation[:, 1])
+            off = kinematics.wrapped(controller.goal[:, 0] - info["target"])
+            assert off == pytest.approx(0.0, abs=1e-5)
+            assert np.abs(controller.goal[:, 0] - hub).max() <= np.pi / 2 + 1e-5
+        else:
+            q = controller.goal
+            tip = 0.5 * np.stack([np.cos(q[:, 0]) + np.cos(q.sum(1)), np.sin(q[:, 0]) + np.sin(q.sum(1))], axis=1)
+            assert tip == pytest.approx(info["target"], abs=1e-5)
+
+
+# ------------------------------------------------------------------ shaping
+@pytest.mark.parametrize(("frequency", "ratio"), [(22.0, 0.0), (5.0, 0.1)])
+def test_shapers_leave_no_vibration(frequency, ratio):
+    zv, zvd = shaping.zv(frequency, ratio), shaping.zvd(frequency, ratio)
+    for shaper in (zv, zvd):
+        assert sum(shaper.amplitudes) == pytest.approx(1.0)
+        assert shaper.residual(frequency, ratio) == pytest.approx(0.0, abs=1e-12)
+    assert zvd.residual(1.05 * frequency, ratio) < 0.15 * zv.residual(1.05 * frequency, ratio)
+
+
+def test_shapers_in_a_row_serve_both_modes():
+    both = shaping.zv(8.0, 0.02).then(shaping.zv(13.0, 0.05))
+    assert both.residual(8.0, 0.02) == pytest.approx(0.0, abs=1e-12)
+    assert both.residual(13.0, 0.05) == pytest.approx(0.0, abs=1e-12)
+
+
+# ------------------------------------------------------------------ LQR and the plan
+def test_lqr_and_its_observer_are_stable():
+    gains = tuned_gains("lqr", "slew")
+    d = lqr.design(STRIP, (2.0,), 0.02, gains)
+    assert np.abs(np.linalg.eigvals(d.A - d.B @ d.K)).max() < 1.0
+    assert np.abs(np.linalg.eigvals(d.A - d.A @ d.L @ d.C)).max() < 1.0
+
+
+@pytest.mark.parametrize(("angle", "seconds"), [(0.2, 0.42), (0.8, 0.78), (1.57, 1.08)])
+def test_the_plan_is_bang_bang_and_the_quickest(angle, seconds):
+    model = arm_model(STRIP)
+    A, B = model.discrete(0.02)
+    start = model.state_of(np.array([-angle, 0.0, 0.0, 0.0]))
+    found = time_optimal.plan(A, B, start, np.array([2.0]))
+    assert found.periods * 0.02 == pytest.approx(seconds)
+    assert np.abs(found.torques).max() <= 2.0 + 1e-9
+    assert (np.abs(found.torques) > 1.99).mean() > 0.7
+    x = start
+    for torque in found.torques:
+        x = A @ x + B @ torque
+    assert x == pytest.approx(0.0, abs=1e-6)
+    assert seconds > time_optimal.rigid_time(float(model.inertia[0, 0]), angle, 2.0)
+    with pytest.raises(ValueError, match="no plan of so few periods"):
+        time_optimal.plan(A, B, start, np.array([2.0]), most=found.periods - 1)
+
+
+# ------------------------------------------------------------------ in the environment
+def episode(env, controller, seed):
+    observation, _ = env.reset(seed=seed)
+    controller.reset(observation)
+    for _ in range(env.unwrapped.plan.limit):
+        action = controller.act(observation)
+        assert action.dtype == np.float32
+        assert np.abs(action).max() <= 1.0
+        observation, _, _, _, info = env.step(action)
+    return info["is_success"]
+
+
+@pytest.mark.parametrize("name", control.NAMES)
+def test_controllers_slew_and_settle(name, slew):
+    assert episode(slew, control.make(name, slew), 50).mean() == 1.0
+
+
+@pytest.mark.parametrize("name", [n for n in control.NAMES if n != "time_optimal"])
+def test_controllers_reach_and_settle(name, reach):
+    assert episode(reach, control.make(name, reach), 50).mean() >= 0.9
+
+
+@pytest.mark.parametrize("name", control.NAMES)
+def test_one_arm_or_many_is_the_same(name, slew):
+    many, one = control.make(name, slew), control.make(name, slew)
+    observation, _ = slew.reset(seed=9)
+    many.reset(observation)
+    one.reset(observation[2])
+    for _ in range(3):
+        actions = many.act(observation)
+        action = one.act(observation[2])
+        assert action.shape == (1,)
+        assert actions[2] == pytest.approx(action, abs=1e-6)
+        observation = slew.step(actions)[0]
+
+
+def test_single_environments_are_known_too():
+    env = gym.make(IDS["slew"])
+    setup = control.Setup.of(env)
+    assert (setup.task, setup.n_joints, setup.control_dt, setup.torque_limits) == ("slew", 1, 0.02, (2.0,))
+    assert control.make("lqr", setup).setup is setup
+
+
+# ------------------------------------------------------------------ what is refused
+def test_errors_say_what_is_allowed(reach):
+    with pytest.raises(ValueError, match=r"pid.*zvd"):
+        control.make("pid", reach)
+    with pytest.raises(ValueError, match=r"pd\.kp.*bandwidth"):
+        gains_from("pd", {"kp": 3.0})
+    with pytest.raises(ValueError, match="flexarm_env"):
+        control.make("pd", gym.make("Pendulum-v1"))
+    with pytest.raises(ValueError, match="one link"):
+        control.make("time_optimal", reach, tuned_gains("time_optimal", "slew"))
+
+
+# ------------------------------------------------------------------ policies without a learning library
+def small_policy(setup, **changes):
+    rng = np.random.default_rng(0)
+    sizes = [len(setup.names), 8, setup.n_joints]
+    weights = [
+        (rng.normal(size=(a, b)).astype(np.float32), rng.normal(size=b).astype(np.float32))
+        for a, b in itertools.pairwise(sizes)
+    ]
+    meta = {
+        "format": 1, "layers": 2, "activation": "tanh", "squash": False, "env_id": IDS[setup.task], "env_kwargs": {},
+        "layout": setup.layout, **changes,
+    }  # fmt: skip
+    return control.NumpyPolicy(meta, weights)
+
+
+def test_a_policy_file_gives_the_same_actions(tmp_path: Path, slew):
+    export = pytest.importorskip("agents.export_policy", exc_type=ImportError)
+    policy = small_policy(control.Setup.of(slew))
+    export.save(policy, tmp_path / "policy.npz")
+    again = control.load_policy(tmp_path)
+    again.check(control.Setup.of(slew))
+    observation, _ = slew.reset(seed=0)
+    assert np.array_equal(again.act(observation), policy.act(observation))
+    assert policy.act(observation[0]).shape == (1,)
+    assert np.abs(policy.act(100.0 * observation)).max() <= 1.0
+
+
+def test_policies_that_do_not_fit_are_refused(tmp_path: Path, slew, reach):
+    export = pytest.importorskip("agents.export_policy", exc_type=ImportError)
+    path = tmp_path / "policy.npz"
+    with pytest.raises(ValueError, match=r"no policy\.npz there"):
+        control.load_policy(path)
+    path.write_bytes(b"PK nonsense")
+    with pytest.raises(ValueError, match="damaged"):
+        control.load_policy(path)
+    export.save(small_policy(control.Setup.of(slew), format=99), path)
+    with pytest.raises(ValueError, match="format is 99"):
+        control.load_policy(path)
+    whole = small_policy(control.Setup.of(slew))
+    export.save(whole, path)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(ValueError, match="damaged"):
+        control.load_policy(path)
+    with pytest.raises(ValueError, match="observation layout"):
+        whole.check(control.Setup.of(reach))
