@@ -1,0 +1,265 @@
+"""Known answers of the floating frame: spin-up, free flight, order of the integrator, frequencies, segments."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from flexarm_env.comparison import tip_error
+from flexarm_env.kernels.lanes import SINGLE
+from flexarm_env.kernels.protocol import REGISTRY
+from flexarm_env.parameters import Arm, Link, Section
+from flexarm_env.scene import Scene
+from flexarm_env.scenes import named, reference
+from flexarm_env.simulation import Simulation, simulate
+from flexarm_env.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+def orders(errors: list[float]) -> Array:
+    """Orders of convergence between steps that are halved."""
+    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+
+
+# ----------------------------------------------------------------- spin-up
+@pytest.mark.parametrize(("coupling", "lag"), [("von_karman", -0.5735), ("paper", -0.5749)])
+def test_spin_up_lag(coupling: str, lag: float) -> None:
+    """Deepest tip lag near 6.75 s; geometrically exact: -0.5739 m. A stable arm: its lag is gone at full speed."""
+    run = simulate(named("spin_up"), segments=1, elements=5, coupling=coupling, sample=0.02)
+    deflection = run.tip_deflection[:, 0] * 10.0
+    assert run.status == "ok"
+    assert deflection.min() == pytest.approx(lag, abs=1e-3)
+    assert run.t[deflection.argmin()] == pytest.approx(6.75, abs=0.05)
+    assert np.abs(deflection[run.t > 15.0]).max() < 0.02
+
+
+def test_spin_up_stretch() -> None:
+    """m w^2 L^3 / 3 EA once the speed is reached."""
+    run = simulate(named("spin_up"), segments=1, elements=5, sample=0.02)
+    stretch = np.hypot(run.tip[:, 0], run.tip[:, 1])[run.t > 16.0] - 10.0
+    assert stretch.mean() == pytest.approx(1.2 * 6.0**2 * 10.0**3 / (3 * 2.8e7), rel=5e-3)
+
+
+def test_spin_up_without_coupling_diverges() -> None:
+    run = simulate(named("spin_up"), segments=1, elements=5, coupling="linear")
+    assert run.status == "diverged"
+    assert 5.0 < run.t[-1] < 12.0
+    assert all(np.isfinite(getattr(run, name)).all() for name in ("t", "tip", "q", "v", "kinetic", "strain"))
+
+
+# ------------------------------------------------------------- free flight
+def center_of_mass(run: Trajectory) -> Array:
+    """Centre of mass (n, 2) of uniform links of equal mass, by Simpson's rule on the cubics between drawn points."""
+    elements = (run.shapes.shape[1] - 1) // 8
+    weights = np.zeros(run.shapes.shape[1])
+    for e in range(elements):
+        weights[8 * e : 8 * e + 9] += np.array([1, 4, 2, 4, 2, 4, 2, 4, 1]) / 24 / elements
+    return np.asarray(np.einsum("k,tkd->td", weights, run.shapes))
+
+
+def known_path(name: str, t: Array) -> Array:
+    """Where the centre of mass must be: a mass of 10 under a force of 8 for 2.5 s, or of 40 for 0.5 s, in x."""
+    end, force = (2.5, 8.0) if name == "flying_rod" else (0.5, 40.0)
+    pulled = np.minimum(t, end)
+    x = 3.0 + force / 10.0 * (0.5 * pulled**2 + end * (t - pulled))
+    return np.column_stack([x, np.full_like(t, 4.0)])
+
+
+@cache
+def flights(name: str) -> tuple[Trajectory, ...]:
+    """Undamped runs with halved steps."""
+    segments, dt = (2, 0.0125) if name == "flying_rod" else (1, 6.25e-4)
+    scene = named(name)
+    return tuple(simulate(scene, segments=segments, dt=dt / 2**k, rho_inf=1.0, sample=0.0125) for k in range(3))
+
+
+FLIGHTS = pytest.mark.parametrize("name", ["flying_rod", "two_link_free_flight"])
+
+
+@FLIGHTS
+def test_center_of_mass_is_on_its_path(name: str) -> None:
+    errors = []
+    for run in flights(name):
+        assert run.status == "ok"
+        errors.append(float(np.abs(center_of_mass(run) - known_path(name, run.t)).max()))
+    assert orders(errors) == pytest.approx(2.0, abs=0.3)
+    assert errors[-1] < 3e-4
+
+
+@FLIGHTS
+def test_energy_of_free_flight_stays(name: str) -> None:
+    """Bounded after the loads end, second order, without growth."""
+    wobbles = []
+    for run in flights(name):
+        free = run.energy[run.t > max(run.scene.kinks) + 1e-9]
+        half = free.size // 2
+        wobbles.append(float(free.std()))
+        assert np.ptp(free) < 1e-3 * free.mean()
+        assert free[half:].std() < 2.0 * free[:half].std()
+        assert abs(free[half:].mean() - free[:half].mean()) < 1.5 * free[:half].std()
+    assert orders(wobbles) == pytest.approx(2.0, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("flying_rod", {"segments": 4, "dt": 0.05}),
+        ("two_link_free_flight", {"segments": 2, "dt": 0.0025}),
+        pytest.param("flying_rod", {"segments": 4, "dt": 0.0125}, marks=pytest.mark.slow),
+        pytest.param("flying_rod", {"segments": 2, "elements": 2, "dt": 0.0125}, marks=pytest.mark.slow),
+        pytest.param("two_link_free_flight", {"segments": 2, "elements": 2, "dt": 0.0025}, marks=pytest.mark.slow),
+    ],
+)
+def test_multipliers_do_not_ring(name: str, options: dict[str, Any]) -> None:
+    """Undamped, whatever the step: bounded energy, and multipliers that do not change sign from step to step."""
+    scene = named(name)
+    simulation = Simulation(scene, scene.settings("floating_frame", rho_inf=1.0, **options))
+    rows, forces, energies = simulation.model.algebraic, [], []
+    for k in range(1, round(scene.duration / options["dt"]) + 1):
+        assert simulation.advance_to(k * options["dt"]), simulation.message
+        simulation.restart_at_kink()
+        if simulation.t > max(scene.kinks) + 1e-9:
+            forces.append(simulation.work.q[rows].copy())
+            energies.append(float(simulation.observe()[1].sum()))
+    assert np.ptp(energies) < 0.01 * np.mean(energies)
+    half = len(forces) // 2
+    ringing = np.abs(np.diff(forces, 2, axis=0)).mean(axis=0)
+    early = np.abs(np.diff(forces[:half], 2, axis=0)).mean(axis=0)
+    assert (ringing < 2.0 * early).all()
+
+
+# ------------------------------------------------------------------- order
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"segments": 2, "rho_inf": 1.0},
+        {"segments": 2, "rho_inf": 0.9},
+        {"segments": 2, "newmark": (0.25, 0.5), "coupling": "paper"},
+        {"segments": 3, "rho_inf": 0.6},
+        {"modes": 2, "rho_inf": 0.9, "duration": 3.0},
+    ],
+    ids=str,
+)
+def test_integrator_is_of_second_order(options: dict[str, Any]) -> None:
+    """Positions, velocities and enforcing torque of a smooth motion: 2 +- 0.1, measured against a fine step."""
+    options = {"duration": 6.0, **options}
+    steps = [0.0125, 0.00625, 0.0015625]
+    runs = [simulate(named("robot_arm_motion_smooth"), dt=h, sample=0.1, **options) for h in steps]
+    for name in ("tip", "tip_velocity", "joint_torque"):
+        coarse, fine = (
+            float(np.abs(getattr(run, name)[1:] - getattr(runs[-1], name)[1:]).max()) for run in runs[:-1]
+        )
+        share = (steps[0] ** 2 - steps[2] ** 2) / (steps[1] ** 2 - steps[2] ** 2)  # the fine run has an error too
+        assert 2.0 + np.log2(coarse / fine / share) == pytest.approx(2.0, abs=0.1), name
+
+
+def test_work_of_newton() -> None:
+    """Steps, iterations and factorisations are counted, and are as few as they should be."""
+    run = simulate(named("robot_arm_motion"), segments=5, elements=1, dt=0.05)
+    assert (run.steps, run.halvings) == (180, 0)
+    assert run.iterations < 3.2 * run.steps
+    assert run.factorizations < run.iterations + run.steps + 10
+
+
+@pytest.mark.slow  # compiles its own variant of the step
+def test_modified_newton() -> None:
+    """One factorisation a step, more iterations, the same answer."""
+    run = simulate(named("robot_arm_motion"), segments=5, elements=1, dt=0.05)
+    modified = simulate(named("robot_arm_motion"), segments=5, elements=1, dt=0.05, newton="modified")
+    assert modified.factorizations < run.factorizations
+    assert modified.iterations > run.iterations
+    assert np.abs(modified.tip - run.tip).max() < 1e-6
+
+
+# ------------------------------------------------------------- frequencies
+def frequencies(speed: float, elements: int) -> Array:
+    """First three of a slender unit cantilever (EI = m = L = 1) turning steadily, rad/s: eigenvalues of the tangent."""
+    arm = Arm("cantilever", (Link(1.0, Section(1.0, 1e8, 1e8, 1.0, 1e-10)),))
+    scene = Scene("cantilever", arm, duration=1.0, dt=0.1)
+    simulation = Simulation(scene, scene.settings("floating_frame", segments=1, elements=elements))
+    m, functions = simulation.model, REGISTRY[type(simulation.model)]
+    q, v, zero = simulation.system.q0.copy(), np.zeros(m.n), np.zeros(m.n)
+    v[2] = speed
+    width = 3 * m.half + 1
+
+    def tangent(cc: float, ck: float) -> tuple[Array, Array]:
+        r, S = np.zeros(m.n), np.zeros(m.n_factor)
+        functions["assemble"](SINGLE, m, simulation.par, q, v, zero, np.zeros(m.n_inputs), 1.0, cc, ck, r, S)
+        full = np.zeros((m.n, m.n))
+        for i in range(m.n):
+            columns = np.arange(max(0, i - m.half), min(m.n, i + m.half + 1))
+            full[i, columns] = S[i * width + columns - i + m.half]
+        return r[3:], full[3:, 3:]
+
+    for _ in range(5):  # the steady shape: stretched
+        r, mass = tangent(0.0, 0.0)
+        q[3:] -= np.linalg.solve(tangent(0.0, 1.0)[1] - mass, r)
+    r, mass = tangent(0.0, 0.0)
+    assert np.abs(r).max() < 1e-6 * max(1.0, speed**2)
+    gyroscopic, stiffness = tangent(1.0, 0.0)[1] - mass, tangent(0.0, 1.0)[1] - mass
+    n = len(mass)
+    state = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, gyroscopic)]]
+    )
+    values = np.linalg.eigvals(state)
+    assert np.abs(values.real).max() < 1e-6 * np.abs(values.imag).max()
+    return np.sort(values.imag[values.imag > 1e-6])[:3]
+
+
+@pytest.mark.parametrize(
+    ("speed", "exact"),
+    [
+        (0.0, (1.87510407**2, 4.69409113**2, 7.85475744**2)),  # clamped-free
+        (2.0, (3.6218, 22.5263, 62.2411)),  # rotating: 24-term Ritz
+        (6.0, (4.2632, 26.1290, 66.4134)),
+        (12.0, (5.4270, 35.6370, 78.7049)),
+    ],
+)
+def test_frequencies_of_a_turning_cantilever(speed: float, exact: tuple[float, ...]) -> None:
+    assert frequencies(speed, 40)[:2] == pytest.approx(exact[:2], rel=1e-3)
+    assert frequencies(speed, 40)[2] == pytest.approx(exact[2], rel=1e-3)
+
+
+def test_frequencies_converge_at_second_order() -> None:
+    """The stretch of the centrifugal force is constant in an element: first mode 5.472, 5.439, 5.430 at speed 12."""
+    first = [float(frequencies(12.0, elements)[0]) for elements in (5, 10, 20)]
+    assert first == pytest.approx([5.472, 5.439, 5.430], abs=6e-4)
+    assert orders([value - 5.4270 for value in first]) == pytest.approx(2.0, abs=0.1)
+
+
+# ---------------------------------------------------------------- segments
+@pytest.mark.parametrize(
+    ("segments", "elements", "coupling", "error"),
+    [
+        (1, 5, "von_karman", 1.22),
+        (2, 2, "paper", 0.42),
+        (4, 1, "von_karman", 0.052),
+        (5, 1, "paper", 0.071),
+        (5, 1, "von_karman", 0.030),
+        (8, 1, "von_karman", 0.013),
+    ],
+)
+def test_segments_approach_the_exact_beam(segments: int, elements: int, coupling: str, error: float) -> None:
+    """Largest tip error (m) on robot_arm_motion; the whole table: benchmarks/segments_table.py."""
+    options = {"segments": segments, "elements": elements, "coupling": coupling}
+    run = simulate(named("robot_arm_motion"), dt=0.025 if segments == 8 else 0.05, **options)
+    found = tip_error(run.t, run.tip, reference("robot_arm_motion").columns)
+    assert found.instants == 181
+    assert found.max_tip_error == pytest.approx(error, abs=max(0.15 * error, 0.003))
+
+
+def test_smooth_motion_needs_more_segments() -> None:
+    """robot_arm_motion_smooth reaches 80 % of the length: 0.145 m with 5 segments, 0.03 m with 8."""
+    table = reference("robot_arm_motion_smooth").columns
+    scene = named("robot_arm_motion_smooth")
+    five, eight = (
+        tip_error(run.t, run.tip, table).max_tip_error
+        for run in (simulate(scene, segments=5), simulate(scene, segments=8, dt=0.025))
+    )
+    assert five == pytest.approx(0.145, rel=0.15)
+    assert eight == pytest.approx(0.03, rel=0.15)
