@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable
@@ -175,6 +176,8 @@ def simulate(
     end = scene.duration if duration is None else _positive("duration", duration)
     interval = scene.sample if sample is None else _positive("sample", sample)
     assert interval is not None
+    if end > scene.duration:
+        scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
     simulation = Simulation(scene, settings)
     recorder = Recorder(scene, settings)
     recorder.add(simulation)
