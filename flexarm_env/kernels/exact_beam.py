@@ -7,13 +7,14 @@ are eliminated from the tip to the root, without pivoting (the matrix is symmetr
 positive in it). A free hinge passes only forces on to the link before it: its angle is eliminated on the way.
 
 S holds: 3 flags of pinned root coordinates, 6 factors of the root, 4 numbers a hinge (flag, couplings of its angle
-with x and y, inverse pivot), then `factor_size` entries an element.
+with x and y, inverse pivot), then for each element its factors (see `exact_element.tangent`), its condensed matrix
+LL, LR, RR, and the sines and cosines at its Gauss points.
 """
 
 from __future__ import annotations
 
 from ..model import ExactBeam
-from .exact_element import VERTEX, backward, forces, forward, tangent
+from .exact_element import VERTEX, backward, forces, forward, tangent, turns
 from .exact_output import dissipation, energy, link_poses, out_of_range, ports, predict, shape
 from .jit import kernel
 from .lanes import load, splat, store
@@ -28,7 +29,7 @@ HINGE = 4
 def _stride(order):  # type: ignore[no-untyped-def]
     """`factor_size` of the order."""
     n = 3 * (len(order) - 1)
-    return n * (n - 1) // 2 + 7 * n + 21
+    return n * (n - 1) // 2 + 7 * n + 21 + 2 * len(order)
 
 
 @kernel
@@ -81,7 +82,7 @@ def _lumps(lane, model, par, cm, S):  # type: ignore[no-untyped-def]
         zero = splat(lane, 0.0)
         for k in range(3):
             store(S, k, zero)
-        block = first + stride - 21
+        block = first + stride - 21 - 2 * len(model.order)
         _add(lane, S, block + 5, splat(lane, cm * model.hub_inertia))
         for k in range(1, links):
             store(S, HEAD + HINGE * (k - 1), zero)
@@ -100,6 +101,23 @@ def _lumps(lane, model, par, cm, S):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _circles(lane, model, q, S):  # type: ignore[no-untyped-def]
+    """Sines and cosines at all Gauss points, ahead of the elements: long chains, but none waits for another."""
+    p, stride = len(model.order), _stride(model.order)
+    deltas = 3 * p * model.elements * model.links + 3
+    i, o = 3, HEAD + HINGE * (model.links - 1) + stride - 2 * p
+    for k in range(model.links):
+        turn = load(lane, q, i - 1)
+        if k > 0:
+            turn = turn + load(lane, q, deltas + k - 1)
+        for _ in range(model.elements):
+            turns(lane, model.order, q[(i - 3) * len(lane) :], turn, S[o * len(lane) :])
+            i += 3 * p
+            o += stride
+            turn = load(lane, q, i - 1)
+
+
+@kernel
 def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
     """r and, unless cm = 0, the tangent cm M + cc D + ck K, condensed to the vertices."""
     aligned_frame(lane)
@@ -115,6 +133,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
     )  # fmt: skip
     i, o = 3, HEAD + HINGE * (links - 1)
     deltas = 3 * p * model.elements * links + 3
+    _circles(lane, model, q, S)
     for k in range(links):
         root, before, turn = i, zero, zero
         if k > 0:
@@ -133,7 +152,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
             j = (i - 3) * len(lane)
             out = forces(
                 lane, model.order, model.damped, model.gravity, q[j:], v[j:], a[j:], left,
-                k1, k2, kb, length, ml, jl, tau, r[j:],
+                k1, k2, kb, length, ml, jl, tau, r[j:], S[(o + stride - 2 * p) * len(lane) :],
             )  # fmt: skip
             left, points = out[:VERTEX], out[VERTEX:]
             if cm != 0.0:
@@ -222,7 +241,7 @@ def factor(lane, model, S):  # type: ignore[no-untyped-def]
     links, stride = model.links, _stride(model.order)
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
     tail = (zero, zero, zero, zero, zero, zero)
-    o = HEAD + HINGE * (links - 1) + stride * (links * model.elements + 1) - 21
+    o = HEAD + HINGE * (links - 1) + stride * (links * model.elements + 1) - 21 - 2 * len(model.order)
     for k in range(links - 1, -1, -1):
         for _ in range(model.elements):
             o -= stride
@@ -297,7 +316,7 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
             lx, ly, lt, rx, ry, rt = forward(
                 lane, model.order, S[o * len(lane) :], x[(i - 3) * len(lane) :]
             )
-            tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + stride - 21, tx - rx, ty - ry, tt - rt)
+            tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + stride - 21 - 2 * p, tx - rx, ty - ry, tt - rt)
             store(x, i + 3 * p - 3, tx)
             store(x, i + 3 * p - 2, ty)
             store(x, i + 3 * p - 1, tt)
@@ -335,7 +354,7 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
             store(x, d, turn - tt)
             tt = turn
         for _ in range(model.elements):
-            j, b = i + 3 * p - 3, o + stride - 21
+            j, b = i + 3 * p - 3, o + stride - 21 - 2 * p
             rx, ry, rt = _restore(lane, S, b, load(lane, x, j), load(lane, x, j + 1), load(lane, x, j + 2), tx, ty, tt)
             store(x, j, rx)
             store(x, j + 1, ry)

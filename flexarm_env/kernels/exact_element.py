@@ -36,8 +36,8 @@ class Sums:
     def __init__(self) -> None:
         self.known: dict[Any, Any] = {}
 
-    def __call__(self, coefficients: Any, values: Any, factor: float = 1.0) -> Any:
-        """factor * sum of coefficient * value; 0.0 where all coefficients vanish."""
+    def __call__(self, coefficients: Any, values: Any, factor: float = 1.0, unit: Any = None) -> Any:
+        """factor * unit * sum of coefficient * value; 0.0 where all coefficients vanish. `unit`: a scalar symbol."""
         terms = [(float(c), v) for c, v in zip(coefficients, values, strict=True) if abs(c) > 1e-14]
         if not terms:
             return 0.0
@@ -49,6 +49,8 @@ class Sums:
             for ratio, (_, v) in zip(ratios[1:], terms[1:], strict=True):
                 total = total + v if ratio == 1.0 else total - v if ratio == -1.0 else total + v * ratio
             self.known[key] = total, terms  # the terms live on, so that their ids stay theirs
+        if unit is not None:
+            return self.known[key][0] * (unit * (first * factor))
         return _times(self.known[key][0], first * factor)
 
 
@@ -87,8 +89,20 @@ def _values(sums: Sums, t: Tables, nodes: list[Any], span: Any) -> list[Any]:
     return values
 
 
+@traced(lambda p: 0)
+def turns(lane, order, q, turn, circle):  # type: ignore[no-untyped-def]
+    """circle <- sine and cosine of psi at each Gauss point; `turn`: psi at the left."""
+    p, sums = len(order), Sums()
+    t = tables(p)
+    nodes = [turn, *[load(lane, q, _at(n, p) + T) for n in range(1, p + 1)]]
+    for g, angle in enumerate(_values(sums, t, nodes, nodes[1] - nodes[0])):
+        s, c = sincos(angle)
+        store(circle, 2 * g, s)
+        store(circle, 2 * g + 1, c)
+
+
 @traced(lambda p: VERTEX + POINT * p)
-def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, jl, tau, r):  # type: ignore[no-untyped-def]
+def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, jl, tau, r, circle):  # type: ignore[no-untyped-def]
     """Write the left vertex's and the interior rows of r; return VERTEX of the right vertex and POINT of each point."""
     p, sums = len(order), Sums()
     t = tables(p)
@@ -109,10 +123,9 @@ def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, 
         omega = _values(sums, t, rate[T], turning)
     dx, dy = (_slopes(sums, t, place[k])[1] for k in (X, Y))
     turn = place[T][1] - place[T][0]
-    angle = _values(sums, t, place[T], turn)
     points, fx, fy, moment = [], [], [], []
     for g in here:
-        s, c = sincos(angle[g])
+        s, c = load(lane, circle, 2 * g), load(lane, circle, 2 * g + 1)
         g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
         e1, e2 = g1 - length, g2
         if damped is not None:
@@ -127,16 +140,23 @@ def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, 
     bent = [turn, *place[T][2:]]
     if damped is not None:
         bent = [x + tau * y for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
-    force = [[sums(t.mass[n], inertia[k], 1.0) * (jl if k == T else ml) for n in nodes] for k in (X, Y, T)]
-    for k, f in ((X, fx), (Y, fy)):
-        pull = [sums(row, f) for row in t.slope]
-        force[k][0] = force[k][0] - pull[0]
-        for n in nodes[1:]:
-            force[k][n] = force[k][n] + pull[max(n - 1, 0)]
-    for n in nodes:
-        bend = bent[max(n - 1, 0)] * (kb * float(t.norm[max(n - 1, 0)]))
-        twist = sums(t.value[n], moment)
-        force[T][n] = force[T][n] + (twist - bend if n == 0 else twist + bend)
+    force = []
+    for k, unit in ((X, ml), (Y, ml), (T, jl)):
+        both, across = inertia[k][0] + inertia[k][1], inertia[k][1] - inertia[k][0]
+        even, odd = [both, *inertia[k][2::2]], [across, *inertia[k][3::2]]
+        m = t.mass
+        rows = [sums([m[n, int(n % 2)], *m[n, 2 + n % 2 :: 2]], odd if n % 2 else even, 1.0, unit) for n in nodes[2:]]
+        mean = sums([0.5 * (m[0, 0] + m[0, 1]), *m[0, 2::2]], even, 1.0, unit)
+        half = sums([0.5 * (m[1, 1] - m[0, 1]), *m[1, 3::2]], odd, 1.0, unit)
+        if k != T:
+            pull = [sums(row, fx if k == X else fy) for row in t.slope]
+        else:
+            pull = [x * (kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
+            mean = mean + sums([0.5] * p, moment)
+            half = half + sums(0.5 * (t.value[1] - t.value[0]), moment) if p > 1 else half
+            rows = [row + sums(t.value[n], moment) for n, row in enumerate(rows, 2)]
+        half = half + pull[0]
+        force.append([mean - half, mean + half, *[row + x for row, x in zip(rows, pull[1:], strict=True)]])
     for k in (X, Y, T):
         store(r, k, left[9 + k] + force[k][0])
         for n in nodes[2:]:

@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 
 
 def factor_size(order: int) -> int:
-    """Numbers of S an element takes: factors of its interior with their couplings, and its 21 condensed entries."""
+    """Numbers of S an element takes: factors of its interior with their couplings, 21 condensed entries, 2 a point."""
     inner = 3 * (order - 1)
-    return inner * (inner - 1) // 2 + 7 * inner + 21
+    return inner * (inner - 1) // 2 + 7 * inner + 21 + 2 * order
 
 
 def sections(arm: Arm, elements: int) -> Array:
