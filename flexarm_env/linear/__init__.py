@@ -1,0 +1,16 @@
+"""Linear models of an arm about a point of its motion: state space, equilibrium, natural frequencies and shapes."""
+
+from .equilibrium import NoEquilibrium, static_equilibrium
+from .modes import Modes, modes
+from .state_space import LinearModel, linearize, set_state, state_of
+
+__all__ = [
+    "LinearModel",
+    "Modes",
+    "NoEquilibrium",
+    "linearize",
+    "modes",
+    "set_state",
+    "state_of",
+    "static_equilibrium",
+]

@@ -1,0 +1,325 @@
+"""The equations of motion of a Simulation's arm as functions, their derivatives, and their independent coordinates.
+
+    r(q, v, a, lambda, u) = M(q) a + h(q, v) + Phi_q^T lambda - B u = 0,   Phi(q) = 0
+
+The residual is linear in a, lambda and u and quadratic in v, so differences by these have no truncation error; those by
+q are of sixth order with a step of 0.5 % of what matters of a coordinate (truncation 1e-16, round-off 1e-13).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.equations import equations
+from ..kernels.floating_body import LINK, ROWS, SIZE, START
+from ..kernels.lanes import SINGLE
+from ..kernels.protocol import size
+from ..kernels.rollout import observe_arm
+from ..model import FloatingFrame
+from ..simulation import Simulation
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+STEP = 5e-3
+"""Step of differences by q, times the size that matters of a coordinate (1 rad, the arm's length)."""
+
+_WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
+_NONE = np.zeros(0, np.int64)
+
+
+@dataclass(frozen=True)
+class Point:
+    """Coordinates with multipliers in them, rates, accelerations (n,), inputs and prescribed values of an instant."""
+
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    psi: Array
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """r's derivatives over the rows that can move (f) and those of the constraints (m rows).
+
+    M, C, K (f, f): by a, v, q. B (f, inputs): - by u. G (m, f): constraints by q. G_rate: velocity form by q.
+    H_v, H_q: acceleration form by v and q.
+    """
+
+    M: Array
+    C: Array
+    K: Array
+    B: Array
+    G: Array
+    G_rate: Array
+    H_v: Array
+    H_q: Array
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """M x'' + C x' + K x = B u about a point, x the independent coordinates; rows that can move follow by
+    dq = lift x, dv = lift x' + drift x, da = lift x'' + bend_v dv + bend_q dq."""
+
+    M: Array
+    C: Array
+    K: Array
+    B: Array
+    lift: Array
+    drift: Array
+    bend_v: Array
+    bend_q: Array
+
+    @property
+    def accelerations(self) -> Array:
+        """x'' by (x, x', u), (n, 2 n + inputs)."""
+        return np.asarray(np.linalg.solve(self.M, np.hstack([-self.K, -self.C, self.B])))
+
+
+def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array) -> Array:
+    """df/dx over some rows of x, by sixth-order central differences; one column a row."""
+    if not len(rows):
+        return np.zeros((f(x).size, 0))
+    columns = []
+    for k in rows:
+        moved, total = x.copy(), np.zeros(())
+        for i, weight in _WEIGHTS:
+            moved[k] = x[k] + i * steps[k]
+            ahead = f(moved)
+            moved[k] = x[k] - i * steps[k]
+            total = total + weight * (ahead - f(moved))
+        columns.append(total / steps[k])
+    return np.array(columns).T
+
+
+def exact_slopes(f: Callable[[Array], Array], x: Array, rows: Rows) -> Array:
+    """The same for an f of at most second degree in x: central differences with a step of 1 are exact."""
+    if not len(rows):
+        return np.zeros((f(x).size, 0))
+    columns = []
+    for k in rows:
+        up, down = x.copy(), x.copy()
+        up[k] += 1.0
+        down[k] -= 1.0
+        columns.append(0.5 * (f(up) - f(down)))
+    return np.array(columns).T
+
+
+class Equations:
+    """Equations of motion of one arm.
+
+    Attributes:
+        free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
+        independent, dependent: positions in `free`; the frame behind a joint of the floating frame depends on the one
+            before it. joints: turnable joints, each with its position among the independent coordinates.
+        names: of the independent coordinates, "joint0", "joint1" ... for the joints that can turn.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        system, model = simulation.system, simulation.model
+        self.model, self.par, self.n_links = model, simulation.par, simulation.scene.arm.n_links
+        self.n = int(size(model.n))
+        self._room = np.zeros(int(size(model.n_factor)))
+        self.algebraic = np.asarray(_NONE if model.algebraic is None else model.algebraic, np.int64)
+        known = [int(k) for k in simulation.drive.known if k >= 0]
+        still = {*known, *self.algebraic.tolist(), *(() if model.fixed is None else model.fixed.tolist())}
+        self.free: Rows = np.array([k for k in range(self.n) if k not in still], np.int64)
+        self.steps = STEP / model.weight
+        place = {int(row): i for i, row in enumerate(self.free)}
+        dependent = [place[row] for row in _dependent(model)]
+        self.dependent: Rows = np.array(dependent, np.int64)
+        self.independent: Rows = np.array([i for i in range(len(self.free)) if i not in dependent], np.int64)
+        order = {int(self.free[i]): j for j, i in enumerate(self.independent)}
+        rows = _joint_rows(simulation)
+        self.joints = {k: order[row] for k, row in rows.items() if row in order}
+        given = {row: f"joint{k}" for k, row in rows.items()} | {
+            system.coordinates[name]: name for name in ("root_x", "root_y") if name in system.coordinates
+        }
+        moving = [int(self.free[i]) for i in self.independent]
+        self.names = tuple(given.get(row, system.names[row]) for row in moving)
+        self.pairs, self.angles = _kinds(system.names)
+        self.in_pairs = [(order[x], order[y]) for x, y in self.pairs if x in order and y in order]
+        grounded = simulation.scene.root == "pinned"
+        self.inputs: Rows = np.array([k for k in self.joints if k > 0 or grounded], np.int64)
+        self._no_inputs, self._psi = np.zeros(int(size(model.n_inputs))), simulation.work.psi.copy()
+        self._poses, self._energies = np.zeros(12 * self.n_links), np.zeros(3)
+
+    def residual(self, point: Point, level: int = 0) -> Array:
+        """r (n,), rows of multipliers: constraints (level 0), their first or second rate (1, 2)."""
+        r = np.zeros(self.n)
+        self._evaluate(point, level, r)
+        return r
+
+    def status(self, q: Array) -> int:
+        """Whether the model holds there: a status code of `flexarm_env.model`."""
+        zero = np.zeros(self.n)
+        return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), 0, zero.copy())
+
+    def _evaluate(self, p: Point, level: int, r: Array) -> int:
+        return int(equations(SINGLE, self.model, self.par, p.q, p.v, p.a, p.u, p.psi, level, r, self._room))
+
+    def poses(self, q: Array, v: Array) -> Array:
+        """Root x, y, angle, their rates, tip x, y, angle, their rates of each link, (n_links, 12)."""
+        self._observe(q, v, np.zeros((0, 2)))
+        return self._poses.reshape(-1, 12).copy()
+
+    def points(self, q: Array) -> Array:
+        """Points along the chain, root to tip, (points, 2), m."""
+        points = np.full((2 + 8 * 64 * self.n_links, 2), np.nan)
+        return points[: self._observe(q, np.zeros(self.n), points)].copy()
+
+    def _observe(self, q: Array, v: Array, points: Array) -> int:
+        return int(observe_arm(SINGLE, self.model, self.par, q, v, self._poses, self._energies, points))
+
+    def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Joint angles and rates (n_links,) each: a link's root less the tip before it."""
+        poses = self.poses(q, v)
+        angles, rates = poses[:, 2].copy(), poses[:, 5].copy()
+        angles[1:] -= poses[:-1, 8]
+        rates[1:] -= poses[:-1, 11]
+        return angles, rates
+
+    def joint_slopes(self, q: Array) -> Array:
+        """Joint angles by the rows that can move (n_links, f): constant, angles being linear in q."""
+        return slopes(lambda x: self.joint_angles(x, np.zeros(self.n))[0], q, self.free, self.steps)
+
+    def turned(self, q: Array, spin: float) -> tuple[Array, Array]:
+        """Rates and accelerations of a rigid turn about the origin at a steady rate, rad/s."""
+        v, a = np.zeros(self.n), np.zeros(self.n)
+        for x, y in self.pairs:
+            v[x], v[y] = -spin * q[y], spin * q[x]
+            a[x], a[y] = -(spin**2) * q[x], -(spin**2) * q[y]
+        v[self.angles] = spin
+        return v, a
+
+    def constraint_slopes(self, point: Point) -> Array:
+        """The constraints by the rows that can move, (m, f)."""
+        if not self.algebraic.size:
+            return np.zeros((0, self.free.size))
+        zero = np.zeros(self.n)
+        return exact_slopes(lambda x: self.residual(replace(point, v=x), 1), zero, self.free)[self.algebraic]
+
+    def derivatives(self, point: Point, rates: bool = True) -> Derivatives:
+        """All derivatives at a point; `rates`: those of the constraints' velocity and acceleration forms as well."""
+        free, lam = self.free, self.algebraic
+
+        def by_q(level: int) -> Array:
+            return slopes(lambda x: self.residual(replace(point, q=x), level), point.q, free, self.steps)
+
+        def by_v(level: int) -> Array:
+            return exact_slopes(lambda x: self.residual(replace(point, v=x), level), point.v, free)
+
+        M = exact_slopes(lambda x: self.residual(replace(point, a=x)), point.a, free)
+        B = -exact_slopes(lambda x: self.residual(replace(point, u=x)), point.u, self.inputs)
+        none = np.zeros((lam.size, free.size))
+        several = lam.size > 0
+        return Derivatives(
+            M=M[free],
+            C=by_v(0)[free],
+            K=by_q(0)[free],
+            B=B[free],
+            G=self.constraint_slopes(point),
+            G_rate=by_q(1)[lam] if several and rates else none,
+            H_v=by_v(2)[lam] if several and rates else none,
+            H_q=by_q(2)[lam] if several and rates else none,
+        )
+
+    def reduced(self, point: Point, spin: float = 0.0) -> Reduced:
+        """The equations in independent coordinates. With a spin (rad/s) positions turn with the arm: then the point
+        is one of steady rotation about the origin, and the matrices are constant in time."""
+        d = self.derivatives(point)
+        f, n = self.free.size, self.independent.size
+        lift, drift = np.zeros((f, n)), np.zeros((f, n))
+        bend_v, bend_q = np.zeros((f, f)), np.zeros((f, f))
+        lift[self.independent] = np.eye(n)
+        if self.dependent.size:
+            inverse = np.linalg.inv(d.G[:, self.dependent])
+            lift[self.dependent] = -inverse @ d.G[:, self.independent]
+            drift[self.dependent] = -inverse @ d.G_rate @ lift
+            bend_v[self.dependent], bend_q[self.dependent] = -inverse @ d.H_v, -inverse @ d.H_q
+        damping, stiffness = d.C + d.M @ bend_v, d.K + d.M @ bend_q
+        M, C, B = lift.T @ d.M @ lift, lift.T @ damping @ lift, lift.T @ d.B
+        _check_mass(M)
+        K = lift.T @ (damping @ drift + stiffness @ lift)
+        if spin != 0.0:  # x = T(w t) xi: x' = xi' + w S xi, x'' = xi'' + 2 w S xi' + w^2 S^2 xi at t = 0
+            S = np.zeros((n, n))
+            for x, y in self.in_pairs:
+                S[x, y], S[y, x] = -1.0, 1.0
+            K = K + spin * C @ S + spin**2 * M @ S @ S
+            C = C + 2.0 * spin * M @ S
+        if self.dependent.size:  # the turn of a frame behind a hinge -> the joint's angle
+            change = np.eye(n)
+            jacobian = self.joint_slopes(point.q) @ lift
+            for k, i in self.joints.items():
+                change[i] = jacobian[k]
+            back = np.linalg.inv(change)
+            M, C, K, B = back.T @ M @ back, back.T @ C @ back, back.T @ K @ back, back.T @ B
+            lift, drift = lift @ back, drift @ back
+        return Reduced(M, C, K, B, lift, drift, bend_v, bend_q)
+
+    def state(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Independent coordinates and their rates, in the order of `names`."""
+        rows = self.free[self.independent]
+        x, rate = q[rows], v[rows]
+        angles, rates = self.joint_angles(q, v)
+        for k, i in self.joints.items():
+            x[i], rate[i] = angles[k], rates[k]
+        return x, rate
+
+    def changes(self, q: Array, dq: Array) -> Array:
+        """Changes of the independent coordinates (n, columns) from those of the rows that can move (f, columns)."""
+        result = dq[self.independent]
+        if self.dependent.size:
+            turns = self.joint_slopes(q) @ dq
+            for k, i in self.joints.items():
+                result[i] = turns[k]
+        return result
+
+
+def _check_mass(M: Array) -> None:
+    """Raise ValueError where some coordinate has no inertia."""
+    size = np.sqrt(np.maximum(M.diagonal(), 0.0))
+    if not (size > 0.0).all() or np.linalg.eigvalsh(M / np.outer(size, size)).min() < 1e-14:
+        raise ValueError(
+            "the mass matrix is singular, so there is no state space: the geometrically exact beam needs sections "
+            "with rotary inertia (links[].section.J > 0), a link reduced to modes a hub inertia"
+        )
+
+
+def _dependent(model: object) -> list[int]:
+    """Rows that the constraints determine: the frame behind each joint, its angle where the joint does not hinge."""
+    if not isinstance(model, FloatingFrame):
+        return []
+    rows = []
+    for body, behind in zip(model.table[:-1], model.table[1:], strict=True):
+        assert behind[START] == body[START] + 3 + body[SIZE] + body[ROWS]
+        rows += [int(behind[START]) + i for i in range(int(body[ROWS]))]
+    return rows
+
+
+def _joint_rows(simulation: Simulation) -> dict[int, int]:
+    """Row of each joint that has one: of its angle, or of the frame that turns with it."""
+    system, model = simulation.system, simulation.model
+    rows = {}
+    for k in range(simulation.scene.arm.n_links):
+        if isinstance(model, FloatingFrame):
+            rows[k] = next(int(body[START]) + 2 for body in model.table if body[LINK] == k)
+        else:
+            rows[k] = system.coordinates[f"joint{k}"]
+    return rows
+
+
+_X = re.compile(r"root_x|body\d+\.x|link\d+\.x[\d.]+")
+_ANGLE = re.compile(r"joint0|body\d+\.theta|link\d+\.psi\d+|phi\d+_\d+")
+
+
+def _kinds(names: tuple[str, ...]) -> tuple[list[tuple[int, int]], list[int]]:
+    """Rows of positions or vectors in global axes (x, y), and rows of absolute angles; the rest does not turn."""
+    pairs = [(i, i + 1) for i, name in enumerate(names) if _X.fullmatch(name)]
+    return pairs, [i for i, name in enumerate(names) if _ANGLE.fullmatch(name)]

@@ -1,0 +1,253 @@
+"""State space of an arm about a point of its motion, continuous, or over one period with the torques held."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..kernels.lanes import SINGLE
+from ..kernels.newmark import Work, advance, restart, unpack
+from ..model import MESSAGE, OK
+from ..scene import Scene
+from ..simulation import Simulation
+from ..trajectory import link_deflection
+from .equations import Equations, Point, Reduced, exact_slopes, slopes
+
+Array = NDArray[np.float64]
+
+METHODS = ("solver", "zoh")
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """x' = rate + A (x - x0) + B (u - u0), y = y0 + C (x - x0) + D (u - u0); with dt, x(t + dt) stands for x'.
+
+    `A, B, C, D = model` unpacks the matrices.
+
+    Attributes:
+        A (2n, 2n), B (2n, m), C (p, 2n), D (p, m).
+        states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI.
+        inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m.
+        outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its root's tangent, m),
+            their rates, "tip_x", "tip_y" (m).
+        x, u, y: the point of the motion. rate: x' there; with dt, the state one period later.
+        t: its time, s. dt: period, s, or None (continuous).
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    x: Array = field(repr=False)
+    u: Array = field(repr=False)
+    y: Array = field(repr=False)
+    rate: Array = field(repr=False)
+    t: float
+    dt: float | None
+
+    def __iter__(self) -> Iterator[Array]:
+        return iter((self.A, self.B, self.C, self.D))
+
+    @property
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """Of A: rad/s (continuous) or multipliers of one period."""
+        return np.asarray(np.linalg.eigvals(self.A), np.complex128)
+
+
+def linearize(
+    target: Simulation | Scene,
+    formulation: str | None = None,
+    *,
+    discrete: float | None = None,
+    method: str = "solver",
+    **options: Any,
+) -> LinearModel:
+    """The linear model of an arm about a point of its motion.
+
+    Args:
+        target: a Simulation, taken at the state, torques and parameters it has now (it is not changed); or a Scene,
+            taken at its start (`static_equilibrium` gives a Simulation at rest under gravity).
+        formulation, options: of a Scene, as for `simulate`.
+        discrete: period, s, over which the torques are held; None for the continuous model.
+        method: "solver": the derivative of what the solver does in a period (accelerations afresh, then steps of at
+            most the settings' dt), along the motion; "zoh": the exponential of the continuous model.
+    Returns:
+        The LinearModel. Prescribed joints are no states and have no input.
+    Raises:
+        ValueError: a value that is not allowed, or a kink of the scene within the period.
+        RuntimeError: the solver fails within the period.
+    """
+    check.choice("method", method, METHODS)
+    if discrete is not None:
+        discrete = check.number("discrete", discrete, "s", above=0.0)
+    simulation = simulation_of(target, formulation, options)
+    equations = Equations(simulation)
+    flat, w = _at_start(simulation)
+    start = point_of(w)
+    reduced = equations.reduced(start)
+    n, m = equations.independent.size, equations.inputs.size
+    x0 = np.concatenate(equations.state(start.q, start.v))
+    accelerations = reduced.accelerations
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [accelerations[:, : 2 * n]]])
+    B = np.vstack([np.zeros((n, m)), accelerations[:, 2 * n :]])
+    rate = np.concatenate([x0[n:], equations.state(start.q, start.a)[1]])  # joint angles are linear in q
+    if discrete is not None and method == "zoh":
+        A, B, rate = _held(A, B, rate, x0, discrete)
+    elif discrete is not None:
+        A, B, rate = _solved(simulation, equations, flat, w, reduced, discrete)
+    names, y0, C = _outputs(equations, start, reduced)
+    return LinearModel(
+        A, B, C, np.zeros((len(names), m)),
+        states=(*equations.names, *(f"{name}_rate" for name in equations.names)),
+        inputs=tuple(f"torque{k}" for k in equations.inputs),
+        outputs=names,
+        x=x0, u=start.u[equations.inputs], y=y0, rate=rate, t=simulation.t, dt=discrete,
+    )  # fmt: skip
+
+
+def simulation_of(target: Simulation | Scene, formulation: str | None, options: dict[str, Any]) -> Simulation:
+    """The target itself, or a Simulation of the scene at its start."""
+    if isinstance(target, Simulation):
+        if formulation is not None or options:
+            name, value = next(iter({"formulation": formulation, **options}.items()))
+            raise check.InvalidValue(name, value, "must not be given with a Simulation, which brings its own settings")
+        return target
+    return Simulation(check.instance("target", target, Scene), target.settings(formulation, **options))
+
+
+def _at_start(simulation: Simulation) -> tuple[Array, Work]:
+    """A copy of the simulation's state, consistent at t+: its work array and the views of it."""
+    work, model, n_motions = simulation.work, simulation.model, simulation.n_motions
+    flat: Array = np.zeros(sum(view.size for view in work))
+    w: Work = getattr(unpack, "py_func", unpack)(SINGLE, model, flat, n_motions)
+    w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
+    restart(SINGLE, model, simulation.drive, simulation.par, flat, n_motions, simulation.t, simulation.dt)
+    return flat, w
+
+
+def point_of(w: Work) -> Point:
+    """The point of the motion in a work array (copied)."""
+    return Point(w.q.copy(), w.v.copy(), w.a.copy(), w.u.copy(), w.psi.copy())
+
+
+def _held(A: Array, B: Array, rate: Array, x0: Array, dt: float) -> tuple[Array, Array, Array]:
+    """The continuous model over a period with the input held."""
+    from scipy.linalg import expm
+
+    n, m = B.shape
+    block = np.zeros((n + m + 1, n + m + 1))
+    block[:n, :n], block[:n, n : n + m], block[:n, -1] = A, B, rate
+    power = expm(block * dt)
+    return power[:n, :n], power[:n, n : n + m], x0 + power[:n, -1]
+
+
+def _solved(
+    simulation: Simulation, equations: Equations, flat: Array, w: Work, reduced: Reduced, dt: float
+) -> tuple[Array, Array, Array]:
+    """Derivative of the solver's own steps over a period, by tangents at each step's solution (`kernels.newmark`)."""
+    scheme, end = simulation.scheme, simulation.t + dt
+    kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
+    if kinks:
+        raise check.InvalidValue("discrete", dt, f"must not reach past the scene's kink at t = {kinks[0]:g} s")
+    steps = max(1, math.ceil(dt / simulation.dt * (1.0 - 1e-9)))
+    h = dt / steps
+    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    c_b, c_v = 1.0 / (beta * h * h), gamma / (beta * h)
+    c_m = c_b * (1.0 - am) / (1.0 - af)
+    n, m, f, g = equations.independent.size, equations.inputs.size, equations.free.size, equations.algebraic.size
+    zero = np.zeros((f, m))
+    dq = np.hstack([reduced.lift, np.zeros((f, n)), zero])
+    dv = np.hstack([reduced.drift, reduced.lift, zero])
+    da = reduced.lift @ reduced.accelerations + reduced.bend_v @ dv + reduced.bend_q @ dq
+    db = da
+    for step in range(steps):
+        advance(
+            SINGLE, simulation.model, simulation.drive, simulation.par, flat, simulation.n_motions,
+            simulation.t + step * h, h, 1, scheme, False,
+        )  # fmt: skip
+        at = simulation.t + step * h
+        if w.flag[0] != OK:
+            bound = float(getattr(simulation.model, "bound", 0.0))
+            text = MESSAGE[int(w.flag[0])].format(t=at, h=h, halvings=scheme.max_halvings, bound=bound)
+            raise RuntimeError(f"the solver failed within the period: {text}")
+        if w.counts[2] > 0:
+            raise RuntimeError(f"the solver halved the step of {h:.3g} s from t = {at:.6g} s; take a smaller dt")
+        d = equations.derivatives(point_of(w), rates=False)
+        q_ahead, v_ahead = dq + h * dv + h * h * (0.5 - beta) * db, dv + h * (1.0 - gamma) * db
+        a_ahead = c_m * q_ahead + (af * da - am * db) / (1.0 - af)
+        matrix = np.zeros((f + g, f + g))
+        matrix[:f, :f] = c_m * d.M + c_v * d.C + d.K
+        matrix[:f, f:], matrix[f:, :f] = c_m * d.G.T, c_m * d.G
+        right = np.zeros((f + g, 2 * n + m))
+        right[:f] = d.M @ a_ahead + d.C @ (c_v * q_ahead - v_ahead)
+        right[:f, 2 * n :] += d.B
+        dq = np.linalg.solve(matrix, right)[:f]
+        db, da_before, db_before = c_b * (dq - q_ahead), da, db
+        dv = v_ahead + gamma * h * db
+        da = ((1.0 - am) * db - af * da_before + am * db_before) / (1.0 - af)
+    change = np.vstack([equations.changes(w.q, dq), equations.changes(w.q, dv)])
+    return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(equations.state(w.q, w.v))
+
+
+def _outputs(equations: Equations, point: Point, reduced: Reduced) -> tuple[tuple[str, ...], Array, Array]:
+    """Names, values, and derivatives by the state of the outputs."""
+    links = range(equations.n_links)
+
+    def outputs(q: Array, v: Array) -> Array:
+        poses = equations.poses(q, v)
+        angles, rates = equations.joint_angles(q, v)
+        cos, sin, spin = np.cos(poses[:, 2]), np.sin(poses[:, 2]), poses[:, 5]
+        dx, dy = poses[:, 6] - poses[:, 0], poses[:, 7] - poses[:, 1]
+        vx, vy = poses[:, 9] - poses[:, 3], poses[:, 10] - poses[:, 4]
+        turning = cos * vy - sin * vx - spin * (cos * dx + sin * dy)
+        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, 6:8]])
+
+    q, v = point.q, point.v
+    by_q = slopes(lambda x: outputs(x, v), q, equations.free, equations.steps)
+    by_v = exact_slopes(lambda x: outputs(q, x), v, equations.free)
+    names = [f"{what}{k}{end}" for what in ("joint", "deflection") for end in ("", "_rate") for k in links]
+    C = np.hstack([by_q @ reduced.lift + by_v @ reduced.drift, by_v @ reduced.lift])
+    return (*names, "tip_x", "tip_y"), outputs(q, v), C
+
+
+def state_of(simulation: Simulation) -> Array:
+    """The state of a Simulation in the order of `LinearModel.states`, (2n,), SI."""
+    return np.concatenate(Equations(simulation).state(simulation.work.q, simulation.work.v))
+
+
+def set_state(simulation: Simulation, x: Array) -> None:
+    """Give a Simulation the state x (2n,), in the order of `LinearModel.states`; dependent coordinates follow.
+
+    Raises ValueError where x has the wrong size or is not finite, RuntimeError where no position of the arm has it.
+    """
+    equations = Equations(simulation)
+    n, w = equations.independent.size, simulation.work
+    x = np.asarray(x, float)
+    if x.shape != (2 * n,) or not np.isfinite(x).all():
+        raise check.InvalidValue("x", x, f"must be {2 * n} finite numbers")
+    free, lam = equations.free, equations.algebraic
+    zero = np.zeros(equations.n)
+    for _ in range(30):
+        point = Point(w.q, zero, zero, w.u, w.psi)
+        G = equations.constraint_slopes(point)
+        change = np.vstack([G, equations.changes(w.q, np.eye(free.size))])
+        missing = np.concatenate([-equations.residual(point)[lam], x[:n] - equations.state(w.q, zero)[0]])
+        move = np.linalg.solve(change, missing)
+        w.q[free] += move
+        if np.abs(move * simulation.model.weight[free]).max() < 1e-13:
+            break
+    else:
+        raise RuntimeError("no position of the arm with this state was found: it is too far from the present one")
+    w.v[free] = 0.0  # prescribed rates remain
+    drift = equations.residual(Point(w.q, w.v, zero, w.u, w.psi), 1)[lam]
+    w.v[free] = np.linalg.solve(change, np.concatenate([-drift, x[n:] - equations.state(w.q, w.v)[1]]))
+    simulation.set_torques(w.u[: equations.n_links].copy())
