@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +77,7 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
 def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
     """max_tip_error and rms_tip_error; nan with a reason where the run ended before there was anything to compare."""
     try:
-        return asdict(tip_error(trajectory.t, trajectory.tip, reference))
+        return dataclasses.asdict(tip_error(trajectory.t, trajectory.tip, reference))
     except ValueError:
         if trajectory.status == "ok":
             raise
@@ -106,13 +106,9 @@ def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> t
 
 
 def _through_env(scene: Scene, settings: Settings, args: argparse.Namespace) -> Any:
-    try:
-        from flexarm_env.envs.replay import through_env
-    except ImportError:
-        raise ValueError("--through-env: this version of the package has no environments") from None
-    if args.duration is not None:
-        import dataclasses
+    from flexarm_env.envs.replay import through_env
 
+    if args.duration is not None:
         scene = dataclasses.replace(scene, duration=check.number("duration", args.duration, "s", above=0.0))
     return through_env(scene, settings, args.sample)
 

@@ -1,0 +1,273 @@
+"""The command line: what it prints, writes and refuses, and how quickly its help is there."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexarm_env.cli import main
+from flexarm_env.cli.parser import build_parser
+from flexarm_env.cli.progress import ProgressBar, show
+from flexarm_env.scenes import named, names, read_trajectory
+from flexarm_env.simulation import simulate
+
+COMMANDS = ("scenes", "replay", "simulate", "doctor")
+SHORT = ["replay", "robot_arm_motion", "--segments", "2", "--duration", "0.5"]
+
+
+def values_of(text: str) -> dict[str, str]:
+    """The `name: value` lines."""
+    return dict(line.split(": ", 1) for line in text.splitlines())
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The sentence on standard error of a command that must end with code 2."""
+    try:
+        code = main(list(words))
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    printed = capsys.readouterr()
+    assert code == 2
+    assert printed.out == ""
+    assert printed.err.startswith("flexarm")
+    assert printed.err.count("\n") == 1
+    assert "Traceback" not in printed.err
+    return printed.err
+
+
+# ------------------------------------------------------------------- help
+@pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
+def test_help_teaches_within_a_second(command: tuple[str, ...]) -> None:
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "flexarm_env", *command, "--help"], capture_output=True, text=True, check=False
+    )
+    spent = time.perf_counter() - start
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "flexarm " in done.stdout
+    assert spent < 4.0  # less than 1 s on a machine that is not busy with other tests
+
+
+@pytest.mark.parametrize("command", ["replay", "simulate"])
+def test_help_names_every_flag_and_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        build_parser().parse_args([command, "--help"])
+    text = capsys.readouterr().out
+    flags = "formulation segments elements coupling modes order nodes dt rho-inf tolerance duration sample out plot"
+    assert all(f"--{flag} " in text for flag in flags.split())
+    assert ("--reference" in text) == (command == "replay")
+    assert f"  flexarm {command} " in text
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom flexarm_env.cli.parser import build_parser\nbuild_parser()\n"
+        "print([m for m in ('numba', 'scipy', 'matplotlib', 'torch', 'pygame') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_no_command_shows_the_overview(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    assert "flexarm replay robot_arm_motion" in capsys.readouterr().out
+
+
+# ------------------------------------------------------------------ scenes
+def test_scenes_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes"]) == 0
+    text = capsys.readouterr().out
+    assert [line.split()[0] for line in text.splitlines()[1:]] == list(names(parameter_sets=True))
+    assert main(["scenes", "--json"]) == 0
+    entries = {entry["name"]: entry for entry in json.loads(capsys.readouterr().out)["scenes"]}
+    assert entries["flying_rod"]["reference"] is True
+    assert entries["flying_rod"]["root"] == "free"
+    assert "J = 10" in entries["flying_rod@as_printed"]["note"]
+
+
+def test_a_scenes_toml_can_be_run_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["scenes", "robot_arm_motion"]) == 0
+    path = tmp_path / "mine.toml"
+    path.write_text(capsys.readouterr().out)
+    assert main(["simulate", str(path), "--duration", "0.5", "--segments", "2", "--json"]) == 0
+    mine = json.loads(capsys.readouterr().out)
+    assert main([*SHORT, "--json"]) == 0
+    theirs = json.loads(capsys.readouterr().out)
+    assert "max_tip_error" not in mine
+    assert mine["max_energy_balance_residual"] == theirs["max_energy_balance_residual"]
+
+
+# ------------------------------------------------------------------ replay
+def test_replay_reports(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", "robot_arm_motion"]) == 0
+    values = values_of(capsys.readouterr().out)
+    assert values["status"] == "ok"
+    assert values["steps"] == "180"
+    assert int(values["newton_iterations"]) > 180
+    assert 0.0 < float(values["cpu_seconds_per_simulated_second"]) < 0.15 / 9.0
+    assert 0.0 < float(values["max_energy_balance_residual"]) < 0.1
+    assert float(values["max_tip_error"]) == pytest.approx(0.030, abs=0.004)
+    assert 0.0 < float(values["rms_tip_error"]) < float(values["max_tip_error"])
+    assert values["instants"] == "181"
+    assert "0.002 m" in values["reference"]
+
+
+def test_replay_is_simulate(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    table, arrays = tmp_path / "a" / "run.csv", tmp_path / "run.npz"
+    options = ["--coupling", "paper", "--dt", "0.025", "--rho-inf", "0.8", "--tolerance", "1e-9", "--sample", "0.1"]
+    assert main([*SHORT, *options, "--out", str(table)]) == 0
+    assert main([*SHORT, *options, "--out", str(arrays)]) == 0
+    run = simulate(
+        named("robot_arm_motion"), segments=2, coupling="paper", dt=0.025, rho_inf=0.8, tolerance=1e-9, sample=0.1,
+        duration=0.5,
+    )  # fmt: skip
+    for name, column in read_trajectory(table).items():
+        np.testing.assert_array_equal(column, run.columns()[name])
+    with np.load(arrays) as data:
+        np.testing.assert_array_equal(data["q"], run.q)
+    assert values_of(capsys.readouterr().out)["out"] == str(arrays)
+
+
+def test_replay_against_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    assert main([*SHORT, "--out", str(path)]) == 0
+    assert main([*SHORT, "--reference", str(path), "--json"]) == 0
+    text = capsys.readouterr().out
+    values = json.loads(text[text.index("{") :])
+    assert (values["max_tip_error"], values["rms_tip_error"], values["reference"]) == (0.0, 0.0, str(path))
+
+
+def test_replay_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "arm.png"
+    assert main([*SHORT, "--plot", str(path)]) == 0
+    assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert values_of(capsys.readouterr().out)["plot"] == str(path)
+
+
+def test_a_parameter_set_has_no_reference(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", "robot_arm_motion@as_printed", "--duration", "0.2", "--segments", "1"]) == 0
+    assert "reference" not in values_of(capsys.readouterr().out)
+
+
+def test_a_run_that_fails_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["replay", "spin_up", "--coupling", "linear", "--segments", "1", "--elements", "5", "--json"])
+    values = json.loads(capsys.readouterr().out)
+    assert code == 1
+    assert values["status"] == "diverged"
+    assert "diverged at t =" in values["message"]
+
+
+# ---------------------------------------------------------------- refusals
+def test_refusals_are_sentences(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    replay = ("replay", "robot_arm_motion")
+    assert "unknown scene" in refused(capsys, "replay", "robot_arm")
+    assert "a .toml file that exists" in refused(capsys, "simulate", str(tmp_path / "none.toml"))
+    assert "nodes: unknown option of floating_frame (it belongs to" in refused(capsys, *replay, "--nodes", "5")
+    assert "segments = 0: must be" in refused(capsys, *replay, "--segments", "0")
+    assert "modes" in refused(capsys, *replay, "--modes", "2", "--segments", "2")
+    assert "dt = -1.0: must be a positive number (s)" in refused(capsys, *replay, "--dt", "-1")
+    assert "dt = nan" in refused(capsys, *replay, "--dt", "nan")
+    assert "invalid int value: 'x'" in refused(capsys, *replay, "--elements", "x")
+    assert "unrecognized arguments: --segment" in refused(capsys, *replay, "--segment", "2")
+    assert "unrecognized arguments: --reference" in refused(capsys, "simulate", "x.toml", "--reference", "y.csv")
+    assert "must end in .csv or .npz" in refused(capsys, *replay, "--out", str(tmp_path / "a.txt"))
+    assert "must end in .png" in refused(capsys, *replay, "--plot", str(tmp_path / "a.gif"))
+    assert "No such file" in refused(capsys, *replay, "--reference", str(tmp_path / "none.csv"))
+    assert "invalid choice: 'replai'" in refused(capsys, "replai")
+    assert "unknown scene" in refused(capsys, "scenes", "nothing")
+    assert "formulation = 'exact'" in refused(capsys, *replay, "--formulation", "exact")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_damaged_scene_names_its_key(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    text = named("robot_arm_motion").to_toml()
+    path.write_text(text.replace("EI = 1000.0", "EI = -1.0"))
+    assert "arm.links[0].section.EI = -1.0: must be a positive number (N m^2)" in refused(capsys, "simulate", str(path))
+    path.write_text("name = [")
+    assert "bad.toml" in refused(capsys, "simulate", str(path))
+
+
+def test_outputs_are_checked_before_the_run(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert "file" in refused(capsys, *SHORT, "--out", str(tmp_path / "file" / "run.csv"))
+    (tmp_path / "folder.csv").mkdir()
+    assert "this is a folder" in refused(capsys, *SHORT, "--out", str(tmp_path / "folder.csv"))
+
+
+def test_nothing_in_common_with_the_reference(capsys: pytest.CaptureFixture[str]) -> None:
+    text = refused(capsys, *SHORT, "--sample", "0.47", "--duration", "0.48")
+    assert "must share instants with the reference" in text
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    command = f"{sys.executable} -m flexarm_env scenes | head -1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+
+
+# ------------------------------------------------------------- environments
+def test_through_the_environment_gives_the_same_file(tmp_path: Path) -> None:
+    direct, through = tmp_path / "direct.csv", tmp_path / "through.csv"
+    assert main([*SHORT, "--out", str(direct)]) == 0
+    assert main([*SHORT, "--through-env", "--out", str(through)]) == 0
+    assert through.read_bytes() == direct.read_bytes()
+
+
+def test_free_bodies_go_through_no_environment(capsys: pytest.CaptureFixture[str]) -> None:
+    text = refused(capsys, "replay", "flying_rod", "--through-env")
+    assert "free body" in text
+
+
+# ------------------------------------------------------------------ doctor
+def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert values["self_test"].startswith("passed")
+    assert values["self_test_max_tip_error"] < 0.035
+    assert {"python", "numba", "torch", "processors", "cache_folder"} <= values.keys()
+
+
+# ---------------------------------------------------------------- printing
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_progress_is_for_terminals() -> None:
+    quiet, terminal = io.StringIO(), Terminal()
+    for stream in (quiet, terminal):
+        bar = ProgressBar("run", stream, after=0.0)
+        bar(0.25)
+        bar(0.5)
+        bar.close()
+    assert quiet.getvalue() == ""
+    lines = terminal.getvalue().split("\r")
+    assert " 25%" in lines[1]
+    assert " 50%" in lines[2]
+    assert lines[-2].strip() == ""
+
+
+def test_progress_waits_half_a_second() -> None:
+    terminal = Terminal()
+    bar = ProgressBar("run", terminal)
+    bar(0.5)
+    bar.close()
+    assert terminal.getvalue() == ""
+
+
+def test_json_has_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
+    show({"a": float("nan"), "b": {"c": (1.0, float("inf"))}, "d": "x"}, as_json=True)
+    assert json.loads(capsys.readouterr().out) == {"a": None, "b": {"c": [1.0, None]}, "d": "x"}
+    show({"a": 0.1 + 0.2, "b": {"c": 1}, "d": (1, 2)}, as_json=False)
+    assert capsys.readouterr().out == "a: 0.3\nb: c=1\nd: 1, 2\n"
