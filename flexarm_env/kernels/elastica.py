@@ -23,8 +23,8 @@ def _offsets(model):  # type: ignore[no-untyped-def]
     n = size(model.nodes)
     m = size(model.links) * n
     R = m * m
-    b = R + m + m * n
-    return R, R + m, b, b + m, b + 2 * m, b + 3 * m
+    b = R + 2 * m * n
+    return R, R + m * n, b, b + m, b + 2 * m, b + 3 * m
 
 
 @kernel
@@ -104,7 +104,9 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
     _less_forces(lane, model, model.loads, u, fx, fy)
     for k in range(links):
         for i in range(k * n, k * n + n):
-            total = load(lane, z, i) * D[at_R + i]
+            total = load(lane, z, k * n) * D[at_R + i * n]
+            for j in range(1, n):
+                total = total + load(lane, z, k * n + j) * D[at_R + i * n + j]
             for j in range(n):
                 total = total + load(lane, x, k * n + j) * D[at_K + i * n + j]
             store(r, i, total + (load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)))
@@ -141,12 +143,12 @@ def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type:
             lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
             upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
             if j >= k * n:
-                bend = slope * D[at_K + i * n + j - k * n]
+                bend = slope * D[at_K + i * n + j - k * n] + cm * D[at_R + i * n + j - k * n]
                 lower, upper = lower + bend, upper + bend
             store(S, i * rows + j, lower)
             store(S, j * rows + i, upper)
         p = share * D[at_w + i] + D[i * m + i]
-        own = p * (ci * dyi - si * dxi) + (slope * D[at_K + i * n + i - k * n] + cm * D[at_R + i])
+        own = p * (ci * dyi - si * dxi) + (slope * D[at_K + i * n + i - k * n] + cm * D[at_R + i * n + i - k * n])
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
     _payload_turns_tangent(lane, model, load(lane, par, 1), cm, S)
     _root_tangent(lane, model, payload, c, s, ex, ey, cm, S)
@@ -439,11 +441,13 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
         turn = turn + load(lane, y, i) * D[at_tips + i]
     twice = payload * (tip_x * tip_x + tip_y * tip_y) + load(lane, par, 1) * (turn * turn)
     for i in range(m):
-        px, py, rate = splat(lane, 0.0), splat(lane, 0.0), load(lane, y, i)
+        px, py, rate, spin = splat(lane, 0.0), splat(lane, 0.0), load(lane, y, i), splat(lane, 0.0)
+        for j in range(n):
+            spin = spin + load(lane, y, i // n * n + j) * D[at_R + i * n + j]
         for j in range(m):
             px = px + load(lane, ex, j) * D[i * m + j]
             py = py + load(lane, ey, j) * D[i * m + j]
-        twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + rate * rate * D[at_R + i])
+        twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + rate * spin)
     mass = payload + D[at_one]
     if model.root is not None:
         vx, vy = load(lane, v, m), load(lane, v, m + 1)
@@ -523,7 +527,7 @@ def shape(model, q, points):  # type: ignore[no-untyped-def]
     _, _, _, _, _, at_one = _offsets(model)
     lane = (0,)
     m = size(model.links) * size(model.nodes)
-    first = at_one + 5
+    first = at_one + 5 + m * size(model.nodes)
     count = min((D.shape[0] - first) // m, points.shape[0])
     x = stack(lane, model.scratch)
     _absolute(lane, model, q, x)

@@ -20,6 +20,7 @@ from ..kernels.floating_body import LINK, ROWS, SIZE, START
 from ..kernels.lanes import SINGLE
 from ..kernels.protocol import size
 from ..kernels.rollout import observe_arm
+from ..mechanics.assembly import physical
 from ..model import FloatingFrame
 from ..simulation import Simulation
 
@@ -121,8 +122,9 @@ class Equations:
         names: of the independent coordinates, "joint0", "joint1" ... for the joints that can turn.
     """
 
-    def __init__(self, simulation: Simulation) -> None:
-        system, model = simulation.system, simulation.model
+    def __init__(self, simulation: Simulation, stepping: bool = False) -> None:
+        """stepping: with the inertia that the solver steps with, which may hold a correction of its period."""
+        system, model = simulation.system, simulation.model if stepping else physical(simulation.model)
         self.model, self.par, self.n_links = model, simulation.par, simulation.scene.arm.n_links
         self.n = int(size(model.n))
         self._room = np.zeros(int(size(model.n_factor)))

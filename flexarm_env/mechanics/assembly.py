@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 import numpy as np
 
-from ..model import Drive, System
+from ..model import Drive, Elastica, System
 from ..scene import JointTorque, Scene
 from ..settings import Settings
 from ..time_functions import TimeFunction
@@ -23,6 +24,15 @@ def assemble(scene: Scene, settings: Settings) -> System:
     module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
     system: System = module.build(scene, settings)
     return system
+
+
+def physical(model: Any) -> Any:
+    """The model with the inertia that the arm has: without what makes up for the integrator's longer period."""
+    if isinstance(model, Elastica):
+        from .elastica import physical as without_correction
+
+        return without_correction(model)
+    return model
 
 
 def drive(scene: Scene, system: System) -> Drive:

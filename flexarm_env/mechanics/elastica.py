@@ -132,9 +132,9 @@ def chain(arm: Arm, n: int) -> Chain:
     """The matrices of an arm, mechanics of docs/theory.md, with n nodes a link."""
     count = arm.n_links
     lines = tuple(Line.of(link.length, n, k < count - 1) for k, link in enumerate(arm.links))
-    size = count * n
-    P, R, K = np.zeros((size, size)), np.zeros((count, n, n)), np.zeros((count, n, n))
-    b, w = np.zeros(size), np.zeros(size)
+    total = count * n
+    P, R, K = np.zeros((total, total)), np.zeros((count, n, n)), np.zeros((count, n, n))
+    b, w = np.zeros(total), np.zeros(total)
     beyond = 0.0  # mass that hangs on the link's tip
     for k in reversed(range(count)):
         link, line, own = arm.links[k], lines[k], slice(k * n, (k + 1) * n)
@@ -148,7 +148,7 @@ def chain(arm: Arm, n: int) -> Chain:
         K[k] = link.section.EI * line.matrix(line.slope(s))
         beyond += link.mass
     for k in range(count):
-        own, later = slice(k * n, (k + 1) * n), slice((k + 1) * n, size)
+        own, later = slice(k * n, (k + 1) * n), slice((k + 1) * n, total)
         P[own, later] = np.outer(w[own], b[later])
         P[later, own] = P[own, later].T
     return Chain(lines, P, R, K, b, w, beyond)
@@ -164,6 +164,46 @@ def _rotary(arm: Arm, k: int, line: Line, link: Link) -> Array:
     if k < arm.n_links - 1:
         R[-1] += arm.elbow(k + 1).inertia_left
     return np.diag(R)
+
+
+def phase_correction(parts: Chain, payload: float, h: float, settings: Settings) -> Array:
+    """What to take from the links' rotary inertia so that vibrations keep their period in steps of h, (N, n, n) kg m^2.
+
+    The integrator makes a period longer by the share kappa (omega h)^2; with the inertia M - 2 kappa h^2 K it would not.
+    That holds for the modes that the step resolves; of the others at most half of the inertia M of a link (what hangs on
+    its tip included) may go: C = 2 kappa h^2 K (M + 4 kappa h^2 K)^-1 M. It has no part in rigid motion or momentum.
+    """
+    n, factor = parts.n, 2.0 * period_error(settings) * h * h
+    C = np.zeros_like(parts.R)
+    for k in range(len(parts.lines)):
+        own = slice(k * n, (k + 1) * n)
+        M = parts.P[own, own] + parts.R[k] + payload * np.outer(parts.w[own], parts.w[own])
+        C[k] = factor * parts.K[k] @ np.linalg.solve(M + 2.0 * factor * parts.K[k], M)
+    return np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
+
+
+def period_error(settings: Settings) -> float:
+    """kappa: the integrator makes a period longer by the share kappa (omega h)^2 (docs: theory, section 6)."""
+    if settings.newmark is not None:
+        return max(0.0, 0.5 * settings.newmark[0] - 1.0 / 24.0)
+    assert settings.rho_inf is not None
+    return 1.0 / 12.0 + 0.375 * ((1.0 - settings.rho_inf) / (1.0 + settings.rho_inf)) ** 2
+
+
+def physical(model: Elastica) -> Elastica:
+    """The model with the inertia that the links have, for all that is not a step: frequencies, linear equations."""
+    m = size(model.links) * size(model.nodes)
+    count = m * size(model.nodes)
+    inertia, correction = m * m, m * m + 2 * count + 3 * m + 5
+    data = model.data.copy()
+    data[inertia : inertia + count] += data[correction : correction + count]
+    data[correction : correction + count] = 0.0
+    return model._replace(data=data)
+
+
+def size(tag_or_number: int | tuple[int, ...]) -> int:
+    """The number that a size field stands for."""
+    return tag_or_number if isinstance(tag_or_number, int) else len(tag_or_number)
 
 
 def _end(chain_: Chain, load: PointLoad) -> tuple[Array, Array]:
@@ -192,33 +232,35 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     assert settings.nodes is not None
     arm, n = scene.arm, settings.nodes
     parts = chain(arm, n)
-    count, size = arm.n_links, arm.n_links * n
-    own = size <= UNROLLED and not scene.motions and not scene.loads
+    count, angles = arm.n_links, arm.n_links * n
+    own = angles <= UNROLLED and not scene.motions and not scene.loads
     movable = [scene.root == "free" or scene.motion_of(name) is not None for name in ("root_x", "root_y")]
     has_root = any(movable) or not own
-    rows = size + (2 if has_root else 0)
+    rows = angles + (2 if has_root else 0)
     fixed = [joint * n for joint in scene.rigid_joints]
-    fixed += [size + i for i in range(2) if has_root and not movable[i]]
+    fixed += [angles + i for i in range(2) if has_root and not movable[i]]
     ends = [weights for load in scene.loads if isinstance(load, PointLoad) for weights in _end(parts, load)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
     stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
-    lumped = [np.diag(R) for R in parts.R]
-    gravity = scene.gravity or (0.0, 0.0)
+    correction = np.zeros_like(parts.R)
+    if settings.dt is not None:
+        correction = phase_correction(parts, arm.payload.mass, settings.dt, settings)
+    numbers = [parts.mass, *scene.position, *(scene.gravity or (0.0, 0.0))]
     model = Elastica(
         n=tag(rows, own),
         n_factor=tag(rows * rows, own),
         n_inputs=tag(count + 3 * (len(ends) // 2), own),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
-        weight=np.concatenate([np.ones(size), np.full(rows - size, 1.0 / arm.total_length)]),
+        weight=np.concatenate([np.ones(angles), np.full(rows - angles, 1.0 / arm.total_length)]),
         predictor=(1.0, 10.0),
         links=tag(count, own),
         nodes=tag(n, own),
-        scratch=(0,) * (size if own else 48 * -(-size // 48)),
+        scratch=(0,) * (angles if own else 48 * -(-angles // 48)),
         root=(0,) if has_root else None,
         gravity=None if own and scene.gravity is None else (0,),
         payload_turns=(0,),
-        data=_flat(parts.P, lumped, parts.K, parts.b, parts.w, tips, parts.mass, scene.position, gravity, stations),
+        data=_flat(parts.P, parts.R - correction, parts.K, parts.b, parts.w, tips, numbers, correction, stations),
         loads=None if own else _flat(*ends),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
