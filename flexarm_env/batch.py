@@ -19,7 +19,6 @@ from . import kernels  # noqa: F401  (registers the formulations)
 from .kernels import environment, starts
 from .kernels.address import Placed, entry
 from .kernels.lanes import EIGHT, SINGLE
-from .kernels.newmark import work_size
 from .kernels.program import (
     ACTION_NOT_FINITE,
     CLIP,
@@ -54,6 +53,7 @@ from .kernels.program import (
 )
 from .kernels.rollout import observe_arm
 from .kernels.task import Reach, Slew
+from .kernels.work import work_size
 from .mechanics import assembly
 from .model import STATUS, System, scheme
 from .parameters import Arm
@@ -256,6 +256,10 @@ class Batch:
         return self._mine(self.layout.record, self.layout.action, i)
 
     # --- motion ----------------------------------------------------------------------------------
+    def parameters(self, i: int) -> Array:
+        """Payload mass, payload inertia, EI factor and tau_d of arm i (see `model.PAYLOAD_MASS`), a copy."""
+        return self._par(i).copy()
+
     def begin(self, i: int, key: int | None = None, *, limit: int, mode: int = RUNNING) -> None:
         """A fresh start of arm i; key: 64 random bits that its draws and noise follow from (None: go on)."""
         if key is not None:
@@ -264,17 +268,15 @@ class Batch:
         self._begin(self.address, i, mode)
 
     def witness(
-        self, i: int, poses: Array, torques: Array, action: Array, energies: Array, code: int, gauges: Array | None = None
+        self, i: int, poses: Array, torques: Array, action: Array, energies: Array, code: int, gauges: Any = ()
     ) -> None:
         """The outcome of a period of arm i that was moved elsewhere.
 
         poses (N, 12), torques (N,) N m, action (N,), energies (5,) J: kinetic, strain, gravity, dissipated, work;
         gauges (G,), scaled; code: status, or -1 for the start of its episode.
         """
-        links = self.arm.n_links
-        parts = [poses.ravel(), torques, action, energies, [1.0], [] if gauges is None else gauges]
+        parts = (poses.ravel(), torques, action, energies, np.ones(1), np.asarray(gauges, float))
         self.outside[:] = np.concatenate(parts)
-        assert len(torques) == links
         if self._witness is None:
             self._witness = entry(starts.witness, self._placed, 0, 0)
         self._witness(self.address, i, code)
@@ -414,7 +416,7 @@ def _chunks(groups: int, parts: int) -> list[tuple[int, int]]:
 
 
 __all__ = [
-    "Actuator", "Batch", "CLIP", "Controller", "DEFLECTION", "ENERGIES", "ERROR", "Extras", "FRESH", "GUIDED", "HOLD",
-    "IN_RANGE", "LIMIT", "MODE", "OVER", "REASON", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "STEP",
-    "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "TARGET_RATE", "TIP", "View",
+    "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Controller", "DEFLECTION", "ENERGIES", "ERROR", "Extras",
+    "FRESH", "GUIDED", "HOLD", "IN_RANGE", "LIMIT", "MODE", "OVER", "REASON", "REASONS", "RUNNING", "Reach",
+    "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "TARGET_RATE", "TIP", "View",
 ]  # fmt: skip

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from . import kernels  # noqa: F401  (registers the formulations)
 from .kernels.lanes import SINGLE
-from .kernels.newmark import Work, advance, restart, unpack, work_size
+from .kernels.newmark import advance
+from .kernels.restart import restart
 from .kernels.rollout import observe_arm
+from .kernels.work import Work, unpack, work_size
 from .mechanics import assembly
 from .model import DIVERGED, MESSAGE, NOT_FINITE, OK, scheme
 from .scene import Scene

@@ -14,8 +14,10 @@ import pytest
 from flexarm_env import simulate
 from flexarm_env.arms import named as named_arm
 from flexarm_env.kernels.lanes import EIGHT, SINGLE
-from flexarm_env.kernels.newmark import advance, restart, unpack, work_size
+from flexarm_env.kernels.newmark import advance
+from flexarm_env.kernels.restart import restart
 from flexarm_env.kernels.switching import switch
+from flexarm_env.kernels.work import unpack, work_size
 from flexarm_env.mechanics.exact_beam import build
 from flexarm_env.model import scheme
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from numba import types
+from numba.extending import overload
+
 from .arithmetic import clip
 from .jit import kernel
 from .lanes import load, square_root, store
-from .newmark import advance, restart
+from .newmark import advance
 from .program import FRICTION, GOAL, STEP, TORQUE_FACTOR
 from .protocol import link_poses, size
+from .restart import restart
 from .stack import stack
 from .switching import switch
 
@@ -57,31 +61,44 @@ def _see_joints(lane, controller, actuator, model, par, q, v, poses):  # type: i
         link_poses(lane, model, par, q, v, poses)
 
 
-@kernel
 def _jump(lane, predictor, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
     """Accelerations jump with the torques, from w.u0 to w.u.
 
     They are solved afresh, but for stiff formulations (predictor None), where that is done in an episode's first period
     only (`switching.switch` says why).
     """
-    if predictor is None:
-        lanes, n, any_first = len(lane), size(p.model.n), False
+    jump = _jump_stiff if predictor is None else _jump_afresh
+    jump(lane, p, par, record, saved, block, w)
+
+
+@overload(_jump)  # type: ignore[untyped-decorator]
+def _overload_jump(lane, predictor, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+    jump = _jump_stiff if isinstance(predictor, types.NoneType) else _jump_afresh
+    return lambda lane, predictor, p, par, record, saved, block, w: jump(lane, p, par, record, saved, block, w)
+
+
+@kernel
+def _jump_afresh(lane, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+    restart(lane, p.model, None, par, block, 0, 0.0, p.h)
+
+
+@kernel
+def _jump_stiff(lane, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+    lanes, n, any_first = len(lane), size(p.model.n), False
+    for i in range(lanes):
+        if record[STEP * lanes + i] < 0.5:
+            any_first = True
+    if any_first:
+        restart(lane, p.model, None, par, block, 0, 0.0, p.h)
         for i in range(lanes):
             if record[STEP * lanes + i] < 0.5:
-                any_first = True
-        if any_first:
-            restart(lane, p.model, None, par, block, 0, 0.0, p.h)
-            for i in range(lanes):
-                if record[STEP * lanes + i] < 0.5:
-                    for k in range(size(p.task.links)):
-                        w.u0[k * lanes + i] = w.u[k * lanes + i]
-                else:
-                    for k in range(n):
-                        w.a[k * lanes + i] = saved[(2 * n + k) * lanes + i]
-                        w.b[k * lanes + i] = saved[(3 * n + k) * lanes + i]
-        switch(lane, p.model, par, block, 0)
-    else:
-        restart(lane, p.model, None, par, block, 0, 0.0, p.h)
+                for k in range(size(p.task.links)):
+                    w.u0[k * lanes + i] = w.u[k * lanes + i]
+            else:
+                for k in range(n):
+                    w.a[k * lanes + i] = saved[(2 * n + k) * lanes + i]
+                    w.b[k * lanes + i] = saved[(3 * n + k) * lanes + i]
+    switch(lane, p.model, par, block, 0)
 
 
 @kernel

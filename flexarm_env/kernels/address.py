@@ -65,7 +65,7 @@ def follow(typingctx: Any, address: Any) -> Any:
 
 if config.DISABLE_JIT:  # the value is its own address
 
-    def follow(address: Any) -> Any:  # noqa: F811
+    def follow(address: Any) -> Any:
         return address
 
 

@@ -1,9 +1,10 @@
 """Arrays without reference counts, for the inside of a compiled function.
 
-Numba counts references to every array that is taken out of a tuple, with an atomic increment and decrement that the optimiser
-cannot always pair off: hundreds of calls in a step. `bare(x)` makes of an array, or of each array in a named tuple, a pointer and a
-length (one-dimensional arrays only). The caller's arrays live as long as its call, so nothing is lost. A bare array has `a[i]`,
-`a[i] = x`, `a[start:stop]`, `a.shape`, and works with `load` and `store` of `lanes.py`; an index is not negative and not checked.
+Numba counts references to every array that is taken out of a tuple, with an atomic increment and decrement that the
+optimiser cannot always pair off: hundreds of calls in a step. `bare(x)` makes of an array, or of each array in a
+named tuple, a pointer and a length (one-dimensional arrays only). The caller's arrays live as long as its call, so
+nothing is lost. A bare array has `a[i]`, `a[i] = x`, `a[start:stop]`, `a.shape`, and works with `load` and `store` of
+`lanes.py`; an index is not negative and not checked.
 """
 
 from __future__ import annotations
@@ -14,8 +15,7 @@ from typing import Any
 from llvmlite import ir
 from numba import config, types
 from numba.core import cgutils
-from numba.core.typing.templates import AbstractTemplate, infer_getattr, infer_global, signature
-from numba.core.typing.templates import AttributeTemplate
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, lower_getattr, models, register_model
 
 _INDEX = ir.IntType(64)

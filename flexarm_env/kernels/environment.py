@@ -20,7 +20,6 @@ from .address import follow
 from .arithmetic import put
 from .jit import kernel
 from .lanes import absolute, load, select_lt, splat, store
-from .newmark import unpack
 from .program import (
     ACTION_NOT_FINITE,
     DEFLECTION,
@@ -46,6 +45,7 @@ from .sensors import read_gauges, sense
 from .stack import stack
 from .task import judge, observe
 from .track import look_ahead, move_targets
+from .work import unpack
 
 _PAIR = (0, 0)
 
@@ -67,7 +67,8 @@ def _period(lane, p, g, block, w):  # type: ignore[no-untyped-def]
     task, layout, model = p.task, p.layout, p.model
     par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
     record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
-    seen, info, saved = block[layout.seen : layout.info], block[layout.info : layout.saved], block[layout.saved : layout.end]
+    seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
+    saved = block[layout.saved : layout.end]
     _read_actions(lane, task, p.n, p.action, g, action, record, w.flag)
     _keep(lane, size(model.n), w.q, w.v, w.a, w.b, w.books, record, saved)
     drive(lane, p, p.controller, p.actuator, par, poses, record, action, saved, block, w)
@@ -84,7 +85,7 @@ def _period(lane, p, g, block, w):  # type: ignore[no-untyped-def]
     _note(lane, task, p.actuator, p.estimate, record, w.u, live, info)
     inside = select_lt(out_of_range(lane, model, par, w.q), 0.5, splat(lane, 1.0), splat(lane, 0.0))
     put(live, info, tail_of(task) + IN_RANGE, inside, load(lane, info, tail_of(task) + IN_RANGE))
-    _note_energies(lane, p.books, task, model, par, record, w, live, info)
+    note_energies(lane, p.books, task, model, par, record, w, live, info)
     return _close(lane, p, g, w, record, seen, info, saved, pair)
 
 
@@ -168,7 +169,7 @@ def _note(lane, task, actuator, estimate, record, u, live, info):  # type: ignor
 
 
 @kernel
-def _note_energies(lane, books, task, model, par, record, w, live, info):  # type: ignore[no-untyped-def]
+def note_energies(lane, books, task, model, par, record, w, live, info):  # type: ignore[no-untyped-def]
     """Energies into info; friction's loss is dissipation, and no work of the motors."""
     if books is not None:
         kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)

@@ -16,7 +16,7 @@ LENGTH, MASS, S0, I0, OFFSET, VECTORS = range(6)  # scalars at the head of a bod
 
 # Where things stand in a body's block p = table[body, BLOCK], n coordinates (each accessor would be one more function
 # to compile, so the arithmetic is written out): from v = p + VECTORS the vectors S_bar v, c_u v+2n, c v+3n, tip v+4n;
-# from w = v + 7n the matrices G w, M_ff w+nn, B w+2nn, K_axial w+3nn, K_bend w+4nn, D0 w+5nn, tip H w+6nn; then elements.
+# from w = v + 7n the matrices G w, M_ff w+nn, B w+2nn, K_axial w+3nn, K_bend w+4nn, D0 w+5nn, tip H w+6nn; elements.
 
 
 @kernel
@@ -67,34 +67,44 @@ def add_pair_row(S, half, cos, sin, i, k, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def tip_places(m, body):  # type: ignore[no-untyped-def]
+    """Where in `data` a body's u, v, phi at the tip stand, and its tip H."""
+    n = m.table[body, SIZE]
+    vectors = m.table[body, BLOCK] + VECTORS
+    return vectors + 4 * n, vectors + n * (7 + 6 * n)
+
+
+@kernel
 def tip_position(m, body, q):  # type: ignore[no-untyped-def]
     """Tip in the body frame: (s_x, s_y, phi)."""
+    nose, fore = tip_places(m, body)
     at, n = m.table[body, START] + 3, m.table[body, SIZE]
-    tip = (m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE])
-    s_x = m.data[m.table[body, BLOCK] + LENGTH] + dot(m.data, tip, q, at, n)
+    s_x = m.data[m.table[body, BLOCK] + LENGTH] + dot(m.data, nose, q, at, n)
     if m.table[body, ELEMENTS] == 0:
-        s_x -= 0.5 * quadratic(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), q, q, at, n)
-    return s_x, dot(m.data, tip + n, q, at, n), dot(m.data, tip + 2 * n, q, at, n)
+        s_x -= 0.5 * quadratic(m.data, fore, q, q, at, n)
+    return s_x, dot(m.data, nose + n, q, at, n), dot(m.data, nose + 2 * n, q, at, n)
 
 
 @kernel
 def tip_rate(m, body, q, v):  # type: ignore[no-untyped-def]
     """Rate of the tip in the body frame."""
+    nose, fore = tip_places(m, body)
     at, n = m.table[body, START] + 3, m.table[body, SIZE]
-    tip = (m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE])
-    s_x = dot(m.data, tip, v, at, n)
+    s_x = dot(m.data, nose, v, at, n)
     if m.table[body, ELEMENTS] == 0:
-        s_x -= quadratic(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), q, v, at, n)
-    return s_x, dot(m.data, tip + n, v, at, n), dot(m.data, tip + 2 * n, v, at, n)
+        s_x -= quadratic(m.data, fore, q, v, at, n)
+    return s_x, dot(m.data, nose + n, v, at, n), dot(m.data, nose + 2 * n, v, at, n)
 
 
 @kernel
 def tip_gradient(m, body, q, j):  # type: ignore[no-untyped-def]
     """d(s_x, s_y)/dq_j at the tip."""
-    x = m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 0 + j]
+    n = m.table[body, SIZE]
+    nose, fore = tip_places(m, body)
+    x = m.data[nose + j]
     if m.table[body, ELEMENTS] == 0:
-        x -= line(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), j, q, m.table[body, START] + 3, m.table[body, SIZE])
-    return x, m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + m.table[body, SIZE] + j]
+        x -= line(m.data, fore, j, q, m.table[body, START] + 3, n)
+    return x, m.data[nose + n + j]
 
 
 @kernel
@@ -179,7 +189,8 @@ def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-u
             linear = ck + cc * damp
             row = (e + i) * (3 * half + 1) - i + half
             for j in range(n):
-                x = inert * d[m_ff + i * n + j] + (2.0 * w * cc + alpha * ck) * d[b + i * n + j] - ck * w * w * d[g + i * n + j]
+                x = inert * d[m_ff + i * n + j] - ck * w * w * d[g + i * n + j]
+                x += (2.0 * w * cc + alpha * ck) * d[b + i * n + j]
                 x += linear * (d[k_axial + i * n + j] + stiff * d[k_bend + i * n + j])
                 if modal:
                     x -= ck * ax * d[d0 + i * n + j]
@@ -201,7 +212,7 @@ def coupling_force(m, body, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
         w2, w3 = q[first + 4], q[first + 5]
         wgw = 0.0
         for i in range(4):
-            gw = d[g + 4 * i + 0] * w0 + d[g + 4 * i + 1] * w1 + d[g + 4 * i + 2] * w2 + d[g + 4 * i + 3] * w3
+            gw = d[g + 4 * i] * w0 + d[g + 4 * i + 1] * w1 + d[g + 4 * i + 2] * w2 + d[g + 4 * i + 3] * w3
             wgw += gw * (w0 if i == 0 else w1 if i == 1 else w2 if i == 2 else w3)
         force = ea * (stretch + (0.5 * wgw if full else 0.0))  # axial force P
         if full:
@@ -211,7 +222,7 @@ def coupling_force(m, body, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
         low = 0 if element > 0 else 2
         for i in range(low, 4):
             row = first + 1 + i + (i // 2)
-            gw = d[g + 4 * i + 0] * w0 + d[g + 4 * i + 1] * w1 + d[g + 4 * i + 2] * w2 + d[g + 4 * i + 3] * w3
+            gw = d[g + 4 * i] * w0 + d[g + 4 * i + 1] * w1 + d[g + 4 * i + 2] * w2 + d[g + 4 * i + 3] * w3
             r[row] += force * gw
             if cm != 0.0:
                 add_entry(S, half, row, first + 3, ck * ea * gw)
@@ -224,13 +235,15 @@ def coupling_force(m, body, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
                 for j in range(low, 4):
                     x = force * d[g + 4 * i + j]
                     if full:
-                        x += ea * gw * (d[g + 4 * j + 0] * w0 + d[g + 4 * j + 1] * w1 + d[g + 4 * j + 2] * w2 + d[g + 4 * j + 3] * w3)
+                        other = d[g + 4 * j] * w0 + d[g + 4 * j + 1] * w1
+                        x += ea * gw * (other + d[g + 4 * j + 2] * w2 + d[g + 4 * j + 3] * w3)
                     add_entry(S, half, row, first + 1 + j + (j // 2), ck * x)
 
 
 @kernel
 def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
     """A point mass and inertia at a body's tip, exactly."""
+    nose, fore = tip_places(m, body)
     at = m.table[body, START]
     e, n, half = at + 3, m.table[body, SIZE], m.half
     cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
@@ -242,7 +255,7 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
     hx, hy, turn = tip_rate(m, body, q, a)
     modal = m.table[body, ELEMENTS] == 0
     if modal:
-        hx -= quadratic(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), v, v, e, n)
+        hx -= quadratic(m.data, fore, v, v, e, n)
     turn += alpha
     bx = -alpha * sy - w * w * sx - 2.0 * w * ty + hx
     by = alpha * sx - w * w * sy + 2.0 * w * tx + hy
@@ -252,7 +265,7 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
     r[at + 2] += sx * fy - sy * fx + inertia * turn
     for i in range(n):
         x, y = tip_gradient(m, body, q, i)
-        r[e + i] += x * fx + y * fy + inertia * m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 2 * m.table[body, SIZE] + i] * turn
+        r[e + i] += x * fx + y * fy + inertia * m.data[nose + 2 * n + i] * turn
     if cm == 0.0:
         return
     for j in range(3 + n):  # column by column: how the tip's acceleration (mass times) and the lever arms change
@@ -269,10 +282,11 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
             px, py = tip_gradient(m, body, q, j - 3)
             p, k = 0.0, 0.0
             if modal:
-                p, k = line(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), j - 3, v, e, n), line(m.data, (m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])), j - 3, a, e, n)
+                p = line(m.data, fore, j - 3, v, e, n)
+                k = line(m.data, fore, j - 3, a, e, n)
             dx = cm * px - cc * (2.0 * w * py + 2.0 * p) - ck * (alpha * py + w * w * px + k)
             dy = cm * py + cc * 2.0 * w * px + ck * (alpha * px - w * w * py - 2.0 * w * p)
-            spin = cm * m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 2 * n + j - 3]
+            spin = cm * m.data[nose + 2 * n + j - 3]
         dx *= mass
         dy *= mass
         if j == 2:  # the force turns with the frame
@@ -282,15 +296,16 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
         add_entry(S, half, at + 2, at + j, sx * dy - sy * dx + ck * (px * fy - py * fx) + inertia * spin)
         for i in range(n):
             x, y = tip_gradient(m, body, q, i)
-            entry = x * dx + y * dy + inertia * m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 2 * m.table[body, SIZE] + i] * spin
+            entry = x * dx + y * dy + inertia * m.data[nose + 2 * n + i] * spin
             if modal and j >= 3:
-                entry -= ck * fx * m.data[(m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])) + i * n + j - 3]
+                entry -= ck * fx * m.data[fore + i * n + j - 3]
             add_entry(S, half, e + i, at + j, entry)
 
 
 @kernel
 def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
     """Residual -= what a global force and a moment do at a body's tip; tangent with its curvature."""
+    nose, fore = tip_places(m, body)
     at = m.table[body, START]
     e, n, half = at + 3, m.table[body, SIZE], m.half
     cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
@@ -301,13 +316,13 @@ def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):  # type: ignore[no-unty
     r[at + 2] -= sx * ly - sy * lx + moment
     for i in range(n):
         x, y = tip_gradient(m, body, q, i)
-        r[e + i] -= x * lx + y * ly + m.data[(m.table[body, BLOCK] + VECTORS + 4 * m.table[body, SIZE]) + 2 * m.table[body, SIZE] + i] * moment
+        r[e + i] -= x * lx + y * ly + m.data[nose + 2 * n + i] * moment
         if cm != 0.0:
             turned = ck * (x * ly - y * lx)
             add_entry(S, half, e + i, at + 2, -turned)
             add_entry(S, half, at + 2, e + i, -turned)
             if m.table[body, ELEMENTS] == 0:
                 for j in range(n):
-                    add_entry(S, half, e + i, e + j, ck * lx * m.data[(m.table[body, BLOCK] + VECTORS + m.table[body, SIZE] * (7 + 6 * m.table[body, SIZE])) + i * n + j])
+                    add_entry(S, half, e + i, e + j, ck * lx * m.data[fore + i * n + j])
     if cm != 0.0:
         add_entry(S, half, at + 2, at + 2, ck * (sx * lx + sy * ly))

@@ -43,8 +43,8 @@ from .protocol import register
 @kernel
 def _joint_columns(m, body, q, scale, S):  # type: ignore[no-untyped-def]
     """Phi_q and its transpose for the joint between a body's tip and the next body, both times `scale`."""
-    at, lam, nxt, half = m.table[body, START], m.table[body, START] + 3 + m.table[body, SIZE], m.table[body + 1, START], m.half
-    e, n = at + 3, m.table[body, SIZE]
+    at, nxt, n, half = m.table[body, START], m.table[body + 1, START], m.table[body, SIZE], m.half
+    e, lam = at + 3, at + 3 + n
     p = m.table[body, BLOCK] + VECTORS
     cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
     sx, sy, _ = tip_position(m, body, q)
@@ -183,7 +183,8 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
         if body == 0:
             y[0] = q[2]
         elif m.table[body, LINK] != m.table[body - 1, LINK]:
-            y[m.table[body, LINK]] = q[m.table[body, START] + 2] - q[m.table[body - 1, START] + 2] - tip_position(m, body - 1, q)[2]
+            turn = q[m.table[body, START] + 2] - q[m.table[body - 1, START] + 2]
+            y[m.table[body, LINK]] = turn - tip_position(m, body - 1, q)[2]
     for i in range(m.loads.shape[0]):
         body, k = m.loads[i, 0], m.n_links + 3 * i
         at = m.table[body, START]
@@ -252,7 +253,8 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
             sx -= 0.5 * quadratic(m.data, d0, q, q, e, n)
             tx -= quadratic(m.data, d0, q, v, e, n)
         vx, vy = cos * v[at] + sin * v[at + 1], cos * v[at + 1] - sin * v[at]
-        inertia = m.data[m.table[body, BLOCK] + I0] + 2.0 * dot(m.data, p + 2 * n, q, e, n) + quadratic(m.data, p + 7 * n, q, q, e, n)
+        inertia = m.data[p - VECTORS + I0] + 2.0 * dot(m.data, p + 2 * n, q, e, n)
+        inertia += quadratic(m.data, p + 7 * n, q, q, e, n)
         kinetic += 0.5 * m.data[p - VECTORS + MASS] * (vx * vx + vy * vy) + vx * (tx - w * sy) + vy * (ty + w * sx)
         kinetic += 0.5 * w * w * inertia + 0.5 * quadratic(m.data, p + n * (7 + n), v, v, e, n)
         kinetic += w * (dot(m.data, p + 3 * n, v, e, n) - quadratic(m.data, p + n * (7 + 2 * n), q, v, e, n))
@@ -294,7 +296,7 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
-    """DIVERGED when a body's tip deflects beyond the body's length; OUT_OF_RANGE when a reduced link leaves its range."""
+    """DIVERGED when a body's tip deflects beyond its length; OUT_OF_RANGE when a reduced link leaves its range."""
     m = model
     for body in range(m.table.shape[0]):
         deflection, length = abs(tip_position(m, body, q)[1]), m.data[m.table[body, BLOCK] + LENGTH]

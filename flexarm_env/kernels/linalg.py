@@ -11,7 +11,7 @@ from .jit import kernel
 
 @kernel
 def band_lu(A, pivot, n, below, above):  # type: ignore[no-untyped-def]
-    """Factor A in place; `pivot[i]` (stored as float64) is the row exchanged with row i. A zero pivot leaves inf/NaN."""
+    """Factor A in place; `pivot[i]` (a float64) is the row exchanged with row i. A zero pivot leaves inf or NaN."""
     width = 2 * below + above + 1
     for k in range(n):
         last = min(n - 1, k + below)

@@ -10,8 +10,6 @@ others go on, so a batch and a single arm give the same bits.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import types
 from numba.extending import overload
@@ -21,94 +19,8 @@ from .bare import bare
 from .drive import set_inputs, set_motions
 from .jit import kernel
 from .lanes import absolute, largest, load, maximum, select_lt, splat, store
-from .protocol import assemble, constrain, dissipation, factor, out_of_range, pin, ports, predict, size, solve
-
-class Work(NamedTuple):
-    """Views of one flat float64 array; n rows, L lanes. q v a b: state; *0: state at the step's start."""
-
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    b: np.ndarray
-    q0: np.ndarray
-    v0: np.ndarray
-    a0: np.ndarray
-    b0: np.ndarray
-    r: np.ndarray
-    S: np.ndarray
-    u: np.ndarray
-    u0: np.ndarray
-    y: np.ndarray
-    y0: np.ndarray
-    psi: np.ndarray
-    psi0: np.ndarray
-    reaction: np.ndarray
-    reaction0: np.ndarray
-    flag: np.ndarray  # status of each lane
-    books: np.ndarray  # work of the drives, dissipated energy, unused
-    counts: np.ndarray  # Newton iterations, factorisations, halvings, steps
-
-
-@kernel
-def work_size(lanes, model, n_motions):  # type: ignore[no-untyped-def]
-    """Length of the flat array behind `Work`."""
-    n, n_u = size(model.n), size(model.n_inputs)
-    return lanes * (9 * n + size(model.n_factor) + 4 * n_u + 8 * n_motions + 4) + 4
-
-
-@kernel
-def unpack(lane, model, flat, n_motions):  # type: ignore[no-untyped-def]
-    """`Work` as views of `flat`."""
-    lanes = len(lane)
-    n, n_u, m, s = size(model.n) * lanes, size(model.n_inputs) * lanes, n_motions * lanes, size(model.n_factor) * lanes
-    k = 9 * n
-    i = k + s
-    j = i + 4 * n_u
-    e = j + 8 * m
-    return Work(
-        flat[0:n], flat[n : 2 * n], flat[2 * n : 3 * n], flat[3 * n : 4 * n],
-        flat[4 * n : 5 * n], flat[5 * n : 6 * n], flat[6 * n : 7 * n], flat[7 * n : 8 * n], flat[8 * n : k],
-        flat[k:i],
-        flat[i : i + n_u], flat[i + n_u : i + 2 * n_u], flat[i + 2 * n_u : i + 3 * n_u], flat[i + 3 * n_u : j],
-        flat[j : j + 3 * m], flat[j + 3 * m : j + 6 * m], flat[j + 6 * m : j + 7 * m], flat[j + 7 * m : e],
-        flat[e : e + lanes], flat[e + lanes : e + 4 * lanes], flat[e + 4 * lanes : e + 4 * lanes + 4],
-    )  # fmt: skip
-
-
-@kernel
-def _take_out_known(lane, model, drive, r, S, matrix):  # type: ignore[no-untyped-def]
-    """Take fixed and prescribed coordinates out of the residual and, where asked for, out of the matrix."""
-    for i in range(model.fixed.shape[0]):
-        k = model.fixed[i]
-        store(r, k, splat(lane, 0.0))
-        if matrix:
-            pin(lane, model, S, k)
-    if drive is not None:
-        for k in drive.known:
-            if k >= 0:
-                r[k] = 0.0
-                if matrix:
-                    pin(lane, model, S, k)
-
-
-@kernel
-def _note_reactions(known, algebraic, r, multipliers, reaction):  # type: ignore[no-untyped-def]
-    """Generalised forces that hold the prescribed coordinates: rows of the residual, or multipliers."""
-    for i in range(known.shape[0]):
-        k = known[i]
-        if k >= 0:
-            reaction[i] = r[k]
-        elif algebraic is not None:
-            reaction[i] = multipliers[algebraic[-1 - k]]
-
-
-@kernel
-def _set_known(known, psi, q, v, a, b):  # type: ignore[no-untyped-def]
-    """Give prescribed coordinates their position, velocity and acceleration."""
-    for i in range(known.shape[0]):
-        k = known[i]
-        if k >= 0:
-            q[k], v[k], a[k], b[k] = psi[3 * i], psi[3 * i + 1], psi[3 * i + 2], psi[3 * i + 2]
+from .protocol import assemble, constrain, dissipation, factor, out_of_range, ports, predict, size, solve
+from .work import note_reactions, set_known, take_out_known, unpack
 
 
 def _share(predictor):  # type: ignore[no-untyped-def]
@@ -166,7 +78,7 @@ def _first_contraction(lane, trust, increment):  # type: ignore[no-untyped-def]
 
 @kernel
 def _predict(lane, n, flat, predictor, h, scheme):  # type: ignore[no-untyped-def]
-    """Start of Newton, eqs. [66]-[68]; the state q, v, a, b is kept in q0, v0, a0, b0 (rows of `flat`, see `unpack`)."""
+    """Start of Newton, eqs. [66]-[68]; q, v, a, b are kept in q0, v0, a0, b0 (rows of `flat`, see `unpack`)."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
     share = _share(predictor)
     for k in range(n):
@@ -322,7 +234,7 @@ def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  #
             finish = start + piece
             set_inputs(drive, w.u, finish, finish - 1e-6 * piece)
             set_motions(drive, w.psi, finish, finish - 1e-6 * piece)
-            _set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
+            set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
         c_b = 1.0 / (scheme.beta * piece * piece)
         c_v = scheme.gamma / (scheme.beta * piece)
         c_m = c_b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f)
@@ -340,10 +252,10 @@ def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  #
             assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, use * c_v, use, w.r, w.S)
             if stage == CLOSE:
                 if drive is not None:
-                    _note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
+                    note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
                 break
             _constrain(lane, model, model.algebraic, w, stage, c_m)
-            _take_out_known(lane, model, drive, w.r, w.S, fresh)
+            take_out_known(lane, model, drive, w.r, w.S, fresh)
             if fresh:
                 factor(lane, model, w.S)
                 w.counts[1] += 1.0
@@ -397,104 +309,3 @@ def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  #
         else:
             piece = min(piece, left)
     return t + n_steps * h
-
-
-@kernel
-def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-untyped-def]
-    """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
-
-    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known, then M a + Phi_q^T lambda =
-    Q - h(q, v) gives a, and b = a. The work of the impulse goes to the books. h: a step, for sidedness only.
-    """
-    _restart(lane, bare(model), drive, bare(par), unpack(lane, model, bare(flat), n_motions), t, h)
-
-
-@kernel
-def _restart(lane, model, drive, par, w, t, h):  # type: ignore[no-untyped-def]
-    """`restart` on bare arrays."""
-    n = size(model.n)
-    if drive is not None:
-        for i in range(w.psi.shape[0]):
-            w.psi0[i] = w.psi[i]
-        set_inputs(drive, w.u, t, t + 1e-6 * h)
-        set_motions(drive, w.psi, t, t + 1e-6 * h)
-        for k in range(n):
-            w.v0[k] = w.v[k]
-            w.a0[k] = 0.0  # the jump dv; impulses in its rows of multipliers
-        for i in range(drive.known.shape[0]):
-            k = drive.known[i]
-            if k >= 0:
-                w.a0[k] = w.psi[3 * i + 1] - w.v[k]
-    for stage in range(5):
-        if drive is None:  # only the accelerations are to be solved for
-            if stage != 3:
-                continue
-        if stage == 3:
-            for k in range(n):
-                store(w.a, k, splat(lane, 0.0))
-            _move_multipliers(model.algebraic, w.q, w.a, False)
-        if drive is not None:
-            if stage == 0:  # the residual at rest, to be subtracted: what is left is inertia
-                for k in range(n):
-                    w.v[k], w.a[k] = 0.0, 0.0
-                _move_multipliers(model.algebraic, w.q, w.a, False)
-            elif stage <= 2:
-                for k in range(n):
-                    w.a[k] = w.a0[k]
-                _move_multipliers(model.algebraic, w.q, w.a0, False)
-            elif stage == 3:
-                for k in range(n):
-                    w.v[k] = w.v0[k] + w.a0[k]
-                _move_multipliers(model.algebraic, w.q, w.a, False)
-                _move_multipliers(model.algebraic, w.v, w.v, True)
-                _set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
-        matrix = stage == 1 or stage == 3
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, 0.0, 0.0, w.r, w.S)
-        if drive is not None:
-            if stage == 0:
-                for k in range(n):
-                    w.b0[k] = w.r[k]
-            elif stage <= 2:
-                for k in range(n):
-                    w.r[k] -= w.b0[k]
-            if stage == 2:
-                _note_reactions(drive.known, model.algebraic, w.r, w.a0, w.reaction)
-                for i in range(drive.known.shape[0]):  # impulse times mean velocity is the kinetic energy it brings
-                    k = drive.known[i]
-                    speed = w.psi[3 * i + 1] + (w.v0[k] if k >= 0 else w.psi0[3 * i + 1])
-                    w.books[0] += 0.5 * speed * w.reaction[i]
-            elif stage == 1:
-                for k in range(n):
-                    w.v[k] = w.v0[k] + w.a0[k]
-                constrain(lane, model, w.psi, w.q, w.v, w.a, 1, 1.0, w.r)
-                for k in range(n):
-                    w.v[k] = 0.0
-        if stage == 3:
-            constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
-        if matrix:
-            _take_out_known(lane, model, drive, w.r, w.S, matrix)
-            factor(lane, model, w.S)
-            w.counts[1] += 1.0
-            solve(lane, model, w.S, w.r)
-        if stage == 3:
-            for k in range(n):
-                store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
-            _move_multipliers(model.algebraic, w.q, w.a, False)
-            _move_multipliers(model.algebraic, w.a, w.a, True)
-            for k in range(n):
-                store(w.b, k, load(lane, w.a, k))
-        if drive is not None:
-            if stage == 1:
-                for k in range(n):
-                    w.a0[k] -= w.r[k]
-            elif stage == 4:
-                _note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
-
-
-@kernel
-def _move_multipliers(algebraic, target, values, clear):  # type: ignore[no-untyped-def]
-    """Multipliers live in q; solves for accelerations or velocity jumps leave them in those arrays."""
-    if algebraic is not None:
-        for i in range(algebraic.shape[0]):
-            k = algebraic[i]
-            target[k] = 0.0 if clear else values[k]

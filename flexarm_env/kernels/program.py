@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 STEP, LIMIT, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, FRICTION, PATH, GOAL = 0, 1, 2, 3, 4, 6, 8, 9, 10, 16
-"""An arm's record: control periods done, allowed; mode; instants in the band; target (2) and its rate (2); factor of the
-torque constant; energy lost in joint friction, J; numbers of the reference's path (6); joint angles that reach the
+"""An arm's record: control periods done, allowed; mode; instants in the band; target (2) and its rate (2); factor of
+the torque constant; energy lost in joint friction, J; numbers of the reference's path (6); joint angles that reach the
 target (N). After them, where there are such: motor torques (N), commands (N an age), past observations (O an age)."""
 
 RUNNING, OVER, FRESH, GUIDED = range(4)
@@ -92,7 +92,7 @@ class Reference(NamedTuple):
 
 
 class Program(NamedTuple):
-    """A batch of n arms with its task. A joints, O entries of the observation; None: an absent feature, compiled out."""
+    """A batch of n arms with its task; A joints, O entries of the observation. None: absent, compiled out."""
 
     lane: tuple[int, ...]
     model: Any

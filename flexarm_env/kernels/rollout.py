@@ -1,4 +1,4 @@
-"""Entry point from Python that looks at one arm; those that move it are `newmark.advance` and `newmark.restart`."""
+"""Entry point from Python that looks at one arm; those that move it are `newmark.advance` and `restart.restart`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Room on the stack: small float64 arrays of a kernel's own, without allocation.
 
-`stack(lane, sizes)` gives a flat bare array (`bare.py`) of `len(sizes)` lanes, not initialised, that lives as long as the call.
-Where the compiler can follow every index into it, it becomes registers.
+`stack(lane, sizes)` gives a flat bare array (`bare.py`) of `len(sizes)` lanes, not initialised, that lives as long as
+the call. Where the compiler can follow every index into it, it becomes registers.
 """
 
 from __future__ import annotations

@@ -8,16 +8,15 @@ import numpy as np
 
 from ..model import OK
 from .address import follow
-from .environment import settle, tail_of
+from .environment import note_energies, settle, tail_of
 from .jit import kernel
-from .lanes import SINGLE
-from .newmark import unpack
+from .lanes import load, splat, store
 from .program import (
     DEFLECTION,
     ENERGIES,
     ERROR,
-    HOLD,
     GOAL,
+    HOLD,
     IN_RANGE,
     JOINT_LIMIT,
     LIMIT,
@@ -25,10 +24,14 @@ from .program import (
     TARGET,
     TORQUE_FACTOR,
 )
-from .protocol import energy, link_poses, size
+from .protocol import link_poses, size
 from .sensors import read_gauges, sense, uniform
+from .stack import stack
 from .task import aim, judge, observe
 from .track import look_ahead, start_path
+from .work import unpack
+
+_ONE, _PAIR, _MANY, _OWN = (0,), (0, 0), (0,) * (GOAL + 8), (0,) * 16
 
 
 @kernel
@@ -37,15 +40,17 @@ def begin(address, arm, mode):  # type: ignore[no-untyped-def]
     p = follow(address)
     g = arm // len(p.lane)
     block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
-    _start(p, arm, mode, block, unpack(p.lane, p.model, block, 0))
+    _start(p.lane, p, arm, mode, block, unpack(p.lane, p.model, block, 0))
 
 
 @kernel
-def _start(p, arm, mode, block, w):  # type: ignore[no-untyped-def]
-    task, layout, lanes = p.task, p.layout, len(p.lane)
-    i, n_joints, n = arm % lanes, size(task.links), size(p.model.n)
-    record = block[layout.record : layout.action]
-    own = np.zeros(16)
+def _start(lane, p, arm, mode, block, w):  # type: ignore[no-untyped-def]
+    task, layout, lanes = p.task, p.layout, len(lane)
+    i, n_joints = arm % lanes, size(task.links)
+    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
+    record, info = block[layout.record : layout.action], block[layout.info : layout.saved]
+    seen, action = block[layout.seen : layout.info], block[layout.action : layout.seen]
+    own = stack(_ONE, _OWN)
     _draw(task, p.ranges, p.stream, p.wish, arm, own)
     limit = record[LIMIT * lanes + i]
     for k in range(record.shape[0] // lanes):
@@ -53,26 +58,30 @@ def _start(p, arm, mode, block, w):  # type: ignore[no-untyped-def]
     record[LIMIT * lanes + i], record[MODE * lanes + i] = limit, float(mode)
     record[TORQUE_FACTOR * lanes + i] = own[8]
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[5], own[6]
-    q, v, par = np.empty(n), np.empty(n), own[12:16]
-    _place(p.ranges.pose, p.ranges.shake, n_joints, own, q, v)
-    for k in range(n):
-        w.q[k * lanes + i], w.v[k * lanes + i] = q[k], v[k]
-        w.a[k * lanes + i], w.b[k * lanes + i] = 0.0, 0.0
+    _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     for k in range(4):
-        block[layout.par + k * lanes + i] = par[k]
+        par[k * lanes + i] = own[12 + k]
     for k in range(n_joints):
-        w.u[k * lanes + i] = 0.0
+        w.u[k * lanes + i], action[k * lanes + i] = 0.0, 0.0
         record[(GOAL + k) * lanes + i] = own[k]
     for k in range(3):
         w.books[k * lanes + i] = 0.0
     start_path(p.reference, task, p.stream, arm, record, lanes)
-    poses, energies = np.empty(12 * n_joints), np.zeros(6)
-    link_poses(SINGLE, p.model, par, q, v, poses)
-    energies[0], energies[1], energies[2] = _energies(p.books, p.model, par, q, v)
-    energies[5] = 1.0
-    seen = np.zeros(p.entries)
-    read_gauges(SINGLE, p.sensors, p.entries, p.model, q, seen)
-    _look(p, arm, block, poses, np.zeros(n_joints), np.zeros(n_joints), energies, seen, True)
+    link_poses(lane, p.model, par, w.q, w.v, poses)
+    read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
+    live = _only(lane, i)
+    _open(lanes, p, arm, block, 1.0)
+    note_energies(lane, p.books, task, p.model, par, record, w, live, info)
+    _sight(lane, p, arm, live, record, action, poses, seen, info)
+
+
+@kernel
+def _only(lane, i):  # type: ignore[no-untyped-def]
+    """1 in lane i, 0 elsewhere."""
+    mask = stack(lane, _ONE)
+    store(mask, 0, splat(lane, 0.0))
+    mask[i] = 1.0
+    return load(lane, mask, 0)
 
 
 @kernel
@@ -99,14 +108,6 @@ def _draw(task, ranges, stream, wish, arm, own):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _energies(books, model, par, q, v):  # type: ignore[no-untyped-def]
-    """Kinetic, strain and gravity energy where energies are kept."""
-    if books is not None:
-        return energy(SINGLE, model, par, q, v)
-    return 0.0, 0.0, 0.0
-
-
-@kernel
 def _between(stream, arm, ranges, k):  # type: ignore[no-untyped-def]
     """The next number of an arm's stream, within row k of `ranges`."""
     return ranges[2 * k] + (ranges[2 * k + 1] - ranges[2 * k]) * uniform(stream, arm)
@@ -121,56 +122,51 @@ def _given(wish, drawn):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _place(pose, shake, n_joints, own, q, v):  # type: ignore[no-untyped-def]
-    """Straight links at their joint angles, at rest but for the initial vibration."""
+def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):  # type: ignore[no-untyped-def]
+    """Arm in lane i: straight links at their joint angles, at rest but for the initial vibration."""
     cosine, sine = math.cos(own[0]), math.sin(own[0])
-    for row in range(q.shape[0]):
+    for row in range(rows):
         o = row * (1 + 3 * n_joints)
         alpha, value = 0.0, pose[o]
         for k in range(n_joints):
             alpha += own[k]
             value += pose[o + 1 + k] * alpha
             value += pose[o + 1 + n_joints + k] * math.cos(alpha) + pose[o + 1 + 2 * n_joints + k] * math.sin(alpha)
-        q[row] = value
-        v[row] = (shake[3 * row] + shake[3 * row + 1] * cosine + shake[3 * row + 2] * sine) * own[4]
+        q[row * lanes + i] = value
+        v[row * lanes + i] = (shake[3 * row] + shake[3 * row + 1] * cosine + shake[3 * row + 2] * sine) * own[4]
+        a[row * lanes + i], b[row * lanes + i] = 0.0, 0.0
 
 
 @kernel
-def _look(p, arm, block, poses, torques, action, energies, seen, first):  # type: ignore[no-untyped-def]
-    """Observation and info of one arm from its poses (12 N), torques, energies (5) and whether it is in range.
+def _open(lanes, p, arm, block, in_range):  # type: ignore[no-untyped-def]
+    """The info of an arm before anything has happened: zeros; the joint angles that reach its target."""
+    task, layout = p.task, p.layout
+    i, tail = arm % lanes, tail_of(task)
+    for at in range(layout.info, layout.saved, lanes):
+        block[at + i] = 0.0
+    block[layout.info + (tail + IN_RANGE) * lanes + i] = in_range
+    block[layout.info + (tail + ERROR) * lanes + i] = p.estimate
+    mine = stack(_ONE, _MANY)
+    for k in range(GOAL + size(task.links)):
+        mine[k] = block[layout.record + k * lanes + i]
+    aim(task, mine)
+    for k in range(GOAL, GOAL + size(task.links)):
+        block[layout.record + k * lanes + i] = mine[k]
+    block[layout.record + HOLD * lanes + i] = 0.0
 
-    first: at the start of an episode, where there is no reward yet. Returns (reward, joint limit passed).
-    """
-    task, layout, lanes = p.task, p.layout, len(p.lane)
-    i, n, targets, tail = arm % lanes, size(task.links), size(task.targets), tail_of(task)
-    record, info = block[layout.record : layout.action], block[layout.info : layout.saved]
-    mine, own = np.empty(record.shape[0] // lanes), np.zeros(info.shape[0] // lanes)
-    for k in range(mine.shape[0]):
-        mine[k] = record[k * lanes + i]
-    if first:
-        mine[HOLD] = 0.0
-        aim(task, mine)
-    observe(SINGLE, task, poses, mine, seen)
-    look_ahead(1, p.reference, task, p.period, first, poses, mine, seen)
-    reward, past = judge(SINGLE, task, poses, action, mine, 1.0, own)
-    for k in range(n):
-        own[DEFLECTION + n + targets + k] = torques[k]
-    if first:
-        for k in range(tail - size(task.terms), tail):
-            own[k] = 0.0
-    own[tail + IN_RANGE], own[tail + ERROR] = energies[5], p.estimate
-    for k in range(5):
-        own[tail + ENERGIES + k] = energies[k]
-    for k in range(mine.shape[0]):
-        record[k * lanes + i] = mine[k]
-    for k in range(own.shape[0]):
-        info[k * lanes + i] = own[k]
-    for k in range(p.entries):
-        block[layout.seen + k * lanes + i] = seen[k]
-    if first:
-        sense(lanes, p.sensors, p.entries, p.stream, arm, record, block[layout.seen : layout.info], p.observation, True)
-        p.reward[arm], p.terminated[arm], p.truncated[arm] = 0.0, np.uint8(0), np.uint8(0)
-    return reward, past
+
+@kernel
+def _sight(lane, p, arm, live, record, action, poses, seen, info):  # type: ignore[no-untyped-def]
+    """The first observation of an episode; no reward yet."""
+    task, lanes = p.task, len(lane)
+    i, tail = arm % lanes, tail_of(task)
+    observe(lane, task, poses, record, seen)
+    look_ahead(lanes, p.reference, task, p.period, True, poses, record, seen)
+    judge(lane, task, poses, action, record, live, info)
+    for k in range(tail - size(task.terms), tail):
+        info[k * lanes + i] = 0.0
+    sense(lanes, p.sensors, p.entries, p.stream, arm, record, seen, p.observation, True)
+    p.reward[arm], p.terminated[arm], p.truncated[arm] = 0.0, np.uint8(0), np.uint8(0)
 
 
 @kernel
@@ -178,23 +174,44 @@ def witness(address, arm, code):  # type: ignore[no-untyped-def]
     """The outcome of a period of an arm that was moved elsewhere, told in `p.outside`; code: its status, or -1 for the
     start of its episode."""
     p = follow(address)
-    g, n = arm // len(p.lane), size(p.task.links)
-    block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
-    _witness(p, arm, code, block, p.outside[: 12 * n], p.outside[12 * n : 13 * n], p.outside[13 * n : 14 * n])
+    g = arm // len(p.lane)
+    _witness(p.lane, p, arm, code, p.block[g * p.layout.row : (g + 1) * p.layout.row])
 
 
 @kernel
-def _witness(p, arm, code, block, poses, torques, action):  # type: ignore[no-untyped-def]
-    layout, n, reward, reason = p.layout, size(p.task.links), 0.0, float(code)
-    energies, seen = p.outside[14 * n : 14 * n + 6], np.zeros(p.entries)
-    for k in range(14 * n + 6, p.outside.shape[0]):  # gauges
-        at = p.entries - (p.outside.shape[0] - k)
-        seen[at] = p.outside[k]
+def _witness(lane, p, arm, code, block):  # type: ignore[no-untyped-def]
+    task, layout, lanes, outside = p.task, p.layout, len(lane), p.outside
+    i, n, targets, tail = arm % lanes, size(task.links), size(task.targets), tail_of(task)
+    poses, seen = block[layout.poses : layout.record], block[layout.seen : layout.info]
+    record, info = block[layout.record : layout.action], block[layout.info : layout.saved]
+    action = block[layout.action : layout.seen]
+    live, pair, reason = _only(lane, i), stack(lane, _PAIR), float(code)
+    store(pair, 0, splat(lane, 0.0))
     if code <= OK:
-        reward, past = _look(p, arm, block, poses, torques, action, energies, seen, code < OK)
-        if past > 0.5:
-            reason = float(JOINT_LIMIT)
+        for k in range(12 * n):
+            poses[k * lanes + i] = outside[k]
+        for k in range(n):
+            action[k * lanes + i] = outside[13 * n + k]
+        first = 14 * n + 6
+        for k in range(first, outside.shape[0]):  # gauges
+            seen[(p.entries - (outside.shape[0] - k)) * lanes + i] = outside[k]
+        if code < OK:
+            _open(lanes, p, arm, block, outside[first - 1])
+            _sight(lane, p, arm, live, record, action, poses, seen, info)
+        else:
+            observe(lane, task, poses, record, seen)
+            look_ahead(lanes, p.reference, task, p.period, False, poses, record, seen)
+            reward, past = judge(lane, task, poses, action, record, live, info)
+            store(pair, 0, reward)
+            store(pair, 1, past)
+            if pair[lanes + i] > 0.5:
+                reason = float(JOINT_LIMIT)
+        for k in range(n):
+            info[(DEFLECTION + n + targets + k) * lanes + i] = outside[12 * n + k]
+        info[(tail + IN_RANGE) * lanes + i] = outside[first - 1]
+        info[(tail + ERROR) * lanes + i] = p.estimate
+        for k in range(5):
+            info[(tail + ENERGIES + k) * lanes + i] = outside[14 * n + k]
     if code >= OK:
-        record, info = block[layout.record : layout.action], block[layout.info : layout.saved]
-        settle(len(p.lane), p, arm, reward, reason, record, block[layout.seen : layout.info], info)
+        settle(lanes, p, arm, pair[i], reason, record, seen, info)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from .bare import bare
 from .jit import kernel
 from .lanes import load, splat, store
-from .newmark import _take_out_known, unpack
 from .protocol import assemble, factor, size, solve
+from .work import take_out_known, unpack
 
 
 @kernel
@@ -31,7 +31,7 @@ def _switch(lane, model, par, w):  # type: ignore[no-untyped-def]
         assemble(lane, model, par, w.q, w.v, w.a, u, 1.0 * stage, 0.0, 0.0, w.r, w.S)
     for k in range(n):
         store(w.r, k, load(lane, w.r, k) - load(lane, w.q0, k))
-    _take_out_known(lane, model, None, w.r, w.S, True)
+    take_out_known(lane, model, None, w.r, w.S, True)
     factor(lane, model, w.S)
     w.counts[1] += 1.0
     solve(lane, model, w.S, w.r)

@@ -23,6 +23,7 @@ from .lanes import absolute, load, select_lt, sincos, splat, square_root, store
 from .program import CLIP, DEFLECTION, GOAL, HOLD, SUCCESS, TARGET, TARGET_RATE, TIP
 from .protocol import size
 
+
 class Slew(NamedTuple):
     """One link turns its tip to a polar angle. scales (6,), weights (6,): see `envs.flexible_arm`."""
 

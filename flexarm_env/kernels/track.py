@@ -9,8 +9,8 @@ from .jit import kernel
 from .program import CLIP, GOAL, MODE, PATH, RUNNING, STEP, TARGET, TARGET_RATE
 from .protocol import size
 from .sensors import uniform
-from .task import aim
 from .stack import stack
+from .task import aim
 
 _SIX, _MANY = (0,) * 6, (0,) * (GOAL + 8)
 

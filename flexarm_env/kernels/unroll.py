@@ -1,9 +1,9 @@
 """Straight-line code from a kernel with loops, where the sizes are compiled in.
 
-`@unrolled` on a kernel (free function of load, store and arithmetic; no branches on values) runs its Python source once at
-compile time, on symbols in place of numbers, and keeps the operations: loops are gone, indices are constants, and rooms on
-the stack become registers. That happens where the Model's `n` is a tag, a tuple of zeros; where it is a number the same source is
-compiled as it stands. Same operations in the same order, hence the same bits.
+`@unrolled` on a kernel (free function of load, store and arithmetic; no branches on values) runs its Python source
+once at compile time, on symbols in place of numbers, and keeps the operations: loops are gone, indices are constants,
+and rooms on the stack become registers. That happens where the Model's `n` is a tag, a tuple of zeros; where it is a
+number the same source is compiled as it stands. Same operations in the same order, hence the same bits.
 """
 
 from __future__ import annotations

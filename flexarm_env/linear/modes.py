@@ -14,12 +14,12 @@ from ..scene import Scene
 from ..simulation import Simulation
 from .equations import STEP, Equations, Point, Reduced, slopes
 from .equilibrium import settle, still
-from .state_space import _at_start, point_of, simulation_of
+from .state_space import at_start, point_of, simulation_of
 
 Array = NDArray[np.float64]
 
-RIGID = 1e-13
-"""An eigenvalue whose square is below this share of the largest one's is that of a rigid motion, not round-off."""
+ROUND_OFF = 1e-14
+"""Relative error of the stiffness: below this times |x|'|K||x| the squared frequency of a shape x is that of a rigid motion."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,8 @@ def _about(
         if spin != 0.0:
             raise check.InvalidValue("spin", spin, "must be given with a Scene; a Simulation brings its own motion")
         simulation = simulation_of(target, formulation, options)
-        return Equations(simulation), point_of(_at_start(simulation)[1])
+        equations = Equations(simulation)
+        return equations, point_of(at_start(simulation, equations.model)[1])
     scene = check.instance("target", target, Scene)
     settings = scene.settings(formulation, **options)
     if spin != 0.0 and (scene.root != "pinned" or scene.gravity is not None):
@@ -122,13 +123,12 @@ def _solve(reduced: Reduced, keep: list[int]) -> tuple[NDArray[np.complex128], N
 
     In the basis of the undamped modes, because the fast poles of a damped stiff beam are up to 1e9 times the slow ones.
     """
-    from scipy.linalg import eig, eigh
+    from scipy.linalg import eig
 
     pick = np.ix_(keep, keep)
     M, C, K = reduced.M[pick], reduced.C[pick], reduced.K[pick]
     n = len(keep)
-    squares, basis = eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
-    squares[np.abs(squares) < RIGID * np.abs(squares).max()] = 0.0
+    squares, basis = _undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()
     if symmetric and (squares >= 0.0).all() and np.abs(C).max() ** 2 < 1e-20 * np.abs(K).max() * np.abs(M).max():
         return 1j * np.sqrt(squares), basis.astype(complex)
@@ -144,6 +144,26 @@ def _solve(reduced: Reduced, keep: list[int]) -> tuple[NDArray[np.complex128], N
     values[zeros] = 0.0
     chosen += zeros.tolist()
     return values[chosen], vectors[:, chosen]
+
+
+def _undamped(M: Array, K: Array) -> tuple[Array, Array]:
+    """Squared frequencies and M-normalised shapes of M x'' + K x = 0; those of rigid motions exactly 0.
+
+    Frequencies of stretch may be 1e8 times those of bending, and their round-off with them: the low ones are taken
+    from the inverse problem, whose largest eigenvalues they are.
+    """
+    from scipy.linalg import eigh
+
+    squares, basis = eigh(K, M)
+    largest = float(np.abs(squares).max())
+    shift = max(1e-12 * largest, -2.0 * float(squares.min()))
+    inverse, shapes = eigh(M, K + shift * M)
+    low = int((squares < 1e-8 * largest).sum())
+    inverse, shapes = inverse[::-1][:low], shapes[:, ::-1][:, :low]
+    fine = 1.0 / inverse - shift
+    shapes = shapes / np.sqrt(inverse)
+    fine[np.abs(fine) < ROUND_OFF * (shift + (np.abs(shapes) * (np.abs(K) @ np.abs(shapes))).sum(axis=0))] = 0.0
+    return np.concatenate([fine, squares[low:]]), np.hstack([shapes, basis[:, low:]])
 
 
 def _shape(equations: Equations, q: Array, vector: NDArray[np.complex128]) -> Array:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..kernels.lanes import SINGLE
-from ..kernels.newmark import Work, advance, restart, unpack
+from ..kernels.newmark import advance
+from ..kernels.restart import restart
+from ..kernels.work import Work, unpack
 from ..model import MESSAGE, OK
 from ..scene import Scene
 from ..simulation import Simulation
@@ -90,8 +92,8 @@ def linearize(
     if discrete is not None:
         discrete = check.number("discrete", discrete, "s", above=0.0)
     simulation = simulation_of(target, formulation, options)
-    equations = Equations(simulation)
-    flat, w = _at_start(simulation)
+    equations = Equations(simulation, stepping=discrete is not None and method == "solver")
+    flat, w = at_start(simulation, equations.model)
     start = point_of(w)
     reduced = equations.reduced(start)
     n, m = equations.independent.size, equations.inputs.size
@@ -117,16 +119,16 @@ def linearize(
 def simulation_of(target: Simulation | Scene, formulation: str | None, options: dict[str, Any]) -> Simulation:
     """The target itself, or a Simulation of the scene at its start."""
     if isinstance(target, Simulation):
-        if formulation is not None or options:
-            name, value = next(iter({"formulation": formulation, **options}.items()))
+        given = options if formulation is None else {"formulation": formulation, **options}
+        for name, value in given.items():
             raise check.InvalidValue(name, value, "must not be given with a Simulation, which brings its own settings")
         return target
     return Simulation(check.instance("target", target, Scene), target.settings(formulation, **options))
 
 
-def _at_start(simulation: Simulation) -> tuple[Array, Work]:
-    """A copy of the simulation's state, consistent at t+: its work array and the views of it."""
-    work, model, n_motions = simulation.work, simulation.model, simulation.n_motions
+def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
+    """A copy of the simulation's state, consistent at t+ by the model: its work array and the views of it."""
+    work, n_motions = simulation.work, simulation.n_motions
     flat: Array = np.zeros(sum(view.size for view in work))
     w: Work = getattr(unpack, "py_func", unpack)(SINGLE, model, flat, n_motions)
     w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
