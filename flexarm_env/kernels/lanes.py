@@ -274,39 +274,77 @@ def maximum(x, y):  # type: ignore[no-untyped-def]
     return select_lt(y, x, x, y)
 
 
+_WHOLE = 6755399441055744.0
+"""1.5 * 2^52: a number of moderate size added to it is rounded to a whole one, which stands in its lowest bits."""
+
+
+def turned(builder: Any, t: Any, s: Any, c: Any, count: int) -> tuple[Any, Any]:
+    """Instructions of `turn`."""
+    kind = _INDEX if count == 1 else ir.VectorType(_INDEX, count)
+
+    def constant(x: int) -> Any:
+        return ir.Constant(kind, x if count == 1 else [x] * count)
+
+    def signed(x: Any, bit: Any) -> Any:
+        sign = builder.and_(builder.shl(bit, constant(62)), constant(-(2**63)))
+        return builder.bitcast(builder.xor(builder.bitcast(x, kind), sign), _vector(count))
+
+    k = builder.bitcast(t, kind)
+    odd = builder.icmp_unsigned("!=", builder.and_(k, constant(1)), constant(0))
+    sine, cosine = builder.select(odd, c, s), builder.select(odd, s, c)
+    return signed(sine, k), signed(cosine, builder.add(k, constant(1)))
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _turn(typingctx: Any, t: Any, s: Any, c: Any) -> Any:
+    kind = _lane_type(max(_width(x) for x in (t, s, c)))
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.make_tuple(builder, signature.return_type, turned(builder, *args, _width(kind)))
+
+    return types.UniTuple(kind, 2)(kind, kind, kind), codegen
+
+
+def _py_turn(t: float, s: float, c: float) -> tuple[float, float]:
+    """(sine, cosine) of an angle whose remainder from k right angles has sine s and cosine c; t = _WHOLE + k."""
+    return ((s, c), (c, -s), (-s, -c), (-c, s))[int(t - _WHOLE) % 4 if math.isfinite(t) else 0]
+
+
+turn = _either(_py_turn, _turn)
+
 # pi/2 in three parts of 33 bits: k * part is exact for |k| < 2^20, so the reduction keeps full precision.
 _HALF_PI_1 = 1.57079632673412561417e00
 _HALF_PI_2 = 6.07710050630396597660e-11
 _HALF_PI_3 = 2.02226624879595063154e-21
-_S = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))  # sin r - r, to r^15: 7e-17 relative
-_C = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))  # cos r - 1, to r^16: 2e-18
+# Best polynomials on |r| <= pi/4 (S. Moshier's Cephes): sin r = r + r z S(z), cos r = 1 - z / 2 + z^2 C(z), z = r^2.
+_S = (
+    -1.66666666666666307295e-1,
+    8.33333333332211858878e-3,
+    -1.98412698295895385996e-4,
+    2.75573136213857245213e-6,
+    -2.50507477628578072866e-8,
+    1.58962301576546568060e-10,
+)
+_C = (
+    4.16666666666665929218e-2,
+    -1.38888888888730564116e-3,
+    2.48015872888517045348e-5,
+    -2.75573141792967388112e-7,
+    2.08757008419747316778e-9,
+    -1.13585365213876817300e-11,
+)
 
 
 @kernel
 def sincos(x):  # type: ignore[no-untyped-def]
-    """(sin x, cos x) by Taylor polynomials on |r| <= pi/4: within 2e-16 for |x| < 1e6, the same bits in any lane."""
-    k = round_even(x * (2.0 / math.pi))
+    """(sin x, cos x) within 2e-16 for |x| < 1e6, the same bits in any lane."""
+    t = x * (2.0 / math.pi) + _WHOLE
+    k = t - _WHOLE
     r = ((x - k * _HALF_PI_1) - k * _HALF_PI_2) - k * _HALF_PI_3
     z = r * r
-    s = z * _S[6] + _S[5]
-    s = s * z + _S[4]
-    s = s * z + _S[3]
-    s = s * z + _S[2]
-    s = s * z + _S[1]
-    s = s * z + _S[0]
+    y = z * z
+    s = ((z * _S[5] + _S[4]) * y + (z * _S[3] + _S[2])) * y + (z * _S[1] + _S[0])
     s = r + r * (z * s)
-    c = z * _C[7] + _C[6]
-    c = c * z + _C[5]
-    c = c * z + _C[4]
-    c = c * z + _C[3]
-    c = c * z + _C[2]
-    c = c * z + _C[1]
-    c = c * z + _C[0]
-    c = 1.0 + z * c
-    m = k - 4.0 * round_even(k * 0.25)  # quadrant: -2, -1, 0, 1 or 2
-    odd = absolute(absolute(m) - 1.0)
-    sine = select_lt(odd, 0.5, c, s)
-    cosine = select_lt(odd, 0.5, s, c)
-    sine = select_lt(m, -0.5, -sine, select_lt(1.5, m, -sine, sine))
-    cosine = select_lt(m, -1.5, -cosine, select_lt(0.5, m, -cosine, cosine))
-    return sine, cosine
+    c = ((z * _C[5] + _C[4]) * y + (z * _C[3] + _C[2])) * y + (z * _C[1] + _C[0])
+    c = (1.0 - z * 0.5) + y * c
+    return turn(t, s, c)

@@ -128,6 +128,7 @@ class _Writer:
             lanes.select_lt: self.select_lt,
             lanes.absolute: lambda x: x.call("fabs"),
             lanes.square_root: lambda x: x.call("sqrt"),
+            lanes.turn: self.turn,
             lanes.round_even: lambda x: x.call("rint"),
             stack: lambda lane, sizes: [None] * len(sizes),
             size: size,
@@ -144,6 +145,10 @@ class _Writer:
             array.put(k, self.value(value), self.count)
         else:
             array[k] = self.value(value)
+
+    def turn(self, t: Value, s: Value, c: Value) -> tuple[Value, ...]:
+        pair = lanes.turned(self.builder, t.value, s.value, c.value, t.count)
+        return tuple(Value(self.builder, x, t.count) for x in pair)
 
     def select_lt(self, a: Any, b: Any, x: Any, y: Any) -> Value:
         a, b, x, y = (self.value(item) for item in (a, b, x, y))
