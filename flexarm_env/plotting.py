@@ -58,8 +58,8 @@ _STYLE: Any = {
 
 
 @contextmanager
-def _figure(path: str | os.PathLike[str], width: float, height: float) -> Iterator[Figure]:
-    """A figure in the house's style, written whole to `path` when the block ends well."""
+def styled_figure(path: str | os.PathLike[str], width: float, height: float) -> Iterator[Figure]:
+    """A figure (inches) in the house's style, for `with`; written whole to `path` when the block ends well."""
     file = Path(path)
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
@@ -91,7 +91,7 @@ def plot_trajectory(
     stages = _stages(trajectory)
     extents = [_extent(trajectory.shapes[chosen]) for chosen in stages]
     widths = [float(np.clip(4.4 * w / h, 2.8, 8.5 if len(stages) == 1 else 4.8)) for w, h in extents]
-    with _figure(path, sum(widths) + 4.4, 4.8) as figure:
+    with styled_figure(path, sum(widths) + 4.4, 4.8) as figure:
         figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
         grid = figure.add_gridspec(2, len(stages) + 1, width_ratios=[*widths, 4.2])
         for i, chosen in enumerate(stages):
@@ -128,7 +128,7 @@ def plot_comparison(
     labels = list(trajectories)
     table: Columns = trajectories[labels[0]].columns() if reference is None else reference
     name = labels[0] if reference is None else "reference"
-    with _figure(path, 10.5, 5.0) as figure:
+    with styled_figure(path, 10.5, 5.0) as figure:
         figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, color=INK)
         grid = figure.add_gridspec(2, 2, width_ratios=[4.6, 5.4])
         paths = figure.add_subplot(grid[:, 0])
@@ -155,7 +155,7 @@ def plot_comparison(
 
 def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: str | None = None) -> Path:
     """Energies, and below them the balance: energy that appeared from nowhere (J)."""
-    with _figure(path, 7.0, 5.0) as figure:
+    with styled_figure(path, 7.0, 5.0) as figure:
         figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
         energy, balance = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 1.0]})
         _draw_energies(energy, trajectory)
@@ -192,7 +192,7 @@ def plot_spectrum(
     start = _last_kink(trajectory) if since is None else since
     chosen = trajectory.t >= start - 1e-9
     t = trajectory.t[chosen]
-    with _figure(path, 7.0, 3.8) as figure:
+    with styled_figure(path, 7.0, 3.8) as figure:
         axes = figure.add_subplot()
         figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
         highest, last = 0.0, 0.0

@@ -1,0 +1,258 @@
+"""Known answers of the floating frame, measured and drawn: docs/results/physics.{md,json} and docs/figures/.
+
+python -m benchmarks.physics_figures [--out FOLDER] [--figures FOLDER]
+
+Spin-up past the first frequency; centre of mass and energy of free flight at rho_inf = 1 against the step; order of the
+integrator. The exit code is 1 where a figure is not what it should be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import NullFormatter
+from numpy.typing import NDArray
+
+from benchmarks.machine import describe_machine, write_text
+from flexarm_env.plotting import COLORS, FAINT, plot_trajectory, styled_figure
+from flexarm_env.scenes import named, names, reference, reference_names
+from flexarm_env.simulation import Trajectory, simulate
+
+Array = NDArray[np.float64]
+DOCS = Path(__file__).parents[1] / "docs"
+FLIGHTS: dict[str, dict[str, Any]] = {
+    "flying_rod": {"segments": 4, "steps": [0.0125 / 2**k for k in range(5)], "long": 0.003125},
+    "two_link_free_flight": {"segments": 2, "steps": [0.00125 / 2**k for k in range(5)], "long": 0.000625},
+}
+"""Segments a link, steps (s), and the step of a run eight times as long, which shows that nothing grows."""
+ORDERS = ((1.0, 2), (0.9, 2), (0.6, 3))
+"""rho_inf and segments of the runs that measure the order."""
+
+
+def orders(steps: list[float], errors: list[float]) -> list[float]:
+    """Order of convergence from each step to the next."""
+    return [
+        float(np.log(a / b) / np.log(h / k))
+        for h, k, a, b in zip(steps[:-1], steps[1:], errors[:-1], errors[1:], strict=True)
+    ]
+
+
+def fitted_order(steps: list[float], errors: list[float]) -> float:
+    """Slope of the errors over the steps in logarithms, by least squares."""
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+# ----------------------------------------------------------------- spin-up
+def spin_up(folder: Path) -> dict[str, Any]:
+    """Lag of the tip under the three couplings."""
+    runs = {
+        c: simulate(named("spin_up"), segments=1, elements=5, coupling=c, sample=0.02)
+        for c in ("von_karman", "paper", "linear")
+    }
+    found: dict[str, Any] = {}
+    with styled_figure(folder / "spin_up_lag.png", 7.5, 4.0) as figure:
+        axes = figure.add_subplot()
+        for color, (coupling, run) in zip(COLORS, runs.items(), strict=False):
+            lag = 10.0 * run.tip_deflection[:, 0]
+            axes.plot(run.t, lag, color=color, label=coupling if run.status == "ok" else f"{coupling}: {run.status}")
+            fast = run.t > 16.0
+            stretch = float((np.hypot(run.tip[fast, 0], run.tip[fast, 1]) - 10.0).mean()) if fast.any() else None
+            found[coupling] = {"status": run.status, "reached": float(run.t[-1]), "deepest_lag": float(lag.min())}
+            found[coupling] |= {"at": float(run.t[lag.argmin()]), "steady_stretch": stretch}
+        axes.axhline(0.0, color=FAINT, lw=0.7, zorder=0)
+        axes.set(title="spin_up: deflection of the tip (m), one frame of 5 elements", xlabel="t (s)", ylim=(-1.0, 0.15))
+        axes.legend(loc="lower right")
+    return found
+
+
+# ------------------------------------------------------------- free flight
+def center_of_mass(run: Trajectory) -> Array:
+    """Centre of mass (n, 2) of uniform links of equal mass, by Simpson's rule on the cubics between drawn points."""
+    elements = (run.shapes.shape[1] - 1) // 8
+    weights = np.zeros(run.shapes.shape[1])
+    for e in range(elements):
+        weights[8 * e : 8 * e + 9] += np.array([1, 4, 2, 4, 2, 4, 2, 4, 1]) / 24 / elements
+    return np.asarray(np.einsum("k,tkd->td", weights, run.shapes))
+
+
+def known_path(name: str, t: Array) -> Array:
+    """Where the centre of mass must be: a mass of 10 under a force of 8 for 2.5 s, or of 40 for 0.5 s, in x."""
+    end, force = (2.5, 8.0) if name == "flying_rod" else (0.5, 40.0)
+    pulled = np.minimum(t, end)
+    x = 3.0 + force / 10.0 * (0.5 * pulled**2 + end * (t - pulled))
+    return np.column_stack([x, np.full_like(t, 4.0)])
+
+
+def free_energy(run: Trajectory) -> tuple[Array, Array]:
+    """Times and energy after the loads have ended."""
+    free = run.t > max(run.scene.kinks) + 1e-9
+    return run.t[free], run.energy[free]
+
+
+def free_flight(name: str, folder: Path) -> dict[str, Any]:
+    """Errors of the centre of mass and wobble of the energy against the step, undamped."""
+    segments, steps = FLIGHTS[name]["segments"], FLIGHTS[name]["steps"]
+    runs = [simulate(named(name), segments=segments, dt=h, rho_inf=1.0, sample=0.0125) for h in steps]
+    errors = [float(np.abs(center_of_mass(run) - known_path(name, run.t)).max()) for run in runs]
+    energies = [free_energy(run) for run in runs]
+    wobble = [float(energy.std()) for _, energy in energies]
+    scene = named(name)
+    long = simulate(
+        scene, segments=segments, dt=FLIGHTS[name]["long"], rho_inf=1.0, sample=0.0125, duration=8 * scene.duration
+    )
+    windows = [float(part.std()) for part in np.array_split(free_energy(long)[1], 8)]
+    with styled_figure(folder / f"{name}_conservation.png", 10.5, 4.2) as figure:
+        convergence, path, energy_axes = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.0, 1.25, 1.25]})
+        for color, label, values in ((COLORS[0], "centre of mass (m)", errors), (COLORS[1], "energy (J, rms)", wobble)):
+            convergence.loglog(steps, values, "o-", color=color, ms=4, label=label)
+        guide = errors[-1] * (np.array(steps) / steps[-1]) ** 2
+        convergence.loglog(steps, guide * 1.6, "--", color=FAINT, lw=1.0, label="second order")
+        convergence.set(title="error against the step", xlabel="h (s)")
+        convergence.legend(loc="upper left")
+        for color, run, h in list(zip(COLORS, runs, steps, strict=False))[:3]:
+            apart = np.hypot(*(center_of_mass(run) - known_path(name, run.t)).T)
+            path.semilogy(run.t[1:], np.maximum(apart[1:], 1e-16), color=color, lw=1.0, label=f"h = {h:.3g} s")
+            t, energy = free_energy(run)
+            energy_axes.plot(t, energy - energy.mean(), color=color, lw=0.8)
+        path.set(title="centre of mass: distance from its path (m)", xlabel="t (s)")
+        path.set_ylim(bottom=errors[2] * 1e-4)
+        path.legend(loc="lower right")
+        energy_axes.set(title="energy after the loads, less its mean (J)", xlabel="t (s)")
+        figure.suptitle(f"{name}, {segments} segments a link, rho_inf = 1", x=0.01, ha="left", fontsize=10.5)
+    return {
+        "segments": segments, "steps": steps, "status": [run.status for run in runs],
+        "center_of_mass_error": errors, "center_of_mass_order": fitted_order(steps, errors),
+        "energy": float(energies[-1][1].mean()), "energy_wobble_rms": wobble,
+        "energy_order": fitted_order(steps, wobble),
+        "long_run": {"dt": FLIGHTS[name]["long"], "duration": float(long.t[-1]), "status": long.status,
+                     "energy_wobble_rms_of_eighths": windows},
+    }  # fmt: skip
+
+
+# ------------------------------------------------------------------- order
+def order_of_integrator(folder: Path) -> dict[str, Any]:
+    """Rms errors on robot_arm_motion_smooth: difference from a step four times finer, whose own error is taken out."""
+    steps = [0.05 / 2**k for k in range(1, 6)]
+    found = {}
+    with styled_figure(folder / "integrator_order.png", 9.0, 3.8) as figure:
+        panels = figure.subplots(1, 3)
+        quantities = {"tip": "tip (m)", "tip_velocity": "its velocity (m/s)", "joint_torque": "enforcing torque (N m)"}
+        for color, (rho_inf, segments) in zip(COLORS, ORDERS, strict=False):
+            runs = [
+                simulate(named("robot_arm_motion_smooth"), dt=h, sample=0.1, segments=segments, rho_inf=rho_inf)
+                for h in [*steps, steps[-1] / 4]
+            ]
+            for axes, (quantity, label) in zip(panels, quantities.items(), strict=True):
+                values = [getattr(run, quantity)[1:] for run in runs]
+                fine = steps[-1] / 4
+                errors = [
+                    float(np.sqrt(np.mean((value - values[-1]) ** 2))) / (1.0 - (fine / h) ** 2)
+                    for h, value in zip(steps, values[:-1], strict=True)
+                ]
+                axes.loglog(steps, errors, "o-", color=color, ms=4, label=f"rho_inf = {rho_inf:g}, {segments} segments")
+                axes.set(title=label, xlabel="h (s)")
+                axes.set_xticks([0.002, 0.005, 0.01, 0.02], ["0.002", "0.005", "0.01", "0.02"])
+                axes.xaxis.set_minor_formatter(NullFormatter())
+                found[f"rho_inf {rho_inf:g}, {segments} segments, {quantity}"] = {
+                    "steps": steps, "errors": errors, "orders": orders(steps, errors),
+                }  # fmt: skip
+        for axes in panels:
+            low = axes.get_ylim()[0]
+            axes.loglog(steps, 1.2 * low * (np.array(steps) / steps[-1]) ** 2, "--", color=FAINT, label="second order")
+        panels[0].legend(loc="upper left")
+        figure.suptitle(
+            "robot_arm_motion_smooth: rms error against the step", x=0.01, ha="left", fontsize=10.5
+        )
+    return found
+
+
+# ------------------------------------------------------------------- scenes
+def scenes(folder: Path) -> dict[str, str]:
+    """A figure of every named scene, eight segments a link."""
+    status = {}
+    for name in names():
+        run = simulate(named(name), segments=8, dt=named(name).dt / 2)
+        known = reference(name).columns if name in reference_names() else None
+        plot_trajectory(run, folder / f"{name}.png", reference=known)
+        status[name] = run.status
+    return status
+
+
+def verdicts(found: dict[str, Any]) -> dict[str, bool]:
+    """What has to hold, and whether it does."""
+    spin, flights, order = found["spin_up"], found["free_flight"].values(), found["order"]
+    stretch = spin["von_karman"]["steady_stretch"] / 5.143e-4 - 1.0
+    windows = [f["long_run"]["energy_wobble_rms_of_eighths"] for f in flights]
+    return {
+        "spin-up, von_karman: deepest lag -0.5735 +- 0.001 m": abs(spin["von_karman"]["deepest_lag"] + 0.5735) < 1e-3,
+        "spin-up, paper: deepest lag -0.5749 +- 0.001 m": abs(spin["paper"]["deepest_lag"] + 0.5749) < 1e-3,
+        "spin-up, linear: diverged": spin["linear"]["status"] == "diverged",
+        "spin-up: steady stretch 5.143e-4 m within 0.5 %": abs(stretch) < 5e-3,
+        "free flight: centre of mass of second order": all(abs(f["center_of_mass_order"] - 2) < 0.2 for f in flights),
+        "free flight: energy of second order": all(abs(f["energy_order"] - 2) < 0.3 for f in flights),
+        "free flight: energy without growth": all(max(w[4:]) < 2.0 * max(w[:4]) for w in windows),
+        "integrator of order 2 +- 0.1": all(abs(o["orders"][-1] - 2.0) < 0.1 for o in order.values()),
+        "every named scene runs to its end": set(found["scenes"].values()) == {"ok"},
+    }
+
+
+def page(found: dict[str, Any], machine: dict[str, str]) -> str:
+    """Markdown of what was found."""
+    spin = found["spin_up"]
+    lines = [
+        "# Known answers", "", "Written by `python -m benchmarks.physics_figures`.", "",
+        " · ".join(f"{k}: {v}" for k, v in machine.items()), "", "| what | holds |", "|---|---|",
+        *(f"| {what} | {'yes' if holds else '**no**'} |" for what, holds in found["verdicts"].items()), "",
+        "## Spin-up past the first frequency", "",
+        "| coupling | deepest lag, m | at, s | steady stretch, m | status |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for coupling, row in spin.items():
+        stretch = "–" if row["steady_stretch"] is None else f"{row['steady_stretch']:.4g}"
+        lag = f"{row['deepest_lag']:.4f} | {row['at']:.2f}" if row["status"] == "ok" else "– | –"
+        lines.append(f"| `{coupling}` | {lag} | {stretch} | {row['status']}, {row['reached']:.3g} s |")
+    lines += ["", "![lag](../figures/spin_up_lag.png)", "", "## Free flight, undamped", ""]
+    for name, row in found["free_flight"].items():
+        lines += [f"{name}, {row['segments']} segments a link, energy {row['energy']:.3f} J:", ""]
+        lines += ["| step, s | centre of mass: largest error, m | energy: rms wobble, J |", "|---|---|---|"]
+        for h, com, rms in zip(row["steps"], row["center_of_mass_error"], row["energy_wobble_rms"], strict=True):
+            lines.append(f"| {h:.4g} | {com:.2e} | {rms:.2e} |")
+        lines += [f"| order | {row['center_of_mass_order']:.2f} | {row['energy_order']:.2f} |", ""]
+        long = row["long_run"]
+        eighths = ", ".join(f"{rms:.1e}" for rms in long["energy_wobble_rms_of_eighths"])
+        length = f"{long['duration']:g} s, step {long['dt']:g} s"
+        lines += [f"Eight times as long ({length}), wobble in each eighth: {eighths} J.", ""]
+        lines += [f"![conservation](../figures/{name}_conservation.png)", ""]
+    lines += ["## Order of the integrator", "", "| run | orders between halved steps |", "|---|---|"]
+    lines += [f"| {k} | {', '.join(f'{o:.3f}' for o in v['orders'])} |" for k, v in found["order"].items()]
+    lines += ["", "![order](../figures/integrator_order.png)", ""]
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, draw, write; 1 where something does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=DOCS / "results", help="folder of the results")
+    parser.add_argument("--figures", type=Path, default=DOCS / "figures", help="folder of the figures")
+    options = parser.parse_args(arguments)
+    found: dict[str, Any] = {
+        "spin_up": spin_up(options.figures),
+        "free_flight": {name: free_flight(name, options.figures) for name in FLIGHTS},
+        "order": order_of_integrator(options.figures),
+        "scenes": scenes(options.figures),
+    }
+    found["verdicts"] = verdicts(found)
+    for what, holds in found["verdicts"].items():
+        print(f"{'ok ' if holds else 'NO '} {what}")
+    machine = describe_machine()
+    write_text(options.out / "physics.json", json.dumps({"machine": machine, **found}, indent=1) + "\n")
+    write_text(options.out / "physics.md", page(found, machine))
+    return 0 if all(found["verdicts"].values()) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
