@@ -156,14 +156,14 @@ def order_of_integrator(folder: Path) -> dict[str, Any]:
                 ]
                 axes.loglog(steps, errors, "o-", color=color, ms=4, label=f"rho_inf = {rho_inf:g}, {segments} segments")
                 axes.set(title=label, xlabel="h (s)")
-                axes.set_xticks([0.002, 0.005, 0.01, 0.02], ["0.002", "0.005", "0.01", "0.02"])
-                axes.xaxis.set_minor_formatter(NullFormatter())
                 found[f"rho_inf {rho_inf:g}, {segments} segments, {quantity}"] = {
                     "steps": steps, "errors": errors, "orders": orders(steps, errors),
                 }  # fmt: skip
         for axes in panels:
             low = axes.get_ylim()[0]
-            axes.loglog(steps, 1.2 * low * (np.array(steps) / steps[-1]) ** 2, "--", color=FAINT, label="second order")
+            axes.loglog(steps, 0.7 * low * (np.array(steps) / steps[-1]) ** 2, "--", color=FAINT, label="second order")
+            axes.set_xticks([0.002, 0.005, 0.01, 0.02], ["0.002", "0.005", "0.01", "0.02"])
+            axes.xaxis.set_minor_formatter(NullFormatter())
         panels[0].legend(loc="upper left")
         figure.suptitle(
             "robot_arm_motion_smooth: rms error against the step", x=0.01, ha="left", fontsize=10.5
