@@ -32,6 +32,18 @@ def cache_folder(function: Callable[..., Any]) -> Path | None:
     return None if found is None else Path(found)
 
 
+def _tolerant(load_index: Callable[[], Any]) -> Callable[[], Any]:
+    """An index that older sources left may name types that are no more: it then counts as empty."""
+
+    def load() -> Any:
+        try:
+            return load_index()
+        except Exception:
+            return {}
+
+    return load
+
+
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile `function` without Python objects, releasing the GIL, cached on disk, IEEE semantics kept.
 
@@ -40,6 +52,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
     index = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if hasattr(index, "_source_stamp"):
+    if hasattr(index, "_source_stamp") and hasattr(index, "_load_index"):
         index._source_stamp = source_hash()
+        index._load_index = _tolerant(index._load_index)
     return compiled
