@@ -92,7 +92,7 @@ def table(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
         "# All scenes, all formulations",
         "",
         "Largest distance of the tip from the converged solution over the whole run, in % of the arm's length; CPU",
-        "time of the run (compiled, one core); energy that appeared or went, over the gross work of the drives. Written by",
+        "time of the run (compiled, one core); energy that appeared or went, over the drives' gross work. Written by",
         "`python -m benchmarks.agreement`; the converged solutions by `python -m benchmarks.converged`, whose own",
         "study gives the uncertainty in the last column.",
         "",

@@ -1,7 +1,7 @@
 """The contract between the mechanics that assemble a model and the kernels that move it.
 
 A Model is a NamedTuple of arrays and numbers, never written after assembly; each formulation has its own
-(`FloatingFrame` here; `ExactBeam`, `Elastica` beside it). The state is q, v, a (accelerations) and b (the integrator's auxiliary
+(`FloatingFrame`, `ExactBeam`, `Elastica`). The state is q, v, a (accelerations) and b (the integrator's auxiliary
 acceleration), float64, one entry a row of the system. `kernels/protocol.py` says what a Model must hold.
 """
 
@@ -21,8 +21,8 @@ MESSAGE = (
     "finished",
     "Newton's iteration did not converge at t = {t:.6g} s although the step {h:.3g} s was halved {halvings} times; "
     "take a smaller dt or a smaller rho_inf, or look for a load that is too large",
-    "the solution diverged at t = {t:.6g} s: a floating body's tip deflects by more than its length, or energy appeared from "
-    "nowhere; take more segments, coupling='von_karman', or a smaller dt",
+    "the solution diverged at t = {t:.6g} s: a floating body's tip deflects by more than its length, or energy "
+    "appeared from nowhere; take more segments, coupling='von_karman', or a smaller dt",
     "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length); "
     "take the full model (segments, elements) or formulation='geometrically_exact'",
     "a value that is not finite appeared at t = {t:.6g} s",
@@ -58,7 +58,7 @@ def scheme(
     max_halvings: int = 8,
     modified: bool = False,
 ) -> Scheme:
-    """Coefficients from the spectral radius rho_inf (Arnold & Bruels 2007), or plain Newmark's (beta, gamma), eq. [66]."""
+    """Coefficients from the spectral radius rho_inf (Arnold & Bruels 2007), or Newmark's (beta, gamma), eq. [66]."""
     if newmark is not None:
         alpha_m = alpha_f = 0.0
         beta, gamma = newmark
@@ -139,7 +139,7 @@ class ExactBeam(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: float
+    predictor: float | None
     order: tuple[int, ...]
     links: int
     elements: int
@@ -158,7 +158,7 @@ class Elastica(NamedTuple):
     Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size. One array holds
     all constants, because each array passed to a kernel costs time to compile and to call:
 
-    data   P (m, m) kg m^2: masses but the payload's; R (N, k, k) kg m^2: rotary inertia of sections, hub and elbows, less C;
+    data   P (m, m) kg m^2: masses but the payload's; R (N, k, k) kg m^2: rotary inertia, of hub and elbows too, less C;
            K (N, k, k) N m: bending stiffness; b (m,) kg m: first moments, sum b_j e_j = mass (centre - root);
            w (m,) m: sum w_j e_j = tip of the last link - root, and of each link: its tip - its root;
            tips (m,): weights of a link's angles in its tip's angle; then mass (payload left out), x and y of a root

@@ -1,6 +1,6 @@
 """The arm as its controllers know it: rigid inertia, and a few linear modes about rest in a given posture.
 
-Everything a gain is derived from stands here; nothing is fitted to a simulation.
+Everything that a gain is derived from comes from `flexarm_env.linear`; nothing is fitted to a simulation.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mechanics.elastica import Chain, chain
 from ..parameters import Arm
 
 Array = NDArray[np.float64]
 
-NODES = 8
-"""Tangent angles a link from which the modes are taken; the frequencies kept are then converged."""
+NODES = 7
+"""Tangent angles a link (elastica) from which the modes are taken; the frequencies kept are then converged."""
 
 
 @dataclass(frozen=True)
@@ -69,54 +68,40 @@ class ArmModel:
 
 
 @lru_cache(maxsize=256)
-def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int = 2) -> ArmModel:
+def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = None) -> ArmModel:
     """The arm's linear model about rest.
 
     Args:
         arm: the arm. posture: angles of joints 1 to N-1, rad (() is straight).
-        flexible: modes kept beside the N rigid ones, at least 1.
+        flexible: modes kept beside the N rigid ones, at least 1; None keeps N + 1.
     """
-    from scipy.linalg import eigh
+    from ..linear import linearize
+    from ..scene import Scene
 
-    parts = chain(arm, NODES)
-    n_joints, size = arm.n_links, arm.n_links * NODES
-    angles = np.repeat(np.concatenate([[0.0], np.cumsum(posture or np.zeros(n_joints - 1))]), NODES)
-    M = (parts.P + arm.payload.mass * np.outer(parts.w, parts.w)) * np.cos(angles[:, None] - angles)
-    K = np.zeros((size, size))
-    for k in range(n_joints):
-        own = slice(k * NODES, (k + 1) * NODES)
-        M[own, own] += parts.R[k]
-        K[own, own] += parts.K[k]
-    tip = parts.lines[-1].tip_angle
-    M[-NODES:, -NODES:] += arm.payload.inertia * np.outer(tip, tip)
-    joints, bends = _outputs(parts)
-    squares, modes = eigh(K, M, subset_by_index=[0, n_joints + flexible - 1])
-    squares[:n_joints] = 0.0
-    n = n_joints + flexible
+    n_joints = arm.n_links
+    angles = (0.0, *np.cumsum(posture or np.zeros(n_joints - 1)).tolist())
+    scene = Scene("design", arm, angles=angles, duration=1.0, dt=1e-3)
+    full = linearize(scene, "elastica", nodes=NODES)
+    size = len(full.A) // 2
+    stiffness, damping, force = -full.A[size:, :size], -full.A[size:, size:], full.B[size:]
+    values, vectors = np.linalg.eig(stiffness)
+    order = np.argsort(values.real)
+    modes = np.hstack([np.linalg.svd(stiffness)[2][-n_joints:].T, vectors.real[:, order[n_joints:]]])
+    n = n_joints + (n_joints + 1 if flexible is None else flexible)
+    place = {name: i for i, name in enumerate(full.outputs)}
+    seen = full.C[[place[f"{what}{k}"] for what in ("joint", "deflection") for k in range(n_joints)], :size]
+    modes = modes / np.abs(seen @ modes).max(axis=0)
+    left, modes = np.linalg.inv(modes)[:n], modes[:, :n]
+    squares = np.concatenate([np.zeros(n_joints), values.real[order[n_joints:n]]])
     A, B, C = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n_joints)), np.zeros((4 * n_joints, 2 * n))
     A[:n, n:] = np.eye(n)
     A[n:, :n] = -np.diag(squares)
-    A[n:, n:] = -arm.tau_d * np.diag(squares)
-    B[n:] = modes.T @ joints.T  # the torques work on the joint angles
-    rows = np.stack([joints @ modes, bends @ modes])
-    C[:n_joints, :n] = C[n_joints : 2 * n_joints, n:] = rows[0]
-    C[2 * n_joints : 3 * n_joints, :n] = C[3 * n_joints :, n:] = rows[1]
-    rigid = np.zeros((size, n_joints))
-    for k in range(n_joints):
-        rigid[k * NODES :, k] = 1.0
+    A[n:, n:] = -np.diag(np.diag(left @ damping @ modes) * (squares > 0.0))
+    B[n:] = left @ force
+    lengths = np.array([[link.length] for link in arm.links])
+    joints, bends = seen[:n_joints] @ modes, seen[n_joints:] @ modes / lengths
+    C[:n_joints, :n] = C[n_joints : 2 * n_joints, n:] = joints
+    C[2 * n_joints : 3 * n_joints, :n] = C[3 * n_joints :, n:] = bends
     frequencies = np.sqrt(squares[n_joints:])
-    return ArmModel(A, B, C, frequencies, 0.5 * arm.tau_d * frequencies, rigid.T @ M @ rigid)
-
-
-def _outputs(parts: Chain) -> tuple[Array, Array]:
-    """Joint angles and tip deflections over length (N, Nn each) from the nodes' absolute angles."""
-    count, size = len(parts.lines), parts.w.size
-    joints, bends = np.zeros((count, size)), np.zeros((count, size))
-    for k, line in enumerate(parts.lines):
-        first = k * NODES
-        joints[k, first] = 1.0
-        if k > 0:
-            joints[k, first - NODES : first] -= parts.lines[k - 1].tip_angle
-        bends[k, first : first + NODES] = line.tip_weights / line.length
-        bends[k, first] -= 1.0
-    return joints, bends
+    inertia = np.linalg.inv(joints[:, :n_joints] @ B[n : n + n_joints])
+    return ArmModel(A, B, C, frequencies, -np.diag(A[n:, n:])[n_joints:] / (2.0 * frequencies), inertia)

@@ -40,9 +40,9 @@ class Setup:
         plain = env.unwrapped
         if not hasattr(plain, "plan"):
             raise ValueError(f"{env}: controllers are made for the environments of flexarm_env")
-        kind, arm = plain.plan.kind, plain.plan.arm
-        scales = tuple(float(s) for s in plain.batch.task.scales)
-        return cls(kind.task, arm, plain.plan.period, arm.torque_limits, kind.names, scales)
+        plan = plain.plan
+        scales = tuple(float(s) for s in plan.scales)
+        return cls(plan.kind.task, plan.arm, plan.period, plan.arm.torque_limits, tuple(plan.names), scales)
 
     @property
     def n_joints(self) -> int:

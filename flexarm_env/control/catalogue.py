@@ -48,6 +48,14 @@ def gains_from(name: str, values: Mapping[str, Any]) -> Any:
     return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
 
 
+def _check(plan: Any) -> None:
+    """Only a fixed target, and an action that is the torque."""
+    if plan.task != plan.kind.task:
+        raise check.InvalidValue("task", plan.task, f'must be "{plan.kind.task}": controllers steer to a fixed target')
+    if plan.extras.controller is not None:
+        raise check.InvalidValue("action_mode", "residual_pd", 'must be "torque": controllers set torques themselves')
+
+
 def make(name: str, env: Any, gains: Any = None) -> Controller:
     """A controller for an environment of this package.
 
@@ -60,4 +68,6 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     """
     check.choice("controller", name, NAMES)
     setup = env if isinstance(env, Setup) else Setup.of(env)
+    if not isinstance(env, Setup):
+        _check(env.unwrapped.plan)
     return _KINDS[name][1](setup, tuned_gains(name, setup.task) if gains is None else gains)

@@ -27,7 +27,7 @@ class LQRGains:
         angle: on joint angles (1/rad). rate: on joint rates over the first flexible frequency.
         bend: on tip deflections over length. bend_rate: on their rates over that frequency.
         noise: of the torque that the observer allows for, over the limit.
-        flexible: bending modes in the model.
+        flexible: bending modes in the model; None: one more than joints.
     """
 
     angle: float
@@ -35,7 +35,7 @@ class LQRGains:
     bend: float
     bend_rate: float
     noise: float = 0.05
-    flexible: int = 2
+    flexible: int | None = None
 
 
 class Design(NamedTuple):
@@ -64,11 +64,11 @@ def design(arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRGains, post
     C = model.C
     first = model.frequencies[0]
     weights = np.repeat([gains.angle, gains.rate / first, gains.bend, gains.bend_rate / first], n)
-    Q = C.T @ np.diag(weights**2) @ C + 1e-9 * np.eye(len(A))
+    Q = C.T @ np.diag(weights**2) @ C + 1e-6 * np.eye(len(A))
     R = np.diag(1.0 / np.asarray(limits) ** 2)
     P = solve_discrete_are(A, B, Q, R)
     K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-    W = B @ np.diag((gains.noise * np.asarray(limits)) ** 2) @ B.T + 1e-12 * np.eye(len(A))
+    W = B @ np.diag((gains.noise * np.asarray(limits)) ** 2) @ B.T + 1e-10 * np.eye(len(A))
     V = np.diag(np.repeat([SENSOR, SENSOR * first, SENSOR, SENSOR * first], n) ** 2)
     S = solve_discrete_are(A.T, C.T, W, V)
     L = np.linalg.solve(C @ S @ C.T + V, C @ S).T

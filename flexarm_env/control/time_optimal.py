@@ -103,7 +103,7 @@ class TimeOptimalGains:
     bend: float
     bend_rate: float
     noise: float = 0.05
-    flexible: int = 2
+    flexible: int | None = None
 
     @property
     def lqr(self) -> LQRGains:

@@ -39,13 +39,27 @@ def _unbox_address(typ: Any, obj: Any, c: Any) -> Any:
     return NativeValue(c.pyapi.long_as_longlong(obj))
 
 
+def _unowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """The value, its arrays of more dimensions (which `bare` leaves) without an owner whose references are counted."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = ir.Constant(array.meminfo.type, None)
+        array.parent = ir.Constant(array.parent.type, None)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        for i, part in enumerate(kind):
+            inner = _unowned(context, builder, part, builder.extract_value(value, i))
+            value = builder.insert_value(value, inner, i)
+    return value
+
+
 @intrinsic  # type: ignore[untyped-decorator]
 def _write(typingctx: Any, buffer: Any, value: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kind = signature.args[1]
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
         target = builder.bitcast(data, context.get_value_type(kind).as_pointer())
-        builder.store(args[1], target, align=8)
+        builder.store(_unowned(context, builder, kind, args[1]), target, align=8)
         size = context.get_abi_sizeof(context.get_value_type(kind))
         return ir.Constant(ir.IntType(64), size)
 
@@ -63,10 +77,8 @@ def follow(typingctx: Any, address: Any) -> Any:
     return address.target(address), codegen
 
 
-if config.DISABLE_JIT:  # the value is its own address
-
-    def follow(address: Any) -> Any:
-        return address
+if config.DISABLE_JIT:
+    follow = lambda address: address  # type: ignore[assignment]  # noqa: E731 - the value is its own address
 
 
 @kernel
@@ -82,13 +94,13 @@ class Placed:
 
     def __init__(self, value: Any) -> None:
         self.value = value  # keeps the arrays alive
+        self.address: Any = value
         if config.DISABLE_JIT:
-            self.address = value
             return
         self._buffer = np.zeros(8192, np.uint64)
         used = _place(self._buffer, value)
         assert used <= self._buffer.nbytes
-        self.address: Any = int(self._buffer.ctypes.data)
+        self.address = int(self._buffer.ctypes.data)
         self.kind = Address(bare_type(typeof(value)))
 
 

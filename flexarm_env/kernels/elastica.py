@@ -1,6 +1,6 @@
-"""The elastica's equations of motion, their tangent and what is read off its state (model: `flexarm_env.model.Elastica`).
+"""The elastica's equations of motion, their tangent and what is read off its state (`flexarm_env.model.Elastica`).
 
-With e_j = (cos phi_j, sin phi_j) and its second rate e_j'' the inertia force on node i is (-sin phi_i, cos phi_i) . A_i,
+With e_j = (cos phi_j, sin phi_j), second rate e_j'', the inertia force on node i is (-sin phi_i, cos phi_i) . A_i,
 A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads: no sine of a difference is needed. Its derivative by node j is
 (-sin phi_i, cos phi_i) . P_ij d e_j'', by node i itself also -e_i . A_i. The payload adds m_p w w' to P, m_p w to b and
 J_p l(L) l(L)' to the last link's R.

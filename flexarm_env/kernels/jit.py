@@ -51,7 +51,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     infinity, never an exception, so that a failing arm is a value to be tested and not a crash.
     """
     compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
-    index = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(index, "_source_stamp") and hasattr(index, "_load_index"):
         index._source_stamp = source_hash()
         index._load_index = _tolerant(index._load_index)

@@ -300,7 +300,8 @@ def _turn(typingctx: Any, t: Any, s: Any, c: Any) -> Any:
     kind = _lane_type(max(_width(x) for x in (t, s, c)))
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return context.make_tuple(builder, signature.return_type, turned(builder, *args, _width(kind)))
+        t, s, c = args
+        return context.make_tuple(builder, signature.return_type, turned(builder, t, s, c, _width(kind)))
 
     return types.UniTuple(kind, 2)(kind, kind, kind), codegen
 

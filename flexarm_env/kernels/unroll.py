@@ -181,7 +181,8 @@ class _Writer:
         if isinstance(kind, types.BaseTuple):
             return (0,) * len(kind)
         if isinstance(kind, BareType | types.Array):
-            return Slots(self.builder, pointer(context, self.builder, kind, value)) if kind.dtype == types.float64 else None
+            known = kind.dtype == types.float64
+            return Slots(self.builder, pointer(context, self.builder, kind, value)) if known else None
         if isinstance(kind, types.Float):
             return Value(self.builder, value, 1)
         if isinstance(kind, lanes.LanesType):

@@ -36,7 +36,7 @@ def physical(model: Any) -> Any:
 
 
 def drive(scene: Scene, system: System) -> Drive:
-    """The scene's motions and loads for the kernels (an empty Drive where there are none: one compiled kernel fits all)."""
+    """The scene's motions and loads for the kernels; an empty Drive where there are none: one kernel fits all."""
     functions: list[TimeFunction] = []
     terms: list[tuple[int, int]] = []
 

@@ -56,7 +56,7 @@ class Line:
     def of(cls, length: float, n: int, tip: bool) -> Line:
         """The interpolation of a link; ``tip``: a node at its tip."""
         at = nodes(n, tip)
-        return cls(length, at, np.linalg.inv(legendre.legvander(at, n - 1)))
+        return cls(length, at, np.asarray(np.linalg.inv(legendre.legvander(at, n - 1)), dtype=np.float64))
 
     def _position(self, s: Array) -> Array:
         return 2.0 * np.asarray(s) / self.length - 1.0
@@ -88,12 +88,12 @@ class Line:
     @property
     def tip_weights(self) -> Array:
         """w_l = S_l(L), m."""
-        return self.integral(np.array([self.length]))[0]
+        return np.asarray(self.integral(np.array([self.length]))[0])
 
     @property
     def tip_angle(self) -> Array:
         """l_l(L)."""
-        return self.lagrange(np.array([self.length]))[0]
+        return np.asarray(self.lagrange(np.array([self.length]))[0])
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def chain(arm: Arm, n: int) -> Chain:
 
 
 def _rotary(arm: Arm, k: int, line: Line, link: Link) -> Array:
-    """Rotary inertia at the nodes of link k: its sections by the nodes' own quadrature, hub or elbows' halves at its ends.
+    """Rotary inertia at the nodes of link k: sections by the nodes' own quadrature, hub or elbows' halves at its ends.
 
     That is exact for Radau's nodes; of Lobatto's it is the usual lumping, which errs in the highest polynomial alone.
     """
@@ -169,9 +169,9 @@ def _rotary(arm: Arm, k: int, line: Line, link: Link) -> Array:
 def phase_correction(parts: Chain, payload: float, h: float, settings: Settings) -> Array:
     """What to take from the links' rotary inertia so that vibrations keep their period in steps of h, (N, n, n) kg m^2.
 
-    The integrator makes a period longer by the share kappa (omega h)^2; with the inertia M - 2 kappa h^2 K it would not.
-    That holds for the modes that the step resolves; of the others at most half of the inertia M of a link (what hangs on
-    its tip included) may go: C = 2 kappa h^2 K (M + 4 kappa h^2 K)^-1 M. It has no part in rigid motion or momentum.
+    The integrator makes a period longer by the share kappa (omega h)^2; with inertia M - 2 kappa h^2 K it would not.
+    That holds for the modes that the step resolves; of the others at most half of the inertia M of a link (what hangs
+    on its tip included) may go: C = 2 kappa h^2 K (M + 4 kappa h^2 K)^-1 M. It has no part in rigid motion.
     """
     n, factor = parts.n, 2.0 * period_error(settings) * h * h
     C = np.zeros_like(parts.R)
@@ -225,8 +225,8 @@ def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
 def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     """Model, parameters and initial state of a scene as a chain of elasticas with ``settings.nodes`` angles a link.
 
-    A small chain that nothing drives but its inputs (an environment's arm) gets a kernel written out for its sizes and for
-    what it has; all others share one kernel with everything in it, where a pinned root has fixed coordinates.
+    A small chain that nothing drives but its inputs (an environment's arm) gets a kernel written out for its sizes and
+    for what it has; all others share one kernel with everything in it, where a pinned root has fixed coordinates.
     ``points``: intervals a link into which the shape (for drawing) is divided.
     """
     assert settings.nodes is not None

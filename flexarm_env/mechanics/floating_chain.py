@@ -17,17 +17,16 @@ from .floating_frame import Body, finite_element_body
 from .reduction import modal_body
 
 MODAL_BOUND = 0.25
-"""Tip deflection over length beyond which a link reduced to modes is out of its range (error several % of L, theory 4)."""
+"""Tip deflection over length beyond which a link reduced to modes is out of its range (theory, section 4)."""
 
 
 def carried(arm: Arm, link: int) -> tuple[float, float]:
     """Mass (kg) and inertia (kg m^2) that link k carries at its tip, the links behind it straight and locked."""
     mass, inertia, distance = arm.payload.mass, arm.payload.inertia, 0.0
-    first_moment = 0.0
     if link + 1 == arm.n_links:
         return mass, inertia
     lengths = [item.length for item in arm.links]
-    mass = first_moment = inertia = 0.0
+    mass = inertia = 0.0
     for k in range(link + 1, arm.n_links):
         elbow, item = arm.elbow(k), arm.links[k]
         m, length = item.section.m, item.length
