@@ -179,7 +179,9 @@ class Elastica(NamedTuple):
     scratch: tuple[int, ...]  # at least N k zeros: room on the stack
     root: tuple[int, ...] | None  # a tag where the root's position is among the rows
     gravity: tuple[int, ...] | None  # a tag where there is gravity
-    payload_turns: tuple[int, ...] | None  # a tag where the payload has, or may be given, rotary inertia
+    payload: tuple[int, ...] | None  # a tag where there is a payload; without it its mass in `par` is not read
+    payload_turns: tuple[int, ...] | None  # likewise for its rotary inertia
+    damping: tuple[int, ...] | None  # likewise for tau_d
     data: np.ndarray
     loads: np.ndarray | None
 

@@ -1,7 +1,7 @@
 """An elastica of another derivation: energies by quadrature of the fields r(s), forces from them by complex step.
 
-Nothing here uses the package's mechanics: Lagrange polynomials are products, the mass matrix is the Hessian of the kinetic
-energy, and Lagrange's equations are formed by differentiating the energies (step 1e-30, exact to round-off).
+Nothing here uses the package's mechanics: Lagrange polynomials are products, the mass matrix is the Hessian of the
+kinetic energy, and Lagrange's equations are formed by differentiating the energies (step 1e-30, exact to round-off).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def oracle_nodes(n: int, tip: bool) -> Array:
 
 
 class Oracle:
-    """Chain of an arm with n nodes a link; coordinates as in the package: angles, joints relative, root x and y if free."""
+    """Chain of an arm with n nodes a link; coordinates as in the package: joint and node angles, x, y if free."""
 
     def __init__(
         self,
@@ -63,11 +63,10 @@ class Oracle:
 
             self.values.append(lagrange(x).real)
             self.slopes.append((lagrange(x + 1j * STEP).imag / STEP) / half)
-            gauss, w = np.polynomial.legendre.leggauss(n + 2)
-
-            def integral(end: float, lagrange: Any = lagrange, gauss: Array = gauss, w: Array = w, half: float = half) -> Array:
+            def integral(end: float, lagrange: Any = lagrange, half: float = half) -> Array:
                 span = 0.5 * (end + 1.0)
-                return half * span * (w @ lagrange(-1.0 + span * (gauss + 1.0)).real)
+                gauss, w = np.polynomial.legendre.leggauss(n + 2)
+                return np.asarray(half * span * (w @ lagrange(-1.0 + span * (gauss + 1.0)).real))
 
             self.integrals.append(np.array([integral(s) for s in x]))
             self.ends.append(integral(1.0))

@@ -56,7 +56,7 @@ class Line:
     def of(cls, length: float, n: int, tip: bool) -> Line:
         """The interpolation of a link; ``tip``: a node at its tip."""
         at = nodes(n, tip)
-        return cls(length, at, np.asarray(np.linalg.inv(legendre.legvander(at, n - 1)), dtype=np.float64))
+        return cls(length, at, np.asarray(np.linalg.inv(legendre.legvander(at, n - 1))))
 
     def _position(self, s: Array) -> Array:
         return 2.0 * np.asarray(s) / self.length - 1.0
@@ -167,11 +167,11 @@ def _rotary(arm: Arm, k: int, line: Line, link: Link) -> Array:
 
 
 def phase_correction(parts: Chain, payload: float, h: float, settings: Settings) -> Array:
-    """What to take from the links' rotary inertia so that vibrations keep their period in steps of h, (N, n, n) kg m^2.
+    """What to take from the rotary inertia so that vibrations keep their period in steps of h, (N, n, n) kg m^2.
 
-    The integrator makes a period longer by the share kappa (omega h)^2; with inertia M - 2 kappa h^2 K it would not.
-    That holds for the modes that the step resolves; of the others at most half of the inertia M of a link (what hangs
-    on its tip included) may go: C = 2 kappa h^2 K (M + 4 kappa h^2 K)^-1 M. It has no part in rigid motion.
+    The integrator makes a period longer by the share kappa (omega h)^2; with the inertia M - 2 kappa h^2 K it would
+    not. That holds for the modes that the step resolves; of the others at most half of a link's inertia M (what hangs
+    on its tip included) may go: C = 2 kappa h^2 K (M + 4 kappa h^2 K)^-1 M. It has no part in rigid motion or momentum.
     """
     n, factor = parts.n, 2.0 * period_error(settings) * h * h
     C = np.zeros_like(parts.R)
@@ -226,9 +226,12 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     """Model, parameters and initial state of a scene as a chain of elasticas with ``settings.nodes`` angles a link.
 
     A small chain that nothing drives but its inputs (an environment's arm) gets a kernel written out for its sizes and
-    for what it has; all others share one kernel with everything in it, where a pinned root has fixed coordinates.
+    for what it has, payload and damping; all others share one kernel with everything in it, where a pinned root has
+    fixed coordinates. Notes: "stretch_and_shear", what leaving them out may cost (`slenderness.py`).
     ``points``: intervals a link into which the shape (for drawing) is divided.
     """
+    from flexarm_env.mechanics.slenderness import stretch_and_shear
+
     assert settings.nodes is not None
     arm, n = scene.arm, settings.nodes
     parts = chain(arm, n)
@@ -259,7 +262,9 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         scratch=(0,) * (angles if own else 48 * -(-angles // 48)),
         root=(0,) if has_root else None,
         gravity=None if own and scene.gravity is None else (0,),
-        payload_turns=(0,),
+        payload=None if own and not arm.payload.mass else (0,),
+        payload_turns=None if own and not arm.payload.inertia else (0,),
+        damping=None if own and not arm.tau_d else (0,),
         data=_flat(parts.P, parts.R - correction, parts.K, parts.b, parts.w, tips, numbers, correction, stations),
         loads=None if own else _flat(*ends),
     )
@@ -268,7 +273,8 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     q0 = np.concatenate([np.repeat(scene.angles, n), scene.position if has_root else ()]).astype(np.float64)
     for k in range(1, count):
         q0[k * n] = scene.angles[k] - scene.angles[k - 1]
-    return System(model, par, q0, np.zeros(rows), coordinates, names, {})
+    notes = {"stretch_and_shear": stretch_and_shear(scene, parts)}
+    return System(model, par, q0, np.zeros(rows), coordinates, names, notes)
 
 
 def _stations(length: float, points: int, link: int) -> Array:
