@@ -53,8 +53,8 @@ from .kernels.program import (
 )
 from .kernels.rollout import observe_arm
 from .kernels.task import Reach, Slew
-from .kernels.work import work_size
-from .mechanics import assembly
+from .kernels.work import unpack, work_size
+from .mechanics import assembly, gauges
 from .model import STATUS, System, scheme
 from .parameters import Arm
 from .scene import Scene
@@ -151,6 +151,22 @@ class View:
     target: Array
     torques: Array
     deflection: Array
+
+
+def gauge_table(
+    arm: Arm, settings: Settings, gravity: tuple[float, float] | None, places: Sequence[tuple[int, float]]
+) -> Array:
+    """(G, n): curvature (1/m) of a link at a place (0 root, 1 tip) from the state, for the arm of a batch."""
+    assert settings.dt is not None
+    scene = standing_scene(arm, settings.dt, gravity)
+    return gauges.curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
+
+
+def scene_gauges(
+    scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, float]]
+) -> Array:
+    """(G, n): the same for the arm of an assembled scene."""
+    return gauges.curvature_rows(scene, settings, system, places)
 
 
 class Batch:
@@ -259,6 +275,14 @@ class Batch:
     def parameters(self, i: int) -> Array:
         """Payload mass, payload inertia, EI factor and tau_d of arm i (see `model.PAYLOAD_MASS`), a copy."""
         return self._par(i).copy()
+
+    def motion(self, i: int) -> tuple[Array, Array, Array]:
+        """State q, v (n,) and joint torques (N,) of arm i, copies."""
+        rows, links, lanes = len(self.system.q0), self.arm.n_links, len(self.lane)
+        work = _python(unpack)(self.lane, self.system.model, self.block[i // lanes], 0)
+        q, v, u = (part.reshape(-1, lanes)[:, i % lanes].copy() for part in (work.q, work.v, work.u))
+        assert len(q) == rows
+        return q, v, u[:links]
 
     def begin(self, i: int, key: int | None = None, *, limit: int, mode: int = RUNNING) -> None:
         """A fresh start of arm i; key: 64 random bits that its draws and noise follow from (None: go on)."""
@@ -419,4 +443,5 @@ __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Controller", "DEFLECTION", "ENERGIES", "ERROR", "Extras",
     "FRESH", "GUIDED", "HOLD", "IN_RANGE", "LIMIT", "MODE", "OVER", "REASON", "REASONS", "RUNNING", "Reach",
     "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "TARGET_RATE", "TIP", "View",
+    "gauge_table", "scene_gauges", "standing_scene",
 ]  # fmt: skip

@@ -13,10 +13,16 @@ import numpy as np
 
 from .. import arms
 from .. import validation as check
-from ..batch import Batch, Starts
+from ..batch import CLIP, Batch, Extras, Starts
 from ..parameters import Arm
 from ..settings import Settings, check_options, default_options, merged
-from .task import CLIP, Entry, Kind, info_entries, reward_weights
+from .features import Frame, controller, gauge_names, gauge_scales, gauges, reference_names, reference_scales
+from .features import actuator as make_actuator
+from .features import reference as make_reference
+from .features import sensors as make_sensors
+from .motion import Prescribed, prescribed
+from .task import Entry, Kind, info_entries, reward_weights, scales_of
+from .vibration import shake
 
 INFO_LEVELS = ("standard", "full")
 RENDER_MODES = ("human", "rgb_array")
@@ -28,6 +34,9 @@ DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "floating_frame": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
 }
 """What the environments use where nothing is said; benchmarks/choose_default.py is the reason."""
+
+REPLAYS = {1: "robot_arm_motion", 2: "two_link_motion"}
+"""What task="replay" replays where no motion is given, by the number of links."""
 
 FACTORS = ("payload", "EI", "damping", "torque_constant")
 """Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
@@ -45,19 +54,30 @@ OF_THE_ARM = Given()
 
 @dataclass(frozen=True)
 class Plan:
-    """A checked environment: all that a Batch is made from, and what its outside looks like."""
+    """A checked environment: all that a Batch is made from, and what its outside looks like.
+
+    names, scales (O,): of the observation. limit: control periods to `duration` or max_episode_steps; max_steps: the
+    latter. motion: of every episode of task="replay". entries: of info.
+    """
 
     kind: Kind
+    task: str
     arm: Arm
     settings: Settings
     period: float
     duration: float
     limit: int
+    max_steps: int | None
     gravity: tuple[float, float] | None
     full: bool
     render_mode: str | None
     starts: Starts
     rewards: tuple[float, ...]
+    extras: Extras
+    names: tuple[str, ...]
+    scales: tuple[float, ...]
+    gauges: tuple[tuple[int, float], ...]
+    motion: Prescribed | None
     entries: tuple[Entry, ...]
 
     def batch(self, n: int, threads: int = 1) -> Batch:
@@ -65,13 +85,15 @@ class Plan:
         task = self.kind.build(self.arm, np.array(self.rewards), self.period)
         return Batch(
             self.arm, self.settings, n, task, self.starts,
-            period=self.period, gravity=self.gravity, books=self.full, threads=threads,
+            period=self.period, gravity=self.gravity, books=self.full, threads=threads, extras=self.extras,
         )  # fmt: skip
 
     @property
     def observation_bounds(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """Largest value of each entry of the observation: 1 for sines and cosines, otherwise CLIP scales."""
-        return np.array([1.0 if n.endswith(("_sin", "_cos")) else CLIP for n in self.kind.names], np.float32)
+        """Largest value of each entry of the observation: CLIP scales; 1 for sines and cosines without noise."""
+        noisy = self.extras.sensors is not None and self.extras.sensors.noise.any()
+        exact = [name.endswith(("_sin", "_cos")) and not noisy for name in self.names]
+        return np.array([1.0 if one else CLIP for one in exact], np.float32)
 
 
 def plan(
@@ -80,9 +102,15 @@ def plan(
     arm: Arm | str | os.PathLike[str] | None = None,
     formulation: str | None = None,
     control_dt: float = 0.02,
+    action_mode: str = "torque",
     duration: float | None = None,
+    task: str | None = None,
+    reference: Any = None,
+    motion: Any = None,
     reward: Mapping[str, float] | None = None,
     randomization: Mapping[str, Sequence[float]] | None = None,
+    sensors: Mapping[str, Any] | None = None,
+    actuator: Mapping[str, Any] | None = None,
     initial_vibration: float = 0.0,
     joint_limits: Any = OF_THE_ARM,
     gravity: Sequence[float] | None = None,
@@ -98,17 +126,42 @@ def plan(
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
     limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
     if max_episode_steps is not None:
-        limit = min(limit, check.integer("max_episode_steps", max_episode_steps, minimum=1))
+        max_episode_steps = check.integer("max_episode_steps", max_episode_steps, minimum=1)
+        limit = min(limit, max_episode_steps)
     if render_mode is not None:
         check.choice("render_mode", render_mode, RENDER_MODES)
     full = check.choice("info_level", info_level, INFO_LEVELS) == "full"
+    word = check.choice("task", kind.task if task is None else task, (kind.task, "track", "replay"))
+    _only_with("reference", reference, word, "track")
+    _only_with("motion", motion, word, "replay")
+    frame = Frame(kind, own, settings, period, _gravity(gravity))
+    names, scales = kind.names, tuple(scales_of(kind, own))
+    if word == "track":
+        names, scales = (*names, *reference_names(kind)), (*scales, *reference_scales(frame))
+    places = gauges(frame, sensors)
+    extras = Extras(
+        controller=controller(frame, action_mode),
+        actuator=make_actuator(frame, actuator),
+        sensors=make_sensors(frame, sensors, names, scales),
+        reference=make_reference(frame, reference, limit) if word == "track" else None,
+    )
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     starts = dataclasses.replace(kind.starts(own), factors=_factors(randomization), vibration=vibration)
+    if vibration > 0.0:
+        starts = dataclasses.replace(starts, shake=shake(own, settings, frame.gravity))
     return Plan(
-        kind=kind, arm=own, settings=settings, period=period, duration=length, limit=limit, gravity=_gravity(gravity),
-        full=full, render_mode=render_mode, starts=starts,
-        rewards=tuple(reward_weights(kind, reward).tolist()), entries=info_entries(kind, full),
+        kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
+        max_steps=max_episode_steps, gravity=frame.gravity, full=full, render_mode=render_mode, starts=starts,
+        rewards=tuple(reward_weights(kind, reward).tolist()), extras=extras,
+        names=(*names, *gauge_names(len(places))), scales=(*scales, *gauge_scales(frame, places)), gauges=tuple(places),
+        motion=prescribed(motion or REPLAYS[kind.n_links], kind.n_links) if word == "replay" else None,
+        entries=info_entries(kind, full),
     )  # fmt: skip
+
+
+def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
+    if value is not None and task != wanted:
+        raise check.InvalidValue(name, value, f'must be given with task="{wanted}" only')
 
 
 def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
@@ -167,7 +220,8 @@ def _factors(given: Any) -> tuple[tuple[float, float], ...]:
 
 
 ARGUMENTS = (
-    "arm", "formulation", "control_dt", "duration", "reward", "randomization", "initial_vibration", "joint_limits",
-    "gravity", "info_level", "render_mode", "max_episode_steps",
+    "arm", "formulation", "control_dt", "action_mode", "duration", "task", "reference", "motion", "reward",
+    "randomization", "sensors", "actuator", "initial_vibration", "joint_limits", "gravity", "info_level", "render_mode",
+    "max_episode_steps",
     *dict.fromkeys(name for f in DEFAULT_OPTIONS for name in default_options(f)),
 )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..batch import Batch
+from ..batch import View
 from .options import Plan
 from .rendering import Renderer
 
@@ -19,14 +19,13 @@ def renderer(plan: Plan, mode: str) -> Renderer:
     return Renderer(mode, plan.arm.total_length, fps=1.0 / plan.period, payload=plan.arm.payload.mass > 0.0)
 
 
-def draw(pen: Renderer, batch: Batch, i: int) -> Any:
-    """A picture of arm i as it is now."""
-    view = batch.view(i)
+def draw(pen: Renderer, plan: Plan, view: View) -> Any:
+    """A picture of an arm as it is now."""
     target = view.target
     if len(target) == 1:
-        length = batch.arm.total_length
+        length = plan.arm.total_length
         target = np.array([length * math.cos(target[0]), length * math.sin(target[0])])
-    limits = np.array(batch.arm.torque_limits)
+    limits = np.array(plan.arm.torque_limits)
     shapes = chain(view.points, view.poses)
     return pen.frame(shapes, view.poses, target, view.time, view.torques / limits, view.deflection)
 

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..batch import ACTION_NOT_FINITE, GUIDED, Batch
+from .motion import Guide, Prescribed, guide, prescribed
 from .options import Plan
 
 KEYS = ("start", "target", "vibration", "motion", "interpolation")
@@ -20,7 +22,7 @@ class Wishes:
     """What a reset asks for. numbers (N + 3,): start angles, target (2), vibration; NaN where it is to be drawn."""
 
     numbers: NDArray[np.float64]
-    motion: Any = None
+    motion: Prescribed | None = None
 
 
 def wishes(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Wishes:
@@ -28,7 +30,7 @@ def wishes(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Wishes:
     n = plan.kind.n_links
     numbers = np.full(n + 3, np.nan)
     if options is None:
-        return Wishes(numbers)
+        return Wishes(numbers, plan.motion)
     table = check.table_of("options", options)
     check.known_keys("options", table, (*KEYS, *extra), "option")
     if table.get("start") is not None:
@@ -38,7 +40,11 @@ def wishes(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Wishes:
     if table.get("vibration") is not None:
         bound = {"minimum": -0.5, "maximum": 0.5}
         numbers[n + 2] = check.number("options.vibration", table["vibration"], "tip deflection over L", **bound)
-    return Wishes(numbers, table.get("motion"))
+    interpolation = table.get("interpolation")
+    if interpolation is not None and table.get("motion") is None:
+        raise check.InvalidValue("options.interpolation", interpolation, "must be given with options.motion")
+    motion = table.get("motion")
+    return Wishes(numbers, plan.motion if motion is None else prescribed(motion, n, interpolation))
 
 
 def _start(plan: Plan, value: Any) -> list[float]:
@@ -68,3 +74,54 @@ def _target(plan: Plan, value: Any) -> tuple[float, float]:
         what = f"must be within reach, {near:g} to {far:g} m from the root"
         raise check.InvalidValue("options.target", (x, y), what)
     return x, y
+
+
+def guide_of(plan: Plan, asked: Wishes) -> Guide | None:
+    """The arm of an episode with prescribed motion; None for an ordinary episode."""
+    if asked.motion is None:
+        return None
+    n = plan.kind.n_links
+    own = guide(plan, asked.motion, asked.numbers[:n])
+    poses, _, _ = own.report()
+    asked.numbers[0] = poses[0, 2]
+    for k in range(1, n):
+        asked.numbers[k] = poses[k, 2] - poses[k - 1, 8]
+    if math.isnan(asked.numbers[n]):
+        asked.numbers[n : n + 2] = _end_of(plan, own)
+    return own
+
+
+def _end_of(plan: Plan, own: Guide) -> tuple[float, float]:
+    """Where the motion leads the rigid arm: the polar angle of its tip (one link), or its tip."""
+    angle, x, y = 0.0, 0.0, 0.0
+    for k, link in enumerate(plan.arm.links):
+        motion = own.scene.motion_of(f"joint{k}")
+        angle += own.scene.initial_value(f"joint{k}") if motion is None else motion(own.scene.duration)
+        x, y = x + link.length * math.cos(angle), y + link.length * math.sin(angle)
+    return (angle, 0.0) if plan.kind.targets == 1 else (x, y)
+
+
+def begin(batch: Batch, i: int, key: int, plan: Plan, asked: Wishes, own: Guide | None, mode: int) -> None:
+    """Start arm i, in the batch or under its guide."""
+    batch.wish[:] = asked.numbers
+    if own is None:
+        batch.begin(i, key, limit=plan.limit, mode=mode)
+        return
+    limit = own.limit if plan.max_steps is None else min(own.limit, plan.max_steps)
+    batch.begin(i, key, limit=limit, mode=GUIDED)
+    own.set_parameters(batch.parameters(i))
+    poses, torques, energies = own.report()
+    batch.witness(i, poses, torques, np.zeros(len(torques)), energies, -1, own.strains())
+
+
+def follow(batch: Batch, i: int, own: Guide) -> None:
+    """One control period of arm i under its guide, with the action that stands in the batch."""
+    action = own.ignores(batch.action[i].astype(np.float64))
+    if not np.isfinite(action).all():
+        poses, torques, energies = own.report()
+        batch.witness(i, poses, torques, action, energies, ACTION_NOT_FINITE, own.strains())
+        return
+    action = np.clip(action, -1.0, 1.0)
+    status = own.advance(action * own.limits)
+    poses, torques, energies = own.report()
+    batch.witness(i, poses, torques, action, energies, status, own.strains())

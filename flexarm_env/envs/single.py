@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -12,9 +11,11 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import IN_RANGE, MODE, OVER, REASON, REASONS, STATUS_WORDS, SUCCESS
+from ..batch import IN_RANGE, MODE, OVER, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
+from .motion import Guide
 from .options import Plan, plan
-from .resets import Wishes, wishes
+from .resets import begin, follow, guide_of, wishes
+from .states import LinearModel, check_state, linear_model, put_state, state_of
 from .task import Kind
 
 Array32 = NDArray[np.float32]
@@ -37,6 +38,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         bounds = self.plan.observation_bounds
         self.observation_space = Box(-bounds, bounds, dtype=np.float32)
         self._renderer: Any = None
+        self.guide: Guide | None = None
         self._bind()
 
     def _bind(self) -> None:
@@ -64,15 +66,14 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
             options: see the class. An unknown key or a wrong value is a ValueError, before anything changes.
         """
         asked = wishes(self.plan, options)
+        own = guide_of(self.plan, asked)
         super().reset(seed=seed)
-        self._begin(asked)
+        self.guide = own
+        key = int(self.np_random.bit_generator.random_raw())
+        begin(self.batch, 0, key, self.plan, asked, own, RUNNING)
         if self.render_mode == "human":
             self.render()
         return self._seen.copy(), self._info()
-
-    def _begin(self, asked: Wishes) -> None:
-        self.batch.wish[:] = asked.numbers
-        self.batch.begin(0, int(self.np_random.bit_generator.random_raw()), limit=self.plan.limit)
 
     def step(self, action: Array32) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
         """One control period. A wrong shape or kind of action is a ValueError, and nothing has moved."""
@@ -81,7 +82,10 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         if self._mode[0] == OVER:
             raise ResetNeeded("The episode has ended (or none has begun): call reset() first")
         self._action[:] = action
-        self._step(self._address, 0, 1)
+        if self.guide is None:
+            self._step(self._address, 0, 1)
+        else:
+            follow(self.batch, 0, self.guide)
         if self.render_mode == "human":
             self.render()
         return (
@@ -120,13 +124,35 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
             from .pictures import renderer
 
             self._renderer = renderer(self.plan, self.render_mode)
-        return draw(self._renderer, self.batch, 0)
+        return draw(self._renderer, self.plan, self._view())
+
+    def _view(self) -> View:
+        view = self.batch.view(0)
+        return view if self.guide is None else self.guide.view(view.target)
 
     def close(self) -> None:
         """Close the window and let go of what was held."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    # --- states --------------------------------------------------------------------------------------
+    def get_state(self) -> dict[str, Any]:
+        """Everything that the future depends on, a copy: the arm with its integrator's history, sensors, motors and
+        target, the generator, the motion it follows. It can be pickled."""
+        return state_of(self.batch, 0, self.np_random, self.np_random_seed, self.guide)
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from a state that `get_state` gave, in this or a like environment, bit for bit."""
+        check_state(self.batch, state)
+        self.np_random, self._np_random_seed, self.guide = put_state(self.batch, 0, state)
+
+    def linearize(self, discrete: float | None = None) -> LinearModel:
+        """The linear model of the arm at its present state and torques (see `flexarm_env.linear.linearize`).
+
+        discrete: period, s, over which torques are held; None for the continuous model.
+        """
+        return linear_model(self.plan, self.batch, 0, self.guide, discrete)
 
     @property
     def dt(self) -> float:
@@ -155,8 +181,3 @@ def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
         raise check.InvalidValue("action", action, f"must be an array of numbers of shape {shape}")
     with np.errstate(over="ignore"):
         return values.astype(np.float32)
-
-
-def tip_of(angle: float, length: float) -> tuple[float, float]:
-    """The point at a polar angle and a distance from the hub."""
-    return length * math.cos(angle), length * math.sin(angle)

@@ -99,6 +99,11 @@ def controller_gains(arm: Arm) -> Array:
     return np.array(gains).ravel()
 
 
+def scales_of(kind: Kind, arm: Arm) -> list[float]:
+    """Scales of an environment's observation, in its order."""
+    return slew_scales(arm) if kind.targets == 1 else reach_scales(arm)
+
+
 def slew_scales(arm: Arm) -> list[float]:
     """Scales of FlexibleArm-v0's observation, in its order."""
     rate = rate_scale(arm, 0)

@@ -14,10 +14,12 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import FRESH, IN_RANGE, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS
+from ..batch import FRESH, IN_RANGE, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
+from .motion import Guide
 from .options import Plan, plan
-from .resets import Wishes, wishes
+from .resets import Wishes, begin, follow, guide_of, wishes
 from .single import F32, checked_action
+from .states import LinearModel, check_state, linear_model, put_state, state_of
 from .task import Kind
 
 Array32 = NDArray[np.float32]
@@ -68,6 +70,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._seeds: list[int] = [-1] * self.num_envs
         self._renderers: list[Any] = []
         self._ended: list[int] = []
+        self._guides: dict[int, Guide] = {}
         self._nothing = np.full(self.kind.n_links + 3, np.nan)
 
     # --- gymnasium ---------------------------------------------------------------------------------
@@ -82,11 +85,12 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         """
         seeds = self._checked_seeds(seed)
         chosen, rest = self._checked_mask(options)
-        asked = wishes(self.plan, rest)
+        each = self._each_wishes(chosen, rest)
+        guides = {i: own for i, asked in each.items() if (own := guide_of(self.plan, asked)) is not None}
         for i in chosen:
             if seeds[i] is not None:
                 self._seed(i, seeds[i])
-        self._start(chosen, RUNNING, asked)
+        self._start(chosen, RUNNING, each, guides)
         self._ended = [i for i in self._ended if i not in set(chosen)]
         return self.batch.observation.copy(), self._infos(self._mask(chosen))
 
@@ -95,13 +99,16 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         batch = self.batch
         if type(actions) is not np.ndarray or actions.dtype is not F32 or actions.shape != batch.action.shape:
             actions = checked_action(actions, batch.action.shape)
+        guided = [(i, own) for i, own in self._guides.items() if i not in self._ended]
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             if self._ended:
-                self._start(self._ended, FRESH, Wishes(self._nothing))
+                self._start_again(FRESH)
         elif self.autoreset_mode is AutoresetMode.DISABLED:
             assert not self._ended, f"arms {self._ended} have ended: reset them with options['reset_mask']"
         batch.action[:] = actions
         attention = batch.step()
+        for i, own in guided:
+            follow(batch, i, own)
         self._ended = np.flatnonzero(batch.terminated | batch.truncated).tolist() if attention else []
         infos: dict[str, Any] = {}
         if self._ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
@@ -120,7 +127,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         for i in ended:
             last[i] = batch.observation[i].copy()
         final = self._infos(mask)
-        self._start(ended, RUNNING, Wishes(self._nothing))
+        self._start_again(RUNNING)
         self._ended = []
         infos = {"final_obs": last, "_final_obs": mask.copy(), "final_info": final, "_final_info": mask} | self._infos()
         return batch.observation.copy(), reward, terminated, truncated, infos
@@ -133,7 +140,11 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
         if not self._renderers:
             self._renderers = [renderer(self.plan, self.render_mode) for _ in range(self.num_envs)]
-        return tuple(draw(self._renderers[i], self.batch, i) for i in range(self.num_envs))
+        return tuple(draw(self._renderers[i], self.plan, self._view(i)) for i in range(self.num_envs))
+
+    def _view(self, i: int) -> View:
+        view = self.batch.view(i)
+        return self._guides[i].view(view.target) if i in self._guides else view
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close windows, end threads."""
@@ -143,13 +154,13 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self.batch.close()
 
     # --- seeds and starts ----------------------------------------------------------------------------
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+    @property  # type: ignore[override]
+    def np_random(self) -> tuple[np.random.Generator, ...]:
         """The generators of the arms; may be set to as many others."""
         return tuple(self._generator(i) for i in range(self.num_envs))
 
     @np_random.setter
-    def np_random(self, generators: Sequence[np.random.Generator]) -> None:
+    def np_random(self, generators: Any) -> None:
         self._generators, self._seeds = list(generators), [-1] * self.num_envs
 
     @property
@@ -168,12 +179,41 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         assert generator is not None
         return generator
 
-    def _start(self, arms: Sequence[int], mode: int, asked: Wishes) -> None:
-        batch = self.batch
-        batch.wish[:] = asked.numbers
+    def _start(
+        self,
+        arms: Sequence[int],
+        mode: int,
+        asked: dict[int, Wishes] | None = None,
+        guides: dict[int, Guide] | None = None,
+    ) -> None:
+        """Start episodes of these arms, with what is asked for and the guides of those whose motion is prescribed."""
+        batch, plain = self.batch, Wishes(self._nothing)
         for i in arms:
             key = int(self._generator(i).bit_generator.random_raw())
-            batch.begin(i, key, limit=self.plan.limit, mode=mode)
+            own = None if guides is None else guides.get(i)
+            if own is not None:
+                self._guides[i] = own
+            elif self._guides:
+                self._guides.pop(i, None)
+            begin(batch, i, key, self.plan, plain if asked is None else asked[i], own, mode)
+
+    def _start_again(self, mode: int) -> None:
+        """New episodes of the arms whose episodes have ended, without options."""
+        if self.plan.motion is None:
+            self._start(self._ended, mode)
+            return
+        asked = {i: wishes(self.plan, None) for i in self._ended}
+        guides = {i: own for i in self._ended if (own := guide_of(self.plan, asked[i])) is not None}
+        self._start(self._ended, mode, asked, guides)
+
+    def _each_wishes(self, arms: Sequence[int], options: dict[str, Any] | None) -> dict[int, Wishes]:
+        """Checked options of each arm: a list of num_envs motions holds one each, everything else is for all."""
+        if not options:
+            return {i: wishes(self.plan, None) for i in arms}
+        motion = options.get("motion")
+        if isinstance(motion, list) and len(motion) == self.num_envs > 1:
+            return {i: wishes(self.plan, options | {"motion": motion[i]}) for i in arms}
+        return {i: wishes(self.plan, options) for i in arms}
 
     def _checked_seeds(self, seed: Any) -> Sequence[int | None]:
         n = self.num_envs
@@ -194,6 +234,40 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             what = f"must be a numpy array of {self.num_envs} bools, at least one of them True"
             raise check.InvalidValue("options.reset_mask", mask, what)
         return np.flatnonzero(mask).tolist(), {k: v for k, v in options.items() if k != "reset_mask"}
+
+    # --- states --------------------------------------------------------------------------------------
+    def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
+        """Everything that the future of each arm (or of those in `indices`) depends on, a copy; see `set_state`."""
+        guides = self._guides
+        return [
+            state_of(self.batch, i, self._generator(i), self._seeds[i], guides.get(i)) for i in self._chosen(indices)
+        ]
+
+    def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
+        """Continue from states that `get_state` gave, here or in a single environment, bit for bit."""
+        chosen = self._chosen(indices)
+        if len(states) != len(chosen):
+            raise check.InvalidValue("states", f"{len(states)} states", f"must be {len(chosen)}, one for each arm")
+        for state in states:
+            check_state(self.batch, state)
+        for i, state in zip(chosen, states, strict=True):
+            self._generators[i], self._seeds[i], own = put_state(self.batch, i, state)
+            self._guides.pop(i, None)
+            if own is not None:
+                self._guides[i] = own
+        self._ended = np.flatnonzero(self.batch.terminated | self.batch.truncated).tolist()
+
+    def _chosen(self, indices: Sequence[int] | None) -> list[int]:
+        if indices is None:
+            return list(range(self.num_envs))
+        return [check.integer(f"indices[{k}]", i, minimum=0, maximum=self.num_envs - 1) for k, i in enumerate(indices)]
+
+    def linearize(self, index: int, discrete: float | None = None) -> LinearModel:
+        """The linear model of one arm at its present state; see the single environment."""
+        return linear_model(self.plan, self.batch, index, self._guides.get(index), discrete)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_renderers": []}
 
     # --- info ------------------------------------------------------------------------------------------
     def _mask(self, arms: Sequence[int]) -> Flags:

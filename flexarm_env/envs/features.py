@@ -1,0 +1,226 @@
+"""Sensors, actuators, controllers and moving targets: from the keyword arguments of an environment to its `Extras`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..batch import Actuator, Controller, Reference, Sensors, gauge_table
+from ..parameters import Arm
+from ..settings import Settings
+from ..time_functions import TimeFunction
+from .task import Kind, controller_gains, inertia_beyond, rate_scale, scales_of
+
+Array = NDArray[np.float64]
+
+ACTION_MODES = ("torque", "residual_pd")
+RESIDUAL_SHARE = 0.7
+"""Share of the torque limit that the action adds in action_mode="residual_pd"."""
+
+AHEAD = (0.1, 0.3)
+"""Times, s, by which the observation of task="track" looks ahead."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What features are made for."""
+
+    kind: Kind
+    arm: Arm
+    settings: Settings
+    period: float
+    gravity: tuple[float, float] | None
+
+
+# --- controllers -------------------------------------------------------------------------------------
+
+
+def controller(frame: Frame, mode: Any) -> Controller | None:
+    """The joint controllers under the action, or None where the action is the torque."""
+    if check.choice("action_mode", mode, ACTION_MODES) == "torque":
+        return None
+    gains = controller_gains(frame.arm).reshape(-1, 2)
+    return Controller(gains[:, 0].copy(), gains[:, 1].copy(), RESIDUAL_SHARE)
+
+
+# --- actuators ---------------------------------------------------------------------------------------
+
+_ACTUATOR = ("lag", "delay", "saturation", "viscous", "coulomb", "coulomb_rate")
+
+
+def actuator(frame: Frame, given: Any) -> Actuator | None:
+    """The motors, or None where they are ideal and the joints without friction."""
+    if given is None:
+        return None
+    table = check.table_of("actuator", given)
+    check.known_keys("actuator", table, _ACTUATOR)
+    arm, dt = frame.arm, frame.settings.dt
+    assert dt is not None and arm.torque_limits is not None
+    n = arm.n_links
+    lag = check.number("actuator.lag", table.get("lag", 0.0), "s", minimum=0.0)
+    steps = _whole("actuator.delay", table.get("delay", 0.0), dt, "dt")
+    per_period = round(frame.period / dt)
+    share = check.number("actuator.saturation", table.get("saturation", 1.0), above=0.0, maximum=1.0)
+    viscous = _each("actuator.viscous", table.get("viscous", 0.0), n, "N m s/rad")
+    coulomb = _each("actuator.coulomb", table.get("coulomb", 0.0), n, "N m")
+    creep = check.number("actuator.coulomb_rate", table.get("coulomb_rate", 0.05), "rad/s", above=0.0)
+    for k in range(n):
+        root = arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
+        slope = viscous[k] + coulomb[k] / creep
+        if slope * dt > root:
+            raise ValueError(
+                f"actuator: friction too stiff for dt = {dt:g} s at joint {k}: (viscous + coulomb / coulomb_rate) dt = "
+                f"{slope * dt:g} kg m^2 must not exceed the inertia there, {root:g} kg m^2; take a smaller dt or a "
+                "larger coulomb_rate"
+            )
+    idle = lag == 0.0 and steps == 0 and share == 1.0 and not viscous.any() and not coulomb.any()
+    if idle:
+        return None
+    return Actuator(
+        share=1.0 if lag == 0.0 else 1.0 - math.exp(-dt / lag),
+        age=steps // per_period,
+        late=steps % per_period,
+        limits=share * np.array(arm.torque_limits),
+        viscous=viscous,
+        coulomb=coulomb,
+        creep=creep,
+    )
+
+
+def _each(path: str, value: Any, n: int, unit: str) -> Array:
+    """One number for all joints, or one each."""
+    values = check.sequence(path, value, f"{n} numbers ({unit})", n) if np.ndim(value) else (value,) * n
+    return np.array([check.number(path if not np.ndim(value) else f"{path}[{k}]", v, unit, minimum=0.0)
+                     for k, v in enumerate(values)])  # fmt: skip
+
+
+def _whole(path: str, value: Any, step: float, name: str) -> int:
+    """A time as a whole number of steps."""
+    time = check.number(path, value, "s", minimum=0.0)
+    count = round(time / step)
+    if abs(time / step - count) > 1e-6 * max(1.0, time / step):
+        raise check.InvalidValue(path, value, f"must be a whole number of {name} = {step:g} s")
+    return count
+
+
+# --- sensors -----------------------------------------------------------------------------------------
+
+_SENSORS = ("noise", "delay", "strain_gauges")
+
+
+def sensors(frame: Frame, given: Any, names: Sequence[str], scales: Sequence[float]) -> Sensors | None:
+    """The sensors, or None where they are ideal. names and scales: of the observation without gauges."""
+    if given is None:
+        return None
+    table = check.table_of("sensors", given)
+    check.known_keys("sensors", table, _SENSORS)
+    places = gauges(frame, given)
+    rows = gauge_table(frame.arm, frame.settings, frame.gravity, places)
+    own = gauge_scales(frame, places)
+    all_names = (*names, *gauge_names(len(places)))
+    noise = _noise(table.get("noise", 0.0), all_names, (*scales, *own))
+    age = _whole("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt")
+    if not places and age == 0 and not noise.any():
+        return None
+    return Sensors(noise=noise, age=age, gauges=(rows / np.array(own)[:, None]).ravel() if places else np.zeros(0))
+
+
+def gauges(frame: Frame, given: Any) -> list[tuple[int, float]]:
+    """Links and places (0 root, 1 tip) of the strain gauges."""
+    places = []
+    wanted = {} if given is None else given
+    for i, entry in enumerate(check.sequence("sensors.strain_gauges", wanted.get("strain_gauges", ()), "places")):
+        path = f"sensors.strain_gauges[{i}]"
+        link, place = (0, entry) if np.ndim(entry) == 0 else check.sequence(path, entry, "a link and a place", 2)
+        link = check.integer(f"{path}[0]", link, minimum=0, maximum=frame.arm.n_links - 1)
+        places.append((link, check.number(path, place, minimum=0.0, maximum=1.0)))
+    return places
+
+
+def gauge_names(count: int) -> tuple[str, ...]:
+    """Names of the gauges' entries."""
+    return tuple(f"strain_gauge_{k + 1}" for k in range(count))
+
+
+def gauge_scales(frame: Frame, places: Sequence[tuple[int, float]]) -> list[float]:
+    """Scale of each gauge, 1/m: the curvature under the full torque of the link's joint."""
+    limits = frame.arm.torque_limits
+    assert limits is not None
+    return [limits[link] / frame.arm.links[link].section.EI for link, _ in places]
+
+
+def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
+    """Standard deviations in scales: one share of the scale for all, or by name in the entry's unit."""
+    if not isinstance(given, Mapping):
+        return np.full(len(names), check.number("sensors.noise", given, minimum=0.0))
+    check.known_keys("sensors.noise", given, names, "entry of the observation")
+    sizes = dict(zip(names, scales, strict=True))
+    noise = {name: check.number(f"sensors.noise.{name}", value, minimum=0.0) for name, value in given.items()}
+    return np.array([noise.get(name, 0.0) / sizes[name] for name in names])
+
+
+# --- moving targets ----------------------------------------------------------------------------------
+
+
+def reference(frame: Frame, given: Any, periods: int) -> Reference:
+    """The target's path: what is given, sampled at the control instants, or drawn anew each episode."""
+    arm, targets = frame.arm, frame.kind.targets
+    rate = rate_scale(arm, 0)
+    ahead = np.array([max(1, round(time / frame.period)) for time in AHEAD], np.int64)
+    if targets == 1:
+        ranges = [(0.3, math.pi / 2), (10.0 / rate, 20.0 / rate), (0.0, 0.0), (0.0, 0.0)]
+    else:
+        far = arm.total_length
+        ranges = [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far)]
+        ranges.append((-math.pi / 3, math.pi / 3))
+    table = np.zeros(0) if given is None else _path(given, targets, frame.period, periods + int(ahead.max()) + 1)
+    scales = np.array(reference_scales(frame))
+    return Reference(table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales)
+
+
+def _path(given: Any, targets: int, period: float, rows: int) -> Array:
+    """(rows, 2 D) flattened: target and its rate at the control instants."""
+    if targets == 1:
+        functions = [_function("reference", given)]
+    else:
+        if isinstance(given, np.ndarray) and given.ndim == 2 and given.shape[1] == 3:
+            given = [given[:, [0, 1]], given[:, [0, 2]]]
+        what = "two functions of time, x and y (m), or a table (n, 3): t, x, y"
+        functions = [_function(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", given, what, 2))]
+    t = np.arange(rows) * period
+    return np.column_stack([f(t) for f in functions] + [f(t, 1) for f in functions]).ravel()
+
+
+def _function(path: str, given: Any) -> TimeFunction:
+    from .motion import function_of
+
+    return function_of(path, given)
+
+
+def reference_names(kind: Kind) -> tuple[str, ...]:
+    """Names of the entries that a moving target adds to the observation."""
+    parts = [("target_rate",) if kind.targets == 1 else ("target_velocity_x", "target_velocity_y")]
+    for k in range(len(AHEAD)):
+        name = f"target_ahead_{k + 1}"
+        parts.append((name,) if kind.targets == 1 else (f"{name}_x", f"{name}_y"))
+    return tuple(name for part in parts for name in part)
+
+
+def reference_scales(frame: Frame) -> list[float]:
+    """Their scales: those of the rates and of the way to the target."""
+    scales = scales_of(frame.kind, frame.arm)
+    if frame.kind.targets == 1:
+        return [scales[2], scales[5], scales[5]]
+    return [scales[10], scales[11], *scales[12:14], *scales[12:14]]
+
+
+__all__ = [
+    "ACTION_MODES", "Frame", "actuator", "controller", "gauge_names", "gauge_scales", "gauges", "inertia_beyond",
+    "reference", "reference_names", "reference_scales", "sensors",
+]  # fmt: skip

@@ -1,0 +1,262 @@
+"""Episodes with prescribed motion: what `reset(options={"motion": ...})` takes, and the arm that follows it.
+
+Such an arm does not run in the batch but as a `Simulation` of its own, which lands on every kink: the very code path of
+`simulate`, so that the numbers are the same.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import scenes, time_functions
+from .. import validation as check
+from ..batch import CLIP, View, scene_gauges
+from ..model import DIVERGED, OK
+from ..scene import Motion, Scene
+from ..settings import Settings
+from ..simulation import ENERGY_LIMIT, Simulation
+from ..time_functions import TimeFunction
+from ..trajectory import link_deflection
+
+Array = NDArray[np.float64]
+
+WHAT = "must be a named motion, a table (n, 2 to 4), a .csv or .toml file, a TimeFunction or a Scene"
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """Joint motions of an episode. functions: of the prescribed joints. end: s, where the motion ends.
+
+    scene: the whole scene where one was given, to be replayed as it is.
+    """
+
+    functions: tuple[tuple[int, TimeFunction], ...]
+    end: float
+    scene: Scene | None = None
+
+
+def prescribed(value: Any, n_links: int, interpolation: str | None = None) -> Prescribed:
+    """Motions of one arm from what a user gives. ValueError names the key, the value and what is allowed."""
+    path = "options.motion"
+    if isinstance(value, Prescribed):
+        return value
+    if isinstance(value, Scene):
+        return Prescribed(_joints(path, value, n_links), value.duration, value)
+    if _is_scene(value):
+        scene = _scene(path, value)
+        joints = _joints(path, scene, n_links)
+        if not joints:
+            raise check.InvalidValue(path, scene.name, "must be a scene that prescribes a joint's angle")
+        return Prescribed(joints, scene.duration)
+    if isinstance(value, Mapping) and "t" not in value:
+        entries = {_joint(path, key, n_links): entry for key, entry in value.items()}
+    elif isinstance(value, list | tuple) and not _is_table(value):
+        if len(value) != n_links:
+            raise check.InvalidValue(path, value, f"must hold one entry a joint, {n_links} (None: not prescribed)")
+        entries = dict(enumerate(value))
+    else:
+        return _by_joint({0: value}, (path,), interpolation)
+    return _by_joint(entries, tuple(f"{path}.joint{k}" for k in range(n_links)), interpolation)
+
+
+def _joint(path: str, key: Any, n_links: int) -> int:
+    names = [f"joint{k}" for k in range(n_links)]
+    if key not in names:
+        raise check.UnknownKey(check.joined(path, str(key)), names, "joint")
+    return names.index(key)
+
+
+def _by_joint(entries: dict[int, Any], paths: tuple[str, ...], interpolation: str | None) -> Prescribed:
+    """Each joint's function; a scene gives its hub's."""
+    functions: dict[int, TimeFunction] = {}
+    end = 0.0
+    for joint, entry in entries.items():
+        if entry is None:
+            continue
+        if _is_scene(entry):
+            scene = _scene(paths[joint], entry)
+            functions[joint] = dict(_joints(paths[joint], scene, 1))[0]
+            end = max(end, scene.duration)
+        else:
+            with check.under(paths[joint]):
+                functions[joint] = _function(entry, interpolation)
+            end = max(end, functions[joint].end)
+    if not functions:
+        raise check.InvalidValue("options.motion", entries, "must prescribe at least one joint")
+    return Prescribed(tuple(sorted(functions.items())), end)
+
+
+def _is_scene(value: Any) -> bool:
+    """A name or a TOML file."""
+    return isinstance(value, str | os.PathLike) and not os.fspath(value).endswith(".csv")
+
+
+def _is_table(value: Any) -> bool:
+    """Rows of numbers, rather than one entry a joint."""
+    return all(isinstance(row, list | tuple) and all(isinstance(x, int | float) for x in row) for row in value)
+
+
+def _scene(path: str, name: Any) -> Scene:
+    try:
+        return scenes.resolve(name)
+    except check.UnknownKey:
+        known = [n for n in scenes.names(parameter_sets=True) if scenes.named(n).motions]
+        raise check.UnknownKey(f"{path} = {name!r}", known, "motion (and no .csv or .toml file)") from None
+
+
+def _joints(path: str, scene: Scene, n_links: int) -> tuple[tuple[int, TimeFunction], ...]:
+    """The joint motions of a scene."""
+    if scene.root == "free":
+        raise check.InvalidValue(path, scene.name, "must be a scene of an arm that is pinned, not of a free body")
+    found = []
+    for motion in scene.motions:
+        if motion.joint is None:
+            raise check.InvalidValue(path, scene.name, "must not move the root of the arm")
+        if motion.joint >= n_links:
+            what = f"must not move joint {motion.joint}: there are {n_links} joint(s)"
+            raise check.InvalidValue(path, scene.name, what)
+        found.append((motion.joint, motion.function))
+    return tuple(found)
+
+
+def function_of(path: str, entry: Any) -> TimeFunction:
+    """A function of time from a table, a file or a TimeFunction."""
+    with check.under(path):
+        return _function(entry, None)
+
+
+def _function(entry: Any, interpolation: str | None) -> TimeFunction:
+    if isinstance(entry, TimeFunction):
+        entry.check_no_jump()
+        return entry
+    if isinstance(entry, str | os.PathLike):
+        return time_functions.from_csv(entry, interpolation)
+    if isinstance(entry, Mapping):
+        check.known_keys("", entry, time_functions.COLUMNS)
+        return time_functions.table(**entry, interpolation=interpolation)
+    try:
+        rows = np.asarray(entry)
+    except ValueError:
+        rows = np.array(None)
+    if rows.dtype.kind not in "fiu":
+        raise check.InvalidValue("", entry, WHAT)
+    return time_functions.from_array(rows, interpolation)
+
+
+class Guide:
+    """One arm that follows a prescribed motion.
+
+    Args:
+        scene: arm, motions and loads. settings: with dt. period: control period, s. limits: torque limits, N m.
+        gauges, gauge_scales: link and place of each strain gauge, 1/m.
+    Attributes:
+        limit: control periods to the motion's end. moved: the last period was completed.
+    """
+
+    def __init__(
+        self, scene: Scene, settings: Settings, period: float, limits: Array,
+        gauges: tuple[tuple[int, float], ...] = (), gauge_scales: tuple[float, ...] = (),
+    ) -> None:  # fmt: skip
+        self.scene, self.settings, self.period, self.limits = scene, settings, period, limits
+        self.simulation = Simulation(scene, settings)
+        rows = scene_gauges(scene, settings, self.simulation.system, gauges)
+        self.gauges = rows / np.array(gauge_scales).reshape(-1, 1)
+        self.free = np.array([scene.motion_of(f"joint{k}") is None for k in range(scene.arm.n_links)])
+        self.limit = max(1, math.ceil(scene.duration / period * (1.0 - 1e-9)))
+        self.steps, self.moved = 0, True
+        self._start()
+
+    def _start(self) -> None:
+        self.simulation.reset()
+        self.gross = abs(float(self.simulation.work.books[0]))
+        self.start_energy = float(self.simulation.observe()[1].sum())
+
+    def set_parameters(self, par: Array) -> None:
+        """The arm's own payload, stiffness and damping (see `model.PAYLOAD_MASS`), before the first step."""
+        if not np.array_equal(par, self.simulation.par):
+            self.simulation.par[:] = par
+            self._start()
+
+    def ignores(self, action: Array) -> Array:
+        """The action with zeros for joints whose motion or torque the scene prescribes."""
+        loaded = {getattr(load, "joint", None) for load in self.scene.loads}
+        return np.array([a if self.free[k] and k not in loaded else 0.0 for k, a in enumerate(action)])
+
+    def advance(self, torques: Array) -> int:
+        """One control period with these torques (N m) on the joints that are not prescribed; the status reached."""
+        simulation = self.simulation
+        if self.steps:
+            simulation.restart_at_kink()
+        if self.free.any() and not self.scene.loads and not np.array_equal(simulation.work.u[: len(torques)], torques):
+            simulation.set_torques(torques)
+        self.steps += 1
+        before = float(simulation.work.books[0])
+        self.moved = simulation.advance_to(min(self.steps * self.period, self.scene.duration))
+        if not self.moved:
+            return simulation.status
+        self.gross += abs(float(simulation.work.books[0]) - before)
+        total = abs(float(simulation.observe()[1].sum()))
+        if total > ENERGY_LIMIT * (abs(self.start_energy) + self.gross + 1e-300) and total > 1e-9:
+            simulation.work.flag[0] = DIVERGED
+            return DIVERGED
+        return OK
+
+    def report(self) -> tuple[Array, Array, Array]:
+        """Poses (N, 12), torques (N,) and energies (5,): kinetic, strain, gravity, dissipated, work."""
+        poses, energies = self.simulation.observe()
+        books = self.simulation.work.books
+        return poses, self.simulation.joint_torques(), np.concatenate([energies, [books[1], books[0]]])
+
+    def strains(self) -> Array:
+        """What the strain gauges read, in their scales."""
+        return np.asarray(np.clip(self.gauges @ self.simulation.work.q, -CLIP, CLIP))
+
+    def view(self, target: Array) -> View:
+        """Where the arm is."""
+        poses, torques, _ = self.report()
+        lengths = np.array([link.length for link in self.scene.arm.links])
+        return View(
+            points=self.simulation.shape_points(), poses=poses, time=self.simulation.t, target=target, torques=torques,
+            deflection=link_deflection(poses) / lengths,
+        )  # fmt: skip
+
+    def __getstate__(self) -> dict[str, Any]:
+        kept = {k: v for k, v in vars(self).items() if k != "simulation"}
+        return kept | {"memory": (self.simulation._flat.copy(), self.simulation.par.copy(), self.simulation.t)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        flat, par, t = state["memory"]
+        vars(self).update({k: v for k, v in state.items() if k != "memory"})
+        self.simulation = Simulation(self.scene, self.settings)
+        self.simulation._flat[:], self.simulation.par[:], self.simulation.t = flat, par, t
+
+
+def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
+    """The arm of an environment (`options.Plan`) under a motion. starts (N,): of joints left free, NaN: 0."""
+    arm, settings, period = plan.arm, plan.settings, plan.period
+    n = len(plan.gauges)
+    more = {"gauges": plan.gauges, "gauge_scales": plan.scales[len(plan.scales) - n :]}
+    limits = np.array(arm.torque_limits)
+    if motion.scene is not None:
+        scene = motion.scene
+        if dataclasses.replace(scene.arm, torque_limits=arm.torque_limits) != arm:
+            raise check.InvalidValue("options.motion", scene.name, "must be a scene of this environment's own arm")
+        return Guide(scene, settings, period, limits, **more)
+    functions = dict(motion.functions)
+    joints = [functions[k].start if k in functions else (0.0 if math.isnan(a) else a) for k, a in enumerate(starts)]
+    end = motion.end if motion.end > 0.0 else plan.duration
+    assert settings.dt is not None
+    scene = Scene(
+        "motion", arm, duration=end, dt=min(settings.dt, end), sample=min(period, end), gravity=plan.gravity,
+        angles=tuple(np.cumsum(joints).tolist()),
+        motions=tuple(Motion(f"joint{k}", f) for k, f in functions.items()),
+    )  # fmt: skip
+    return Guide(scene, settings, period, limits, **more)

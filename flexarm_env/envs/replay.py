@@ -1,0 +1,77 @@
+"""A scene replayed through an environment's `step`: the same numbers as `simulate`, by the road that agents take."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from .. import validation as check
+from ..scene import JointTorque, Scene
+from ..settings import Settings
+from ..trajectory import Recorder, Trajectory
+from .flexible_arm import FlexibleArmEnv
+from .two_link import TwoLinkFlexArmEnv
+
+_ENVIRONMENTS: dict[int, Any] = {1: FlexibleArmEnv, 2: TwoLinkFlexArmEnv}
+
+
+def through_env(scene: Scene, settings: Settings, sample: float | None = None) -> Trajectory:
+    """The Trajectory of a scene whose arm moves in FlexibleArm-v0 or TwoLinkFlexArm-v0, a control period a sample.
+
+    Args:
+        scene: pinned, one or two links, driven by joint motions or joint torques.
+        settings: formulation and options, with dt. sample: control period, s; None takes the scene's.
+    Returns:
+        What `simulate` returns with the same settings, to the last bit (cpu_seconds apart).
+    Raises:
+        ValueError: a scene that no environment can represent.
+    """
+    _check(scene)
+    period = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)
+    assert period is not None and settings.dt is not None
+    arm = scene.arm
+    if arm.torque_limits is None:
+        arm = dataclasses.replace(arm, torque_limits=(1.0,) * arm.n_links)
+    options = settings.options() | {"dt": period / max(1, math.ceil(period / settings.dt * (1.0 - 1e-9)))}
+    env = _ENVIRONMENTS[arm.n_links](
+        arm=arm, formulation=settings.formulation, control_dt=period, duration=max(scene.duration, period),
+        joint_limits=None, gravity=scene.gravity, info_level="full", **options,
+    )  # fmt: skip
+    env.plan = dataclasses.replace(env.plan, settings=settings)
+    env.reset(options={"motion": scene})
+    simulation = env.guide.simulation
+    recorder = Recorder(scene, settings)
+    recorder.add(simulation)
+    rest = np.zeros(arm.n_links, np.float32)
+    clock = time.process_time()
+    over = False
+    while not over:
+        _, _, terminated, truncated, _ = env.step(rest)
+        over = terminated or truncated
+        if env.guide.moved:
+            recorder.add(simulation)
+    return recorder.finish(simulation, time.process_time() - clock)
+
+
+def _check(scene: Scene) -> None:
+    """A sentence for a scene that no environment can represent."""
+    why = ""
+    if scene.root == "free":
+        why = "its arm is a free body"
+    elif any(motion.joint is None for motion in scene.motions):
+        why = "the root of its arm is moved"
+    elif scene.position != (0.0, 0.0):
+        why = "its arm is not pinned at the origin"
+    elif scene.rigid_joints:
+        why = "its arm has rigid joints"
+    elif any(not isinstance(load, JointTorque) for load in scene.loads):
+        why = "point loads act on its arm"
+    elif scene.arm.n_links not in _ENVIRONMENTS:
+        why = f"its arm has {scene.arm.n_links} links"
+    if why:
+        what = "cannot go through an environment (pinned arms of one or two links, driven at their joints)"
+        raise ValueError(f"scene = {scene.name!r}: {what}: {why}")

@@ -1,0 +1,66 @@
+"""States of environments, to be kept and gone back to; and their linear models."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import validation as check
+from ..batch import Batch, standing_scene
+from ..simulation import Simulation
+from .motion import Guide
+from .options import Plan
+
+if TYPE_CHECKING:
+    from ..linear.state_space import LinearModel as LinearModel
+else:
+    LinearModel = Any
+
+KEYS = ("arm", "generator", "seed", "guide")
+
+
+def state_of(
+    batch: Batch, i: int, generator: np.random.Generator, seed: int | None, guide: Guide | None
+) -> dict[str, Any]:
+    """Everything that the future of arm i depends on, a copy."""
+    return {
+        "arm": batch.give(i),
+        "generator": copy.deepcopy(generator),
+        "seed": seed,
+        "guide": copy.deepcopy(guide),
+    }
+
+
+def check_state(batch: Batch, state: Any) -> None:
+    """A state of an arm of another kind is a ValueError."""
+    table = check.table_of("state", state)
+    check.known_keys("state", table, KEYS)
+    for key in KEYS:
+        if key not in table:
+            raise check.MissingKey(f"state.{key}", "must be what get_state gave")
+    if table["arm"]["block"].shape != batch.give(0)["block"].shape:
+        size = table["arm"]["block"].size
+        raise check.InvalidValue("state.arm", f"{size} numbers", "must be the state of an environment made alike")
+
+
+def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Generator, Any, Guide | None]:
+    """Make arm i what the state says; returns its generator, seed and guide."""
+    batch.take(i, state["arm"])
+    return copy.deepcopy(state["generator"]), state["seed"], copy.deepcopy(state["guide"])
+
+
+def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete: float | None) -> LinearModel:
+    """The linear model of arm i at its present state and torques."""
+    from ..linear.state_space import linearize
+
+    if guide is not None:
+        return linearize(guide.simulation, discrete=discrete)
+    assert plan.settings.dt is not None
+    simulation = Simulation(standing_scene(plan.arm, plan.settings.dt, plan.gravity), plan.settings)
+    q, v, u = batch.motion(i)
+    simulation.par[:] = batch.parameters(i)
+    simulation.work.q[:], simulation.work.v[:] = q, v
+    simulation.set_torques(u)
+    return linearize(simulation, discrete=discrete)
