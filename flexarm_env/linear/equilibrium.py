@@ -106,11 +106,11 @@ def _settle(equations: Equations, start: Point, held: Sequence[int], spin: float
     if acceleration < AT_REST:
         return point
     first = s = 10.0 * acceleration  # a first move of about 0.1
-    for _ in range(100):
+    for _ in range(60):
         moved = search.newton(point, s)
         if moved is None:
             s *= 4.0
-            if s > 1e12 * first:
+            if s > 1e6 * first:
                 break
             continue
         distance = float(np.abs((moved.q - point.q) * equations.model.weight)[equations.free].max())
@@ -178,7 +178,7 @@ class _Search:
         e, point, last = self.e, start, np.inf
         f, g = e.free.size, e.algebraic.size
         weight = e.model.weight[e.free]
-        for _ in range(60):
+        for _ in range(60 if s == 0.0 else 15):
             M, K, G, B = self.matrices(point)
             r = self.residual(point)
             angles = e.joint_angles(point.q, np.zeros(e.n))[0][self.held]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,14 +11,13 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..kernels.lanes import SINGLE
-from ..kernels.newmark import advance
 from ..kernels.restart import restart
 from ..kernels.work import Work, unpack
-from ..model import MESSAGE, OK
 from ..scene import Scene
 from ..simulation import Simulation
 from ..trajectory import link_deflection
 from .equations import Equations, Point, Reduced, exact_slopes, slopes
+from .period import point_of, solved
 
 Array = NDArray[np.float64]
 
@@ -105,7 +103,7 @@ def linearize(
     if discrete is not None and method == "zoh":
         A, B, rate = _held(A, B, rate, x0, discrete)
     elif discrete is not None:
-        A, B, rate = _solved(simulation, equations, flat, w, reduced, discrete)
+        A, B, rate = solved(simulation, equations, flat, w, reduced, discrete)
     names, y0, C = _outputs(equations, start, reduced)
     return LinearModel(
         A, B, C, np.zeros((len(names), m)),
@@ -136,11 +134,6 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
     return flat, w
 
 
-def point_of(w: Work) -> Point:
-    """The point of the motion in a work array (copied)."""
-    return Point(w.q.copy(), w.v.copy(), w.a.copy(), w.u.copy(), w.psi.copy())
-
-
 def _held(A: Array, B: Array, rate: Array, x0: Array, dt: float) -> tuple[Array, Array, Array]:
     """The continuous model over a period with the input held."""
     from scipy.linalg import expm
@@ -150,54 +143,6 @@ def _held(A: Array, B: Array, rate: Array, x0: Array, dt: float) -> tuple[Array,
     block[:n, :n], block[:n, n : n + m], block[:n, -1] = A, B, rate
     power = expm(block * dt)
     return power[:n, :n], power[:n, n : n + m], x0 + power[:n, -1]
-
-
-def _solved(
-    simulation: Simulation, equations: Equations, flat: Array, w: Work, reduced: Reduced, dt: float
-) -> tuple[Array, Array, Array]:
-    """Derivative of the solver's own steps over a period, by tangents at each step's solution (`kernels.newmark`)."""
-    scheme, end = simulation.scheme, simulation.t + dt
-    kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
-    if kinks:
-        raise check.InvalidValue("discrete", dt, f"must not reach past the scene's kink at t = {kinks[0]:g} s")
-    steps = max(1, math.ceil(dt / simulation.dt * (1.0 - 1e-9)))
-    h = dt / steps
-    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    c_b, c_v = 1.0 / (beta * h * h), gamma / (beta * h)
-    c_m = c_b * (1.0 - am) / (1.0 - af)
-    n, m, f, g = equations.independent.size, equations.inputs.size, equations.free.size, equations.algebraic.size
-    zero = np.zeros((f, m))
-    dq = np.hstack([reduced.lift, np.zeros((f, n)), zero])
-    dv = np.hstack([reduced.drift, reduced.lift, zero])
-    da = reduced.lift @ reduced.accelerations + reduced.bend_v @ dv + reduced.bend_q @ dq
-    db = da
-    for step in range(steps):
-        advance(
-            SINGLE, simulation.model, simulation.drive, simulation.par, flat, simulation.n_motions,
-            simulation.t + step * h, h, 1, scheme, False,
-        )  # fmt: skip
-        at = simulation.t + step * h
-        if w.flag[0] != OK:
-            bound = float(getattr(simulation.model, "bound", 0.0))
-            text = MESSAGE[int(w.flag[0])].format(t=at, h=h, halvings=scheme.max_halvings, bound=bound)
-            raise RuntimeError(f"the solver failed within the period: {text}")
-        if w.counts[2] > 0:
-            raise RuntimeError(f"the solver halved the step of {h:.3g} s from t = {at:.6g} s; take a smaller dt")
-        d = equations.derivatives(point_of(w), rates=False)
-        q_ahead, v_ahead = dq + h * dv + h * h * (0.5 - beta) * db, dv + h * (1.0 - gamma) * db
-        a_ahead = c_m * q_ahead + (af * da - am * db) / (1.0 - af)
-        matrix = np.zeros((f + g, f + g))
-        matrix[:f, :f] = c_m * d.M + c_v * d.C + d.K
-        matrix[:f, f:], matrix[f:, :f] = c_m * d.G.T, c_m * d.G
-        right = np.zeros((f + g, 2 * n + m))
-        right[:f] = d.M @ a_ahead + d.C @ (c_v * q_ahead - v_ahead)
-        right[:f, 2 * n :] += d.B
-        dq = np.linalg.solve(matrix, right)[:f]
-        db, da_before, db_before = c_b * (dq - q_ahead), da, db
-        dv = v_ahead + gamma * h * db
-        da = ((1.0 - am) * db - af * da_before + am * db_before) / (1.0 - af)
-    change = np.vstack([equations.changes(w.q, dq), equations.changes(w.q, dv)])
-    return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(equations.state(w.q, w.v))
 
 
 def _outputs(equations: Equations, point: Point, reduced: Reduced) -> tuple[tuple[str, ...], Array, Array]:

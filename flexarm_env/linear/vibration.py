@@ -14,12 +14,13 @@ from ..scene import Scene
 from ..simulation import Simulation
 from .equations import STEP, Equations, Point, Reduced, slopes
 from .equilibrium import settle, still
-from .state_space import at_start, point_of, simulation_of
+from .period import point_of
+from .state_space import at_start, simulation_of
 
 Array = NDArray[np.float64]
 
 ROUND_OFF = 1e-14
-"""Relative error of the stiffness: below this times |x|'|K||x| the squared frequency of a shape x is that of a rigid motion."""
+"""Relative error of the stiffness K: a squared frequency below this times |x|'|K||x| is that of a rigid motion."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,8 @@ def _undamped(M: Array, K: Array) -> tuple[Array, Array]:
     inverse, shapes = inverse[::-1][:low], shapes[:, ::-1][:, :low]
     fine = 1.0 / inverse - shift
     shapes = shapes / np.sqrt(inverse)
-    fine[np.abs(fine) < ROUND_OFF * (shift + (np.abs(shapes) * (np.abs(K) @ np.abs(shapes))).sum(axis=0))] = 0.0
+    noise = ROUND_OFF * (np.abs(shapes) * (np.abs(K) @ np.abs(shapes))).sum(axis=0) + 1e-6 * shift
+    fine[np.abs(fine) < noise] = 0.0
     return np.concatenate([fine, squares[low:]]), np.hstack([shapes, basis[:, low:]])
 
 

@@ -1,0 +1,142 @@
+"""The derivative of what the solver does in a period: tangents of each of its steps at their solution.
+
+A step (`kernels.newmark`) solves generalized-alpha's equations for q with the constraints on q; with multipliers it
+then takes out of v what lies across the constraints, and solves for a and lambda afresh.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..kernels.lanes import SINGLE
+from ..kernels.newmark import advance
+from ..kernels.work import Work
+from ..model import MESSAGE, OK, Scheme
+from ..simulation import Simulation
+from .equations import Derivatives, Equations, Point, Reduced, slopes
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class _Tangents:
+    """Derivatives of q, v, a, b over the rows that can move, (f, 2 n + m), by the start's state and by the inputs."""
+
+    q: Array
+    v: Array
+    a: Array
+    b: Array
+
+
+def point_of(w: Work) -> Point:
+    """The point of the motion in a work array (copied)."""
+    return Point(w.q.copy(), w.v.copy(), w.a.copy(), w.u.copy(), w.psi.copy())
+
+
+def solved(
+    simulation: Simulation, equations: Equations, flat: Array, w: Work, reduced: Reduced, dt: float
+) -> tuple[Array, Array, Array]:
+    """A, B and the next state of a period, along the motion that starts in the work array (which moves on)."""
+    scheme, end = simulation.scheme, simulation.t + dt
+    kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
+    if kinks:
+        raise check.InvalidValue("discrete", dt, f"must not reach past the scene's kink at t = {kinks[0]:g} s")
+    steps = max(1, math.ceil(dt / simulation.dt * (1.0 - 1e-9)))
+    h = dt / steps
+    n, m, f = equations.independent.size, equations.inputs.size, equations.free.size
+    q = np.hstack([reduced.lift, np.zeros((f, n + m))])
+    v = np.hstack([reduced.drift, reduced.lift, np.zeros((f, m))])
+    a = reduced.lift @ reduced.accelerations + reduced.bend_v @ v + reduced.bend_q @ q
+    tangents = _Tangents(q, v, a, a)
+    for step in range(steps):
+        start, b = point_of(w), w.b.copy()
+        at = simulation.t + step * h
+        advance(
+            SINGLE, simulation.model, simulation.drive, simulation.par, flat, simulation.n_motions,
+            at, h, 1, scheme, False,
+        )  # fmt: skip
+        if w.flag[0] != OK:
+            bound = float(getattr(simulation.model, "bound", 0.0))
+            text = MESSAGE[int(w.flag[0])].format(t=at, h=h, halvings=scheme.max_halvings, bound=bound)
+            raise RuntimeError(f"the solver failed within the period: {text}")
+        if w.counts[2] > 0:
+            raise RuntimeError(f"the solver halved the step of {h:.3g} s from t = {at:.6g} s; take a smaller dt")
+        end_point = point_of(w)
+        found = _found(equations, scheme, h, start, b, end_point)
+        derivatives = equations.derivatives(found, rates=False)
+        tangents = _after(derivatives, scheme, h, tangents)
+        if equations.algebraic.size:
+            tangents = _settled(equations, derivatives, found, end_point, tangents)
+    change = np.vstack([equations.changes(w.q, tangents.q), equations.changes(w.q, tangents.v)])
+    return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(equations.state(w.q, w.v))
+
+
+def _bordered(A: Array, G: Array, right: Array, below: Array | float = 0.0) -> Array:
+    """x and lambda of A x + G' lambda = right, G x = below; scaled so that both parts of the matrix have one size."""
+    f, g = A.shape[0], G.shape[0]
+    scale = float(np.abs(A).max())
+    matrix = np.zeros((f + g, f + g))
+    matrix[:f, :f] = A
+    matrix[:f, f:], matrix[f:, :f] = scale * G.T, scale * G
+    x = np.linalg.solve(matrix, np.vstack([right, np.zeros((g, right.shape[1])) + scale * below]))
+    x[f:] *= scale
+    return np.asarray(x)
+
+
+def _found(e: Equations, scheme: Scheme, h: float, start: Point, b: Array, end: Point) -> Point:
+    """What Newton's iteration has found: the end itself, or with multipliers the point before it was settled."""
+    if not e.algebraic.size:
+        return end
+    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    free = e.free
+    v, a, q = end.v.copy(), end.a.copy(), end.q.copy()
+    new_b = ((end.q - start.q - h * start.v) / (h * h) - (0.5 - beta) * b)[free] / beta
+    v[free] = start.v[free] + h * ((1.0 - gamma) * b[free] + gamma * new_b)
+    a[free] = ((1.0 - am) * new_b - af * start.a[free] + am * b[free]) / (1.0 - af)
+    q[e.algebraic] = 0.0
+    found = replace(end, q=q, v=v, a=a)
+    balance = e.residual(found)[free]
+    q[e.algebraic] = -np.linalg.lstsq(e.constraint_slopes(found).T, balance, rcond=None)[0]
+    return found
+
+
+def _after(d: Derivatives, scheme: Scheme, h: float, t: _Tangents) -> _Tangents:
+    """Tangents after Newton's iteration of a step of generalized-alpha."""
+    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    c_b, c_v = 1.0 / (beta * h * h), gamma / (beta * h)
+    c_m = c_b * (1.0 - am) / (1.0 - af)
+    q_ahead, v_ahead = t.q + h * t.v + h * h * (0.5 - beta) * t.b, t.v + h * (1.0 - gamma) * t.b
+    right = d.M @ (c_m * q_ahead + (af * t.a - am * t.b) / (1.0 - af)) + d.C @ (c_v * q_ahead - v_ahead)
+    right[:, right.shape[1] - d.B.shape[1] :] += d.B
+    q = _bordered(c_m * d.M + c_v * d.C + d.K, d.G, right)[: len(right)]
+    b = c_b * (q - q_ahead)
+    return _Tangents(q, v_ahead + gamma * h * b, ((1.0 - am) * b - af * t.a + am * t.b) / (1.0 - af), b)
+
+
+def _settled(e: Equations, d: Derivatives, found: Point, end: Point, t: _Tangents) -> _Tangents:
+    """Tangents after M dv + G' Lambda = 0 has brought v onto the constraints, and a has been solved for afresh."""
+    free, lam, zero = e.free, e.algebraic, np.zeros(e.n)
+    jump = np.zeros(e.n)
+    jump[free] = (found.v - end.v)[free]
+    impulses = -np.linalg.lstsq(d.G.T, d.M @ jump[free], rcond=None)[0]
+
+    def momentum(q: Array) -> Array:
+        """M(q) jump + G(q)' impulses."""
+        with_impulse, without = q.copy(), q.copy()
+        with_impulse[lam], without[lam] = impulses, 0.0
+        still = Point(without, zero, zero, np.zeros_like(end.u), end.psi)
+        return e.residual(replace(still, q=with_impulse, a=jump)) - e.residual(still)
+
+    by_q = slopes(momentum, end.q, free, e.steps)[free]
+    after = e.derivatives(end)
+    f = len(free)
+    v = _bordered(d.M, d.G, d.M @ t.v + by_q @ t.q, -after.G_rate @ t.q)[:f]
+    right = -after.C @ v - after.K @ t.q
+    right[:, right.shape[1] - d.B.shape[1] :] += after.B
+    a = _bordered(after.M, after.G, right, -after.H_v @ v - after.H_q @ t.q)[:f]
+    return _Tangents(t.q, v, a, t.b - t.a + a)

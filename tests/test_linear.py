@@ -1,0 +1,407 @@
+"""Linear models, equilibria and modes against known answers and against the nonlinear solver itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexarm_env import arms, scenes
+from flexarm_env.linear import LinearModel, NoEquilibrium, linearize, modes, set_state, state_of, static_equilibrium
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
+from flexarm_env.simulation import Simulation
+from flexarm_env.time_functions import constant, pulse, ramp
+
+SEGMENTS = ("floating_frame", {"segments": 2, "elements": 2})
+MODES = ("floating_frame", {"modes": 3})
+EXACT = ("geometrically_exact", {"elements": 4})
+ELASTICA = ("elastica", {})
+ALL = (SEGMENTS, MODES, EXACT, ELASTICA)
+FULL = (SEGMENTS, EXACT, ELASTICA)
+
+
+def names(choices: Any) -> list[str]:
+    return ["_".join([f, *(f"{k}{v}" for k, v in o.items())]) for f, o in choices]
+
+
+def every(choices: Any, slow: tuple[str, ...] = ()) -> Any:
+    """Each formulation with its options; those named in `slow` have to compile kernels that no other test needs."""
+    sets = [
+        pytest.param(f, o, id=name, marks=[pytest.mark.slow] if f in slow else [])
+        for (f, o), name in zip(choices, names(choices), strict=True)
+    ]
+    return pytest.mark.parametrize(("formulation", "options"), sets)
+
+
+SLENDER = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)
+"""Nearly without stretch, shear and rotary inertia; with L = 1 frequencies are those of the dimensionless tables."""
+
+
+def one_link(section: Section = SLENDER, length: float = 1.0, **arm: Any) -> Arm:
+    return Arm("one", (Link(length, section),), **arm)
+
+
+def two_links(section: Section = SLENDER, **arm: Any) -> Arm:
+    return Arm("two", (Link(1.0, section), Link(1.0, section)), **arm)
+
+
+def at_rest(arm: Arm, **more: Any) -> Scene:
+    return Scene("rest", arm, duration=1.0, dt=0.01, **more)
+
+
+# ------------------------------------------------------------------------------------- linearize
+def moving(name: str, formulation: str, options: dict[str, Any]) -> Simulation:
+    """A named scene in the middle of its motion: bent, turning and accelerating."""
+    scene = scenes.named(name)
+    if name == "robot_arm_torque":  # within the range of a reduction to modes
+        scene = replace(scene, loads=(JointTorque(0, pulse(8.0, 2.5)),))
+    simulation = Simulation(scene, scene.settings(formulation, **options))
+    assert simulation.advance_to(8 * simulation.dt)
+    return simulation
+
+
+def stepped(simulation: Simulation, x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
+    """What the solver makes of a state in a period, with torques u on the first joints that can be driven."""
+    scene = simulation.scene
+    others = tuple(load for load in scene.loads if not isinstance(load, JointTorque))
+    torques = tuple(JointTorque(k, constant(value)) for k, value in u)
+    copy = Simulation(replace(scene, loads=(*others, *torques)), simulation.settings)
+    copy.t = simulation.t
+    copy.work.q[:], copy.work.v[:] = simulation.work.q, simulation.work.v
+    set_state(copy, x)
+    assert np.abs(state_of(copy) - x).max() < 1e-9 * max(1.0, np.abs(x).max())
+    assert copy.advance_to(simulation.t + dt)
+    return state_of(copy)
+
+
+def differences(model: LinearModel, simulation: Simulation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Next state, and its derivatives by fourth-order differences of the nonlinear solver."""
+    dt, x0 = model.dt, model.x
+    assert dt is not None
+    joints = [int(name.removeprefix("torque")) for name in model.inputs]
+    n, columns = len(x0), []
+
+    def after(z: np.ndarray) -> np.ndarray:
+        return stepped(simulation, z[:n], list(zip(joints, z[n:], strict=True)), dt)
+
+    z0 = np.concatenate([x0, model.u])
+    for i in range(len(z0)):
+        h = np.zeros_like(z0)
+        h[i] = 1e-4 if i < n // 2 else 1e-3 if i < n else 1e-2 * max(1.0, abs(z0[i]))
+        part = 8.0 * (after(z0 + h) - after(z0 - h)) - (after(z0 + 2 * h) - after(z0 - 2 * h))
+        columns.append(part / (12.0 * h[i]))
+    both = np.array(columns).T
+    return after(z0), both[:, :n], both[:, n:]
+
+
+@pytest.mark.parametrize("name", ["robot_arm_torque", "two_link_motion"])
+@every(ALL)
+def test_a_period_is_the_derivative_of_the_solver(name: str, formulation: str, options: dict[str, Any]) -> None:
+    simulation = moving(name, formulation, options)
+    before = simulation.work.q.copy(), simulation.work.v.copy(), simulation.t
+    model = linearize(simulation, discrete=3 * simulation.dt)
+    assert np.array_equal(before[0], simulation.work.q) and np.array_equal(before[1], simulation.work.v)
+    after, A, B = differences(model, simulation)
+    n = len(model.x) // 2
+    scale = np.concatenate([np.ones(n), np.full(n, model.dt)])  # rates over one period count like coordinates
+    scaled = scale[:, None] * A / scale
+    assert np.abs(scale[:, None] * (A - model.A) / scale).max() < 1e-6 * np.abs(scaled).max()
+    assert np.abs(scale[:, None] * (B - model.B)).max() < 1e-6 * np.abs(scale[:, None] * B).max()
+    assert np.abs(scale * (after - model.rate)).max() < 1e-9 * np.abs(scale * after).max()
+
+
+@every(ALL)
+def test_small_steps_tend_to_the_exact_period(formulation: str, options: dict[str, Any]) -> None:
+    scene = at_rest(one_link(hub_inertia=0.5, tau_d=1e-3))
+    exact = linearize(scene, formulation, discrete=0.02, method="zoh", **options)
+
+    def error(dt: float) -> float:
+        model = linearize(scene, formulation, discrete=0.02, dt=dt, newmark=(0.25, 0.5), **options)
+        return float(np.abs(model.C[:6] @ (model.B - exact.B)).max() / np.abs(exact.C[:6] @ exact.B).max())
+
+    assert error(0.0005) < 2e-2
+    assert error(0.001) / error(0.0005) > 3.0
+    assert exact.rate == pytest.approx(exact.x, abs=1e-6)  # at rest it stays
+
+
+@every(ALL)
+def test_outputs_and_names(formulation: str, options: dict[str, Any]) -> None:
+    simulation = moving("two_link_motion", formulation, options)
+    model = linearize(simulation)
+    A, B, C, D = model
+    n, m, p = len(model.states), len(model.inputs), len(model.outputs)
+    assert (A.shape, B.shape, C.shape, D.shape) == ((n, n), (n, m), (p, n), (p, m))
+    assert model.inputs == ("torque1",)  # the hub's angle is prescribed
+    assert "joint0" not in model.states and "joint1" in model.states and "joint1_rate" in model.states
+    assert model.outputs[:4] == ("joint0", "joint1", "joint0_rate", "joint1_rate")
+    assert model.outputs[4:] == ("deflection0", "deflection1", "deflection0_rate", "deflection1_rate", "tip_x", "tip_y")
+    poses = simulation.observe()[0]
+    assert model.y[[0, 8, 9]] == pytest.approx([poses[0, 2], *poses[1, 6:8]], rel=1e-9)
+
+    def outputs(x: np.ndarray) -> np.ndarray:
+        copy = Simulation(simulation.scene, simulation.settings)
+        copy.t = simulation.t
+        copy.work.q[:], copy.work.v[:] = simulation.work.q, simulation.work.v
+        set_state(copy, x)
+        return linearize(copy).y
+
+    for i in range(0, n, 3):
+        h = np.zeros(n)
+        h[i] = 1e-4
+        slope = (
+            8 * (outputs(model.x + h) - outputs(model.x - h)) - outputs(model.x + 2 * h) + outputs(model.x - 2 * h)
+        ) / 12e-4
+        assert slope == pytest.approx(C[:, i], abs=1e-6 * max(1.0, np.abs(C).max()))
+    # a joint's angle is output and state, and its torque does not act at once
+    assert C[1] == pytest.approx(np.eye(n)[model.states.index("joint1")], abs=1e-10)
+    assert not D.any()
+
+
+@every(ALL)
+def test_rate_is_the_acceleration(formulation: str, options: dict[str, Any]) -> None:
+    simulation = moving("two_link_motion", formulation, options)
+    model = linearize(simulation)
+    start = state_of(simulation)
+    h = 1e-6
+    copy = Simulation(simulation.scene, simulation.settings.replace(dt=h))
+    copy.t = simulation.t
+    copy.work.q[:], copy.work.v[:] = simulation.work.q, simulation.work.v
+    copy.set_torques(np.zeros(2))
+    start = state_of(copy)
+    assert copy.advance_to(simulation.t + 2 * h)
+    n = len(start) // 2
+    mean = (state_of(copy) - start) / (2 * h)
+    assert mean[:n] == pytest.approx(model.rate[:n], rel=1e-3, abs=1e-3 * np.abs(model.rate[:n]).max())
+    assert mean[n:] == pytest.approx(model.rate[n:], rel=1e-2, abs=1e-2 * np.abs(model.rate[n:]).max())
+
+
+def test_state_goes_there_and_back(rng: np.random.Generator) -> None:
+    scene = at_rest(two_links(), root="free", angles=(0.3, 1.0))
+    simulation = Simulation(scene, scene.settings("floating_frame", segments=2))
+    x = state_of(simulation) + 0.01 * rng.standard_normal(len(state_of(simulation)))
+    set_state(simulation, x)
+    assert state_of(simulation) == pytest.approx(x, abs=1e-12)
+    assert linearize(simulation).states[:3] == ("root_x", "root_y", "joint0")
+    assert linearize(simulation).inputs == ("torque1",)
+    with pytest.raises(ValueError, match=r"x = .*: must be 32 finite numbers"):
+        set_state(simulation, x[:-1])
+
+
+# ----------------------------------------------------------------------------- frequencies at rest
+@every(ALL)
+def test_clamped_free_frequencies(formulation: str, options: dict[str, Any]) -> None:
+    result = modes(at_rest(one_link()), 2, formulation, clamped=True, **options)
+    assert result.frequencies == pytest.approx([1.87510407**2, 4.69409113**2], rel=4e-3)
+    assert result.damping == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+def test_first_shape_of_a_cantilever() -> None:
+    result = modes(at_rest(one_link()), 1, "elastica", clamped=True)
+    x, w = result.points[:, 0], result.shapes[0]
+    k = 1.87510407
+    ratio = (np.cosh(k) + np.cos(k)) / (np.sinh(k) + np.sin(k))
+    shape = np.cosh(k * x) - np.cos(k * x) - ratio * (np.sinh(k * x) - np.sin(k * x))
+    assert np.abs(w[:, 1] * np.sign(w[-1, 1]) - shape / shape[-1]).max() < 1e-3
+    assert np.abs(w[:, 0]).max() < 1e-9
+
+
+@every(ALL)
+def test_strip_with_its_payload(formulation: str, options: dict[str, Any]) -> None:
+    scene = at_rest(arms.named("strip"))
+    clamped = modes(scene, 1, formulation, clamped=True, **options)
+    assert clamped.frequencies[0] == pytest.approx(8.889, rel=1e-3)
+    assert clamped.damping[0] == pytest.approx(0.01, rel=1e-3)  # tau_d omega / 2
+    free = modes(scene, 2, formulation, **options)
+    assert free.frequencies == pytest.approx([0.0, 22.22], rel=1e-3)
+    assert free.damping[1] == pytest.approx(2.25e-3 * free.frequencies[1] / 2, rel=1e-5)
+
+
+@every(ALL)
+@pytest.mark.parametrize("link", [0, 1])
+def test_links_of_de_luca_and_siciliano(link: int, formulation: str, options: dict[str, Any]) -> None:
+    """Published: 0.48 and 1.80 Hz, 2.18 and 15.91 Hz, root clamped; link 1 with link 2 lumped at its tip."""
+    arm = arms.named("de_luca_siciliano")
+    l, m, load = 0.5, 0.2, arm.payload
+    lumped = Payload(1.0 + m * l + load.mass, 0.1 + m * l**3 / 3 + load.mass * l**2 + load.inertia)
+    single = Arm("link", (arm.links[link],), payload=lumped if link == 0 else load)
+    result = modes(at_rest(single), 2, formulation, clamped=True, **options)
+    published = [0.480, 1.797] if link == 0 else [2.178, 15.915]
+    assert result.frequencies / (2 * np.pi) == pytest.approx(published, rel=2e-3)
+
+
+@every(ALL)
+def test_eigenvalues_agree_with_modes(formulation: str, options: dict[str, Any]) -> None:
+    arm = replace(arms.named("de_luca_siciliano"), tau_d=1e-3)
+    scene = at_rest(arm, angles=(0.2, 1.1))
+    result = modes(scene, 5, formulation, **options)
+    values = linearize(scene, formulation, **options).eigenvalues
+    for value, frequency, ratio in zip(result.eigenvalues, result.frequencies, result.damping, strict=True):
+        if frequency > 0.0:
+            near = values[np.abs(values - value).argmin()]
+            # stretch and shear bring poles of 1e10 1/s into A, and with them its round-off
+            assert abs(near - value) < (1e-4 if formulation == "geometrically_exact" else 1e-7) * frequency
+            assert value.real == pytest.approx(-ratio * frequency, abs=1e-9)
+    assert (result.frequencies == 0.0).sum() == 2  # both joints turn freely
+
+
+@every(FULL, slow=("elastica",))
+def test_a_free_arm_has_four_rigid_motions(formulation: str, options: dict[str, Any]) -> None:
+    result = modes(at_rest(two_links(), root="free"), 6, formulation, **options)
+    assert (result.frequencies == 0.0).sum() == 4
+    # halves that are pinned-free (the hinge at rest) and free-free (it moves, without a force)
+    assert result.frequencies[4:] == pytest.approx([3.92660231**2, 4.73004074**2], rel=5e-3)
+
+
+def test_modes_do_not_depend_on_where_the_arm_points() -> None:
+    there, here = (modes(at_rest(one_link(), angles=(angle,)), 2, spin=3.0, segments=2) for angle in (2.0, 0.0))
+    assert there.frequencies == pytest.approx(here.frequencies, abs=1e-6)
+
+
+# --------------------------------------------------------------------------------------- rotation
+ROTATING = {2.0: (3.6218, 22.5263), 6.0: (4.2632, 26.1290), 12.0: (5.4270, 35.6370)}
+"""In-plane frequencies of a clamped Euler-Bernoulli beam in rotation (24-term Ritz), units of sqrt(EI / m L^4)."""
+
+
+@pytest.mark.parametrize("spin", ROTATING)
+@every(
+    [
+        ("floating_frame", {"segments": 16}),
+        ("geometrically_exact", {"elements": 8}),
+        ELASTICA,
+    ]
+)
+def test_rotating_cantilever(spin: float, formulation: str, options: dict[str, Any]) -> None:
+    result = modes(at_rest(one_link()), 2, formulation, spin=spin, clamped=True, **options)
+    assert result.frequencies == pytest.approx(ROTATING[spin], rel=1e-3)
+    assert result.damping == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_rotating_link_reduced_to_modes() -> None:
+    """The second-order foreshortening: exact at slow spin, stiffer than it should be at four times the frequency."""
+    slow = modes(at_rest(one_link()), 2, "floating_frame", modes=4, spin=2.0, clamped=True)
+    assert slow.frequencies == pytest.approx(ROTATING[2.0], rel=1e-3)
+
+
+@every(FULL)
+def test_elbow_of_a_rotating_chain_swings_as_a_pendulum(formulation: str, options: dict[str, Any]) -> None:
+    """Stiff links, the hub's rate held: the second link is a rod that hangs in the centrifugal field."""
+    stiff = Section(EI=1e4, EA=1e8, C=1e8, m=1.0, J=1e-6)
+    scene = at_rest(two_links(stiff), position=(3.0, -1.0), angles=(0.7, 0.7))
+    result = modes(scene, 1, formulation, spin=2.0, clamped=True, **options)
+    assert result.frequencies[0] == pytest.approx(2.0 * np.sqrt(1.5), rel=1e-3)
+
+
+# ------------------------------------------------------------------------------------ equilibrium
+STUBBY = Section(EI=2.0, EA=1e5, C=60.0, m=1.0, J=1e-4)
+"""With L = 1.5, shear is a twentieth of the deflection."""
+
+
+@every(FULL, slow=("geometrically_exact",))
+def test_cantilever_under_an_end_load(formulation: str, options: dict[str, Any]) -> None:
+    P, L = 1e-4, 1.5
+    scene = at_rest(one_link(STUBBY, L), loads=(PointLoad(0, "tip", force_y=constant(-P)),))
+    simulation = static_equilibrium(scene, formulation, **options)
+    shear = 0.0 if formulation == "elastica" else P * L / STUBBY.C
+    assert simulation.observe()[0][0, 7] == pytest.approx(-(P * L**3 / (3 * STUBBY.EI) + shear), rel=1e-6)
+    assert simulation.joint_torques() == pytest.approx([P * L], rel=1e-6)
+    assert np.abs(linearize(simulation).rate).max() < 1e-6
+
+
+@pytest.mark.parametrize(("P", "w", "u"), [(1.0, 0.30172, 0.05643), (10.0, 0.81061, 0.55500)])
+@every([("floating_frame", {"segments": 16}), EXACT, ("elastica", {"nodes": 8})], slow=("geometrically_exact",))
+def test_large_deflection(P: float, w: float, u: float, formulation: str, options: dict[str, Any]) -> None:
+    """Tip of a cantilever under a dead end load, by elliptic integrals: Mattiasson, IJNME 17 (1981), 145-153."""
+    scene = at_rest(one_link(), loads=(PointLoad(0, "tip", force_y=constant(P)),))
+    simulation = static_equilibrium(scene, formulation, **options)
+    tip = simulation.observe()[0][0]
+    assert [tip[7], 1.0 - tip[6]] == pytest.approx([w, u], abs=1e-3)
+    assert simulation.joint_torques() == pytest.approx([-P * (1.0 - u)], rel=2e-3)
+
+
+@every(FULL, slow=("elastica", "geometrically_exact"))
+def test_arm_held_against_gravity_stays(formulation: str, options: dict[str, Any]) -> None:
+    arm = two_links(elbows=(Elbow(0.2, 0.01, 0.01),), payload=Payload(0.1))
+    scene = at_rest(arm, gravity=(0.0, -0.5), angles=(0.3, -0.4))
+    simulation = static_equilibrium(scene, formulation, **options)
+    start = simulation.observe()[0]
+    assert start[:, 2] - np.array([0.0, start[0, 8]]) == pytest.approx([0.3, -0.7], abs=1e-12)
+    assert simulation.advance_to(0.5)
+    assert simulation.observe()[0] == pytest.approx(start, abs=1e-6)
+    # all moments about the root, from the positions of the masses along the chain
+    points = simulation.shape_points()
+    middle = 0.5 * (points[1:] + points[:-1])
+    length = np.hypot(*np.diff(points, axis=0).T)
+    moment = 0.5 * ((length * middle[:, 0]).sum() + 0.2 * start[0, 6] + 0.1 * start[1, 6])
+    assert simulation.joint_torques()[0] == pytest.approx(moment, rel=5e-3)
+
+
+@every(FULL, slow=("elastica", "geometrically_exact"))
+def test_released_arm_finds_its_hanging_place(formulation: str, options: dict[str, Any]) -> None:
+    scene = at_rest(two_links(), gravity=(0.0, -0.5), angles=(0.3, -0.4))
+    simulation = static_equilibrium(scene, formulation, hold_joints=False, **options)
+    poses = simulation.observe()[0]
+    assert poses[1, 6:9] == pytest.approx([0.0, -2.0, -np.pi / 2], abs=1e-5)
+    assert not simulation.joint_torques().any()
+
+
+def test_upright_arm_is_an_equilibrium_that_falls() -> None:
+    """A rigid rod: eigenvalues +-sqrt(3 g / 2 L) upright, +-i of it hanging."""
+    stiff = Section(EI=1e4, EA=1e8, C=1e8, m=1.0, J=1e-6)
+    for sign in (1.0, -1.0):
+        scene = at_rest(one_link(stiff), gravity=(0.0, -9.81), angles=(sign * np.pi / 2,))
+        simulation = static_equilibrium(scene, "floating_frame", hold_joints=False, segments=2)
+        assert simulation.observe()[0][0, 7] == pytest.approx(sign, abs=1e-4)
+        slowest = modes(simulation, 1 if sign < 0.0 else 2)
+        assert slowest.frequencies == pytest.approx(np.sqrt(1.5 * 9.81), rel=1e-3)
+        assert sorted(slowest.damping.tolist()) == ([0.0] if sign < 0.0 else [-1.0, 1.0])
+
+
+def test_a_prescribed_hub_is_clamped() -> None:
+    scene = at_rest(one_link(), motions=(Motion("joint0", ramp(0.5, 0.5)),))
+    free = modes(scene, 2, "floating_frame", segments=4)
+    assert free.frequencies == pytest.approx(modes(at_rest(one_link()), 2, segments=4, clamped=True).frequencies)
+    assert not static_equilibrium(scene, "floating_frame").work.v.any()
+
+
+# ------------------------------------------------------------------------------------------ errors
+def test_what_has_no_answer_says_so() -> None:
+    falling = at_rest(one_link(), root="free", gravity=(0.0, -9.81))
+    with pytest.raises(NoEquilibrium, match="nothing holds the arm"):
+        static_equilibrium(falling, "floating_frame")
+    heavy = at_rest(one_link(), gravity=(0.0, -9.81))
+    with pytest.raises(NoEquilibrium, match="beyond the range of the reduction to modes"):
+        static_equilibrium(heavy, "floating_frame", modes=3)
+    turning = at_rest(one_link(), loads=(JointTorque(0, constant(1.0)),))
+    with pytest.raises(NoEquilibrium, match="no equilibrium was found: the loads may be too large"):
+        static_equilibrium(turning, "floating_frame", hold_joints=False)
+    massless = at_rest(one_link(replace(SLENDER, J=0.0)))
+    with pytest.raises(ValueError, match="the mass matrix is singular"):
+        modes(massless, formulation="geometrically_exact", elements=4)
+
+
+def test_bad_input_names_itself() -> None:
+    scene = scenes.named("robot_arm_torque")
+    simulation = Simulation(scene, scene.settings())
+    with pytest.raises(ValueError, match="method = 'euler': must be one of"):
+        linearize(simulation, method="euler")
+    with pytest.raises(ValueError, match=r"discrete = 3\.0: must not reach past the scene's kink at t = 2\.5 s"):
+        linearize(simulation, discrete=3.0)
+    with pytest.raises(ValueError, match="discrete = -1"):
+        linearize(simulation, discrete=-1)
+    with pytest.raises(ValueError, match="segments = 3: must not be given with a Simulation"):
+        linearize(simulation, segments=3)
+    with pytest.raises(ValueError, match=r"spin = 1\.0: must be given with a Scene"):
+        modes(simulation, spin=1.0)
+    with pytest.raises(ValueError, match=r"spin = 1\.0: needs a pinned root"):
+        modes(scenes.named("flying_rod"), spin=1.0)
+    with pytest.raises(ValueError, match=r"clamped\[0\] = 4"):
+        modes(scene, clamped=[4])
+    with pytest.raises(ValueError, match="n = 0: must be"):
+        modes(scene, 0)
+    with pytest.raises(ValueError, match="hold_joints = 1: must be True or False"):
+        static_equilibrium(scene, hold_joints=1)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="order"):
+        modes(scene, formulation="elastica", order=2)
