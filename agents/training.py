@@ -258,7 +258,7 @@ def env_states(venv: Any) -> dict[str, Any]:
     native = venv.unwrapped.env.unwrapped
     if not hasattr(native, "get_state"):
         return {}
-    states: dict[str, Any] = {"native": [native.get_state(i) for i in range(venv.num_envs)]}
+    states: dict[str, Any] = {"native": native.get_state()}
     inner = venv
     while hasattr(inner, "venv"):
         if hasattr(inner, "episode_returns"):
@@ -271,8 +271,7 @@ def set_env_states(venv: Any, states: dict[str, Any]) -> None:
     """Give the environments back what `env_states` took."""
     native = venv.unwrapped.env.unwrapped
     venv.reset()
-    for i, state in enumerate(states["native"]):
-        native.set_state(state, i)
+    native.set_state(states["native"])
     inner = venv
     while hasattr(inner, "venv"):
         if hasattr(inner, "episode_returns"):

@@ -51,7 +51,7 @@ def gains_from(name: str, values: Mapping[str, Any]) -> Any:
 def _check(plan: Any) -> None:
     """Only a fixed target, and an action that is the torque."""
     if plan.task != plan.kind.task:
-        raise check.InvalidValue("task", plan.task, f'must be "{plan.kind.task}": controllers steer to a fixed target')
+        raise check.InvalidValue("task", plan.task, f'must be "{plan.kind.task}" (controllers steer to a target)')
     if plan.extras.controller is not None:
         raise check.InvalidValue("action_mode", "residual_pd", 'must be "torque": controllers set torques themselves')
 

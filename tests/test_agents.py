@@ -1,0 +1,339 @@
+"""Training, resuming, exporting and judging: small runs from the command line and from Python."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from agents import config, episodes, export_policy, policies, statistics, train_ppo
+from agents import evaluate as judging
+from agents.arguments import parse
+from agents.runs import read_run, write_whole
+
+ROOT = Path(__file__).resolve().parents[1]
+ENV = "FlexibleArm-v0"
+SMALL = {
+    "n_envs": 8, "n_timesteps": 2048, "policy": "MlpPolicy", "n_steps": 64, "batch_size": 256, "n_epochs": 2,
+    "gamma": 0.98, "learning_rate": "lin_1e-3", "policy_kwargs": "dict(net_arch=[16, 16], activation_fn=nn.ReLU)",
+}  # fmt: skip
+
+
+def file_of(folder: Path, text: dict, env: str = ENV, **more) -> Path:
+    import yaml
+
+    path = folder / "config.yml"
+    path.write_text(yaml.safe_dump({env: text, **more}))
+    return path
+
+
+def arguments(folder: Path, **changes) -> train_ppo.Arguments:
+    given = {
+        "env": ENV, "config": file_of(folder, SMALL), "out": folder / "run", "evaluate_every": 1024, "eval_episodes": 4,
+        "checkpoint_every": 512, "tensorboard": False, "progress": False,
+    }  # fmt: skip
+    return train_ppo.Arguments(**given | changes)
+
+
+def curve(folder: Path) -> list[dict[str, str]]:
+    with (folder / "learning_curve.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    return [{k: v for k, v in row.items() if k not in ("wall_s", "cpu_s")} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("trained")
+    train_ppo.train(arguments(folder))
+    return folder / "run"
+
+
+# ------------------------------------------------------------------ training
+def test_a_run_folder_holds_all_that_is_needed(run: Path):
+    names = {"model.zip", "policy.npz", "config.yml", "run.json", "learning_curve.csv", "learning_curve.png"}
+    assert names == {p.name for p in run.iterdir()}
+    record = read_run(run)
+    assert record["finished"]
+    assert record["steps"] == 2048
+    assert {"numpy", "torch", "stable_baselines3", "flexarm_env", "python"} <= set(record["versions"])
+    assert [row["steps"] for row in curve(run)] == ["0", "1024", "2048"]
+    assert config.load(run / "config.yml", "ppo", ENV).text == SMALL
+
+
+def test_the_same_seed_gives_the_same_curve_and_another_seed_another(tmp_path: Path, run: Path):
+    train_ppo.train(arguments(tmp_path, out=tmp_path / "again"))
+    train_ppo.train(arguments(tmp_path, out=tmp_path / "other", seed=1))
+    assert curve(tmp_path / "again") == curve(run)
+    assert curve(tmp_path / "other") != curve(run)
+
+
+class Stop(Exception):
+    """As if the process were killed."""
+
+
+def interrupted(arguments_: train_ppo.Arguments, at: int) -> None:
+    """Train, and break off at the start of the rollout that follows `at` steps."""
+    from agents import training
+
+    usual = training.Watch._on_rollout_start
+
+    def watch(self):
+        usual(self)
+        if self.num_timesteps >= at:
+            raise Stop
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training.Watch, "_on_rollout_start", watch)
+        with pytest.raises(Stop):
+            train_ppo.train(arguments_)
+
+
+def test_a_resumed_run_ends_as_one_that_was_never_stopped(tmp_path: Path, run: Path):
+    folder = tmp_path / "run"
+    interrupted(arguments(tmp_path), 1024)
+    assert (folder / "checkpoints").is_dir()
+    assert not read_run(folder)["finished"]
+    (folder / "checkpoints" / ".part-1").mkdir()
+    train_ppo.train(train_ppo.Arguments(out=folder, resume=True, progress=False))
+    assert [row["steps"] for row in curve(folder)] == ["0", "1024", "2048"]
+    assert curve(folder) == curve(run)
+    assert not (folder / "checkpoints").exists()
+
+
+def test_a_damaged_checkpoint_is_passed_over(tmp_path: Path):
+    from agents import training
+
+    interrupted(arguments(tmp_path), 1024)
+    found = training.checkpoints(tmp_path / "run")
+    assert [p.name for p in found] == ["000000000512", "000000001024"]
+    (found[-1] / "model.zip").write_bytes(b"torn")
+    progress = train_ppo.train(train_ppo.Arguments(out=tmp_path / "run", resume=True, progress=False))
+    assert progress.curve[-1]["steps"] == 2048
+
+
+def test_a_run_is_never_overwritten(run: Path, tmp_path: Path):
+    before = (run / "model.zip").read_bytes()
+    with pytest.raises(ValueError, match="holds a run already"):
+        train_ppo.train(arguments(tmp_path, out=run))
+    with pytest.raises(ValueError, match="finished"):
+        train_ppo.train(train_ppo.Arguments(out=run, resume=True))
+    assert (run / "model.zip").read_bytes() == before
+
+
+def test_solved_ends_the_run(tmp_path: Path):
+    progress = train_ppo.train(arguments(tmp_path, solved_at=0.0, stop_when_solved=True))
+    assert progress.solved["steps"] == 0
+    assert len(progress.curve) == 1
+
+
+def test_normalised_observations_travel_with_the_policy(tmp_path: Path):
+    path = file_of(tmp_path, SMALL | {"normalize": "dict(norm_obs=True, norm_reward=False)"})
+    train_ppo.train(arguments(tmp_path, config=path, env_kwargs={"duration": 2.0}))
+    folder = tmp_path / "run"
+    assert (folder / "vecnormalize.pkl").is_file()
+    env = episodes.make_episodes(ENV, 4)
+    numpy_policy = policies.choose(str(folder), ENV).make(env)
+    (folder / "policy.npz").unlink()
+    torch_policy = policies.choose(str(folder), ENV).make(env)
+    observation, _ = env.reset(seed=0)
+    assert numpy_policy.act(observation) == pytest.approx(torch_policy.act(observation), abs=1e-5)
+    assert numpy_policy.normaliser is not None
+
+
+@pytest.mark.slow
+def test_sac_trains_by_the_same_script(tmp_path: Path):
+    text = {"n_envs": 4, "n_timesteps": 400, "buffer_size": 1000, "learning_starts": 100, "batch_size": 64}
+    args = arguments(tmp_path, algo="sac", config=file_of(tmp_path, text), evaluate_every=200, checkpoint_every=200)
+    interrupted(args, 250)
+    train_ppo.train(train_ppo.Arguments(out=tmp_path / "run", resume=True, progress=False))
+    assert curve(tmp_path / "run")[-1]["steps"] == "400"
+    assert export_policy.export(tmp_path / "run") < 1e-5
+
+
+# ------------------------------------------------------------------ the committed configuration
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "configs").glob("ppo/*.yml")) + sorted((ROOT / "configs").glob("sac/*.yml"))
+)
+def test_committed_configs_can_be_read(path: Path):
+    import yaml
+
+    ids = [key for key in yaml.safe_load(path.read_text()) if key != "env_kwargs"]
+    assert ids
+    for env_id in ids:
+        chosen = config.load(path, path.parent.name, env_id)
+        assert chosen.n_timesteps > 0
+        episodes.make_episodes(env_id, 1, **chosen.env_kwargs).close()
+
+
+# ------------------------------------------------------------------ export and judging
+def test_the_exported_policy_equals_the_model(run: Path):
+    assert export_policy.export(run) < 1e-5
+
+
+def test_a_run_and_its_policy_file_are_judged_alike(run: Path, tmp_path: Path):
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    (copy / "policy.npz").unlink()
+    rows = [judging.evaluate(judging.Arguments(policy=str(p), episodes=4))[0][p.name] for p in (run, copy)]
+    assert rows[0]["return_mean"] == pytest.approx(rows[1]["return_mean"], rel=1e-4)
+
+
+def test_evaluate_prints_json(run: Path, tmp_path: Path):
+    done = subprocess.run(
+        [sys.executable, "-m", "agents.evaluate", "--env", ENV, "--policy", "pd", "--episodes", "5", "--json",
+         "--out", str(tmp_path / "out")],
+        cwd=ROOT, capture_output=True, text=True, timeout=600, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    content = json.loads(done.stdout)
+    for key in ("success_rate", "settling_time_median", "residual_vibration_median", "return_mean"):
+        low, high = content[f"{key}_interval"]
+        assert low <= content[key] <= high
+    assert content["success_rate"] == 1.0
+    assert set(content["bounds"]) == {"rigid time-optimal slew", "flexible time-optimal plan"}
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"table.json", "table.md", "tip_error.png"}
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--policy", "nothing-there"], "no such run folder or file"),
+        (["--policy", "pd", "--episodes", "0"], "must be at least 1"),
+        (["--policy", "pd", "--env-kwargs", "{"], "not JSON"),
+    ],
+)
+def test_mistakes_are_told_in_a_sentence(words, sentence):
+    done = subprocess.run(
+        [sys.executable, "-m", "agents.evaluate", *words], cwd=ROOT, capture_output=True, text=True, timeout=300,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_files_that_cannot_be_used_are_named(run: Path, tmp_path: Path):
+    with pytest.raises(ValueError, match="not a run folder"):
+        policies.choose(str(tmp_path), ENV)
+    with pytest.raises(ValueError, match="trained on FlexibleArm-v0, not on TwoLinkFlexArm-v0"):
+        policies.choose(str(run), "TwoLinkFlexArm-v0")
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    (copy / "policy.npz").unlink()
+    (copy / "model.zip").write_bytes(b"torn")
+    with pytest.raises(ValueError, match=r"model\.zip: damaged"):
+        policies.choose(str(copy), ENV)
+    (copy / "model.zip").unlink()
+    with pytest.raises(ValueError, match="no such file"):
+        policies.choose(str(copy), ENV)
+    (copy / "run.json").write_text("{")
+    with pytest.raises(ValueError, match="damaged, not JSON"):
+        policies.choose(str(copy), ENV)
+
+
+def test_another_arm_has_another_layout(run: Path, tmp_path: Path):
+    from flexarm_env import arms
+
+    strip = arms.named("strip")
+    arm = tmp_path / "arm.toml"
+    arm.write_text(arms.to_toml(dataclasses.replace(strip, torque_limits=(3.0,))))
+    with pytest.raises(ValueError, match="observation layout"):
+        judging.evaluate(judging.Arguments(policy=str(run), episodes=2, env_kwargs={"arm": str(arm)}))
+
+
+# ------------------------------------------------------------------ configuration
+def test_config_errors_name_the_key(tmp_path: Path):
+    cases = [
+        (SMALL | {"n_stepz": 3}, r"FlexibleArm-v0\.n_stepz: unknown key"),
+        ({k: v for k, v in SMALL.items() if k != "n_timesteps"}, r"n_timesteps: missing"),
+        (SMALL | {"learning_rate": "fast"}, r"learning_rate = 'fast'"),
+        (SMALL | {"policy_kwargs": "__import__('os').getcwd()"}, r"policy_kwargs = .*must be made of"),
+    ]
+    for text, sentence in cases:
+        with pytest.raises(ValueError, match=sentence):
+            config.load(file_of(tmp_path, text), "ppo", ENV)
+    with pytest.raises(ValueError, match="no entry for Other-v0; it has FlexibleArm-v0"):
+        config.load(file_of(tmp_path, SMALL), "ppo", "Other-v0")
+    with pytest.raises(ValueError, match="No such file"):
+        config.load(tmp_path / "none.yml", "ppo", ENV)
+    with pytest.raises(ValueError, match="must be one of ppo, sac"):
+        config.algorithm_class("dqn")
+
+
+def test_config_values_become_what_the_algorithm_takes(tmp_path: Path):
+    from torch import nn
+
+    chosen = config.load(file_of(tmp_path, SMALL, env_kwargs={ENV: {"duration": 2.0}}), "ppo", ENV)
+    values = chosen.arguments()
+    assert values["policy_kwargs"] == {"net_arch": [16, 16], "activation_fn": nn.ReLU}
+    assert values["learning_rate"](0.5) == pytest.approx(5e-4)
+    assert values["learning_rate"](-0.1) == 0.0
+    assert (chosen.n_envs, chosen.n_timesteps, chosen.env_kwargs) == (8, 2048, {"duration": 2.0})
+    assert "n_envs" not in values
+
+
+def test_arguments_from_words():
+    words = ["--env", "X-v0", "--n-timesteps", "1e6", "--no-progress", "--env-kwargs", '{"a": 1}', "--stop-when-solved"]
+    found = parse(train_ppo.Arguments, "train", None, words)
+    assert (found.env, found.n_timesteps, found.progress, found.env_kwargs) == ("X-v0", 1_000_000, False, {"a": 1})
+    assert found.stop_when_solved
+    assert found.folder == Path("runs/ppo-X-v0-0")
+    with pytest.raises(SystemExit):
+        parse(train_ppo.Arguments, "train", None, ["--n-timesteps", "some"])
+
+
+# ------------------------------------------------------------------ measuring
+def test_settling_time_is_counted_from_the_last_exit():
+    setup = type("S", (), {"task": "slew", "control_dt": 0.1})
+    errors = np.full((11, 4), 1.0)
+    errors[4:, 0] = 0.01
+    errors[4:, 1] = 0.01
+    errors[7, 1] = 0.5
+    errors[10, 2] = 0.001
+    settling, settled = episodes._settling(setup, errors, np.zeros(4, bool))
+    assert settling == pytest.approx([0.4, 0.8, 1.0, 1.0])
+    assert settled.tolist() == [True, True, True, False]
+    early = np.array([True, False, False, False])
+    assert episodes._settling(setup, errors, early)[0][0] == pytest.approx(1.0)
+
+
+def test_vibration_and_overshoot():
+    bends = np.zeros((101, 2, 1))
+    bends[-20:, 0, 0] = 0.003 * np.sin(np.arange(20))
+    bends[:10, 1, 0] = 0.5
+    vibration = episodes._vibration(bends, np.array([100, 100]), 50)
+    assert vibration == pytest.approx([0.003, 0.0], abs=1e-5)
+    misses = np.array([[[0.5]], [[0.1]], [[-0.05]], [[0.0]]])
+    assert episodes._overshoot(misses) == pytest.approx([0.1])
+
+
+def test_bootstrap_intervals_cover():
+    rng = np.random.default_rng(0)
+    hits = sum(
+        low <= 2.0 <= high
+        for low, high in (statistics.bootstrap(rng.normal(2.0, 1.0, 60), np.mean, seed=k) for k in range(60))
+    )
+    assert hits >= 52
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path):
+    path = tmp_path / "kept.txt"
+    path.write_text("old")
+
+    def torn(part: Path) -> None:
+        part.write_text("half")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write_whole(path, torn)
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
