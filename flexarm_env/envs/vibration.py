@@ -34,7 +34,7 @@ def _rates(arm: Arm, settings: Settings, gravity: tuple[float, float] | None, an
     from scipy.linalg import eigh
 
     from ..linear.equations import Equations
-    from ..linear.state_space import point_of
+    from ..linear.period import point_of
 
     assert settings.dt is not None
     simulation = Simulation(standing_scene(arm, settings.dt, gravity, (angle,) * arm.n_links), settings)
