@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .bare import bare
 from .jit import kernel
 from .protocol import energy, link_poses, shape
 
@@ -12,8 +13,9 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):  # type: ignor
 
     Returns how many points were written; none where `points` is empty.
     """
-    link_poses(lane, model, par, q, v, poses)
-    energies[0], energies[1], energies[2] = energy(lane, model, par, q, v)
+    m, p, x, y = bare(model), bare(par), bare(q), bare(v)  # the types that the step has compiled much of this for
+    link_poses(lane, m, p, x, y, bare(poses))
+    energies[0], energies[1], energies[2] = energy(lane, m, p, x, y)
     if points.shape[0] == 0:
         return 0
-    return shape(model, q, points)
+    return shape(m, x, points)
