@@ -86,31 +86,38 @@ def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
 
 def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> tuple[Any, float]:
     """The run, and the wall time (s) that compiling or loading compiled code took before it."""
-    if args.through_env:
-        return _through_env(scene, settings, args), 0.0
-    from flexarm_env.simulation import simulate
-
-    bar = ProgressBar(scene.name)
-    options, formulation = settings.options(), settings.formulation
+    run = _through_env if args.through_env else _directly
     start = time.perf_counter()
-    with Announced(bar, "compiling, which happens once ..."):
+    with Announced(ProgressBar(scene.name), "compiling, which happens once ..."):
         first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
-        simulate(scene, formulation, duration=first, sample=first, **options)
+        run(scene, settings, first, first, None)
     compiling = time.perf_counter() - start
     bar = ProgressBar(scene.name)
     try:
-        run_options = {"duration": args.duration, "sample": args.sample, "progress": bar}
-        return simulate(scene, formulation, **run_options, **options), compiling
+        return run(scene, settings, args.duration, args.sample, bar), compiling
     finally:
         bar.close()
 
 
-def _through_env(scene: Scene, settings: Settings, args: argparse.Namespace) -> Any:
+def _directly(
+    scene: Scene, settings: Settings, duration: float | None, sample: float | None, bar: ProgressBar | None
+) -> Any:
+    from flexarm_env.simulation import simulate
+
+    options: dict[str, Any] = {"duration": duration, "sample": sample, "progress": bar}
+    return simulate(scene, settings.formulation, **options, **settings.options())
+
+
+def _through_env(
+    scene: Scene, settings: Settings, duration: float | None, sample: float | None, bar: ProgressBar | None
+) -> Any:
     from flexarm_env.envs.replay import through_env
 
-    if args.duration is not None:
-        scene = dataclasses.replace(scene, duration=check.number("duration", args.duration, "s", above=0.0))
-    return through_env(scene, settings, args.sample)
+    period = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)
+    if duration is not None:
+        length = check.number("duration", duration, "s", above=0.0)
+        scene = dataclasses.replace(scene, duration=length, dt=min(scene.dt, length), sample=min(period or length, length))
+    return through_env(scene, settings, period)
 
 
 def _reference(args: argparse.Namespace) -> tuple[Columns | None, str]:
