@@ -116,7 +116,8 @@ def _through_env(
     period = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)
     if duration is not None:
         length = check.number("duration", duration, "s", above=0.0)
-        scene = dataclasses.replace(scene, duration=length, dt=min(scene.dt, length), sample=min(period or length, length))
+        steps = {"dt": min(scene.dt, length), "sample": min(period or length, length)}
+        scene = dataclasses.replace(scene, duration=length, **steps)
     return through_env(scene, settings, period)
 
 
