@@ -106,6 +106,7 @@ def train(arguments: Arguments) -> Any:
     else:
         model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
         progress = training.Progress()
+        training.start_staggered(model, arguments.seed)
         write_text(folder / "config.yml", _text(config, arguments.env))
         write_json(folder / "run.json", record)
     _log(model, folder, arguments)

@@ -98,9 +98,10 @@ class Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         steps = self.num_timesteps
         self._tick()
-        if steps >= self._next_evaluation and steps not in [row["steps"] for row in self.state.curve[-1:]]:
+        if steps >= self._next_evaluation:
             self._next_evaluation = _after(steps, self.evaluate_every)
-            self.judge()
+            if steps not in [row["steps"] for row in self.state.curve[-1:]]:  # a resumed run may have been judged here
+                self.judge()
         if steps >= self._next_checkpoint:
             self._next_checkpoint = _after(steps, self.checkpoint_every)
             save_checkpoint(self.folder, self.model, self.state)
@@ -177,6 +178,35 @@ def save_model(folder: Path, model: Any) -> None:
 def _to(part: Path, save: Callable[[Any], None]) -> None:
     with part.open("wb") as file:
         save(file)
+
+
+# ------------------------------------------------------------------ starts
+def start_staggered(model: Any, seed: int) -> None:
+    """Start the model's environments at times spread over an episode.
+
+    Episodes of one length that start together would make each rollout see one phase of the task alone: all arms on
+    their way, then all at rest. The arms are run without action, each reset at a time of its own.
+    """
+    venv = model.env
+    native = venv.unwrapped.env
+    venv.reset()
+    limit = int(native.unwrapped.plan.limit)
+    ages = np.random.default_rng(seed).permutation(np.arange(venv.num_envs) * limit // venv.num_envs)
+    still = np.zeros(native.action_space.shape, np.float32)
+    observation = None
+    for k in range(1, limit):
+        observation = native.step(still)[0]
+        mask = ages == k
+        if mask.any():
+            observation = native.reset(options={"reset_mask": mask})[0]
+    if observation is None:
+        return
+    normaliser = model.get_vec_normalize_env()
+    if normaliser is not None:
+        normaliser.old_obs = model._last_original_obs = observation
+        observation = normaliser.normalize_obs(observation)
+    model._last_obs = observation
+    model._last_episode_starts = np.ones(venv.num_envs, bool)
 
 
 # ------------------------------------------------------------------ checkpoints
