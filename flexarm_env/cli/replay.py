@@ -116,8 +116,8 @@ def _through_env(
     period = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)
     if duration is not None:
         length = check.number("duration", duration, "s", above=0.0)
-        steps = {"dt": min(scene.dt, length), "sample": min(period or length, length)}
-        scene = dataclasses.replace(scene, duration=length, **steps)
+        dt, shortest = min(scene.dt, length), min(period or length, length)
+        scene = dataclasses.replace(scene, duration=length, dt=dt, sample=shortest)
     return through_env(scene, settings, period)
 
 
