@@ -19,8 +19,9 @@ class FlexibleArmEnv(SingleArmEnv):
     compiled call a step; the two agree bit for bit. In a process that has not imported the package:
     `gymnasium.make("flexarm_env:FlexibleArm-v0")`.
 
-    The default arm, `strip`, is an aluminium strip of 1 m x 30 mm x 3.42 mm (EI about 7 N m^2, first frequency clamped
-    and with its payload 8.89 rad/s) with 0.05 kg m^2 at the hub, 0.2 kg at the tip and one per cent of damping.
+    The default arm, `strip`, is an aluminium strip of 1 m x 30 mm x 3.42 mm (EI about 7 N m^2, first frequency
+    clamped and with its payload 8.89 rad/s) with 0.05 kg m^2 at the hub, 0.2 kg at the tip and one per cent of
+    damping.
 
     ## Action space
 
@@ -29,9 +30,9 @@ class FlexibleArmEnv(SingleArmEnv):
 
     ## Observation space
 
-    `Box` of float32. Each entry is divided by its scale and clipped to +-10 (sine and cosine: +-1).
-    w = sqrt(tau pi/2 / I) is the top rate of a rigid quarter turn at full torque, tau the torque limit, I the inertia
-    of the straight arm about the hub; for `strip` w = 3.029 rad/s.
+    `Box` of float32. Each entry is divided by its scale and clipped to +-10 (sine and cosine: +-1). w = sqrt(tau pi/2
+    / I) is the top rate of a rigid quarter turn at full torque, tau the torque limit, I the inertia of the straight
+    arm about the hub; for `strip` w = 3.029 rad/s.
 
     | # | entry | scale | unit |
     |---|---|---|---|
@@ -42,15 +43,15 @@ class FlexibleArmEnv(SingleArmEnv):
     | 4 | rate of the tip deflection | 0.3 w | L/s |
     | 5 | target less tip angle, unwrapped | 1 | rad |
 
-    The tip deflection is the component of (tip - root) normal to the link's tangent at its root, over the length L; the
-    tip angle is the polar angle of the tip about the hub.
-    With `task="track"` follow: 6 the target's rate (scale w), 7 and 8 the ways that the target will have gone 0.1 and
-    0.3 s ahead (scale 1 rad). Strain gauges come last: curvature, 1/m, over that under the full torque, tau/EI.
+    The tip deflection is the component of (tip - root) normal to the link's tangent at its root, over the length L;
+    the tip angle is the polar angle of the tip about the hub. With `task="track"` follow: 6 the target's rate (scale
+    w), 7 and 8 the ways that the target will have gone 0.1 and 0.3 s ahead (scale 1 rad). Strain gauges come last:
+    curvature, 1/m, over that under the full torque, tau/EI.
 
     ## Reward
 
-    The sum of these terms, each in `info` as `reward_<name>`; e target less tip angle (rad), e' its rate, d' the
-    rate of the tip deflection (L/s), a the action. `reward={"effort": 0.1}` changes weights.
+    The sum of these terms, each in `info` as `reward_<name>`; e target less tip angle (rad), e' its rate, d' the rate
+    of the tip deflection (L/s), a the action. `reward={"effort": 0.1}` changes weights.
 
     | name | weight | term | bounds |
     |---|---|---|---|
@@ -63,18 +64,18 @@ class FlexibleArmEnv(SingleArmEnv):
 
     ## Starting state
 
-    Straight and at rest at a hub angle from -pi to pi, with a target within +-pi/2 of it; `initial_vibration=x` adds the
-    first mode of vibration, in which the tip deflects by at most x L (drawn from -x to x). All draws are uniform.
+    Straight and at rest at a hub angle from -pi to pi, with a target within +-pi/2 of it; `initial_vibration=x` adds
+    the first mode of vibration, in which the tip deflects by at most x L (drawn from -x to x). All draws are uniform.
 
     ## Episode end
 
-    Truncated after `duration` (4 s), or `max_episode_steps` given to make or make_vec, or where a prescribed motion ends.
-    Success never ends an episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip angle has been
-    within 1 degree of the target and the rate of the deflection below 0.01 L/s throughout; an episode's success is its
-    value at the last step.
-    Terminated by failure only, with `info["termination_reason"]`: `joint_limit` (a joint beyond its limits),
-    `action_not_finite`, or the solver's status (`newton_failed`, `out_of_range`, `diverged`, `not_finite`). After the
-    last two kinds the observation is the last good one. The other arms of a vector go on untouched.
+    Truncated after `duration` (4 s), or `max_episode_steps` given to make or make_vec, or where a prescribed motion
+    ends. Success never ends an episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip angle has
+    been within 1 degree of the target and the rate of the deflection below 0.01 L/s throughout; an episode's success
+    is its value at the last step. Terminated by failure only, with `info["termination_reason"]`: `joint_limit` (a
+    joint beyond its limits), `action_not_finite`, or the solver's status (`newton_failed`, `out_of_range`,
+    `diverged`, `not_finite`). After the last two kinds the observation is the last good one. The other arms of a
+    vector go on untouched.
 
     ## Info
 
@@ -82,8 +83,8 @@ class FlexibleArmEnv(SingleArmEnv):
     `tip_deflection` (over L), `target` rad, `hub_torque` N m (as applied; where the hub's motion is prescribed, what
     enforces it), `joint_torque` (1,) N m, `reward_<name>`, `in_range` (bool: the formulation holds), `error_estimate`
     (of the formulation, over L), `solver_status` ("ok" or what failed), `termination_reason` ("" or why). With
-    `info_level="full"` also `energy_kinetic`, `energy_strain`, `energy_gravity`, `energy_dissipated` and `work` (of the
-    motor), J.
+    `info_level="full"` also `energy_kinetic`, `energy_strain`, `energy_gravity`, `energy_dissipated` and `work` (of
+    the motor), J.
 
     ## Arguments
 
@@ -91,16 +92,16 @@ class FlexibleArmEnv(SingleArmEnv):
     |---|---|---|
     | `arm` | "strip" | name, TOML file, or `flexarm_env.Arm` of one link with a torque limit |
     | `formulation` | "elastica" | or "geometrically_exact", "floating_frame"; with its options as flat keywords |
-    | `nodes`, `elements`, `order`, `segments`, `coupling`, `modes`, `rho_inf`, `tolerance`, ... | | of the formulation |
+    | `nodes`, `elements`, `order`, `segments`, `coupling`, `modes`, `rho_inf`, ... | | of the formulation |
     | `control_dt` | 0.02 | control period, s |
     | `dt` | 0.0025 | solver's step, s; a whole number of them makes a control period |
     | `action_mode` | "torque" | or "residual_pd": torque = k (goal - angle) - d rate + 0.7 tau a, within +-tau |
     | `duration` | 4.0 | s |
     | `task` | "slew" | or "track": the target moves; "replay": every episode follows `motion` |
-    | `reference` | None | for "track": angle (rad) over time as a table or TimeFunction; None: drawn anew each episode |
+    | `reference` | None | for "track": angle (rad) over time, a table or TimeFunction; None: drawn each time |
     | `motion` | None | for "replay", as in the options of reset; None: the paper's robot_arm_motion |
     | `reward` | {} | weights by name |
-    | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant`: (low, high) of the factor on the nominal value |
+    | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant`: (low, high) factors on the nominal value |
     | `sensors` | {} | `noise`, `delay`, `strain_gauges`, see below |
     | `actuator` | {} | `lag`, `delay`, `saturation`, `viscous`, `coulomb`, `coulomb_rate`, see below |
     | `initial_vibration` | 0.0 | largest initial tip deflection of the first mode, over L |
@@ -110,26 +111,26 @@ class FlexibleArmEnv(SingleArmEnv):
     | `render_mode` | None | "rgb_array" or "human" |
     | `max_episode_steps` | None | control periods |
 
-    make_vec also takes `autoreset_mode` ("NextStep", the default, "SameStep", "Disabled") and `threads` (as many as there
-    are processors, one for each 128 arms at most).
+    make_vec also takes `autoreset_mode` ("NextStep", the default, "SameStep", "Disabled") and `threads` (as many as
+    there are processors, one for each 128 arms at most).
 
-    Controllers of "residual_pd": k = tau / (pi/4), d = 2 sqrt(k I); goal is the target angle.
-    Sensors: `noise` is a standard deviation, one share of the scale for all entries, or a dict by entry (`hub_sin`,
-    `hub_cos`, `hub_rate`, `tip_deflection`, `tip_deflection_rate`, `target_error`, `strain_gauge_1`, ...) in its unit;
-    `delay` a whole number of control periods, s; `strain_gauges` places along the link from 0 (root) to 1 (tip).
-    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s; `saturation` a share
-    of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction c w / sqrt(w^2 + coulomb_rate^2) act in the
-    joint, their loss is part of `energy_dissipated`. What is left at its default costs nothing.
+    Controllers of "residual_pd": k = tau / (pi/4), d = 2 sqrt(k I); goal is the target angle. Sensors: `noise` is a
+    standard deviation, one share of the scale for all entries, or a dict by entry (`hub_sin`, `hub_cos`, `hub_rate`,
+    `tip_deflection`, `tip_deflection_rate`, `target_error`, `strain_gauge_1`, ...) in its unit; `delay` a whole
+    number of control periods, s; `strain_gauges` places along the link from 0 (root) to 1 (tip). Actuator: `lag` is
+    the time constant of the motor, s; `delay` a whole number of solver's steps, s; `saturation` a share of the torque
+    limit; `viscous` (N m s/rad) and `coulomb` (N m) friction c w / sqrt(w^2 + coulomb_rate^2) act in the joint, their
+    loss is part of `energy_dissipated`. What is left at its default costs nothing.
 
     ## Options of reset
 
-    `start` (hub angle, rad), `target` (rad), `vibration` (over L), and `motion`: the hub's angle is prescribed, the action
-    ignored. A motion is the name of one ("robot_arm_motion", "robot_arm_motion_smooth", "spin_up"), a table of columns
-    t, psi[, psi_dot[, psi_ddot]] as an array, a list of rows, a dict or a CSV file, or a `flexarm_env.TimeFunction`; with psi
-    alone it is a C2 cubic spline, or with `interpolation="linear"` straight between rows, each of them a kink. The arm
-    starts where the motion does, the episode ends where the motion ends, and nothing else about the arm changes; the
-    target is where the motion ends. Motors are ideal then. The vector environment also takes `reset_mask` (DISABLED), and
-    a list of one motion for each arm.
+    `start` (hub angle, rad), `target` (rad), `vibration` (over L), and `motion`: the hub's angle is prescribed, the
+    action ignored. A motion is the name of one ("robot_arm_motion", "robot_arm_motion_smooth", "spin_up"), a table of
+    columns t, psi[, psi_dot[, psi_ddot]] as an array, a list of rows, a dict or a CSV file, or a
+    `flexarm_env.TimeFunction`; with psi alone it is a C2 cubic spline, or with `interpolation="linear"` straight
+    between rows, each of them a kink. The arm starts where the motion does, the episode ends where the motion ends,
+    and nothing else about the arm changes; the target is where the motion ends. Motors are ideal then. The vector
+    environment also takes `reset_mask` (DISABLED), and a list of one motion for each arm.
 
     ## Further methods
 

@@ -14,24 +14,25 @@ class TwoLinkFlexArmEnv(SingleArmEnv):
     Two flexible links with motors at hub and elbow move in the horizontal plane. The agent is to bring the tip, which
     carries a payload, to a target point and to keep it there, still. Both links are beams with exact geometry.
 
-    `gymnasium.make("TwoLinkFlexArm-v0")` is one arm, `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` n of them in
-    one compiled call a step; the two agree bit for bit. In a process that has not imported the package:
+    `gymnasium.make("TwoLinkFlexArm-v0")` is one arm, `gymnasium.make_vec("TwoLinkFlexArm-v0", num_envs=n)` n of them
+    in one compiled call a step; the two agree bit for bit. In a process that has not imported the package:
     `gymnasium.make("flexarm_env:TwoLinkFlexArm-v0")`.
 
     The default arm, `de_luca_siciliano` (De Luca & Siciliano 1991), has links of 0.5 m, 0.2 kg/m and EI = 1 N m^2,
     0.1 kg m^2 at the hub, an elbow motor of 1 kg and 0.1 kg m^2 (half of it on each link), a payload of 0.1 kg with
-    5e-4 kg m^2, and tau_d = 6.63e-3 s (one per cent of damping at link 1's 0.48 Hz). L is the sum of the lengths, 1 m.
+    5e-4 kg m^2, and tau_d = 6.63e-3 s (one per cent of damping at link 1's 0.48 Hz). L is the sum of the lengths, 1
+    m.
 
     ## Action space
 
-    `Box(-1, 1, (2,), float32)`: torques of hub and elbow, as shares of their limits (1 and 0.3 N m), held over one control
-    period; the elbow's acts + on link 2 and - on link 1. Beyond +-1 they are clipped; NaN or infinity ends the episode
-    (`action_not_finite`).
+    `Box(-1, 1, (2,), float32)`: torques of hub and elbow, as shares of their limits (1 and 0.3 N m), held over one
+    control period; the elbow's acts + on link 2 and - on link 1. Beyond +-1 they are clipped; NaN or infinity ends
+    the episode (`action_not_finite`).
 
     ## Observation space
 
-    `Box` of float32. Each entry is divided by its scale and clipped to +-10 (sines and cosines: +-1).
-    w_k = sqrt(tau_k pi/2 / I_k), tau_k the torque limit of joint k, I_k the inertia of the straight arm from there on about
+    `Box` of float32. Each entry is divided by its scale and clipped to +-10 (sines and cosines: +-1). w_k =
+    sqrt(tau_k pi/2 / I_k), tau_k the torque limit of joint k, I_k the inertia of the straight arm from there on about
     it; for the default arm w_0 = 1.595 and w_1 = 2.371 rad/s.
 
     | # | entry | scale | unit |
@@ -44,16 +45,16 @@ class TwoLinkFlexArmEnv(SingleArmEnv):
     | 10, 11 | tip velocity, along and across | w_0 L | m/s |
     | 12, 13 | from tip to target, along and across | 0.5 L | m |
 
-    Entries 10 to 13 are components in the frame that turns with the hub. The elbow angle is that of link 2's root from link
-    1's tip. A link's tip deflection is the component of (tip - root) normal to its tangent at the root, over its length.
-    With `task="track"` follow: 14, 15 the target's velocity (scale w_0 L), 16, 17 and 18, 19 the ways that the target will
-    have gone 0.1 and 0.3 s ahead (scale 0.5 L), all in the hub's frame. Strain gauges come last: curvature, 1/m, over
-    that under the full torque of the link's joint, tau_k/EI.
+    Entries 10 to 13 are components in the frame that turns with the hub. The elbow angle is that of link 2's root
+    from link 1's tip. A link's tip deflection is the component of (tip - root) normal to its tangent at the root,
+    over its length. With `task="track"` follow: 14, 15 the target's velocity (scale w_0 L), 16, 17 and 18, 19 the
+    ways that the target will have gone 0.1 and 0.3 s ahead (scale 0.5 L), all in the hub's frame. Strain gauges come
+    last: curvature, 1/m, over that under the full torque of the link's joint, tau_k/EI.
 
     ## Reward
 
-    The sum of these terms, each in `info` as `reward_<name>`; e distance of the tip from the target over L, v its speed
-    over L (1/s; with "track" relative to the target), d' rates of the deflections, a the action.
+    The sum of these terms, each in `info` as `reward_<name>`; e distance of the tip from the target over L, v its
+    speed over L (1/s; with "track" relative to the target), d' rates of the deflections, a the action.
 
     | name | weight | term | bounds |
     |---|---|---|---|
@@ -66,16 +67,17 @@ class TwoLinkFlexArmEnv(SingleArmEnv):
 
     ## Starting state
 
-    At rest with straight links; half of the episodes with both joint angles 0, half with the hub at -1 to 1 and the elbow
-    at -1.8 to 1.8 rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All draws are
-    uniform. `initial_vibration=x` adds a first mode in which link 1's tip deflects by at most x times its length.
+    At rest with straight links; half of the episodes with both joint angles 0, half with the hub at -1 to 1 and the
+    elbow at -1.8 to 1.8 rad. The target is 0.3 L to 0.95 L from the root, within +-120 degrees of the x axis. All
+    draws are uniform. `initial_vibration=x` adds a first mode in which link 1's tip deflects by at most x times its
+    length.
 
     ## Episode end
 
-    Truncated after `duration` (8 s), or `max_episode_steps` given to make or make_vec, or where a prescribed motion ends.
-    Success never ends an episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip has been within
-    0.01 L of the target and slower than 0.05 L/s throughout; an episode's success is its value at the last step.
-    Terminated by failure only, with `info["termination_reason"]`: `joint_limit` (the elbow beyond +-2.8 rad),
+    Truncated after `duration` (8 s), or `max_episode_steps` given to make or make_vec, or where a prescribed motion
+    ends. Success never ends an episode: `info["is_success"]` says whether, over the trailing 0.5 s, the tip has been
+    within 0.01 L of the target and slower than 0.05 L/s throughout; an episode's success is its value at the last
+    step. Terminated by failure only, with `info["termination_reason"]`: `joint_limit` (the elbow beyond +-2.8 rad),
     `action_not_finite`, or the solver's status (`newton_failed`, `out_of_range`, `diverged`, `not_finite`). After the
     last two kinds the observation is the last good one. The other arms of a vector go on untouched.
 
@@ -90,16 +92,16 @@ class TwoLinkFlexArmEnv(SingleArmEnv):
     | name | default | meaning |
     |---|---|---|
     | `arm` | "de_luca_siciliano" | or "quanser_2dsfl", "paper_two_link", a TOML file, a `flexarm_env.Arm` |
-    | `action_mode` | "torque" | or "residual_pd": torque_k = k_k (goal_k - angle_k) - d_k rate_k + 0.7 tau_k a_k, within +-tau_k |
+    | `action_mode` | "torque" | or "residual_pd": k_k (goal_k - angle_k) - d_k rate_k + 0.7 tau_k a_k, within +-tau_k |
     | `duration` | 8.0 | s |
-    | `task` | "reach" | or "track": the target moves (`reference`: x and y over time, m; None: a circle drawn anew); "replay" |
+    | `task` | "reach" | or "track": the target moves (`reference`: x and y over time, m; None: a circle); "replay" |
     | `joint_limits` | the arm's | [(low, high) or None for each joint], rad; None: none |
 
-    Controllers of "residual_pd": k_k = tau_k / (pi/4), d_k = 2 sqrt(k_k I_k); the goals are the angles of the rigid arm
-    with its tip at the target, the elbow on the side where it starts. Strain gauges are given as (link, place), friction
-    and saturation for both joints or one each. Options of reset: `start` (two angles, rad), `target` (x, y in m, within
-    reach), `vibration`, and `motion`: one for the hub, a list of two or a dict by "joint0" and "joint1" (None: that joint
-    keeps its action and starts at 0 or at `start`); "two_link_motion" is the paper's.
+    Controllers of "residual_pd": k_k = tau_k / (pi/4), d_k = 2 sqrt(k_k I_k); the goals are the angles of the rigid
+    arm with its tip at the target, the elbow on the side where it starts. Strain gauges are given as (link, place),
+    friction and saturation for both joints or one each. Options of reset: `start` (two angles, rad), `target` (x, y
+    in m, within reach), `vibration`, and `motion`: one for the hub, a list of two or a dict by "joint0" and "joint1"
+    (None: that joint keeps its action and starts at 0 or at `start`); "two_link_motion" is the paper's.
 
     ## Versions
 
