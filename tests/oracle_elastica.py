@@ -35,7 +35,10 @@ def oracle_nodes(n: int, tip: bool) -> Array:
 
 
 class Oracle:
-    """Chain of an arm with n nodes a link; coordinates as in the package: joint and node angles, x, y if free."""
+    """Chain of an arm with n nodes a link; coordinates as in the package: joint and node angles, x, y if free.
+
+    x and y are those of the root, or of the centre of mass (`centred`).
+    """
 
     def __init__(
         self,
@@ -43,11 +46,13 @@ class Oracle:
         n: int,
         *,
         free: bool = False,
+        centred: bool = False,
         gravity: tuple[float, float] | None = None,
         loads: tuple[tuple[int, str], ...] = (),
         points: int = 40,
     ) -> None:
         self.arm, self.n, self.free, self.gravity, self.loads = arm, n, free, gravity, loads
+        self.centred = centred
         x, self.weights = np.polynomial.legendre.leggauss(points)
         self.values, self.slopes, self.integrals, self.tips, self.ends, self.ds = [], [], [], [], [], []
         for k, link in enumerate(arm.links):
@@ -86,12 +91,12 @@ class Oracle:
 
     def walk(self, q: Array) -> list[dict[str, Array]]:
         """Fields of each link at the quadrature points, and its ends, from the coordinates."""
-        root = np.array(q[-2:]) if self.free else np.zeros(2)
-        out = []
+        root: Array = np.zeros(2)
+        links = []
         for k, phi in enumerate(self.angles(q)):
             e = np.array([np.cos(phi), np.sin(phi)])
             tip = root + e @ self.ends[k]
-            out.append(
+            links.append(
                 {
                     "r": root[:, None] + e @ self.integrals[k].T,
                     "phi": self.values[k] @ phi,
@@ -104,7 +109,22 @@ class Oracle:
                 }
             )
             root = tip
-        return out
+        if self.free:
+            move = np.array(q[-2:]) - (self.centre(links) if self.centred else 0.0)
+            for link in links:
+                link["r"] = link["r"] + move[:, None]
+                link["root"], link["tip"] = link["root"] + move, link["tip"] + move
+        return links
+
+    def centre(self, links: list[dict[str, Array]]) -> Array:
+        """Centre of mass."""
+        arm, first, mass = self.arm, np.zeros(2), 0.0
+        for k, link in enumerate(links):
+            weights = arm.links[k].section.m * self.ds[k]
+            end = arm.payload.mass if k == arm.n_links - 1 else arm.elbow(k + 1).mass
+            first = first + link["r"] @ weights + end * link["tip"]
+            mass += float(weights.sum()) + end
+        return np.asarray(first / mass)
 
     def rates(self, q: Array, v: Array) -> list[dict[str, Array]]:
         """Rates of all that `walk` gives, along the velocity v."""
@@ -129,42 +149,51 @@ class Oracle:
 
     def mass_matrix(self, q: Array) -> Array:
         """Hessian of the kinetic energy: the form is quadratic, so its values on unit velocities suffice."""
-        columns = [self.jacobian(q, k) for k in range(self.arm.n_links)]
         M = np.zeros((self.size, self.size), dtype=q.dtype)
-        for pairs in columns:
-            for weight, J in pairs:
+        for k, link in enumerate(self.jacobians(q)):
+            for weight, J in self.masses(link, k):
                 J = np.atleast_2d(J)
                 M = M + (J.T * np.atleast_1d(weight)) @ J
         return M
 
-    def jacobian(self, q: Array, k: int) -> list[tuple[Any, Array]]:
-        """Pairs (mass, d rate / d v) of link k; differentiated by hand so that q may be complex."""
+    def jacobians(self, q: Array) -> list[dict[str, Array]]:
+        """Derivatives of all that `walk` gives by the coordinates; by hand, so that q may be complex."""
         n, cols = self.n, self.size
-        zero: Array = np.zeros(cols, dtype=q.dtype)
-        root = np.zeros((2, cols), dtype=q.dtype)
-        if self.free:
-            root[0, -2] = root[1, -1] = 1.0
-        turned = zero
+        root, turned = np.zeros((2, cols), dtype=q.dtype), np.zeros(cols, dtype=q.dtype)
+        links = []
         for j, phi in enumerate(self.angles(q)):
             angle = np.zeros((n, cols), dtype=q.dtype)
             for i in range(n):
                 angle[i, j * n + i] = 1.0
             angle[0] = angle[0] + turned
             c, s = np.cos(phi), np.sin(phi)
-            ex, ey = -s[:, None] * angle, c[:, None] * angle
-            tip = root + np.array([self.ends[j] @ ex, self.ends[j] @ ey])
-            if j == k:
-                link = {
-                    "r": (root[0] + self.integrals[j] @ ex, root[1] + self.integrals[j] @ ey),
+            e = np.array([-s[:, None] * angle, c[:, None] * angle])
+            tip = root + np.einsum("l,xlc->xc", self.ends[j], e)
+            turned = self.tips[j] @ angle
+            links.append(
+                {
+                    "r": root[:, None] + np.einsum("pl,xlc->xpc", self.integrals[j], e),
                     "phi": self.values[j] @ angle,
                     "nodal": angle,
                     "root_angle": angle[0],
                     "tip": tip,
-                    "tip_angle": self.tips[j] @ angle,
+                    "tip_angle": turned,
                 }
-                return self.masses(link, k)  # type: ignore[arg-type]
-            root, turned = tip, self.tips[j] @ angle
-        raise IndexError(k)
+            )
+            root = tip
+        if self.free:
+            move = np.zeros((2, cols), dtype=q.dtype)
+            move[0, -2] = move[1, -1] = 1.0
+            if self.centred:
+                turning = [{"r": np.moveaxis(link["r"], 1, 2), "tip": link["tip"]} for link in links]
+                move = move - np.array([self.centre(self._column(turning, i)) for i in range(cols)]).T
+            for link in links:
+                link["r"], link["tip"] = link["r"] + move[:, None], link["tip"] + move
+        return links
+
+    @staticmethod
+    def _column(links: list[dict[str, Array]], i: int) -> list[dict[str, Array]]:
+        return [{"r": link["r"][:, i], "tip": link["tip"][:, i]} for link in links]
 
     def kinetic(self, q: Array, v: Array) -> float:
         """Kinetic energy from the rates of the fields."""

@@ -3,13 +3,14 @@
 With e_j = (cos phi_j, sin phi_j), second rate e_j'', the inertia force on node i is (-sin phi_i, cos phi_i) . A_i,
 A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads: no sine of a difference is needed. Its derivative by node j is
 (-sin phi_i, cos phi_i) . P_ij d e_j'', by node i itself also -e_i . A_i. The payload adds m_p w w' to P, m_p w to b and
-J_p l(L) l(L)' to the last link's R.
+J_p l(L) l(L)' to the last link's R. Where the root can move it is at x - sum_j beta_j e_j, with x the last two rows:
+beta = 0 where it is prescribed; in free flight x is the centre of mass, so that steps keep momentum to round-off.
 """
 
 from __future__ import annotations
 
 from ..model import Elastica
-from .elastica_layout import absolute, offsets
+from .elastica_layout import absolute, offsets, weighted
 from .elastica_output import dissipation, energy, link_poses, out_of_range, ports, shape
 from .jit import kernel
 from .lanes import load, sincos, splat, store
@@ -20,15 +21,17 @@ from .unroll import unrolled
 
 
 @kernel
-def _frame_acceleration(lane, model, a):  # type: ignore[no-untyped-def]
+def _frame_acceleration(lane, model, a, ex, ey):  # type: ignore[no-untyped-def]
     """Acceleration of the root less gravity."""
+    D = model.data
+    _, _, _, _, _, at_beta, at_one = offsets(model)
     x, y = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
-        x, y = load(lane, a, m), load(lane, a, m + 1)
+        x = load(lane, a, m) - weighted(lane, D, at_beta, ex, m)
+        y = load(lane, a, m + 1) - weighted(lane, D, at_beta, ey, m)
     if model.gravity is not None:
-        o = offsets(model)[5]
-        x, y = x - model.data[o + 3], y - model.data[o + 4]
+        x, y = x - D[at_one + 3], y - D[at_one + 4]
     return x, y
 
 
@@ -50,7 +53,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
 def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: ignore[no-untyped-def]
     """r, and on the way: nodes' rates y, e_j = (c, s), e_j'' = (ex, ey), A_i = (fx, fy)."""
     D = model.data
-    at_R, at_K, at_b, at_w, _, _ = offsets(model)
+    at_R, at_K, at_b, at_w, _, at_beta, at_one = offsets(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     payload, stiffness, tau_d = load(lane, par, 0), load(lane, par, 2), load(lane, par, 3)
@@ -58,15 +61,11 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
     absolute(lane, model, q, x)
     absolute(lane, model, v, y)
     absolute(lane, model, a, z)
-    frame_x, frame_y = _frame_acceleration(lane, model, a)
-    tip_x, tip_y = frame_x, frame_y
     for i in range(m):
         angle, rate, second = load(lane, x, i), load(lane, y, i), load(lane, z, i)
         sine, cosine = sincos(angle)
         square = rate * rate
         ax, ay = -(sine * second + cosine * square), cosine * second - sine * square
-        if model.payload is not None:
-            tip_x, tip_y = tip_x + ax * D[at_w + i], tip_y + ay * D[at_w + i]
         store(c, i, cosine)
         store(s, i, sine)
         store(ex, i, ax)
@@ -74,7 +73,11 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
         if model.damping is not None:
             angle = angle + rate * tau_d
         store(x, i, angle * stiffness)
-    tip_x, tip_y = tip_x * payload, tip_y * payload
+    frame_x, frame_y = _frame_acceleration(lane, model, a, ex, ey)
+    tip_x, tip_y = splat(lane, 0.0), splat(lane, 0.0)
+    if model.payload is not None:
+        tip_x = (weighted(lane, D, at_w, ex, m) + frame_x) * payload
+        tip_y = (weighted(lane, D, at_w, ey, m) + frame_y) * payload
     for i in range(m):
         fxi, fyi = load(lane, ex, 0) * D[i * m], load(lane, ey, 0) * D[i * m]
         for j in range(1, m):
@@ -87,6 +90,13 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
         store(fx, i, fxi)
         store(fy, i, fyi)
     _less_forces(lane, model, model.loads, u, fx, fy)
+    if model.root is not None:  # momentum of the whole chain
+        store(r, m, frame_x * D[at_one] + weighted(lane, D, at_b, ex, m) + tip_x)
+        store(r, m + 1, frame_y * D[at_one] + weighted(lane, D, at_b, ey, m) + tip_y)
+        _less_total(lane, model, model.loads, u, r)
+        for i in range(m):
+            store(fx, i, load(lane, fx, i) - load(lane, r, m) * D[at_beta + i])
+            store(fy, i, load(lane, fy, i) - load(lane, r, m + 1) * D[at_beta + i])
     for k in range(links):
         for i in range(k * n, k * n + n):
             total = load(lane, z, k * n) * D[at_R + i * n]
@@ -97,7 +107,6 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
             store(r, i, total + (load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)))
     _less_torques(lane, model, model.loads, u, r)
     _payload_turns(lane, model, load(lane, par, 1), z, r)
-    _root_force(lane, model, payload, ex, ey, frame_x, frame_y, u, r)
     for k in range(links - 1, 0, -1):  # from angles to coordinates, see _to_relative
         store(r, k * n - 1, load(lane, r, k * n - 1) + load(lane, r, k * n))
     for k in range(links):
@@ -109,7 +118,7 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
 def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type: ignore[no-untyped-def]
     """The matrix of `assemble`; ex, ey become the weighted derivative of e''."""
     D = model.data
-    at_R, at_K, _, at_w, _, _ = offsets(model)
+    at_R, at_K, at_b, at_w, _, at_beta, at_one = offsets(model)
     n, links, rows = size(model.nodes), size(model.links), size(model.n)
     m = n * links
     payload = load(lane, par, 0)
@@ -121,14 +130,19 @@ def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type:
         twice = load(lane, y, i) * (2.0 * cc)
         store(ex, i, -(sine * cm + cosine * twice + ay * ck))
         store(ey, i, cosine * cm - sine * twice + ax * ck)
+    mass = payload + D[at_one]
     for i in range(m):
         share = payload * D[at_w + i]
+        moment = share + D[at_b + i]
         ci, si, dxi, dyi = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         k = i // n
         for j in range(i):
             p = splat(lane, D[i * m + j])
             if model.payload is not None:
                 p = share * D[at_w + j] + D[i * m + j]
+            if model.root is not None:
+                rest = payload * D[at_w + j] + D[at_b + j] - mass * D[at_beta + j]
+                p = p - (moment * D[at_beta + j] + rest * D[at_beta + i])
             lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
             upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
             if j >= k * n:
@@ -139,6 +153,8 @@ def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type:
         p = splat(lane, D[i * m + i])
         if model.payload is not None:
             p = share * D[at_w + i] + D[i * m + i]
+        if model.root is not None:
+            p = p - (moment + (moment - mass * D[at_beta + i])) * D[at_beta + i]
         own = p * (ci * dyi - si * dxi) + (slope * D[at_K + i * n + i - k * n] + cm * D[at_R + i * n + i - k * n])
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
     _payload_turns_tangent(lane, model, load(lane, par, 1), cm, S)
@@ -175,7 +191,7 @@ def _less_torques(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
 def _payload_turns(lane, model, inertia, z, r):  # type: ignore[no-untyped-def]
     """Rotary inertia of the payload, on the last link's angles."""
     D = model.data
-    _, _, _, _, at_tips, _ = offsets(model)
+    at_tips = offsets(model)[4]
     if model.payload_turns is not None:
         n, m = size(model.nodes), size(model.links) * size(model.nodes)
         moment = splat(lane, 0.0)
@@ -189,7 +205,7 @@ def _payload_turns(lane, model, inertia, z, r):  # type: ignore[no-untyped-def]
 @kernel
 def _payload_turns_tangent(lane, model, inertia, cm, S):  # type: ignore[no-untyped-def]
     D = model.data
-    _, _, _, _, at_tips, _ = offsets(model)
+    at_tips = offsets(model)[4]
     if model.payload_turns is not None:
         n, m, rows = size(model.nodes), size(model.links) * size(model.nodes), size(model.n)
         for i in range(m - n, m):
@@ -199,31 +215,14 @@ def _payload_turns_tangent(lane, model, inertia, cm, S):  # type: ignore[no-unty
 
 
 @kernel
-def _root_force(lane, model, payload, ex, ey, frame_x, frame_y, u, r):  # type: ignore[no-untyped-def]
-    """Rate of the whole chain's momentum less gravity and loads: the rows of the root's position."""
-    D = model.data
-    _, _, at_b, at_w, _, at_one = offsets(model)
-    if model.root is not None:
-        m = size(model.links) * size(model.nodes)
-        mass = payload + D[at_one]
-        total_x, total_y = mass * frame_x, mass * frame_y
-        for j in range(m):
-            moment = payload * D[at_w + j] + D[at_b + j]
-            total_x = total_x + moment * load(lane, ex, j)
-            total_y = total_y + moment * load(lane, ey, j)
-        store(r, m, total_x)
-        store(r, m + 1, total_y)
-        _less_total(lane, model, model.loads, u, r)
-
-
-@kernel
 def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):  # type: ignore[no-untyped-def]
+    """Rows and columns of the root, or of the centre of mass (where little or nothing is left of `moment`)."""
     D = model.data
-    _, _, at_b, at_w, _, at_one = offsets(model)
+    _, _, at_b, at_w, _, at_beta, at_one = offsets(model)
     if model.root is not None:
         m, rows = size(model.links) * size(model.nodes), size(model.n)
         for j in range(m):
-            moment = payload * D[at_w + j] + D[at_b + j]
+            moment = payload * D[at_w + j] + D[at_b + j] - (payload + D[at_one]) * D[at_beta + j]
             store(S, m * rows + j, moment * load(lane, dx, j))
             store(S, (m + 1) * rows + j, moment * load(lane, dy, j))
             store(S, j * rows + m, moment * load(lane, s, j) * -cm)

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from .jit import kernel
-from .lanes import load, store
+from .lanes import load, splat, store
 from .protocol import size
 
 
 @kernel
 def offsets(model):  # type: ignore[no-untyped-def]
-    """Where R, K, b, w, tips and the single numbers begin in model.data; P begins at 0."""
+    """Where R, K, b, w, tips, beta and the single numbers begin in model.data; P begins at 0."""
     n = size(model.nodes)
     m = size(model.links) * n
     R = m * m
     b = R + 2 * m * n
-    return R, R + m * n, b, b + m, b + 2 * m, b + 3 * m
+    return R, R + m * n, b, b + m, b + 2 * m, b + 3 * m, b + 4 * m
+
+
+@kernel
+def weighted(lane, weights, first, x, m):  # type: ignore[no-untyped-def]
+    """sum_j weights[first + j] x_j."""
+    total = splat(lane, 0.0)
+    for j in range(m):
+        total = total + load(lane, x, j) * weights[first + j]
+    return total
 
 
 @kernel

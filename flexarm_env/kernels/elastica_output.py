@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .elastica_layout import absolute, offsets
+from .elastica_layout import absolute, offsets, weighted
 from .jit import kernel
 from .lanes import load, sincos, splat, store
 from .protocol import size
@@ -24,23 +24,15 @@ def _tangents(lane, model, q, v, c, s, ex, ey):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _root(lane, model, q):  # type: ignore[no-untyped-def]
-    """Position of the root."""
+def _root(lane, model, q, c, s):  # type: ignore[no-untyped-def]
+    """Position of the root; c, s: cosines and sines of the nodes' angles."""
     D = model.data
-    _, _, _, _, _, at_one = offsets(model)
+    _, _, _, _, _, at_beta, at_one = offsets(model)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
-        return load(lane, q, m), load(lane, q, m + 1)
+        x = load(lane, q, m) - weighted(lane, D, at_beta, c, m)
+        return x, load(lane, q, m + 1) - weighted(lane, D, at_beta, s, m)
     return splat(lane, D[at_one + 1]), splat(lane, D[at_one + 2])
-
-
-@kernel
-def _sum(lane, weights, first, x, m):  # type: ignore[no-untyped-def]
-    """sum_j weights[first + j] x_j."""
-    total = splat(lane, 0.0)
-    for j in range(m):
-        total = total + load(lane, x, j) * weights[first + j]
-    return total
 
 
 @kernel
@@ -64,18 +56,18 @@ def _load_ports(lane, model, loads, q, y):  # type: ignore[no-untyped-def]
             sine, cosine = sincos(load(lane, x, i))
             store(c, i, cosine)
             store(s, i, sine)
-        root_x, root_y = _root(lane, model, q)
+        root_x, root_y = _root(lane, model, q, c, s)
         for f in range((size(model.n_inputs) - links) // 3):
-            store(y, links + 3 * f, root_x + _sum(lane, loads, 2 * f * m, c, m))
-            store(y, links + 3 * f + 1, root_y + _sum(lane, loads, 2 * f * m, s, m))
-            store(y, links + 3 * f + 2, _sum(lane, loads, (2 * f + 1) * m, x, m))
+            store(y, links + 3 * f, root_x + weighted(lane, loads, 2 * f * m, c, m))
+            store(y, links + 3 * f + 1, root_y + weighted(lane, loads, 2 * f * m, s, m))
+            store(y, links + 3 * f + 2, weighted(lane, loads, (2 * f + 1) * m, x, m))
 
 
 @kernel
 def _bending(lane, model, x):  # type: ignore[no-untyped-def]
     """x' K x over all links; x: angles or rates of the nodes. Differences from the root's keep spins exact."""
     D = model.data
-    _, at_K, _, _, _, _ = offsets(model)
+    at_K = offsets(model)[1]
     n = size(model.nodes)
     total = splat(lane, 0.0)
     for k in range(size(model.links)):
@@ -102,7 +94,7 @@ def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     """(kinetic, strain, gravity), J; gravity's is zero where the centre of mass is at the origin."""
     D = model.data
-    at_R, _, at_b, at_w, at_tips, at_one = offsets(model)
+    at_R, _, at_b, at_w, at_tips, at_beta, at_one = offsets(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     payload = load(lane, par, 0)
@@ -117,7 +109,7 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     absolute(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
     strain = _bending(lane, model, x) * (load(lane, par, 2) * 0.5)
-    tip_x, tip_y = _sum(lane, D, at_w, ex, m), _sum(lane, D, at_w, ey, m)
+    tip_x, tip_y = weighted(lane, D, at_w, ex, m), weighted(lane, D, at_w, ey, m)
     turn = splat(lane, 0.0)
     for i in range(m - n, m):
         turn = turn + load(lane, y, i) * D[at_tips + i]
@@ -132,9 +124,10 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
         twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + rate * spin)
     mass = payload + D[at_one]
     if model.root is not None:
-        vx, vy = load(lane, v, m), load(lane, v, m + 1)
-        px = payload * tip_x + _sum(lane, D, at_b, ex, m)
-        py = payload * tip_y + _sum(lane, D, at_b, ey, m)
+        vx = load(lane, v, m) - weighted(lane, D, at_beta, ex, m)
+        vy = load(lane, v, m + 1) - weighted(lane, D, at_beta, ey, m)
+        px = payload * tip_x + weighted(lane, D, at_b, ex, m)
+        py = payload * tip_y + weighted(lane, D, at_b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
     return twice * 0.5, strain, _gravity_energy(lane, model, payload, q, c, s)
 
@@ -143,14 +136,14 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 def _gravity_energy(lane, model, payload, q, c, s):  # type: ignore[no-untyped-def]
     """- mass g . centre of mass."""
     D = model.data
-    _, _, at_b, at_w, _, at_one = offsets(model)
+    _, _, at_b, at_w, _, _, at_one = offsets(model)
     if model.gravity is None:
         return splat(lane, 0.0)
     m = size(model.links) * size(model.nodes)
     mass = payload + D[at_one]
-    root_x, root_y = _root(lane, model, q)
-    cx = payload * _sum(lane, D, at_w, c, m) + _sum(lane, D, at_b, c, m) + mass * root_x
-    cy = payload * _sum(lane, D, at_w, s, m) + _sum(lane, D, at_b, s, m) + mass * root_y
+    root_x, root_y = _root(lane, model, q, c, s)
+    cx = payload * weighted(lane, D, at_w, c, m) + weighted(lane, D, at_b, c, m) + mass * root_x
+    cy = payload * weighted(lane, D, at_w, s, m) + weighted(lane, D, at_b, s, m) + mass * root_y
     return -(cx * D[at_one + 3] + cy * D[at_one + 4])
 
 
@@ -158,7 +151,7 @@ def _gravity_energy(lane, model, payload, q, c, s):  # type: ignore[no-untyped-d
 def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
     """12 numbers a link: root x, y, angle and their rates, tip x, y, angle and their rates."""
     D = model.data
-    _, _, _, at_w, at_tips, _ = offsets(model)
+    _, _, _, at_w, at_tips, at_beta, _ = offsets(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
@@ -171,10 +164,11 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
     absolute(lane, model, q, x)
     absolute(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
-    px, py = _root(lane, model, q)
+    px, py = _root(lane, model, q, c, s)
     vx, vy = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
-        vx, vy = load(lane, v, m), load(lane, v, m + 1)
+        vx = load(lane, v, m) - weighted(lane, D, at_beta, ex, m)
+        vy = load(lane, v, m + 1) - weighted(lane, D, at_beta, ey, m)
     for k in range(links):
         o = 12 * k
         store(out, o, px)
@@ -206,19 +200,16 @@ def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
 def shape(model, q, points):  # type: ignore[no-untyped-def]
     """Positions along the chain, into the first rows of `points`; returns how many."""
     D = model.data
-    _, _, _, _, _, at_one = offsets(model)
     lane = (0,)
     m = size(model.links) * size(model.nodes)
-    first = at_one + 5 + m * size(model.nodes)
+    first = offsets(model)[6] + 5 + m * size(model.nodes)
     count = min((D.shape[0] - first) // m, points.shape[0])
-    x = stack(lane, model.scratch)
-    absolute(lane, model, q, x)
-    root_x, root_y = _root(lane, model, q)
-    for p in range(count):
-        points[p, 0], points[p, 1] = root_x, root_y
+    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
+    absolute(lane, model, q, c)
     for j in range(m):
-        sine, cosine = sincos(x[j])
-        for p in range(count):
-            points[p, 0] += cosine * D[first + p * m + j]
-            points[p, 1] += sine * D[first + p * m + j]
+        s[j], c[j] = sincos(c[j])
+    root_x, root_y = _root(lane, model, q, c, s)
+    for p in range(count):
+        points[p, 0] = root_x + weighted(lane, D, first + p * m, c, m)
+        points[p, 1] = root_y + weighted(lane, D, first + p * m, s, m)
     return count

@@ -317,7 +317,7 @@ def _joint_rows(simulation: Simulation) -> dict[int, int]:
     return rows
 
 
-_X = re.compile(r"root_x|body\d+\.x|link\d+\.x[\d.]+")
+_X = re.compile(r"root_x|centre_x|body\d+\.x|link\d+\.x[\d.]+")
 _ANGLE = re.compile(r"joint0|body\d+\.theta|link\d+\.psi\d+|phi\d+_\d+")
 
 

@@ -194,7 +194,7 @@ def physical(model: Elastica) -> Elastica:
     """The model with the inertia that the links have, for all that is not a step: frequencies, linear equations."""
     m = size(model.links) * size(model.nodes)
     count = m * size(model.nodes)
-    inertia, correction = m * m, m * m + 2 * count + 3 * m + 5
+    inertia, correction = m * m, m * m + 2 * count + 4 * m + 5
     data = model.data.copy()
     data[inertia : inertia + count] += data[correction : correction + count]
     data[correction : correction + count] = 0.0
@@ -235,19 +235,22 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     assert settings.nodes is not None
     arm, n = scene.arm, settings.nodes
     parts = chain(arm, n)
-    count, angles = arm.n_links, arm.n_links * n
-    own = angles <= UNROLLED and not scene.motions and not scene.loads
+    count, m = arm.n_links, arm.n_links * n
+    own = m <= UNROLLED and not scene.motions and not scene.loads
     movable = [scene.root == "free" or scene.motion_of(name) is not None for name in ("root_x", "root_y")]
     has_root = any(movable) or not own
-    rows = angles + (2 if has_root else 0)
+    rows = m + (2 if has_root else 0)
     fixed = [joint * n for joint in scene.rigid_joints]
-    fixed += [angles + i for i in range(2) if has_root and not movable[i]]
+    fixed += [m + i for i in range(2) if has_root and not movable[i]]
     ends = [weights for load in scene.loads if isinstance(load, PointLoad) for weights in _end(parts, load)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
     stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
     correction = np.zeros_like(parts.R)
     if settings.dt is not None:
         correction = phase_correction(parts, arm.payload.mass, settings.dt, settings)
+    beta = np.zeros(m)
+    if scene.root == "free":
+        beta = (parts.b + arm.payload.mass * parts.w) / (parts.mass + arm.payload.mass)
     numbers = [parts.mass, *scene.position, *(scene.gravity or (0.0, 0.0))]
     model = Elastica(
         n=tag(rows, own),
@@ -255,22 +258,24 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         n_inputs=tag(count + 3 * (len(ends) // 2), own),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
-        weight=np.concatenate([np.ones(angles), np.full(rows - angles, 1.0 / arm.total_length)]),
+        weight=np.concatenate([np.ones(m), np.full(rows - m, 1.0 / arm.total_length)]),
         predictor=(1.0, 10.0),
         links=tag(count, own),
         nodes=tag(n, own),
-        scratch=(0,) * (angles if own else 48 * -(-angles // 48)),
+        scratch=(0,) * (m if own else 48 * -(-m // 48)),
         root=(0,) if has_root else None,
         gravity=None if own and scene.gravity is None else (0,),
         payload=None if own and not arm.payload.mass else (0,),
         payload_turns=None if own and not arm.payload.inertia else (0,),
         damping=None if own and not arm.tau_d else (0,),
-        data=_flat(parts.P, parts.R - correction, parts.K, parts.b, parts.w, tips, numbers, correction, stations),
+        data=_flat(parts.P, parts.R - correction, parts.K, parts.b, parts.w, tips, beta, numbers, correction, stations),
         loads=None if own else _flat(*ends),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
-    names, coordinates = _names(count, n, has_root)
-    q0 = np.concatenate([np.repeat(scene.angles, n), scene.position if has_root else ()]).astype(np.float64)
+    names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")
+    angles = np.repeat(scene.angles, n)
+    centre = scene.position + np.array([np.cos(angles), np.sin(angles)]) @ beta
+    q0 = np.concatenate([angles, centre if has_root else ()]).astype(np.float64)
     for k in range(1, count):
         q0[k * n] = scene.angles[k] - scene.angles[k - 1]
     notes = {"stretch_and_shear": stretch_and_shear(scene, parts)}
@@ -283,12 +288,12 @@ def _stations(length: float, points: int, link: int) -> Array:
     return s if link == 0 else s[1:]
 
 
-def _names(count: int, n: int, has_root: bool) -> tuple[tuple[str, ...], dict[str, int]]:
+def _names(count: int, n: int, has_root: bool, point: str) -> tuple[tuple[str, ...], dict[str, int]]:
     names = [f"phi{k}_{i}" for k in range(count) for i in range(n)]
     coordinates = {f"joint{k}": k * n for k in range(count)}
     for k in range(count):
         names[k * n] = f"joint{k}"
     if has_root:
-        coordinates |= {"root_x": count * n, "root_y": count * n + 1}
-        names += ["root_x", "root_y"]
+        coordinates |= {f"{point}_x": count * n, f"{point}_y": count * n + 1}
+        names += [f"{point}_x", f"{point}_y"]
     return tuple(names), coordinates

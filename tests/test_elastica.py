@@ -1,0 +1,362 @@
+"""The elastica: known answers, energy, orders of convergence, the slender strip against the exact beam, lanes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, fsolve
+
+from flexarm_env import simulate
+from flexarm_env.kernels.elastica import energy
+from flexarm_env.kernels.jit import kernel
+from flexarm_env.kernels.lanes import EIGHT, SINGLE, load, sincos, store
+from flexarm_env.kernels.newmark import advance
+from flexarm_env.kernels.restart import restart
+from flexarm_env.kernels.work import unpack, work_size
+from flexarm_env.mechanics.elastica import Chain, build, chain, nodes, period_error, phase_correction
+from flexarm_env.mechanics.slenderness import stretch_and_shear
+from flexarm_env.model import System, scheme
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.scenes import named, reference
+from flexarm_env.settings import Settings
+from flexarm_env.time_functions import TimeFunction, sine
+
+from .oracle_elastica import Oracle, oracle_nodes
+
+HERE = Path(__file__).parent
+STRIP = Section(EI=7.0, EA=7.2e6, C=2.3e6, m=0.277, J=2.7e-7)
+ONE = Arm("strip", (Link(1.0, STRIP),), hub_inertia=0.05, payload=Payload(0.2))
+TWO = Arm(
+    "two strips", (Link(1.0, STRIP),) * 2, hub_inertia=0.05, elbows=(Elbow(0.1, 0.01, 0.02),), payload=Payload(0.2)
+)
+
+
+def settings(n: int, dt: float | None = None) -> Settings:
+    return Settings.make("elastica", nodes=n, dt=dt)
+
+
+def python(function: Any) -> Any:
+    return getattr(function, "py_func", function)
+
+
+class Runner:
+    """An arm without loads of its own, by its own kernel, in one lane or eight."""
+
+    def __init__(self, arm: Arm, n: int, dt: float, lane: tuple[int, ...] = SINGLE) -> None:
+        self.system: System = build(Scene("s", arm, duration=1.0, dt=dt), settings(n, dt))
+        self.lane, self.h, lanes = lane, dt, len(lane)
+        self.flat = np.zeros(python(work_size)(lanes, self.system.model, 0))
+        self.work = python(unpack)(lane, self.system.model, self.flat, 0)
+        self.par = np.repeat(self.system.par, lanes)
+        self.work.q[:] = np.repeat(self.system.q0, lanes)
+        self.scheme = scheme(1.0)
+
+    def restart(self) -> None:
+        restart(self.lane, self.system.model, None, self.par, self.flat, 0, 0.0, self.h)
+
+    def advance(self, steps: int) -> None:
+        advance(self.lane, self.system.model, None, self.par, self.flat, 0, 0.0, self.h, steps, self.scheme, False)
+
+    def energy(self) -> float:
+        return float(sum(energy(self.lane, self.system.model, self.par, self.work.q, self.work.v)))
+
+
+def test_uncompiled() -> None:
+    """Residual, tangent, energies and output against the oracle, for chains and features (`uncompiled_elastica.py`)."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / "uncompiled_elastica.py")]
+    done = subprocess.run(command, cwd=HERE.parent, env=environment, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert "skipped" not in done.stdout
+
+
+# ----------------------------------------------------------------------------- tables and known answers
+@pytest.mark.parametrize("n", [3, 5, 8, 12])
+@pytest.mark.parametrize("tip", [False, True])
+def test_nodes(n: int, tip: bool) -> None:
+    found = nodes(n, tip)
+    assert found[0] == -1.0
+    assert not tip or found[-1] == 1.0
+    assert found == pytest.approx(oracle_nodes(n, tip), abs=1e-13)
+
+
+def bend(parts: Chain, force: float) -> Any:
+    """Angles of a clamped link under a transverse tip force of fixed direction."""
+
+    def unbalanced(x: Any) -> Any:
+        phi = np.concatenate([[0.0], x])
+        return (parts.K[0] @ phi - force * parts.w * np.cos(phi))[1:]
+
+    start = np.linspace(0.0, 0.5, parts.n)[1:]
+    return np.concatenate([[0.0], fsolve(unbalanced, start, xtol=1e-12)])
+
+
+def test_large_deflection_of_a_cantilever() -> None:
+    """Tip force P L^2 / EI = 10: Bisshopp & Drucker 1945, by elliptic integrals; spectral convergence."""
+    x, y = 1.0 - 0.5550, 0.8106
+    errors = []
+    reference = chain(ONE, 12)
+    phi = bend(reference, 70.0)
+    best = np.array([reference.w @ np.cos(phi), reference.w @ np.sin(phi)])
+    assert best == pytest.approx([x, y], abs=1e-4)
+    for n in (4, 6, 8):
+        parts = chain(ONE, n)
+        phi = bend(parts, 70.0)
+        errors.append(float(np.hypot(*(np.array([parts.w @ np.cos(phi), parts.w @ np.sin(phi)]) - best))))
+    assert errors[0] < 3e-3
+    assert errors[1] < errors[0] / 8
+    assert errors[2] < errors[1] / 8
+
+
+def frequencies(M: Any, K: Any) -> Any:
+    return np.sort(np.sqrt(np.maximum(np.linalg.eigvals(np.linalg.solve(M, K)).real, 0.0)))
+
+
+def test_frequencies_of_a_cantilever() -> None:
+    """beta L = 1.87510, 4.69409, 7.85476, approached spectrally."""
+    bare = Arm("beam", (Link(1.0, Section(EI=1.0, EA=1.0, C=1.0, m=1.0, J=0.0)),))
+    exact = np.array([1.875104068712, 4.694091132974, 7.854757438238]) ** 2
+    errors = []
+    for n in (5, 7, 9):
+        parts = chain(bare, n)
+        errors.append(np.abs(frequencies(parts.P[1:, 1:], parts.K[0][1:, 1:])[:3] / exact - 1.0))
+    assert (errors[2] < [1e-9, 1e-6, 1e-4]).all()
+    assert (errors[1] < errors[0] / 10)[:2].all() and (errors[2] < errors[1] / 10).all()
+
+
+def test_correction_keeps_periods() -> None:
+    """Trapezoidal steps lengthen a period by (omega h)^2 / 12; with the corrected inertia not, where h resolves it."""
+    h, options = 0.01, settings(8)
+    assert period_error(options) == pytest.approx(1 / 12)
+    assert period_error(Settings.make("elastica", newmark=(1 / 6, 0.5))) == pytest.approx(1 / 24)
+    parts = chain(ONE, 8)
+    C = phase_correction(parts, 0.2, h, options)[0]
+    assert np.abs(C.sum(axis=0)).max() < 1e-14 * np.abs(C).max() * 8
+    M, K = parts.P + 0.2 * np.outer(parts.w, parts.w) + parts.R[0], parts.K[0]
+    assert np.linalg.eigvalsh(M - C).min() > 0.0
+
+    def stepped(inertia: Any) -> Any:
+        return 2.0 / h * np.arctan(0.5 * h * frequencies(inertia[1:, 1:], K[1:, 1:]))
+
+    true, plain, kept = frequencies(M[1:, 1:], K[1:, 1:]), stepped(M), stepped(M - C)
+    assert (true[:2] * h).tolist() == pytest.approx([0.0889, 0.8304], rel=2e-3)
+    assert 1 - (plain / true)[:2] == pytest.approx((true[:2] * h) ** 2 / 12, rel=0.2)
+    assert np.abs(kept / true - 1)[0] < 2e-5 and np.abs(kept / true - 1)[1] < 1.2e-2
+    for rho in (0.9, 0.5):  # the constant of generalized-alpha, from its amplification matrix
+        am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+        gamma = 0.5 + af - am
+        beta, x = 0.25 * (gamma + 0.5) ** 2, 0.02
+        ahead = np.array([[1, 0, 0, -x * x * beta], [0, 1, 0, -x * gamma], [1, 0, 1, 0], [0, 0, af - 1, 1 - am]])
+        behind = np.array(
+            [[1, x, 0, x * x * (0.5 - beta)], [0, 1, 0, x * (1 - gamma)], [0, 0, 0, 0], [0, 0, af, -am]]
+        )
+        angle = np.abs(np.angle(np.linalg.eigvals(np.linalg.solve(ahead, behind))))
+        angle = angle[(angle > 0.5 * x) & (angle < 2 * x)][0]
+        assert (1 - angle / x) / x**2 == pytest.approx(period_error(Settings.make("elastica", rho_inf=rho)), rel=2e-3)
+
+
+# ----------------------------------------------------------------------------- motion
+def released(h: float, n: int = 6) -> Runner:
+    """The strip clamped by its hub's own inertia alone, let go from a static tip deflection of 20 % of L."""
+    parts = chain(ONE, n)
+    force = brentq(lambda f: parts.w @ np.sin(bend(parts, f)) - 0.2, 1.0, 20.0)
+    run = Runner(ONE, n, h)
+    run.work.q[:] = bend(parts, float(force))
+    run.restart()
+    return run
+
+
+def test_energy_over_many_steps() -> None:
+    wobbles = []
+    for h, count in ((5e-3, 2000), (2.5e-3, 10_000)):
+        run = released(h)
+        start, energies = run.energy(), []
+        for _ in range(count):
+            run.advance(10)
+            energies.append(run.energy())
+        values = np.array(energies) / start
+        wobbles.append(float(np.ptp(values)))
+        tenth = count // 10
+        if h == 2.5e-3:
+            assert run.work.counts[3] == 100_000 and run.work.flag[0] == 0.0
+            assert wobbles[-1] <= 1e-4
+            assert abs(values[-tenth:].mean() - values[:tenth].mean()) <= 1e-6
+    assert np.log2(wobbles[0] / wobbles[1]) == pytest.approx(2.0, abs=0.3)
+
+
+def test_against_scipy_and_order_two() -> None:
+    """Steps approach what SciPy makes of the oracle's equations, at second order."""
+    link = Link(1.0, Section(EI=0.4, EA=1e6, C=1e6, m=0.5, J=1e-3))
+    arm = Arm("soft", (link,), hub_inertia=0.05, payload=Payload(0.1, 1e-3), tau_d=2e-3)
+    times = np.array([0.0, 0.3])
+    truth = Oracle(arm, 3).run(np.zeros(3), np.zeros(3), lambda t: np.array([1.2 * np.sin(9.0 * t)]), times)[-1]
+    errors = []
+    for dt in (0.01, 0.005, 0.0025):
+        scene = Scene("s", arm, duration=0.3, dt=dt, loads=(JointTorque(0, sine(1.2, 9.0)),))
+        run = simulate(scene, "elastica", nodes=3, sample=0.3)
+        assert run.status == "ok"
+        tip = Oracle(arm, 3).walk(truth[:3])[-1]["tip"]
+        assert np.abs(truth[:3]).max() > 0.3
+        errors.append(float(np.hypot(*(run.tip[-1, :2] - tip))))
+    assert errors[2] < 1e-4
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.35)
+
+
+def test_smooth_motion_of_the_stubby_arm() -> None:
+    """1.8 % of L from the exact beam, at any n: what stretch and shear make there; the estimate says so beforehand."""
+    scene = named("robot_arm_motion_smooth")
+    columns = reference("robot_arm_motion_smooth").columns
+    for n in (6, 8):
+        run = simulate(scene, "elastica", nodes=n, dt=0.01, sample=0.05)
+        assert run.status == "ok" and run.t == pytest.approx(columns["t"], abs=1e-9)
+        error = np.hypot(run.tip[:, 0] - columns["tip_x"], run.tip[:, 1] - columns["tip_y"]).max() / 10.0
+        assert error == pytest.approx(0.0177, abs=5e-4)
+        assert np.abs(run.balance).max() < 1e-3 * run.energy.max()
+        assert 0.4 * error < run.notes["stretch_and_shear"] < 2.5 * error
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [("robot_arm_torque", 0.004, 0.03), ("two_link_motion", 0.02, 0.1), ("spin_up", 0.0, 1e-3)],
+)
+def test_estimate_of_stretch_and_shear(name: str, low: float, high: float) -> None:
+    """Measured against converged exact beams: 0.9 %, 5.9 % and 0.005 % of L."""
+    scene = named(name)
+    assert low < stretch_and_shear(scene, chain(scene.arm, 6)) < high
+
+
+def test_free_flight() -> None:
+    """The centre of mass follows the impulse alone: x = 3.5 at 0.5 s, then 2 m/s; momentum and energy stay."""
+    scene = named("two_link_free_flight")
+    run = simulate(scene, "elastica", nodes=5, sample=0.5)
+    assert run.status == "ok"
+    parts = chain(scene.arm, 5)
+    for t, q in zip(run.t, run.q, strict=True):
+        assert q[10:] == pytest.approx([3.0 + (2.0 * t * t if t <= 0.5 else 0.5 + 2.0 * (t - 0.5)), 4.0], abs=1e-9)
+    phi = run.q[-1, :10].copy()
+    phi[5] += phi[4]
+    root = run.q[-1, 10:] - np.array([parts.b @ np.cos(phi), parts.b @ np.sin(phi)]) / parts.mass
+    assert run.tip[-1, :2] == pytest.approx(root + [parts.w @ np.cos(phi), parts.w @ np.sin(phi)], abs=1e-9)
+    after = run.energy[run.t >= 0.5]
+    assert np.ptp(after) < 5e-3 * after[0]
+
+
+def test_general_and_own_kernel_agree() -> None:
+    """One kernel for all sizes, and one written out for this arm."""
+    zero = TimeFunction(np.zeros((1, 8)))
+    driven = Scene("s", ONE, duration=0.2, dt=2.5e-3, loads=(JointTorque(0, zero),), gravity=(0.0, -3.0))
+    free = Scene("s", ONE, duration=0.2, dt=2.5e-3, gravity=(0.0, -3.0))
+    general, own = simulate(driven, "elastica", nodes=4), simulate(free, "elastica", nodes=4)
+    assert own.q.shape[1] == 4 and general.q.shape[1] == 6
+    assert own.tip == pytest.approx(general.tip, abs=1e-9)
+    assert np.ptp(own.tip[:, 1]) > 0.02
+
+
+# ----------------------------------------------------------------------------- the slender strip
+def switched(values: Any, period: float) -> TimeFunction:
+    pieces = np.zeros((len(values), 8))
+    pieces[:, 0], pieces[:, 1] = np.arange(len(values)) * period, values
+    return TimeFunction(pieces)
+
+
+def strip_scene(arm: Arm, kind: str, duration: float = 4.0, seed: int = 3) -> Scene:
+    """Torques switched every 20 ms, at random or of random sign, or every 0.5 s; smaller ones where there are two."""
+    rng, loads = np.random.default_rng(seed), []
+    for k in range(arm.n_links):
+        size = 2.0 if arm.n_links == 1 else (1.0, 0.3)[k]
+        count = round(duration / 0.02)
+        values = {
+            "random": lambda size=size, count=count: rng.uniform(-size, size, count),
+            "bang": lambda size=size, count=count: size * rng.choice([-1.0, 1.0], count),
+            "slow": lambda size=size: size * (-1.0) ** np.arange(round(duration / 0.5)),
+        }[kind]()
+        loads.append(JointTorque(k, switched(values, 0.5 if kind == "slow" else 0.02)))
+    return Scene("strip", arm, duration=duration, dt=2.5e-3, sample=0.02, loads=tuple(loads))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("arm", "share"), [(ONE, 1.0), (TWO, 2.0)], ids=["one", "two"])
+def test_strip_against_the_exact_beam(arm: Arm, share: float) -> None:
+    length = arm.total_length
+    for kind, bound in (("random", 5e-3), ("bang", 5e-3), ("slow", 1e-3)):
+        scene = strip_scene(arm, kind)
+        exact = simulate(scene, "geometrically_exact", elements=6, order=3, dt=2.5e-4, rho_inf=0.9)
+        assert exact.status == "ok"
+        assert np.abs(exact.tip_deflection).max() > 0.1
+
+        def error(n: int, dt: float, scene: Scene = scene, exact: Any = exact) -> float:
+            run = simulate(scene, "elastica", nodes=n, dt=dt)
+            assert run.status == "ok"
+            return float(np.hypot(*(run.tip - exact.tip)[:, :2].T).max()) / length
+
+        assert error(6, 2.5e-3) <= 0.2 * share * bound  # five times better than asked for
+        assert error(6, 5e-3) <= share * bound
+        mesh = [error(n, 5e-4) for n in (4, 6, 8)]
+        if kind != "slow":
+            assert mesh[1] < mesh[0] / 4 and mesh[2] < mesh[1] / 2
+        assert mesh[2] < 3e-4 * share
+
+
+@pytest.mark.slow
+def test_no_arm_is_lost() -> None:
+    """256 undamped strips under +-2 N m of random sign, at twice the usual step."""
+    for group in range(32):
+        rng, run = np.random.default_rng(group), Runner(ONE, 5, 5e-3, EIGHT)
+        for _ in range(200):
+            run.work.u[:] = rng.choice([-2.0, 2.0], 8)
+            run.restart()
+            run.advance(4)
+        assert (run.work.flag == 0.0).all() and np.isfinite(run.work.q).all()
+
+
+# ----------------------------------------------------------------------------- lanes
+def test_lanes_and_single_give_the_same_bits() -> None:
+    rng = np.random.default_rng(8)
+    torques, stiffness = rng.uniform(-2.0, 2.0, (20, 8)), rng.uniform(0.8, 1.2, 8)
+    lanes = Runner(ONE, 6, 2.5e-3, EIGHT)
+    lanes.par[16:24] = stiffness
+    singles = [Runner(ONE, 6, 2.5e-3) for _ in range(8)]
+    for i, run in enumerate(singles):
+        run.par[2] = stiffness[i]
+    for torque in torques:
+        lanes.work.u[:] = torque
+        lanes.restart()
+        lanes.advance(8)
+        for i, run in enumerate(singles):
+            run.work.u[:] = torque[i]
+            run.restart()
+            run.advance(8)
+    for i, run in enumerate(singles):
+        for name in ("q", "v", "a", "b"):
+            assert (getattr(lanes.work, name).reshape(-1, 8)[:, i] == getattr(run.work, name)).all()
+    assert np.ptp(lanes.work.q.reshape(6, 8)[0]) > 1e-2
+
+
+@kernel
+def both_of(lane, x, s, c):  # type: ignore[no-untyped-def]
+    for i in range(x.size // len(lane)):
+        sine, cosine = sincos(load(lane, x, i))
+        store(s, i, sine)
+        store(c, i, cosine)
+
+
+def test_sine_and_cosine(rng: np.random.Generator) -> None:
+    for size in (1.0, 10.0, 1e3, 1e6):
+        x = rng.uniform(-size, size, 8000)
+        x[:8] = np.array([0.0, 1.0, -1.0, 2.0, 4.0, -4.0, 6.0, 8.0]) * (np.pi / 4)
+        s, c, s8, c8 = np.full((4, x.size), np.nan)
+        both_of(SINGLE, x, s, c)
+        both_of(EIGHT, x, s8, c8)
+        assert (s == s8).all() and (c == c8).all()
+        assert np.abs(s - np.sin(x)).max() < 3e-16 and np.abs(c - np.cos(x)).max() < 3e-16
+    x = np.array([np.nan, np.inf, -np.inf])
+    s, c = np.zeros((2, 3))
+    both_of(SINGLE, x, s, c)
+    assert np.isnan(s).all() and np.isnan(c).all()

@@ -1,0 +1,184 @@
+"""Checks of the elastica on plain Python numbers; `test_elastica.py` runs this file with NUMBA_DISABLE_JIT=1.
+
+The kernels are the very ones that are compiled elsewhere; here all sizes and features come at no compile time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import config
+
+from flexarm_env.kernels import elastica as kernels
+from flexarm_env.kernels.lanes import SINGLE
+from flexarm_env.mechanics.elastica import build, physical
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.settings import Settings
+from flexarm_env.time_functions import constant
+
+from .oracle_elastica import Oracle
+
+pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
+
+ONE, OTHER = Section(EI=3.0, EA=1e6, C=1e6, m=0.5, J=0.02), Section(EI=7.0, EA=7e6, C=2e6, m=0.3, J=0.01)
+LINKS = (Link(1.2, ONE), Link(0.8, OTHER), Link(0.5, ONE))
+ELBOWS = (Elbow(0.3, 0.02, 0.04), Elbow(0.1, 0.01, 0.05))
+GRAVITY = (1.0, -9.0)
+
+
+def arm(count: int, bare: bool = False) -> Arm:
+    payload = Payload() if bare else Payload(0.2, 0.03)
+    links, elbows = LINKS[:count], ELBOWS[: count - 1]
+    return Arm("arm", links, hub_inertia=0.05, elbows=elbows, payload=payload, tau_d=0.0 if bare else 0.01)
+
+
+def scene(count: int, root: str, gravity: Any, loads: Any, bare: bool = False) -> Scene:
+    one = constant(1.0)
+    points = tuple(PointLoad(link, end, one, one, one) for link, end in loads)
+    return Scene("s", arm(count, bare), duration=1.0, dt=0.01, root=root, gravity=gravity, loads=points)
+
+
+def system(s: Scene, n: int, dt: float | None = None) -> Any:
+    return build(s, Settings.make("elastica", nodes=n, dt=dt))
+
+
+CASES = [
+    (1, 5, "pinned", None, (), False),
+    (1, 4, "pinned", None, (), True),
+    (1, 3, "free", GRAVITY, (), True),
+    (1, 6, "pinned", GRAVITY, ((0, "tip"),), False),
+    (2, 5, "pinned", None, (), False),
+    (2, 4, "free", GRAVITY, ((0, "root"), (1, "tip")), False),
+    (2, 8, "pinned", GRAVITY, ((0, "tip"), (1, "root")), False),
+    (3, 4, "pinned", GRAVITY, (), False),
+    (3, 3, "free", None, ((2, "tip"),), True),
+]
+
+
+@pytest.fixture(params=CASES, ids=lambda case: "-".join(str(x) for x in case[:3]))
+def case(request: Any) -> tuple[Any, Oracle, Any, tuple[Any, ...]]:
+    count, n, root, gravity, loads, bare = request.param
+    s = system(scene(count, root, gravity, loads, bare), n)
+    moving = len(s.q0) > count * n
+    oracle = Oracle(arm(count, bare), n, free=moving, centred=root == "free", gravity=gravity, loads=loads)
+    rng = np.random.default_rng(4)
+    q, v, a = rng.normal(size=(3, len(s.q0)))
+    return s, oracle, rng.normal(size=count + 3 * len(loads)), (q, v, a)
+
+
+def residual(s: Any, q: Any, v: Any, a: Any, u: Any) -> Any:
+    """The residual alone; poisoned, so that what is not written shows. S must be left as it is."""
+    r, S = np.full(len(q), np.nan), np.full(len(q) ** 2, 7.0)
+    kernels.assemble(SINGLE, s.model, s.par, q, v, a, u, 0.0, 0.0, 0.0, r, S)
+    assert (S == 7.0).all()
+    return r
+
+
+def test_residual(case: Any) -> None:
+    s, oracle, u, (q, v, a) = case
+    expected = oracle.residual(q, v, a, u)
+    assert residual(s, q, v, a, u) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+
+
+def test_tangent_and_solution(case: Any) -> None:
+    s, _, u, (q, v, a) = case
+    s.par[:2] *= 1.5  # an arm of its own: in free flight the coordinates are no longer its centre of mass
+    rows, cm, cc, ck = len(q), 1.3, 0.7, 2.1
+    r, S = np.full(rows, np.nan), np.full(rows * rows, np.nan)
+    kernels.assemble(SINGLE, s.model, s.par, q, v, a, u, cm, cc, ck, r, S)
+    assert r == pytest.approx(residual(s, q, v, a, u), rel=1e-14)
+
+    def slopes(f: Any, x: Any) -> Any:
+        return np.column_stack([(f(x + h) - f(x - h)) / 2e-6 for h in 1e-6 * np.eye(rows)])
+
+    expected = cm * slopes(lambda x: residual(s, q, v, x, u), a) + cc * slopes(lambda x: residual(s, q, x, a, u), v)
+    expected += ck * slopes(lambda x: residual(s, x, v, a, u), q)
+    matrix = S.reshape(rows, rows).copy()
+    assert matrix == pytest.approx(expected, abs=2e-9 * np.abs(expected).max())
+
+    kernels.assemble(SINGLE, s.model, s.par, q, v, a, u, 1e4, 1e2, 1.0, r, S)  # as in a step: the mass outweighs
+    pinned = 1 if rows > 4 else 0
+    kernels.pin(SINGLE, s.model, S, pinned)
+    matrix, x = S.reshape(rows, rows).copy(), r.copy()
+    assert (matrix[pinned] == np.eye(rows)[pinned]).all()
+    assert (matrix[:, pinned] == np.eye(rows)[pinned]).all()
+    kernels.factor(SINGLE, s.model, S)
+    kernels.solve(SINGLE, s.model, S, x)
+    assert matrix @ x == pytest.approx(r, abs=1e-9 * np.abs(r).max())
+
+
+def test_mass_matrix_is_the_hessian_of_kinetic_energy(case: Any) -> None:
+    s, _, u, (q, v, a) = case
+    s.par[:2] *= 1.5
+    rows = len(q)
+    rest = residual(s, q, v, 0.0 * a, u)
+    M = np.column_stack([residual(s, q, v, e, u) - rest for e in np.eye(rows)])
+
+    def kinetic(x: Any) -> float:
+        return float(kernels.energy(SINGLE, s.model, s.par, q, x)[0])
+
+    E = np.eye(rows)
+    hessian = [[kinetic(E[i] + E[j]) - kinetic(E[i]) - kinetic(E[j]) for j in range(rows)] for i in range(rows)]
+    assert pytest.approx(np.array(hessian), abs=1e-12 * np.abs(M).max()) == M
+
+
+def test_output(case: Any) -> None:
+    s, oracle, u, (q, v, _) = case
+    kinetic, strain, gravity = kernels.energy(SINGLE, s.model, s.par, q, v)
+    assert kinetic == pytest.approx(oracle.kinetic(q, v), rel=1e-12)
+    assert strain + gravity == pytest.approx(float(np.real(oracle.potential(q))), rel=1e-11)
+    lost = float(np.real(oracle.strain(v))) * 2.0 * oracle.arm.tau_d
+    assert kernels.dissipation(SINGLE, s.model, s.par, q, v) == pytest.approx(lost, rel=1e-11)
+    y = np.full(len(u), np.nan)
+    kernels.ports(SINGLE, s.model, s.par, q, y)
+    assert y == pytest.approx(np.real(oracle.ports(q)), abs=1e-12)
+    count = oracle.arm.n_links
+    out, points = np.full(12 * count, np.nan), np.full((100, 2), np.nan)
+    kernels.link_poses(SINGLE, s.model, s.par, q, v, out)
+    for pose, at, rate in zip(out.reshape(count, 12), oracle.walk(q), oracle.rates(q, v), strict=True):
+        root, tip = (at["root"], at["root_angle"]), (at["tip"], at["tip_angle"])
+        root_rate, tip_rate = (rate["root"], rate["root_angle"]), (rate["tip"], rate["tip_angle"])
+        parts = [*root, *root_rate, *tip, *tip_rate]
+        assert pose == pytest.approx(np.concatenate([np.atleast_1d(np.real(x)) for x in parts]), abs=1e-12)
+    used = kernels.shape(s.model, q, points)
+    assert used == 12 * count + 1
+    assert points[0] == pytest.approx(np.real(oracle.walk(q)[0]["root"]), abs=1e-12)
+    assert points[used - 1] == pytest.approx(np.real(oracle.walk(q)[-1]["tip"]), abs=1e-12)
+    assert np.isnan(points[used:]).all()
+    assert kernels.out_of_range(SINGLE, s.model, s.par, q) == 0.0
+
+
+def test_factor_on_stiffness() -> None:
+    """par: payload mass and inertia, factor on EI, tau_d are the arm's own."""
+    plain = system(scene(2, "pinned", None, ()), 4)
+    bent = Arm(
+        "arm",
+        tuple(replace(k, section=replace(k.section, EI=1.5 * k.section.EI)) for k in LINKS[:2]),
+        hub_inertia=0.05,
+        elbows=ELBOWS[:1],
+        payload=Payload(0.7, 0.01),
+        tau_d=0.03,
+    )
+    other = build(Scene("s", bent, duration=1.0, dt=0.01), Settings.make("elastica", nodes=4))
+    q, v, a = np.random.default_rng(5).normal(size=(3, 8))
+    u = np.array([0.3, -0.2])
+    plain.par[:] = [0.7, 0.01, 1.5, 0.03]
+    assert residual(plain, q, v, a, u) == pytest.approx(residual(other, q, v, a, u), rel=1e-12)
+
+
+def test_correction_of_the_period() -> None:
+    """It has no part in rigid motion, and `physical` takes it back."""
+    s, plain = system(scene(2, "pinned", None, ()), 5, dt=0.01), system(scene(2, "pinned", None, ()), 5)
+    q, v = np.random.default_rng(6).normal(size=(2, 10))
+    u, a, zero = np.zeros(2), np.zeros(10), np.zeros(10)
+    a[0] = 1.0
+    turn = np.concatenate([np.ones(5), [0.0], np.ones(4)])  # both links turn as one: joint 1 keeps its angle
+    difference = residual(s, q, v, turn, u) - residual(plain, q, v, turn, u)
+    assert difference == pytest.approx(zero, abs=1e-12)
+    assert np.abs(residual(s, q, v, a, u) - residual(plain, q, v, a, u)).max() > 1e-4
+    back = replace(s, model=physical(s.model))
+    assert residual(back, q, v, a, u) == pytest.approx(residual(plain, q, v, a, u), rel=1e-12)
