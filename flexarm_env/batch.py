@@ -36,6 +36,7 @@ from .kernels.program import (
     OVER,
     REASON,
     RETRY,
+    REWARD,
     RUNNING,
     STEP,
     SUCCESS,
@@ -43,6 +44,7 @@ from .kernels.program import (
     TARGET,
     TARGET_RATE,
     TIP,
+    TRUNCATED,
     Actuator,
     Controller,
     Layout,
@@ -209,6 +211,9 @@ class Batch:
         self.block = np.zeros((self.groups, self.layout.row))
         self.action = np.zeros((count, links), np.float32)
         self.observation = np.zeros((count, self.entries), np.float32)
+        size = (self.layout.saved - self.layout.info) // lanes
+        self.table = np.zeros((size, self.groups * lanes))
+        self.queue = np.zeros(count, np.int64)
         self.reward = np.zeros(count)
         self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.stream = np.zeros(count, np.uint64)
@@ -222,8 +227,8 @@ class Batch:
             sensors=self.extras.sensors, reference=self.extras.reference, layout=self.layout, entries=self.entries,
             books=(0,) if self.books else None, estimate=self.estimate, period=self.period,
             h=self.period / n_steps, n_steps=n_steps, n=count,
-            block=self.block.reshape(-1), action=self.action.reshape(-1),
-            observation=self.observation.reshape(-1), reward=self.reward,
+            block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
+            observation=self.observation.reshape(-1), table=self.table.reshape(-1), reward=self.reward,
             terminated=self.terminated.view(np.uint8), truncated=self.truncated.view(np.uint8),
             stream=self.stream, wish=self.wish, outside=self.outside,
         )  # fmt: skip
@@ -284,12 +289,14 @@ class Batch:
         assert len(q) == rows
         return q, v, u[:links]
 
-    def begin(self, i: int, key: int | None = None, *, limit: int, mode: int = RUNNING) -> None:
-        """A fresh start of arm i; key: 64 random bits that its draws and noise follow from (None: go on)."""
-        if key is not None:
-            self.stream[i] = key
-        self.record(i)[LIMIT] = limit
-        self._begin(self.address, i, mode)
+    def begin(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
+        """Fresh starts; keys: 64 random bits for each arm that its draws and noise follow from."""
+        for k, i in enumerate(arms):
+            self.queue[k], self.stream[i] = i, keys[k]
+        lanes, at = len(self.lane), self.layout.record + LIMIT * len(self.lane)
+        which = self.queue[: len(arms)]
+        self.block[which // lanes, at + which % lanes] = limit
+        self._begin(self.address, mode, len(arms))
 
     def witness(
         self, i: int, poses: Array, torques: Array, action: Array, energies: Array, code: int, gauges: Any = ()
@@ -353,6 +360,7 @@ class Batch:
         self.observation[i] = state["observation"]
         self.reward[i] = state["reward"]
         self.terminated[i], self.truncated[i] = state["terminated"], state["truncated"]
+        self.table[:, i] = self._mine(self.layout.info, self.layout.saved, i)
 
     def _parts(self, i: int) -> tuple[Array, Array]:
         """All that the block holds of arm i, views: the integrator's work, and the other sections."""
@@ -379,12 +387,9 @@ class Batch:
     # --- what info is made of --------------------------------------------------------------------
     def info(self, k: int, count: int | None = None) -> Array:
         """Entry k of info for all arms (n,), or entries k ... k + count - 1 (n, count); a fresh array."""
-        lanes = len(self.lane)
-        first = self.layout.info + k * lanes
         if count is None:
-            return self.block[:, first : first + lanes].reshape(-1)[: self.n].copy()
-        view = self.block[:, first : first + count * lanes].reshape(self.groups, count, lanes)
-        return np.ascontiguousarray(view.transpose(0, 2, 1)).reshape(-1, count)[: self.n]
+            return self.table[k, : self.n].copy()
+        return np.array(self.table[k : k + count, : self.n].T, order="C")
 
     def tail(self, k: int) -> Array:
         """Entry k of the tail of info for all arms (n,)."""
@@ -408,7 +413,8 @@ class Batch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        kept = {k: state[k] for k in ("block", "action", "observation", "reward", "terminated", "truncated", "stream")}
+        names = ("block", "action", "observation", "table", "reward", "terminated", "truncated", "stream")
+        kept = {k: state[k] for k in names}
         self._build()
         for name, values in kept.items():
             getattr(self, name)[...] = values
@@ -441,7 +447,7 @@ def _chunks(groups: int, parts: int) -> list[tuple[int, int]]:
 
 __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Controller", "DEFLECTION", "ENERGIES", "ERROR", "Extras",
-    "FRESH", "GUIDED", "HOLD", "IN_RANGE", "LIMIT", "MODE", "OVER", "REASON", "REASONS", "RUNNING", "Reach",
-    "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "TARGET_RATE", "TIP", "View",
-    "gauge_table", "scene_gauges", "standing_scene",
+    "FRESH", "GUIDED", "HOLD", "IN_RANGE", "LIMIT", "MODE", "OVER", "REASON", "REASONS", "REWARD", "RUNNING", "Reach",
+    "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "TARGET_RATE", "TIP",
+    "TRUNCATED", "View", "gauge_table", "scene_gauges", "standing_scene",
 ]  # fmt: skip

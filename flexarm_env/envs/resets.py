@@ -105,10 +105,10 @@ def begin(batch: Batch, i: int, key: int, plan: Plan, asked: Wishes, own: Guide 
     """Start arm i, in the batch or under its guide."""
     batch.wish[:] = asked.numbers
     if own is None:
-        batch.begin(i, key, limit=plan.limit, mode=mode)
+        batch.begin((i,), (key,), limit=plan.limit, mode=mode)
         return
     limit = own.limit if plan.max_steps is None else min(own.limit, plan.max_steps)
-    batch.begin(i, key, limit=limit, mode=GUIDED)
+    batch.begin((i,), (key,), limit=limit, mode=GUIDED)
     own.set_parameters(batch.parameters(i))
     poses, torques, energies = own.report()
     batch.witness(i, poses, torques, np.zeros(len(torques)), energies, -1, own.strains())

@@ -11,7 +11,19 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import IN_RANGE, MODE, OVER, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
+from ..batch import (
+    IN_RANGE,
+    MODE,
+    OVER,
+    REASON,
+    REASONS,
+    REWARD,
+    RUNNING,
+    STATUS_WORDS,
+    SUCCESS,
+    TRUNCATED,
+    View,
+)
 from .motion import Guide
 from .options import Plan, plan
 from .resets import begin, follow, guide_of, wishes
@@ -39,6 +51,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         self.observation_space = Box(-bounds, bounds, dtype=np.float32)
         self._renderer: Any = None
         self.guide: Guide | None = None
+        self._over = True
         self._bind()
 
     def _bind(self) -> None:
@@ -46,12 +59,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         batch = self.batch
         self._step, self._address = batch.compiled_step, batch.address
         self._action, self._shape = batch.action[0], batch.action[0].shape
-        self._seen, self._reward = batch.observation[0], batch.reward
-        self._terminated, self._truncated = batch.terminated, batch.truncated
-        layout = batch.layout
-        self._numbers = batch.block[0, layout.info : layout.saved]
-        self._tail = batch.tail_first
-        self._mode = batch.record(0)[MODE : MODE + 1]
+        self._seen, self._numbers, self._tail = batch.observation[0], batch.table[:, 0], batch.tail_first
         self._floats = tuple((e.name, e.first) for e in self.plan.entries if e.count is None)
         self._arrays = tuple((e.name, e.first, e.first + e.count) for e in self.plan.entries if e.count is not None)
 
@@ -73,13 +81,14 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         begin(self.batch, 0, key, self.plan, asked, own, RUNNING)
         if self.render_mode == "human":
             self.render()
-        return self._seen.copy(), self._info()
+        self._over = False
+        return self._seen.copy(), self._outcome()[0]
 
     def step(self, action: Array32) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
         """One control period. A wrong shape or kind of action is a ValueError, and nothing has moved."""
         if type(action) is not np.ndarray or action.dtype is not F32 or action.shape != self._shape:
             action = checked_action(action, self._shape)
-        if self._mode[0] == OVER:
+        if self._over:
             raise ResetNeeded("The episode has ended (or none has begun): call reset() first")
         self._action[:] = action
         if self.guide is None:
@@ -88,15 +97,12 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
             follow(self.batch, 0, self.guide)
         if self.render_mode == "human":
             self.render()
-        return (
-            self._seen.copy(),
-            self._reward.item(),
-            self._terminated.item(),
-            self._truncated.item(),
-            self._info(),
-        )
+        info, reward, terminated, truncated = self._outcome()
+        self._over = terminated or truncated
+        return self._seen.copy(), reward, terminated, truncated, info
 
-    def _info(self) -> dict[str, Any]:
+    def _outcome(self) -> tuple[dict[str, Any], float, bool, bool]:
+        """info, reward, terminated, truncated, from one copy of the numbers."""
         numbers = self._numbers.copy()
         values = numbers.tolist()
         tail = self._tail
@@ -111,7 +117,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
             info[name] = values[first]
         for name, first, last in self._arrays:
             info[name] = numbers[first:last]
-        return info
+        return info, values[tail + REWARD], reason != 0.0, values[tail + TRUNCATED] != 0.0
 
     def render(self) -> Any:
         """A picture (height, width, 3) uint8 in "rgb_array" mode; None otherwise."""
@@ -146,6 +152,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         """Continue from a state that `get_state` gave, in this or a like environment, bit for bit."""
         check_state(self.batch, state)
         self.np_random, self._np_random_seed, self.guide = put_state(self.batch, 0, state)
+        self._over = bool(self.batch.record(0)[MODE] == OVER)
 
     def linearize(self, discrete: float | None = None) -> LinearModel:
         """The linear model of the arm at its present state and torques (see `flexarm_env.linear.linearize`).
@@ -160,10 +167,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         return self.plan.period
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = (
-            "_step", "_address", "_action", "_shape", "_seen", "_reward", "_terminated", "_truncated", "_numbers",
-            "_mode",
-        )  # fmt: skip
+        bound = ("_step", "_address", "_action", "_shape", "_seen", "_numbers")
         return {k: v for k, v in vars(self).items() if k not in bound} | {"_renderer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -71,7 +71,6 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._renderers: list[Any] = []
         self._ended: list[int] = []
         self._guides: dict[int, Guide] = {}
-        self._nothing = np.full(self.kind.n_links + 3, np.nan)
 
     # --- gymnasium ---------------------------------------------------------------------------------
     def reset(
@@ -85,8 +84,8 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         """
         seeds = self._checked_seeds(seed)
         chosen, rest = self._checked_mask(options)
-        each = self._each_wishes(chosen, rest)
-        guides = {i: own for i, asked in each.items() if (own := guide_of(self.plan, asked)) is not None}
+        each = None if rest is None and self.plan.motion is None else self._each_wishes(chosen, rest)
+        guides = {i: own for i, asked in (each or {}).items() if (own := guide_of(self.plan, asked)) is not None}
         for i in chosen:
             if seeds[i] is not None:
                 self._seed(i, seeds[i])
@@ -187,15 +186,18 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         guides: dict[int, Guide] | None = None,
     ) -> None:
         """Start episodes of these arms, with what is asked for and the guides of those whose motion is prescribed."""
-        batch, plain = self.batch, Wishes(self._nothing)
-        for i in arms:
-            key = int(self._generator(i).bit_generator.random_raw())
+        keys = [int(self._generator(i).bit_generator.random_raw()) for i in arms]
+        if self._guides:
+            self._guides = {i: own for i, own in self._guides.items() if i not in set(arms)}
+        if asked is None:
+            self.batch.wish[:] = np.nan
+            self.batch.begin(arms, keys, limit=self.plan.limit, mode=mode)
+            return
+        for i, key in zip(arms, keys, strict=True):
             own = None if guides is None else guides.get(i)
             if own is not None:
                 self._guides[i] = own
-            elif self._guides:
-                self._guides.pop(i, None)
-            begin(batch, i, key, self.plan, plain if asked is None else asked[i], own, mode)
+            begin(self.batch, i, key, self.plan, asked[i], own, mode)
 
     def _start_again(self, mode: int) -> None:
         """New episodes of the arms whose episodes have ended, without options."""
@@ -288,8 +290,9 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         if only is not None:
             for name, values in infos.items():
                 infos[name] = _blanked(values, only)
+        mask = np.ones(n, np.bool_) if only is None else only
         for name in list(infos):
-            infos[f"_{name}"] = np.ones(n, np.bool_) if only is None else only.copy()
+            infos[f"_{name}"] = mask.copy()
         return infos
 
 

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from ..model import NEWTON_FAILED, NOT_FINITE, OK
+from ..model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
 from .actuator import drive
 from .address import follow
 from .arithmetic import put
@@ -36,9 +36,11 @@ from .program import (
     OVER,
     REASON,
     RETRY,
+    REWARD,
     RUNNING,
     STEP,
     SUCCESS,
+    TRUNCATED,
 )
 from .protocol import energy, link_poses, out_of_range, size
 from .sensors import read_gauges, sense
@@ -194,7 +196,7 @@ def _close(lane, p, g, w, record, seen, info, saved, pair):  # type: ignore[no-u
     for i in range(lanes):
         arm = g * lanes + i
         if arm >= p.n:
-            break
+            continue
         mode, reason = record[MODE * lanes + i], w.flag[i]
         if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
@@ -211,7 +213,16 @@ def _close(lane, p, g, w, record, seen, info, saved, pair):  # type: ignore[no-u
             record[MODE * lanes + i] = float(RUNNING)
         elif mode == GUIDED:
             count += 1
+    show(lane, g, p.block.shape[0] // p.layout.row, info, p.table)
     return count
+
+
+@kernel
+def show(lane, g, groups, info, table):  # type: ignore[no-untyped-def]
+    """The info of group g into the caller's table."""
+    column = table[g * len(lane) :]
+    for k in range(info.shape[0] // len(lane)):
+        store(column, k * groups, load(lane, info, k))
 
 
 @kernel
@@ -226,6 +237,8 @@ def settle(lanes, p, arm, reward, reason, record, seen, info):  # type: ignore[n
         for k in range(tail - n_terms, tail):
             info[k * lanes + i] = 0.0
         reward = 0.0
+    if reason == OUT_OF_RANGE:
+        info[(tail + IN_RANGE) * lanes + i] = 0.0
     lost = 0.0
     if reason != OK:
         lost = -task.weights[n_terms - 1]
@@ -234,6 +247,8 @@ def settle(lanes, p, arm, reward, reason, record, seen, info):  # type: ignore[n
     steps = record[STEP * lanes + i] + 1.0
     record[STEP * lanes + i] = steps
     over = steps > record[LIMIT * lanes + i] - 0.5
+    info[(tail + REWARD) * lanes + i] = reward + lost
+    info[(tail + TRUNCATED) * lanes + i] = 1.0 if over else 0.0
     p.reward[arm] = reward + lost
     p.terminated[arm] = np.uint8(reason != OK)
     p.truncated[arm] = np.uint8(over)

@@ -16,9 +16,10 @@ RUNNING, OVER, FRESH, GUIDED = range(4)
 
 SUCCESS, TIP, DEFLECTION = 0, 1, 3
 """First entries of info: success, tip x y; then come tip deflections, target, torques, reward terms, the tail."""
-IN_RANGE, ERROR, REASON, ENERGIES = 0, 1, 2, 3
-"""Entries of the tail of info: in range, error estimate, reason, then kinetic, strain, gravity, dissipated, work."""
-TAIL = 8
+IN_RANGE, ERROR, REASON, ENERGIES, REWARD, TRUNCATED = 0, 1, 2, 3, 8, 9
+"""Entries of the tail of info: in range, error estimate, reason, kinetic, strain, gravity, dissipated, work, reward,
+truncated (1 or 0)."""
+TAIL = 10
 
 ACTION_NOT_FINITE, JOINT_LIMIT, RETRY = 100, 101, 102
 """Reasons for an end beside the status codes of `model`; RETRY: to be repeated alone."""
@@ -114,9 +115,11 @@ class Program(NamedTuple):
     block: np.ndarray  # (groups row,)
     action: np.ndarray  # (n A,) float32
     observation: np.ndarray  # (n O,) float32
+    table: np.ndarray  # (I groups L,): info once more, entry by entry, for the caller to read
     reward: np.ndarray  # (n,)
     terminated: np.ndarray  # (n,) uint8
     truncated: np.ndarray  # (n,) uint8
     stream: np.ndarray  # (n,) uint64
+    queue: np.ndarray  # (n,) int64: arms to be started
     wish: np.ndarray  # (A + 3,): start angles, target, vibration wished for; NaN: drawn
     outside: np.ndarray  # (12 A + 2 A + 6,): poses, torques, actions, energies and range of a guided arm

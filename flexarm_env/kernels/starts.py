@@ -8,7 +8,7 @@ import numpy as np
 
 from ..model import OK
 from .address import follow
-from .environment import note_energies, settle, tail_of
+from .environment import note_energies, settle, show, tail_of
 from .jit import kernel
 from .lanes import load, splat, store
 from .program import (
@@ -35,12 +35,14 @@ _ONE, _PAIR, _MANY, _OWN = (0,), (0, 0), (0,) * (GOAL + 8), (0,) * 16
 
 
 @kernel
-def begin(address, arm, mode):  # type: ignore[no-untyped-def]
-    """A fresh start of one arm, drawn from its stream, in a mode."""
+def begin(address, mode, count):  # type: ignore[no-untyped-def]
+    """Fresh starts of the arms p.queue[:count], drawn from their streams, in a mode."""
     p = follow(address)
-    g = arm // len(p.lane)
-    block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
-    _start(p.lane, p, arm, mode, block, unpack(p.lane, p.model, block, 0))
+    for k in range(count):
+        arm = p.queue[k]
+        g = arm // len(p.lane)
+        block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
+        _start(p.lane, p, arm, mode, block, unpack(p.lane, p.model, block, 0))
 
 
 @kernel
@@ -73,6 +75,7 @@ def _start(lane, p, arm, mode, block, w):  # type: ignore[no-untyped-def]
     _open(lanes, p, arm, block, 1.0)
     note_energies(lane, p.books, task, p.model, par, record, w, live, info)
     _sight(lane, p, arm, live, record, action, poses, seen, info)
+    show(lane, arm // lanes, p.block.shape[0] // p.layout.row, info, p.table)
 
 
 @kernel
@@ -214,4 +217,5 @@ def _witness(lane, p, arm, code, block):  # type: ignore[no-untyped-def]
             info[(tail + ENERGIES + k) * lanes + i] = outside[14 * n + k]
     if code >= OK:
         settle(lanes, p, arm, pair[i], reason, record, seen, info)
+    show(lane, arm // lanes, p.block.shape[0] // p.layout.row, info, p.table)
 

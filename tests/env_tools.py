@@ -1,0 +1,81 @@
+"""What the tests of the environments share: the two ids, exact comparison, an episode."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import flexarm_env  # noqa: F401  (registers the ids)
+
+IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
+
+RANDOM = {"payload": (0.5, 2.0), "EI": (0.7, 1.3), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1)}
+
+STANDARD = {
+    "is_success", "tip_position", "tip_deflection", "target", "hub_torque", "joint_torque", "in_range",
+    "error_estimate", "solver_status", "termination_reason",
+}  # fmt: skip
+ENERGIES = {"energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated", "work"}
+
+
+def assert_same(a: Any, b: Any, path: str = "") -> None:
+    """Equal to the last bit, with equal types; inside dicts, tuples and arrays of objects too."""
+    assert type(a) is type(b), f"{path}: {type(a)} and {type(b)}"
+    if isinstance(a, dict):
+        assert set(a) == set(b), f"{path}: {set(a) ^ set(b)}"
+        for key in a:
+            assert_same(a[key], b[key], f"{path}.{key}")
+    elif isinstance(a, tuple | list):
+        assert len(a) == len(b), path
+        for k, (x, y) in enumerate(zip(a, b, strict=True)):
+            assert_same(x, y, f"{path}[{k}]")
+    elif isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype and a.shape == b.shape, f"{path}: {a.dtype}{a.shape} and {b.dtype}{b.shape}"
+        if a.dtype == object:
+            assert_same(list(a), list(b), path)
+        else:
+            assert np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes(), f"{path}: {a} and {b}"
+    else:
+        assert a == b, f"{path}: {a} and {b}"
+
+
+def episode(env: gym.Env[Any, Any], seed: int, steps: int, **options: Any) -> list[Any]:
+    """Everything that reset and `steps` steps under random actions return."""
+    rng = np.random.default_rng(seed)
+    outcomes: list[Any] = [env.reset(seed=seed, options=options or None)]
+    for _ in range(steps):
+        action = rng.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
+        outcomes.append(env.step(action))
+        if outcomes[-1][2] or outcomes[-1][3]:
+            break
+    return outcomes
+
+
+def pair(env_id: str, n: int, mode: str = "NextStep", threads: int = 1, **kwargs: Any) -> tuple[Any, Any]:
+    """The environment as n single ones in a SyncVectorEnv, and as a native vector."""
+    sync = gym.make_vec(
+        env_id, num_envs=n, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **kwargs
+    )
+    native = gym.make_vec(env_id, num_envs=n, autoreset_mode=mode, threads=threads, **kwargs)
+    return sync, native
+
+
+def assert_pair_same(pair_: tuple[Any, Any], steps: int, seed: int = 3, scale: float = 1.3) -> int:
+    """Both give the same bits over resets and steps; returns how many episodes ended."""
+    sync, native = pair_
+    assert_same(sync.reset(seed=seed), native.reset(seed=seed), "reset")
+    rng, ended = np.random.default_rng(seed), 0
+    disabled = native.metadata["autoreset_mode"] is gym.vector.AutoresetMode.DISABLED
+    for k in range(steps):
+        actions = rng.uniform(-scale, scale, native.action_space.shape).astype(np.float32)
+        one, other = sync.step(actions), native.step(actions)
+        assert_same(one, other, f"step {k}")
+        over = one[2] | one[3]
+        ended += int(over.sum())
+        if disabled and over.any():
+            assert_same(
+                sync.reset(options={"reset_mask": over}), native.reset(options={"reset_mask": over}), f"reset {k}"
+            )
+    return ended

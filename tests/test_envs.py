@@ -1,0 +1,375 @@
+"""The single environments: Gymnasium's rules, the specification in the docstrings, errors."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import flexarm_env
+from flexarm_env import arms
+from flexarm_env.envs.task import REWARDS, inertia_beyond
+from tests.env_tools import ENERGIES, IDS, RANDOM, STANDARD, assert_same, episode
+
+
+@pytest.fixture(scope="module", params=IDS)
+def env(request: pytest.FixtureRequest) -> Any:
+    made = gym.make(request.param, info_level="full")
+    yield made
+    made.close()
+
+
+# ---------------------------------------------------------------------------------------- Gymnasium's rules
+@pytest.mark.parametrize("env_id", IDS)
+def test_check_env_without_a_warning(env_id: str) -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_stable_baselines_check_env_without_a_warning(env_id: str) -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact", "floating_frame", "modes"])
+@pytest.mark.parametrize("env_id", IDS)
+def test_check_env_with_every_formulation(env_id: str, formulation: str) -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    options: dict[str, Any] = {"formulation": formulation}
+    if formulation == "modes":
+        options = {"formulation": "floating_frame", "modes": 2}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(env_id, **options).unwrapped, skip_render_check=True)
+
+
+def test_registered_with_strings_and_without_a_time_limit() -> None:
+    for env_id in IDS:
+        spec = gym.spec(env_id)
+        assert isinstance(spec.entry_point, str)
+        assert isinstance(spec.vector_entry_point, str)
+        assert spec.max_episode_steps is None
+        made = gym.make(f"flexarm_env:{env_id}")
+        assert made.spec is not None and made.spec.id == env_id
+
+
+def test_same_seed_same_bits_other_seed_other_bits(env: Any) -> None:
+    first, second, other = episode(env, 5, 20), episode(env, 5, 20), episode(env, 6, 20)
+    assert_same(first, second)
+    assert not np.array_equal(first[0][0], other[0][0])
+
+
+def test_fresh_objects_every_step(env: Any) -> None:
+    outcomes = episode(env, 1, 3)
+    assert len({id(o[0]) for o in outcomes}) == len({id(o[-1]) for o in outcomes}) == len(outcomes)
+    arrays = [o[-1]["tip_position"] for o in outcomes]
+    before = [a.copy() for a in arrays]
+    env.step(env.action_space.sample())
+    assert all(np.array_equal(a, b) for a, b in zip(arrays, before, strict=True))
+
+
+def test_info_has_the_same_keys_and_types_throughout(env: Any) -> None:
+    outcomes = episode(env, 2, 10)
+    wanted = STANDARD | ENERGIES | {f"reward_{name}" for name in REWARDS}
+    kinds = {key: type(value) for key, value in outcomes[0][-1].items()}
+    assert set(kinds) == wanted
+    for outcome in outcomes:
+        assert {key: type(value) for key, value in outcome[-1].items()} == kinds
+        for value in outcome[-1].values():
+            assert not isinstance(value, np.ndarray) or value.dtype == np.float64
+    plain = gym.make(env.spec.id)
+    assert set(plain.reset(seed=0)[1]) == wanted - ENERGIES
+
+
+# ---------------------------------------------------------------------------------------- the specification
+def turned(angle: float, vector: np.ndarray) -> np.ndarray:
+    """Components of a vector in the frame at an angle."""
+    return np.array(
+        [
+            math.cos(angle) * vector[0] + math.sin(angle) * vector[1],
+            math.cos(angle) * vector[1] - math.sin(angle) * vector[0],
+        ]
+    )
+
+
+def expected_observation(env: Any) -> np.ndarray:
+    """The docstring's table, computed from link poses."""
+    plain = env.unwrapped
+    view, plan = plain.batch.view(0), plain.plan
+    poses, target = view.poses, view.target
+    bends, rates = [], []
+    for k, link in enumerate(plan.arm.links):
+        p = poses[k]
+        chord, speed = p[6:8] - p[0:2], p[9:11] - p[3:5]
+        along, normal = turned(p[2], chord)
+        bends.append(normal / link.length)
+        rates.append((turned(p[2], speed)[1] - p[5] * along) / link.length)
+    tip, velocity = poses[-1, 6:8], poses[-1, 9:11]
+    if plan.kind.n_links == 1:
+        hub, rate = poses[0, 2], poses[0, 5]
+        angle = math.atan2(tip[1], tip[0])
+        error = target[0] - angle
+        error -= 2 * math.pi * round((error - (target[0] - hub)) / (2 * math.pi))
+        values = [math.sin(hub), math.cos(hub), rate, bends[0], rates[0], error]
+    else:
+        angles = [poses[0, 2], poses[1, 2] - poses[0, 8]]
+        spins = [poses[0, 5], poses[1, 5] - poses[0, 11]]
+        sines = [f(a) for a in angles for f in (math.sin, math.cos)]
+        way = turned(angles[0], target - tip)
+        values = [*sines, *spins, *bends, *rates, *turned(angles[0], velocity), *way]
+    return np.clip(np.array(values) / np.array(plan.scales), -10.0, 10.0)
+
+
+def test_observation_is_that_of_the_docstring(env: Any) -> None:
+    rng = np.random.default_rng(0)
+    observation, _ = env.reset(seed=11)
+    for _ in range(40):
+        assert observation.dtype == np.float32
+        assert env.observation_space.contains(observation)
+        np.testing.assert_allclose(observation, expected_observation(env), rtol=2e-6, atol=2e-6)
+        observation = env.step(rng.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0]
+
+
+def test_scales_are_those_of_the_docstring() -> None:
+    w = math.sqrt(2.0 * math.pi / 2 / inertia_beyond(arms.named("strip"), 0))
+    assert w == pytest.approx(3.029, abs=5e-4)
+    one = gym.make("FlexibleArm-v0").unwrapped
+    assert one.plan.scales == pytest.approx((1, 1, w, 0.1, 0.3 * w, 1))
+    two = gym.make("TwoLinkFlexArm-v0").unwrapped
+    assert two.plan.scales[4:6] == pytest.approx((1.595, 2.371), abs=5e-4)
+    assert len(two.plan.scales) == len(two.plan.names) == 14
+
+
+def test_reward_is_the_sum_of_bounded_terms(env: Any) -> None:
+    weights = dict(zip(REWARDS, env.unwrapped.plan.rewards, strict=True))
+    for observation, reward, terminated, _, info in episode(env, 4, 150)[1:]:
+        terms = {name: info[f"reward_{name}"] for name in REWARDS}
+        assert reward == pytest.approx(sum(terms.values()), abs=1e-12)
+        for name in ("accuracy", "settle"):
+            assert 0.0 <= terms[name] <= weights[name]
+        for name in ("distance", "effort", "vibration", "failure"):
+            assert -weights[name] * (2 if name == "effort" else 1) <= terms[name] <= 0.0
+        if env.unwrapped.plan.kind.n_links == 1:
+            error = float(observation[5])
+            assert terms["accuracy"] == pytest.approx(0.5 * math.exp(-((error / 0.1) ** 2)), abs=1e-5)
+            assert terms["distance"] == pytest.approx(-0.5 * min(abs(error), 1.0), abs=1e-6)
+        else:
+            distance = float(np.linalg.norm(info["target"] - info["tip_position"]))
+            assert terms["accuracy"] == pytest.approx(0.5 * math.exp(-((distance / 0.1) ** 2)), abs=1e-9)
+            assert terms["distance"] == pytest.approx(-0.5 * min(distance, 1.0), abs=1e-9)
+        if terminated:
+            break
+
+
+def test_starts_and_targets_lie_where_they_should() -> None:
+    one, two = gym.make("FlexibleArm-v0"), gym.make("TwoLinkFlexArm-v0")
+    straight = 0
+    for seed in range(200):
+        observation, info = one.reset(seed=seed)
+        assert abs(observation[5]) <= math.pi / 2 + 1e-6
+        assert np.all(observation[2:5] == 0.0) or np.abs(observation[2:5]).max() < 1e-12
+        observation, info = two.reset(seed=seed)
+        distance, bearing = np.hypot(*info["target"]), math.atan2(info["target"][1], info["target"][0])
+        assert 0.3 <= distance <= 0.95
+        assert abs(bearing) <= 2 * math.pi / 3
+        hub, elbow = math.atan2(*observation[0:2]), math.atan2(*observation[2:4])
+        assert abs(hub) <= 1.0 + 1e-6
+        assert abs(elbow) <= 1.8 + 1e-6
+        straight += hub == 0.0 and elbow == 0.0
+    assert 70 <= straight <= 130
+
+
+def test_success_needs_half_a_second_in_the_band() -> None:
+    env = gym.make("FlexibleArm-v0")
+    _, info = env.reset(seed=0, options={"start": 0.3, "target": 0.3})
+    assert info["is_success"] is False
+    flags = [env.step(np.zeros(1, np.float32))[-1]["is_success"] for _ in range(30)]
+    assert flags.index(True) == 24  # 0.5 s after the first instant
+    assert all(flags[24:])
+    env.reset(seed=0, options={"start": 0.3, "target": 0.33})
+    assert not any(env.step(np.zeros(1, np.float32))[-1]["is_success"] for _ in range(60))
+
+
+def test_episodes_end_after_their_duration() -> None:
+    cases = (({}, 200), ({"duration": 0.5}, 25), ({"max_episode_steps": 7}, 7), ({"control_dt": 0.04}, 100))
+    for kwargs, length in cases:
+        env = gym.make("FlexibleArm-v0", **kwargs)
+        outcomes = episode(env, 0, 1000)
+        assert len(outcomes) - 1 == length
+        assert outcomes[-1][3] is True
+        assert outcomes[-1][2] is False
+
+
+def test_joint_limits_end_an_episode() -> None:
+    env = gym.make("TwoLinkFlexArm-v0")
+    env.reset(seed=0, options={"start": [0.0, 1.8], "target": [0.5, 0.0]})
+    for _ in range(400):
+        _, reward, terminated, _, info = env.step(np.array([0.0, 1.0], np.float32))
+        if terminated:
+            break
+    assert info["termination_reason"] == "joint_limit"
+    assert info["solver_status"] == "ok"
+    assert info["reward_failure"] == -5.0
+    assert reward < -4.0
+    free = gym.make("TwoLinkFlexArm-v0", joint_limits=None)
+    free.reset(seed=0, options={"start": [0.0, 1.8], "target": [0.5, 0.0]})
+    assert not any(free.step(np.array([0.0, 1.0], np.float32))[2] for _ in range(200))
+
+
+def test_energy_books_balance() -> None:
+    env = gym.make("FlexibleArm-v0", info_level="full")
+    _, info = env.reset(seed=3)
+    rng, gross = np.random.default_rng(3), 0.0
+    start = info["energy_kinetic"] + info["energy_strain"]
+    for _ in range(200):
+        before = info["work"]
+        info = env.step(rng.uniform(-1, 1, 1).astype(np.float32))[-1]
+        gross += abs(info["work"] - before)
+        energy = info["energy_kinetic"] + info["energy_strain"] + info["energy_gravity"]
+        assert abs(energy - start + info["energy_dissipated"] - info["work"]) < 0.02 * (gross + 1e-3)
+
+
+def test_arms_and_formulations_by_name_and_value() -> None:
+    env = gym.make("TwoLinkFlexArm-v0", arm="quanser_2dsfl")
+    assert env.unwrapped.plan.arm.name == "quanser_2dsfl"
+    own = arms.named("strip")
+    assert gym.make("FlexibleArm-v0", arm=own).unwrapped.plan.arm == own
+    assert flexarm_env.Arm is type(own)
+
+
+# ---------------------------------------------------------------------------------------- what is not allowed
+@pytest.mark.parametrize(
+    ("kwargs", "words"),
+    [
+        ({"colour": "red"}, ("colour", "unknown argument")),
+        ({"control_dt": 0.0}, ("control_dt = 0.0", "positive")),
+        ({"dt": 0.003}, ("dt = 0.003", "whole number")),
+        ({"formulation": "elastica", "segments": 3}, ("segments", "floating_frame")),
+        ({"arm": "de_luca_siciliano"}, ("arm", "1 link")),
+        ({"arm": "no_such_arm"}, ("no_such_arm", "strip")),
+        ({"action_mode": "voltage"}, ("action_mode", "torque", "residual_pd")),
+        ({"task": "juggle"}, ("task", "slew", "track", "replay")),
+        ({"reference": [[0, 0], [1, 1]]}, ("reference", 'task="track"')),
+        ({"reward": {"glory": 1.0}}, ("reward.glory", "accuracy")),
+        ({"randomization": {"payload": (2.0, 0.5)}}, ("randomization.payload", "low")),
+        ({"randomization": {"colour": (1, 2)}}, ("randomization.colour", "payload")),
+        ({"sensors": {"delay": 0.01}}, ("sensors.delay = 0.01", "control_dt")),
+        ({"sensors": {"noise": {"hub": 1.0}}}, ("sensors.noise.hub", "hub_rate")),
+        ({"sensors": {"strain_gauges": [1.5]}}, ("strain_gauges[0]", "1")),
+        ({"actuator": {"lag": -1.0}}, ("actuator.lag = -1.0",)),
+        ({"actuator": {"coulomb": 5.0}}, ("friction too stiff", "dt")),
+        ({"info_level": "loud"}, ("info_level", "full")),
+        ({"render_mode": "ascii"}, ("render_mode", "rgb_array")),
+        ({"initial_vibration": 2.0}, ("initial_vibration = 2.0",)),
+    ],
+)
+def test_a_wrong_argument_is_named(kwargs: dict[str, Any], words: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError) as error:
+        gym.make("FlexibleArm-v0", **kwargs)
+    for word in words:
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"colour": 1}, ("options.colour", "target", "motion")),
+        ({"target": [0.99, 0.99]}, ("options.target", "within reach")),
+        ({"target": [0.5, math.nan]}, ("options.target[1]", "finite")),
+        ({"start": [0.0, 3.0]}, ("options.start[1] = 3.0", "limits")),
+        ({"start": 0.0}, ("options.start",)),
+        ({"motion": {"joint2": "robot_arm_motion"}}, ("options.motion.joint2", "joint1")),
+        ({"motion": "no_such_motion"}, ("no_such_motion", "two_link_motion")),
+        ({"motion": "flying_rod"}, ("options.motion", "free")),
+        ({"motion": [[0.0, 0.0], [0.0, 1.0]]}, ("options.motion", "t[1]")),
+        ({"interpolation": "linear"}, ("options.interpolation", "options.motion")),
+    ],
+)
+def test_a_wrong_option_is_named_and_changes_nothing(options: dict[str, Any], words: tuple[str, ...]) -> None:
+    env = gym.make("TwoLinkFlexArm-v0").unwrapped
+    env.reset(seed=1)
+    env.step(np.zeros(2, np.float32))
+    before = env.get_state()
+    with pytest.raises(ValueError) as error:
+        env.reset(seed=2, options=options)
+    for word in words:
+        assert word in str(error.value)
+    after = env.get_state()
+    assert_same(before["arm"], after["arm"])
+    assert before["generator"].bit_generator.state == after["generator"].bit_generator.state
+
+
+@pytest.mark.parametrize(
+    "action", [np.zeros(3, np.float32), np.float32(0.0), "up", np.array([0.0, 1j]), None, [[0.0, 0.0]]]
+)
+def test_an_action_of_a_wrong_shape_or_kind_moves_nothing(action: Any) -> None:
+    env = gym.make("TwoLinkFlexArm-v0").unwrapped
+    env.reset(seed=1)
+    before = env.get_state()["arm"]
+    with pytest.raises(ValueError, match="action"):
+        env.step(action)
+    assert_same(before, env.get_state()["arm"])
+
+
+def test_actions_beyond_one_are_clipped_and_other_kinds_of_numbers_taken(env: Any) -> None:
+    n = env.action_space.shape[0]
+    outcomes = []
+    for action in (np.full(n, 1.0, np.float32), np.full(n, 7.0, np.float32), [1] * n, np.full(n, 1.0)):
+        env.reset(seed=9)
+        outcomes.append(env.step(action))
+    for other in outcomes[1:]:
+        assert_same(outcomes[0], other)
+
+
+def test_an_action_that_is_not_finite_ends_the_episode_where_it_was(env: Any) -> None:
+    for bad in (math.nan, math.inf):
+        env.reset(seed=1)
+        last = env.step(env.action_space.sample())
+        state = env.unwrapped.batch.motion(0)
+        observation, reward, terminated, truncated, info = env.step(np.full(env.action_space.shape, bad, np.float32))
+        assert terminated and not truncated
+        assert info["termination_reason"] == "action_not_finite"
+        assert reward == info["reward_failure"] == -5.0
+        assert_same(observation, last[0])
+        assert_same(info["tip_position"], last[-1]["tip_position"])
+        for a, b in zip(state[:2], env.unwrapped.batch.motion(0)[:2], strict=True):
+            assert_same(a, b)
+        with pytest.raises(gym.error.ResetNeeded):
+            env.step(env.action_space.sample())
+
+
+def test_a_solver_that_fails_ends_the_episode_with_a_reason() -> None:
+    env = gym.make("FlexibleArm-v0", max_iterations=1, tolerance=1e-14, max_halvings=0)
+    observation, _ = env.reset(seed=0)
+    after, reward, terminated, _, info = env.step(np.ones(1, np.float32))
+    assert terminated
+    assert info["termination_reason"] == info["solver_status"] == "newton_failed"
+    assert_same(after, observation)
+    assert math.isfinite(reward)
+    env.reset(seed=0)
+
+
+def test_randomization_is_always_from_the_nominal_arm() -> None:
+    env = gym.make("FlexibleArm-v0", randomization=RANDOM).unwrapped
+    seen = []
+    for seed in range(50):
+        env.reset(seed=seed)
+        seen.append(env.batch.parameters(0))
+    table = np.array(seen)
+    nominal = env.batch.system.par
+    assert np.all(table[:, 0] >= 0.5 * nominal[0]) and np.all(table[:, 0] <= 2.0 * nominal[0])
+    assert np.all(table[:, 2] >= 0.7) and np.all(table[:, 2] <= 1.3)
+    assert np.all(table[:, 3] >= 0.5 * nominal[3]) and np.all(table[:, 3] <= 2.0 * nominal[3])
+    assert len(np.unique(table[:, 0])) == 50

@@ -1,0 +1,238 @@
+"""States gone back to, copies, pickles; other processes and threads."""
+
+from __future__ import annotations
+
+import copy
+import multiprocessing
+import pickle
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.env_tools import IDS, RANDOM, assert_same, pair
+
+CASES: list[dict[str, Any]] = [
+    {},
+    {
+        "randomization": RANDOM,
+        "sensors": {"noise": 0.01, "delay": 0.04},
+        "actuator": {"lag": 0.01, "delay": 0.0225, "coulomb": 0.01},
+        "info_level": "full",
+    },
+]
+
+
+def actions(n: int, shape: tuple[int, ...], seed: int = 0) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-1, 1, shape).astype(np.float32) for _ in range(n)]
+
+
+def steps(env: Any, moves: list[np.ndarray]) -> list[Any]:
+    """Outcomes, with a reset where an episode ends."""
+    outcomes = []
+    for move in moves:
+        outcomes.append(env.step(move))
+        if isinstance(env.unwrapped, gym.Env) and (outcomes[-1][2] or outcomes[-1][3]):
+            outcomes.append(env.reset())
+    return outcomes
+
+
+@pytest.mark.parametrize("kwargs", CASES, ids=["plain", "features"])
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_restored_episode_continues_bit_for_bit(env_id: str, kwargs: dict[str, Any]) -> None:
+    env = gym.make(env_id, duration=0.5, **kwargs).unwrapped
+    env.reset(seed=0)
+    moves = actions(40, env.action_space.shape)
+    steps(env, moves[:10])
+    state = pickle.loads(pickle.dumps(env.get_state()))
+    first = steps(env, moves)
+    env.reset(seed=5)
+    for _ in range(2):
+        env.set_state(state)
+        assert_same(first, steps(env, moves))
+    twin = gym.make(env_id, duration=0.5, **kwargs).unwrapped
+    twin.set_state(state)
+    assert_same(first, steps(twin, moves))
+
+
+def test_a_motion_episode_is_restored_too() -> None:
+    env = gym.make("FlexibleArm-v0").unwrapped
+    env.reset(seed=0, options={"motion": [[0.0, 0.0], [0.3, 0.5], [0.6, 0.1]], "interpolation": "linear"})
+    moves = actions(15, (1,))
+    steps(env, moves[:5])
+    state = env.get_state()
+    first = steps(env, moves)
+    env.reset(seed=1)
+    env.set_state(pickle.loads(pickle.dumps(state)))
+    assert_same(first, steps(env, moves))
+
+
+def test_states_pass_between_single_and_vector_environments() -> None:
+    single = gym.make("TwoLinkFlexArm-v0").unwrapped
+    vector = gym.make_vec("TwoLinkFlexArm-v0", num_envs=5)
+    vector.reset(seed=0)
+    moves = actions(20, (5, 2))
+    steps(vector, moves)
+    states = vector.get_state([1, 3])
+    single.reset(seed=9)
+    single.set_state(states[1])
+    for move in moves[:5]:
+        assert_same(vector.step(move)[0][3], single.step(move[3])[0])
+    vector.set_state(states, [0, 4])
+    vector.set_state(states, [1, 3])
+    outcome = vector.step(np.broadcast_to(moves[0][:1], (5, 2)).copy())
+    assert_same(outcome[0][0], outcome[0][1])
+    assert_same(outcome[0][3], outcome[0][4])
+    with pytest.raises(ValueError, match="states"):
+        vector.set_state(states, [0])
+    with pytest.raises(ValueError, match="indices"):
+        vector.get_state([7])
+
+
+def test_a_state_of_another_kind_is_refused() -> None:
+    one, other = gym.make("FlexibleArm-v0").unwrapped, gym.make("TwoLinkFlexArm-v0").unwrapped
+    one.reset(seed=0)
+    other.reset(seed=0)
+    before = one.get_state()
+    for wrong in (other.get_state(), {"arm": 1}, None):
+        with pytest.raises(ValueError, match="state"):
+            one.set_state(wrong)
+    assert_same(before["arm"], one.get_state()["arm"])
+
+
+def pickled(env: Any) -> Any:
+    return pickle.loads(pickle.dumps(env))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickled], ids=["deepcopy", "pickle"])
+@pytest.mark.parametrize("env_id", IDS)
+def test_copies_go_on_alike_and_apart(env_id: str, copied: Callable[[Any], Any]) -> None:
+    for env in (gym.make(env_id, duration=0.3, randomization=RANDOM), gym.make_vec(env_id, num_envs=5, duration=0.3)):
+        env.reset(seed=0)
+        shape = env.action_space.shape
+        steps(env, actions(5, shape))
+        twin = copied(env)
+        moves = actions(25, shape, seed=1)
+        assert_same(steps(twin, moves), steps(env, moves))
+
+
+def test_linear_model_at_the_present_state() -> None:
+    """One control period of the linear model against the environment, for a small torque about a bent, moving state."""
+    env = gym.make("FlexibleArm-v0", tolerance=1e-11).unwrapped
+    env.reset(seed=0)
+    for move in actions(20, (1,)):
+        env.step(move)
+    env.step(np.array([0.1], np.float32))
+    model = env.linearize(discrete=env.dt)
+    state = env.get_state()
+    ends = []
+    for torque in (0.1, 0.1 + 1e-3):
+        env.set_state(state)
+        env.step(np.array([torque], np.float32))
+        ends.append(env.batch.motion(0))
+    change = (ends[1][0] - ends[0][0]) / (np.float32(0.1 + 1e-3) - np.float32(0.1)) / 2.0
+    np.testing.assert_allclose(model.B[: len(change), 0], change, rtol=2e-3, atol=1e-6)
+    assert env.linearize().A.shape == (2 * len(change), 2 * len(change))
+
+
+# ---------------------------------------------------------------------------------------- processes and threads
+def rollout(env: Any, n: int = 12) -> list[Any]:
+    return [env.reset(seed=3), *steps(env, actions(n, env.action_space.shape))]
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_async_vector_environments(context: str) -> None:
+    """The fork comes after the parent has stepped, its threads started."""
+    parent = gym.make_vec("FlexibleArm-v0", num_envs=16, threads=2)
+    rollout(parent)
+    env = gym.make_vec(
+        "flexarm_env:FlexibleArm-v0", num_envs=2, vectorization_mode="async", vector_kwargs={"context": context}
+    )
+    native = gym.make_vec("FlexibleArm-v0", num_envs=2)
+    try:
+        one, other = rollout(env), rollout(native)
+        for a, b in zip(one, other, strict=True):
+            assert_same(a[0], b[0])
+    finally:
+        env.close()
+    rollout(parent)
+
+
+def _in_child(queue: Any, env: Any) -> None:
+    queue.put([np.asarray(o[0]) for o in rollout(env)])
+
+
+def test_a_forked_child_steps_the_parent_s_environment_on_its_own_threads() -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2)
+    mine = [o[0] for o in rollout(env)]
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    child = context.Process(target=_in_child, args=(queue, env))
+    child.start()
+    theirs = queue.get(timeout=120)
+    child.join(timeout=60)
+    assert child.exitcode == 0
+    assert_same(mine, theirs)
+    assert_same(mine, [o[0] for o in rollout(env)])
+
+
+def test_two_threads_step_different_environments() -> None:
+    envs = [gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2) for _ in range(2)]
+    alone = [o[0] for o in rollout(envs[0], 60)]
+    results: list[Any] = [None, None]
+
+    def work(k: int) -> None:
+        results[k] = [o[0] for o in rollout(envs[k], 60)]
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout=120)
+        assert not thread.is_alive()
+    for result in results:
+        assert_same(alone, result)
+
+
+@pytest.mark.slow
+def test_subprocess_environments_of_stable_baselines() -> None:
+    vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
+    make = lambda: gym.make("flexarm_env:FlexibleArm-v0")  # noqa: E731
+    env = vec_env.SubprocVecEnv([make, make], start_method="spawn")
+    single = gym.make("FlexibleArm-v0")
+    try:
+        env.seed(3)
+        first = env.reset()
+        assert_same(single.reset(seed=3)[0], first[0])
+        moves = actions(5, (2, 1))
+        for move in moves:
+            observation = env.step(move)[0]
+            assert_same(single.step(move[0])[0], observation[0])
+    finally:
+        env.close()
+
+
+def test_closing_ends_the_threads() -> None:
+    before = threading.active_count()
+    env = gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2)
+    rollout(env)
+    assert threading.active_count() == before + 1
+    env.close()
+    for _ in range(50):
+        if threading.active_count() == before:
+            break
+        threading.Event().wait(0.02)
+    assert threading.active_count() == before
+
+
+def test_pairs_after_copies() -> None:
+    """A copied native vector still is n single environments."""
+    sync, native = pair("FlexibleArm-v0", 3, duration=0.2)
+    native = copy.deepcopy(native)
+    assert_same(sync.reset(seed=1), native.reset(seed=1))
+    for move in actions(15, (3, 1)):
+        assert_same(sync.step(move), native.step(move))

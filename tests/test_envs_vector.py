@@ -1,0 +1,229 @@
+"""The native vector environments: the single one, bit for bit, in any number, on any threads, across autoresets."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from tests.env_tools import IDS, RANDOM, assert_pair_same, assert_same, pair
+
+MODES = ("NextStep", "SameStep", "Disabled")
+
+
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("n", [1, 7])
+def test_vector_is_the_single_environment(env_id: str, mode: str, n: int) -> None:
+    ended = assert_pair_same(pair(env_id, n, mode, duration=0.4, randomization=RANDOM), 50)
+    assert ended >= 2 * n
+
+
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("threads", [1, 2])
+def test_sixty_four_arms_on_one_and_two_threads(env_id: str, threads: int) -> None:
+    both = pair(env_id, 64, "NextStep", threads, duration=0.4, randomization=RANDOM)
+    assert both[1].batch.threads == threads
+    assert assert_pair_same(both, 45) >= 64
+    both = pair(env_id, 64, "SameStep", threads, max_episode_steps=11, randomization=RANDOM)
+    assert assert_pair_same(both, 25) >= 128
+
+
+def test_full_info_is_the_same_too() -> None:
+    assert assert_pair_same(pair("FlexibleArm-v0", 9, "SameStep", duration=0.3, info_level="full"), 35) >= 18
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize(
+    "kwargs",
+    [
+        {"formulation": "geometrically_exact"},
+        {"formulation": "floating_frame", "segments": 2},
+        {"formulation": "floating_frame", "modes": 2},
+        {"action_mode": "residual_pd", "actuator": {"lag": 0.01, "delay": 0.0225, "coulomb": 0.01}},
+        {"task": "track", "sensors": {"noise": 0.01, "delay": 0.04, "strain_gauges": [0.1]}},
+        {"gravity": (0.0, -9.81), "initial_vibration": 0.05},
+    ],
+    ids=["exact", "segments", "modes", "motors", "track", "gravity"],
+)
+def test_every_feature_is_the_same_too(env_id: str, kwargs: dict[str, Any]) -> None:
+    assert assert_pair_same(pair(env_id, 9, "NextStep", duration=0.3, randomization=RANDOM, **kwargs), 35) >= 9
+
+
+def test_arms_end_at_different_times_and_the_bits_stay() -> None:
+    """Elbows that run into their limit end episodes one by one."""
+    both = pair("TwoLinkFlexArm-v0", 11, "NextStep")
+    sync, native = both
+    assert_same(sync.reset(seed=0), native.reset(seed=0))
+    actions = np.stack([np.linspace(-1, 1, 11), np.linspace(1, -1, 11)], axis=1).astype(np.float32)
+    lengths = set()
+    for k in range(250):
+        one, other = sync.step(actions), native.step(actions)
+        assert_same(one, other, f"step {k}")
+        if one[2].any():
+            lengths.add(k)
+    assert len(lengths) > 5
+
+
+def test_seeds() -> None:
+    one = gym.make_vec("FlexibleArm-v0", num_envs=4)
+    first = one.reset(seed=7)[0]
+    assert_same(first, one.reset(seed=7)[0])
+    assert_same(first[1:], one.reset(seed=[8, 9, 10, 11])[0][:3])
+    assert not np.array_equal(first, one.reset(seed=8)[0])
+    assert not np.array_equal(one.reset()[0], one.reset()[0])
+    assert one.np_random_seed == (8, 9, 10, 11)
+    single = gym.make("FlexibleArm-v0")
+    for i in range(4):
+        assert_same(single.reset(seed=7 + i)[0], first[i])
+    with pytest.raises(ValueError, match="seed"):
+        one.reset(seed=[1, 2])
+
+
+def test_spaces_and_metadata() -> None:
+    env = gym.make_vec("TwoLinkFlexArm-v0", num_envs=3)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert env.observation_space.shape == (3, 14)
+    assert env.action_space.shape == (3, 2)
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+    assert env.spec is not None and env.spec.id == "TwoLinkFlexArm-v0"
+    for mode in AutoresetMode:
+        made = gym.make_vec("FlexibleArm-v0", num_envs=2, autoreset_mode=mode)
+        assert made.metadata["autoreset_mode"] is mode
+
+
+def test_max_episode_steps_is_honoured() -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=3, max_episode_steps=5)
+    env.reset(seed=0)
+    truncated = [env.step(env.action_space.sample())[3].all() for _ in range(6)]
+    assert truncated == [False] * 4 + [True, False]
+
+
+def test_next_step_ignores_the_action_after_the_end() -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=2, max_episode_steps=3)
+    env.reset(seed=0)
+    for _ in range(3):
+        *_, truncated, _ = env.step(np.ones((2, 1), np.float32))
+    assert truncated.all()
+    observation, reward, terminated, truncated, infos = env.step(np.full((2, 1), math.nan, np.float32))
+    assert not terminated.any() and not truncated.any()
+    assert np.all(reward == 0.0)
+    assert np.all(observation[:, 2] == 0.0)
+    assert np.all(infos["hub_torque"] == 0.0)
+
+
+def test_disabled_resets_by_mask() -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=4, max_episode_steps=3, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    for _ in range(3):
+        before = env.step(np.ones((4, 1), np.float32))[0]
+    with pytest.raises(AssertionError, match="reset_mask"):
+        env.step(np.ones((4, 1), np.float32))
+    mask = np.array([True, False, True, False])
+    observation, infos = env.reset(seed=[5, None, 6, None], options={"reset_mask": mask})
+    assert_same(observation[1], before[1])
+    assert_same(infos["_target"], mask)
+    single = gym.make("FlexibleArm-v0")
+    assert_same(single.reset(seed=6)[0], observation[2])
+    env.reset(options={"reset_mask": ~mask})
+    env.step(np.ones((4, 1), np.float32))
+    for wrong in (np.zeros(4, bool), np.ones(3, bool), [True] * 4, np.ones(4)):
+        with pytest.raises(ValueError, match="reset_mask"):
+            env.reset(options={"reset_mask": wrong})
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_an_action_that_is_not_finite_ends_that_arm_alone(bad: float) -> None:
+    one = gym.make_vec("TwoLinkFlexArm-v0", num_envs=9)
+    other = gym.make_vec("TwoLinkFlexArm-v0", num_envs=9)
+    one.reset(seed=0)
+    other.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for k in range(12):
+        actions = rng.uniform(-1, 1, (9, 2)).astype(np.float32)
+        spoiled = actions.copy()
+        if k == 5:
+            spoiled[4, 1] = bad
+        good, result = one.step(actions), other.step(spoiled)
+        keep = np.arange(9) != 4
+        for a, b in zip(good[:4], result[:4], strict=True):
+            assert_same(a[keep], b[keep])
+        if k == 5:
+            assert result[2].tolist() == [i == 4 for i in range(9)]
+            assert result[4]["termination_reason"][4] == "action_not_finite"
+
+
+def test_a_diverging_arm_leaves_its_neighbours_bits() -> None:
+    """Arm 3 is made to fail by a state that is not a number."""
+    one, other = (gym.make_vec("FlexibleArm-v0", num_envs=9) for _ in range(2))
+    one.reset(seed=0)
+    other.reset(seed=0)
+    rng = np.random.default_rng(1)
+    state = other.get_state([3])[0]
+    rows = len(other.batch.system.q0)
+    state["arm"]["block"][rows] = math.nan  # the hub's rate
+    other.set_state([state], [3])
+    for k in range(5):
+        actions = rng.uniform(-1, 1, (9, 1)).astype(np.float32)
+        good, result = one.step(actions), other.step(actions)
+        keep = np.arange(9) != 3
+        for a, b in zip(good[:4], result[:4], strict=True):
+            assert_same(a[keep], b[keep])
+        if k == 0:
+            assert result[2][3] and result[4]["termination_reason"][3] in ("newton_failed", "not_finite")
+            assert np.isfinite(result[0]).all() and np.isfinite(result[1]).all()
+
+
+def test_steps_are_halved_in_a_lane_as_they_are_alone() -> None:
+    """With few iterations allowed, Newton fails for some arms now and then: they are repeated alone."""
+    kwargs = {"max_iterations": 3, "tolerance": 1e-10, "dt": 0.02, "duration": 2.0}
+    both = pair("FlexibleArm-v0", 16, "NextStep", **kwargs)
+    assert_pair_same(both, 60)
+    alone = both[1].batch._alone
+    assert alone is not None, "no arm was repeated alone: the case tests nothing"
+
+
+def test_wrong_actions_move_nothing() -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=3)
+    env.reset(seed=0)
+    before = env.get_state()
+    for wrong in (np.zeros((2, 1), np.float32), np.zeros(3, np.float32), "left", None):
+        with pytest.raises(ValueError, match="action"):
+            env.step(wrong)
+    assert_same([s["arm"] for s in before], [s["arm"] for s in env.get_state()])
+
+
+@pytest.mark.parametrize(
+    "kwargs", [{"num_envs": 0}, {"num_envs": 2, "threads": 0}, {"num_envs": 2, "autoreset_mode": "Never"}]
+)
+def test_wrong_arguments_are_named(kwargs: dict[str, Any]) -> None:
+    from flexarm_env.envs.flexible_arm import FlexibleArmVectorEnv
+
+    with pytest.raises(ValueError, match=r"num_envs|threads|autoreset_mode"):
+        FlexibleArmVectorEnv(**kwargs)
+
+
+def test_outcomes_are_fresh_objects() -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=3)
+    env.reset(seed=0)
+    outcomes = [env.step(np.ones((3, 1), np.float32)) for _ in range(2)]
+    first = [x.copy() for x in outcomes[0][:4]] + [outcomes[0][4]["tip_position"].copy()]
+    env.step(-np.ones((3, 1), np.float32))
+    now = [*outcomes[0][:4], outcomes[0][4]["tip_position"]]
+    for a, b in zip(first, now, strict=True):
+        assert_same(a, b)
+
+
+def test_render_gives_a_picture_of_each_arm() -> None:
+    pytest.importorskip("pygame")
+    env = gym.make_vec("TwoLinkFlexArm-v0", num_envs=2, render_mode="rgb_array")
+    env.reset(seed=0)
+    frames = env.render()
+    assert isinstance(frames, tuple) and len(frames) == 2
+    assert all(f.dtype == np.uint8 and f.ndim == 3 and f.shape[2] == 3 for f in frames)
+    env.close()
