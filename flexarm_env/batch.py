@@ -7,7 +7,6 @@ batch, on any number of threads.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -61,7 +60,7 @@ from .model import STATUS, System, scheme
 from .parameters import Arm
 from .scene import Scene
 from .settings import Settings
-from .threads import Crew
+from .threads import Crew, chunks
 
 Array = NDArray[np.float64]
 
@@ -237,7 +236,7 @@ class Batch:
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
         self._begin = entry(starts.begin, self._placed, 0, 0)
         self._witness: Any = None
-        self._chunks = _chunks(self.groups, self.threads)
+        self._chunks = chunks(self.groups, self.threads)
         self._crew = Crew(self.threads - 1)
         self._alone: Batch | None = None
         for i in range(self.groups * lanes):
@@ -437,12 +436,6 @@ def _layout(lanes: int, model: Any, task: Slew | Reach, entries: int, extras: Ex
     ):  # fmt: skip
         starts.append(starts[-1] + count * lanes)
     return Layout(*starts, row=-(-starts[-1] // 8) * 8)  # type: ignore[misc]
-
-
-def _chunks(groups: int, parts: int) -> list[tuple[int, int]]:
-    """Groups divided into `parts` runs of nearly equal length."""
-    edges = [groups * k // parts for k in range(parts + 1)]
-    return [(a, b) for a, b in itertools.pairwise(edges) if b > a]
 
 
 __all__ = [

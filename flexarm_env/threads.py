@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 from collections.abc import Callable
@@ -77,3 +78,9 @@ class Crew:
 
     def __del__(self) -> None:
         self.close()
+
+
+def chunks(groups: int, parts: int) -> list[tuple[int, int]]:
+    """Groups divided into `parts` runs of nearly equal length."""
+    edges = [groups * k // parts for k in range(parts + 1)]
+    return [(a, b) for a, b in itertools.pairwise(edges) if b > a]

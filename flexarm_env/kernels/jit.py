@@ -14,6 +14,10 @@ from typing import Any
 
 import numba
 
+from .parts import KernelDispatcher
+
+OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+
 
 @cache
 def source_hash() -> str:
@@ -50,7 +54,10 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     No fastmath: a lane of a batch and a single arm must agree to the last bit. Division by zero gives an
     infinity, never an exception, so that a failing arm is a value to be tested and not a crash.
     """
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
+    if numba.config.DISABLE_JIT:
+        return function
+    compiled: Any = KernelDispatcher(function, targetoptions=OPTIONS)
+    compiled.enable_caching()
     index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if hasattr(index, "_source_stamp") and hasattr(index, "_load_index"):
         index._source_stamp = source_hash()

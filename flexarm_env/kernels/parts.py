@@ -1,0 +1,123 @@
+"""Kernels optimised once, as a whole, instead of once at every level of call.
+
+Numba optimises and assembles every function on its own before it links it into its caller, which is then optimised
+again with all that it contains: at five levels of call the innermost function goes through LLVM five times. Here a
+kernel that Python calls is the only one that goes through; those that it calls, and what they use of Numba, are
+*parts*: their intermediate code is handed on as it is. A part that Python calls after all is compiled once more.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba.core import sigutils
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import AnalysisPass, register_pass
+from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import NopythonTypeInference
+
+_open = 0
+"""How many kernels are being compiled at this moment, one within the other; changed under Numba's compiler lock."""
+
+
+class _Engineless:
+    """The code generator of a part, which has no address to write an environment to."""
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def set_env(self, name: str, env: Any) -> None:
+        """Nothing: a part is never run by itself."""
+
+
+class _Part(JITCodeLibrary):  # type: ignore[misc]
+    """Code that is linked into a caller and never run by itself."""
+
+    @property
+    def codegen(self) -> Any:
+        return _Engineless(self._codegen)
+
+    def _optimize_final_module(self) -> None:
+        """Left to the caller."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class PartMarker:
+    """Stands where a compiled function of Python would: the key under which callers find the part."""
+
+    def __call__(self, *args: Any) -> Any:
+        raise RuntimeError("A part of a kernel has no code of its own")
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _ChooseLibrary(AnalysisPass):  # type: ignore[misc]
+    """The outermost kernel gets a library that is optimised and run; one within it is a part."""
+
+    _name = "flexarm_env_choose_library"
+
+    def __init__(self) -> None:
+        AnalysisPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        whole = _open == 1
+        state.library = (JITCodeLibrary if whole else _Part)(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        state.flags.no_compile = state.flags.no_cpython_wrapper = not whole
+        return False
+
+
+class _Compiler(Compiler):  # type: ignore[misc]
+    def compile_extra(self, func: Any) -> Any:
+        """Compile; what that compiles of Numba's own are parts too (not what the disk holds: that can be run)."""
+        codegen = self.state.targetctx.codegen()
+        before = codegen._library_class
+        codegen._library_class = _Part
+        try:
+            return super().compile_extra(func)
+        finally:
+            codegen._library_class = before
+
+    def define_pipelines(self) -> Any:
+        pipelines = super().define_pipelines()
+        for pipeline in pipelines:
+            pipeline.add_pass_after(_ChooseLibrary, NopythonTypeInference)
+            pipeline.finalize()
+        return pipelines
+
+
+class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
+    """A compiled function that is whole where Python calls it and a part where another kernel does."""
+
+    def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None) -> None:
+        super().__init__(py_func, locals, targetoptions, pipeline_class=_Compiler)
+
+    def compile(self, sig: Any) -> Any:
+        """The entry point for argument types, from memory, from the disk or compiled now."""
+        global _open
+        with global_compiler_lock:
+            args = tuple(sigutils.normalize_signature(sig)[0])
+            found = self.overloads.get(args)
+            if found is not None and (_open or not isinstance(found.entry_point, PartMarker)):
+                return found.entry_point
+            self.overloads.pop(args, None)
+            _open += 1
+            try:
+                return super().compile(sig) if _open == 1 else self._compile_part(args)
+            finally:
+                _open -= 1
+
+    def _compile_part(self, args: Any) -> Any:
+        with self._compiling_counter:
+            made = self._compiler.compile(args, None)
+            marker = PartMarker()
+            self.targetctx.insert_user_function(marker, made.fndesc, [made.library])
+            self.overloads[args] = made._replace(entry_point=marker)
+            return marker
