@@ -95,7 +95,7 @@ class Trajectory:
         table = self.columns()
         text = [",".join(table)]
         text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]
-        _write_whole(Path(path), ("\n".join(text) + "\n").encode())
+        write_whole(Path(path), ("\n".join(text) + "\n").encode())
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
         """Write every array, with status, settings and the scene's TOML as text."""
@@ -108,10 +108,10 @@ class Trajectory:
         arrays |= {"formulation": self.settings.formulation, "options": repr(self.settings.options())}
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
-        _write_whole(Path(path), buffer.getvalue())
+        write_whole(Path(path), buffer.getvalue())
 
 
-def _write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes) -> None:
     """Write a file completely or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")

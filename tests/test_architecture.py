@@ -21,7 +21,7 @@ PACKAGE = "flexarm_env"
 # ------------------------------------------------------------------ the table
 _DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes", "toml_text"}
 _PHYSICS = {*_DESCRIPTION, "model", "trajectory", "simulation", "batch", "linear"}
-_PUBLIC = {*_PHYSICS, "comparison", "control", "envs", "plotting", "sb3", "__init__"}
+_PUBLIC = {*_PHYSICS, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
@@ -46,6 +46,7 @@ ROOMS: dict[str, set[str]] = {
     "control": {*_PHYSICS, "mechanics"},
     "envs": {*_PHYSICS, "control"},
     "plotting": {*_PHYSICS, "comparison"},
+    "recording": {*_DESCRIPTION, "trajectory", "envs"},
     "sb3": {*_DESCRIPTION, "envs"},
     "cli": {*_PUBLIC, "data"},
     "__main__": {"cli"},
@@ -58,10 +59,10 @@ EXTERNALS: dict[str, set[str]] = {
     "stable_baselines3": {"sb3"},
     "numba": {"kernels"},
     "llvmlite": {"kernels"},
-    "gymnasium": {"__init__", "envs", "sb3", "cli"},
+    "gymnasium": {"__init__", "envs", "recording", "sb3", "cli"},
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
-    "minari": {"cli"},
+    "minari": {"recording"},
 }
 
 # code outside of the package uses the public rooms only

@@ -1,0 +1,158 @@
+"""The documentation site: `make docs` builds it, and a warning is an error."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import flexarm_env
+
+project = "flexarm_env"
+author = "flexarm_env contributors"
+copyright = author
+version = release = flexarm_env.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
+]
+exclude_patterns = ["_build"]
+suppress_warnings = ["config.cache"]
+
+# ------------------------------------------------------------------- pages
+html_theme = "furo"
+html_title = f"flexarm_env {version}"
+html_copy_source = False
+
+# ---------------------------------------------------------------- Markdown
+myst_enable_extensions = ["amsmath", "attrs_block", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+# `\tag` numbers the equations, as docstrings cite them: MathJax alone is to number
+math_number_all = False
+mathjax3_config = {"tex": {"tags": "none"}}
+
+# -------------------------------------------------------------- docstrings
+default_role = "code"
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_typehints = "signature"
+autodoc_mock_imports = ["matplotlib", "minari", "pygame", "stable_baselines3", "torch"]
+autodoc_preserve_defaults = True
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+
+
+class Specification(SphinxDirective):
+    """`{specification} module.Class`: the class's docstring, which is Markdown, as part of the page."""
+
+    required_arguments = 1
+    has_content = False
+
+    def run(self) -> list[nodes.Node]:
+        """The nodes of the docstring."""
+        module, _, name = self.arguments[0].rpartition(".")
+        text = inspect.cleandoc(getattr(import_module(module), name).__doc__ or "")
+        text = re.sub(r":class:`~?([\w.]+)`", lambda m: f"`{m.group(1).rpartition('.')[2]}`", text)
+        box = nodes.container()
+        self.state.nested_parse(StringList(text.splitlines(), source=self.arguments[0]), 0, box, match_titles=True)
+        return list(box.children)
+
+
+# Docstrings are written to be read in the code: several `name: text` on a line, shapes behind names. Napoleon wants one
+# entry a line, and takes what stands before a colon in the first line of a property for its type.
+_SECTION = re.compile(r"^(\s*)(Args|Attributes|Raises):\s*(\S.*)?$")
+_NAMES = r"\w+(?: \([^)]*\))?(?:, \w+(?: \([^)]*\))?)*"
+_ENTRY = re.compile(rf"(?:^|(?<=[.;)]) )({_NAMES}): ")
+
+
+def entries(text: str, known: set[str]) -> list[str]:
+    """The entries of a section, each with its text, from its words in one line; what names nothing is left together."""
+    starts = []
+    for found in _ENTRY.finditer(text):
+        names = re.findall(r"(\w+)(?: \([^)]*\))?(?:, |$)", found.group(1))
+        if found.start() == 0 or set(names) <= known or names[0].endswith(("Error", "Equilibrium", "NotInstalled")):
+            starts.append(found.start(1))
+    cuts = [0, *starts, len(text)] if starts and starts[0] > 0 else [*(starts or [0]), len(text)]
+    parts = [text[a:b].strip() for a, b in pairwise(cuts) if text[a:b].strip()]
+    return [re.sub(r"(?<=: )(\w)\.$", r"\1", part) for part in parts]  # "s." alone would begin a list
+
+
+def known_names(item: Any) -> set[str]:
+    """Parameters of a function or class, and fields of a class."""
+    names = {*getattr(item, "__annotations__", {}), *vars(item)} if inspect.isclass(item) else set()
+    try:
+        return names | set(inspect.signature(item).parameters)
+    except (TypeError, ValueError):
+        return names
+
+
+def tidy(app: Sphinx, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
+    """One entry a line in Args and Attributes; no substitutions; no type in a property's first line."""
+    out: list[str] = []
+    k = 0
+    while k < len(lines):
+        found = _SECTION.match(lines[k])
+        k += 1
+        if found is None:
+            out.append(lines[k - 1])
+            continue
+        indent, words = found.group(1), [found.group(3) or ""]
+        while k < len(lines) and (not lines[k].strip() or lines[k].startswith(indent + " ")):
+            if lines[k].strip():
+                words.append(lines[k].strip())
+            k += 1
+        parts = entries(" ".join(words).strip(), known_names(item) | _line_starts(words))
+        plain = [part for part in parts if not _ENTRY.match(part)]
+        out += [line for part in plain for line in (f"{indent}{part}", "")]
+        out.append(f"{indent}{found.group(2)}:")
+        out += [f"{indent}    {part}" for part in parts if part not in plain]
+        out.append("")
+    if what in ("property", "attribute", "data") and out:
+        out[0] = re.sub(r"(?<!:):(?!:) ", " \N{EN DASH} ", out[0], count=1)
+    lines[:] = [line.replace("|", "\\|") if "`" not in line else line for line in out]
+
+
+_SPELT = {
+    r"<factory>": "...",
+    r"(?<![\w.~])~?(?!flexarm_env)(?:[a-z_]\w*\.)+(\w+)": r"\1",
+    r"TypeAliasForwardRef\('(\w+)'\)": r"\1",
+    r"_Buffer \| _SupportsArray.*?\| complex \| bytes \| str \| _NestedSequence\[[^\]]*\]": "ArrayLike",
+    r"ndarray\[(?:tuple\[Any, \.\.\.\]|Any), dtype\[(\w+)\]\]": r"NDArray[\1]",
+    r"NDArray\[float64\]": "Array",
+}
+
+
+def spell(app: Sphinx, what: str, name: str, item: Any, options: Any, signature: str, returned: str) -> Any:
+    """Types of a signature as the code writes them."""
+    for long, short in _SPELT.items():
+        signature, returned = (text and re.sub(long, short, text) for text in (signature, returned))
+    return signature, returned
+
+
+def _line_starts(lines: list[str]) -> set[str]:
+    found = [re.match(rf"({_NAMES}): ", line) for line in lines]
+    return {name for one in found if one for name in re.findall(r"(\w+)(?: \([^)]*\))?(?:, |$)", one.group(1))}
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", tidy, priority=100)
+    app.connect("autodoc-process-signature", spell)
+    app.add_directive("specification", Specification)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

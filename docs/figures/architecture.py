@@ -1,0 +1,75 @@
+"""Draw docs/figures/architecture.svg: which room uses which.
+
+python docs/figures/architecture.py [FILE.svg]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.patches import FancyBboxPatch
+
+from flexarm_env.plotting import COLORS, INK, styled_figure
+
+HERE = Path(__file__).resolve().parent
+
+# name: (x, y, width, height, colour, lines); y upwards
+BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
+    "describe": (0.0, 3.1, 2.5, 1.15, COLORS[0], ("parameters, arms", "scene, scenes", "time_functions, settings")),
+    "mechanics": (3.2, 3.1, 2.2, 1.15, COLORS[2], ("mechanics", "NumPy, once per model")),
+    "model": (6.1, 3.1, 1.6, 1.15, COLORS[4], ("model", "arrays, the contract")),
+    "kernels": (8.4, 3.1, 2.2, 1.15, COLORS[1], ("kernels", "compiled, every step")),
+    "simulation": (6.1, 1.4, 1.6, 0.95, COLORS[0], ("simulation", "one arm, a scene")),
+    "batch": (8.4, 1.4, 2.2, 0.95, COLORS[0], ("batch, threads", "many arms, a call")),
+    "linear": (3.2, 1.4, 2.2, 0.95, COLORS[2], ("linear", "A, B, modes, equilibria")),
+    "control": (0.0, 1.4, 2.5, 0.95, COLORS[3], ("control", "PD ... LQR, trained policies")),
+    "envs": (3.2, -0.3, 7.4, 0.95, COLORS[3], ("envs", "tasks; single and vector environment; pictures and films")),
+    "users": (0.0, -0.3, 2.5, 0.95, COLORS[5], ("cli, plotting, recording, sb3", "agents/, benchmarks/")),
+}  # fmt: skip
+ARROWS = (
+    ("describe", "mechanics", "right"), ("mechanics", "model", "right"), ("model", "kernels", "right"),
+    ("model", "simulation", "down"), ("kernels", "batch", "down"), ("simulation", "linear", "left"),
+    ("batch", "envs", "down"), ("simulation", "envs", "down"), ("linear", "envs", "down"),
+    ("linear", "control", "left"), ("control", "users", "down"), ("envs", "users", "left"),
+)  # fmt: skip
+
+
+def main() -> None:
+    """Draw it."""
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "architecture.svg"
+    mpl.rcParams["svg.fonttype"] = "none"
+    with styled_figure(path, 9.6, 4.6) as figure:
+        axes: Any = figure.add_subplot()
+        axes.set(xlim=(-0.1, 10.7), ylim=(-0.35, 4.4))
+        axes.set_axis_off()
+        for x, y, width, height, color, lines in BOXES.values():
+            axes.add_patch(_box(x, y, width, height, color))
+            for k, line in enumerate(lines):
+                place = y + height / 2 + 0.26 * ((len(lines) - 1) / 2 - k)
+                bold = "bold" if k == 0 or len(lines) != 2 else "normal"
+                axes.text(x + width / 2, place, line, ha="center", va="center", color=INK, weight=bold, fontsize=8.5)
+        for source, target, way in ARROWS:
+            style = {"arrowstyle": "-|>", "color": "#777777", "lw": 1.1, "shrinkA": 1, "shrinkB": 1}
+            axes.annotate("", _end(target, source, way, True), _end(source, target, way, False), arrowprops=style)
+
+
+def _box(x: float, y: float, width: float, height: float, color: str) -> Any:
+    return FancyBboxPatch((x, y), width, height, boxstyle="round,pad=0,rounding_size=0.1", fc=color + "22", ec=color)
+
+
+def _end(name: str, other: str, way: str, head: bool) -> tuple[float, float]:
+    """Where an arrow meets a box: on the side that faces the other box, within the span that both share."""
+    x, y, width, height, *_ = BOXES[name]
+    ox, oy, other_width, other_height, *_ = BOXES[other]
+    if way == "down":
+        middle = (max(x, ox) + min(x + width, ox + other_width)) / 2
+        return middle, y + height if head else y
+    middle = (max(y, oy) + min(y + height, oy + other_height)) / 2
+    return (x if (way == "right") == head else x + width), middle
+
+
+if __name__ == "__main__":
+    main()

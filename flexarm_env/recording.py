@@ -1,0 +1,333 @@
+"""Episodes kept: recorded as they are played, written to one file, replayed to the last bit, given to Minari.
+
+    from flexarm_env.recording import EpisodeRecorder, load_episodes, replay, save_episodes, to_minari
+    env = EpisodeRecorder(gymnasium.make("FlexibleArm-v0"))
+    ...                                             # reset and step as ever
+    save_episodes("episodes.npz", env.episodes)
+    again = replay(load_episodes("episodes.npz")[0])
+
+A file holds `meta` (JSON: format, version and what each episode was made with) and arrays over all episodes, one after
+the other: `lengths` (n,), `observations` (sum(T + 1), O), `actions` (sum(T), N), `rewards`, `terminations` and
+`truncations` (sum(T),), and `info_<name>` (sum(T + 1), ...).
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
+from numpy.typing import NDArray
+
+from flexarm_env import arms
+from flexarm_env import validation as check
+from flexarm_env.parameters import Arm
+from flexarm_env.scene import Scene
+from flexarm_env.trajectory import write_whole
+
+FORMAT = 1
+STEPS = ("actions", "rewards", "terminations", "truncations")
+TRANSPARENT = (PassiveEnvChecker, OrderEnforcing, TimeLimit)
+"""Wrappers through which observations and actions pass unchanged."""
+
+Array32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """T steps of one environment, and what it takes to play them again.
+
+    Attributes:
+        env_id: of the registry. env_kwargs: its keywords. max_episode_steps: as given to make, or None.
+        seed: of the reset, or None; then `generator` is the state of the environment's generator before it.
+        options: of the reset, or None.
+        observations (T + 1, O), actions (T, N): float32. rewards (T,). terminations, truncations (T,): bool.
+        infos: by name, T + 1 rows each.
+    """
+
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    max_episode_steps: int | None
+    seed: int | None
+    generator: Mapping[str, Any] | None
+    options: Mapping[str, Any] | None
+    observations: Array32
+    actions: Array32
+    rewards: NDArray[np.float64]
+    terminations: NDArray[np.bool_]
+    truncations: NDArray[np.bool_]
+    infos: Mapping[str, NDArray[Any]]
+
+    def __len__(self) -> int:
+        return len(self.rewards)
+
+    @property
+    def complete(self) -> bool:
+        """Whether it was played to its end."""
+        return len(self) > 0 and bool(self.terminations[-1] or self.truncations[-1])
+
+    def equals(self, other: Episode) -> bool:
+        """Whether the other's observations, actions, rewards and ends are the same, to the last bit."""
+        names = ("observations", *STEPS)
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+
+
+class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
+    """A single environment of this package whose episodes are kept in `episodes`, oldest first.
+
+    An episode is kept when it ends, and one that is broken off by `reset` or `close` as far as it was played. Wrappers
+    that change observations or actions go around this one.
+
+    Raises:
+        ValueError: another environment, one that `gymnasium.make` has not made, or keywords that no file can hold.
+    """
+
+    def __init__(self, env: gym.Env[Array32, Array32]) -> None:
+        super().__init__(env)
+        if env.spec is None or not hasattr(env.unwrapped, "plan"):
+            raise ValueError(f"env = {env}: must be a single environment of flexarm_env that gymnasium.make has made")
+        inner = env
+        while isinstance(inner, gym.Wrapper):
+            if not isinstance(inner, TRANSPARENT):
+                raise ValueError(f"env = {env}: record below {type(inner).__name__}, not around it")
+            inner = inner.env
+        kwargs = {k: v for k, v in env.spec.kwargs.items() if k != "render_mode"}
+        if kwargs.get("arm") is not None and kwargs["arm"] not in arms.names():
+            kwargs["arm"] = env.unwrapped.plan.arm  # a file may not be there next time
+        self.episodes: list[Episode] = []
+        self._env_kwargs: dict[str, Any] = _plain("env", kwargs)
+        self._start: dict[str, Any] = {}
+        self._rows: dict[str, list[Any]] = {}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array32, dict[str, Any]]:
+        """Start an episode, as the environment does; a ValueError for options that no file can hold."""
+        self._keep()
+        kept = None if options is None else _plain("options", options)
+        generator = None if seed is not None else _plain("generator", self.np_random.bit_generator.state)
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._start = {"seed": seed, "generator": generator, "options": kept}
+        self._rows = {name: [] for name in STEPS} | {"observations": [observation], "infos": [info]}
+        return observation, info
+
+    def step(self, action: Array32) -> tuple[Array32, Any, bool, bool, dict[str, Any]]:
+        """One control period, as the environment's."""
+        outcome = self.env.step(action)
+        observation, reward, terminated, truncated, info = outcome
+        row = (np.array(action, np.float32), float(reward), terminated, truncated)
+        for name, value in zip(STEPS, row, strict=True):
+            self._rows[name].append(value)
+        self._rows["observations"].append(observation)
+        self._rows["infos"].append(info)
+        if terminated or truncated:
+            self._keep()
+        return outcome
+
+    def close(self) -> None:
+        """Keep what was played, and close the environment."""
+        self._keep()
+        super().close()
+
+    def _keep(self) -> None:
+        rows, self._rows = self._rows, {}
+        if not rows or not rows["rewards"]:
+            return
+        assert self.env.spec is not None
+        infos = rows["infos"]
+        self.episodes.append(
+            Episode(
+                env_id=self.env.spec.id, env_kwargs=self._env_kwargs,
+                max_episode_steps=self.env.spec.max_episode_steps, **self._start,
+                observations=np.array(rows["observations"]), actions=np.array(rows["actions"]),
+                rewards=np.array(rows["rewards"]), terminations=np.array(rows["terminations"], np.bool_),
+                truncations=np.array(rows["truncations"], np.bool_),
+                infos={name: np.array([info[name] for info in infos]) for name in infos[0]},
+            )
+        )  # fmt: skip
+
+
+# --------------------------------------------------------------------- again
+def replay(episode: Episode) -> Episode:
+    """Play an episode again in a new environment, with the same start and actions; the outcome.
+
+    With the version and the processor that it was recorded with, `replay(e).equals(e)`.
+    """
+    env = EpisodeRecorder(_made(episode))
+    _play(env, episode)
+    env.close()
+    return env.episodes[0]
+
+
+def frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
+    """The pictures (height, width, 3) of an episode, T + 1 of them; for `flexarm_env.envs.video.write_film`."""
+    env = _made(episode, render_mode="rgb_array")
+    _begin(env, episode)
+    yield np.asarray(env.render())
+    for action in episode.actions:
+        env.step(action)
+        yield np.asarray(env.render())
+    env.close()
+
+
+def _made(episode: Episode, **more: Any) -> Any:
+    return gym.make(episode.env_id, episode.max_episode_steps, **_given(episode.env_kwargs), **more)
+
+
+def _begin(env: Any, episode: Episode) -> None:
+    options = _given(episode.options)
+    if episode.generator is not None:
+        env.unwrapped.np_random.bit_generator.state = dict(episode.generator)
+    env.reset(seed=episode.seed, options=options)
+
+
+def _play(env: Any, episode: Episode) -> None:
+    _begin(env, episode)
+    for action in episode.actions:
+        env.step(action)
+
+
+# --------------------------------------------------------------------- files
+def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> Path:
+    """Write episodes of one environment to an .npz file, whole or not at all.
+
+    Raises:
+        ValueError: no episode, or episodes whose observations or infos differ in shape.
+    """
+    if not episodes:
+        raise ValueError("episodes = []: must hold at least one")
+    names = list(episodes[0].infos)
+    about = ("env_id", "env_kwargs", "max_episode_steps", "seed", "generator", "options")
+    meta = {
+        "format": FORMAT,
+        "flexarm_env": _version(),
+        "episodes": [{key: getattr(episode, key) for key in about} for episode in episodes],
+    }
+    arrays: dict[str, Any] = {"meta": json.dumps(meta), "lengths": np.array([len(e) for e in episodes])}
+    for name in ("observations", *STEPS):
+        arrays[name] = np.concatenate([getattr(e, name) for e in episodes])
+    for name in names:
+        arrays[f"info_{name}"] = np.concatenate([e.infos[name] for e in episodes])
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    target = Path(path)
+    write_whole(target, buffer.getvalue())
+    return target
+
+
+def _version() -> str:
+    try:
+        return metadata.version("flexarm_env")
+    except metadata.PackageNotFoundError:  # a checkout that is not installed
+        return "unknown"
+
+
+def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
+    """The episodes in a file that `save_episodes` has written. ValueError for a file that is none, or damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            arrays = {key: data[key] for key in data.files}
+        meta = json.loads(str(arrays["meta"]))
+        if meta["format"] != FORMAT:
+            raise ValueError(f"format {meta['format']!r} instead of {FORMAT}")
+        return list(_cut(arrays, meta["episodes"]))
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{os.fspath(path)}: damaged, or no episodes of this package ({error})") from error
+
+
+def _cut(arrays: Mapping[str, Any], about: Sequence[Mapping[str, Any]]) -> Iterator[Episode]:
+    lengths = arrays["lengths"].tolist()
+    if len(lengths) != len(about) or len(arrays["observations"]) != sum(lengths) + len(lengths):
+        raise ValueError("its arrays do not fit together")
+    steps, instants = 0, 0
+    for length, made in zip(lengths, about, strict=True):
+        inner, outer = slice(steps, steps + length), slice(instants, instants + length + 1)
+        infos = {key.removeprefix("info_"): value[outer] for key, value in arrays.items() if key.startswith("info_")}
+        series = {name: arrays[name][inner] for name in STEPS}
+        yield Episode(**made, observations=arrays["observations"][outer], infos=infos, **series)
+        steps, instants = steps + length, instants + length + 1
+
+
+def to_minari(episodes: Sequence[Episode], dataset_id: str, **about: Any) -> Any:
+    """A Minari data set of episodes of one environment, in Minari's folder (MINARI_DATASETS_PATH). `data` extra.
+
+    Args:
+        episodes: of one environment. dataset_id: for example "flexarm/slew/pd-v0".
+        about: keywords of `minari.create_dataset_from_buffers`: algorithm_name, author, description, ...
+    Returns:
+        The `minari.MinariDataset`; an episode that was broken off ends as truncated there.
+    Raises:
+        ValueError: no episode, or episodes of several environments. ImportError: there is no Minari.
+    """
+    try:
+        import minari
+        from minari.data_collector import EpisodeBuffer
+    except ImportError as error:
+        raise ImportError('a Minari data set needs Minari: pip install "flexarm_env[data]"') from error
+    if not episodes:
+        raise ValueError("episodes = []: must hold at least one")
+    first = episodes[0]
+    for k, episode in enumerate(episodes):
+        if (episode.env_id, episode.env_kwargs) != (first.env_id, first.env_kwargs):
+            raise ValueError(f"episodes[{k}]: of {episode.env_id} with other keywords than episodes[0]")
+    buffers = []
+    for k, episode in enumerate(episodes):
+        truncations = episode.truncations.copy()
+        truncations[-1] |= not episode.complete
+        buffers.append(
+            EpisodeBuffer(
+                id=k, seed=episode.seed, options=None if episode.options is None else dict(episode.options),
+                observations=episode.observations, actions=episode.actions, rewards=list(episode.rewards),
+                terminations=list(episode.terminations), truncations=list(truncations),
+                infos={name: value for name, value in episode.infos.items() if value.dtype.kind in "fiub"},
+            )
+        )  # fmt: skip
+    env = _made(first)
+    try:
+        return minari.create_dataset_from_buffers(dataset_id, buffers, env=env, **about)
+    finally:
+        env.close()
+
+
+# ------------------------------------------------------ what JSON can hold
+def _plain(path: str, value: Any) -> Any:
+    """A value as JSON holds it; arms and scenes as the text of their TOML files."""
+    if isinstance(value, Arm):
+        return {"arm.toml": arms.to_toml(value)}
+    if isinstance(value, Scene):
+        return {"scene.toml": value.to_toml()}
+    if isinstance(value, Mapping):
+        return {str(k): _plain(check.joined(path, str(k)), v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(f"{path}[{k}]", v) for k, v in enumerate(value)]
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise check.InvalidValue(path, value, "must be numbers, texts, tables, an Arm or a Scene to be recorded")
+
+
+def _given(value: Any) -> Any:
+    """What `_plain` was given."""
+    if isinstance(value, Mapping):
+        if set(value) == {"arm.toml"}:
+            return arms.from_toml(value["arm.toml"])
+        if set(value) == {"scene.toml"}:
+            return Scene.from_toml(value["scene.toml"])
+        return {k: _given(v) for k, v in value.items()}
+    return [_given(v) for v in value] if isinstance(value, list) else value
