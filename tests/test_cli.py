@@ -18,7 +18,7 @@ from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 
-COMMANDS = ("scenes", "replay", "simulate", "doctor")
+COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "bench", "doctor")
 SHORT = ["replay", "robot_arm_motion", "--segments", "2", "--duration", "0.5"]
 
 
@@ -61,8 +61,8 @@ def test_help_names_every_flag_and_an_example(command: str, capsys: pytest.Captu
     with pytest.raises(SystemExit):
         build_parser().parse_args([command, "--help"])
     text = capsys.readouterr().out
-    flags = "formulation segments elements coupling modes order nodes dt rho-inf tolerance duration sample out plot"
-    assert all(f"--{flag} " in text for flag in flags.split())
+    solver = "formulation segments elements coupling modes order nodes dt rho-inf tolerance"
+    assert all(f"--{flag} " in text for flag in f"{solver} duration sample out plot video speed".split())
     assert ("--reference" in text) == (command == "replay")
     assert f"  flexarm {command} " in text
 
@@ -152,6 +152,24 @@ def test_replay_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert values_of(capsys.readouterr().out)["plot"] == str(path)
 
 
+@pytest.mark.parametrize(("ending", "start"), [("gif", b"GIF89a"), ("mp4", b"\0\0\0")])
+def test_replay_films(ending: str, start: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "new" / f"arm.{ending}"
+    assert main([*SHORT, "--video", str(path), "--speed", "0.5"]) == 0
+    assert path.read_bytes().startswith(start)
+    assert values_of(capsys.readouterr().out)["video"] == str(path)
+
+
+def test_a_missing_extra_is_named(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from flexarm_env.cli import replay
+
+    monkeypatch.setattr(replay, "find_spec", lambda name: None)
+    assert 'pip install "flexarm_env[plot]"' in refused(capsys, *SHORT, "--plot", str(tmp_path / "a.png"))
+    assert 'pip install "flexarm_env[render]"' in refused(capsys, *SHORT, "--video", str(tmp_path / "a.gif"))
+
+
 def test_a_parameter_set_has_no_reference(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", "robot_arm_motion@as_printed", "--duration", "0.2", "--segments", "1"]) == 0
     assert "reference" not in values_of(capsys.readouterr().out)
@@ -180,6 +198,8 @@ def test_refusals_are_sentences(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     assert "unrecognized arguments: --reference" in refused(capsys, "simulate", "x.toml", "--reference", "y.csv")
     assert "must end in .csv or .npz" in refused(capsys, *replay, "--out", str(tmp_path / "a.txt"))
     assert "must end in .png" in refused(capsys, *replay, "--plot", str(tmp_path / "a.gif"))
+    assert "must end in .mp4" in refused(capsys, *replay, "--video", str(tmp_path / "a.png"))
+    assert "--speed = 0.0: must be a positive number" in refused(capsys, *replay, "--speed", "0")
     assert "No such file" in refused(capsys, *replay, "--reference", str(tmp_path / "none.csv"))
     assert "invalid choice: 'replai'" in refused(capsys, "replai")
     assert "unknown scene" in refused(capsys, "scenes", "nothing")

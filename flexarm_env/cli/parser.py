@@ -1,7 +1,7 @@
 """Arguments, help texts and exit codes of `flexarm`; nothing heavy is imported here.
 
-Exit codes: 0 done; 1 the run ended early (its status is in the output) or a check failed; 2 the input is wrong;
-130 interrupted. An error is one sentence on standard error.
+Exit codes: 0 done; 1 the run ended early (its status is in the output) or a check failed; 2 the input is wrong or
+something is missing; 130 interrupted. An error is one sentence on standard error.
 """
 
 from __future__ import annotations
@@ -17,11 +17,24 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser whose errors are one sentence, and whose help keeps its line breaks."""
+    """An ArgumentParser whose errors are one sentence, and whose help keeps its line breaks.
+
+    script: of a checkout, whose flags the help shows as well; "" for none.
+    """
+
+    script = ""
 
     def __init__(self, **options: Any) -> None:
         options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(allow_abbrev=False, **options)
+
+    def format_help(self) -> str:
+        """The help, with the flags of the script."""
+        if not self.script:
+            return super().format_help()
+        from flexarm_env.cli.checkout import flags
+
+        return f"{super().format_help()}\n{flags(self.script)}".rstrip() + "\n"
 
     def error(self, message: str) -> NoReturn:
         """Leave with code 2 and a sentence that says where help is."""
@@ -30,12 +43,16 @@ class Parser(argparse.ArgumentParser):
 
 
 OVERVIEW = """\
-Planar flexible robot arms: replay scenes, compare with references, look at the results.
+Planar flexible robot arms: replay scenes, compare with references, play, train, judge.
 
   flexarm scenes                                   what there is to replay
   flexarm replay robot_arm_motion                  run it and compare with its reference
   flexarm replay robot_arm_motion --plot arm.png   the same, with a figure
   flexarm simulate my_scene.toml --out run.csv     run a scene of your own
+  flexarm play FlexibleArm-v0 --policy lqr         watch a controller; without --policy, fly the arm yourself
+  flexarm train --env FlexibleArm-v0               train a policy (from a checkout)
+  flexarm evaluate --policy pd,zvd,lqr             judge controllers and policies (from a checkout)
+  flexarm bench                                    what is measured, and how (from a checkout)
   flexarm doctor                                   versions, threads, cache, a self-test
 """
 
@@ -56,6 +73,7 @@ with it: max_tip_error and rms_tip_error, in m.
   flexarm replay robot_arm_motion --segments 8 --dt 0.025 --plot arm.png
   flexarm replay robot_arm_motion --formulation geometrically_exact --elements 8 --order 2
   flexarm replay flying_rod@as_printed --duration 5 --out rod.csv
+  flexarm replay robot_arm_torque --video arm.mp4 --speed 2
   flexarm replay my_scene.toml --reference measured.csv --json
 """
 
@@ -73,6 +91,50 @@ The scene's own defaults hold for what is not given. An option that the formulat
 
 OUTPUT_NOTE = """\
 exit code: 0 done, 1 the run ended early (see status), 2 wrong input
+"""
+
+PLAY = """\
+An environment in a window. Keys: left and right turn the hub, up and down the elbow, shift is gentle, Esc ends.
+A controller (pd, zv, zvd, lqr, time_optimal), a policy.npz, a run folder or a policy that comes with the package plays
+by itself; each episode ends with a line of what came of it.
+
+  flexarm play
+  flexarm play TwoLinkFlexArm-v0 --policy lqr --episodes 3
+  flexarm play --policy runs/ppo-FlexibleArm-v0-0 --seed 7 --video policy.mp4
+  flexarm play FlexibleArm-v0 --policy pd --episodes 20 --video pd.gif --record episodes.npz
+"""
+
+TRAIN = """\
+Train a policy with Stable-Baselines3 from a checkout (agents/train_ppo.py); all flags go there.
+
+  flexarm train --env FlexibleArm-v0                          a minute; results in runs/ppo-FlexibleArm-v0-0/
+  flexarm train --env TwoLinkFlexArm-v0 --seed 1 --out runs/mine
+  flexarm train --env FlexibleArm-v0 --algo sac
+  flexarm train --out runs/mine --resume                      go on where it stopped
+"""
+
+EVALUATE = """\
+Judge policies and classical controllers on the same fixed episodes, from a checkout (agents/evaluate.py); all flags
+go there.
+
+  flexarm evaluate --env FlexibleArm-v0 --policy pd,zvd,lqr,time_optimal
+  flexarm evaluate --policy runs/ppo-FlexibleArm-v0-0,lqr --randomized --out runs/table
+  flexarm evaluate --policy lqr --json
+"""
+
+BENCH = """\
+Run a benchmark of a checkout (benchmarks/NAME.py); all flags behind NAME go there. Without NAME: list them.
+
+  flexarm bench
+  flexarm bench agreement
+  flexarm bench agreement --help
+"""
+
+SCRIPTS = {"train": "agents.train_ppo", "evaluate": "agents.evaluate", "bench": ""}
+"""Commands that run what a checkout brings, and their scripts."""
+
+CODES_NOTE = """\
+exit code: 0 done, 2 wrong input, or something is missing
 """
 
 DOCTOR = """\
@@ -107,7 +169,20 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILE", help="trajectory: .csv (t, energy, start, tip, hinges) or .npz (all)")
     output.add_argument("--plot", metavar="FILE", help="figure of shapes, tip deflection, energy: .png, .pdf or .svg")
+    output.add_argument("--video", metavar="FILE", help="film of the run: .mp4, .gif, .webm, .mkv or .mov")
+    output.add_argument("--speed", type=float, default=1.0, metavar="S", help="seconds of the run a second of film")
     output.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
+
+
+def _add_play(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("env", nargs="?", metavar="ENV", help="FlexibleArm-v0 (default) or TwoLinkFlexArm-v0")
+    parser.add_argument("--policy", default="keyboard", metavar="WHO", help="keyboard (default), a controller, a file")
+    parser.add_argument("--episodes", type=int, default=1, metavar="N", help="how many (1)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the first; the others follow (0)")
+    parser.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment: '{\"duration\": 8}'")
+    parser.add_argument("--video", metavar="FILE", help="a film instead of a window: .mp4, .gif, .webm, .mkv or .mov")
+    parser.add_argument("--record", metavar="FILE.npz", help="the episodes (flexarm_env.recording.load_episodes)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
 
 def build_parser() -> Parser:
@@ -118,7 +193,7 @@ def build_parser() -> Parser:
     parser.add_argument("--version", action="version", version=f"flexarm_env {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
-    def add(name: str, summary: str, description: str, module: str, epilog: str = "") -> Parser:
+    def add(name: str, summary: str, description: str, module: str, epilog: str = CODES_NOTE) -> Parser:
         command: Parser = commands.add_parser(name, help=summary, description=description, epilog=epilog)
         command.set_defaults(module=module)
         return command
@@ -135,7 +210,14 @@ def build_parser() -> Parser:
     simulate.add_argument("scene", metavar="FILE", help="a TOML file (FILE.toml@SET for a parameter set), or a name")
     _add_run(simulate, reference=False)
 
-    doctor = add("doctor", "versions, threads, cache and a self-test", DOCTOR, "doctor")
+    _add_play(add("play", "fly an arm, or watch a controller or a policy", PLAY, "play"))
+    train = add("train", "train a policy (from a checkout)", TRAIN, "checkout", "")
+    evaluate = add("evaluate", "judge policies and controllers (from a checkout)", EVALUATE, "checkout", "")
+    bench = add("bench", "run a benchmark (from a checkout)", BENCH, "checkout", "")
+    train.script, evaluate.script = SCRIPTS["train"], SCRIPTS["evaluate"]
+    train.usage, evaluate.usage, bench.usage = "%(prog)s [FLAGS]", "%(prog)s [FLAGS]", "%(prog)s [NAME [FLAGS]]"
+
+    doctor = add("doctor", "versions, threads, cache and a self-test", DOCTOR, "doctor", "")
     doctor.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
     return parser
 
@@ -143,17 +225,23 @@ def build_parser() -> Parser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (and raises SystemExit for --help and wrong flags)."""
     parser = build_parser()
-    args = parser.parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words and words[0] in SCRIPTS and words[1:] not in (["--help"], ["-h"]):
+        args = argparse.Namespace(command=words[0], module="checkout", words=words[1:])
+    else:
+        args = parser.parse_args(words)
     if args.command is None:
         parser.print_help()
         return DONE
+    from gymnasium.error import DependencyNotInstalled
+
     try:
         code: int = importlib.import_module(f"flexarm_env.cli.{args.module}").run(args)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader has seen enough (`flexarm scenes | head`)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, ImportError, DependencyNotInstalled) as error:
         sys.stderr.write(f"flexarm {args.command}: {sentence(error)}\n")
         return BAD_INPUT
     except KeyboardInterrupt:

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 
 OPTIONS = ("segments", "elements", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance")
-TABLES, FIGURES = (".csv", ".npz"), (".png", ".pdf", ".svg")
+TABLES, FIGURES, FILMS = (".csv", ".npz"), (".png", ".pdf", ".svg"), (".mp4", ".gif", ".webm", ".mkv", ".mov")
+NEEDED = {"plot": ("matplotlib", "plot"), "video": ("pygame", "render")}
+"""Output -> module that makes it, and the extra that brings it."""
 
 Columns = Mapping[str, NDArray[np.float64]]
 
@@ -32,8 +35,9 @@ def run(args: argparse.Namespace) -> int:
     options = {name: getattr(args, name) for name in OPTIONS if getattr(args, name) is not None}
     settings = scene.settings(args.formulation, **options)
     reference, origin = _reference(args)
-    outputs = {"out": (args.out, TABLES), "plot": (args.plot, FIGURES)}
+    outputs = {"out": (args.out, TABLES), "plot": (args.plot, FIGURES), "video": (args.video, FILMS)}
     paths = {name: _writable(name, path, endings) for name, (path, endings) in outputs.items() if path is not None}
+    speed = check.number("--speed", args.speed, above=0.0)
 
     trajectory, compiling = _trajectory(scene, settings, args)
     values = report(trajectory, compiling)
@@ -48,6 +52,8 @@ def run(args: argparse.Namespace) -> int:
         from flexarm_env.plotting import plot_trajectory
 
         values["plot"] = str(plot_trajectory(trajectory, paths["plot"], reference=reference))
+    if "video" in paths:
+        values["video"] = str(_film(trajectory, paths["video"], speed))
     show(values, args.json)
     return DONE if trajectory.status == "ok" else FAILED
 
@@ -72,6 +78,15 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
     }
     values |= {f"note_{name}": float(value) for name, value in trajectory.notes.items()}
     return values
+
+
+def _film(trajectory: Any, path: Path, speed: float) -> Path:
+    """A film of the run; 25 pictures a second, or as many as were recorded."""
+    from flexarm_env.envs.video import pictures, write_film
+
+    interval = float(np.diff(trajectory.t).mean()) if trajectory.t.size > 1 else 1.0
+    fps = min(25.0, speed / interval)
+    return write_film(path, pictures(trajectory, fps, speed), fps)
 
 
 def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
@@ -137,6 +152,9 @@ def _writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
     file = Path(path)
     if file.suffix.lower() not in endings:
         raise check.InvalidValue(f"--{name}", path, f"must end in {' or '.join(endings)}")
+    module, extra = NEEDED.get(name, ("numpy", ""))
+    if find_spec(module) is None:
+        raise ImportError(f'--{name} needs {module}: pip install "flexarm_env[{extra}]"')
     if file.is_dir():
         raise check.InvalidValue(f"--{name}", path, "must be a file, and this is a folder")
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -149,6 +149,16 @@ class Renderer:
         self._draw_panels(picture, time, torques, deflection, good)
         return self._show(picture)
 
+    @property
+    def visible(self) -> bool:
+        """Whether there is a window."""
+        return self._window is not None
+
+    def held(self, key: str) -> bool:
+        """Whether a key is held in the window; its name as pygame has it: "left", "left shift", "escape"."""
+        keys = pygame_module().key
+        return self.visible and bool(keys.get_pressed()[keys.key_code(key)])
+
     def close(self) -> None:
         """Close the window, if there is one; nothing is drawn any more."""
         self.closed = True

@@ -132,6 +132,11 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
             self._renderer = renderer(self.plan, self.render_mode)
         return draw(self._renderer, self.plan, self._view())
 
+    @property
+    def renderer(self) -> Any:
+        """What draws (`rendering.Renderer`: `visible`, `closed`); None before the first picture."""
+        return self._renderer
+
     def _view(self) -> View:
         view = self.batch.view(0)
         return view if self.guide is None else self.guide.view(view.target)

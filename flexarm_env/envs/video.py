@@ -60,15 +60,21 @@ def pictures(
         renderer.close()
 
 
+def film_path(path: str | os.PathLike[str]) -> Path:
+    """The path of a film. ValueError for an ending that no film has."""
+    target = Path(path)
+    if target.suffix.lower() not in (*FILMS, ".gif"):
+        raise ValueError(f"video = {os.fspath(path)!r}: must end with one of {', '.join((*FILMS, '.gif'))}")
+    return target
+
+
 def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], fps: float = 25.0) -> Path:
     """Write pictures (height, width, 3) to a file, whole or not at all: .mp4, .webm, .mkv, .mov or .gif.
 
     Raises:
         ValueError: another ending, or no picture at all. DependencyNotInstalled: nothing here writes such a file.
     """
-    target = Path(path)
-    if target.suffix.lower() not in (*FILMS, ".gif"):
-        raise ValueError(f"video = {os.fspath(path)!r}: must end with one of {', '.join((*FILMS, '.gif'))}")
+    target = film_path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     part = target.with_name(f".{target.stem}.part{target.suffix}")
     write = _write_gif if target.suffix.lower() == ".gif" else _write_ffmpeg

@@ -1,0 +1,169 @@
+"""`flexarm play`: an environment in a window or a film, under the keyboard, a controller or a trained policy."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import control
+from flexarm_env import validation as check
+from flexarm_env.cli.parser import DONE
+from flexarm_env.cli.progress import Announced, ProgressBar, show
+from flexarm_env.control import Setup, load_policy
+from flexarm_env.envs.video import film_path, write_film
+from flexarm_env.recording import EpisodeRecorder, save_episodes
+
+KEYBOARD = "keyboard"
+DEFAULT_ENV = "FlexibleArm-v0"
+NOT_PLAYED = ("duration", "reward", "randomization")
+"""Keywords that belong to a policy's training, not to the environment that it is shown in."""
+
+KEYS = {"left": (0, 1.0), "right": (0, -1.0), "up": (1, 1.0), "down": (1, -1.0)}
+"""Key -> joint and direction of its torque."""
+GENTLE = 0.3
+"""Share of the torque limit with a shift key held."""
+
+
+@dataclass(frozen=True)
+class Player:
+    """Who plays: a name, the id and keywords of the environment it is made for ("" and {}: any), and how to make it."""
+
+    name: str
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    make: Callable[[Any], Any]
+
+
+class Keyboard:
+    """Torques from the keys that are held."""
+
+    def __init__(self, joints: int, held: Callable[[str], bool]) -> None:
+        self.joints, self.held = joints, held
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Nothing to remember."""
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Full torque one way or the other, less with shift."""
+        action = np.zeros(self.joints, np.float32)
+        for key, (joint, way) in KEYS.items():
+            if joint < self.joints and self.held(key):
+                action[joint] += way
+        gentle = self.held("left shift") or self.held("right shift")
+        return action * np.float32(GENTLE if gentle else 1.0)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Play the episodes and print what came of them."""
+    count = check.integer("--episodes", args.episodes, minimum=1)
+    seed = check.integer("--seed", args.seed, minimum=0)
+    player = choose(args.policy)
+    if player.name == KEYBOARD and args.video is not None:
+        raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy for --video")
+    video = None if args.video is None else film_path(args.video)
+    env = _environment(args, player, "human" if video is None else "rgb_array")
+    outcomes: list[dict[str, Any]] = []
+    pictures = play(env, player, range(seed, seed + count), outcomes)
+    values: dict[str, Any] = {"env": env.spec.id, "policy": player.name}
+    try:
+        if video is None:
+            for _ in pictures:
+                pass
+        else:
+            values["video"] = str(write_film(video, pictures, float(env.metadata["render_fps"])))
+    finally:
+        env.close()
+    if args.record is not None:
+        values["record"] = str(save_episodes(args.record, env.episodes))
+    _print(values | {"episodes": outcomes}, args.json)
+    return DONE
+
+
+def choose(word: str) -> Player:
+    """Who a word names. ValueError with a sentence for a word that names nobody."""
+    if word == KEYBOARD:
+        return Player(word, "", {}, _keyboard)
+    if word in control.NAMES:
+        return Player(word, "", {}, lambda env: control.make(word, env))
+    if not Path(word).exists() and word not in control.policy_names():
+        raise check.UnknownKey(word, (KEYBOARD, *control.NAMES, *control.policy_names()), "policy (and no policy.npz)")
+    policy = load_policy(word)
+
+    def make(env: Any) -> Any:
+        policy.check(Setup.of(env))
+        return policy
+
+    kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in NOT_PLAYED}
+    return Player(Path(word).stem, str(policy.meta["env_id"]), kwargs, make)
+
+
+def play(env: Any, player: Player, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:
+    """Play an episode a seed, yield its pictures, and append what came of it; ends where the window is closed."""
+    with Announced(ProgressBar("play"), "compiling, which happens once ..."):
+        env.reset(seed=seeds[0])
+    policy = player.make(env)
+    for seed in seeds:
+        observation, info = env.reset(seed=seed)
+        policy.reset(observation)
+        yield from _picture(env)
+        total, steps, over = 0.0, 0, False
+        while not over:
+            observation, reward, terminated, truncated, info = env.step(policy.act(observation))
+            total, steps, over = total + float(reward), steps + 1, terminated or truncated
+            yield from _picture(env)
+            if env.unwrapped.renderer.closed or (player.name == KEYBOARD and policy.held("escape")):
+                return
+        seconds = steps * env.unwrapped.dt
+        outcome = {"seed": seed, "success": info["is_success"], "return": total, "seconds": seconds}
+        outcomes.append(outcome | {"ended": info["termination_reason"] or "time"})
+
+
+def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
+    """The picture, where there is no window that shows it."""
+    if env.render_mode == "rgb_array":
+        yield env.render()
+
+
+def _environment(args: argparse.Namespace, player: Player, mode: str) -> Any:
+    env_id = args.env or player.env_id or DEFAULT_ENV
+    if player.env_id and env_id != player.env_id:
+        raise check.InvalidValue("ENV", env_id, f"must be {player.env_id}, which {player.name} was trained on")
+    try:
+        given = {} if args.env_kwargs is None else json.loads(args.env_kwargs)
+    except ValueError:
+        raise check.InvalidValue("--env-kwargs", args.env_kwargs, "must be JSON such as {\"duration\": 8}") from None
+    kwargs = {**player.env_kwargs, **check.table_of("--env-kwargs", given)}
+    try:
+        return EpisodeRecorder(gym.make(env_id, render_mode=mode, **kwargs))
+    except gym.error.UnregisteredEnv:
+        known = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("flexarm_env.")]
+        raise check.UnknownKey(env_id, known, "environment") from None
+
+
+def _keyboard(env: Any) -> Keyboard:
+    """The keyboard of the environment's window. ValueError where there is none."""
+    renderer = env.unwrapped.renderer
+    if renderer is None or not renderer.visible:
+        raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy here: there is no window")
+    return Keyboard(env.action_space.shape[0], renderer.held)
+
+
+def _print(values: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        show(values, True)
+        return
+    show({k: v for k, v in values.items() if k != "episodes"}, False)
+    for outcome in values["episodes"]:
+        word = "success" if outcome["success"] else "no success"
+        print(
+            f"episode: seed {outcome['seed']}, {word}, return {outcome['return']:.2f}, "
+            f"{outcome['seconds']:.2f} s, ended by {outcome['ended']}"
+        )

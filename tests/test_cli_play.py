@@ -1,0 +1,176 @@
+"""Playing from the command line, and the commands that hand on to a checkout's scripts."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexarm_env.cli import checkout, main, play
+from flexarm_env.recording import load_episodes, replay
+
+ROOT = Path(__file__).resolve().parents[1]
+SHORT = ["play", "--policy", "pd", "--env-kwargs", '{"duration": 0.2}']
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The sentence on standard error of a command that must end with code 2."""
+    try:
+        code = main(list(words))
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    printed = capsys.readouterr()
+    assert code == 2
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1, printed.err
+    return printed.err
+
+
+# -------------------------------------------------------------------- play
+def test_a_controller_plays(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*SHORT, "--episodes", "2", "--seed", "5"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == ["env: FlexibleArm-v0", "policy: pd"]
+    assert [line.split(",")[0] for line in lines[2:]] == ["episode: seed 5", "episode: seed 6"]
+    assert lines[2].endswith("0.20 s, ended by time")
+
+
+def test_a_film_and_a_recording(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    film, kept = tmp_path / "pd.gif", tmp_path / "pd.npz"
+    assert main([*SHORT, "--video", str(film), "--record", str(kept), "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert (values["video"], values["record"]) == (str(film), str(kept))
+    assert film.read_bytes().startswith(b"GIF89a")
+    (episode,) = load_episodes(kept)
+    assert len(episode) == 10
+    assert sum(episode.rewards) == values["episodes"][0]["return"]
+    assert replay(episode).equals(episode)
+
+
+def test_a_policy_brings_its_environment(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from flexarm_env.control import NumpyPolicy
+
+    meta = {"env_id": "TwoLinkFlexArm-v0", "env_kwargs": {"control_dt": 0.04, "duration": 1.0}}
+    policy = NumpyPolicy(meta, [])
+    monkeypatch.setattr(play, "load_policy", lambda word: policy)
+    player = play.choose(str(tmp_path))
+    assert (player.env_id, player.env_kwargs) == ("TwoLinkFlexArm-v0", {"control_dt": 0.04})
+    assert "must be TwoLinkFlexArm-v0" in refused(capsys, "play", "FlexibleArm-v0", "--policy", str(tmp_path))
+
+
+def test_the_keyboard_needs_a_window(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert "there is no window" in refused(capsys, "play")
+    assert "for --video" in refused(capsys, "play", "--video", str(tmp_path / "a.gif"))
+
+
+def test_keys_are_torques() -> None:
+    held: set[str] = set()
+    keyboard = play.Keyboard(2, held.__contains__)
+    nothing = np.zeros(3, np.float32)
+    assert keyboard.act(nothing).tolist() == [0.0, 0.0]
+    held |= {"left", "down"}
+    assert keyboard.act(nothing).tolist() == [1.0, -1.0]
+    held |= {"right", "left shift"}
+    np.testing.assert_allclose(keyboard.act(nothing), [0.0, -play.GENTLE])
+    assert play.Keyboard(1, held.__contains__).act(nothing).shape == (1,)
+
+
+def test_the_keyboard_in_a_window(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: "a screen")  # the dummy has a surface, but nobody sees it
+    codes = {pygame.K_LEFT}
+
+    class Held:
+        """What pygame.key.get_pressed gives."""
+
+        def __getitem__(self, code: int) -> bool:
+            return code in codes
+
+    monkeypatch.setattr(pygame.key, "get_pressed", Held)
+    words = ["play", "--json", "--env-kwargs", '{"duration": 0.2}']
+    assert main(words) == 0
+    (outcome,) = json.loads(capsys.readouterr().out)["episodes"]
+    assert outcome["seconds"] == pytest.approx(0.2)
+    codes.add(pygame.K_ESCAPE)
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["episodes"] == []
+
+
+def test_wrong_words_of_play(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert "unknown policy" in refused(capsys, "play", "--policy", "nobody")
+    assert "unknown environment; allowed: FlexibleArm-v0" in refused(capsys, "play", "Arm-v0", "--policy", "pd")
+    assert "--episodes = 0" in refused(capsys, *SHORT, "--episodes", "0")
+    assert "must be JSON" in refused(capsys, "play", "--policy", "pd", "--env-kwargs", "{duration: 2}")
+    assert "must end with one of" in refused(capsys, *SHORT, "--video", str(tmp_path / "a.txt"))
+    assert "armm" in refused(capsys, "play", "--policy", "pd", "--env-kwargs", '{"armm": 1}')
+
+
+# ---------------------------------------------------------------- checkout
+def ran(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[str]:
+    """The command that `flexarm words` starts."""
+    started: list[list[str]] = []
+
+    class Process:
+        """Ends with 7."""
+
+        def __init__(self, command: list[str], env: dict[str, str]) -> None:
+            assert env["PYTHONPATH"].split(":")[0] == str(ROOT)
+            started.append(command)
+
+        def wait(self) -> int:
+            return 7
+
+    monkeypatch.setattr(subprocess, "Popen", Process)
+    assert main(list(words)) == 7
+    return started[0][1:]
+
+
+def test_scripts_are_given_all_flags(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert ran(monkeypatch, "train", "--env", "X", "--help") == ["-m", "agents.train_ppo", "--env", "X", "--help"]
+    assert ran(monkeypatch, "evaluate", "--policy", "pd") == ["-m", "agents.evaluate", "--policy", "pd"]
+    assert ran(monkeypatch, "bench", "agreement", "--out", "x") == ["-m", "benchmarks.agreement", "--out", "x"]
+
+
+def test_a_script_runs_from_any_folder(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "flexarm_env", "bench", "converged", "-h"],
+        cwd=tmp_path, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "--scene" in done.stdout
+
+
+def test_help_of_a_script_shows_its_flags(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["train", "--help"])
+    text = capsys.readouterr().out
+    assert "flexarm train [FLAGS]" in text
+    assert "  --n-timesteps " in text
+    assert "environment steps in all" in text
+
+
+def test_benchmarks_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("agreement ") for line in lines)
+    assert not any(line.startswith("machine") for line in lines)
+    assert main(["bench", "--json"]) == 0
+    assert {"name", "what"} == set(json.loads(capsys.readouterr().out)["benchmarks"][0])
+    assert "no benchmark 'none'; there are agreement" in refused(capsys, "bench", "none")
+
+
+def test_without_a_checkout_a_sentence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(checkout, "__file__", str(tmp_path / "site-packages" / "flexarm_env" / "cli" / "checkout.py"))
+    assert "needs agents/ of a checkout" in refused(capsys, "train", "--env", "FlexibleArm-v0")
+    assert "needs benchmarks/ of a checkout" in refused(capsys, "bench")
+    assert checkout.flags("agents.train_ppo") == ""

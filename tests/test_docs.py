@@ -1,0 +1,125 @@
+"""The documentation: its code runs as printed, every public name has its place and its docstring."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.test_architecture import PACKAGE, ROOMS, ROOT, python_files
+
+DOCS = ROOT / "docs"
+TRAINING = {"tutorials/train.md", "tutorials/randomisation.md"}
+PAGES = ["getting-started.md", *sorted(f"tutorials/{path.name}" for path in (DOCS / "tutorials").glob("*.md"))]
+BLOCK = re.compile(
+    r"(?:<!-- shortened in the tests: (?P<old>.*?) => (?P<new>.*?) -->\n\n)?```(?P<kind>python|sh)\n(?P<code>.*?)```",
+    re.DOTALL,
+)
+
+
+def script_of(text: str) -> str:
+    """A page's blocks as one Python script; commands become calls that must succeed."""
+    lines = ["import subprocess, sys"]
+    for block in BLOCK.finditer(text):
+        code = block["code"]
+        if block["old"]:
+            assert block["old"] in code, f"{block['old']!r} is not in the block that is to be shortened"
+            code = code.replace(block["old"], block["new"])
+        if block["kind"] == "python":
+            lines.append(code)
+            continue
+        for command in code.strip().splitlines():
+            words = shlex.split(command)
+            assert words[0] == "flexarm", command
+            lines.append(f"subprocess.run([sys.executable, '-m', 'flexarm_env', *{words[1:]!r}], check=True)")
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=pytest.mark.slow if page in TRAINING else ()) for page in PAGES]
+)
+def test_code_runs_as_printed(page: str, tmp_path: Path) -> None:
+    text = (DOCS / page).read_text("utf-8")
+    if page in TRAINING:
+        pytest.importorskip("stable_baselines3")
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"}
+    done = subprocess.run(
+        [sys.executable, "-c", script_of(text)], cwd=tmp_path, env=environment, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_every_page_has_code() -> None:
+    assert len(PAGES) == 8
+    assert all(BLOCK.search((DOCS / page).read_text("utf-8")) for page in PAGES if not page.endswith("index.md"))
+
+
+# ----------------------------------------------------------------- the API
+INSIDE = {"mechanics", "kernels", "model", "batch", "threads", "toml_text", "cli", "data", "__main__", "__init__"}
+"""Rooms that are not for use from outside."""
+
+
+def documented() -> set[str]:
+    """Modules that the API pages take their names from."""
+    texts = [path.read_text("utf-8") for path in (DOCS / "api").glob("*.md")]
+    return {name for text in texts for name in re.findall(r"automodule:: ([\w.]+)", text)}
+
+
+def test_every_public_room_is_in_the_api() -> None:
+    rooms = {name.split(".")[1] for name in documented()}
+    assert rooms == set(ROOMS) - INSIDE
+
+
+def public(body: list[ast.stmt]) -> list[ast.FunctionDef | ast.ClassDef]:
+    """Functions and classes whose names begin with a letter; of a property the getter."""
+    found = [node for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    setters = [n for n in found if any(isinstance(d, ast.Attribute) and d.attr == "setter" for d in n.decorator_list)]
+    return [node for node in found if not node.name.startswith("_") and node not in setters]
+
+
+def test_every_public_name_has_a_docstring() -> None:
+    bare = []
+    for path in python_files(PACKAGE):
+        if path.parent.name == "kernels":
+            continue
+        tree = ast.parse(path.read_text("utf-8"))
+        name = path.relative_to(ROOT).as_posix()
+        if path.name != "__init__.py" and not ast.get_docstring(tree):
+            bare.append(name)
+        for node in public(tree.body):
+            inner = public(node.body) if isinstance(node, ast.ClassDef) else []
+            overridden = {"torques", "begin", "applied"}  # of `control.Controller`, which describes them
+            bare += [f"{name}:{n.lineno} {n.name}" for n in (node, *inner)
+                     if not ast.get_docstring(n) and n.name not in overridden]  # fmt: skip
+    assert not bare, "\n".join(bare)
+
+
+def test_equations_that_the_code_cites_are_there() -> None:
+    theory = (DOCS / "theory.md").read_text("utf-8")
+    tags = set(re.findall(r"\\tag\{(\d+\.\d+)\}", theory))
+    sections = set(re.findall(r"^## (\d+)\.", theory, re.MULTILINE))
+    assert len(tags) > 10
+    for path in python_files(PACKAGE):
+        text = path.read_text("utf-8")
+        for number in re.findall(r"theory, eqs?\. \(?(\d+\.\d+)", text):
+            assert number in tags, f"{path}: equation {number}"
+        for number in re.findall(r"theory(?:\.md)?,? sections? (\d+)", text):
+            assert number in sections, f"{path}: section {number}"
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("furo")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(tmp_path)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 0, done.stderr
+    assert "flexarm_env.simulation.simulate" in (tmp_path / "api" / "simulate.html").read_text("utf-8")
