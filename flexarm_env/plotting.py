@@ -221,7 +221,7 @@ def _title(trajectory: Trajectory) -> str:
     settings = trajectory.settings
     keys = ("segments", "elements", "coupling", "modes", "order", "nodes")
     given = ", ".join(f"{k} {getattr(settings, k)}" for k in keys if getattr(settings, k) is not None)
-    ended = "" if trajectory.status == "ok" else f"   [{trajectory.status} after {trajectory.t[-1]:g} s]"
+    ended = "" if trajectory.finished else f"   [{trajectory.status} after {trajectory.t[-1]:g} s]"
     return f"{trajectory.scene.name}   ({settings.formulation}: {given}, dt {settings.dt:g} s){ended}"
 
 

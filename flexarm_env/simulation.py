@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import kernels  # noqa: F401  (registers the formulations)
+from . import accuracy, kernels  # noqa: F401  (importing kernels registers the formulations)
 from .kernels.lanes import SINGLE
 from .kernels.newmark import advance
 from .kernels.restart import restart
 from .kernels.rollout import observe_arm
 from .kernels.work import Work, unpack, work_size
 from .mechanics import assembly
-from .model import DIVERGED, MESSAGE, NOT_FINITE, OK, scheme
+from .model import DIVERGED, MESSAGE, NOT_FINITE, OK, STATUS, TIMED_OUT, scheme
 from .scene import Scene
 from .settings import Settings
 from .trajectory import Recorder, Trajectory
@@ -26,6 +26,9 @@ from .trajectory import Recorder, Trajectory
 Array = NDArray[np.float64]
 
 _NO_POINTS = np.zeros((0, 2))
+
+CHUNK = 500
+"""Steps between two looks at the clock and at the work done."""
 
 ENERGY_LIMIT = 1e3
 """Energy beyond this many times (initial energy + gross work) means that the solution has diverged."""
@@ -42,6 +45,8 @@ class Simulation:
         scene: what moves. settings: formulation and options; its dt must be given.
     Attributes:
         t: time reached, s. status: a code of `flexarm_env.model`. work: views of the state (`kernels.newmark.Work`).
+        gross: work done by the drives, J, its amount whether they gave or took.
+        deadline: `time.perf_counter()` beyond which `advance_to` gives up with status "timed_out"; None: never.
     """
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
@@ -61,6 +66,7 @@ class Simulation:
         self.model, self.par = self.system.model, self.system.par.copy()
         self._flat = np.zeros(int(_python(work_size)(1, self.model, self.n_motions)))
         self.work: Work = _python(unpack)(SINGLE, self.model, self._flat, self.n_motions)
+        self.deadline: float | None = None
         self._kinks = scene.kinks
         self._poses = np.zeros(12 * scene.arm.n_links)
         self._energies = np.zeros(3)
@@ -70,7 +76,7 @@ class Simulation:
         """Back to t = 0, consistent at 0+."""
         self._flat[:] = 0.0
         self.work.q[:], self.work.v[:] = self.system.q0, self.system.v0
-        self.t = 0.0
+        self.t = self.gross = 0.0
         self._restart()
 
     @property
@@ -98,19 +104,31 @@ class Simulation:
             stop = min([k for k in self._kinks if k > self.t + 1e-12 * max(1.0, k)] + [t_end])
             stop = min(stop, t_end)
             n_steps = max(1, math.ceil((stop - self.t) / self.dt * (1.0 - 1e-9)))
-            h = (stop - self.t) / n_steps
-            self.t = advance(
-                SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions,
-                self.t, h, n_steps, self.scheme, books,
-            )  # fmt: skip
-            if self.status != OK:
-                return False
-            if not math.isfinite(self.work.q[-1]) or not np.isfinite(self.work.q).all():
-                self.work.flag[0] = NOT_FINITE
+            if not self._advance((stop - self.t) / n_steps, n_steps, books):
                 return False
             self.t = stop
             if stop in self._kinks and stop < t_end - 1e-12 * max(1.0, t_end):
                 self._restart()
+        return True
+
+    def _advance(self, h: float, n_steps: int, books: bool) -> bool:
+        """Equal steps within a smooth stretch, some at a time; False where the arm has failed."""
+        start = self.t
+        for done in range(0, n_steps, CHUNK):
+            before = float(self.work.books[0])
+            self.t = advance(
+                SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions,
+                start + done * h, h, min(CHUNK, n_steps - done), self.scheme, books,
+            )  # fmt: skip
+            self.gross += abs(float(self.work.books[0]) - before)
+            if self.status != OK:
+                return False
+            if not np.isfinite(self.work.q).all():
+                self.work.flag[0] = NOT_FINITE
+                return False
+            if self.deadline is not None and time.perf_counter() > self.deadline:
+                self.work.flag[0] = TIMED_OUT
+                return False
         return True
 
     def compile(self) -> float:
@@ -123,7 +141,9 @@ class Simulation:
         return time.process_time() - clock
 
     def _restart(self) -> None:
+        before = float(self.work.books[0])
         restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt)
+        self.gross += abs(float(self.work.books[0]) - before)
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""
@@ -160,6 +180,9 @@ def simulate(
     duration: float | None = None,
     sample: float | None = None,
     progress: Callable[[float], None] | None = None,
+    error_limit: float = 0.05,
+    time_limit: float | None = None,
+    estimate_error: bool = True,
     **options: Any,
 ) -> Trajectory:
     """Run a scene and record it.
@@ -168,9 +191,14 @@ def simulate(
         scene: a `Scene` (see `flexarm_env.scenes.named`).
         formulation: "floating_frame", "geometrically_exact" or "elastica"; None takes the scene's.
         duration, sample: s; None takes the scene's. progress: called with the share done, 0 to 1.
+        error_limit: largest `error_estimate` (fraction of the arm's length) of a run whose status is "ok".
+        time_limit: s by the wall clock, compilation left out; a run that takes longer fails with status "timed_out".
+            The runs behind the estimate, usually two of half the steps, may each take as long again.
+        estimate_error: False leaves those out; the estimate then knows of energy and the formulation's notes alone.
         options: flat keywords of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01.
     Returns:
-        The Trajectory, with `status` other than "ok" and a sentence in `message` where the run ended early.
+        The Trajectory. Its status is "ok"; "inaccurate" where the estimated error is above error_limit; or names a
+        failure that ended the run early. `message` says it in a sentence.
     Raises:
         ValueError: an option the formulation lacks, or a value that is not allowed.
     """
@@ -178,36 +206,95 @@ def simulate(
     end = scene.duration if duration is None else _positive("duration", duration)
     interval = scene.sample if sample is None else _positive("sample", sample)
     assert interval is not None
+    limit = _positive("error_limit", error_limit, "a fraction of the arm's length")
+    allowed = None if time_limit is None else _positive("time_limit", time_limit)
     if end > scene.duration:
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
     simulation = Simulation(scene, settings)
     recorder = Recorder(scene, settings)
     recorder.add(simulation)
-    start_energy = float(simulation.observe()[1].sum())
-    gross = abs(float(simulation.work.books[0]))
-    counts = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
     simulation.compile()
     clock = time.process_time()
-    for k in range(1, counts + 1):
-        before = float(simulation.work.books[0])
-        good = simulation.advance_to(min(k * interval, end))
-        if not good:
-            break
+
+    def record(share: float) -> None:
         recorder.add(simulation)
-        gross += abs(float(simulation.work.books[0]) - before)
-        total = abs(recorder.last_energy)
-        if total > ENERGY_LIMIT * (abs(start_energy) + gross + 1e-300) and total > 1e-9:
-            simulation.work.flag[0] = DIVERGED
-            break
-        simulation.restart_at_kink()
         if progress is not None:
-            progress(k / counts)
-    return recorder.finish(simulation, time.process_time() - clock)
+            progress(share)
+
+    _run(simulation, end, interval, allowed, record)
+    trajectory = recorder.finish(simulation, time.process_time() - clock)
+    return judge(trajectory, simulation.gross, interval, limit, allowed, estimate_error)
 
 
-def _positive(name: str, value: float) -> float:
+def judge(
+    trajectory: Trajectory,
+    gross: float,
+    interval: float,
+    error_limit: float = 0.05,
+    time_limit: float | None = None,
+    companions: bool = True,
+) -> Trajectory:
+    """The trajectory with its estimated error, "inaccurate" where that is above the limit; failures as they are.
+
+    gross: work of the drives, J, its amount. interval: of the samples, s. companions: run those behind the estimate.
+    """
+    if trajectory.status != STATUS[OK]:
+        return trajectory
+    scene, settings, end = trajectory.scene, trajectory.settings, float(trajectory.t[-1])
+    turned_over = gross + float(trajectory.kinetic[0] + trajectory.strain[0] + np.ptp(trajectory.gravity))
+    parts = {"energy": accuracy.energy_part(trajectory.balance, turned_over), **trajectory.notes}
+    why = ""
+    if companions:
+
+        def companion(its_settings: Settings, its_interval: float) -> accuracy.Probe:
+            return _probe(scene, its_settings, end, its_interval, time_limit)
+
+        mine = accuracy.Probe(trajectory.t, trajectory.tip[:, :2], True)
+        found, why = accuracy.estimate(scene, settings, mine, end, interval, companion)
+        parts |= found
+    total = accuracy.total(parts)
+    changes: dict[str, Any] = {"error_estimate": total, "error_parts": parts}
+    if not total <= error_limit:
+        message = accuracy.Estimate(total, parts, why).message(error_limit)
+        changes |= {"status": accuracy.INACCURATE, "message": message}
+    return dataclasses.replace(trajectory, **changes)
+
+
+def _run(
+    simulation: Simulation, end: float, interval: float, allowed: float | None, record: Callable[[float], None]
+) -> None:
+    """Advance to the end, calling `record` with the share done at each sampling instant; stops where the arm fails."""
+    simulation.deadline = None if allowed is None else time.perf_counter() + allowed
+    start_energy = float(simulation.observe()[1].sum())
+    counts = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
+    for k in range(1, counts + 1):
+        if not simulation.advance_to(min(k * interval, end)):
+            return
+        record(k / counts)
+        total = abs(float(simulation.observe()[1].sum()))
+        if not total <= ENERGY_LIMIT * (abs(start_energy) + simulation.gross + 1e-300) and total > 1e-9:
+            simulation.work.flag[0] = DIVERGED
+            return
+        simulation.restart_at_kink()
+
+
+def _probe(scene: Scene, settings: Settings, end: float, interval: float, allowed: float | None) -> accuracy.Probe:
+    """A companion run: its tips alone."""
+    simulation = Simulation(scene, settings)
+    simulation.compile()
+    t, tips = [0.0], [simulation.observe()[0][-1, 6:8]]
+
+    def record(share: float) -> None:
+        t.append(simulation.t)
+        tips.append(simulation.observe()[0][-1, 6:8])
+
+    _run(simulation, end, interval, allowed, record)
+    return accuracy.Probe(np.array(t), np.array(tips), simulation.status == OK)
+
+
+def _positive(name: str, value: float, unit: str = "s") -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-        raise ValueError(f"{name} = {value!r}: must be a positive number (s)")
+        raise ValueError(f"{name} = {value!r}: must be a positive number ({unit})")
     return float(value)
 
 

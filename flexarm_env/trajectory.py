@@ -38,6 +38,8 @@ class Trajectory:
     angle is prescribed, enforcing it; tip_deflection (n, N): each link's tip normal to its root tangent, over its
     length; kinetic, strain, gravity, dissipated, work (n,): J; shapes (n, points, 2): m, along the chain;
     q, v (n, rows): the state, rows named in `names`. At a kink the values just before it are recorded.
+    status: "ok", "inaccurate", or what ended the run early. error_estimate: how far the tip may be off, a fraction of
+    the arm's length (`flexarm_env.accuracy`; nan where the run ended early), and error_parts what it is made of.
     """
 
     scene: Scene
@@ -68,6 +70,13 @@ class Trajectory:
     halvings: int
     cpu_seconds: float
     notes: Mapping[str, float] = field(default_factory=dict)
+    error_estimate: float = float("nan")
+    error_parts: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def finished(self) -> bool:
+        """The run came to its end, accurate or not."""
+        return self.status in ("ok", "inaccurate")
 
     @property
     def energy(self) -> Array:
@@ -104,6 +113,7 @@ class Trajectory:
         arrays: dict[str, Any] = {
             name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)
         }
+        arrays |= {"error_estimate": self.error_estimate}
         arrays |= {"status": self.status, "scene": self.scene.to_toml(), "names": np.array(self.names)}
         arrays |= {"formulation": self.settings.formulation, "options": repr(self.settings.options())}
         buffer = io.BytesIO()

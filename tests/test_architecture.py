@@ -20,7 +20,7 @@ PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
 _DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes", "toml_text"}
-_PHYSICS = {*_DESCRIPTION, "model", "trajectory", "simulation", "batch", "linear"}
+_PHYSICS = {*_DESCRIPTION, "model", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {*_PHYSICS, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -38,7 +38,8 @@ ROOMS: dict[str, set[str]] = {
     "mechanics": {*_DESCRIPTION, "model"},
     "kernels": {"model"},
     "trajectory": {*_DESCRIPTION, "model"},
-    "simulation": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory"},
+    "accuracy": {*_DESCRIPTION},
+    "simulation": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "accuracy"},
     "threads": set(),
     "batch": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "simulation", "threads"},
     "linear": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "simulation"},

@@ -163,6 +163,11 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     run = parser.add_argument_group("what is run and compared")
     run.add_argument("--duration", type=float, metavar="T", help="s")
     run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")
+    run.add_argument(
+        "--error-limit", type=float, metavar="E", default=0.05,
+        help="status inaccurate where error_estimate (fraction of the arm's length) is above this (0.05)",
+    )  # fmt: skip
+    run.add_argument("--time-limit", type=float, metavar="T", help="s by the clock, then the run fails (timed_out)")
     if reference:
         run.add_argument("--reference", metavar="FILE.csv", help="compare with this file; default: the scene's own")
     run.add_argument("--through-env", action="store_true", help="go through the environment's step; the same numbers")

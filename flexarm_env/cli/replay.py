@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Mapping
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     if "video" in paths:
         values["video"] = str(_film(trajectory, paths["video"], speed))
     show(values, args.json)
-    return DONE if trajectory.status == "ok" else FAILED
+    return DONE if trajectory.finished else FAILED
 
 
 def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
@@ -75,6 +76,8 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
         "cpu_seconds_per_simulated_second": trajectory.cpu_seconds / simulated if simulated > 0.0 else float("nan"),
         "compile_seconds": compile_seconds,
         "max_energy_balance_residual": float(np.abs(trajectory.balance).max()),
+        "error_estimate": trajectory.error_estimate,
+        "error_parts": dict(trajectory.error_parts),
     }
     values |= {f"note_{name}": float(value) for name, value in trajectory.notes.items()}
     return values
@@ -94,14 +97,14 @@ def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
     try:
         return dataclasses.asdict(tip_error(trajectory.t, trajectory.tip, reference))
     except ValueError:
-        if trajectory.status == "ok":
+        if trajectory.finished:
             raise
         return {"max_tip_error": float("nan"), "rms_tip_error": float("nan"), "instants": 0}
 
 
 def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> tuple[Any, float]:
     """The run, and the wall time (s) that compiling or loading compiled code took before it."""
-    run = _through_env if args.through_env else _directly
+    run = _through_env if args.through_env else partial(_directly, args=args)
     start = time.perf_counter()
     with Announced(ProgressBar(scene.name), "compiling, which happens once ..."):
         first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
@@ -115,11 +118,17 @@ def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> t
 
 
 def _directly(
-    scene: Scene, settings: Settings, duration: float | None, sample: float | None, bar: ProgressBar | None
+    scene: Scene,
+    settings: Settings,
+    duration: float | None,
+    sample: float | None,
+    bar: ProgressBar | None,
+    args: argparse.Namespace,
 ) -> Any:
     from flexarm_env.simulation import simulate
 
     options: dict[str, Any] = {"duration": duration, "sample": sample, "progress": bar}
+    options |= {"error_limit": args.error_limit, "time_limit": args.time_limit}
     return simulate(scene, settings.formulation, **options, **settings.options())
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from .. import validation as check
 from ..scene import JointTorque, Scene
 from ..settings import Settings
+from ..simulation import judge
 from ..trajectory import Recorder, Trajectory
 from .flexible_arm import FlexibleArmEnv
 from .two_link import TwoLinkFlexArmEnv
@@ -54,7 +55,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None) -
         over = terminated or truncated
         if env.guide.moved:
             recorder.add(simulation)
-    return recorder.finish(simulation, time.process_time() - clock)
+    return judge(recorder.finish(simulation, time.process_time() - clock), simulation.gross, period)
 
 
 def _check(scene: Scene) -> None:

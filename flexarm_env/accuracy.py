@@ -1,0 +1,178 @@
+"""How far a run's tip may be off: estimated from a run of twice the step and one of another mesh (theory, section 8).
+
+The error has five parts, each a fraction of the arm's length:
+
+    time_step   half the distance of the tip from a companion run of twice the step (a third is what a method of second
+                order leaves; the rest is for safety)
+    mesh        half the distance between that companion and another of twice the step and half the mesh; all of it
+                where the other mesh is the finer one
+    energy      what appeared from nowhere, five times, or what the scheme took, by half, over the energy turned over
+    others      what the formulation knows of itself before the run: System.notes
+
+Time step, mesh and notes add up; the estimate is that sum, or the energy's part where this is larger.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import Scene
+from .settings import Settings
+
+Array = NDArray[np.float64]
+
+INACCURATE = "inaccurate"
+"""Status of a run that came to its end, its estimated error above the limit."""
+
+FOUND, TAKEN = 5.0, 0.5
+"""Error for each share of the energy turned over that appeared, or that the scheme took. An amplitude is off by half of
+its energy's share; energy that appears is a sign of instability, and counted tenfold."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A companion run: instants t (n,) s, tips (n, 2) m, and whether it came to its end."""
+
+    t: Array
+    tip: Array
+    good: bool
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """total and its parts, fractions of L; `unknown`: why the time step or the mesh could not be judged (total inf)."""
+
+    total: float
+    parts: Mapping[str, float] = field(default_factory=dict)
+    unknown: str = ""
+
+    def message(self, limit: float) -> str:
+        """Why a run is inaccurate, and what to do."""
+        if self.unknown:
+            return f"the error could not be estimated: {self.unknown}; take a smaller dt or a finer mesh"
+        worst = max(self.parts, key=lambda name: self.parts[name])
+        return (
+            f"the tip's estimated error, {self.total:.2g} of the arm's length, is above error_limit = {limit:g}; the "
+            f"largest part of it is {worst} ({self.parts[worst]:.2g}): {REMEDY.get(worst, REMEDY['others'])}"
+        )
+
+
+REMEDY = {
+    "time_step": "take a smaller dt",
+    "mesh": "take more segments, elements or nodes",
+    "energy": "take a smaller dt, or a rho_inf nearer to 1 if the scheme took it",
+    "others": "take another formulation",
+}
+
+
+HALF = 0.5
+"""Error for each unit of distance from a run of twice the step or half the mesh."""
+
+
+def other_mesh(settings: Settings) -> tuple[Settings, float]:
+    """Settings of a coarser mesh, of a finer one where there is none coarser or of the full model for a reduced one;
+    and the error for each unit of distance."""
+    if settings.formulation == "elastica":
+        assert settings.nodes is not None
+        if settings.nodes == 3:
+            return settings.replace(nodes=5), 1.0
+        return settings.replace(nodes=max(3, settings.nodes - 2)), HALF
+    if settings.modes is not None:
+        return settings.replace(segments=5, elements=1), 1.0
+    assert settings.elements is not None
+    if settings.formulation == "geometrically_exact":
+        if settings.elements == 1:
+            return settings.replace(elements=2), 1.0
+        return settings.replace(elements=-(-settings.elements // 2)), HALF
+    assert settings.segments is not None
+    changes = {"coupling": "von_karman"}
+    if settings.segments == 1:
+        return settings.replace(segments=2, elements=-(-settings.elements // 2), **changes), 1.0
+    return settings.replace(segments=-(-settings.segments // 2), **changes), HALF
+
+
+def count_steps(scene: Scene, end: float, sample: float, dt: float) -> int:
+    """Steps of a run that lands on every sample and kink."""
+    counts = max(1, math.ceil(end / sample * (1.0 - 1e-9)))
+    stops = {min(k * sample, end) for k in range(1, counts + 1)} | {k for k in scene.kinks if k < end}
+    lengths = np.diff(np.array([0.0, *sorted(stops)]))
+    return int(np.maximum(1, np.ceil(lengths / dt * (1.0 - 1e-9))).sum())
+
+
+def distance(one: Probe, other: Probe) -> float:
+    """Largest distance of two tips, m, over the instants of the one with fewer; infinite where either failed."""
+    if not (one.good and other.good):
+        return math.inf
+    if one.t.size > other.t.size:
+        one, other = other, one
+    at = np.clip(np.searchsorted(other.t, one.t * (1.0 - 1e-12) - 1e-15), 0, other.t.size - 1)
+    common = np.abs(other.t[at] - one.t) <= 1e-9 * max(1.0, float(one.t[-1]))
+    return float(np.hypot(*(other.tip[at] - one.tip)[common].T).max())
+
+
+def estimate(
+    scene: Scene,
+    settings: Settings,
+    mine: Probe,
+    end: float,
+    sample: float,
+    run: Callable[[Settings, float], Probe],
+) -> tuple[dict[str, float], str]:
+    """The parts of time step and mesh, as fractions of L, and why one of them is infinite.
+
+    mine: the run itself, sampled each `sample` s. run: a companion, from settings and a sampling interval.
+    """
+    dt = settings.dt
+    assert dt is not None
+    length, wide = scene.arm.total_length, min(2.0 * sample, end)
+    steps = count_steps(scene, end, sample, dt)
+    why = ""
+    companion = Probe(mine.t, mine.tip, False)
+    doubled = settings.replace(dt=2.0 * dt)
+    if count_steps(scene, end, wide, 2.0 * dt) <= 0.75 * steps:
+        companion = run(doubled, wide)
+        time_step = HALF * distance(mine, companion)
+    if not companion.good:  # kinks or samples in each step, or too long a step: look at a shorter one
+        doubled, wide = settings, sample
+        companion = mine
+        time_step = 2.0 * distance(mine, run(settings.replace(dt=0.5 * dt), sample))
+    other, factor = other_mesh(doubled)
+    mesh = factor * distance(companion, run(other, wide))
+    if math.isinf(mesh):
+        mesh = distance(mine, run(finer_mesh(settings).replace(dt=0.5 * dt), sample))
+    if math.isinf(time_step):
+        why = "neither a run of twice the step nor one of half of it came to its end"
+    elif math.isinf(mesh):
+        why = "no run on another mesh came to its end"
+    return {"time_step": time_step / length, "mesh": mesh / length}, why
+
+
+def finer_mesh(settings: Settings) -> Settings:
+    """Settings of twice the mesh."""
+    if settings.formulation == "elastica":
+        assert settings.nodes is not None
+        return settings.replace(nodes=min(12, settings.nodes + 2) if settings.nodes < 12 else 11)
+    if settings.modes is not None:
+        return settings.replace(segments=8, elements=1)
+    if settings.formulation == "geometrically_exact":
+        assert settings.elements is not None
+        return settings.replace(elements=2 * settings.elements)
+    assert settings.segments is not None
+    return settings.replace(segments=2 * settings.segments, coupling="von_karman")
+
+
+def energy_part(balance: Array, turned_over: float) -> float:
+    """The energy's part of the error from the balance (n,) J and the energy turned over, J."""
+    if turned_over <= 0.0:
+        return 0.0
+    return max(FOUND * float(balance.max()), -TAKEN * float(balance.min())) / turned_over
+
+
+def total(parts: Mapping[str, float]) -> float:
+    """The estimate from its parts."""
+    return max(parts.get("energy", 0.0), sum(value for name, value in parts.items() if name != "energy"))

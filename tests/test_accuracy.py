@@ -1,0 +1,139 @@
+"""The estimated error of a run: its parts, the status it leads to, and how it compares with converged solutions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexarm_env
+from flexarm_env.accuracy import Probe, count_steps, distance, energy_part, finer_mesh, other_mesh
+from flexarm_env.parameters import Arm, Link, Section
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.scenes import named, read_trajectory
+from flexarm_env.settings import Settings
+from flexarm_env.simulation import simulate
+from flexarm_env.time_functions import steps as stairs
+from flexarm_env.trajectory import Trajectory
+
+CONVERGED = Path(flexarm_env.__file__).parent / "data" / "references" / "converged"
+
+
+def true_error(run: Trajectory) -> float:
+    """Largest distance of the tip from the converged solution, over L."""
+    table = read_trajectory(CONVERGED / f"{run.scene.name}.csv")
+    tip = np.column_stack([table["tip_x"], table["tip_y"]])[: run.t.size]
+    return float(np.hypot(*(run.tip[:, :2] - tip).T).max()) / run.scene.arm.total_length
+
+
+@pytest.mark.parametrize(
+    ("scene", "formulation", "options", "status"),
+    [
+        ("robot_arm_motion", "floating_frame", {}, "ok"),
+        ("robot_arm_motion", "floating_frame", {"segments": 1, "elements": 5}, "inaccurate"),
+        ("robot_arm_motion", "floating_frame", {"dt": 0.1}, "ok"),
+        ("flying_rod", "geometrically_exact", {}, "ok"),
+        ("flying_rod_soft", "geometrically_exact", {"elements": 2}, "inaccurate"),
+        ("two_link_motion", "elastica", {"nodes": 4}, "inaccurate"),
+    ],
+)
+def test_estimate_is_near_the_error(scene: str, formulation: str, options: dict[str, Any], status: str) -> None:
+    sample = 0.1 if options.get("dt") == 0.1 else 0.05
+    run = simulate(named(scene), formulation, sample=sample, **options)
+    if sample == 0.05:
+        assert 0.5 < run.error_estimate / true_error(run) < 20.0
+    assert run.status == status, run.message
+    assert run.error_estimate >= sum(value for name, value in run.error_parts.items() if name != "energy") - 1e-15
+    assert set(run.error_parts) >= {"energy", "time_step", "mesh"}
+
+
+def test_error_limit_is_the_users() -> None:
+    run = simulate(named("robot_arm_motion"), duration=1.0, error_limit=1e-6)
+    assert run.status == "inaccurate"
+    assert "error_limit = 1e-06" in run.message
+    assert "dt" in run.message or "segments" in run.message
+    assert run.t[-1] == 1.0
+    with pytest.raises(ValueError, match="error_limit = -1"):
+        simulate(named("robot_arm_motion"), error_limit=-1)
+
+
+def test_companions_can_be_left_out() -> None:
+    scene = named("robot_arm_motion")
+    plain = simulate(scene, duration=1.0, estimate_error=False)
+    judged = simulate(scene, duration=1.0)
+    np.testing.assert_array_equal(plain.q, judged.q)
+    assert set(plain.error_parts) == {"energy"}
+    assert plain.steps == judged.steps
+
+
+def test_failed_runs_have_no_estimate() -> None:
+    run = simulate(named("spin_up"), segments=1, elements=5, coupling="linear", dt=0.02)
+    assert run.status == "diverged"
+    assert np.isnan(run.error_estimate)
+
+
+def test_a_time_out_is_a_failure() -> None:
+    run = simulate(named("robot_arm_motion"), dt=1e-5, time_limit=0.05)
+    assert run.status == "timed_out"
+    assert 0.0 <= run.t[-1] < 9.0
+    assert np.isfinite(run.q).all()
+
+
+def test_kinks_in_every_step_are_no_way_round() -> None:
+    """Where twice the step cannot be taken, half of it is."""
+    arm = Arm("rod", (Link(1.0, Section(5.0, 1e3, 1e3, 0.4, 0.01)),), hub_inertia=0.05)
+    signs = np.resize([1.0, -1.0, -1.0, 1.0, 1.0], 20)
+    torque = JointTorque(0, stairs(np.arange(20) * 0.05, signs))
+    scene = Scene("bang", arm, duration=1.0, dt=0.05, loads=(torque,))
+    coarse = simulate(scene)
+    fine = simulate(scene, dt=0.05 / 16, sample=0.05)
+    error = float(np.hypot(*(coarse.tip - fine.tip)[:, :2].T).max())
+    assert coarse.error_parts["time_step"] > 0.2 * error > 0.0
+
+
+@pytest.mark.parametrize(
+    ("formulation", "options", "other", "finer"),
+    [
+        ("floating_frame", {"segments": 5, "coupling": "paper"}, {"segments": 3, "coupling": "von_karman"},
+         {"segments": 10}),
+        ("floating_frame", {"segments": 1, "elements": 5}, {"segments": 2, "elements": 3}, {"segments": 2}),
+        ("floating_frame", {"modes": 2}, {"segments": 5, "modes": None}, {"segments": 8, "modes": None}),
+        ("geometrically_exact", {"elements": 5}, {"elements": 3}, {"elements": 10}),
+        ("geometrically_exact", {"elements": 1}, {"elements": 2}, {"elements": 2}),
+        ("elastica", {"nodes": 6}, {"nodes": 4}, {"nodes": 8}),
+        ("elastica", {"nodes": 3}, {"nodes": 5}, {"nodes": 5}),
+        ("elastica", {"nodes": 12}, {"nodes": 10}, {"nodes": 11}),
+    ],
+)  # fmt: skip
+def test_other_meshes(
+    formulation: str, options: dict[str, Any], other: dict[str, Any], finer: dict[str, Any]
+) -> None:
+    settings = Settings.make(formulation, dt=0.01, **options)
+    companion, factor = other_mesh(settings)
+    assert {name: getattr(companion, name) for name in other} == other
+    assert {name: getattr(finer_mesh(settings), name) for name in finer} == finer
+    assert factor in (0.5, 1.0)
+    assert companion.dt == 0.01
+
+
+def test_steps_are_counted_as_they_are_taken() -> None:
+    for name, dt, sample in (("robot_arm_motion", 0.03, 0.05), ("flying_rod", 0.05, 0.3)):
+        scene = replace(named(name), duration=3.0)
+        run = simulate(scene, "geometrically_exact", dt=dt, sample=sample, estimate_error=False)
+        assert run.steps == count_steps(scene, 3.0, sample, dt)
+
+
+def test_distance_over_common_instants() -> None:
+    fine = Probe(np.arange(5) * 0.1, np.zeros((5, 2)), True)
+    coarse = Probe(np.array([0.0, 0.2, 0.4]), np.array([[0.0, 0.0], [3.0, 4.0], [0.0, 1.0]]), True)
+    assert distance(fine, coarse) == distance(coarse, fine) == 5.0
+    assert distance(fine, replace(coarse, good=False)) == float("inf")
+
+
+def test_energy_that_appears_counts_more() -> None:
+    assert energy_part(np.array([0.0, 0.1]), 10.0) == pytest.approx(0.05)
+    assert energy_part(np.array([0.0, -0.1]), 10.0) == pytest.approx(0.005)
+    assert energy_part(np.array([0.0]), 0.0) == 0.0
