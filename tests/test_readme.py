@@ -1,23 +1,57 @@
-"""The README's Python blocks run as printed, in one fresh interpreter."""
+"""README.md: its code runs as printed, its tables are what the results say, its links lead somewhere."""
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
-README = Path(__file__).parents[1] / "README.md"
+import pytest
+
+from benchmarks import readme_tables
+from tests.test_docs import script_of
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_python_blocks_run() -> None:
-    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) >= 4
-    done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], capture_output=True, text=True, check=False)
+def test_code_runs_as_printed(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    script = script_of(TEXT)
+    assert script.count("import") >= 8
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "ok [" in done.stdout and "'torque0'" in done.stdout
+    lines = done.stdout.splitlines()
+    assert lines[1].startswith("ok 0.07"), "a smooth slew that bends the strip by 7 %"
+    assert float(lines[2].split()[-1]) < 1.0, "a closed loop that is stable"
 
 
 def test_the_two_commands_come_first() -> None:
-    lines = [line for line in README.read_text(encoding="utf-8").splitlines() if line.strip()]
+    lines = [line for line in TEXT.splitlines() if line.strip()]
     assert lines[1:3] == ["    make demo", "    make test"]
+
+
+def test_tables_are_up_to_date() -> None:
+    assert len(readme_tables.MARKED.findall(TEXT)) == 3
+    assert readme_tables.filled(TEXT, readme_tables.results()) == TEXT, "run python -m benchmarks.readme_tables"
+
+
+def test_tables_say_where_results_are_missing() -> None:
+    text = readme_tables.filled(TEXT, {})
+    assert text.count("Not measured yet") == 3
+    policies = {"pd": {"success_rate": 0.9, "settling_time_median": 1.0, "residual_vibration_median": 0.01,
+                       "overshoot_median": 2.0}}  # fmt: skip
+    content = {"env": "FlexibleArm-v0", "episodes": 100, "policies": policies, "bounds": {"rigid": 0.7}}
+    assert "| pd | 90% | 1.00 | 0.01 | 2.0 |" in readme_tables.filled(TEXT, {"control_slew": content})
+
+
+def test_links_and_pictures_are_there() -> None:
+    targets = [link for link in re.findall(r"\]\(([^)#]+)", TEXT) if "://" not in link]
+    assert len(targets) > 6
+    assert [link for link in targets if not (ROOT / link).exists()] == []
+    assert (ROOT / "docs" / "figures" / "policy_beside_pd.gif").stat().st_size < 1_500_000

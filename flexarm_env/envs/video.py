@@ -105,7 +105,8 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> N
     image = _import("PIL.Image", "Pillow")
     every = [_first(frames), *frames]
     some = np.concatenate(every[:: max(1, len(every) // 8)])
-    palette = image.fromarray(some).quantize(256, method=image.Quantize.MAXCOVERAGE)  # small patches keep their colour
+    # small patches keep their colours, and large ones have theirs to the letter
+    palette = image.fromarray(some).quantize(256, method=image.Quantize.MAXCOVERAGE, kmeans=1)
     first, *rest = (image.fromarray(frame).quantize(palette=palette, dither=image.Dither.NONE) for frame in every)
     first.save(path, save_all=True, append_images=rest, duration=max(20, round(1000.0 / fps)), loop=0)
 

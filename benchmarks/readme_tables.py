@@ -1,0 +1,136 @@
+"""The tables of README.md, from docs/results/*.json: between `<!-- table: NAME -->` and `<!-- end -->`.
+
+python -m benchmarks.readme_tables [--check]
+
+With --check nothing is written, and the exit code is 1 where a table is not what the results say.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import write_text
+
+ROOT = Path(__file__).resolve().parents[1]
+README, RESULTS = ROOT / "README.md", ROOT / "docs" / "results"
+
+MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+CASES = {
+    "floating frame, 5 segments x 1": "floating frame, 5 segments",
+    "floating frame, 16 segments x 1": "16 segments",
+    "geometrically exact, 5 quadratic elements": "exact beam, 5 elements",
+    "geometrically exact, 16 quadratic elements": "16 elements",
+    "elastica, 8 nodes": "elastica, 8 nodes",
+}
+"""Cases of agreement.json that the table shows, and their headings."""
+
+ENVS = {"FlexibleArm-v0": "slew of one link", "TwoLinkFlexArm-v0": "reach of two links"}
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table; the first column to the left, numbers to the right."""
+    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+
+
+def measured(content: Mapping[str, Any], page: str) -> str:
+    """Where and when, and where the whole page is."""
+    machine = content.get("machine") or content.get("versions") or {}
+    told = [machine.get("date"), machine.get("processor"), f"{machine['cores']} cores" if "cores" in machine else None]
+    where = ", ".join(str(word) for word in told if word)
+    return f"\n{'Measured: ' + where + '. ' if where else ''}All of it: [{page}](docs/results/{page}).\n"
+
+
+def accuracy(contents: Mapping[str, Any]) -> str:
+    """Tip errors of every scene under every formulation."""
+    content = contents["agreement"]
+    scenes = list(dict.fromkeys(row["scene"] for row in content["rows"]))
+    found = {(row["scene"], row["case"]): row for row in content["rows"]}
+    rows = [[f"`{scene}`", *(_error(found.get((scene, case))) for case in CASES)] for scene in scenes]
+    text = "Largest distance of the tip from the converged solution over a whole run, in % of the arm's length.\n\n"
+    return text + table(["scene", *CASES.values()], rows) + measured(content, "agreement.md")
+
+
+def _error(row: Mapping[str, Any] | None) -> str:
+    if row is None:
+        return ""
+    if row["status"] != "ok":
+        return f"{row['status']}, {row['reached']:.2g} s"
+    return f"{row['max_tip_error_percent']:.2g}"
+
+
+def control(contents: Mapping[str, Any]) -> str:
+    """Success and settling times of policies and controllers, environment by environment."""
+    parts = []
+    for name, content in contents.items():
+        if not name.startswith("control"):
+            continue
+        rows = [
+            [
+                who,
+                f"{row['success_rate']:.0%}",
+                f"{row['settling_time_median']:.2f}",
+                f"{row['residual_vibration_median']:.2g}",
+                f"{row['overshoot_median']:.1f}",
+            ]
+            for who, row in content["policies"].items()
+        ]
+        rows += [[f"*{bound}*", "", f"{value:.2f}", "", ""] for bound, value in content.get("bounds", {}).items()]
+        head = ["policy", "success", "settling, s", "residual vibration, mm", "overshoot, %"]
+        kind = ", payload and stiffness drawn at random" if content.get("randomized") else ""
+        what = f"`{content['env']}`, {ENVS.get(content['env'], '')}{kind}"
+        parts.append(f"{what}: medians of {content['episodes']} episodes.\n\n{table(head, rows)}")
+        parts[-1] += measured(content, f"{name}.md")
+    return "\n".join(parts)
+
+
+def speed(contents: Mapping[str, Any]) -> str:
+    """What the throughput benchmark has to say, in its own words: `readme` of its results, {text, head, rows}."""
+    content = contents["throughput"]
+    own = content["readme"]
+    return f"{own['text']}\n\n{table(own['head'], own['rows'])}{measured(content, 'throughput.md')}"
+
+
+TABLES = {"accuracy": (accuracy, "agreement"), "speed": (speed, "throughput"), "control": (control, "control")}
+"""Name -> what makes it, and how the names of the results begin that it needs."""
+
+
+def filled(text: str, contents: Mapping[str, Any]) -> str:
+    """README's text with its tables; a table whose results are not there says so."""
+
+    def one(found: re.Match[str]) -> str:
+        make, needed = TABLES[found.group(2)]
+        there = any(name.startswith(needed) for name in contents)
+        body = make(contents) if there else f"Not measured yet (docs/results/{needed}*.json).\n"
+        return f"{found.group(1)}{body}{found.group(3)}"
+
+    return MARKED.sub(one, text)
+
+
+def results() -> dict[str, Any]:
+    """The content of every results file, by its name."""
+    return {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(RESULTS.glob("*.json"))}
+
+
+def main() -> int:
+    """Write the tables, or look whether they are what they should be."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.readme_tables", description=__doc__)
+    parser.add_argument("--check", action="store_true", help="write nothing; 1 where a table is out of date")
+    arguments = parser.parse_args()
+    old = README.read_text("utf-8")
+    new = filled(old, results())
+    if arguments.check:
+        return int(new != old)
+    write_text(README, new)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
