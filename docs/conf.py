@@ -121,8 +121,13 @@ def tidy(app: Sphinx, what: str, name: str, item: Any, options: Any, lines: list
         plain = [part for part in parts if not _ENTRY.match(part)]
         out += [line for part in plain for line in (f"{indent}{part}", "")]
         out.append(f"{indent}{found.group(2)}:")
-        out += [f"{indent}    {part}" for part in parts if part not in plain]
+        parts = [part for part in parts if part not in plain]
+        if found.group(2) == "Attributes":
+            parts = [one for part in parts for one in _each(part)]
+        out += [f"{indent}    {part}" for part in parts]
         out.append("")
+    if what == "module":
+        out = _literal(out)
     if what in ("property", "attribute", "data") and out:
         out[0] = re.sub(r"(?<!:):(?!:) ", " \N{EN DASH} ", out[0], count=1)
     lines[:] = [line.replace("|", "\\|") if "`" not in line else line for line in out]
@@ -148,6 +153,27 @@ def spell(app: Sphinx, what: str, name: str, item: Any, options: Any, signature:
 def _line_starts(lines: list[str]) -> set[str]:
     found = [re.match(rf"({_NAMES}): ", line) for line in lines]
     return {name for one in found if one for name in re.findall(r"(\w+)(?: \([^)]*\))?(?:, |$)", one.group(1))}
+
+
+def _each(part: str) -> list[str]:
+    """`a (n,), b: text` as two entries; a shape holds for the names before it that have none."""
+    names, _, text = part.partition(": ")
+    shape, out = "", []
+    for name, own in reversed(re.findall(r"(\w+)((?: \([^)]*\))?)(?:, |$)", names)):
+        shape = own or shape
+        out.append(f"{name}{shape}: {text}")
+    return out[::-1]
+
+
+def _literal(lines: list[str]) -> list[str]:
+    """Blocks that stand indented after a blank line are code."""
+    out: list[str] = []
+    for k, line in enumerate(lines):
+        begins = k > 0 and line.startswith("    ") and not lines[k - 1].strip()
+        if begins and (not out or not any(one.startswith("    ") for one in out[-2:-1])):
+            out += ["::", ""]
+        out.append(line)
+    return out
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
