@@ -278,27 +278,32 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return mask
 
     def _infos(self, only: Flags | None = None) -> dict[str, Any]:
-        """info of all arms, or of those in `only` (zeros elsewhere), each key with its mask."""
+        """info of all arms, or of those in `only` (zeros elsewhere), each key with its mask.
+
+        One copy of the numbers, of which the values are views; the masks of all keys are one array.
+        """
         batch, n = self.batch, self.num_envs
-        infos: dict[str, Any] = {}
+        table = batch.table[:, :n].copy()
         tail = batch.tail_first
-        infos["is_success"] = batch.info(SUCCESS) > 0.5
-        infos["in_range"] = batch.info(tail + IN_RANGE) > 0.5
-        infos["solver_status"], infos["termination_reason"] = _words(batch.info(tail + REASON))
+        infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[tail + IN_RANGE] > 0.5}
+        infos["solver_status"], infos["termination_reason"] = _words(table[tail + REASON])
         for entry in self.plan.entries:
-            infos[entry.name] = batch.info(entry.first, entry.count)
+            first, count = entry.first, entry.count
+            infos[entry.name] = table[first] if count is None else table[first : first + count].T
         if only is not None:
             for name, values in infos.items():
                 infos[name] = _blanked(values, only)
-        mask = np.ones(n, np.bool_) if only is None else only
+        mask = np.ones(n, np.bool_) if only is None else only.copy()
         for name in list(infos):
-            infos[f"_{name}"] = mask.copy()
+            infos[f"_{name}"] = mask
         return infos
 
 
 def _words(codes: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Solver status and reason of each arm, as words."""
-    status, reason = np.full(len(codes), STATUS_WORDS[0.0], dtype=object), np.full(len(codes), "", dtype=object)
+    status, reason = np.empty(len(codes), object), np.empty(len(codes), object)
+    status.fill(STATUS_WORDS[0.0])
+    reason.fill("")
     for i in np.flatnonzero(codes).tolist():
         status[i], reason[i] = STATUS_WORDS[codes[i]], REASONS[codes[i]]
     return status, reason

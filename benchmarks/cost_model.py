@@ -1,0 +1,157 @@
+"""What a time step must cost, and what it does: docs/results/cost_model.{md,json}.
+
+    python -m benchmarks.cost_model [--out FOLDER]
+
+Operations are counted (`benchmarks.operations`), the machine's ceiling is measured with chains of additions and
+multiplications that depend on nothing but themselves, and so are steps of 5 ms, of one arm and of eight in lanes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import describe_machine, write_text
+from benchmarks.operations import CASES, STEP
+from flexarm_env import arms
+from flexarm_env.batch import standing_scene
+from flexarm_env.kernels.jit import kernel
+from flexarm_env.kernels.lanes import EIGHT, SINGLE, load, store
+from flexarm_env.kernels.newmark import advance
+from flexarm_env.settings import Settings
+from flexarm_env.simulation import Simulation
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+CHAINS = 12
+"""Independent chains: more than two units with four cycles of latency need."""
+
+
+@kernel
+def _chains(lane, x, count):  # type: ignore[no-untyped-def]
+    """`count` times: each of 12 numbers (of each lane) multiplied, then added to; 24 operations."""
+    a0, a1, a2 = load(lane, x, 0), load(lane, x, 1), load(lane, x, 2)
+    a3, a4, a5 = load(lane, x, 3), load(lane, x, 4), load(lane, x, 5)
+    a6, a7, a8 = load(lane, x, 6), load(lane, x, 7), load(lane, x, 8)
+    a9, b0, b1 = load(lane, x, 9), load(lane, x, 10), load(lane, x, 11)
+    for _ in range(count):
+        a0, a1, a2 = a0 * 0.999 + 1e-3, a1 * 0.999 + 1e-3, a2 * 0.999 + 1e-3
+        a3, a4, a5 = a3 * 0.999 + 1e-3, a4 * 0.999 + 1e-3, a5 * 0.999 + 1e-3
+        a6, a7, a8 = a6 * 0.999 + 1e-3, a7 * 0.999 + 1e-3, a8 * 0.999 + 1e-3
+        a9, b0, b1 = a9 * 0.999 + 1e-3, b0 * 0.999 + 1e-3, b1 * 0.999 + 1e-3
+    store(x, 0, a0 + a1 + a2 + a3 + a4 + a5 + a6 + a7 + a8 + a9 + b0 + b1)
+
+
+def _best(function: Callable[[], Any], repeat: int = 15) -> float:
+    """Shortest of some calls, s; the first, which may compile, is not timed."""
+    function()
+    times = []
+    for _ in range(repeat):
+        clock = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - clock)
+    return min(times)
+
+
+def ceiling(lane: tuple[int, ...]) -> float:
+    """Operations a second of one core, all lanes together."""
+    x, count = np.ones(CHAINS * len(lane)), 200_000
+
+    def run() -> None:
+        x[:] = 1.0
+        _chains(lane, x, count)
+
+    return 2 * CHAINS * len(lane) * count / _best(run)
+
+
+def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tuple[int, ...]) -> float:
+    """Seconds a step of 5 ms takes an arm, one alone or one of eight in lanes, from the same states as are counted."""
+    arm = arms.resolve(arm_name)
+    settings = Settings.make(formulation, dt=STEP, tolerance=1e-6, **options)
+    simulation = Simulation(standing_scene(arm, STEP, None), settings)
+    assert arm.torque_limits is not None
+    simulation.set_torques(np.array(arm.torque_limits))
+    simulation.advance_to(4 * STEP, books=False)
+    state, counters = simulation._flat[:-4], simulation._flat[-4:]
+    start = np.concatenate([np.repeat(state, len(lane)), counters])
+    par, flat, steps = np.repeat(simulation.par, len(lane)), start.copy(), 8
+
+    def run() -> None:
+        for _ in range(100):
+            flat[:] = start
+            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, steps, simulation.scheme, False)
+
+    def overhead() -> None:
+        for _ in range(100):
+            flat[:] = start
+            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, 0, simulation.scheme, False)
+
+    return (_best(run) - _best(overhead)) / (100 * steps * len(lane))
+
+
+def counted() -> dict[str, dict[str, float]]:
+    """Operations of all cases, from a process in which nothing is compiled."""
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-m", "benchmarks.operations"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return dict(json.loads(done.stdout))
+
+
+def table(results: dict[str, Any]) -> str:
+    """The results as Markdown."""
+    one, eight = results["ceiling"]["1"] / 1e9, results["ceiling"]["8"] / 1e9
+    lines = [
+        "# What a step costs",
+        "",
+        "Operations (additions, multiplications, divisions of the state; counted by running the kernels on numbers that",
+        "count) of one step of 5 ms at tolerance 1e-6, the time they would take at the machine's ceiling of",
+        f"{one:.2f} and, in eight lanes, {eight:.1f} thousand million operations a second (measured: independent chains",
+        "of additions and multiplications), the time measured, and the ratio. A division is counted as one operation",
+        "but takes the machine longer than an addition; in lanes the state of eight arms passes through the",
+        "first-level cache (bytes an arm in the last column). Written by `python -m benchmarks.cost_model`.",
+        "",
+        " · ".join(f"{k}: {v}" for k, v in results["machine"].items()),
+        "",
+        "| case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio | ceiling in lanes, us "
+        "| an arm in lanes, us | ratio | bytes |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for r in results["rows"]:
+        scalar, lanes = r["operations"] / one / 1e3, r["operations"] / eight / 1e3
+        wide = "– | – | –"
+        if r["lane_us"] is not None:
+            wide = f"{lanes:.3f} | {r['lane_us']:.3f} | {r['lane_us'] / lanes:.1f}"
+        lines.append(
+            f"| {r['case']} | {r['iterations']:.1f} | {r['operations']:.0f} ({r['divide']:.0f}) | {scalar:.2f} "
+            f"| {r['single_us']:.2f} | {r['single_us'] / scalar:.1f} | {wide} | {r['state_bytes']:.0f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Count, measure and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
+    options = parser.parse_args(arguments)
+    counts, rows = counted(), []
+    for name, case in CASES.items():
+        laneless = case[1] == "floating_frame"
+        row = {"case": name, **counts[name], "single_us": 1e6 * step_time(*case, SINGLE)}
+        rows.append(row | {"lane_us": None if laneless else 1e6 * step_time(*case, EIGHT)})
+        print(json.dumps(rows[-1]), flush=True)
+    results = {"machine": describe_machine(), "ceiling": {"1": ceiling(SINGLE), "8": ceiling(EIGHT)}, "rows": rows}
+    write_text(options.out / "cost_model.json", json.dumps(results, indent=1) + "\n")
+    write_text(options.out / "cost_model.md", table(results))
+    print(table(results))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

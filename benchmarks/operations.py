@@ -1,0 +1,173 @@
+"""Floating-point operations of a time step, counted: the kernels run uncompiled on numbers that count themselves.
+
+    NUMBA_DISABLE_JIT=1 python -m benchmarks.operations      prints the counts as JSON
+
+Additions, multiplications and divisions of the state are counted, one each; loads, comparisons, integer work and
+products of the model's constants alone are not.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from typing import Any
+
+import numpy as np
+from numba import config
+
+from flexarm_env import arms
+from flexarm_env.batch import standing_scene
+from flexarm_env.kernels.lanes import SINGLE
+from flexarm_env.model import scheme
+from flexarm_env.settings import Settings
+from flexarm_env.simulation import Simulation
+
+CASES: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "elastica, 4 nodes": ("strip", "elastica", {"nodes": 4}),
+    "elastica, 5 nodes": ("strip", "elastica", {"nodes": 5}),
+    "elastica, two links, 5 nodes": ("de_luca_siciliano", "elastica", {"nodes": 5}),
+    "exact, 3 quadratic elements": ("strip", "geometrically_exact", {"elements": 3}),
+    "exact, 5 quadratic elements": ("strip", "geometrically_exact", {"elements": 5}),
+    "exact, two links, 3 each": ("de_luca_siciliano", "geometrically_exact", {"elements": 3}),
+    "floating frame, 3 modes": ("strip", "floating_frame", {"modes": 3}),
+    "floating frame, 5 segments": ("strip", "floating_frame", {"segments": 5, "elements": 1}),
+}
+"""What is counted and timed: arm, formulation, options."""
+
+STEP, STEPS = 0.005, 8
+COUNTS = {"add": 0, "multiply": 0, "divide": 0}
+
+
+class Counted:
+    """A float that counts what is done with it."""
+
+    __slots__ = ("x",)
+
+    def __init__(self, x: float) -> None:
+        self.x = float(x)
+
+    def __float__(self) -> float:
+        return self.x
+
+    def __int__(self) -> int:
+        return int(self.x)
+
+    def __neg__(self) -> Counted:
+        return Counted(-self.x)
+
+    def __abs__(self) -> Counted:
+        return Counted(abs(self.x))
+
+    def __lt__(self, other: Any) -> bool:
+        return self.x < float(other)
+
+    def __le__(self, other: Any) -> bool:
+        return self.x <= float(other)
+
+    def __gt__(self, other: Any) -> bool:
+        return self.x > float(other)
+
+    def __ge__(self, other: Any) -> bool:
+        return self.x >= float(other)
+
+    def __eq__(self, other: object) -> bool:
+        return self.x == float(other)  # type: ignore[arg-type]
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def cos(self) -> Counted:
+        """What np.cos calls; counted as our own sine and cosine are."""
+        COUNTS["multiply"] += 8
+        COUNTS["add"] += 8
+        return Counted(math.cos(self.x))
+
+    def sin(self) -> Counted:
+        """What np.sin calls."""
+        COUNTS["multiply"] += 8
+        COUNTS["add"] += 8
+        return Counted(math.sin(self.x))
+
+    def sqrt(self) -> Counted:
+        """What np.sqrt calls."""
+        COUNTS["divide"] += 1
+        return Counted(math.sqrt(self.x))
+
+
+def _counting(name: str, operation: Any) -> None:
+    def forward(self: Counted, other: Any) -> Counted:
+        COUNTS[name] += 1
+        return Counted(operation(self.x, float(other)))
+
+    def backward(self: Counted, other: Any) -> Counted:
+        COUNTS[name] += 1
+        return Counted(operation(float(other), self.x))
+
+    word = operation.__name__
+    setattr(Counted, f"__{word}__", forward)
+    setattr(Counted, f"__r{word}__", backward)
+
+
+def _prepare() -> None:
+    """Let the kernels' few functions of Python's own floats, and their room on the stack, hold counting numbers."""
+    import operator
+
+    for name, operation in (("add", operator.add), ("add", operator.sub), ("multiply", operator.mul)):
+        _counting(name, operation)
+
+    def truediv(a: float, b: float) -> float:
+        return a / b if b else math.inf
+
+    _counting("divide", truediv)
+
+    def square_root(x: Any) -> Counted:
+        COUNTS["divide"] += 1
+        return Counted(math.sqrt(max(float(x), 0.0)))
+
+    def room(lane: Any, sizes: Any) -> Any:
+        return np.full(len(sizes), 0.0, dtype=object)
+
+    replaced = {"square_root": square_root, "stack": room, "round_even": lambda x: Counted(float(np.rint(float(x))))}
+    for name, module in list(sys.modules.items()):
+        if name.startswith("flexarm_env.kernels"):
+            for key, value in replaced.items():
+                if hasattr(module, key) and callable(getattr(module, key)):
+                    setattr(module, key, value)
+
+
+def count(arm_name: str, formulation: str, options: dict[str, Any]) -> dict[str, float]:
+    """Operations of a step, and Newton iterations, means over STEPS steps of 5 ms of the arm under constant torques."""
+    from flexarm_env.kernels.newmark import advance
+
+    arm = arms.resolve(arm_name)
+    settings = Settings.make(formulation, dt=STEP, tolerance=1e-6, **options)
+    simulation = Simulation(standing_scene(arm, STEP, None), settings)
+    assert arm.torque_limits is not None
+    simulation.set_torques(np.array(arm.torque_limits))
+    for _ in range(4):  # away from rest
+        simulation.advance_to(simulation.t + STEP, books=False)
+    flat = np.array([Counted(x) for x in simulation._flat], dtype=object)
+    par = np.array([Counted(x) for x in simulation.par], dtype=object)
+    limits = (settings.tolerance, settings.max_iterations, settings.max_halvings, False)
+    before = float(simulation.work.counts[0])
+    COUNTS.update(dict.fromkeys(COUNTS, 0))
+    advance(
+        SINGLE, simulation.model, None, par, flat, 0, 0.0, STEP, STEPS,
+        scheme(settings.rho_inf, settings.newmark, *limits), False,
+    )  # fmt: skip
+    counts = {name: number / STEPS for name, number in COUNTS.items()}
+    simulation._flat[:] = flat.astype(float)
+    iterations = (float(simulation.work.counts[0]) - before) / STEPS
+    return counts | {"operations": sum(counts.values()), "iterations": iterations, "state_bytes": 8.0 * flat.size}
+
+
+def main() -> None:
+    """Print the counts of all cases."""
+    if not config.DISABLE_JIT:
+        raise SystemExit("Run with NUMBA_DISABLE_JIT=1: compiled kernels cannot be counted")
+    _prepare()
+    print(json.dumps({name: count(*case) for name, case in CASES.items()}))
+
+
+if __name__ == "__main__":
+    main()

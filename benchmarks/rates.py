@@ -1,0 +1,168 @@
+"""Environment steps a second: single and vector, ours and others', measured in turn so that ratios are of one run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import flexarm_env  # noqa: F401  (registers the ids)
+from flexarm_env.envs.options import DEFAULT_FORMULATION, DEFAULT_OPTIONS
+
+IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
+
+
+@dataclass
+class Case:
+    """One thing whose rate is measured.
+
+    make: opens it and gives (advance, close); advance(k) makes k control periods of all its environments and returns
+    how many environment steps that were (autoreset steps are none). rates: environment steps a second, one a round.
+    """
+
+    name: str
+    make: Callable[[], tuple[Callable[[int], int], Callable[[], None]]]
+    facts: dict[str, Any] = field(default_factory=dict)
+    rates: list[float] = field(default_factory=list)
+    first_seconds: float = 0.0
+
+    def row(self) -> dict[str, Any]:
+        """What a results file keeps: the best round (others share the machine) and the median one."""
+        return {
+            "case": self.name,
+            **self.facts,
+            "steps_per_second": max(self.rates),
+            "steps_per_second_median": float(np.median(self.rates)),
+            "rounds": len(self.rates),
+            "first_seconds": self.first_seconds,
+        }
+
+
+def single(name: str, env_id: str, **keywords: Any) -> Case:
+    """An environment as `gymnasium.make` gives it, wrappers included, driven by random actions made beforehand."""
+
+    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+        env = gym.make(env_id, **keywords)
+        env.action_space.seed(0)
+        actions = [env.action_space.sample() for _ in range(256)]
+        env.reset(seed=0)
+
+        def advance(count: int) -> int:
+            step, reset = env.step, env.reset
+            for k in range(count):
+                _, _, terminated, truncated, _ = step(actions[k % 256])
+                if terminated or truncated:
+                    reset()
+            return count
+
+        return advance, env.close
+
+    facts = {"id": env_id, "n_envs": 1, "threads": 1, "api": "single"}
+    return Case(name, make, facts | {"options": keywords})
+
+
+def vector(name: str, env_id: str, n_envs: int, threads: int, **keywords: Any) -> Case:
+    """The native vector environment, NEXT_STEP autoreset; steps in which an arm is only reset do not count."""
+
+    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+        env = gym.make_vec(env_id, num_envs=n_envs, threads=threads, **keywords)
+        env.action_space.seed(0)
+        actions = [env.action_space.sample() for _ in range(16)]
+        env.reset(seed=0)
+        state = {"ended": np.zeros(n_envs, np.bool_)}
+
+        def advance(count: int) -> int:
+            made = 0
+            for k in range(count):
+                _, _, terminated, truncated, _ = env.step(actions[k % 16])
+                made += n_envs - int(np.count_nonzero(state["ended"]))
+                state["ended"] = terminated | truncated
+            return made
+
+        return advance, env.close
+
+    facts = {"id": env_id, "n_envs": n_envs, "threads": threads, "api": "vector"}
+    return Case(name, make, facts | {"options": keywords})
+
+
+def envpool_reacher() -> Case | None:
+    """EnvPool's Reacher-v4, one environment stepped synchronously; None where EnvPool is not installed."""
+    if not find_spec("envpool"):
+        return None
+
+    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+        import envpool
+
+        env = envpool.make_gymnasium("Reacher-v4", num_envs=1, num_threads=1)
+        actions = np.random.default_rng(0).uniform(-1.0, 1.0, (256, 1, 2))
+        env.reset()
+
+        def advance(count: int) -> int:
+            for k in range(count):
+                env.step(actions[k % 256])
+            return count
+
+        return advance, env.close
+
+    return Case("EnvPool Reacher-v4", make, {"id": "Reacher-v4", "n_envs": 1, "threads": 1, "api": "single"})
+
+
+def exudyn_arm(elements: int = 5, n_steps: int = 4) -> Case | None:
+    """The strip in Exudyn, stepped from Python by its own solver: a control period of 20 ms in n_steps steps."""
+    if not find_spec("exudyn"):
+        return None
+
+    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+        from benchmarks.exudyn_strip import stepper
+
+        return stepper(elements, n_steps), lambda: None
+
+    facts = {"id": "Exudyn strip", "n_envs": 1, "threads": 1, "api": "single"}
+    return Case(f"Exudyn, {elements} elements, {n_steps} steps a period", make, facts)
+
+
+def own_cases(sizes: tuple[int, ...], threads: tuple[int, ...], formulations: tuple[str, ...]) -> list[Case]:
+    """Both ids under each formulation at the settings that the environments use by default, single and vector."""
+    cases = []
+    for env_id in IDS:
+        for formulation in formulations:
+            options: dict[str, Any] = {} if formulation == DEFAULT_FORMULATION else {"formulation": formulation}
+            cases.append(single(f"{env_id} {formulation}", env_id, **options))
+            for n in sizes:
+                for count in threads:
+                    if count == 1 or n >= 8 * count:
+                        name = f"{env_id} {formulation} x {n}, {count} thread(s)"
+                        cases.append(vector(name, env_id, n, count, **options))
+        for case in cases:
+            if case.facts["id"] == env_id:
+                chosen = case.facts["options"].get("formulation", DEFAULT_FORMULATION)
+                case.facts |= {"formulation": chosen, "settings": DEFAULT_OPTIONS[chosen]}
+    return cases
+
+
+def measure(cases: list[Case], rounds: int, seconds: float, tell: Callable[[str], None]) -> None:
+    """Fill in the rates: `rounds` times through all cases, each for about `seconds`."""
+    for number in range(rounds):
+        for case in cases:
+            clock = time.perf_counter()
+            advance, close = case.make()
+            advance(1)
+            if number == 0:
+                case.first_seconds = time.perf_counter() - clock
+            count, spent = 1, 0.0
+            while spent < 0.02:  # how many periods fill the time
+                count *= 4
+                clock = time.perf_counter()
+                advance(count)
+                spent = time.perf_counter() - clock
+            count = max(1, int(count * seconds / spent))
+            clock = time.perf_counter()
+            made = advance(count)
+            case.rates.append(made / (time.perf_counter() - clock))
+            close()
+            tell(f"round {number + 1} of {rounds}: {case.name}: {case.rates[-1]:,.0f} steps/s")

@@ -1,0 +1,201 @@
+"""Environment steps a second, times to start, memory: docs/results/throughput.{md,json}, docs/figures/throughput.png.
+
+    python -m benchmarks.throughput [--rounds 5] [--seconds 0.5] [--quick] [--out FOLDER]
+
+Every case is measured once a round and all are in every round, so that ratios are of one run on one machine; the best
+round counts, for others may share the machine. `Pendulum-v1` is the yardstick. Single environments are what
+`gymnasium.make` gives, wrappers included; vector ones are native, autoreset steps not counted; info_level is
+"standard" throughout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks import rates
+from benchmarks.machine import describe_machine, write_text
+
+DOCS = Path(__file__).parents[1] / "docs"
+SIZES = (1, 16, 256, 1024, 4096)
+FORMULATIONS = ("elastica", "geometrically_exact", "floating_frame")
+
+START = """
+import time, os, sys
+clock = time.perf_counter()
+import gymnasium, flexarm_env
+imported = time.perf_counter() - clock
+env = gymnasium.make(sys.argv[1])
+env.reset(seed=0)
+env.step(env.action_space.sample())
+print(imported, time.perf_counter() - clock)
+"""
+"""Import and first step, seconds."""
+
+MEMORY = """
+import resource, sys
+import gymnasium, flexarm_env
+env = gymnasium.make_vec(sys.argv[1], num_envs=int(sys.argv[2]))
+env.reset(seed=0)
+for _ in range(3):
+    env.step(env.action_space.sample())
+def resident():
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
+print(resident() / 1024, env.unwrapped.batch.block.nbytes / int(sys.argv[2]))
+"""
+"""Resident memory (MB) of a process, and bytes of state an environment."""
+
+
+def _told(script: str, *arguments: str, cache: str | None = None) -> list[float]:
+    """The numbers that a script prints, run in a process of its own."""
+    environment = dict(os.environ) | ({} if cache is None else {"NUMBA_CACHE_DIR": cache})
+    done = subprocess.run(
+        [sys.executable, "-c", script, *arguments], env=environment, capture_output=True, text=True, check=True
+    )
+    return [float(word) for word in done.stdout.split()]
+
+
+def starts(env_id: str) -> dict[str, float]:
+    """Seconds to import, and to the end of the first step, with an empty cache of compiled code and with a full one."""
+    with tempfile.TemporaryDirectory() as cache:
+        _, cold = _told(START, env_id, cache=cache)
+        warm = [_told(START, env_id, cache=cache) for _ in range(3)]
+    return {"import": min(w[0] for w in warm), "cold_first_step": cold, "warm_first_step": min(w[1] for w in warm)}
+
+
+def memory(env_id: str) -> dict[str, float]:
+    """Resident MB of a process with 1 and with 4096 environments (the same code loaded), and bytes of state each."""
+    _told(MEMORY, env_id, "4096")  # compiles
+    few, _ = _told(MEMORY, env_id, "64")
+    many, state = _told(MEMORY, env_id, "4096")
+    return {"resident_64_mb": few, "resident_4096_mb": many, "state_bytes": state}
+
+
+def table(results: dict[str, Any]) -> str:
+    """The results as Markdown."""
+    rows = results["rates"]
+    pendulum = next(r["steps_per_second"] for r in rows if r["case"] == "Pendulum-v1")
+    lines = [
+        "# Throughput",
+        "",
+        'Environment steps a second, compiled, `info_level="standard"`, random actions; ratios to `Pendulum-v1` of',
+        "the same run. Written by `python -m benchmarks.throughput`. The settings of each formulation are the cheapest",
+        "that keep the tip within 0.5 % of L for 99 % of episodes (see `default_settings.md`).",
+        "",
+        " · ".join(f"{k}: {v}" for k, v in results["machine"].items()),
+        "",
+        "| case | formulation | environments | threads | steps/s | / Pendulum-v1 |",
+        "|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        name = r["case"] if "formulation" not in r else r["id"]
+        lines.append(
+            f"| {name} ({r['api']}) | {r.get('formulation', '–')} | {r['n_envs']} | {r['threads']} "
+            f"| {r['steps_per_second']:,.0f} | {r['steps_per_second'] / pendulum:.2f} |"
+        )
+    lines += ["", "| formulation | settings |", "|---|---|"]
+    settings = {r["formulation"]: r["settings"] for r in rows if "formulation" in r}
+    lines += [f"| {name} | {', '.join(f'{k} {v}' for k, v in chosen.items())} |" for name, chosen in settings.items()]
+    lines += [
+        "",
+        "| | import, s | first step, empty cache, s | first step, cached, s | resident, 64, MB | resident, 4096, MB "
+        "| state an arm, bytes |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for env_id, facts in results["starts"].items():
+        m = results["memory"][env_id]
+        lines.append(
+            f"| {env_id} | {facts['import']:.2f} | {facts['cold_first_step']:.1f} | {facts['warm_first_step']:.2f} "
+            f"| {m['resident_64_mb']:.0f} | {m['resident_4096_mb']:.0f} | {m['state_bytes']:.0f} |"
+        )
+    lines += ["", "Two threads over one: " + ", ".join(f"{k} {v:.2f}" for k, v in speedups(rows).items()) + ".", ""]
+    return "\n".join(lines) + "\n![Throughput](../figures/throughput.png)\n"
+
+
+def speedups(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Rate of 1024 environments on two threads over one."""
+    found = {}
+    for r in rows:
+        if (r["n_envs"], r["threads"]) == (1024, 2):
+            wanted = (1024, 1, r["id"], r["formulation"])
+            one = [
+                o["steps_per_second"]
+                for o in rows
+                if (o["n_envs"], o["threads"], o["id"], o.get("formulation")) == wanted
+            ]
+            found[f"{r['id']} {r['formulation']}"] = r["steps_per_second"] / one[0]
+    return found
+
+
+def figure(results: dict[str, Any], path: Path) -> None:
+    """Steps a second over the number of environments."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    rows = results["rates"]
+    pendulum = next(r["steps_per_second"] for r in rows if r["case"] == "Pendulum-v1")
+    fig, axes = plt.subplots(1, 2, figsize=(10.0, 4.2), sharey=True, layout="constrained")
+    colours = dict(zip(FORMULATIONS, ("#1b6ca8", "#d1495b", "#3a7d44"), strict=True))
+    for axis, env_id in zip(axes, rates.IDS, strict=True):
+        for formulation, colour in colours.items():
+            for threads, style in ((1, "--"), (2, "-")):
+                points = sorted(
+                    (r["n_envs"], r["steps_per_second"])
+                    for r in rows
+                    if r["api"] == "vector" and r["id"] == env_id and r["formulation"] == formulation
+                    and r["threads"] == (threads if r["n_envs"] >= 8 * threads else 1)
+                )  # fmt: skip
+                if points:
+                    label = f"{formulation}, {threads} thread{'s' * (threads > 1)}"
+                    axis.plot(*zip(*points, strict=True), style, color=colour, marker="o", ms=4, label=label)
+        axis.axhline(pendulum, color="0.4", lw=1)
+        axis.annotate("Pendulum-v1, single", (1, pendulum), xytext=(2, 4), textcoords="offset points", color="0.3")
+        for r in rows:
+            if r["id"] == env_id and r["api"] == "single":
+                axis.plot([0.8], [r["steps_per_second"]], marker=">", color=colours[r["formulation"]], ms=7)
+        axis.set(xscale="log", yscale="log", title=env_id, xlabel="environments")
+        axis.grid(True, which="major", color="0.9")
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0].set_ylabel("environment steps per second")
+    axes[1].legend(frameon=False, fontsize=8, loc="upper left")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fig.savefig(path, dpi=130)
+    plt.close(fig)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=0.5, help="of one case in one round")
+    parser.add_argument("--quick", action="store_true", help="two sizes, one formulation, no start-up and memory")
+    parser.add_argument("--out", type=Path, default=DOCS, help="folder of results/ and figures/")
+    options = parser.parse_args(arguments)
+    sizes, formulations = ((16, 1024), FORMULATIONS[:1]) if options.quick else (SIZES, FORMULATIONS)
+    cases = [rates.single("Pendulum-v1", "Pendulum-v1")]
+    cases += [case for case in (rates.envpool_reacher(), rates.exudyn_arm()) if case is not None]
+    cases += rates.own_cases(sizes, (1, 2), formulations)
+    rates.measure(cases, options.rounds, options.seconds, lambda line: print(line, flush=True))
+    results: dict[str, Any] = {
+        "machine": describe_machine("envpool", "exudyn"),
+        "rates": [case.row() for case in cases],
+        "starts": {} if options.quick else {env_id: starts(env_id) for env_id in rates.IDS},
+        "memory": {} if options.quick else {env_id: memory(env_id) for env_id in rates.IDS},
+    }
+    write_text(options.out / "results" / "throughput.json", json.dumps(results, indent=1) + "\n")
+    write_text(options.out / "results" / "throughput.md", table(results))
+    figure(results, options.out / "figures" / "throughput.png")
+    print(table(results))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
