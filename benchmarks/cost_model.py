@@ -111,17 +111,17 @@ def table(results: dict[str, Any]) -> str:
     lines = [
         "# What a step costs",
         "",
-        "Operations (additions, multiplications, divisions of the state; counted by running the kernels on numbers that",
-        "count) of one step of 5 ms at tolerance 1e-6, the time they would take at the machine's ceiling of",
-        f"{one:.2f} and, in eight lanes, {eight:.1f} thousand million operations a second (measured: independent chains",
-        "of additions and multiplications), the time measured, and the ratio. A division is counted as one operation",
-        "but takes the machine longer than an addition; in lanes the state of eight arms passes through the",
+        "Operations (additions, multiplications, divisions of the state; counted by running the kernels on numbers",
+        "that count) of one step of 5 ms at tolerance 1e-6, the time they would take at the machine's ceiling of",
+        f"{one:.2f} and, in eight lanes, {eight:.1f} thousand million operations a second (measured: independent",
+        "chains of additions and multiplications), the time measured, and the ratio. A division counts as one",
+        "operation but takes longer than an addition; in lanes the state of eight arms passes through the",
         "first-level cache (bytes an arm in the last column). Written by `python -m benchmarks.cost_model`.",
         "",
         " · ".join(f"{k}: {v}" for k, v in results["machine"].items()),
         "",
-        "| case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio | ceiling in lanes, us "
-        "| an arm in lanes, us | ratio | bytes |",
+        "| case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio | ceiling in lanes, "
+        "us | an arm in lanes, us | ratio | bytes |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in results["rows"]:
