@@ -50,7 +50,7 @@ class Episode:
         env_id: of the registry. env_kwargs: its keywords. max_episode_steps: as given to make, or None.
         seed: of the reset, or None; then `generator` is the state of the environment's generator before it.
         options: of the reset, or None.
-        observations (T + 1, O), actions (T, N): float32. rewards (T,). terminations, truncations (T,): bool.
+        observations (T + 1, O), actions (T, N): float32. rewards (T,): float64. terminations, truncations (T,): bool.
         infos: by name, T + 1 rows each.
     """
 

@@ -16,6 +16,7 @@ from flexarm_env.recording import load_episodes, replay
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = ["play", "--policy", "pd", "--env-kwargs", '{"duration": 0.2}']
+HEADLESS = [*SHORT, "--headless"]
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
@@ -33,7 +34,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 # -------------------------------------------------------------------- play
 def test_a_controller_plays(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*SHORT, "--episodes", "2", "--seed", "5"]) == 0
+    assert main([*HEADLESS, "--episodes", "2", "--seed", "5"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["env: FlexibleArm-v0", "policy: pd"]
     assert [line.split(",")[0] for line in lines[2:]] == ["episode: seed 5", "episode: seed 6"]
@@ -68,6 +69,7 @@ def test_a_policy_brings_its_environment(
 def test_the_keyboard_needs_a_window(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "there is no window" in refused(capsys, "play")
     assert "for --video" in refused(capsys, "play", "--video", str(tmp_path / "a.gif"))
+    assert "and --headless" in refused(capsys, "play", "--headless")
 
 
 def test_keys_are_torques() -> None:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 import tarfile
 import tomllib
+import venv
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -79,3 +84,96 @@ def test_constraints_pin_what_the_extras_ask_for() -> None:
     asked = [*PROJECT["dependencies"], *(name for extra in PROJECT["optional-dependencies"].values() for name in extra)]
     names = {name.split(";")[0].split(">")[0].strip().lower().replace("_", "-") for name in asked}
     assert names <= pinned, f"without a pin: {sorted(names - pinned)}"
+
+
+# ------------------------------------------------------- the wheel alone
+def needed(requirements: list[str]) -> dict[str, metadata.Distribution]:
+    """The distributions that these ask for, and what those ask for, without extras; from the running environment."""
+    found: dict[str, metadata.Distribution] = {}
+    waiting = [Requirement(line) for line in requirements]
+    while waiting:
+        wanted = waiting.pop()
+        if wanted.marker is not None and not wanted.marker.evaluate({"extra": ""}):
+            continue
+        distribution = metadata.distribution(wanted.name)
+        if distribution.name not in found:
+            found[distribution.name] = distribution
+            waiting += [Requirement(line) for line in distribution.requires or []]
+    return found
+
+
+@pytest.fixture(scope="module")
+def clean(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of an environment that holds the wheel, and of other packages only what the wheel asks for."""
+    home = tmp_path_factory.mktemp("clean")
+    venv.create(home, with_pip=False, symlinks=True)
+    python = home / "bin" / "python"
+    site = home / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
+    with zipfile.ZipFile(next(dist.glob("*.whl"))) as archive:
+        archive.extractall(site)
+    for distribution in needed(PROJECT["dependencies"]).values():
+        tops = {path.parts[0] for path in distribution.files or []} - {"..", "__pycache__"}
+        for name in tops:
+            target = Path(str(distribution.locate_file(name)))
+            if not (site / name).exists():
+                (site / name).symlink_to(target)
+    return python
+
+
+def alone(python: Path, folder: Path, *words: str, code: int = 0) -> str:
+    """What a command prints, run in an empty folder without the repository in sight."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "NUMBA_CACHE"))}
+    done = subprocess.run(
+        [python, "-W", "error::ImportWarning", *words], cwd=folder, env=environment, capture_output=True, text=True,
+        check=False, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout if code == 0 else done.stderr
+
+
+@pytest.mark.slow
+def test_the_wheel_alone_works(clean: Path, tmp_path: Path) -> None:
+    """Both environments, a scene against its reference, a controller and every policy that comes with the package."""
+    text = alone(clean, tmp_path, "-c", """
+import json, sys
+import gymnasium as gym, flexarm_env
+from flexarm_env import arms, control, scenes
+lengths = []
+for name in ("FlexibleArm-v0", "TwoLinkFlexArm-v0"):
+    env = gym.make(name)
+    env.reset(seed=0)
+    lengths.append(len(env.step(env.action_space.sample())[0]))
+policies = []
+for name in control.policy_names():
+    policy = control.load_policy(name)
+    env = gym.make(policy.meta["env_id"], **policy.meta["env_kwargs"])
+    observation, _ = env.reset(seed=0)
+    for _ in range(3):
+        observation = env.step(policy.act(observation))[0]
+    policies.append(policy.meta["env_id"])
+known = {"arms": arms.names(), "scenes": scenes.names(True), "references": scenes.reference_names()}
+heavy = [m for m in ("torch", "stable_baselines3", "matplotlib", "pygame", "agents", "benchmarks") if m in sys.modules]
+print(json.dumps({"file": flexarm_env.__file__, "lengths": lengths, "heavy": heavy, "policies": policies, **known}))
+""")
+    told = json.loads(text)
+    assert Path(told["file"]).is_relative_to(clean.parents[1])
+    assert told["lengths"] == [6, 14]
+    assert told["heavy"] == []
+    assert "strip" in told["arms"] and "flying_rod@as_printed" in told["scenes"] and "flying_rod" in told["references"]
+    assert set(told["policies"]) <= {"FlexibleArm-v0", "TwoLinkFlexArm-v0"}
+
+    run = ("-m", "flexarm_env")
+    assert "max_tip_error: 0.02" in alone(clean, tmp_path, *run, "replay", "robot_arm_motion", "--out", "run.csv")
+    assert (tmp_path / "run.csv").stat().st_size > 10_000
+    assert "passed" in alone(clean, tmp_path, *run, "doctor")
+    assert "needs agents/ of a checkout" in alone(clean, tmp_path, *run, "train", code=2)
+    sentence = alone(clean, tmp_path, *run, "replay", "robot_arm_motion", "--plot", "a.png", code=2)
+    assert 'pip install "flexarm_env[plot]"' in sentence
+    assert "success, return" in alone(clean, tmp_path, *run, "play", "--policy", "lqr", "--headless")
+    sentence = alone(clean, tmp_path, *run, "play", "--policy", "pd", code=2)
+    assert 'pip install "flexarm_env[render]"' in sentence
+
+
+def test_extras_are_documented() -> None:
+    page = (ROOT / "docs" / "getting-started.md").read_text(encoding="utf-8")
+    assert [name for name in PROJECT["optional-dependencies"] if f"| `{name}` |" not in page] == []

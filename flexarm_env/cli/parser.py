@@ -101,7 +101,7 @@ by itself; each episode ends with a line of what came of it.
   flexarm play
   flexarm play TwoLinkFlexArm-v0 --policy lqr --episodes 3
   flexarm play --policy runs/ppo-FlexibleArm-v0-0 --seed 7 --video policy.mp4
-  flexarm play FlexibleArm-v0 --policy pd --episodes 20 --video pd.gif --record episodes.npz
+  flexarm play --policy pd --episodes 20 --headless --record episodes.npz
 """
 
 TRAIN = """\
@@ -186,6 +186,7 @@ def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the first; the others follow (0)")
     parser.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment: '{\"duration\": 8}'")
     parser.add_argument("--video", metavar="FILE", help="a film instead of a window: .mp4, .gif, .webm, .mkv or .mov")
+    parser.add_argument("--headless", action="store_true", help="no window; only what came of the episodes")
     parser.add_argument("--record", metavar="FILE.npz", help="the episodes (flexarm_env.recording.load_episodes)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 

@@ -66,10 +66,11 @@ def run(args: argparse.Namespace) -> int:
     count = check.integer("--episodes", args.episodes, minimum=1)
     seed = check.integer("--seed", args.seed, minimum=0)
     player = choose(args.policy)
-    if player.name == KEYBOARD and args.video is not None:
-        raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy for --video")
+    if player.name == KEYBOARD and (args.headless or args.video is not None):
+        raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy for --video and --headless")
     video = None if args.video is None else film_path(args.video)
-    env = _environment(args, player, "human" if video is None else "rgb_array")
+    mode = "rgb_array" if video is not None else None if args.headless else "human"
+    env = _environment(args, player, mode)
     outcomes: list[dict[str, Any]] = []
     pictures = play(env, player, range(seed, seed + count), outcomes)
     values: dict[str, Any] = {"env": env.spec.id, "policy": player.name}
@@ -119,7 +120,8 @@ def play(env: Any, player: Player, seeds: range, outcomes: list[dict[str, Any]])
             observation, reward, terminated, truncated, info = env.step(policy.act(observation))
             total, steps, over = total + float(reward), steps + 1, terminated or truncated
             yield from _picture(env)
-            if env.unwrapped.renderer.closed or (player.name == KEYBOARD and policy.held("escape")):
+            renderer = env.unwrapped.renderer
+            if (renderer is not None and renderer.closed) or (player.name == KEYBOARD and policy.held("escape")):
                 return
         seconds = steps * env.unwrapped.dt
         outcome = {"seed": seed, "success": info["is_success"], "return": total, "seconds": seconds}
@@ -132,7 +134,7 @@ def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
         yield env.render()
 
 
-def _environment(args: argparse.Namespace, player: Player, mode: str) -> Any:
+def _environment(args: argparse.Namespace, player: Player, mode: str | None) -> Any:
     env_id = args.env or player.env_id or DEFAULT_ENV
     if player.env_id and env_id != player.env_id:
         raise check.InvalidValue("ENV", env_id, f"must be {player.env_id}, which {player.name} was trained on")
