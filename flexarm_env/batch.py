@@ -246,8 +246,8 @@ class Batch:
 
     @property
     def estimate(self) -> float:
-        """What the formulation leaves out, as a fraction of the arm's length (its own notes)."""
-        return float(sum(abs(v) for v in self.system.notes.values()))
+        """What the formulation leaves out, as a fraction of the arm's length (its own note)."""
+        return self.system.notes.get("stretch_and_shear", 0.0)
 
     def _ranges(self) -> Ranges:
         starts = self.starts

@@ -23,8 +23,9 @@ MESSAGE = (
     "take a smaller dt or a smaller rho_inf, or look for a load that is too large",
     "the solution diverged at t = {t:.6g} s: a floating body's tip deflects by more than its length, or energy "
     "appeared from nowhere; take more segments, coupling='von_karman', or a smaller dt",
-    "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length); "
-    "take the full model (segments, elements) or formulation='geometrically_exact'",
+    "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length, less "
+    "for a link whose root has hardly any inertia); take the full model (segments, elements) or "
+    "formulation='geometrically_exact'",
     "a value that is not finite appeared at t = {t:.6g} s",
     "the time allowed for the run was used up at t = {t:.6g} s",
 )
@@ -96,7 +97,8 @@ class FloatingFrame(NamedTuple):
            behind it (0, 2 hinge, 3 with angle); motion that prescribes that joint's angle (-1: rigid); elements
            (0: reduced to modes); drawing stations; start of its block in `data`
     data   float64: block by block
-             length, mass m_t, S0, I0, angle of the rigid joint behind it            5
+             length, mass m_t, S0, I0, angle of the rigid joint behind it, inertia
+             about the root that foreshortening may take (inf: as much as it likes)  6
              S_bar (2 n), c_u (n), c (n), tip u, v, phi (3 n)                         7 n
              G, M_ff, B, K_axial, K_bend, D0, tip H, each (n, n) by rows              7 n^2
              per element: EA / l, then G of eq. [45] (4, 4)                           17

@@ -181,7 +181,7 @@ def test_a_diverging_arm_leaves_its_neighbours_bits() -> None:
 
 def test_steps_are_halved_in_a_lane_as_they_are_alone() -> None:
     """With few iterations allowed, Newton fails for some arms now and then: they are repeated alone."""
-    kwargs = {"max_iterations": 3, "tolerance": 1e-10, "dt": 0.02, "duration": 2.0}
+    kwargs = {"max_iterations": 2, "tolerance": 1e-10, "dt": 0.02, "duration": 2.0}
     both = pair("FlexibleArm-v0", 16, "NextStep", **kwargs)
     assert_pair_same(both, 60)
     alone = both[1].batch._alone

@@ -22,13 +22,15 @@ from flexarm_env.mechanics.exact_beam import build
 from flexarm_env.model import scheme
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Scene
-from flexarm_env.scenes import named, reference
+from flexarm_env.scenes import named, read_trajectory, reference
 from flexarm_env.settings import Settings
+from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import sine
 
 from .oracle_exact import tips
 
 HERE = Path(__file__).parent
+CONVERGED = HERE.parent / "flexarm_env" / "data" / "references" / "converged"
 
 
 def tip_error(run: Any, columns: Any) -> float:
@@ -62,6 +64,48 @@ def test_references(name: str, elements: int, bound: float) -> None:
     """Wave fronts of a load that starts at once ask for more than 5 elements in `flying_rod` (5: 0.037)."""
     run = exact(named(name), dt=0.005, sample=0.05, elements=elements)
     assert tip_error(run, reference(name).columns) <= bound
+
+
+@pytest.mark.parametrize(
+    ("name", "elements", "dt", "bound"),
+    [
+        ("robot_arm_motion_smooth", 5, 0.005, 0.01),
+        ("robot_arm_motion", 5, 0.005, 0.02),
+        ("robot_arm_torque", 8, 0.005, 0.02),
+        ("flying_rod", 8, 0.005, 0.02),
+        ("two_link_motion", 5, 0.001, 0.02),
+        ("two_link_free_flight", 5, 0.005, 0.02),
+    ],
+)
+def test_converged_solutions(name: str, elements: int, dt: float, bound: float) -> None:
+    """Quadratic elements. Loads of full size from one instant to the next send wave fronts along the beam, for which
+    two scenes need 8 elements (5: 0.023 and 0.037). `two_link_motion` turns stiff links (44 rad/s, then 279) by 1.5 rad
+    in 0.5 s: no mesh, a smaller step is what it needs (0.005: 0.036)."""
+    run = exact(named(name), dt=dt, elements=elements)
+    columns = read_trajectory(CONVERGED / f"{name}.csv")
+    assert tip_error(run, columns) <= bound
+
+
+def test_energy_of_free_flight_over_many_steps() -> None:
+    """Undamped, after the loads, 1e5 steps of the scene's own size; then twice that size for the order."""
+    scene, wobbles = named("flying_rod"), []
+    assert scene.dt == 0.0025
+    for dt in (scene.dt, 2 * scene.dt):
+        simulation = Simulation(scene, scene.settings("geometrically_exact", dt=dt, rho_inf=1.0))
+        assert simulation.advance_to(2.5)
+        simulation.restart_at_kink()
+        energies = []
+        for k in range(5000):
+            assert simulation.advance_to(2.5 + 20 * (k + 1) * dt, False)
+            energies.append(simulation.observe()[1].sum())
+        assert simulation.work.counts[2] == 0.0
+        values = np.array(energies) / energies[0]
+        wobbles.append(np.ptp(values))
+        if dt == scene.dt:
+            assert wobbles[0] <= 1e-5
+            assert abs(values[-500:].mean() - values[:500].mean()) <= 1e-6
+            assert np.ptp(values[-500:]) < 2.0 * np.ptp(values[:500])
+    assert np.log2(wobbles[1] / wobbles[0]) == pytest.approx(2.0, abs=0.3)
 
 
 def test_centre_of_mass_of_the_flying_rod() -> None:

@@ -183,6 +183,8 @@ def test_options_make_the_settings_again(formulation: str) -> None:
         ("floating_frame", {"elements": 2.0}, "elements = 2.0: must be a whole number"),
         ("floating_frame", {"elements": True}, "elements = True: must be a whole number"),
         ("geometrically_exact", {"order": 4}, "order = 4: must be a whole number, from 1 to 3"),
+        ("geometrically_exact", {"order": 7}, "order = 7: must be a whole number, from 1 to 3"),
+        ("geometrically_exact", {"elements": 0}, "elements = 0: must be a whole number, at least 1"),
         ("elastica", {"nodes": 2}, "nodes = 2: must be a whole number, from 3 to 12"),
         ("elastica", {"rho_inf": 1.5}, "rho_inf = 1.5: must be a finite number, at least 0 and at most 1"),
         ("elastica", {"rho_inf": 0.5, "newmark": (0.25, 0.5)}, "rho_inf = 0.5: must not be given together"),

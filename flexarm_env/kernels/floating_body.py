@@ -12,7 +12,7 @@ from ..model import VON_KARMAN
 from .jit import kernel
 
 START, SIZE, LINK, ROWS, ANGLE, ELEMENTS, STATIONS, BLOCK = range(8)  # columns of `table`
-LENGTH, MASS, S0, I0, OFFSET, VECTORS = range(6)  # scalars at the head of a body's block, then its vectors
+LENGTH, MASS, S0, I0, OFFSET, LIMIT, VECTORS = range(7)  # scalars at the head of a body's block, then its vectors
 
 # Where things stand in a body's block p = table[body, BLOCK], n coordinates (each accessor would be one more function
 # to compile, so the arithmetic is written out): from v = p + VECTORS the vectors S_bar v, c_u v+2n, c v+3n, tip v+4n;
@@ -83,6 +83,17 @@ def tip_position(m, body, q):  # type: ignore[no-untyped-def]
     if m.table[body, ELEMENTS] == 0:
         s_x -= 0.5 * quadratic(m.data, fore, q, q, at, n)
     return s_x, dot(m.data, nose + n, q, at, n), dot(m.data, nose + 2 * n, q, at, n)
+
+
+@kernel
+def lost_inertia(m, body, payload, q):  # type: ignore[no-untyped-def]
+    """What a reduced body's inertia about its root has lost to foreshortening, kg m^2; a payload (kg) at its tip."""
+    d, at, n = m.data, m.table[body, START] + 3, m.table[body, SIZE]
+    p = m.table[body, BLOCK]
+    _, fore = tip_places(m, body)
+    across = tip_position(m, body, q)[1]
+    own = quadratic(d, p + VECTORS + 7 * n, q, q, at, n)
+    return payload * (d[p + LENGTH] * quadratic(d, fore, q, q, at, n) - across * across) - own
 
 
 @kernel

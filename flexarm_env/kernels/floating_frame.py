@@ -15,6 +15,7 @@ from .floating_body import (
     ELEMENTS,
     I0,
     LENGTH,
+    LIMIT,
     LINK,
     MASS,
     OFFSET,
@@ -28,6 +29,7 @@ from .floating_body import (
     body_residual,
     coupling_force,
     dot,
+    lost_inertia,
     payload_residual,
     quadratic,
     tip_force,
@@ -296,14 +298,18 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
-    """DIVERGED when a body's tip deflects beyond its length; OUT_OF_RANGE when a reduced link leaves its range."""
+    """DIVERGED when a body's tip deflects beyond its length; OUT_OF_RANGE when a reduced link leaves its range: by its
+    deflection, or by an inertia about its root that comes near to where the mass matrix is indefinite."""
     m = model
     for body in range(m.table.shape[0]):
-        deflection, length = abs(tip_position(m, body, q)[1]), m.data[m.table[body, BLOCK] + LENGTH]
+        p = m.table[body, BLOCK]
+        deflection, length = abs(tip_position(m, body, q)[1]), m.data[p + LENGTH]
         if not deflection < length:
             return float(DIVERGED)
-        if m.table[body, ELEMENTS] == 0 and deflection > m.bound * length:
-            return float(OUT_OF_RANGE)
+        if m.table[body, ELEMENTS] == 0:
+            payload = par[0] if body == m.table.shape[0] - 1 else 0.0
+            if deflection > m.bound * length or lost_inertia(m, body, payload, q) > m.data[p + LIMIT]:
+                return float(OUT_OF_RANGE)
     return float(OK)
 
 

@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import COUPLINGS, FloatingFrame, System
-from ..parameters import Arm
+from ..parameters import Arm, Payload
 from ..scene import PointLoad, Scene
 from ..settings import Settings
 from .floating_frame import Body, finite_element_body
-from .reduction import modal_body
+from .reduction import inertia_margin, modal_body
 
 MODAL_BOUND = 0.25
 """Tip deflection over length beyond which a link reduced to modes is out of its range (theory, section 4)."""
+
+MARGIN_LOST = 0.5
+"""Share of the margin of a reduced link's mass matrix whose loss likewise ends the run."""
 
 
 def carried(arm: Arm, link: int) -> tuple[float, float]:
@@ -56,9 +59,21 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
     return bodies, links
 
 
-def _block(body: Body, offset: float) -> NDArray[np.float64]:
+def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
+    """Loss of inertia about its root (kg m^2) that each body may suffer; none where its angle is prescribed."""
+    arm, limits = scene.arm, [np.inf] * len(bodies)
+    if reduced:
+        held = {motion.joint for motion in scene.motions} | set(scene.rigid_joints)
+        for k in set(range(len(bodies))) - held:
+            payload = arm.payload if k + 1 == len(bodies) else Payload()
+            moves = k > 0 or scene.root == "free"
+            limits[k] = MARGIN_LOST * inertia_margin(bodies[k], payload, moves)
+    return limits
+
+
+def _block(body: Body, offset: float, limit: float) -> NDArray[np.float64]:
     """A body's block of `FloatingFrame.data`."""
-    parts: list[NDArray[np.float64]] = [np.array([body.length, body.mass, body.s0, body.i0, offset])]
+    parts: list[NDArray[np.float64]] = [np.array([body.length, body.mass, body.s0, body.i0, offset, limit])]
     parts += [body.s_bar, body.c_u, body.c, body.tip]
     parts += [body.g, body.m_ff, body.b, body.k_axial, body.k_bend, body.d0, body.tip_h]
     for ea, g in zip(body.element_ea, body.element_g, strict=True):
@@ -116,7 +131,8 @@ def build(scene: Scene, settings: Settings) -> System:
     tails = [count - 1 - links[::-1].index(k) for k in range(arm.n_links)]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
     places = [(heads[p.link], 0) if p.end == "root" else (tails[p.link], 1) for p in point_loads]
-    blocks = [_block(body, float(offset[b])) for b, body in enumerate(bodies)]
+    limits = _limits(scene, bodies, settings.modes is not None)
+    blocks = [_block(body, float(offset[b]), limits[b]) for b, body in enumerate(bodies)]
     places_of_blocks = np.cumsum([0] + [block.size for block in blocks[:-1]])
     elements = [body.element_ea.size for body in bodies]
     stations = [body.stations.size for body in bodies]
@@ -141,4 +157,5 @@ def build(scene: Scene, settings: Settings) -> System:
         loads=np.array(places, np.int64).reshape(-1, 2),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
-    return System(model, par, q0, np.zeros(n), coordinates, tuple(names), {})
+    notes = {"deflection_bound": MODAL_BOUND} if settings.modes is not None else {}
+    return System(model, par, q0, np.zeros(n), coordinates, tuple(names), notes)

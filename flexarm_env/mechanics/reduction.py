@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameters import Link
+from ..parameters import Link, Payload
 from .beam_element import (
     BENDING,
     QUADRATURE,
@@ -97,6 +97,20 @@ def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float) -> Body:
         stations=np.array(stations),
         station_h=np.array(station_h),
     )
+
+
+def inertia_margin(body: Body, payload: Payload, root_moves: bool) -> float:
+    """How far a straight body's mass matrix is from indefinite: the inertia (kg m^2) of its angle that is left when
+    its modes, and where it moves its root, give way to a torque there."""
+    mass = np.zeros((body.n + 2, body.n + 2))  # of the root's y, the angle, the modes
+    mass[0, 0], mass[1, 1], mass[2:, 2:] = body.mass, body.i0, body.m_ff
+    mass[0, 1:] = mass[1:, 0] = [body.s0, *body.s_bar[1]]
+    mass[1, 2:] = mass[2:, 1] = body.c
+    across, turn = np.array([1.0, body.length, *body.tip[1]]), np.array([0.0, 1.0, *body.tip[2]])
+    mass += payload.mass * np.outer(across, across) + payload.inertia * np.outer(turn, turn)
+    others = [k for k in range(body.n + 2) if k > 1 or (k == 0 and root_moves)]
+    left = mass[1, 1] - mass[1, others] @ np.linalg.solve(mass[np.ix_(others, others)], mass[others, 1])
+    return float(left)
 
 
 def _slope(xi: float, l: float, mu: float) -> Array:

@@ -1,0 +1,84 @@
+"""Reduction to modes: its error against the exact beam, the range it reports, and its stop before it breaks down."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexarm_env import simulate
+from flexarm_env.kernels.floating_frame import energy
+from flexarm_env.kernels.lanes import SINGLE
+from flexarm_env.mechanics.floating_chain import MARGIN_LOST, MODAL_BOUND
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.scenes import named
+from flexarm_env.simulation import Simulation
+from flexarm_env.time_functions import TimeFunction, sine
+
+SOFT = Arm("soft", (Link(1.0, Section(2.0, 2e6, 1e6, 0.5, 1e-6)),), hub_inertia=0.05, payload=Payload(0.1))
+STRIP = Section(EI=7.0, EA=7.2e6, C=2.3e6, m=0.277, J=2.7e-7)
+TWO = Arm("two", (Link(1.0, STRIP),) * 2, hub_inertia=0.05, elbows=(Elbow(0.1, 0.01, 0.02),), payload=Payload(0.2))
+
+
+def to_and_fro(torque: float) -> TimeFunction:
+    pieces = np.zeros((3, 8))
+    pieces[:, 0], pieces[:, 1] = [0.0, 0.4, 0.8], [torque, -torque, 0.0]
+    return TimeFunction(pieces)
+
+
+@pytest.mark.parametrize(("arm", "torques", "bound"), [(SOFT, (0.26,), 2e-3), (TWO, (0.53, 0.16), 5e-3)])
+def test_error_at_a_tenth_of_the_length(arm: Arm, torques: tuple[float, ...], bound: float) -> None:
+    """Undamped, 5 s, links bent by a tenth of their length: within 0.2 % of L, two links within 0.5 %."""
+    loads = tuple(JointTorque(k, to_and_fro(torque)) for k, torque in enumerate(torques))
+    scene = Scene("s", arm, duration=5.0, dt=1e-3, sample=0.02, loads=loads)
+    exact = simulate(scene, "geometrically_exact", elements=6, order=3, rho_inf=0.9, dt=5e-4)
+    run = simulate(scene, "floating_frame", modes=3, rho_inf=1.0)
+    assert run.status == exact.status == "ok"
+    assert np.abs(exact.tip_deflection).max() == pytest.approx(0.1, abs=0.005)
+    error = np.hypot(*(run.tip - exact.tip)[:, :2].T).max() / arm.total_length
+    assert error < 0.4 * bound
+    assert run.notes == {"deflection_bound": MODAL_BOUND}
+
+
+def margin(simulation: Simulation, q: Any) -> float:
+    """What is left of the first body's inertia about its root once its modes give way: theta's pivot in its mass."""
+    rows = np.arange(2, simulation.system.q0.size)
+    unit = np.eye(simulation.system.q0.size)[rows]
+
+    def kinetic(v: Any) -> float:
+        return float(energy(SINGLE, simulation.model, simulation.par, q, v)[0])
+
+    mass = np.array([[kinetic(a + b) - kinetic(a) - kinetic(b) for b in unit] for a in unit])
+    return float(mass[0, 0] - mass[0, 1:] @ np.linalg.solve(mass[1:, 1:], mass[1:, 0]))
+
+
+@pytest.mark.parametrize("hub", [0.0, 0.002, 0.2])
+@pytest.mark.parametrize("payload", [0.0, 0.3])
+def test_it_stops_before_its_mass_loses_definiteness(hub: float, payload: float) -> None:
+    """A driven link, its root with an inertia or hardly any: a sentence, no failure of Newton, half of the margin."""
+    section = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)
+    arm = Arm("arm", (Link(1.0, section),), hub_inertia=hub, payload=Payload(payload))
+    scene = Scene("s", arm, duration=2.0, dt=1e-3, loads=(JointTorque(0, sine(1.0, np.pi, 0.0, 2.0)),))
+    for modes in (2, 3, 4):
+        simulation = Simulation(scene, scene.settings("floating_frame", modes=modes, rho_inf=1.0))
+        rest = margin(simulation, simulation.system.q0)
+        assert not simulation.advance_to(2.0)
+        assert simulation.work.counts[2] == 0.0  # no step was halved
+        assert "is beyond the range of the reduction to modes (25% of the length" in simulation.message
+        tip = simulation.observe()[0][0]
+        deflection = abs(np.cos(tip[2]) * tip[7] - np.sin(tip[2]) * tip[6])
+        assert deflection < MODAL_BOUND + 0.01
+        left = margin(simulation, simulation.work.q)
+        assert left > 0.8 * MARGIN_LOST * rest > 0.0
+        if deflection < MODAL_BOUND:
+            assert left < 0.9 * rest  # and not needlessly early
+
+
+def test_a_prescribed_hub_cannot_lose_what_it_does_not_need() -> None:
+    """spin_up has hardly any inertia at its root, but its angle is given."""
+    run = simulate(named("spin_up"), "floating_frame", modes=3)
+    assert run.status == "ok"
+    lag = 10.0 * run.tip_deflection[:, 0]
+    assert lag.min() == pytest.approx(-0.5745, abs=1e-3)
