@@ -40,6 +40,7 @@ class Trajectory:
     q, v (n, rows): the state, rows named in `names`. At a kink the values just before it are recorded.
     status: "ok", "inaccurate", or what ended the run early. error_estimate: how far the tip may be off, a fraction of
     the arm's length (`flexarm_env.accuracy`; nan where the run ended early), and error_parts what it is made of.
+    deflection_bound: tip_deflection beyond which the formulation stops; infinite but for a reduction to modes.
     """
 
     scene: Scene
@@ -72,6 +73,7 @@ class Trajectory:
     notes: Mapping[str, float] = field(default_factory=dict)
     error_estimate: float = float("nan")
     error_parts: Mapping[str, float] = field(default_factory=dict)
+    deflection_bound: float = float("inf")
 
     @property
     def finished(self) -> bool:
@@ -199,4 +201,5 @@ class Recorder:
             halvings=int(counts[2]),
             cpu_seconds=cpu_seconds,
             notes=simulation.system.notes,
+            deflection_bound=float(getattr(simulation.model, "bound", 0.0)) or float("inf"),
         )

@@ -79,6 +79,8 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
         "error_estimate": trajectory.error_estimate,
         "error_parts": dict(trajectory.error_parts),
     }
+    if np.isfinite(trajectory.deflection_bound):
+        values["deflection_bound"] = trajectory.deflection_bound
     values |= {f"note_{name}": float(value) for name, value in trajectory.notes.items()}
     return values
 

@@ -157,5 +157,4 @@ def build(scene: Scene, settings: Settings) -> System:
         loads=np.array(places, np.int64).reshape(-1, 2),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
-    notes = {"deflection_bound": MODAL_BOUND} if settings.modes is not None else {}
-    return System(model, par, q0, np.zeros(n), coordinates, tuple(names), notes)
+    return System(model, par, q0, np.zeros(n), coordinates, tuple(names), {})
