@@ -67,18 +67,14 @@ Array = NDArray[np.float64]
 LANES_FROM = 3
 """Batches of at least this many arms stand in lanes of eight; the others are advanced one by one."""
 
-
-def reason_word(code: int) -> str:
-    """Why an episode ended, as a word; "" for no reason."""
-    if code == ACTION_NOT_FINITE:
-        return "action_not_finite"
-    if code == JOINT_LIMIT:
-        return "joint_limit"
-    return STATUS[code] if code else ""
+ONE_BY_ONE = ("floating_frame",)
+"""Formulations whose kernels know no lanes: their arms are advanced one by one in any batch."""
 
 
 REASONS: dict[float, str] = {
-    float(code): reason_word(code) for code in (*range(len(STATUS)), ACTION_NOT_FINITE, JOINT_LIMIT)
+    **{float(code): word if code else "" for code, word in enumerate(STATUS)},
+    float(ACTION_NOT_FINITE): "action_not_finite",
+    float(JOINT_LIMIT): "joint_limit",
 }
 """Words of the codes that `info` holds."""
 
@@ -163,11 +159,8 @@ def gauge_table(
     return gauges.curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
 
 
-def scene_gauges(
-    scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, float]]
-) -> Array:
-    """(G, n): the same for the arm of an assembled scene."""
-    return gauges.curvature_rows(scene, settings, system, places)
+scene_gauges = gauges.curvature_rows
+"""(scene, settings, system, places) -> (G, n): the same for the arm of an assembled scene."""
 
 
 class Batch:
@@ -192,7 +185,7 @@ class Batch:
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
         self.system: System = assembly.assemble(standing_scene(arm, settings.dt, gravity), settings)
-        self.lane = SINGLE if n < LANES_FROM else EIGHT
+        self.lane = SINGLE if n < LANES_FROM or settings.formulation in ONE_BY_ONE else EIGHT
         self.groups = -(-n // len(self.lane))
         self.threads = max(1, min(threads, self.groups))
         self.pose = pose_table(arm, settings, gravity)
@@ -282,10 +275,9 @@ class Batch:
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
         """State q, v (n,) and joint torques (N,) of arm i, copies."""
-        rows, links, lanes = len(self.system.q0), self.arm.n_links, len(self.lane)
+        links, lanes = self.arm.n_links, len(self.lane)
         work = _python(unpack)(self.lane, self.system.model, self.block[i // lanes], 0)
         q, v, u = (part.reshape(-1, lanes)[:, i % lanes].copy() for part in (work.q, work.v, work.u))
-        assert len(q) == rows
         return q, v, u[:links]
 
     def begin(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
@@ -305,8 +297,7 @@ class Batch:
         poses (N, 12), torques (N,) N m, action (N,), energies (5,) J: kinetic, strain, gravity, dissipated, work;
         gauges (G,), scaled; code: status, or -1 for the start of its episode.
         """
-        parts = (poses.ravel(), torques, action, energies, np.ones(1), np.asarray(gauges, float))
-        self.outside[:] = np.concatenate(parts)
+        self.outside[:] = np.concatenate([poses.ravel(), torques, action, energies, [1.0], np.asarray(gauges, float)])
         if self._witness is None:
             self._witness = entry(starts.witness, self._placed, 0, 0)
         self._witness(self.address, i, code)
@@ -360,6 +351,12 @@ class Batch:
         self.reward[i] = state["reward"]
         self.terminated[i], self.truncated[i] = state["terminated"], state["truncated"]
         self.table[:, i] = self._mine(self.layout.info, self.layout.saved, i)
+
+    @property
+    def begun(self) -> bool:
+        """Whether every arm has been started."""
+        at = self.layout.record + LIMIT * len(self.lane)
+        return bool((self.block[:, at : at + len(self.lane)].ravel()[: self.n] > 0.0).all())
 
     def _parts(self, i: int) -> tuple[Array, Array]:
         """All that the block holds of arm i, views: the integrator's work, and the other sections."""

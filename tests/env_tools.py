@@ -13,6 +13,28 @@ IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 
 RANDOM = {"payload": (0.5, 2.0), "EI": (0.7, 1.3), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1)}
 
+RICH: dict[str, dict[str, Any]] = {
+    "FlexibleArm-v0": {
+        "gravity": (0.0, 0.0), "actuator": {"viscous": 1e-300}, "sensors": {"strain_gauges": [0.0, 0.5]},
+        "task": "track", "info_level": "full",
+    },
+    "TwoLinkFlexArm-v0": {
+        "gravity": (0.0, 0.0), "actuator": {"viscous": 1e-300}, "sensors": {"strain_gauges": [(0, 0.0), (1, 0.5)]},
+        "task": "track", "info_level": "full", "action_mode": "residual_pd",
+    },
+}  # fmt: skip
+"""Everything that is compiled out where it is absent, next to ideal: one compiled form for many tests."""
+
+
+def rich(env_id: str, **changes: Any) -> dict[str, Any]:
+    """Keywords of an environment with everything; a mapping in `changes` is merged into that of RICH."""
+    keywords = dict(RICH[env_id])
+    for name, value in changes.items():
+        merge = isinstance(value, dict) and isinstance(keywords.get(name), dict)
+        keywords[name] = keywords[name] | value if merge else value
+    return keywords
+
+
 STANDARD = {
     "is_success", "tip_position", "tip_deflection", "target", "hub_torque", "joint_torque", "in_range",
     "error_estimate", "solver_status", "termination_reason",

@@ -13,46 +13,51 @@ import pytest
 import flexarm_env
 from flexarm_env import arms
 from flexarm_env.envs.task import REWARDS, inertia_beyond
-from tests.env_tools import ENERGIES, IDS, RANDOM, STANDARD, assert_same, episode
+from tests.env_tools import ENERGIES, IDS, RANDOM, STANDARD, assert_same, episode, rich
 
 
 @pytest.fixture(scope="module", params=IDS)
 def env(request: pytest.FixtureRequest) -> Any:
-    made = gym.make(request.param, info_level="full")
+    made = gym.make(request.param)
     yield made
     made.close()
 
 
 # ---------------------------------------------------------------------------------------- Gymnasium's rules
-@pytest.mark.parametrize("env_id", IDS)
-def test_check_env_without_a_warning(env_id: str) -> None:
+FORMULATIONS: dict[str, dict[str, Any]] = {
+    "elastica": {},
+    "exact": {"formulation": "geometrically_exact"},
+    "segments": {"formulation": "floating_frame"},
+    "modes": {"formulation": "floating_frame", "modes": 2},
+}
+
+
+@pytest.mark.parametrize(
+    ("env_id", "formulation"),
+    [
+        pytest.param(env_id, name, marks=pytest.mark.slow if env_id == IDS[1] and name != "elastica" else ())
+        for env_id in IDS
+        for name in FORMULATIONS
+    ],
+)
+def test_both_checkers_without_a_warning(env_id: str, formulation: str) -> None:
     from gymnasium.utils.env_checker import check_env
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
+        check_env(gym.make(env_id, render_mode="rgb_array", **FORMULATIONS[formulation]).unwrapped)
+        checker = pytest.importorskip("stable_baselines3.common.env_checker")
+        checker.check_env(gym.make(env_id, render_mode="rgb_array", **FORMULATIONS[formulation]).unwrapped)
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_stable_baselines_check_env_without_a_warning(env_id: str) -> None:
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        checker.check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact", "floating_frame", "modes"])
-@pytest.mark.parametrize("env_id", IDS)
-def test_check_env_with_every_formulation(env_id: str, formulation: str) -> None:
+def test_checkers_without_a_warning_with_everything(env_id: str) -> None:
     from gymnasium.utils.env_checker import check_env
 
-    options: dict[str, Any] = {"formulation": formulation}
-    if formulation == "modes":
-        options = {"formulation": "floating_frame", "modes": 2}
+    noisy = {"sensors": {"noise": 0.01, "delay": 0.04}, "actuator": {"lag": 0.01}, "initial_vibration": 0.02}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gym.make(env_id, **options).unwrapped, skip_render_check=True)
+        check_env(gym.make(env_id, **rich(env_id, randomization=RANDOM, **noisy)).unwrapped, skip_render_check=True)
 
 
 def test_registered_with_strings_and_without_a_time_limit() -> None:
@@ -81,7 +86,8 @@ def test_fresh_objects_every_step(env: Any) -> None:
 
 
 def test_info_has_the_same_keys_and_types_throughout(env: Any) -> None:
-    outcomes = episode(env, 2, 10)
+    full = gym.make(env.spec.id, **rich(env.spec.id))
+    outcomes = episode(full, 2, 10)
     wanted = STANDARD | ENERGIES | {f"reward_{name}" for name in REWARDS}
     kinds = {key: type(value) for key, value in outcomes[0][-1].items()}
     assert set(kinds) == wanted
@@ -89,8 +95,7 @@ def test_info_has_the_same_keys_and_types_throughout(env: Any) -> None:
         assert {key: type(value) for key, value in outcome[-1].items()} == kinds
         for value in outcome[-1].values():
             assert not isinstance(value, np.ndarray) or value.dtype == np.float64
-    plain = gym.make(env.spec.id)
-    assert set(plain.reset(seed=0)[1]) == wanted - ENERGIES
+    assert set(env.reset(seed=0)[1]) == wanted - ENERGIES
 
 
 # ---------------------------------------------------------------------------------------- the specification
@@ -229,7 +234,7 @@ def test_joint_limits_end_an_episode() -> None:
 
 
 def test_energy_books_balance() -> None:
-    env = gym.make("FlexibleArm-v0", info_level="full")
+    env = gym.make("FlexibleArm-v0", **rich("FlexibleArm-v0"))
     _, info = env.reset(seed=3)
     rng, gross = np.random.default_rng(3), 0.0
     start = info["energy_kinetic"] + info["energy_strain"]

@@ -58,7 +58,8 @@ def test_hub_torque_is_what_enforces_the_motion() -> None:
         if terminated or truncated:
             break
     assert len(torques) == 101
-    trajectory = simulate(env.unwrapped.guide.scene, "elastica", nodes=5, dt=0.0025, tolerance=1e-6, sample=0.02)
+    settings = {"formulation": "elastica", **env.unwrapped.plan.settings.options()}
+    trajectory = simulate(env.unwrapped.guide.scene, sample=0.02, **settings)
     np.testing.assert_allclose(torques, trajectory.joint_torque[:, 0], rtol=0, atol=0)
     assert np.abs(torques).max() > 0.1
 
@@ -116,7 +117,7 @@ def test_vector_resets_take_one_motion_for_all_or_one_each() -> None:
     motions: list[Any] = ["robot_arm_motion", None, time_functions.ramp(0.5, 0.1)]
     native = gym.make_vec("FlexibleArm-v0", num_envs=3)
     native.reset(seed=0, options={"motion": motions})
-    for k in range(8):  # noqa: B007
+    for _ in range(8):
         outcome = native.step(np.full((3, 1), 0.3, np.float32))
     for i, motion in enumerate(motions):
         single.reset(seed=i, options={} if motion is None else {"motion": motion})
@@ -130,7 +131,6 @@ def test_vector_resets_take_one_motion_for_all_or_one_each() -> None:
     observation, infos = native.reset(seed=0, options={"motion": "robot_arm_motion"})
     assert np.all(infos["target"] == 1.5)
     assert np.all(observation[:, 1] == 1.0)
-    del k
 
 
 def test_motion_episodes_in_a_vector_reset_themselves() -> None:

@@ -13,17 +13,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.env_tools import IDS, RANDOM, assert_same, pair
+from tests.env_tools import IDS, RANDOM, assert_same, pair, rich
 
-CASES: list[dict[str, Any]] = [
-    {},
-    {
-        "randomization": RANDOM,
-        "sensors": {"noise": 0.01, "delay": 0.04},
-        "actuator": {"lag": 0.01, "delay": 0.0225, "coulomb": 0.01},
-        "info_level": "full",
-    },
-]
+LIVELY: dict[str, Any] = {
+    "randomization": RANDOM,
+    "sensors": {"noise": 0.01, "delay": 0.04},
+    "actuator": {"lag": 0.01, "delay": 0.025, "coulomb": 0.01},
+    "initial_vibration": 0.02,
+}
 
 
 def actions(n: int, shape: tuple[int, ...], seed: int = 0) -> list[np.ndarray]:
@@ -41,9 +38,10 @@ def steps(env: Any, moves: list[np.ndarray]) -> list[Any]:
     return outcomes
 
 
-@pytest.mark.parametrize("kwargs", CASES, ids=["plain", "features"])
+@pytest.mark.parametrize("everything", [False, True], ids=["plain", "everything"])
 @pytest.mark.parametrize("env_id", IDS)
-def test_a_restored_episode_continues_bit_for_bit(env_id: str, kwargs: dict[str, Any]) -> None:
+def test_a_restored_episode_continues_bit_for_bit(env_id: str, everything: bool) -> None:
+    kwargs = rich(env_id, **LIVELY) if everything else {}
     env = gym.make(env_id, duration=0.5, **kwargs).unwrapped
     env.reset(seed=0)
     moves = actions(40, env.action_space.shape)
@@ -198,11 +196,14 @@ def test_two_threads_step_different_environments() -> None:
         assert_same(alone, result)
 
 
-@pytest.mark.slow
-def test_subprocess_environments_of_stable_baselines() -> None:
+def _make_one() -> Any:
+    return gym.make("flexarm_env:FlexibleArm-v0")
+
+
+@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
+def test_subprocess_environments_of_stable_baselines(method: str) -> None:
     vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
-    make = lambda: gym.make("flexarm_env:FlexibleArm-v0")  # noqa: E731
-    env = vec_env.SubprocVecEnv([make, make], start_method="spawn")
+    env = vec_env.SubprocVecEnv([_make_one, _make_one], start_method=method)
     single = gym.make("FlexibleArm-v0")
     try:
         env.seed(3)

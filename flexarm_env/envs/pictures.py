@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -10,13 +11,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
+from .drawing import pygame_module
 from .options import Plan
 from .rendering import Renderer
 
+SIDE = 640
+"""Width and height of a picture, pixels."""
 
-def renderer(plan: Plan, mode: str) -> Renderer:
+MOST = 16
+"""Arms that a window shows at most."""
+
+
+def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Renderer:
     """A Renderer that fits an environment."""
-    return Renderer(mode, plan.arm.total_length, fps=1.0 / plan.period, payload=plan.arm.payload.mass > 0.0)
+    return Renderer(mode, plan.arm.total_length, size, fps=1.0 / plan.period, payload=plan.arm.payload.mass > 0.0)
+
+
+class Wall:
+    """One window with the pictures of many arms in rows and columns, of the first MOST at most.
+
+    Args:
+        plan: what is drawn. count: how many arms there are.
+    """
+
+    def __init__(self, plan: Plan, count: int) -> None:
+        shown = min(count, MOST)
+        self.columns = math.ceil(math.sqrt(shown))
+        self.tile = SIDE if shown == 1 else max(240, 960 // self.columns)
+        self.plan = plan
+        self.pens = [renderer(plan, "rgb_array", (self.tile, self.tile)) for _ in range(shown)]
+        rows = math.ceil(shown / self.columns)
+        self.window = renderer(plan, "human", (self.columns * self.tile, rows * self.tile))
+
+    def draw(self, view_of: Callable[[int], View]) -> None:
+        """Show the arms as they are now; view_of: what arm i looks like."""
+        if not self.window.ready():
+            return
+        pg = pygame_module()
+        sheet = pg.Surface(self.window.size)
+        sheet.fill((250, 251, 252))
+        for i, pen in enumerate(self.pens):
+            pixels = draw(pen, self.plan, view_of(i))
+            tile = pg.image.frombuffer(pixels.tobytes(), (self.tile, self.tile), "RGB")
+            sheet.blit(tile, ((i % self.columns) * self.tile, (i // self.columns) * self.tile))
+        self.window.show(sheet)
+
+    def close(self) -> None:
+        """Close the window."""
+        self.window.close()
 
 
 def draw(pen: Renderer, plan: Plan, view: View) -> Any:

@@ -122,9 +122,7 @@ class Renderer:
         Returns:
             (height, width, 3) uint8, or None in a window.
         """
-        if self.mode == "human" and not self._opened:
-            self._open()
-        if self.closed or (self.mode == "human" and self._window is None):
+        if not self.ready():
             return None
         points = [np.asarray(p, dtype=np.float64).reshape(-1, 2) for p in shape_points]
         pose = np.asarray(poses, dtype=np.float64).reshape(len(points), 12)
@@ -147,7 +145,10 @@ class Renderer:
             self._draw_links(sheet, chain)
         picture = sheet.picture()
         self._draw_panels(picture, time, torques, deflection, good)
-        return self._show(picture)
+        if self.mode == "rgb_array":
+            return array_of(picture)
+        self.show(picture)
+        return None
 
     @property
     def visible(self) -> bool:
@@ -167,6 +168,12 @@ class Renderer:
             pygame_module().display.quit()
 
     # --------------------------------------------------------------- window
+    def ready(self) -> bool:
+        """Whether a picture would be seen; opens the window where there is to be one."""
+        if self.mode == "human" and not self._opened:
+            self._open()
+        return not self.closed and (self.mode == "rgb_array" or self._window is not None)
+
     def _open(self) -> None:
         pg = pygame_module()
         self._opened = True
@@ -182,17 +189,15 @@ class Renderer:
             text = "render_mode 'human' shows nothing here: %s (render_mode 'rgb_array' needs no display)"
             logging.getLogger(__name__).warning(text, reason)
 
-    def _show(self, picture: Any) -> NDArray[np.uint8] | None:
-        if self.mode == "rgb_array":
-            return array_of(picture)
+    def show(self, picture: Any) -> None:
+        """Show a surface in the window, in real time."""
         pg = pygame_module()
         if any(event.type == pg.QUIT for event in pg.event.get()):
             self.close()
-            return None
+            return
         self._window.blit(picture, (0, 0))
         pg.display.flip()
         self._clock.tick(self.fps)
-        return None
 
     def _follow(self, points: Array) -> None:
         """Move the view as little as it takes to keep the arm inside."""

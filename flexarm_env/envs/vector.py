@@ -6,7 +6,9 @@ import os
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -27,6 +29,9 @@ Flags = NDArray[np.bool_]
 
 ARMS_PER_THREAD = 128
 """A second thread pays from about this many arms on."""
+
+SINGLE_NAMES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
+"""Attributes of a single environment under the names that they have here."""
 
 
 def default_threads(n: int) -> int:
@@ -69,6 +74,8 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int] = [-1] * self.num_envs
         self._renderers: list[Any] = []
+        self._wall: Any = None
+        self._begun = False
         self._ended: list[int] = []
         self._guides: dict[int, Guide] = {}
 
@@ -91,6 +98,9 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
                 self._seed(i, seeds[i])
         self._start(chosen, RUNNING, each, guides)
         self._ended = [i for i in self._ended if i not in set(chosen)]
+        self._begun = self._begun or self.batch.begun
+        if self.render_mode == "human":
+            self.render()
         return self.batch.observation.copy(), self._infos(self._mask(chosen))
 
     def step(self, actions: Array32) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
@@ -98,17 +108,21 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         batch = self.batch
         if type(actions) is not np.ndarray or actions.dtype is not F32 or actions.shape != batch.action.shape:
             actions = checked_action(actions, batch.action.shape)
+        if not self._begun:
+            raise ResetNeeded("No episodes have begun: call reset() first")
         guided = [(i, own) for i, own in self._guides.items() if i not in self._ended]
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             if self._ended:
                 self._start_again(FRESH)
-        elif self.autoreset_mode is AutoresetMode.DISABLED:
-            assert not self._ended, f"arms {self._ended} have ended: reset them with options['reset_mask']"
+        elif self.autoreset_mode is AutoresetMode.DISABLED and self._ended:
+            raise ResetNeeded(f"Arms {self._ended} have ended: reset them with options['reset_mask']")
         batch.action[:] = actions
         attention = batch.step()
         for i, own in guided:
             follow(batch, i, own)
         self._ended = np.flatnonzero(batch.terminated | batch.truncated).tolist() if attention else []
+        if self.render_mode == "human":
+            self.render()
         infos: dict[str, Any] = {}
         if self._ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
             return self._same_step()
@@ -132,11 +146,16 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return batch.observation.copy(), reward, terminated, truncated, infos
 
     def render(self) -> tuple[Any, ...] | None:
-        """A picture (height, width, 3) uint8 of every arm, in "rgb_array" mode."""
+        """A picture (height, width, 3) uint8 of every arm in "rgb_array" mode; in "human" mode a window with them."""
         if self.render_mode is None:
+            gym.logger.warn('render() draws nothing: make the environment with render_mode="rgb_array" or "human"')
             return None
-        from .pictures import draw, renderer
+        from .pictures import Wall, draw, renderer
 
+        if self.render_mode == "human":
+            self._wall = self._wall or Wall(self.plan, self.num_envs)
+            self._wall.draw(self._view)
+            return None
         if not self._renderers:
             self._renderers = [renderer(self.plan, self.render_mode) for _ in range(self.num_envs)]
         return tuple(draw(self._renderers[i], self.plan, self._view(i)) for i in range(self.num_envs))
@@ -147,9 +166,9 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close windows, end threads."""
-        for one in self._renderers:
+        for one in (*self._renderers, *([] if self._wall is None else [self._wall])):
             one.close()
-        self._renderers = []
+        self._renderers, self._wall = [], None
         self.batch.close()
 
     # --- seeds and starts ----------------------------------------------------------------------------
@@ -221,11 +240,12 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         n = self.num_envs
         if seed is None:
             return [None] * n
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + i for i in range(n)]
+        if np.ndim(seed) == 0:
+            first = check.integer("seed", seed, minimum=0)
+            return [first + i for i in range(n)]
         if len(seed) != n:
             raise check.InvalidValue("seed", seed, f"must be a number or a sequence of {n}")
-        return [None if s is None else int(s) for s in seed]
+        return [None if s is None else check.integer(f"seed[{i}]", s, minimum=0) for i, s in enumerate(seed)]
 
     def _checked_mask(self, options: dict[str, Any] | None) -> tuple[list[int], dict[str, Any] | None]:
         if options is None or "reset_mask" not in options:
@@ -258,6 +278,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             if own is not None:
                 self._guides[i] = own
         self._ended = np.flatnonzero(self.batch.terminated | self.batch.truncated).tolist()
+        self._begun = self.batch.begun
 
     def _chosen(self, indices: Sequence[int] | None) -> list[int]:
         if indices is None:
@@ -266,10 +287,36 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
 
     def linearize(self, index: int, discrete: float | None = None) -> LinearModel:
         """The linear model of one arm at its present state; see the single environment."""
+        index = check.integer("index", index, minimum=0, maximum=self.num_envs - 1)
         return linear_model(self.plan, self.batch, index, self._guides.get(index), discrete)
 
+    def call(self, name: str, *args: Any, indices: Sequence[int] | None = None, **kwargs: Any) -> tuple[Any, ...]:
+        """What a method or an attribute of the single environment gives for each arm (or for those in `indices`).
+
+        "get_state", "linearize" and "render", "set_state" with one state for all or a list of one each, and any
+        attribute, which all arms share.
+        """
+        chosen = self._chosen(indices)
+        if name == "get_state":
+            return tuple(self.get_state(chosen, *args, **kwargs))
+        if name == "set_state":
+            (states,) = (*args, *kwargs.values())
+            self.set_state([states] * len(chosen) if isinstance(states, dict) else states, chosen)
+            return (None,) * len(chosen)
+        if name == "linearize":
+            return tuple(self.linearize(i, *args, **kwargs) for i in chosen)
+        if name == "render":
+            frames = self.render()
+            return (None,) * len(chosen) if frames is None else tuple(frames[i] for i in chosen)
+        value = self.plan.period if name == "dt" else getattr(self, SINGLE_NAMES.get(name, name))
+        if callable(value):
+            raise check.InvalidValue("name", name, "must be get_state, set_state, linearize, render or an attribute")
+        if isinstance(value, tuple) and len(value) == self.num_envs and name in ("np_random", "np_random_seed"):
+            return tuple(value[i] for i in chosen)
+        return (value,) * len(chosen)
+
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_renderers": []}
+        return vars(self) | {"_renderers": [], "_wall": None}
 
     # --- info ------------------------------------------------------------------------------------------
     def _mask(self, arms: Sequence[int]) -> Flags:

@@ -315,7 +315,7 @@ def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
 
 @kernel
 def shape(model, q, points):  # type: ignore[no-untyped-def]
-    """Positions along the chain at the bodies' stations; returns how many were written."""
+    """Positions along the chain at the bodies' stations, as many as `points` has room for; their number."""
     m = model
     points[0, 0], points[0, 1] = q[0], q[1]
     k = 1
@@ -327,6 +327,8 @@ def shape(model, q, points):  # type: ignore[no-untyped-def]
         d = m.data
         first = p + 7 * n * (1 + n) + 17 * m.table[body, ELEMENTS]  # stations lie behind the elements: x, u, v, H each
         for station in range(m.table[body, STATIONS]):
+            if k == points.shape[0]:
+                return k
             place = first + station * (1 + 2 * n + n * n)
             x = d[place] + dot(d, place + 1, q, e, n) - 0.5 * quadratic(d, place + 1 + 2 * n, q, q, e, n)
             y = dot(d, place + 1 + n, q, e, n)

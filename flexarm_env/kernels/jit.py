@@ -6,6 +6,7 @@ function: an edit in a *called* file would go unseen. Here the stamp is a hash o
 
 from __future__ import annotations
 
+import glob
 import hashlib
 from collections.abc import Callable
 from functools import cache
@@ -36,6 +37,10 @@ def cache_folder(function: Callable[..., Any]) -> Path | None:
     return None if found is None else Path(found)
 
 
+_PARTS = ("_source_stamp", "_load_index", "_save_index", "_save_data", "_dump", "_data_name_pattern", "_cache_path")
+"""What Numba's index of compiled forms consists of, as far as it is touched here."""
+
+
 def _tolerant(load_index: Callable[[], Any]) -> Callable[[], Any]:
     """An index that older sources left may name types that are no more: it then counts as empty."""
 
@@ -46,6 +51,29 @@ def _tolerant(load_index: Callable[[], Any]) -> Callable[[], Any]:
             return {}
 
     return load
+
+
+def _told_apart(index: Any) -> Callable[[Any, Any], None]:
+    """`save` of a cache in which each compiled form has a file of its own, written before the index names it.
+
+    Numba numbers the files. Two processes that compile at once, or one that started before the sources were edited,
+    then write different code to one file, and the index leads to the wrong one: a crash, or wrong numbers.
+    """
+
+    def save(key: Any, data: Any) -> None:
+        told = repr(index._source_stamp).encode() + index._dump(key)
+        name = index._data_name_pattern.replace("{number:d}", hashlib.sha256(told).hexdigest()[:24])
+        index._save_data(name, data)
+        forms = index._load_index()
+        if not forms:  # none yet, or those of other sources
+            base = index._data_name_pattern.replace("{number:d}.nbc", "")
+            for path in Path(index._cache_path).glob(glob.escape(base) + "*.nbc"):
+                if path.name != name:
+                    path.unlink(missing_ok=True)
+        forms[key] = name
+        index._save_index(forms)
+
+    return save
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -59,7 +87,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     compiled: Any = KernelDispatcher(function, targetoptions=OPTIONS)
     compiled.enable_caching()
     index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if hasattr(index, "_source_stamp") and hasattr(index, "_load_index"):
+    if all(hasattr(index, name) for name in _PARTS):
         index._source_stamp = source_hash()
         index._load_index = _tolerant(index._load_index)
+        index.save = _told_apart(index)
     return compiled
