@@ -6,8 +6,10 @@ Every candidate runs the same episodes as the converged exact beam: `episodes` u
 each control period) and as many under random bang-bang torque (full torque of either sign, switched after 0.1 to 0.6 s
 at random); two links over the first 2 s only, since longer runs of theirs are chaotic. The error of an episode is the
 largest distance of the tip from the exact one's, over L. A candidate is good enough where that stays within 0.5 % for
-99 % of the episodes of either kind; the default is the cheapest that is. The exit code is 1 where the package's
-defaults are not good enough. A few minutes, and as many again for compilation the first time.
+99 % of the episodes of either kind, and 0.1 % is aimed at. The default, one for both environments, is the cheapest
+candidate (sum of both costs in a vector) that reaches the aim in both, or else the cheapest that is good enough. The
+exit code is 1 where the package's defaults are not good enough. A few minutes of CPU time, and as many again for
+compilation the first time.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from numpy.typing import NDArray
 
 import flexarm_env
 from benchmarks.machine import describe_machine, write_text
+from flexarm_env.envs.options import plan
 
 Array = NDArray[np.float64]
 
@@ -54,6 +57,7 @@ class Candidate:
     vector: float = float("nan")  # CPU microseconds of one arm and control period, in a batch on one thread
     single: float = float("nan")  # the same of `step` of a single environment
     failed: int = 0
+    default: bool = False
 
     @property
     def worst(self) -> float:
@@ -80,7 +84,8 @@ class Candidate:
 
         return {
             "options": self.options, "microseconds_vector": self.vector, "microseconds_single": self.single,
-            "failed": self.failed, "random": spread(self.random), "bang_bang": spread(self.bang_bang),
+            "failed": self.failed, "default": self.default,
+            "random": spread(self.random), "bang_bang": spread(self.bang_bang),
         }  # fmt: skip
 
 
@@ -103,8 +108,8 @@ def candidates() -> list[dict[str, Any]]:
             for steps in (8, 4):
                 mesh = {"formulation": "geometrically_exact", "elements": elements, "order": order}
                 rows.append(mesh | {"dt": 0.02 / steps, "tolerance": 1e-6})
-    for mesh in ({"modes": 2}, {"modes": 3}, {"segments": 3}):
-        rows.append({"formulation": "floating_frame", **mesh, "dt": 0.0025, "tolerance": 1e-6})
+    for mesh in ({"modes": 2, "dt": 0.0025}, {"modes": 3, "dt": 0.0025}, {"segments": 3, "dt": 0.001}):
+        rows.append({"formulation": "floating_frame", **mesh, "tolerance": 1e-6})
     return rows
 
 
@@ -144,11 +149,10 @@ def tips(env_id: str, actions: Array, options: dict[str, Any]) -> tuple[Array, i
 class Stopwatch:
     """CPU time of a control period with some settings: in a vector of 512 arms on one thread, and alone."""
 
-    ARMS = 512
-
     def __init__(self, env_id: str, options: dict[str, Any], alone: bool) -> None:
+        self.arms = 32 if options["formulation"] == "floating_frame" else 512  # the former go one by one
         more = {"joint_limits": None, "duration": 1e6, **options}
-        self.vector = gym.make_vec(env_id, num_envs=self.ARMS, threads=1, **more)
+        self.vector = gym.make_vec(env_id, num_envs=self.arms, threads=1, **more)
         self.single = gym.make(env_id, **more).unwrapped if alone else None
         rng = np.random.default_rng(0)
         self.many = list(rng.uniform(-1.0, 1.0, (60, *self.vector.action_space.shape)).astype(np.float32))
@@ -156,7 +160,7 @@ class Stopwatch:
 
     def read(self) -> tuple[float, float]:
         """Microseconds of one arm and control period in the vector, and of one `step` of the single environment."""
-        one = self._mean(self.vector, self.many) / self.ARMS
+        one = self._mean(self.vector, self.many) / self.arms
         return one, float("nan") if self.single is None else self._mean(self.single, self.few)
 
     @staticmethod
@@ -170,14 +174,14 @@ class Stopwatch:
 
 def take_times(env_id: str, rows: list[Candidate], rounds: int = 7) -> None:
     """Fill in the costs: the least of some rounds through all candidates, so that a busy machine treats all alike."""
-    watches = [Stopwatch(env_id, row.options, row.options.get("formulation", "elastica") == "elastica") for row in rows]
+    watches = [Stopwatch(env_id, row.options, row.options["formulation"] == "elastica") for row in rows]
     readings = np.array([[watch.read() for watch in watches] for _ in range(rounds)])
     for row, (vector, single) in zip(rows, readings.min(axis=0), strict=True):
         row.vector, row.single = float(vector), float(single)
 
 
 def measure(env_id: str, episodes: int) -> tuple[list[Candidate], dict[str, float]]:
-    """All candidates of an environment, its defaults last; and how far the reference is from coarser ones, % of L."""
+    """All candidates of an environment, its defaults among them; how far the reference is from coarser ones, % of L."""
     joints = 1 if env_id == IDS[0] else 2
     own = gym.make(env_id).unwrapped.plan  # type: ignore[attr-defined]
     actions = actions_of(env_id, episodes, joints)
@@ -190,11 +194,14 @@ def measure(env_id: str, episodes: int) -> tuple[list[Candidate], dict[str, floa
     spread = {word: percentile(errors(tips(env_id, actions, options)[0])) for word, options in COARSER.items()}
     print(f"{env_id}: the reference differs from coarser ones by {spread} % of L", flush=True)
     found = []
-    for options in [*candidates(), {}]:
+    for options in candidates():
         places, failed = tips(env_id, actions, options)
         error = errors(places)
-        found.append(Candidate(options, error[:episodes], error[episodes:], failed=failed))
-        print(f"  {found[-1].label or 'default':60s} {found[-1].worst:9.4f} %", flush=True)
+        own_too = plan(own.kind, **options).settings == own.settings
+        found.append(Candidate(options, error[:episodes], error[episodes:], failed=failed, default=own_too))
+        print(f"  {found[-1].label:60s} {found[-1].worst:9.4f} %{' (default)' * own_too}", flush=True)
+    if not any(row.default for row in found):
+        raise SystemExit(f"add the defaults of {env_id} to the candidates: {own.settings}")
     take_times(env_id, found)
     return found, spread
 
@@ -212,18 +219,28 @@ def table_of(env_id: str, rows: list[Candidate], spread: dict[str, float], episo
         "|---|---|---|---|---|---|---|",
     ]
     for row in sorted(rows, key=lambda r: r.vector):
-        parts = [f"{percentile(e):.3f} %" for e in (row.random, row.bang_bang)]
+        parts = [f"{percentile(e):.3f} %" if np.isfinite(percentile(e)) else "-" for e in (row.random, row.bang_bang)]
         mark = "aim" if row.worst <= AIM else "yes" if row.worst <= LIMIT else "no"
-        name = row.label or "**the package's default**"
+        name = f"**{row.label}** (default)" if row.default else row.label
         alone = "" if np.isnan(row.single) else f"{row.single:.2f}"
         lines.append(f"| {name} | {parts[0]} | {parts[1]} | {row.failed} | {row.vector:.3f} | {alone} | {mark} |")
-    lines.append("")
-    for limit in (LIMIT, AIM):
-        good = [row for row in rows if row.worst <= limit and row.options]
-        if good:
-            best = min(good, key=lambda r: r.vector)
-            lines.append(f"- The cheapest within {limit:g} %: {best.label} ({best.vector:.3f} us).")
     return "\n".join([*lines, ""])
+
+
+def verdict(found: dict[str, list[Candidate]]) -> list[str]:
+    """Which candidates are the cheapest within the limit and within the aim: of each environment, and of all."""
+    lines = []
+    for limit in (LIMIT, AIM):
+        every = []
+        for env_id, rows in found.items():
+            good = {row.label: row.vector for row in rows if row.worst <= limit}
+            best = min(good, key=good.__getitem__, default="none")
+            lines.append(f"- {env_id}, within {limit:g} %: {best} ({good.get(best, np.nan):.3f} us)")
+            every.append(good)
+        shared = set.intersection(*(set(good) for good in every))
+        best = min(shared, key=lambda label: sum(good[label] for good in every), default="none")
+        lines.append(f"- all of them, within {limit:g} %: {best}")
+    return ["## The cheapest", "", *lines, ""]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -245,17 +262,18 @@ def main(arguments: list[str] | None = None) -> int:
     machine = describe_machine()
     text += ["Machine: " + ", ".join(f"{key} {value}" for key, value in machine.items()) + ".", ""]
     data: dict[str, Any] = {"machine": machine, "version": flexarm_env.__version__, "environments": {}}
-    well = True
+    found: dict[str, list[Candidate]] = {}
     for env_id in args.env or IDS:
         rows, spread = measure(env_id, args.episodes)
+        found[env_id] = rows
         text.append(table_of(env_id, rows, spread, args.episodes))
-        well &= rows[-1].worst <= LIMIT
         data["environments"][env_id] = {
             "reference_spread": spread, "candidates": [row.table() for row in rows],
         }  # fmt: skip
+    text += verdict(found)
     write_text(args.out / "default_settings.md", "\n".join(text))
     write_text(args.out / "default_settings.json", json.dumps(data, indent=1) + "\n")
-    return 0 if well else 1
+    return 0 if all(row.worst <= LIMIT for rows in found.values() for row in rows if row.default) else 1
 
 
 if __name__ == "__main__":

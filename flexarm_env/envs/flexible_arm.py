@@ -94,7 +94,7 @@ class FlexibleArmEnv(SingleArmEnv):
     | `formulation` | "elastica" | or "geometrically_exact", "floating_frame"; with its options as flat keywords |
     | `nodes`, `elements`, `order`, `segments`, `coupling`, `modes`, `rho_inf`, ... | | of the formulation, see below |
     | `control_dt` | 0.02 | control period, s |
-    | `dt` | 0.005 | solver's step, s; a whole number of them makes a control period |
+    | `dt` | 0.02/3 | solver's step, s; a whole number of them makes a control period |
     | `action_mode` | "torque" | or "residual_pd": torque = k (goal - angle) - d rate + 0.7 tau a, within +-tau |
     | `duration` | 4.0 | s |
     | `task` | "slew" | or "track": the target moves; "replay": every episode follows `motion` |
@@ -111,10 +111,11 @@ class FlexibleArmEnv(SingleArmEnv):
     | `render_mode` | None | "rgb_array" or "human" |
     | `max_episode_steps` | None | control periods |
 
-    Formulations, with what an environment takes where nothing is said: "elastica" (`nodes` 4, `dt` 0.005 s,
+    Formulations, with what an environment takes where nothing is said: "elastica" (`nodes` 4, `dt` 0.02/3 s,
     `tolerance` 1e-5), "geometrically_exact" (`elements` 3, `order` 2, `dt` 0.0025 s, `tolerance` 1e-6) and
-    "floating_frame" (`segments` 3, or `modes` in their place; likewise). The step is made shorter where it does not
-    divide `control_dt`. All options are those of `flexarm_env.Settings`; why these: docs/results/default_settings.md.
+    "floating_frame" (`segments` 3, or `modes` in their place, `dt` 0.001 s, `tolerance` 1e-6; off by some per cent of
+    L). The step is made shorter where it does not divide `control_dt`. All options are those of
+    `flexarm_env.Settings`; why these: docs/results/default_settings.md.
 
     make_vec also takes `autoreset_mode` ("NextStep", the default, "SameStep", "Disabled") and `threads` (as many as
     there are processors, one for each 128 arms at most).
