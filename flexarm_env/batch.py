@@ -60,6 +60,7 @@ from .model import STATUS, System, scheme
 from .parameters import Arm
 from .scene import Scene
 from .settings import Settings
+from .simulation import uncompiled
 from .threads import Crew, chunks
 
 Array = NDArray[np.float64]
@@ -80,10 +81,6 @@ REASONS: dict[float, str] = {
 
 STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
 """The solver's status for each of these codes."""
-
-
-def _python(function: Any) -> Any:
-    return getattr(function, "py_func", function)
 
 
 @dataclass(frozen=True)
@@ -198,7 +195,7 @@ class Batch:
         ahead = 0 if self.extras.reference is None else len(self.extras.reference.scales)
         self.entries = len(task.entries) + ahead + gauges
         self.layout = _layout(lanes, model, task, self.entries, self.extras)
-        self._work = int(_python(work_size)(1, model, 0)) - 4  # the integrator's entries an arm (its counters are not)
+        self._work = int(uncompiled(work_size)(1, model, 0)) - 4  # the integrator's entries an arm, without its counters
         count, links = self.n, self.arm.n_links
         self.block = np.zeros((self.groups, self.layout.row))
         self.action = np.zeros((count, links), np.float32)
@@ -276,7 +273,7 @@ class Batch:
     def motion(self, i: int) -> tuple[Array, Array, Array]:
         """State q, v (n,) and joint torques (N,) of arm i, copies."""
         links, lanes = self.arm.n_links, len(self.lane)
-        work = _python(unpack)(self.lane, self.system.model, self.block[i // lanes], 0)
+        work = uncompiled(unpack)(self.lane, self.system.model, self.block[i // lanes], 0)
         q, v, u = (part.reshape(-1, lanes)[:, i % lanes].copy() for part in (work.q, work.v, work.u))
         return q, v, u[:links]
 
@@ -425,7 +422,7 @@ def _layout(lanes: int, model: Any, task: Slew | Reach, entries: int, extras: Ex
         record += entries * extras.sensors.age
     kept = 0 if extras.actuator is None and extras.reference is None else record
     n = len(model.n) if isinstance(model.n, tuple) else int(model.n)
-    first = -(-int(_python(work_size)(lanes, model, 0)) // 8) * 8
+    first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
     for count in (
         4, 12 * links, record, links, entries,

@@ -34,7 +34,8 @@ ENERGY_LIMIT = 1e3
 """Energy beyond this many times (initial energy + gross work) means that the solution has diverged."""
 
 
-def _python(function: Any) -> Any:
+def uncompiled(function: Any) -> Any:
+    """The Python function behind a compiled one, for what is called once."""
     return getattr(function, "py_func", function)
 
 
@@ -64,8 +65,8 @@ class Simulation:
             settings.newton == "modified",
         )
         self.model, self.par = self.system.model, self.system.par.copy()
-        self._flat = np.zeros(int(_python(work_size)(1, self.model, self.n_motions)))
-        self.work: Work = _python(unpack)(SINGLE, self.model, self._flat, self.n_motions)
+        self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
+        self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
         self.deadline: float | None = None
         self._kinks = scene.kinks
         self._poses = np.zeros(12 * scene.arm.n_links)
@@ -298,4 +299,4 @@ def _positive(name: str, value: float, unit: str = "s") -> float:
     return float(value)
 
 
-__all__ = ["Simulation", "simulate", "Trajectory"]
+__all__ = ["Simulation", "Trajectory", "simulate"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -93,9 +94,7 @@ class Trajectory:
 
     def columns(self) -> dict[str, Array]:
         """The table that `to_csv` writes."""
-        table = dict(
-            zip(COLUMNS, (self.t, self.energy, *self.start.T, *self.tip.T), strict=True),
-        )
+        table = dict(zip(COLUMNS, (self.t, self.energy, *self.start.T, *self.tip.T), strict=True))
         for k in range(self.hinges.shape[1]):
             mark = "" if self.hinges.shape[1] == 1 else str(k + 1)
             table[f"hinge{mark}_x"], table[f"hinge{mark}_y"] = self.hinges[:, k].T
@@ -110,11 +109,7 @@ class Trajectory:
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
         """Write every array, with status, settings and the scene's TOML as text."""
-        import io
-
-        arrays: dict[str, Any] = {
-            name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)
-        }
+        arrays: dict[str, Any] = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
         arrays |= {"error_estimate": self.error_estimate}
         arrays |= {"status": self.status, "scene": self.scene.to_toml(), "names": np.array(self.names)}
         arrays |= {"formulation": self.settings.formulation, "options": repr(self.settings.options())}
@@ -140,15 +135,8 @@ class Recorder:
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.scene, self.settings = scene, settings
-        self.rows: dict[str, list[Any]] = {
-            name: []
-            for name in ("t", "poses", "energies", "books", "torque", "shapes", "q", "v")
-        }
-
-    @property
-    def last_energy(self) -> float:
-        """Energy at the last sample, J."""
-        return float(self.rows["energies"][-1].sum())
+        names = ("t", "poses", "energies", "books", "torque", "shapes", "q", "v")
+        self.rows: dict[str, list[Any]] = {name: [] for name in names}
 
     def add(self, simulation: Any) -> None:
         """Record the present state."""

@@ -17,6 +17,7 @@ from flexarm_env.cli.parser import build_parser
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
+from tests.cli_tools import refused
 
 COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "bench", "doctor")
 SHORT = ["replay", "robot_arm_motion", "--segments", "2", "--duration", "0.5"]
@@ -25,21 +26,6 @@ SHORT = ["replay", "robot_arm_motion", "--segments", "2", "--duration", "0.5"]
 def values_of(text: str) -> dict[str, str]:
     """The `name: value` lines."""
     return dict(line.split(": ", 1) for line in text.splitlines())
-
-
-def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
-    """The sentence on standard error of a command that must end with code 2."""
-    try:
-        code = main(list(words))
-    except SystemExit as stop:
-        code = int(stop.code or 0)
-    printed = capsys.readouterr()
-    assert code == 2
-    assert printed.out == ""
-    assert printed.err.startswith("flexarm")
-    assert printed.err.count("\n") == 1
-    assert "Traceback" not in printed.err
-    return printed.err
 
 
 # ------------------------------------------------------------------- help

@@ -13,23 +13,11 @@ import pytest
 
 from flexarm_env.cli import checkout, main, play
 from flexarm_env.recording import load_episodes, replay
+from tests.cli_tools import refused
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = ["play", "--policy", "pd", "--env-kwargs", '{"duration": 0.2}']
 HEADLESS = [*SHORT, "--headless"]
-
-
-def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
-    """The sentence on standard error of a command that must end with code 2."""
-    try:
-        code = main(list(words))
-    except SystemExit as stop:
-        code = int(stop.code or 0)
-    printed = capsys.readouterr()
-    assert code == 2
-    assert printed.out == ""
-    assert printed.err.count("\n") == 1, printed.err
-    return printed.err
 
 
 # -------------------------------------------------------------------- play

@@ -14,7 +14,7 @@ from ..kernels.lanes import SINGLE
 from ..kernels.restart import restart
 from ..kernels.work import Work, unpack
 from ..scene import Scene
-from ..simulation import Simulation
+from ..simulation import Simulation, uncompiled
 from ..trajectory import link_deflection
 from .equations import Equations, Point, Reduced, exact_slopes, slopes
 from .period import point_of, solved
@@ -128,7 +128,7 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
     """A copy of the simulation's state, consistent at t+ by the model: its work array and the views of it."""
     work, n_motions = simulation.work, simulation.n_motions
     flat: Array = np.zeros(sum(view.size for view in work))
-    w: Work = getattr(unpack, "py_func", unpack)(SINGLE, model, flat, n_motions)
+    w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
     w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
     restart(SINGLE, model, simulation.drive, simulation.par, flat, n_motions, simulation.t, simulation.dt)
     return flat, w

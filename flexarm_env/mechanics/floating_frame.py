@@ -80,10 +80,6 @@ class Body:
         """Lump an inertia (kg m^2) at the root section, which the clamped frame follows."""
         self.i0 += inertia
 
-    def add_root_mass(self, mass: float) -> None:
-        """Lump a mass (kg) at the root."""
-        self.mass += mass
-
 
 def finite_element_body(section: Section, length: float, elements: int) -> Body:
     """A uniform body of equal elements, first node clamped to the frame; n = 3 elements."""
