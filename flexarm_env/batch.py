@@ -195,7 +195,7 @@ class Batch:
         ahead = 0 if self.extras.reference is None else len(self.extras.reference.scales)
         self.entries = len(task.entries) + ahead + gauges
         self.layout = _layout(lanes, model, task, self.entries, self.extras)
-        self._work = int(uncompiled(work_size)(1, model, 0)) - 4  # the integrator's entries an arm, without its counters
+        self._work = int(uncompiled(work_size)(1, model, 0)) - 4  # its counters are apart
         count, links = self.n, self.arm.n_links
         self.block = np.zeros((self.groups, self.layout.row))
         self.action = np.zeros((count, links), np.float32)
