@@ -1,0 +1,240 @@
+"""What each feature costs where it is present, and what it costs where it is absent: docs/results/ablation.{md,json}.
+
+    python -m benchmarks.ablation [--rounds 7] [--out FOLDER]
+
+Present: a control period of 64 arms on one thread, and of a single environment, with and without the feature, in turn.
+Absent: features are compile-time tags. The step of an arm that has none of them is compiled twice, from the kernels
+as they are and from a copy whose lines for these features are cut out, and callgrind counts what both execute.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import dataclasses
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+import flexarm_env
+from benchmarks.machine import describe_machine, write_text
+from flexarm_env import arms, scenes, simulate
+from flexarm_env.parameters import Payload
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+STRIP = arms.resolve("strip")
+BARE = dataclasses.replace(STRIP, tau_d=0.0, payload=Payload())
+NOISE = {"noise": {"hub_angle": 1e-3, "tip_deflection": 1e-4}, "delay": 1}
+
+FEATURES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "gravity": ({"gravity": (0.0, -9.81)}, {}),
+    "damping": ({}, {"arm": dataclasses.replace(STRIP, tau_d=0.0)}),
+    "payload": ({"arm": dataclasses.replace(BARE, payload=STRIP.payload)}, {"arm": BARE}),
+    "diagnostics (info_level full)": ({"info_level": "full"}, {}),
+    "randomisation": ({"randomization": {"payload": (0.5, 2.0), "EI": (0.7, 1.3)}}, {}),
+    "sensors (noise, delay)": ({"sensors": NOISE}, {}),
+    "strain gauge": ({"sensors": {"strain_gauges": [0.0]}}, {}),
+    "actuator (lag, friction)": ({"actuator": {"lag": 0.01, "viscous": 0.01, "coulomb": 0.02}}, {}),
+    "residual_pd": ({"action_mode": "residual_pd"}, {}),
+    "initial vibration": ({"initial_vibration": 0.05}, {}),
+    "render_mode, not rendered": ({"render_mode": "rgb_array"}, {}),
+}
+"""Keywords of FlexibleArm-v0 with the feature, and without."""
+
+CUT = (
+    "gravity", "damping", "damped", "payload", "payload_turns", "controller", "actuator", "sensors", "reference",
+    "books", "root", "loads", "drive", "algebraic",
+)  # fmt: skip
+"""Names whose comparison with None guards the code of a feature."""
+
+PERIODS = """
+import dataclasses, sys
+import gymnasium, flexarm_env
+from flexarm_env import arms
+from flexarm_env.parameters import Payload
+arm = dataclasses.replace(arms.resolve("strip"), tau_d=0.0, payload=Payload())
+env = gymnasium.make_vec("FlexibleArm-v0", num_envs=8, threads=1, arm=arm, duration=1e4)
+env.reset(seed=0)
+batch = env.unwrapped.batch
+batch.action[:] = 0.3
+for _ in range(int(sys.argv[1])):
+    batch.compiled_step(batch.address, 0, 1)
+print(flexarm_env.__file__)
+"""
+"""So many control periods of eight bare arms in lanes."""
+FEW, MANY = 1_000, 13_000
+
+
+def _period(keywords: dict[str, Any], n: int) -> Callable[[int], float]:
+    """A function of a count: seconds a control period takes an arm."""
+    env = gym.make("FlexibleArm-v0", **keywords) if n == 1 else gym.make_vec(
+        "FlexibleArm-v0", num_envs=n, threads=1, **keywords
+    )  # fmt: skip
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(64)]
+
+    def run(count: int) -> float:
+        env.reset(seed=0)
+        clock = time.perf_counter()
+        for k in range(count):
+            env.step(actions[k % 64])
+        return (time.perf_counter() - clock) / (count * n)
+
+    return run
+
+
+def present(rounds: int) -> list[dict[str, Any]]:
+    """Seconds a period with and without each feature, the best of some rounds taken in turn."""
+    rows = []
+    for name, (wanted, without) in FEATURES.items():
+        row: dict[str, Any] = {"feature": name}
+        for n, label in ((1, "single"), (64, "vector")):
+            runs = {"with": _period(wanted, n), "without": _period(without, n)}
+            times: dict[str, list[float]] = {"with": [], "without": []}
+            for _ in range(rounds + 1):
+                for key, run in runs.items():
+                    times[key].append(run(190))
+            row[label] = {key: 1e6 * min(values[1:]) for key, values in times.items()}
+        rows.append(row)
+        print(json.dumps(row), flush=True)
+    return rows
+
+
+def scenes_present() -> list[dict[str, Any]]:
+    """CPU time of a replay with the floating frame under each coupling and with multipliers or without."""
+    rows = []
+    scene = scenes.named("robot_arm_motion")
+    for coupling in ("linear", "paper", "von_karman"):
+        cost = min(
+            simulate(scene, "floating_frame", segments=5, elements=1, coupling=coupling, error_limit=None).cpu_seconds
+            for _ in range(5)
+        )
+        rows.append({"feature": f"coupling {coupling} (5 segments, joints by multipliers)", "ms": 1e3 * cost})
+    whole = min(
+        simulate(scene, "floating_frame", segments=1, elements=5, error_limit=None).cpu_seconds for _ in range(5)
+    )
+    rows.append({"feature": "one frame of 5 elements (no multipliers)", "ms": 1e3 * whole})
+    return rows
+
+
+class _Cut(ast.NodeTransformer):
+    """`x.gravity is not None` and the like become False, `is None` True: the code behind is gone."""
+
+    def visit_Compare(self, node: ast.Compare) -> ast.AST:
+        self.generic_visit(node)
+        name = getattr(node.left, "attr", getattr(node.left, "id", None))
+        alone = len(node.ops) == 1 and isinstance(node.comparators[0], ast.Constant)
+        if alone and node.comparators[0].value is None and name in CUT:  # type: ignore[attr-defined]
+            return ast.Constant(isinstance(node.ops[0], ast.Is))
+        return node
+
+
+class _Prune(ast.NodeTransformer):
+    """Branches on a constant are cut out of the source."""
+
+    def visit_If(self, node: ast.If) -> Any:
+        self.generic_visit(node)
+        if isinstance(node.test, ast.Constant):
+            return node.body if node.test.value else node.orelse or ast.Pass()
+        return node
+
+
+def _instructions(folder: Path) -> float:
+    """Machine instructions executed in a control period of eight arms, by callgrind (which knows no AVX-512)."""
+    environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    environment |= {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0"}
+
+    def told(*prefix: str, count: int) -> subprocess.CompletedProcess[str]:
+        command = [*prefix, sys.executable, "-c", PERIODS, str(count)]
+        return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=True)
+
+    where = told(count=1).stdout.strip()  # compiles
+    assert Path(where).is_relative_to(folder), where
+    executed = []
+    for count in (FEW, MANY):
+        heard = told("valgrind", "--tool=callgrind", f"--callgrind-out-file={os.devnull}", count=count).stderr
+        executed.append(int(heard.split("Collected :")[1].split()[0]))
+    return (executed[1] - executed[0]) / (MANY - FEW)
+
+
+def absent() -> dict[str, float]:
+    """Instructions of a period of bare arms, compiled from the whole source and from one without the features."""
+    if not shutil.which("valgrind"):
+        print("valgrind is not installed: what absent features cost is left out")
+        return {}
+    package = Path(flexarm_env.__file__).parent
+    counts = {}
+    with tempfile.TemporaryDirectory() as name:
+        for kind in ("whole", "cut"):
+            folder = Path(name).resolve() / kind
+            shutil.copytree(package, folder / "flexarm_env", ignore=shutil.ignore_patterns("__pycache__"))
+            if kind == "cut":
+                for path in (folder / "flexarm_env" / "kernels").glob("*.py"):
+                    tree = _Prune().visit(_Cut().visit(ast.parse(path.read_text(encoding="utf-8"))))
+                    path.write_text(ast.unparse(ast.fix_missing_locations(tree)), encoding="utf-8")
+            counts[kind] = _instructions(folder)
+    return counts
+
+
+def table(results: dict[str, Any]) -> str:
+    """The results as Markdown."""
+    lines = [
+        "# What features cost",
+        "",
+        "A control period of `FlexibleArm-v0` at its defaults with and without a feature, us an arm (best of several",
+        "rounds in turn): a single environment through `gymnasium.make`, and 64 arms on one thread. Written by",
+        "`python -m benchmarks.ablation`.",
+        "",
+        " · ".join(f"{k}: {v}" for k, v in results["machine"].items()),
+        "",
+        "| feature | single: without | with | more | 64 arms: without | with | more |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in results["present"]:
+        cells = []
+        for label in ("single", "vector"):
+            a, b = row[label]["without"], row[label]["with"]
+            cells += [f"{a:.2f}", f"{b:.2f}", f"{100 * (b / a - 1):+.0f} %"]
+        lines.append(f"| {row['feature']} | " + " | ".join(cells) + " |")
+    lines += ["", "| replay of robot_arm_motion, floating frame | CPU, ms |", "|---|---|"]
+    lines += [f"| {row['feature']} | {row['ms']:.1f} |" for row in results["scenes"]]
+    if results["absent"]:
+        whole, cut = results["absent"]["whole"], results["absent"]["cut"]
+        lines += [
+            "",
+            "Absent features: a control period of eight arms in lanes without damping, payload, gravity, loads, motions,",
+            "controllers, actuators, sensors, references and books executes",
+            f"{whole:,.0f} machine instructions (callgrind); compiled from a copy of the kernels out of which the lines",
+            f"of these features were cut, {cut:,.0f}: {100 * (whole / cut - 1):+.2f} %.",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
+    options = parser.parse_args(arguments)
+    results = {
+        "machine": describe_machine(),
+        "absent": absent(),
+        "present": present(options.rounds),
+        "scenes": scenes_present(),
+    }
+    write_text(options.out / "ablation.json", json.dumps(results, indent=1) + "\n")
+    write_text(options.out / "ablation.md", table(results))
+    print(table(results))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
