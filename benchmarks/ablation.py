@@ -211,10 +211,10 @@ def table(results: dict[str, Any]) -> str:
         whole, cut = results["absent"]["whole"], results["absent"]["cut"]
         lines += [
             "",
-            "Absent features: a control period of eight arms in lanes without damping, payload, gravity, loads, motions,",
-            "controllers, actuators, sensors, references and books executes",
-            f"{whole:,.0f} machine instructions (callgrind); compiled from a copy of the kernels out of which the lines",
-            f"of these features were cut, {cut:,.0f}: {100 * (whole / cut - 1):+.2f} %.",
+            "Absent features: a control period of eight arms in lanes without damping, payload, gravity, loads,",
+            "motions, controllers, actuators, sensors, references and books executes",
+            f"{whole:,.0f} machine instructions (callgrind); compiled from a copy of the kernels out of which the",
+            f"lines of these features were cut, {cut:,.0f}: {100 * (whole / cut - 1):+.2f} %.",
         ]
     return "\n".join(lines) + "\n"
 
