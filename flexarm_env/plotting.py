@@ -1,7 +1,8 @@
 """Figures of trajectories by one call each; PNG, PDF or SVG by the path's ending. Needs matplotlib (`plot` extra).
 
 `plot_trajectory` is the paper's kind of figure: deformed shapes with time labels, beside tip deflection and energy.
-`plot_comparison` sets runs against each other and a reference; `plot_energies` and `plot_spectrum` look closer.
+`plot_comparison` sets runs against each other and a reference; `plot_energies` and `plot_spectrum` look closer;
+`plot_all` draws all of a run into a folder.
 """
 
 from __future__ import annotations
@@ -214,6 +215,29 @@ def plot_spectrum(
         if trajectory.tip_deflection.shape[1] > 1:
             axes.legend(loc="upper right")
     return Path(path)
+
+
+def plot_all(
+    trajectory: Trajectory, folder: str | os.PathLike[str], reference: Columns | None = None, ending: str = "png"
+) -> list[Path]:
+    """All there is to draw of a run: shapes.png with the tip deflection, energies.png, spectrum.png.
+
+    Args:
+        folder: is made where it is not there. reference: as for `plot_trajectory`. ending: png, pdf or svg.
+    Returns:
+        The paths; without the spectrum where too few samples follow the last kink.
+    """
+    home = Path(folder)
+    paths = [
+        plot_trajectory(trajectory, home / f"shapes.{ending}", reference),
+        plot_energies(trajectory, home / f"energies.{ending}"),
+    ]
+    try:
+        paths.append(plot_spectrum(trajectory, home / f"spectrum.{ending}"))
+    except ValueError as error:
+        if "evenly spaced" not in str(error):
+            raise
+    return paths
 
 
 # ------------------------------------------------------------------ parts

@@ -48,7 +48,7 @@ def test_help_names_every_flag_and_an_example(command: str, capsys: pytest.Captu
         build_parser().parse_args([command, "--help"])
     text = capsys.readouterr().out
     solver = "formulation segments elements coupling modes order nodes dt rho-inf tolerance"
-    assert all(f"--{flag} " in text for flag in f"{solver} duration sample out plot video speed".split())
+    assert all(f"--{flag} " in text for flag in f"{solver} duration sample out plot plots video speed".split())
     assert ("--reference" in text) == (command == "replay")
     assert f"  flexarm {command} " in text
 
@@ -133,7 +133,8 @@ def test_replay_against_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Pat
 
 def test_replay_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "arm.png"
-    assert main([*SHORT, "--plot", str(path)]) == 0
+    assert main([*SHORT, "--plot", str(path), "--plots", str(tmp_path / "all")]) == 0
+    assert {file.name for file in (tmp_path / "all").iterdir()} >= {"shapes.png", "energies.png"}
     assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert values_of(capsys.readouterr().out)["plot"] == str(path)
 

@@ -136,6 +136,14 @@ def test_spectrum_finds_the_arms_frequency(runs: dict[str, Trajectory], drawn: l
     assert "1 to 9 s" in " ".join(texts(drawn[1]))
 
 
+def test_all_of_a_run(runs: dict[str, Trajectory], tmp_path: Path) -> None:
+    paths = plotting.plot_all(runs["pinned"], tmp_path / "new", reference("robot_arm_motion").columns, "svg")
+    assert [path.name for path in paths] == ["shapes.svg", "energies.svg", "spectrum.svg"]
+    assert all(path.read_bytes().startswith(b"<?xml") for path in paths)
+    short = simulate(named("robot_arm_motion"), segments=4, duration=0.2)
+    assert [path.name for path in plotting.plot_all(short, tmp_path)] == ["shapes.png", "energies.png"]
+
+
 def test_a_run_that_failed_says_so(drawn: list[Figure], tmp_path: Path) -> None:
     failed = simulate(named("spin_up"), segments=1, elements=5, coupling="linear")
     plotting.plot_trajectory(failed, tmp_path / "run.png")

@@ -174,6 +174,7 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILE", help="trajectory: .csv (t, energy, start, tip, hinges) or .npz (all)")
     output.add_argument("--plot", metavar="FILE", help="figure of shapes, tip deflection, energy: .png, .pdf or .svg")
+    output.add_argument("--plots", metavar="FOLDER", help="all figures of the run: shapes, energies, spectrum")
     output.add_argument("--video", metavar="FILE", help="film of the run: .mp4, .gif, .webm, .mkv or .mov")
     output.add_argument("--speed", type=float, default=1.0, metavar="S", help="seconds of the run a second of film")
     output.add_argument("--json", action="store_true", help="print one JSON object instead of lines")

@@ -38,6 +38,8 @@ def run(args: argparse.Namespace) -> int:
     reference, origin = _reference(args)
     outputs = {"out": (args.out, TABLES), "plot": (args.plot, FIGURES), "video": (args.video, FILMS)}
     paths = {name: _writable(name, path, endings) for name, (path, endings) in outputs.items() if path is not None}
+    if args.plots is not None:
+        _needs("plots", "matplotlib", "plot")
     speed = check.number("--speed", args.speed, above=0.0)
 
     trajectory, compiling = _trajectory(scene, settings, args)
@@ -53,6 +55,10 @@ def run(args: argparse.Namespace) -> int:
         from flexarm_env.plotting import plot_trajectory
 
         values["plot"] = str(plot_trajectory(trajectory, paths["plot"], reference=reference))
+    if args.plots is not None:
+        from flexarm_env.plotting import plot_all
+
+        values["plots"] = [str(path) for path in plot_all(trajectory, args.plots, reference=reference)]
     if "video" in paths:
         values["video"] = str(_film(trajectory, paths["video"], speed))
     show(values, args.json)
@@ -158,14 +164,19 @@ def _reference(args: argparse.Namespace) -> tuple[Columns | None, str]:
     return own.columns, f"{own.scene} ({own.method}; tip good to {own.tip_tolerance:g} m)"
 
 
+def _needs(name: str, module: str, extra: str) -> None:
+    """ImportError with a sentence where there is no such module."""
+    if find_spec(module) is None:
+        raise ImportError(f'--{name} needs {module}: pip install "flexarm_env[{extra}]"')
+
+
 def _writable(name: str, path: str, endings: tuple[str, ...]) -> Path:
     """The path of an output, its folder made; known to be sound before a long run."""
     file = Path(path)
     if file.suffix.lower() not in endings:
         raise check.InvalidValue(f"--{name}", path, f"must end in {' or '.join(endings)}")
-    module, extra = NEEDED.get(name, ("numpy", ""))
-    if find_spec(module) is None:
-        raise ImportError(f'--{name} needs {module}: pip install "flexarm_env[{extra}]"')
+    if name in NEEDED:
+        _needs(name, *NEEDED[name])
     if file.is_dir():
         raise check.InvalidValue(f"--{name}", path, "must be a file, and this is a folder")
     file.parent.mkdir(parents=True, exist_ok=True)
