@@ -92,10 +92,39 @@ def control(contents: Mapping[str, Any]) -> str:
 
 
 def speed(contents: Mapping[str, Any]) -> str:
-    """What the throughput benchmark has to say, in its own words: `readme` of its results, {text, head, rows}."""
+    """Environment steps a second: one arm, many on one thread, many on all."""
     content = contents["throughput"]
-    own = content["readme"]
-    return f"{own['text']}\n\n{table(own['head'], own['rows'])}{measured(content, 'throughput.md')}"
+    rates = content["rates"]
+    yardstick = next(row["steps_per_second"] for row in rates if row["case"] == "Pendulum-v1")
+    own = [row for row in rates if "formulation" in row]
+    most = max((row["n_envs"] for row in own if row["n_envs"] <= 1024), default=1)
+    threads = max(row["threads"] for row in own)
+    rows = []
+    for env_id, formulation in dict.fromkeys((row["id"], row["formulation"]) for row in own):
+        wanted = (("single", 1, 1), ("vector", most, 1), ("vector", most, threads))
+        found = [
+            next(
+                (
+                    row["steps_per_second"]
+                    for row in own
+                    if (row["id"], row["formulation"]) == (env_id, formulation)
+                    and (row["api"], row["n_envs"], row["threads"]) == case
+                ),
+                None,
+            )
+            for case in wanted
+        ]
+        rows.append([f"`{env_id}`, {formulation}", *("" if rate is None else f"{rate:,.0f}" for rate in found)])
+    others = [row for row in rates if "formulation" not in row]
+    rows += [[f"*{row['case']}*", *(_at(row, case) for case in ("single", "vector", ""))] for row in others]
+    head = ["environment", "one", f"{most}, one thread", f"{most}, {threads} threads"]
+    text = f"Environment steps a second; `Pendulum-v1` of Gymnasium, at {yardstick:,.0f}, is the yardstick.\n\n"
+    return text + table(head, rows) + measured(content, "throughput.md")
+
+
+def _at(row: Mapping[str, Any], api: str) -> str:
+    """The rate of another environment, in the column that it was measured for."""
+    return f"{row['steps_per_second']:,.0f}" if row.get("api") == api else ""
 
 
 TABLES = {"accuracy": (accuracy, "agreement"), "speed": (speed, "throughput"), "control": (control, "control")}

@@ -50,6 +50,24 @@ def test_tables_say_where_results_are_missing() -> None:
     assert "| pd | 90% | 1.00 | 0.01 | 2.0 |" in readme_tables.filled(TEXT, {"control_slew": content})
 
 
+def test_the_table_of_speed() -> None:
+    def row(case: str, api: str, n_envs: int, threads: int, rate: float, **more: str) -> dict[str, object]:
+        return {"case": case, "api": api, "n_envs": n_envs, "threads": threads, "steps_per_second": rate, **more}
+
+    own = {"id": "FlexibleArm-v0", "formulation": "elastica"}
+    rates = [
+        row("Pendulum-v1", "single", 1, 1, 5e4),
+        row("a", "single", 1, 1, 4e4, **own),
+        row("b", "vector", 16, 1, 9e4, **own),
+        row("c", "vector", 1024, 1, 4.0e5, **own),
+        row("d", "vector", 1024, 2, 7.1e5, **own),
+    ]
+    text = readme_tables.speed({"throughput": {"rates": rates, "machine": {"date": "2000-01-01", "cores": "2"}}})
+    assert "| `FlexibleArm-v0`, elastica | 40,000 | 400,000 | 710,000 |" in text
+    assert "| *Pendulum-v1* | 50,000 |  |  |" in text
+    assert "1024, 2 threads" in text and "2000-01-01, 2 cores" in text
+
+
 def test_links_and_pictures_are_there() -> None:
     targets = [link for link in re.findall(r"\]\(([^)#]+)", TEXT) if "://" not in link]
     assert len(targets) > 6
