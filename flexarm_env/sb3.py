@@ -237,7 +237,7 @@ class GymnasiumVecEnv(VecEnv):
             return [frames[i] for i in chosen]
         if isinstance(singles := getattr(self.env, "envs", None), list):
             return [singles[i].get_wrapper_attr(method_name)(*method_args, **method_kwargs) for i in chosen]
-        if hasattr(self.env, "call") and not hasattr(self.env, method_name):
+        if _calls_some(self.env) or (hasattr(self.env, "call") and not hasattr(self.env, method_name)):
             method, method_args = self.env.call, (method_name, *method_args)
         else:
             method = getattr(self.env, method_name)
@@ -263,6 +263,11 @@ class GymnasiumVecEnv(VecEnv):
 
     def _indices(self, indices: Indices) -> list[int]:
         return [int(i) for i in self._get_indices(indices)]
+
+
+def _calls_some(env: Any) -> bool:
+    """Whether the vector environment's `call` takes the indices of those to be called."""
+    return "indices" in inspect.signature(env.call).parameters if hasattr(env, "call") else False
 
 
 # ---------------------------------------------------------------------- infos

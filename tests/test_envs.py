@@ -273,6 +273,13 @@ def test_arms_and_formulations_by_name_and_value() -> None:
         ({"sensors": {"delay": 0.01}}, ("sensors.delay = 0.01", "control_dt")),
         ({"sensors": {"noise": {"hub": 1.0}}}, ("sensors.noise.hub", "hub_rate")),
         ({"sensors": {"strain_gauges": [1.5]}}, ("strain_gauges[0]", "1")),
+        ({"sensors": "noisy"}, ("sensors = 'noisy'", "table")),
+        ({"sensors": {"delay": 1e9}}, ("sensors.delay", "at most 1000")),
+        ({"task": "track", "reference": "nope.csv"}, ("reference = 'nope.csv'", "exists")),
+        ({"task": "track", "reference": 5}, ("reference = 5", "TimeFunction")),
+        ({"task": "replay", "motion": "nope.csv"}, ("options.motion = 'nope.csv'", "exists")),
+        ({"task": "replay", "motion": "nope.toml"}, ("options.motion = 'nope.toml'", "exists")),
+        ({"task": "replay", "motion": {"t": [0, 1]}}, ("options.motion.psi", "missing")),
         ({"actuator": {"lag": -1.0}}, ("actuator.lag = -1.0",)),
         ({"actuator": {"coulomb": 5.0}}, ("friction too stiff", "dt")),
         ({"info_level": "loud"}, ("info_level", "full")),
@@ -285,6 +292,18 @@ def test_a_wrong_argument_is_named(kwargs: dict[str, Any], words: tuple[str, ...
         gym.make("FlexibleArm-v0", **kwargs)
     for word in words:
         assert word in str(error.value)
+
+
+@pytest.mark.parametrize("reference", [[[0, 0.5, 0.1], [1, 5.0, 0.2]], [[[0, 2], [1, 2]], [[0, 0], [1, 1]]]])
+def test_a_path_out_of_reach_is_named(reference: Any) -> None:
+    with pytest.raises(ValueError, match=r"reference = \(.* at .* s: must stay within reach, 0 to 1 m"):
+        gym.make("TwoLinkFlexArm-v0", task="track", reference=reference)
+
+
+def test_a_target_is_the_reference_s_matter() -> None:
+    env = gym.make("TwoLinkFlexArm-v0", **rich("TwoLinkFlexArm-v0"))
+    with pytest.raises(ValueError, match=r"options\.target = .*track"):
+        env.reset(options={"target": [0.5, 0.0]})
 
 
 @pytest.mark.parametrize(
@@ -300,6 +319,8 @@ def test_a_wrong_argument_is_named(kwargs: dict[str, Any], words: tuple[str, ...
         ({"motion": "flying_rod"}, ("options.motion", "free")),
         ({"motion": [[0.0, 0.0], [0.0, 1.0]]}, ("options.motion", "t[1]")),
         ({"interpolation": "linear"}, ("options.interpolation", "options.motion")),
+        ({"motion": "two_link_motion", "start": [0.3, 0.0]}, ("options.start[0] = 0.3", "motion begins")),
+        ({"motion": "two_link_motion", "vibration": 0.1}, ("options.vibration = 0.1", "motion")),
     ],
 )
 def test_a_wrong_option_is_named_and_changes_nothing(options: dict[str, Any], words: tuple[str, ...]) -> None:

@@ -18,7 +18,7 @@ from tests.env_tools import IDS, RANDOM, assert_same, pair, rich
 LIVELY: dict[str, Any] = {
     "randomization": RANDOM,
     "sensors": {"noise": 0.01, "delay": 0.04},
-    "actuator": {"lag": 0.01, "delay": 0.025, "coulomb": 0.01},
+    "actuator": {"lag": 0.01, "delay": 0.08 / 3, "coulomb": 0.01},
     "initial_vibration": 0.02,
 }
 

@@ -36,7 +36,7 @@ def test_sixty_four_arms_on_one_and_two_threads(env_id: str, threads: int) -> No
 LIVELY: dict[str, Any] = {
     "randomization": RANDOM,
     "sensors": {"noise": 0.01, "delay": 0.04},
-    "actuator": {"lag": 0.01, "delay": 0.025, "coulomb": 0.01},
+    "actuator": {"lag": 0.01, "delay": 0.08 / 3, "coulomb": 0.01},
     "gravity": (0.0, -9.81),
     "initial_vibration": 0.05,
     "duration": 0.3,
@@ -238,3 +238,63 @@ def test_render_gives_a_picture_of_each_arm() -> None:
     assert isinstance(frames, tuple) and len(frames) == 2
     assert all(f.dtype == np.uint8 and f.ndim == 3 and f.shape[2] == 3 for f in frames)
     env.close()
+
+
+def test_many_arms_in_one_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With SDL's dummy driver in place of a display."""
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: "a display")
+    env = gym.make_vec("TwoLinkFlexArm-v0", num_envs=5, render_mode="human", control_dt=0.001)
+    env.reset(seed=0)
+    shown = pygame.surfarray.array3d(pygame.display.get_surface())
+    assert shown.shape == (3 * 320, 2 * 320, 3)
+    tiles = [shown[320 * (i % 3) : 320 * (i % 3) + 320, 320 * (i // 3) : 320 * (i // 3) + 320] for i in range(6)]
+    assert all(not np.array_equal(tiles[0], tile) for tile in tiles[1:])
+    assert np.ptp(tiles[5]) < 10, "five arms: nothing in the last place"
+    env.step(np.ones((5, 2), np.float32))
+    assert not np.array_equal(shown, pygame.surfarray.array3d(pygame.display.get_surface()))
+    env.close()
+    assert not pygame.display.get_init()
+
+
+def test_what_single_environments_have_is_there_for_each_arm() -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=3)
+    env.reset(seed=0)
+    states = env.call("get_state")
+    env.step(np.ones((3, 1), np.float32))
+    env.call("set_state", [states[2]], indices=[1])
+    assert_same(env.get_state([1])[0]["arm"], states[2]["arm"])
+    env.call("set_state", states[0])
+    assert all(np.array_equal(s["arm"]["block"], states[0]["arm"]["block"]) for s in env.get_state())
+    assert [model.A.shape for model in env.call("linearize", indices=[0, 2])] == [(8, 8)] * 2
+    assert env.call("dt") == (0.02,) * 3
+    assert env.call("action_space", indices=[1])[0].shape == (1,)
+    with pytest.raises(ValueError, match="name"):
+        env.call("step")
+    with pytest.raises(AttributeError):
+        env.call("nonesuch")
+
+
+def test_nothing_is_stepped_before_a_reset() -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=3)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros((3, 1), np.float32))
+    env.reset(seed=0, options={"reset_mask": np.array([True, False, True])})
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros((3, 1), np.float32))
+    env.reset(seed=0, options={"reset_mask": np.array([False, True, False])})
+    env.step(np.zeros((3, 1), np.float32))
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, [1, 2], [1, 2, "three"], [1, 2, -3]])
+def test_a_wrong_seed_changes_nothing(seed: Any) -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=3)
+    env.reset(seed=0)
+    before = env.get_state()
+    with pytest.raises(ValueError, match="seed"):
+        env.reset(seed=seed)
+    assert_same([s["arm"] for s in before], [s["arm"] for s in env.get_state()])
+    assert [s["generator"].bit_generator.state for s in before] == [
+        s["generator"].bit_generator.state for s in env.get_state()
+    ]

@@ -26,6 +26,9 @@ RESIDUAL_SHARE = 0.7
 AHEAD = (0.1, 0.3)
 """Times, s, by which the observation of task="track" looks ahead."""
 
+LONGEST = 1000
+"""Largest delay, in steps or periods: each of them is remembered."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -104,6 +107,8 @@ def _whole(path: str, value: Any, step: float, name: str) -> int:
     """A time as a whole number of steps."""
     time = check.number(path, value, "s", minimum=0.0)
     count = round(time / step)
+    if count > LONGEST:
+        raise check.InvalidValue(path, value, f"must be at most {LONGEST} {name} = {LONGEST * step:g} s")
     if abs(time / step - count) > 1e-6 * max(1.0, time / step):
         raise check.InvalidValue(path, value, f"must be a whole number of {name} = {step:g} s")
     return count
@@ -134,7 +139,7 @@ def sensors(frame: Frame, given: Any, names: Sequence[str], scales: Sequence[flo
 def gauges(frame: Frame, given: Any) -> list[tuple[int, float]]:
     """Links and places (0 root, 1 tip) of the strain gauges."""
     places = []
-    wanted = {} if given is None else given
+    wanted = {} if given is None else check.table_of("sensors", given)
     for i, entry in enumerate(check.sequence("sensors.strain_gauges", wanted.get("strain_gauges", ()), "places")):
         path = f"sensors.strain_gauges[{i}]"
         link, place = (0, entry) if np.ndim(entry) == 0 else check.sequence(path, entry, "a link and a place", 2)
@@ -179,21 +184,48 @@ def reference(frame: Frame, given: Any, periods: int) -> Reference:
         far = arm.total_length
         ranges = [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far)]
         ranges.append((-math.pi / 3, math.pi / 3))
-    table = np.zeros(0) if given is None else _path(given, targets, frame.period, periods + int(ahead.max()) + 1)
+    table = np.zeros(0) if given is None else _path(given, arm, targets, frame.period, periods + int(ahead.max()) + 1)
     scales = np.array(reference_scales(frame))
     return Reference(table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales)
 
 
-def _path(given: Any, targets: int, period: float, rows: int) -> Array:
+def reach(arm: Arm) -> tuple[float, float]:
+    """Smallest and largest distance of the rigid arm's tip from the root, m."""
+    lengths = [link.length for link in arm.links]
+    return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
+
+
+def _check_reach(arm: Arm, t: Array, places: Sequence[Array]) -> None:
+    near, far = reach(arm)
+    distance = np.hypot(*places)
+    wrong = np.flatnonzero((distance < near * (1.0 - 1e-9)) | (distance > far * (1.0 + 1e-9)))
+    if wrong.size:
+        at = f"({places[0][wrong[0]]:g}, {places[1][wrong[0]]:g}) m at {t[wrong[0]]:g} s"
+        raise ValueError(f"reference = {at}: must stay within reach, {near:g} to {far:g} m from the root")
+
+
+def _is_path(given: Any) -> bool:
+    """Whether this is a table of t, x, y."""
+    try:
+        rows = np.asarray(given)
+    except ValueError:
+        return False
+    return bool(rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] == 3)
+
+
+def _path(given: Any, arm: Arm, targets: int, period: float, rows: int) -> Array:
     """(rows, 2 D) flattened: target and its rate at the control instants."""
     if targets == 1:
         functions = [_function("reference", given)]
     else:
-        if isinstance(given, np.ndarray) and given.ndim == 2 and given.shape[1] == 3:
-            given = [given[:, [0, 1]], given[:, [0, 2]]]
+        if _is_path(given):
+            rows_of = np.asarray(given)
+            given = [rows_of[:, [0, 1]], rows_of[:, [0, 2]]]
         what = "two functions of time, x and y (m), or a table (n, 3): t, x, y"
         functions = [_function(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", given, what, 2))]
     t = np.arange(rows) * period
+    if targets == 2:
+        _check_reach(arm, t, [f(t) for f in functions])
     return np.column_stack([f(t) for f in functions] + [f(t, 1) for f in functions]).ravel()
 
 
@@ -222,5 +254,5 @@ def reference_scales(frame: Frame) -> list[float]:
 
 __all__ = [
     "ACTION_MODES", "Frame", "actuator", "controller", "gauge_names", "gauge_scales", "gauges", "inertia_beyond",
-    "reference", "reference_names", "reference_scales", "sensors",
+    "reach", "reference", "reference_names", "reference_scales", "sensors",
 ]  # fmt: skip

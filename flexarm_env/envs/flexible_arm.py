@@ -135,13 +135,16 @@ class FlexibleArmEnv(SingleArmEnv):
     columns t, psi[, psi_dot[, psi_ddot]] as an array, a list of rows, a dict or a CSV file, or a
     `flexarm_env.TimeFunction`; with psi alone it is a C2 cubic spline, or with `interpolation="linear"` straight
     between rows, each of them a kink. The arm starts where the motion does, the episode ends where the motion ends,
-    and nothing else about the arm changes; the target is where the motion ends. Motors are ideal then. The vector
-    environment also takes `reset_mask` (DISABLED), and a list of one motion for each arm.
+    and nothing else about the arm changes; the target is where the motion ends. Motors are ideal then, and without
+    controllers. The vector environment also takes `reset_mask`, an array of bools, and a list of one motion for each
+    arm (None: an ordinary episode).
 
     ## Further methods
 
     `get_state()` and `set_state(state)`: go back to a state bit for bit (vector: lists, with `indices`).
-    `linearize(discrete=None)`: the linear model at the present state (vector: of an arm by its index).
+    `linearize(discrete=None)`: the linear model at the present state (vector: of an arm by its index). The vector
+    environment's `call(name, ..., indices=None)` gives what these give for each arm. `render()` of the vector
+    environment is a tuple of pictures, or one window with the first 16 arms.
 
     ## Versions
 

@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,8 @@ def _is_table(value: Any) -> bool:
 def _scene(path: str, name: Any) -> Scene:
     try:
         return scenes.resolve(name)
+    except check.InvalidValue as error:
+        raise check.InvalidValue(path, name, error.allowed) from None
     except check.UnknownKey:
         known = [n for n in scenes.names(parameter_sets=True) if scenes.named(n).motions]
         raise check.UnknownKey(f"{path} = {name!r}", known, "motion (and no .csv or .toml file)") from None
@@ -138,15 +141,19 @@ def _function(entry: Any, interpolation: str | None) -> TimeFunction:
         entry.check_no_jump()
         return entry
     if isinstance(entry, str | os.PathLike):
+        if not Path(entry).is_file():
+            raise check.InvalidValue("", os.fspath(entry), "must be a .csv file that exists")
         return time_functions.from_csv(entry, interpolation)
     if isinstance(entry, Mapping):
         check.known_keys("", entry, time_functions.COLUMNS)
+        for name in ("t", "psi"):
+            check.needed("", entry, name, "must be a list of numbers")
         return time_functions.table(**entry, interpolation=interpolation)
     try:
         rows = np.asarray(entry)
     except ValueError:
         rows = np.array(None)
-    if rows.dtype.kind not in "fiu":
+    if rows.dtype.kind not in "fiu" or rows.ndim != 2:
         raise check.InvalidValue("", entry, WHAT)
     return time_functions.from_array(rows, interpolation)
 

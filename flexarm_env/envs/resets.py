@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import ACTION_NOT_FINITE, GUIDED, Batch
+from .features import reach
 from .motion import Guide, Prescribed, guide, prescribed
 from .options import Plan
 
@@ -43,8 +44,15 @@ def wishes(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Wishes:
     interpolation = table.get("interpolation")
     if interpolation is not None and table.get("motion") is None:
         raise check.InvalidValue("options.interpolation", interpolation, "must be given with options.motion")
-    motion = table.get("motion")
-    return Wishes(numbers, plan.motion if motion is None else prescribed(motion, n, interpolation))
+    motion = plan.motion
+    if table.get("motion") is not None:
+        motion = prescribed(table["motion"], n, interpolation)
+    if motion is not None and table.get("vibration") is not None:
+        raise check.InvalidValue("options.vibration", table["vibration"], "must not be given together with a motion")
+    if plan.task == "track" and table.get("target") is not None:
+        what = 'must not be given with task="track", where the reference says where the target is'
+        raise check.InvalidValue("options.target", table["target"], what)
+    return Wishes(numbers, motion)
 
 
 def _start(plan: Plan, value: Any) -> list[float]:
@@ -67,9 +75,7 @@ def _target(plan: Plan, value: Any) -> tuple[float, float]:
         return check.number("options.target", value, "rad"), 0.0
     x, y = check.sequence("options.target", value, "two numbers (m), (x, y)", 2)
     x, y = check.number("options.target[0]", x, "m"), check.number("options.target[1]", y, "m")
-    far = plan.arm.total_length
-    lengths = [link.length for link in plan.arm.links]
-    near = max(0.0, 2.0 * max(lengths) - sum(lengths))
+    near, far = reach(plan.arm)
     if not near <= math.hypot(x, y) <= far:
         what = f"must be within reach, {near:g} to {far:g} m from the root"
         raise check.InvalidValue("options.target", (x, y), what)
@@ -83,9 +89,12 @@ def guide_of(plan: Plan, asked: Wishes) -> Guide | None:
     n = plan.kind.n_links
     own = guide(plan, asked.motion, asked.numbers[:n])
     poses, _, _ = own.report()
-    asked.numbers[0] = poses[0, 2]
-    for k in range(1, n):
-        asked.numbers[k] = poses[k, 2] - poses[k - 1, 8]
+    starts = [float(poses[0, 2]), *(float(poses[k, 2] - poses[k - 1, 8]) for k in range(1, n))]
+    for k, angle in enumerate(asked.numbers[:n].tolist()):
+        if not math.isnan(angle) and abs(angle - starts[k]) > 1e-9:
+            what = f"must be where the motion begins, {starts[k]:g} rad, or be left out"
+            raise check.InvalidValue(f"options.start[{k}]", angle, what)
+    asked.numbers[:n] = starts
     if math.isnan(asked.numbers[n]):
         asked.numbers[n : n + 2] = _end_of(plan, own)
     return own
