@@ -31,7 +31,7 @@ CHUNK = 500
 """Steps between two looks at the clock and at the work done."""
 
 ENERGY_LIMIT = 1e3
-"""Energy beyond this many times (initial energy + gross work) means that the solution has diverged."""
+"""Energy beyond this many times what there was, came and went (`Simulation.gained`) means that it has diverged."""
 
 
 def uncompiled(function: Any) -> Any:
@@ -160,6 +160,13 @@ class Simulation:
         w = self.work
         return int(observe_arm(SINGLE, self.model, self.par, w.q, w.v, self._poses, self._energies, points))
 
+    def gained(self, start: float, gross: float) -> bool:
+        """Whether there is more energy than can be: out of all proportion to that at the start, the gross work (J), the
+        loss and the height that the arm has."""
+        energies = self.observe()[1]
+        total, known = abs(float(energies.sum())), abs(start) + gross + abs(float(self.work.books[1]))
+        return not total <= ENERGY_LIMIT * (known + abs(float(energies[2])) + 1e-300) and total > 1e-9
+
     def joint_torques(self) -> Array:
         """Torque of each joint, N m (n_links,): applied, or the one that enforces its prescribed angle."""
         torques = self.work.u[: self.scene.arm.n_links].copy()
@@ -272,8 +279,7 @@ def _run(
         if not simulation.advance_to(min(k * interval, end)):
             return
         record(k / counts)
-        total = abs(float(simulation.observe()[1].sum()))
-        if not total <= ENERGY_LIMIT * (abs(start_energy) + simulation.gross + 1e-300) and total > 1e-9:
+        if simulation.gained(start_energy, simulation.gross):
             simulation.work.flag[0] = DIVERGED
             return
         simulation.restart_at_kink()

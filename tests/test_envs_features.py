@@ -145,7 +145,7 @@ def test_viscous_friction_stops_the_arm_and_its_loss_is_booked() -> None:
 
 
 def test_coulomb_friction_holds_against_a_small_torque() -> None:
-    env = make(actuator={"coulomb": 0.2, "coulomb_rate": 0.02})
+    env = make(actuator={"coulomb": 0.2, "coulomb_rate": 0.02}, dt=0.0025)
     turned = [abs(run(env, np.full((100, 1), a), **START)[-1][0][2]) for a in (0.05, 0.5)]
     assert turned[0] < 0.01  # creeps
     assert turned[1] > 0.3
@@ -311,7 +311,7 @@ def test_a_heavier_payload_is_slower() -> None:
     for factor in (0.5, 2.0):
         env = gym.make(ONE, randomization={"payload": (factor, factor)})
         rates.append(run(env, np.ones((20, 1)), **START)[-1][0][2])
-    assert rates[0] > 1.3 * rates[1]
+    assert rates[0] > 1.2 * rates[1]
 
 
 def test_torque_constant_scales_the_torque() -> None:
@@ -321,6 +321,6 @@ def test_torque_constant_scales_the_torque() -> None:
 
 def test_episodes_of_a_randomised_arm_differ(rng: np.random.Generator) -> None:
     env = gym.make(ONE, randomization={"EI": (0.7, 1.3)})
-    one, other = episode(env, 0, 20, **START), episode(env, 1, 20, **START)
+    one, other = (episode(env, seed, 20, start=0.2, target=0.9) for seed in (0, 1))
     assert_same(one[0][0], other[0][0])
     assert not np.array_equal(one[-1][0], other[-1][0])

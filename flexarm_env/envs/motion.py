@@ -23,7 +23,7 @@ from ..batch import CLIP, View, scene_gauges
 from ..model import DIVERGED, OK
 from ..scene import Motion, Scene
 from ..settings import Settings
-from ..simulation import ENERGY_LIMIT, Simulation
+from ..simulation import Simulation
 from ..time_functions import TimeFunction
 from ..trajectory import link_deflection
 
@@ -210,8 +210,7 @@ class Guide:
         if not self.moved:
             return simulation.status
         self.gross += abs(float(simulation.work.books[0]) - before)
-        total = abs(float(simulation.observe()[1].sum()))
-        if total > ENERGY_LIMIT * (abs(self.start_energy) + self.gross + 1e-300) and total > 1e-9:
+        if simulation.gained(self.start_energy, self.gross):
             simulation.work.flag[0] = DIVERGED
             return DIVERGED
         return OK
