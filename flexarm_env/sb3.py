@@ -238,7 +238,7 @@ class GymnasiumVecEnv(VecEnv):
         if isinstance(singles := getattr(self.env, "envs", None), list):
             return [singles[i].get_wrapper_attr(method_name)(*method_args, **method_kwargs) for i in chosen]
         if _calls_some(self.env) or (hasattr(self.env, "call") and not hasattr(self.env, method_name)):
-            method, method_args = self.env.call, (method_name, *method_args)
+            method, method_args = self.env.call, (method_name, *method_args)  # type: ignore[attr-defined]
         else:
             method = getattr(self.env, method_name)
         if "indices" in inspect.signature(method).parameters:

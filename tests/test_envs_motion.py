@@ -133,6 +133,13 @@ def test_vector_resets_take_one_motion_for_all_or_one_each() -> None:
     assert np.all(observation[:, 1] == 1.0)
 
 
+def test_a_table_with_as_many_rows_as_arms_is_one_table() -> None:
+    rows = [[0.0, 0.2], [0.1, 0.3], [0.4, 0.1]]
+    env = gym.make_vec("FlexibleArm-v0", num_envs=3)
+    _, infos = env.reset(seed=0, options={"motion": rows})
+    assert np.all(infos["target"] == 0.1)
+
+
 def test_motion_episodes_in_a_vector_reset_themselves() -> None:
     """After the motion an ordinary episode begins; its neighbours never knew."""
     one, other = (gym.make_vec("FlexibleArm-v0", num_envs=3, max_episode_steps=20) for _ in range(2))

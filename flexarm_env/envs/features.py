@@ -195,7 +195,7 @@ def reach(arm: Arm) -> tuple[float, float]:
     return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
 
 
-def _check_reach(arm: Arm, t: Array, places: Sequence[Array]) -> None:
+def _check_reach(arm: Arm, t: Any, places: Sequence[Any]) -> None:
     near, far = reach(arm)
     distance = np.hypot(*places)
     wrong = np.flatnonzero((distance < near * (1.0 - 1e-9)) | (distance > far * (1.0 + 1e-9)))

@@ -59,7 +59,7 @@ def prescribed(value: Any, n_links: int, interpolation: str | None = None) -> Pr
         return Prescribed(joints, scene.duration)
     if isinstance(value, Mapping) and "t" not in value:
         entries = {_joint(path, key, n_links): entry for key, entry in value.items()}
-    elif isinstance(value, list | tuple) and not _is_table(value):
+    elif isinstance(value, list | tuple) and not is_table(value):
         if len(value) != n_links:
             raise check.InvalidValue(path, value, f"must hold one entry a joint, {n_links} (None: not prescribed)")
         entries = dict(enumerate(value))
@@ -100,7 +100,7 @@ def _is_scene(value: Any) -> bool:
     return isinstance(value, str | os.PathLike) and not os.fspath(value).endswith(".csv")
 
 
-def _is_table(value: Any) -> bool:
+def is_table(value: Any) -> bool:
     """Rows of numbers, rather than one entry a joint."""
     return all(isinstance(row, list | tuple) and all(isinstance(x, int | float) for x in row) for row in value)
 

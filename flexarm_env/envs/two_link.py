@@ -101,7 +101,8 @@ class TwoLinkFlexArmEnv(SingleArmEnv):
     arm with its tip at the target, the elbow on the side where it starts. Strain gauges are given as (link, place),
     friction and saturation for both joints or one each. Options of reset: `start` (two angles, rad), `target` (x, y
     in m, within reach), `vibration`, and `motion`: one for the hub, a list of two or a dict by "joint0" and "joint1"
-    (None: that joint keeps its action and starts at 0 or at `start`); "two_link_motion" is the paper's.
+    (None: that joint keeps its action and starts at 0 or at `start`); "two_link_motion" is the paper's. For a vector
+    of two arms a list of two holds a motion for each arm; a dict says joints.
 
     ## Versions
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import FRESH, IN_RANGE, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
-from .motion import Guide
+from .motion import Guide, is_table
 from .options import Plan, plan
 from .resets import Wishes, begin, follow, guide_of, wishes
 from .single import F32, checked_action
@@ -228,11 +228,12 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._start(self._ended, mode, asked, guides)
 
     def _each_wishes(self, arms: Sequence[int], options: dict[str, Any] | None) -> dict[int, Wishes]:
-        """Checked options of each arm: a list of num_envs motions holds one each, everything else is for all."""
+        """Checked options of each arm: a list of num_envs motions (not rows of a table) holds one each; all else is for
+        all."""
         if not options:
             return {i: wishes(self.plan, None) for i in arms}
         motion = options.get("motion")
-        if isinstance(motion, list) and len(motion) == self.num_envs > 1:
+        if isinstance(motion, list) and len(motion) == self.num_envs > 1 and not is_table(motion):
             return {i: wishes(self.plan, options | {"motion": motion[i]}) for i in arms}
         return {i: wishes(self.plan, options) for i in arms}
 
