@@ -7,6 +7,7 @@ share a position, not an angle.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from flexarm_env.parameters import Arm
+from flexarm_env.scene import JointTorque, PointLoad, Scene
+from flexarm_env.time_functions import Side
 
 Array = NDArray[np.float64]
 
@@ -80,27 +83,62 @@ class StaggeredChain:
         position: tuple[float, float],
         angles: tuple[float, ...],
         torques: Callable[[float], Any],
+        scene: Scene | None = None,
     ) -> Array:
-        """Tip positions (len(times), 2) from rest, pinned, under joint torques (+ on a root, - on the tip before)."""
+        """Tip positions (len(times), 2) from rest, pinned, under joint torques (+ on a root, - on the tip before).
+
+        scene: its loads, its hub's motion and its root, in place of those.
+        """
         r0, psi0 = self.straight(position, angles)
         shape, split = psi0.shape, r0.size
+        free = scene is not None and scene.root == "free"
+        hub = scene.motion_of("joint0") if scene is not None else None
+        loads = [] if scene is None else [load for load in scene.loads if isinstance(load, PointLoad)]
+        stops = () if scene is None else tuple(k for k in scene.kinks if k < times[-1])
 
-        def rates(t: float, y: Array) -> Array:
+        def rates(t: float, y: Array, side: Side) -> Array:
             half = y.size // 2
-            q, v = y[:half], y[half:]
+            q, v = y[:half].copy(), y[half:].copy()
+            if hub is not None:
+                q[split], v[split] = hub(t, 0, side), hub(t, 1, side)
             force, moment, _ = self.forces(q[:split].reshape(-1, 2), q[split:].reshape(shape))
-            for k, torque in enumerate(torques(t)):
+            for k, torque in enumerate(torques(t) if scene is None else joint_torques(scene, t, side)):
                 moment[k, 0] += torque
                 if k > 0:
                     moment[k - 1, -1] -= torque
+            for load in loads:
+                node, end = (load.link, 0) if load.end == "root" else (load.link + 1, -1)
+                for i, f in enumerate((load.force_x, load.force_y)):
+                    force[node * self.cells, i] += 0.0 if f is None else f(t, 0, side)
+                moment[load.link, end] += 0.0 if load.torque is None else load.torque(t, 0, side)
             acceleration = force / self.mass[:, None]
-            acceleration[0] = 0.0
-            return np.concatenate([v, acceleration.ravel(), (moment / self.inertia).ravel()])
+            if not free:
+                acceleration[0] = 0.0
+            turn = moment / self.inertia
+            if hub is not None:
+                turn[0, 0] = hub(t, 2, side)
+            return np.concatenate([v, acceleration.ravel(), turn.ravel()])
 
-        start = np.concatenate([r0.ravel(), psi0.ravel(), np.zeros(r0.size + psi0.size)])
-        solution = solve_ivp(rates, (0.0, times[-1]), start, "DOP853", times, rtol=1e-8, atol=1e-9)
-        assert solution.success, solution.message
-        return np.asarray(solution.y[split - 2 : split].T)
+        y = np.concatenate([r0.ravel(), psi0.ravel(), np.zeros(r0.size + psi0.size)])
+        found = []
+        for start, end in itertools.pairwise([0.0, *stops, float(times[-1])]):
+            here = times[(times > start) & (times <= end)]
+            asked = np.union1d(here, [end])
+
+            def piece(t: float, y: Array, start: float = start, end: float = end) -> Array:
+                return rates(t, y, "left" if t > 0.5 * (start + end) else "right")
+
+            solution = solve_ivp(piece, (start, end), y, "DOP853", asked, rtol=1e-8, atol=1e-9)
+            assert solution.success, solution.message
+            y = solution.y[:, -1]
+            found.append(solution.y[split - 2 : split, : here.size].T)
+        return np.vstack(found)
+
+
+def joint_torques(scene: Scene, t: float, side: Side) -> list[float]:
+    """The scene's torque of each joint, N m."""
+    given = [load for load in scene.loads if isinstance(load, JointTorque)]
+    return [sum(load.function(t, 0, side) for load in given if load.joint == k) for k in range(scene.arm.n_links)]
 
 
 def tips(
@@ -111,3 +149,12 @@ def tips(
         StaggeredChain(arm, n).run(times, (0.0, 0.0), angles, torques) for n in (cells, 2 * cells)
     )
     return fine + (fine - coarse) / 3.0, float(np.abs(fine - coarse).max() / 3.0)
+
+
+def scene_tips(scene: Scene, cells: int, times: Array) -> tuple[Array, float]:
+    """The same for a scene; times (n,) s, ascending from above 0."""
+    coarse, fine = (
+        StaggeredChain(scene.arm, n).run(times, scene.position, scene.angles, lambda t: (), scene)
+        for n in (cells, 2 * cells)
+    )
+    return fine + (fine - coarse) / 3.0, float(np.hypot(*(fine - coarse).T).max() / 3.0)
