@@ -79,7 +79,10 @@ def to_toml(arm: Arm) -> str:
 
 
 def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:
-    """An arm from the table of a TOML file."""
+    """An arm from the table of a TOML file; default_name: where the table has no name.
+
+    Raises ValueError that names the key path, the value and what is allowed.
+    """
     check.known_keys("", table, _ARM)
     values = dict(table)
     if default_name is not None:

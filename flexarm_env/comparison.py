@@ -30,7 +30,7 @@ class TipError:
 
 
 def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices into two increasing sequences of times (s), (n,) and (m,), of the instants that both have."""
+    """Indices into two increasing sequences of times, t (n,) s and other (m,) s, of the instants that both have."""
     first, second = np.asarray(t, dtype=float), np.asarray(other, dtype=float)
     nearest = np.clip(np.searchsorted(second, first), 0, second.size - 1)
     before = np.maximum(nearest - 1, 0)

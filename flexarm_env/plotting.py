@@ -60,7 +60,7 @@ _STYLE: Any = {
 
 @contextmanager
 def styled_figure(path: str | os.PathLike[str], width: float, height: float) -> Iterator[Figure]:
-    """A figure (inches) in the house's style, for `with`; written whole to `path` when the block ends well."""
+    """A figure, width by height inches, in the house's style, for `with`; written whole to `path` at its end."""
     file = Path(path)
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
@@ -118,7 +118,8 @@ def plot_comparison(
     """Several runs of a scene: tip paths, tip deflection over time, and the distance of the tips from the reference.
 
     Args:
-        trajectories: runs by their labels. reference: a table; without one the first run stands for it.
+        trajectories: runs by their labels. path: the file to write. reference: a table; without one the first run
+        stands for it. title: over the figure.
     Returns:
         The path.
     Raises:
@@ -155,7 +156,13 @@ def plot_comparison(
 
 
 def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: str | None = None) -> Path:
-    """Energies, and below them the balance: energy that appeared from nowhere (J)."""
+    """Energies, and below them the balance: energy that appeared from nowhere (J).
+
+    Args:
+        trajectory: a run. path: the file to write. title: default, scene and formulation.
+    Returns:
+        The path.
+    """
     with styled_figure(path, 7.0, 5.0) as figure:
         figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
         energy, balance = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 1.0]})
@@ -168,8 +175,9 @@ def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: s
 
 
 def spectrum(t: Array, x: Array) -> tuple[Array, Array]:
-    """Amplitude spectrum of an evenly sampled signal: frequencies (Hz) and amplitudes (unit of x), Hann window.
+    """Amplitude spectrum of an evenly sampled signal x (n,) at times t (n,) s, under a Hann window.
 
+    Returns frequencies (Hz) and amplitudes (unit of x), (n // 2 + 1,) each.
     The mean is taken out; a sine of amplitude A gives a peak of A. Raises ValueError for uneven or too few samples.
     """
     step = np.diff(t)
@@ -186,6 +194,7 @@ def plot_spectrum(
     """Amplitude spectrum of each link's tip deflection (fraction of its length), the highest peaks labelled.
 
     Args:
+        trajectory: a run. path: the file to write. title: default, scene and formulation.
         since: s; the part before it is left out. Default: the last instant at which a drive jumps or ends.
     Raises:
         ValueError: too few samples are left.
@@ -223,7 +232,8 @@ def plot_all(
     """All there is to draw of a run: shapes.png with the tip deflection, energies.png, spectrum.png.
 
     Args:
-        folder: is made where it is not there. reference: as for `plot_trajectory`. ending: png, pdf or svg.
+        trajectory: a run. folder: is made where it is not there. reference: as for `plot_trajectory`.
+        ending: png, pdf or svg.
     Returns:
         The paths; without the spectrum where too few samples follow the last kink.
     """

@@ -111,7 +111,7 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start an episode, as the environment does; a ValueError for options that no file can hold."""
+        """Start an episode, with seed and options as the environment's; a ValueError for options no file can hold."""
         self._keep()
         kept = None if options is None else _plain("options", options)
         generator = None if seed is not None else _plain("generator", self.np_random.bit_generator.state)
@@ -198,8 +198,10 @@ def _play(env: Any, episode: Episode) -> None:
 
 # --------------------------------------------------------------------- files
 def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> Path:
-    """Write episodes of one environment to an .npz file, whole or not at all.
+    """Write episodes of one environment to an .npz file, whole or not at all; the path.
 
+    Args:
+        path: of the file; its folder is made. episodes: at least one, with observations and infos of the same shapes.
     Raises:
         ValueError: no episode, or episodes whose observations or infos differ in shape.
     """

@@ -272,7 +272,10 @@ def _held(t: Array, y: Array, rows: list[list[float]]) -> list[list[float]]:
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Straight lines between the rows (t in s), the last value held: the rate jumps at every row."""
+    """Straight lines between the rows t (n >= 2,) s and y (n,), the last value held: the rate jumps at every row.
+
+    Raises ValueError that names the row for fewer rows, times that do not rise, numbers that are not finite.
+    """
     time, value = _columns(t, 2, y=y)
     slopes = np.diff(value) / np.diff(time)
     rows = [_row(*row) for row in zip(time[:-1], value[:-1], slopes, strict=True)]
@@ -280,7 +283,10 @@ def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> Time
 
 
 def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Constant from each row's time (s) to the next; 0 before the first. For loads: the value jumps."""
+    """The value y (n,) from each row's time t (n,) s to the next; 0 before the first. For loads: the value jumps.
+
+    Raises ValueError that names the row for fewer rows, times that do not rise, numbers that are not finite.
+    """
     time, value = _columns(t, 1, y=y)
     rows = [_row(*row) for row in zip(time, value, strict=True)]
     return _made("steps", [_row(0.0), *rows] if time[0] > 0.0 else rows, t=time, y=value)
@@ -289,9 +295,13 @@ def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunctio
 def spline_table(
     t: Sequence[float] | Array, psi: Sequence[float] | Array, boundary: str = "not-a-knot"
 ) -> TimeFunction:
-    """The C2 cubic spline through the rows (t in s), the last value held.
+    """The C2 cubic spline through the rows, the last value held.
 
-    ``boundary``: "not-a-knot" (default), "natural" (no curvature at the ends) or "clamped" (at rest at the ends).
+    Args:
+        t (n,): s, rising. psi (n,): rad or m.
+        boundary: "not-a-knot" (default), "natural" (no curvature at the ends) or "clamped" (at rest at the ends).
+    Raises:
+        ValueError: names the row and what is wrong there, or the boundary.
     """
     from scipy.interpolate import CubicSpline
 
@@ -312,9 +322,11 @@ def hermite_table(
     psi_dot: Sequence[float] | Array,
     psi_ddot: Sequence[float] | Array | None = None,
 ) -> TimeFunction:
-    """Values and rates (1/s) of the rows, met by cubics (C1); accelerations (1/s^2) too, by three cubics (C2) each.
+    """Values and rates of the rows, met by cubics (C1); accelerations too, by three cubics (C2) each.
 
-    The last value is held: a rate that is not zero there is a kink.
+    Args:
+        t (n,): s, rising. psi (n,): rad or m. psi_dot (n,): 1/s. psi_ddot (n,): 1/s^2, or None.
+    The last value is held: a rate that is not zero there is a kink. Raises ValueError that names the row.
     """
     if psi_ddot is None:
         time, y, v = _columns(t, 2, psi=psi, psi_dot=psi_dot)
@@ -360,7 +372,10 @@ COLUMNS = ("t", "psi", "psi_dot", "psi_ddot")
 
 
 def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFunction:
-    """:func:`table` of an array (n, 2 ... 4) with the columns t, psi[, psi_dot[, psi_ddot]]."""
+    """:func:`table` of `data` (n, 2 ... 4) with the columns t, psi[, psi_dot[, psi_ddot]]; interpolation as there.
+
+    Raises ValueError for another shape, and as :func:`table` does.
+    """
     rows = np.asarray(data)
     if rows.ndim != 2 or not 2 <= rows.shape[1] <= 4 or rows.dtype.kind not in "fiu":
         what = f"{rows.dtype} of shape {rows.shape}"
@@ -370,7 +385,10 @@ def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFun
 
 
 def from_csv(path: str | os.PathLike[str], interpolation: str | None = None) -> TimeFunction:
-    """:func:`table` of a CSV file whose first line names the columns t, psi[, psi_dot[, psi_ddot]]."""
+    """:func:`table` of the CSV file at `path`, whose first line names the columns t, psi[, psi_dot[, psi_ddot]].
+
+    Raises ValueError that names file and row, OSError where the file cannot be read; interpolation as for `table`.
+    """
     with open(path, newline="", encoding="utf-8-sig") as file:
         lines = [line for line in csv.reader(file) if line]
     header = tuple(name.strip() for name in lines[0]) if lines else ()

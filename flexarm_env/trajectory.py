@@ -119,7 +119,7 @@ class Trajectory:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file completely or not at all."""
+    """Write `content` to `path`, completely or not at all; its folder is made. OSError where that cannot be done."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
     try:

@@ -35,13 +35,13 @@ def _table(task: str) -> dict[str, Any]:
 
 
 def tuned_gains(name: str, task: str) -> Any:
-    """The tuned gains of a controller for a task ("slew" or "reach"), an instance of its gains' class."""
+    """The tuned gains of the controller `name` for a task ("slew" or "reach"), an instance of its gains' class."""
     check.choice("controller", name, NAMES)
     return gains_from(name, _table(task)[name])
 
 
 def gains_from(name: str, values: Mapping[str, Any]) -> Any:
-    """Gains of a controller from a mapping; an unknown key is a ValueError that says which there are."""
+    """Gains of the controller `name` from values by key; an unknown key is a ValueError that says which there are."""
     kind, _ = _KINDS[name]
     fields = [field.name for field in dataclasses.fields(kind)]
     check.known_keys(name, values, fields)

@@ -41,7 +41,7 @@ class Shaper:
         return Shaper(tuple(amplitudes.tolist()), tuple(delays.tolist()))
 
     def residual(self, frequency: float, ratio: float = 0.0) -> float:
-        """Vibration that a mode is left with, over that left by one impulse at t = 0."""
+        """Vibration that a mode (frequency in rad/s, damping ratio) is left with, over that of one impulse at t = 0."""
         pole = frequency * (ratio - 1j * np.sqrt(1.0 - ratio**2))
         t = np.asarray(self.delays)
         return float(abs(np.sum(np.asarray(self.amplitudes) * np.exp(pole * t))) * np.exp(-ratio * frequency * t.max()))

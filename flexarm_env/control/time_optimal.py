@@ -33,7 +33,10 @@ class Plan:
 
 
 def rigid_time(inertia: float, angle: float, limit: float) -> float:
-    """Time in s of the rigid time-optimal slew, 2 sqrt(I angle / torque): no arm of this inertia is quicker."""
+    """Time in s of the rigid time-optimal slew, 2 sqrt(I angle / torque): no rigid arm of this inertia is quicker.
+
+    inertia: kg m^2 about the hub. angle: rad. limit: N m.
+    """
     return 2.0 * float(np.sqrt(inertia * abs(angle) / limit))
 
 
@@ -84,7 +87,10 @@ def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> 
 
 
 def plan_periods(setup: Setup, angle: float, effort: float = 1.0) -> int:
-    """Control periods of the quickest plan of one link, rest to rest over an angle, rad, at a share of its torque."""
+    """Control periods of the quickest plan of one link, rest to rest.
+
+    setup: arm, period and torque limit. angle: rad. effort: share of the torque limit. ValueError where none is found.
+    """
     model = arm_model(setup.arm)
     A, B = model.discrete(setup.control_dt)
     start = model.state_of(np.array([-angle, 0.0, 0.0, 0.0]))

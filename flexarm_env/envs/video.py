@@ -69,8 +69,10 @@ def film_path(path: str | os.PathLike[str]) -> Path:
 
 
 def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], fps: float = 25.0) -> Path:
-    """Write pictures (height, width, 3) to a file, whole or not at all: .mp4, .webm, .mkv, .mov or .gif.
+    """Write pictures to a file, whole or not at all.
 
+    Args:
+        path: ends with .mp4, .webm, .mkv, .mov or .gif. frames: (height, width, 3) uint8 each. fps: pictures a second.
     Raises:
         ValueError: another ending, or no picture at all. DependencyNotInstalled: nothing here writes such a file.
     """

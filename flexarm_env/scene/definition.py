@@ -277,9 +277,12 @@ class Scene:
 
     @classmethod
     def from_toml(cls, source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:
-        """The scene in a TOML file or text (docs/scenes.md), with one of its parameter sets where named.
+        """The scene in a TOML file or text (docs/scenes.md).
 
-        Raises ValueError that names the key path, the value and what is allowed.
+        Args:
+            source: a path, or the text itself. parameter_set: the name of one that the file holds, or None.
+        Raises:
+            ValueError: names the key path, the value and what is allowed.
         """
         from flexarm_env.scene.toml import read_scene
 
