@@ -15,10 +15,10 @@ from . import accuracy, kernels  # noqa: F401  (importing kernels registers the 
 from .kernels.lanes import SINGLE
 from .kernels.newmark import advance
 from .kernels.restart import restart
-from .kernels.rollout import observe_arm
+from .kernels.rollout import GROSS, START_ENERGY, TIME, observe_arm, record, row_size
 from .kernels.work import Work, unpack, work_size
 from .mechanics import assembly
-from .model import DIVERGED, MESSAGE, NOT_FINITE, OK, STATUS, TIMED_OUT, scheme
+from .model import MESSAGE, NOT_FINITE, OK, STATUS, TIMED_OUT, scheme
 from .scene import Scene
 from .settings import Settings
 from .trajectory import Recorder, Trajectory
@@ -26,6 +26,8 @@ from .trajectory import Recorder, Trajectory
 Array = NDArray[np.float64]
 
 _NO_POINTS = np.zeros((0, 2))
+_ROOM = 2 + 8 * 64
+"""Points along a link that there is room for."""
 
 CHUNK = 500
 """Steps between two looks at the clock and at the work done."""
@@ -132,13 +134,66 @@ class Simulation:
                 return False
         return True
 
-    def compile(self) -> float:
-        """Compile what `advance_to` needs (or load it from the cache) without moving; CPU seconds it took."""
-        clock = time.process_time()
-        advance(
-            SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions,
-            self.t, self.dt, 0, self.scheme, True,
+    def record(
+        self,
+        end: float,
+        interval: float,
+        sink: Callable[[Array, Array], None],
+        tell: Callable[[float], None] | None = None,
+    ) -> None:
+        """Advance to `end`, recording the start and every `interval`, landing on every kink; ends where the arm fails.
+
+        What is recorded at a kink is the state just before it. sink: takes rows (m, row_size) of `kernels.rollout` and
+        points along the chain (m, P, 2), some at a time. tell: called with the share done.
+        """
+        count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
+        wanted = [min(k * interval, end) for k in range(1, count + 1)]
+        span = np.array([self.t, self.dt, self.gross, 0.0, ENERGY_LIMIT])
+        made, shapes = self._record(span, [self.t], np.zeros((1, _ROOM * self.scene.arm.n_links, 2)) * np.nan)
+        points = int(np.count_nonzero(np.isfinite(shapes[0, :, 0])))
+        sink(made, shapes[:, :points])
+        span[START_ENERGY] = made[0, 1 + 12 * self.scene.arm.n_links :][:3].sum()
+        k = 0
+        while k < count and self.status == OK:
+            stops, rows = self._stops(wanted, k, interval)
+            made, shapes = self._record(span, stops, np.zeros((len(stops), points, 2)))
+            sink(made[:rows], shapes[:rows])
+            k += rows
+            if self.status == OK:
+                self.restart_at_kink()
+                span[GROSS] = self.gross
+                if self.deadline is not None and time.perf_counter() > self.deadline:
+                    self.work.flag[0] = TIMED_OUT
+            if tell is not None:
+                tell(min(k / count, 1.0))
+
+    def _record(self, span: Array, stops: list[float], shapes: Array) -> tuple[Array, Array]:
+        """One call of `kernels.rollout.record`: the rows and shapes it made."""
+        links = self.scene.arm.n_links
+        table = np.zeros((len(stops), row_size(len(self.work.q), links, self.n_motions)))
+        made = record(
+            SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, links,
+            span, np.array(stops), CHUNK, self.scheme, table, shapes,
         )  # fmt: skip
+        self.t, self.gross = float(span[TIME]), float(span[GROSS])
+        return table[:made], shapes[:made]
+
+    def _stops(self, wanted: list[float], k: int, interval: float) -> tuple[list[float], int]:
+        """Instants to stop at next, up to a kink, and how many of them are wanted: wanted[k] and those after it."""
+        kink = min([s for s in self._kinks if s > self.t + 1e-12 * max(1.0, s)] + [math.inf])
+        most = max(1, min(64, int(4 * CHUNK * self.dt / interval)))
+        stops = [t for t in wanted[k : k + most] if t <= kink + 1e-12 * max(1.0, t)]
+        rows = len(stops)
+        if rows and stops[-1] >= kink - 1e-12 * max(1.0, stops[-1]):
+            stops[-1] = kink
+        elif kink < wanted[min(k + rows, len(wanted) - 1)]:
+            stops.append(kink)
+        return stops, rows
+
+    def compile(self) -> float:
+        """Compile what `record` needs (or load it from the cache) without moving; CPU seconds it took."""
+        clock = time.process_time()
+        self._record(np.zeros(5), [], np.zeros((0, 1, 2)))
         return time.process_time() - clock
 
     def _restart(self) -> None:
@@ -162,7 +217,7 @@ class Simulation:
 
     def gained(self, start: float, gross: float) -> bool:
         """Whether there is more energy than can be: out of all proportion to that at the start, the gross work (J), the
-        loss and the height that the arm has."""
+        loss and the height that the arm has; `kernels.rollout.record` asks the same."""
         energies = self.observe()[1]
         total, known = abs(float(energies.sum())), abs(start) + gross + abs(float(self.work.books[1]))
         return not total <= ENERGY_LIMIT * (known + abs(float(energies[2])) + 1e-300) and total > 1e-9
@@ -177,7 +232,7 @@ class Simulation:
 
     def shape_points(self) -> Array:
         """Positions along the chain, root to tip, (n_points, 2) m."""
-        points = np.full((2 + 8 * 64 * self.scene.arm.n_links, 2), np.nan)
+        points = np.full((_ROOM * self.scene.arm.n_links, 2), np.nan)
         return points[: self._observe(points)].copy()
 
 
@@ -220,16 +275,10 @@ def simulate(
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
     simulation = Simulation(scene, settings)
     recorder = Recorder(scene, settings)
-    recorder.add(simulation)
     simulation.compile()
     clock = time.process_time()
-
-    def record(share: float) -> None:
-        recorder.add(simulation)
-        if progress is not None:
-            progress(share)
-
-    _run(simulation, end, interval, allowed, record)
+    simulation.deadline = None if allowed is None else time.perf_counter() + allowed
+    simulation.record(end, interval, recorder.extend, progress)
     trajectory = recorder.finish(simulation, time.process_time() - clock)
     return judge(trajectory, simulation.gross, interval, limit, allowed, estimate_error)
 
@@ -268,35 +317,16 @@ def judge(
     return dataclasses.replace(trajectory, **changes)
 
 
-def _run(
-    simulation: Simulation, end: float, interval: float, allowed: float | None, record: Callable[[float], None]
-) -> None:
-    """Advance to the end, calling `record` with the share done at each sampling instant; stops where the arm fails."""
-    simulation.deadline = None if allowed is None else time.perf_counter() + allowed
-    start_energy = float(simulation.observe()[1].sum())
-    counts = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
-    for k in range(1, counts + 1):
-        if not simulation.advance_to(min(k * interval, end)):
-            return
-        record(k / counts)
-        if simulation.gained(start_energy, simulation.gross):
-            simulation.work.flag[0] = DIVERGED
-            return
-        simulation.restart_at_kink()
-
-
 def _probe(scene: Scene, settings: Settings, end: float, interval: float, allowed: float | None) -> accuracy.Probe:
     """A companion run: its tips alone."""
     simulation = Simulation(scene, settings)
     simulation.compile()
-    t, tips = [0.0], [simulation.observe()[0][-1, 6:8]]
-
-    def record(share: float) -> None:
-        t.append(simulation.t)
-        tips.append(simulation.observe()[0][-1, 6:8])
-
-    _run(simulation, end, interval, allowed, record)
-    return accuracy.Probe(np.array(t), np.array(tips), simulation.status == OK)
+    tip = 1 + 12 * (scene.arm.n_links - 1) + 6
+    parts: list[Array] = []
+    simulation.deadline = None if allowed is None else time.perf_counter() + allowed
+    simulation.record(end, interval, lambda rows, shapes: parts.append(rows[:, [0, tip, tip + 1]]))
+    found = np.concatenate(parts)
+    return accuracy.Probe(found[:, 0], found[:, 1:], simulation.status == OK)
 
 
 def _positive(name: str, value: float, unit: str = "s") -> float:

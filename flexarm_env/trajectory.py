@@ -151,6 +151,20 @@ class Recorder:
         rows["q"].append(simulation.work.q.copy())
         rows["v"].append(simulation.work.v.copy())
 
+    def extend(self, table: Array, shapes: Array) -> None:
+        """Record rows that `kernels.rollout.record` made."""
+        links, motions = self.scene.arm.n_links, self.scene.motions
+        at = np.cumsum([1, 12 * links, 3, 2, links, len(motions)])
+        t, poses, energies, books, torque, reaction, state = np.split(table, at, axis=1)
+        torque = torque.copy()
+        for i, motion in enumerate(motions):
+            if motion.joint is not None:
+                torque[:, motion.joint] = reaction[:, i]
+        q, v = np.split(state, 2, axis=1)
+        columns = (t[:, 0], poses.reshape(-1, links, 12), energies, books, torque, shapes, q, v)
+        for rows, values in zip(self.rows.values(), columns, strict=True):
+            rows.extend(values)
+
     def finish(self, simulation: Any, cpu_seconds: float) -> Trajectory:
         """The Trajectory of what was recorded."""
         data = {name: np.array(rows) for name, rows in self.rows.items()}

@@ -217,11 +217,11 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     """
     flat = bare(flat)
     w = unpack(lane, model, flat, n_motions)
-    return _advance(lane, bare(model), drive, bare(par), flat, w, t, h, n_steps, scheme, books)
+    return advance_bare(lane, bare(model), drive, bare(par), flat, w, t, h, n_steps, scheme, books)
 
 
 @kernel
-def _advance(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
+def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
     """`advance` on bare arrays."""
     n = size(model.n)
     if books:

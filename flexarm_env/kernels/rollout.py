@@ -1,10 +1,24 @@
-"""Entry point from Python that looks at one arm; those that move it are `newmark.advance` and `restart.restart`."""
+"""Entry points from Python that look at one arm, or move it and look at it at many instants."""
 
 from __future__ import annotations
 
+import math
+
+from ..model import DIVERGED, NOT_FINITE, OK
 from .bare import bare
 from .jit import kernel
-from .protocol import energy, link_poses, shape
+from .newmark import advance_bare
+from .protocol import energy, link_poses, shape, size
+from .work import unpack
+
+TIME, STEP, GROSS, START_ENERGY, LIMIT = range(5)
+"""Entries of `span`: time reached, s; largest step, s; gross work of the drives, J; energy at the start, J; how many
+times what there was, came and went the energy may become."""
+
+
+def row_size(n: int, links: int, n_motions: int) -> int:
+    """Numbers that `record` writes for an instant: time, poses, energies, books, torques, reactions, q, v."""
+    return 1 + 12 * links + 3 + 2 + links + n_motions + 2 * n
 
 
 @kernel
@@ -19,3 +33,58 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):  # type: ignor
     if points.shape[0] == 0:
         return 0
     return shape(m, x, points)
+
+
+@kernel
+def record(lane, model, drive, par, flat, n_motions, links, span, instants, chunk, scheme, table, points):  # type: ignore[no-untyped-def]
+    """Advance through a smooth stretch, stopping at instants; a row of `table` (m, row_size) and points (m, P, 2) each.
+
+    Steps are equal between instants and at most span[STEP]; books are kept. `chunk`: steps after which the work done
+    is looked at. Returns how many rows were written; fewer than m where the arm has failed (its flag says why; a row
+    of a diverged arm is written). SINGLE only.
+    """
+    arm, p, x = bare(model), bare(par), bare(flat)
+    w = unpack(lane, model, x, n_motions)
+    n = size(model.n)
+    for i in range(instants.shape[0]):
+        start, stop = span[TIME], instants[i]
+        if start < stop - 1e-12 * max(1.0, stop):
+            n_steps = max(1, math.ceil((stop - start) / span[STEP] * (1.0 - 1e-9)))
+            h = (stop - start) / n_steps
+            done = 0
+            while done < n_steps:
+                before = w.books[0]
+                steps = min(chunk, n_steps - done)
+                span[TIME] = advance_bare(lane, arm, drive, p, x, w, start + done * h, h, steps, scheme, True)
+                span[GROSS] += abs(w.books[0] - before)
+                if w.flag[0] != OK:
+                    return i
+                for k in range(n):
+                    if not math.isfinite(w.q[k]):
+                        w.flag[0] = NOT_FINITE
+                        return i
+                done += steps
+            span[TIME] = stop
+        row = bare(table[i])
+        row[0] = span[TIME]
+        link_poses(lane, arm, p, w.q, w.v, row[1 : 1 + 12 * links])
+        at = 1 + 12 * links
+        row[at], row[at + 1], row[at + 2] = energy(lane, arm, p, w.q, w.v)
+        total = abs(row[at] + row[at + 1] + row[at + 2])
+        known = abs(span[START_ENERGY]) + span[GROSS] + abs(w.books[1]) + abs(row[at + 2])
+        row[at + 3], row[at + 4] = w.books[0], w.books[1]
+        at += 5
+        for k in range(links):
+            row[at + k] = w.u[k]
+        at += links
+        for k in range(n_motions):
+            row[at + k] = w.reaction[k]
+        at += n_motions
+        for k in range(n):
+            row[at + k], row[at + n + k] = w.q[k], w.v[k]
+        shape(arm, w.q, points[i])
+        if start < stop and not total <= span[LIMIT] * (known + 1e-300):
+            if total > 1e-9:
+                w.flag[0] = DIVERGED
+                return i + 1
+    return instants.shape[0]
