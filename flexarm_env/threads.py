@@ -38,8 +38,11 @@ class _Worker:
         self._task = (function, arguments)
         self._go.release()
 
-    def result(self) -> Any:
+    def wait(self) -> None:
         self._done.acquire()
+
+    def result(self) -> Any:
+        self.wait()
         if self._error is not None:
             raise self._error
         return self._result
@@ -63,15 +66,22 @@ class Crew:
             self._workers, self._process = [], os.getpid()
         while len(self._workers) < len(calls) - 1:
             self._workers.append(_Worker())
-        for worker, call in zip(self._workers, calls[1:], strict=False):
+        busy = self._workers[: len(calls) - 1]
+        for worker, call in zip(busy, calls[1:], strict=True):
             worker.start(function, call)
-        results = [function(*calls[0])]
-        results += [worker.result() for worker in self._workers[: len(calls) - 1]]
+        try:
+            results = [function(*calls[0])]
+            while busy:
+                results.append(busy[0].result())
+                busy = busy[1:]
+        finally:  # Ctrl-C, say: what the threads still hand over is not to be taken for a later result
+            for worker in busy:
+                worker.wait()
         return results
 
-    def close(self) -> None:
-        """End the threads."""
-        if self._process == os.getpid():
+    def close(self, process: Callable[[], int] = os.getpid) -> None:
+        """End the threads. (The function is bound early: at the interpreter's end the module may be gone.)"""
+        if self._process == process():
             for worker in self._workers:
                 worker.stop()
         self._workers = []

@@ -352,7 +352,7 @@ def test_an_action_of_a_wrong_shape_or_kind_moves_nothing(action: Any) -> None:
 def test_actions_beyond_one_are_clipped_and_other_kinds_of_numbers_taken(env: Any) -> None:
     n = env.action_space.shape[0]
     outcomes = []
-    for action in (np.full(n, 1.0, np.float32), np.full(n, 7.0, np.float32), [1] * n, np.full(n, 1.0)):
+    for action in (np.full(n, 1.0, np.float32), np.full(n, 7.0, np.float32), [1] * n, np.full(n, 1e300)):
         env.reset(seed=9)
         outcomes.append(env.step(action))
     for other in outcomes[1:]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import pickle
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -96,7 +98,9 @@ def test_a_state_of_another_kind_is_refused() -> None:
     one.reset(seed=0)
     other.reset(seed=0)
     before = one.get_state()
-    for wrong in (other.get_state(), {"arm": 1}, None):
+    wrongs: list[Any] = [other.get_state(), {"arm": 1}, None, before | {"arm": {}}, before | {"arm": {"block": 1}}]
+    wrongs += [before | {"generator": 5}, before | {"guide": 5}, before | {"more": 5}]
+    for wrong in wrongs:
         with pytest.raises(ValueError, match="state"):
             one.set_state(wrong)
     assert_same(before["arm"], one.get_state()["arm"])
@@ -218,16 +222,39 @@ def test_subprocess_environments_of_stable_baselines(method: str) -> None:
 
 
 def test_closing_ends_the_threads() -> None:
-    before = threading.active_count()
+    others = set(threading.enumerate())
     env = gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2)
+    assert not set(threading.enumerate()) - others, "no thread before the first step"
     rollout(env)
-    assert threading.active_count() == before + 1
+    (own,) = set(threading.enumerate()) - others
     env.close()
-    for _ in range(50):
-        if threading.active_count() == before:
-            break
-        threading.Event().wait(0.02)
-    assert threading.active_count() == before
+    own.join(timeout=10.0)
+    assert not own.is_alive()
+
+
+def test_an_interrupted_step_leaves_nothing_behind() -> None:
+    """Ctrl-C while the threads are at work: later steps wait for their own results."""
+    env = gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2)
+    expected = [o[0] for o in rollout(env)]
+    step = env.batch.compiled_step
+
+    def interrupted(*arguments: Any) -> Any:
+        if threading.current_thread() is threading.main_thread():
+            raise KeyboardInterrupt
+        return step(*arguments)
+
+    env.batch.compiled_step = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        env.step(np.zeros((64, 1), np.float32))
+    env.batch.compiled_step = step
+    assert_same(expected, [o[0] for o in rollout(env)])
+
+
+def test_the_interpreter_ends_without_a_word() -> None:
+    code = "import gymnasium as gym, flexarm_env\nenv = gym.make_vec('FlexibleArm-v0', num_envs=64, threads=2)\n"
+    code += "env.reset(seed=0)\nenv.step(env.action_space.sample())\nimport sys\nsys.modules['keep'] = env\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=240, check=True)
+    assert done.stdout + done.stderr == ""
 
 
 def test_pairs_after_copies() -> None:

@@ -219,6 +219,18 @@ def test_wrong_arguments_are_named(kwargs: dict[str, Any]) -> None:
         FlexibleArmVectorEnv(**kwargs)
 
 
+@pytest.mark.parametrize(
+    ("options", "words"), [([1], "options"), ({"motion": ["spin_up", "spin_up"]}, "list of 3, one for each")]
+)
+def test_wrong_options_are_named(options: Any, words: str) -> None:
+    env = gym.make_vec("FlexibleArm-v0", num_envs=3)
+    env.reset(seed=0)
+    before = env.get_state()
+    with pytest.raises(ValueError, match=words):
+        env.reset(seed=1, options=options)
+    assert_same([s["arm"] for s in before], [s["arm"] for s in env.get_state()])
+
+
 def test_outcomes_are_fresh_objects() -> None:
     env = gym.make_vec("FlexibleArm-v0", num_envs=3)
     env.reset(seed=0)

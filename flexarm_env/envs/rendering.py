@@ -320,6 +320,6 @@ def _draw_bars(
             end = bar.centerx + round(0.5 * bar.width * min(1.0, max(-1.0, share)))
             pg.draw.rect(picture, color, (min(bar.centerx, end), bar.top, abs(end - bar.centerx), bar.height))
         pg.draw.line(picture, FAINT, (bar.centerx, bar.top - 2), (bar.centerx, bar.bottom + 1))
-        digits = 1 if abs(value) < 9.9995 else 0
+        digits = 1 if abs(value) < 0.9995 else 0  # wider numbers would touch the bar
         number = f"{100 * value:+.{digits}f} %".replace("-", "−") if math.isfinite(value) else "–"
         write(picture, number, (left + 168 * u, y), 18 * u, INK, "midright")

@@ -181,12 +181,11 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
 
 
 def checked_action(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """The action as float32 of this shape, or a ValueError."""
+    """The action as float32 of this shape, far beyond +-1 clipped, or a ValueError."""
     try:
         values = np.asarray(action)
     except (TypeError, ValueError):
         values = np.array(None)
     if values.dtype.kind not in "fiu" or values.shape != shape:
         raise check.InvalidValue("action", action, f"must be an array of numbers of shape {shape}")
-    with np.errstate(over="ignore"):
-        return values.astype(np.float32)
+    return np.where(np.isfinite(values), np.clip(values, -2.0, 2.0), values).astype(np.float32)

@@ -40,9 +40,16 @@ def check_state(batch: Batch, state: Any) -> None:
     for key in KEYS:
         if key not in table:
             raise check.MissingKey(f"state.{key}", "must be what get_state gave")
-    if table["arm"]["block"].shape != batch.give(0)["block"].shape:
-        size = table["arm"]["block"].size
-        raise check.InvalidValue("state.arm", f"{size} numbers", "must be the state of an environment made alike")
+    own = batch.give(0)
+    arm = check.table_of("state.arm", table["arm"])
+    for name, value in own.items():
+        given = check.needed("state.arm", arm, name, "must be what get_state gave")
+        if np.shape(given) != np.shape(value):
+            what = f"must be the state of an environment made alike ({np.size(value)} numbers)"
+            raise check.InvalidValue(f"state.arm.{name}", f"{np.size(given)} numbers", what)
+    check.instance("state.generator", table["generator"], np.random.Generator)
+    if table["guide"] is not None:
+        check.instance("state.guide", table["guide"], Guide)
 
 
 def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Generator, Any, Guide | None]:

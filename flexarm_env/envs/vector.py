@@ -233,6 +233,9 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         if not options:
             return {i: wishes(self.plan, None) for i in arms}
         motion = options.get("motion")
+        if isinstance(motion, list) and not is_table(motion) and len(motion) not in (self.num_envs, self.kind.n_links):
+            what = f"must be one motion for all arms, or a list of {self.num_envs}, one for each"
+            raise check.InvalidValue("options.motion", motion, what)
         if isinstance(motion, list) and len(motion) == self.num_envs > 1 and not is_table(motion):
             return {i: wishes(self.plan, options | {"motion": motion[i]}) for i in arms}
         return {i: wishes(self.plan, options) for i in arms}
@@ -249,7 +252,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return [None if s is None else check.integer(f"seed[{i}]", s, minimum=0) for i, s in enumerate(seed)]
 
     def _checked_mask(self, options: dict[str, Any] | None) -> tuple[list[int], dict[str, Any] | None]:
-        if options is None or "reset_mask" not in options:
+        if options is None or "reset_mask" not in check.table_of("options", options):
             return list(range(self.num_envs)), options
         mask = options["reset_mask"]
         right = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)
@@ -281,9 +284,11 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._ended = np.flatnonzero(self.batch.terminated | self.batch.truncated).tolist()
         self._begun = self.batch.begun
 
-    def _chosen(self, indices: Sequence[int] | None) -> list[int]:
+    def _chosen(self, indices: Sequence[int] | int | None) -> list[int]:
         if indices is None:
             return list(range(self.num_envs))
+        if isinstance(indices, int | np.integer):
+            indices = (int(indices),)
         return [check.integer(f"indices[{k}]", i, minimum=0, maximum=self.num_envs - 1) for k, i in enumerate(indices)]
 
     def linearize(self, index: int, discrete: float | None = None) -> LinearModel:
