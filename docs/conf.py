@@ -176,9 +176,18 @@ def _literal(lines: list[str]) -> list[str]:
     return out
 
 
+def keep_tags(app: Sphinx, tree: nodes.document) -> None:
+    """Numbered equations as they stand: Sphinx would put them into `split`, where a `\\tag` is not allowed."""
+    for node in tree.findall(nodes.math_block):
+        if "\\tag" in node.astext():
+            node["no-wrap"] = node["nowrap"] = True
+            node.children = [nodes.Text(f"\\[{node.astext()}\\]")]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", tidy, priority=100)
     app.connect("autodoc-process-signature", spell)
+    app.connect("doctree-read", keep_tags)
     app.add_directive("specification", Specification)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -123,3 +123,6 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "flexarm_env.simulation.simulate" in (tmp_path / "api" / "simulate.html").read_text("utf-8")
+    theory = (tmp_path / "theory.html").read_text("utf-8")
+    assert theory.count("\\tag{") >= 15
+    assert not re.search(r"tag\{[\d.]+\}\s*\\end\{split\}", theory), "MathJax allows no tag there"

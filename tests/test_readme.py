@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import readme_tables
+from flexarm_env.cli.parser import SCRIPTS, build_parser
 from tests.test_docs import script_of
 
 ROOT = Path(__file__).parents[1]
@@ -29,6 +31,16 @@ def test_code_runs_as_printed(tmp_path: Path) -> None:
     lines = done.stdout.splitlines()
     assert lines[1].startswith("ok 0.07"), "a smooth slew that bends the strip by 7 %"
     assert float(lines[2].split()[-1]) < 1.0, "a closed loop that is stable"
+
+
+def test_commands_are_ones_that_there_are() -> None:
+    commands = re.findall(r"^    flexarm (.*)$", TEXT, re.MULTILINE)
+    assert len(commands) >= 6
+    for command in commands:
+        words = shlex.split(command)
+        if words[0] not in SCRIPTS:
+            assert build_parser().parse_args(words).command == words[0]
+        assert all((ROOT / word).is_file() for word in words if word.startswith("configs/"))
 
 
 def test_the_two_commands_come_first() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -155,6 +156,7 @@ def _keyboard(env: Any) -> Keyboard:
     renderer = env.unwrapped.renderer
     if renderer is None or not renderer.visible:
         raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy here: there is no window")
+    sys.stderr.write("keys: left and right turn the hub, up and down the elbow, shift is gentle, Esc ends\n")
     return Keyboard(env.action_space.shape[0], renderer.held)
 
 
