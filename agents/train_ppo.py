@@ -36,7 +36,8 @@ class Arguments:
         seed: of everything.
         n_timesteps: environment steps in all; default the config's.
         out: run folder; default runs/ALGO-ENV-SEED.
-        resume: go on from the run folder's last checkpoint (other flags are then those of the run).
+        resume: go on from the run folder's last checkpoint, or anew where it has none yet (other flags are then those
+            of the run).
         evaluate_every: environment steps from one evaluation to the next.
         eval_episodes: episodes of an evaluation.
         solved_at: success rate from which the task counts as solved.
@@ -101,7 +102,7 @@ def train(arguments: Arguments) -> Any:
         "versions": versions(),
         "finished": False,
     }
-    if arguments.resume:
+    if arguments.resume and training.checkpoints(folder):
         model, progress = training.restore(folder, algorithm, env)
     else:
         model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
@@ -135,6 +136,7 @@ def _finish(folder: Path, record: dict[str, Any], progress: Any) -> None:
         "wall_s": progress.wall_s,
         "cpu_s": progress.cpu_s,
         "best_steps": progress.best_steps,
+        "best": progress.best,
         "solved": progress.solved,
     }
     write_json(folder / "run.json", record)

@@ -1,0 +1,147 @@
+"""The trained policies that come with the repository: how each is trained, where it stands.
+
+    python -m agents.families                        # train all that is missing, publish them: an hour on two cores
+    python -m agents.families --only flexible_arm    # one family
+
+Runs go to runs/families/NAME-SEED; a run that was broken off is gone on with, a finished one kept. Of each the
+essentials are copied to agents/trained/NAME-SEED, and the best seed's (on the validation episodes) policy.npz into the
+package, as flexarm_env/data/policies/NAME/policy.npz. `python -m agents.table` judges them.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from agents.arguments import parse
+from agents.runs import fail, load_model, read_run, write_json, write_whole
+
+ROOT = Path(__file__).resolve().parents[1]
+TRAINED = ROOT / "agents" / "trained"
+PACKAGED = ROOT / "flexarm_env" / "data" / "policies"
+CONTROL = ("pd", "zv", "zvd", "lqr")
+
+
+@dataclass(frozen=True)
+class Family:
+    """Runs that differ in their seed alone.
+
+    Args:
+        name: of the policy. env: id. config: file in configs/ppo. seeds: how many.
+        test: number of test episodes. controllers: beside which it is judged. robust: trained on randomised arms.
+    """
+
+    name: str
+    env: str
+    config: str
+    seeds: int
+    test: int = 100
+    controllers: tuple[str, ...] = CONTROL
+    robust: bool = False
+
+    def runs(self, home: Path) -> list[Path]:
+        """The run folders that are there, by seed."""
+        folders = [home / f"{self.name}-{seed}" for seed in range(self.seeds)]
+        return [folder for folder in folders if (folder / "policy.npz").is_file()]
+
+    def best(self, home: Path) -> Path:
+        """The run folder of the seed that did best on the validation episodes. ValueError where there is none."""
+        found = self.runs(home)
+        if not found:
+            raise ValueError(f"{home}: no run of {self.name}; python -m agents.families --only {self.name} trains it")
+        return min(found, key=lambda folder: float(read_run(folder)["best"]))
+
+
+FAMILIES = (
+    Family("flexible_arm", "FlexibleArm-v0", "default.yml", 5, controllers=(*CONTROL, "time_optimal")),
+    Family("flexible_arm_robust", "FlexibleArm-v0", "robust.yml", 1, robust=True),
+    Family("two_link", "TwoLinkFlexArm-v0", "residual.yml", 5, test=200),
+    Family("two_link_torque", "TwoLinkFlexArm-v0", "default.yml", 2, test=200),
+    Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, robust=True),
+)
+
+
+def named(name: str) -> Family:
+    """A family by its name."""
+    for family in FAMILIES:
+        if family.name == name:
+            return family
+    raise ValueError(f"--only {name}: must be among {', '.join(family.name for family in FAMILIES)}")
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.families` takes.
+
+    Args:
+        only: names of families, separated by commas; default all.
+        home: folder of the runs.
+        progress: show progress bars.
+    """
+
+    only: str | None = None
+    home: Path = Path("runs/families")
+    progress: bool = True
+
+
+def train(family: Family, seed: int, home: Path, progress: bool) -> Path:
+    """The folder of a finished run: trained, gone on with, or kept."""
+    from agents import train_ppo
+    from agents.training import describe
+
+    folder = home / f"{family.name}-{seed}"
+    started = (folder / "run.json").exists()
+    if not (started and read_run(folder).get("finished")):
+        config = Path(os.path.relpath(ROOT / "configs" / "ppo" / family.config))
+        wanted = train_ppo.Arguments(
+            env=family.env, config=config, seed=seed, out=folder, resume=started, tensorboard=False, progress=progress
+        )
+        print(f"{folder}: {describe(train_ppo.train(wanted))}", flush=True)
+    return folder
+
+
+def publish(folder: Path, with_model: bool = False) -> None:
+    """Copy the essentials of a run to agents/trained; with_model: model.zip too, without the optimiser's state."""
+    final = TRAINED / folder.name
+    shutil.rmtree(final, ignore_errors=True)
+    final.mkdir(parents=True)
+    for name in ("policy.npz", "config.yml", "learning_curve.csv"):
+        shutil.copyfile(folder / name, final / name)
+    record = read_run(folder)
+    record["arguments"] = {k: v for k, v in record["arguments"].items() if k != "out"}
+    write_json(final / "run.json", record)
+    if with_model:
+        model, normaliser = load_model(folder, record["algorithm"])
+        if normaliser is not None:
+            shutil.copyfile(folder / "vecnormalize.pkl", final / "vecnormalize.pkl")
+        write_whole(final / "model.zip", lambda part: model.save(part, exclude=["policy.optimizer", "rollout_buffer"]))
+
+
+def publish_family(family: Family, home: Path) -> None:
+    """Publish all runs of a family, and its best policy in the package."""
+    best = family.best(home)
+    for folder in family.runs(home):
+        publish(folder, with_model=folder == best)
+    target = PACKAGED / family.name / "policy.npz"
+    write_whole(target, lambda part: shutil.copyfile(best / "policy.npz", part))
+
+
+def main() -> int:
+    """Run the command."""
+    arguments = parse(Arguments, "python -m agents.families", __doc__)
+    try:
+        chosen = FAMILIES if arguments.only is None else [named(name) for name in arguments.only.split(",")]
+        for family in chosen:
+            for seed in range(family.seeds):
+                train(family, seed, arguments.home, arguments.progress)
+            publish_family(family, arguments.home)
+    except ValueError as error:
+        return fail(error)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,299 @@
+"""The page docs/results/control.md: the policies of agents/trained beside classical control, on the same episodes.
+
+    python -m agents.table                       # a quarter of an hour on two cores
+
+Writes docs/results/control.{md,json} and the figures docs/figures/control_*.png. How the policies are trained:
+agents/families.py.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from agents import families
+from agents.arguments import parse
+from agents.evaluate import Arguments as Judged
+from agents.evaluate import evaluate
+from agents.families import ROOT, TRAINED, Family
+from agents.figures import learning_curve, tip_errors
+from agents.runs import fail, read_run, versions, write_json, write_text
+from agents.statistics import markdown
+
+EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.0005, "tolerance": 1e-8}
+"""The converged exact beam (benchmarks/converged.py shows what mesh and step are worth)."""
+
+SHIFTS: dict[str, dict[str, Any]] = {
+    "payload halved": {"payload": [0.5, 0.5]},
+    "payload doubled": {"payload": [2.0, 2.0]},
+    "stiffness x 0.7": {"EI": [0.7, 0.7]},
+    "stiffness x 1.3": {"EI": [1.3, 1.3]},
+    "stiffness halved": {"EI": [0.5, 0.5]},
+    "damping x 0.25": {"damping": [0.25, 0.25]},
+}
+"""One thing at a time is not as it was in training."""
+
+Row = dict[str, Any]
+Rows = dict[str, Row]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.table` takes.
+
+    Args:
+        trained: folder of the runs.
+        results: folder of the page and its JSON.
+        figures: folder of the figures.
+        episodes: of a table, in place of each family's own number (for a quick look).
+    """
+
+    trained: Path = TRAINED
+    results: Path = ROOT / "docs" / "results"
+    figures: Path = ROOT / "docs" / "figures"
+    episodes: int | None = None
+
+
+def say(text: str) -> None:
+    """A line of progress."""
+    print(text, flush=True)
+
+
+class Judge:
+    """Runs the tables of one call, and names policies as the page does."""
+
+    def __init__(self, arguments: Arguments) -> None:
+        self.arguments = arguments
+
+    def rows(self, family: Family, words: Mapping[str, str], **how: Any) -> tuple[Rows, Any, dict[str, float]]:
+        """Summaries, episodes by name, and bounds of policies given as name -> word."""
+        count = self.arguments.episodes or family.test
+        rows: Rows = {}
+        results: dict[str, Any] = {}
+        bounds: dict[str, float] = {}
+        for name, word in words.items():
+            found, played, limits = evaluate(Judged(policy=word, env=family.env, episodes=count, **how))
+            (rows[name],), (results[name],) = found.values(), played.values()
+            bounds = bounds or limits
+            say(f"  {name}: success {rows[name]['success_rate']:.0%}, {rows[name]['settling_time_median']:.2f} s")
+        return rows, results, bounds
+
+    def best(self, family: Family) -> str:
+        """The word of a family's best policy."""
+        return os.path.relpath(family.best(self.arguments.trained))
+
+    def words(self, family: Family, *others: Family) -> dict[str, str]:
+        """The best policies of families and the controllers, name -> word."""
+        policies = {f"PPO ({one.name})": self.best(one) for one in (family, *others)}
+        return policies | {name: name for name in family.controllers}
+
+
+def curve_of(folder: Path) -> list[dict[str, float]]:
+    """The learning curve of a run folder."""
+    with (folder / "learning_curve.csv").open(encoding="utf-8") as file:
+        return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+
+
+def seeds(judge: Judge, family: Family) -> list[Row]:
+    """Each seed's training and its outcome on the test episodes."""
+    rows = []
+    for folder in family.runs(judge.arguments.trained):
+        record = read_run(folder)
+        found, _, _ = judge.rows(family, {folder.name: os.path.relpath(folder)})
+        rows.append(
+            {
+                "seed": record["seed"],
+                "steps": record["steps"],
+                "wall_s": record["wall_s"],
+                "cpu_s": record["cpu_s"],
+                "solved": record["solved"],
+                **found[folder.name],
+            }
+        )
+    return rows
+
+
+def seeds_table(rows: list[Row]) -> list[str]:
+    """Markdown of `seeds`."""
+    lines = [
+        "| seed | steps | training, s wall (CPU) | solved after, s wall (CPU) | success | median settling, s |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
+    for row in rows:
+        solved = row["solved"]
+        when = "never" if solved is None else f"{solved['wall_s']:.0f} ({solved['cpu_s']:.0f})"
+        lines.append(
+            f"| {row['seed']} | {row['steps']:.0f} | {row['wall_s']:.0f} ({row['cpu_s']:.0f}) | {when} "
+            f"| {row['success_rate']:.1%} | {row['settling_time_median']:.2f} |"
+        )
+    return lines
+
+
+def short_table(head: str, columns: Mapping[str, Rows]) -> list[str]:
+    """Success and median settling of policies (rows) in several settings (columns)."""
+    names = list(next(iter(columns.values())))
+    lines = [f"| {head} | " + " | ".join(columns) + " |", "|---|" + "---:|" * len(columns)]
+    for name in names:
+        cells = [f"{t[name]['success_rate']:.1%}, {t[name]['settling_time_median']:.2f} s" for t in columns.values()]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def section(judge: Judge, family: Family, title: str, content: dict[str, Any]) -> list[str]:
+    """One environment: nominal table, seeds, figures."""
+    say(title)
+    others = [families.named("two_link_torque")] if family.name == "two_link" else []
+    rows, results, bounds = judge.rows(family, judge.words(family, *others))
+    trained = {one.name: seeds(judge, one) for one in (family, *others)}
+    figures = judge.arguments.figures
+    shown = {k: v for k, v in results.items() if k not in ("zv",)}
+    tip_errors(shown, 0, figures / f"control_{family.name}.png", f"{family.env}, one episode under each controller")
+    curves = [curve_of(folder) for folder in family.runs(judge.arguments.trained)]
+    learning_curve(curves, figures / f"control_{family.name}_learning.png", f"{family.env}, {len(curves)} seeds")
+    content[family.name] = {"nominal": rows, "bounds": bounds, "seeds": trained}
+    lines = [f"## {title}", "", markdown(rows, bounds), ""]
+    for name, found in trained.items():
+        lines += [f"Seeds of `{name}`:", "", *seeds_table(found), ""]
+    return lines + [
+        f"![tip error](../figures/control_{family.name}.png)", "",
+        f"![learning curves](../figures/control_{family.name}_learning.png)", "",
+    ]  # fmt: skip
+
+
+def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, Any]) -> list[str]:
+    """Randomised arms, the exact model, and one thing changed at a time."""
+    say(f"{family.env}: other arms, other models")
+    words = judge.words(family, robust)
+    tables = {"nominal": judge.rows(family, words)[0], "randomised": judge.rows(family, words, randomized=True)[0]}
+    exact = {name: words[name] for name in list(words)[:2]}
+    say("  exact model")
+    columns = {
+        "nominal": {name: tables["nominal"][name] for name in exact},
+        "exact": judge.rows(family, exact, formulation="geometrically_exact", env_kwargs=EXACT)[0],
+    }
+    fewer = {name: word for name, word in words.items() if name not in ("zv", "time_optimal")}
+    shifted = {}
+    for what, factors in SHIFTS.items():
+        say(f"  {what}")
+        shifted[what] = judge.rows(family, fewer, env_kwargs={"randomization": factors})[0]
+    content[family.name] |= {"randomised": tables["randomised"], "exact": columns["exact"], "shifted": shifted}
+    return [
+        f"### {family.env}: randomised payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
+        *short_table("success, median settling", tables), "",
+        "On the converged exact beam (4 cubic elements a link, 0.5 ms):", "",
+        *short_table("policy", columns), "",
+        "One thing at a time:", "",
+        *short_table("policy", shifted), "",
+    ]  # fmt: skip
+
+
+def _worst(runs: list[Row]) -> tuple[float, float]:
+    """Least success and longest median settling of several seeds."""
+    return min(row["success_rate"] for row in runs), max(row["settling_time_median"] for row in runs)
+
+
+def _longest(rows: list[Row], limit: float) -> tuple[str, bool]:
+    """The longest wall and CPU time in words, and whether the former is within a limit, s."""
+    wall, cpu = (max((row[key] for row in rows), default=float("nan")) for key in ("wall_s", "cpu_s"))
+    return f"at most {wall:.0f} s of wall time, {cpu:.0f} s of CPU", wall <= limit
+
+
+def checks(content: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
+    """What was asked for, what was found, whether it holds."""
+    one, two = content["flexible_arm"], content["two_link"]
+    out: list[tuple[str, str, bool]] = []
+
+    def add(what: str, found: str, holds: Any) -> None:
+        out.append((what, found, bool(holds)))
+
+    table, runs = one["nominal"], one["seeds"]["flexible_arm"]
+    classical = {name: row["settling_time_median"] for name, row in table.items() if not name.startswith("PPO")}
+    least, settling = _worst(runs)
+    add("slew: success at least 99 %", f"{least:.1%} (worst of {len(runs)} seeds)", least >= 0.99)
+    ratio = settling / classical["time_optimal"]
+    add("slew: median settling at most 1.25 of the time-optimal controller's", f"{ratio:.2f} (worst)", ratio <= 1.25)
+    rivals = {name: classical[name] for name in ("pd", "zvd", "lqr")}
+    found = f"{settling:.2f} s (worst) against " + ", ".join(f"{name} {value:.2f}" for name, value in rivals.items())
+    add("slew: quicker than PD, PD + ZVD and LQR", found, settling < min(rivals.values()))
+    solved = [row["solved"] for row in runs if row["solved"]]
+    every = len(solved) == len(runs) >= 5
+    add("slew: 5 seeds of 5 solve it", f"{len(solved)} of {len(runs)}", every)
+    add("slew: solved within 60 s of training", *_longest(solved, 60.0))
+
+    table, runs = two["nominal"], two["seeds"]["two_link"]
+    classical = {name: row["settling_time_median"] for name, row in table.items() if not name.startswith("PPO")}
+    least, settling = _worst(runs)
+    add("reach: at least 95 % for each of 5 seeds", f"{least:.1%} (worst of {len(runs)})", least >= 0.95)
+    name = min(classical, key=lambda key: classical[key])
+    ratio = settling / classical[name]
+    found = f"{ratio:.2f} (worst: {settling:.2f} s against {classical[name]:.2f} s of {name})"
+    add("reach: median settling at most 0.85 of the best classical controller's", found, ratio <= 0.85)
+    add("reach: at most 10 minutes of training", *_longest(runs, 600.0))
+    least, _ = _worst(two["seeds"]["two_link_torque"])
+    add("reach by torque alone: at least 90 %", f"{least:.1%}", least >= 0.9)
+
+    for key, short, least in (("flexible_arm", "slew", 0.95), ("two_link", "reach", 0.9)):
+        table = content[key]["randomised"]
+        robust, nominal = (table[f"PPO ({k})"]["success_rate"] for k in (f"{key}_robust", key))
+        words = f"{robust:.1%} (trained on the nominal arm alone: {nominal:.1%})"
+        add(f"{short}, randomised: at least {least:.0%} where trained so", words, robust >= least)
+        exact = content[key]["exact"][f"PPO ({key})"]["success_rate"]
+        usual = content[key]["nominal"][f"PPO ({key})"]["success_rate"]
+        words = f"{usual:.1%}, {exact:.1%}"
+        add(f"{short}: success on the exact model within 2 points", words, abs(usual - exact) <= 0.02 + 1e-9)
+    return out
+
+
+HEAD = """# Policies beside classical control
+
+Trained policies (PPO) and classical controllers on the same fixed episodes that neither training nor tuning has seen.
+Settled: from then to the episode's end the tip stays within 2 % of the slew (at least 0.5 degrees), or within 2 cm of
+its target; never settled counts as the whole duration. Brackets hold 95 % bootstrap intervals over the episodes. Effort
+is the integral of the squared torque over its limit. The policies are those in `agents/trained`; which seed is shown
+was chosen on validation episodes. Controllers are tuned by `python -m agents.tune` on episodes of their own. `zv`,
+`zvd`: PD with an input shaper.
+
+Wall times of training hold for one torch thread on a machine of two cores that other work shared at the time; CPU times
+say what it takes on a machine of its own.
+
+Written by `python -m agents.table`; policies trained by `python -m agents.families`."""
+
+
+def page(content: Mapping[str, Any], sections: list[str]) -> str:
+    """The whole page."""
+    made = " · ".join(f"{name} {version}" for name, version in content["versions"].items())
+    lines = [HEAD, "", f"{content['date']} · {made}", "", "| asked for | found | holds |", "|---|---|---|"]
+    for row in content["checks"]:
+        lines.append(f"| {row['what']} | {row['found']} | {'yes' if row['holds'] else '**no**'} |")
+    return "\n".join([*lines, "", *sections])
+
+
+def main() -> int:
+    """Run the command."""
+    arguments = parse(Arguments, "python -m agents.table", __doc__)
+    judge = Judge(arguments)
+    content: dict[str, Any] = {"date": date.today().isoformat(), "versions": versions()}
+    try:
+        lines = section(judge, families.named("flexible_arm"), "One link slews (FlexibleArm-v0)", content)
+        lines += section(judge, families.named("two_link"), "Two links reach (TwoLinkFlexArm-v0)", content)
+        lines += ["## Other arms, other models", ""]
+        for name in ("flexible_arm", "two_link"):
+            lines += robustness(judge, families.named(name), families.named(f"{name}_robust"), content)
+    except ValueError as error:
+        return fail(error)
+    content["checks"] = [{"what": w, "found": f, "holds": h} for w, f, h in checks(content)]
+    write_json(arguments.results / "control.json", content)
+    write_text(arguments.results / "control.md", page(content, lines).rstrip() + "\n")
+    for row in content["checks"]:
+        say(f"{'yes' if row['holds'] else 'NO '}  {row['what']}: {row['found']}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
