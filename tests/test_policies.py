@@ -1,0 +1,66 @@
+"""The trained policies that come with the package, and what the page of results says of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import pytest
+
+import flexarm_env  # noqa: F401  (registers the environments)
+from flexarm_env import control
+
+ROOT = Path(__file__).resolve().parents[1]
+NAMES = ("flexible_arm", "flexible_arm_robust", "two_link", "two_link_robust", "two_link_torque")
+LEFT_OUT = ("duration", "reward", "randomization")
+"""Keywords of the environment that hold in training alone."""
+
+
+def test_the_package_brings_its_policies():
+    assert control.policy_names() == NAMES
+
+
+@pytest.mark.parametrize("name", ["flexible_arm", "two_link"])
+def test_packaged_policies_reach_their_targets(name):
+    policy = control.load_policy(name)
+    kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in LEFT_OUT}
+    env = gym.make_vec(policy.meta["env_id"], num_envs=16, vectorization_mode="vector_entry_point", **kwargs)
+    policy.check(control.Setup.of(env))
+    observation, _ = env.reset(seed=500)
+    for _ in range(env.unwrapped.plan.limit):
+        observation, _, _, _, info = env.step(policy.act(observation))
+    assert info["is_success"].mean() >= 0.9
+    env.close()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_packaged_policies_fit_the_environments(name):
+    policy = control.load_policy(name)
+    kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in LEFT_OUT}
+    env = gym.make(policy.meta["env_id"], **kwargs)
+    policy.check(control.Setup.of(env))
+    env.close()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_packaged_policies_equal_their_models(name):
+    pytest.importorskip("stable_baselines3")
+    from agents import export_policy, families
+    from agents.runs import load_model, read_run
+
+    family = families.named(name)
+    runs = family.runs(families.TRAINED)
+    assert len(runs) == family.seeds
+    best = family.best(families.TRAINED)
+    assert (best / "policy.npz").read_bytes() == (families.PACKAGED / name / "policy.npz").read_bytes()
+    model, normaliser = load_model(best, read_run(best)["algorithm"])
+    assert export_policy.difference(control.load_policy(name), model, normaliser) < 1e-5
+
+
+def test_what_was_asked_for_holds_on_the_page():
+    content = json.loads((ROOT / "docs" / "results" / "control.json").read_text("utf-8"))
+    assert len(content["checks"]) >= 13
+    # wall times are those of whatever machine the page was made on, and shared
+    failed = [row["what"] for row in content["checks"] if not row["holds"] and "training" not in row["what"]]
+    assert failed == []
