@@ -32,6 +32,7 @@ class Family:
     Args:
         name: of the policy. env: id. config: file in configs/ppo. seeds: how many.
         test: number of test episodes. controllers: beside which it is judged. robust: trained on randomised arms.
+        every: steps from one evaluation to the next.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Family:
     test: int = 100
     controllers: tuple[str, ...] = CONTROL
     robust: bool = False
+    every: int = 32_768
 
     def runs(self, home: Path) -> list[Path]:
         """The run folders that are there, by seed."""
@@ -58,9 +60,9 @@ class Family:
 FAMILIES = (
     Family("flexible_arm", "FlexibleArm-v0", "default.yml", 5, controllers=(*CONTROL, "time_optimal")),
     Family("flexible_arm_robust", "FlexibleArm-v0", "robust.yml", 1, robust=True),
-    Family("two_link", "TwoLinkFlexArm-v0", "residual.yml", 5, test=200),
-    Family("two_link_torque", "TwoLinkFlexArm-v0", "default.yml", 2, test=200),
-    Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, robust=True),
+    Family("two_link", "TwoLinkFlexArm-v0", "residual.yml", 5, test=200, every=65_536),
+    Family("two_link_torque", "TwoLinkFlexArm-v0", "default.yml", 1, test=200, every=65_536),
+    Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, robust=True, every=65_536),
 )
 
 
@@ -97,8 +99,9 @@ def train(family: Family, seed: int, home: Path, progress: bool) -> Path:
     if not (started and read_run(folder).get("finished")):
         config = Path(os.path.relpath(ROOT / "configs" / "ppo" / family.config))
         wanted = train_ppo.Arguments(
-            env=family.env, config=config, seed=seed, out=folder, resume=started, tensorboard=False, progress=progress
-        )
+            env=family.env, config=config, seed=seed, out=folder, resume=started, tensorboard=False, progress=progress,
+            evaluate_every=family.every,
+        )  # fmt: skip
         print(f"{folder}: {describe(train_ppo.train(wanted))}", flush=True)
     return folder
 
