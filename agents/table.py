@@ -157,6 +157,8 @@ def section(judge: Judge, family: Family, title: str, content: dict[str, Any]) -
     curves = [curve_of(folder) for folder in family.runs(judge.arguments.trained)]
     learning_curve(curves, figures / f"control_{family.name}_learning.png", f"{family.env}, {len(curves)} seeds")
     content[family.name] = {"nominal": rows, "bounds": bounds, "seeds": trained}
+    count = next(iter(rows.values()))["episodes"]
+    content["tables"].append({"env": family.env, "episodes": count, "policies": rows, "bounds": bounds})
     lines = [f"## {title}", "", markdown(rows, bounds), ""]
     for name, found in trained.items():
         lines += [f"Seeds of `{name}`:", "", *seeds_table(found), ""]
@@ -267,8 +269,8 @@ Written by `python -m agents.table`; policies trained by `python -m agents.famil
 
 def page(content: Mapping[str, Any], sections: list[str]) -> str:
     """The whole page."""
-    made = " · ".join(f"{name} {version}" for name, version in content["versions"].items())
-    lines = [HEAD, "", f"{content['date']} · {made}", "", "| asked for | found | holds |", "|---|---|---|"]
+    made = " · ".join(f"{name}: {fact}" for name, fact in content["machine"].items())
+    lines = [HEAD, "", made, "", "| asked for | found | holds |", "|---|---|---|"]
     for row in content["checks"]:
         lines.append(f"| {row['what']} | {row['found']} | {'yes' if row['holds'] else '**no**'} |")
     return "\n".join([*lines, "", *sections])
@@ -278,7 +280,8 @@ def main() -> int:
     """Run the command."""
     arguments = parse(Arguments, "python -m agents.table", __doc__)
     judge = Judge(arguments)
-    content: dict[str, Any] = {"date": date.today().isoformat(), "versions": versions()}
+    machine = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
+    content: dict[str, Any] = {"machine": machine, "tables": []}
     try:
         lines = section(judge, families.named("flexible_arm"), "One link slews (FlexibleArm-v0)", content)
         lines += section(judge, families.named("two_link"), "Two links reach (TwoLinkFlexArm-v0)", content)

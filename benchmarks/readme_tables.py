@@ -68,27 +68,31 @@ def _error(row: Mapping[str, Any] | None) -> str:
 
 def control(contents: Mapping[str, Any]) -> str:
     """Success and settling times of policies and controllers, environment by environment."""
-    parts = []
-    for name, content in contents.items():
-        if not name.startswith("control"):
-            continue
-        rows = [
-            [
-                who,
-                f"{row['success_rate']:.0%}",
-                f"{row['settling_time_median']:.2f}",
-                f"{row['residual_vibration_median']:.2g}",
-                f"{row['overshoot_median']:.1f}",
-            ]
-            for who, row in content["policies"].items()
+    pages = {name: content for name, content in contents.items() if name.startswith("control")}
+    return "\n".join(
+        _controlled(part) + measured(content, f"{name}.md")
+        for name, content in pages.items()
+        for part in content.get("tables", [content])
+    )
+
+
+def _controlled(part: Mapping[str, Any]) -> str:
+    """One environment's table."""
+    rows = [
+        [
+            who,
+            f"{row['success_rate']:.0%}",
+            f"{row['settling_time_median']:.2f}",
+            f"{row['residual_vibration_median']:.2g}",
+            f"{row['overshoot_median']:.1f}",
         ]
-        rows += [[f"*{bound}*", "", f"{value:.2f}", "", ""] for bound, value in content.get("bounds", {}).items()]
-        head = ["policy", "success", "settling, s", "residual vibration, mm", "overshoot, %"]
-        kind = ", payload and stiffness drawn at random" if content.get("randomized") else ""
-        what = f"`{content['env']}`, {ENVS.get(content['env'], '')}{kind}"
-        parts.append(f"{what}: medians of {content['episodes']} episodes.\n\n{table(head, rows)}")
-        parts[-1] += measured(content, f"{name}.md")
-    return "\n".join(parts)
+        for who, row in part["policies"].items()
+    ]
+    rows += [[f"*{bound}*", "", f"{value:.2f}", "", ""] for bound, value in part.get("bounds", {}).items()]
+    head = ["policy", "success", "settling, s", "residual vibration, mm", "overshoot, %"]
+    kind = ", payload and stiffness drawn at random" if part.get("randomized") else ""
+    what = f"`{part['env']}`, {ENVS.get(part['env'], '')}{kind}"
+    return f"{what}: medians of {part['episodes']} episodes.\n\n{table(head, rows)}"
 
 
 def speed(contents: Mapping[str, Any]) -> str:
