@@ -48,21 +48,25 @@ def learning_curve(curves: Sequence[Sequence[Mapping[str, float]]], path: Path, 
     )
     for ax, (key, label) in zip(axes, shown, strict=True):
         for rows in curves:
-            x = [row["steps"] for row in rows]
+            x = [row["steps"] / 1e3 for row in rows]
             ax.plot(
                 x, [row[key] for row in rows], color=COLOURS[0], linewidth=1.6 if len(curves) == 1 else 0.8, alpha=0.8
             )
         if len(curves) > 1:
             grid = sorted({row["steps"] for rows in curves for row in rows})
             lines = [np.interp(grid, [r["steps"] for r in rows], [r[key] for r in rows]) for rows in curves]
-            ax.plot(
-                grid, np.median(lines, axis=0), color=COLOURS[1], linewidth=2.0, label=f"median of {len(curves)} seeds"
-            )
-            ax.legend(frameon=False, loc="best")
+            x, label_all = np.asarray(grid) / 1e3, f"median of {len(curves)} seeds"
+            ax.plot(x, np.median(lines, axis=0), color=COLOURS[1], linewidth=2.0, label=label_all)
         ax.set_ylabel(label)
+    if len(curves) > 1:
+        axes[0].legend(frameon=False, loc="lower right")
     axes[0].set_ylim(-0.03, 1.03)
     axes[0].set_title(title)
-    axes[-1].set_xlabel("environment steps")
+    axes[1].set_yscale("log")
+    axes[1].yaxis.set_major_formatter("{x:g}")
+    axes[1].yaxis.set_minor_formatter("{x:g}")
+    axes[1].tick_params(axis="y", which="minor", labelsize="x-small")
+    axes[-1].set_xlabel("environment steps (thousands)")
     _save(figure, path)
 
 
@@ -77,6 +81,8 @@ def tip_errors(results: Mapping[str, Episodes], episode: int, path: Path, title:
         t = np.arange(len(errors)) * result.dt
         for ax in axes:
             ax.plot(t, errors, color=COLOURS[k % len(COLOURS)], linewidth=1.5, label=name)
+    until = 2.0 * max(float(result.settling[episode]) for result in results.values())
+    axes[1].set_xlim(0.0, min(until, (len(first.errors) - 1) * first.dt))
     axes[1].set_yscale("log")
     axes[1].set_ylim(bottom=1e-2 * (1.0 if slew else 10.0))
     for ax in axes:

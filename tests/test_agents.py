@@ -110,6 +110,12 @@ def test_a_resumed_run_ends_as_one_that_was_never_stopped(tmp_path: Path, run: P
     assert not (folder / "checkpoints").exists()
 
 
+def test_a_run_broken_off_before_its_first_checkpoint_begins_anew(tmp_path: Path, run: Path):
+    interrupted(arguments(tmp_path, checkpoint_every=4096), 512)
+    train_ppo.train(train_ppo.Arguments(out=tmp_path / "run", resume=True, progress=False))
+    assert curve(tmp_path / "run") == curve(run)
+
+
 def test_a_damaged_checkpoint_is_passed_over(tmp_path: Path):
     from agents import training
 

@@ -12,16 +12,16 @@ import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import control
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = ("flexible_arm", "flexible_arm_robust", "two_link", "two_link_robust", "two_link_torque")
+NAMES = control.policy_names()
 LEFT_OUT = ("duration", "reward", "randomization")
 """Keywords of the environment that hold in training alone."""
 
 
 def test_the_package_brings_its_policies():
-    assert control.policy_names() == NAMES
+    assert {"flexible_arm", "two_link"} <= set(NAMES)
 
 
-@pytest.mark.parametrize("name", ["flexible_arm", "two_link"])
+@pytest.mark.parametrize("name", NAMES)
 def test_packaged_policies_reach_their_targets(name):
     policy = control.load_policy(name)
     kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in LEFT_OUT}
