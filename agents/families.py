@@ -120,7 +120,8 @@ def publish(folder: Path, with_model: bool = False) -> None:
         model, normaliser = load_model(folder, record["algorithm"])
         if normaliser is not None:
             shutil.copyfile(folder / "vecnormalize.pkl", final / "vecnormalize.pkl")
-        write_whole(final / "model.zip", lambda part: model.save(part, exclude=["policy.optimizer", "rollout_buffer"]))
+        model.policy.optimizer.state.clear()
+        write_whole(final / "model.zip", model.save)
 
 
 def publish_family(family: Family, home: Path) -> None:
