@@ -345,3 +345,23 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path):
         write_whole(path, torn)
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
+
+
+# -------------------------------------------------------------------- films
+def test_policies_side_by_side(tmp_path: Path):
+    image = pytest.importorskip("PIL.Image")
+    pytest.importorskip("pygame")
+    from agents import films
+
+    wanted = films.Arguments("pd,lqr", tmp_path / "two.gif", seconds=0.2, size=160, labels="one,other", speed=0.5)
+    with image.open(films.make(wanted)) as film:
+        assert film.size == (320, 174)
+        assert film.n_frames == 11
+        assert film.info["duration"] == 40
+    for changes, words in (
+        ({"labels": "one"}, "must be 2, one for each policy"),
+        ({"out": tmp_path / "a.txt"}, "must end with one of"),
+        ({"fps": 0.0}, "--fps 0.0: must be positive"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            films.make(dataclasses.replace(wanted, **changes))
