@@ -10,7 +10,6 @@ should be.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import formulation_runs as runs
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import write_results
 from flexarm_env.scenes import named
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -156,12 +155,7 @@ def main(arguments: list[str] | None = None) -> int:
         "reduction": runs.reduction(options.figures),
     }
     found["verdicts"] = verdicts(found)
-    for what, holds in found["verdicts"].items():
-        print(f"{'ok ' if holds else 'NO '} {what}")
-    machine = describe_machine()
-    write_text(options.out / "formulations.json", json.dumps({"machine": machine, **found}, indent=1) + "\n")
-    write_text(options.out / "formulations.md", page(found, machine))
-    return 0 if all(found["verdicts"].values()) else 1
+    return write_results("formulations", options.out, found, page)
 
 
 if __name__ == "__main__":

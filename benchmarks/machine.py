@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
+from collections.abc import Callable
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 PACKAGES = ("flexarm-env", "numpy", "numba", "gymnasium")
 
@@ -42,3 +45,16 @@ def write_text(path: Path, text: str) -> None:
     part = path.with_name(path.name + ".part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)
+
+
+def write_results(
+    name: str, folder: Path, found: dict[str, Any], page: Callable[[dict[str, Any], dict[str, str]], str]
+) -> int:
+    """Write NAME.json and NAME.md (`page` of what was found and of the machine), and print what holds of
+    found["verdicts"]; the exit code is 1 where something does not."""
+    for what, holds in found["verdicts"].items():
+        print(f"{'ok ' if holds else 'NO '} {what}")
+    machine = describe_machine()
+    write_text(folder / f"{name}.json", json.dumps({"machine": machine, **found}, indent=1) + "\n")
+    write_text(folder / f"{name}.md", page(found, machine))
+    return 0 if all(found["verdicts"].values()) else 1

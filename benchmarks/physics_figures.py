@@ -9,7 +9,6 @@ integrator. The exit code is 1 where a figure is not what it should be.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import write_results
 from flexarm_env.plotting import COLORS, FAINT, plot_trajectory, styled_figure
 from flexarm_env.scenes import named, names, reference, reference_names
 from flexarm_env.simulation import Trajectory, simulate
@@ -247,12 +246,7 @@ def main(arguments: list[str] | None = None) -> int:
         "scenes": scenes(options.figures),
     }
     found["verdicts"] = verdicts(found)
-    for what, holds in found["verdicts"].items():
-        print(f"{'ok ' if holds else 'NO '} {what}")
-    machine = describe_machine()
-    write_text(options.out / "physics.json", json.dumps({"machine": machine, **found}, indent=1) + "\n")
-    write_text(options.out / "physics.md", page(found, machine))
-    return 0 if all(found["verdicts"].values()) else 1
+    return write_results("physics", options.out, found, page)
 
 
 if __name__ == "__main__":
