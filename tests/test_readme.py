@@ -77,6 +77,8 @@ def test_the_table_of_speed() -> None:
     text = readme_tables.speed({"throughput": {"rates": rates, "machine": {"date": "2000-01-01", "cores": "2"}}})
     assert "| `FlexibleArm-v0`, elastica | 40,000 | 400,000 | 710,000 |" in text
     assert "| *Pendulum-v1* | 50,000 |  |  |" in text
+    raced = readme_tables.speed({"exudyn": {"races": {"rod": [{"ratio": 5.2}, {"ratio": 23.9}], "none": []}}})
+    assert "at equal error: 5 to 24 times on `rod`." in raced
     assert "1024, 2 threads" in text and "2000-01-01, 2 cores" in text
 
 
