@@ -12,7 +12,7 @@ import pytest
 
 import flexarm_env
 from flexarm_env import arms
-from flexarm_env.envs.task import REWARDS, inertia_beyond
+from flexarm_env.envs.task import REACH, REWARDS, SLEW, inertia_beyond
 from tests.env_tools import ENERGIES, IDS, RANDOM, STANDARD, assert_same, episode, rich
 
 
@@ -155,6 +155,24 @@ def test_scales_are_those_of_the_docstring() -> None:
     two = gym.make("TwoLinkFlexArm-v0").unwrapped
     assert two.plan.scales[4:6] == pytest.approx((1.595, 2.371), abs=5e-4)
     assert len(two.plan.scales) == len(two.plan.names) == 14
+
+
+def test_the_docstring_names_everything_there_is() -> None:
+    """Arguments, options of reset, entries of observation and info, reward terms, keys of nested tables."""
+    from flexarm_env.envs import features, options, resets
+    from flexarm_env.envs.flexible_arm import FlexibleArmEnv
+    from flexarm_env.envs.two_link import TwoLinkFlexArmEnv
+
+    one, two = str(FlexibleArmEnv.__doc__), str(TwoLinkFlexArmEnv.__doc__)
+    names = {*options.ARGUMENTS, *resets.KEYS, *options.FACTORS, *features._SENSORS, *features._ACTUATOR}
+    names |= {"autoreset_mode", "threads", "reset_mask", *STANDARD, *ENERGIES}
+    names |= {*options.plan(SLEW, **rich(IDS[0])).names} - {"strain_gauge_2"}
+    names -= {"interpolation"}
+    assert not [name for name in sorted(names) if f"`{name}" not in one], "missing in FlexibleArm-v0's docstring"
+    assert 'interpolation="linear"' in one
+    assert all(f"| {term} |" in text for term in REWARDS for text in (one, two))
+    names = {*options.plan(REACH, **rich(IDS[1])).names} - {"strain_gauge_2"}
+    assert not [name for name in sorted(names) if f"`{name}`" not in two], "missing in TwoLinkFlexArm-v0's docstring"
 
 
 def test_reward_is_the_sum_of_bounded_terms(env: Any) -> None:
@@ -399,3 +417,16 @@ def test_randomization_is_always_from_the_nominal_arm() -> None:
     assert np.all(table[:, 2] >= 0.7) and np.all(table[:, 2] <= 1.3)
     assert np.all(table[:, 3] >= 0.5 * nominal[3]) and np.all(table[:, 3] <= 2.0 * nominal[3])
     assert len(np.unique(table[:, 0])) == 50
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_videos(env_id: str, tmp_path: Any) -> None:
+    pytest.importorskip("moviepy")
+    env = gym.make(env_id, render_mode="rgb_array")
+    recorder = gym.wrappers.RecordVideo(env, str(tmp_path), episode_trigger=lambda k: True, disable_logger=True)
+    recorder.reset(seed=0)
+    for _ in range(5):
+        recorder.step(env.action_space.sample())
+    recorder.close()
+    (film,) = tmp_path.glob("*.mp4")
+    assert film.stat().st_size > 1000

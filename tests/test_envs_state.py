@@ -71,6 +71,28 @@ def test_a_motion_episode_is_restored_too() -> None:
     assert_same(first, steps(env, moves))
 
 
+def test_some_arms_of_a_vector_are_restored_with_all_that_they_remember() -> None:
+    """Sensors' and motors' memories, streams, a motion half way; the other arms go on."""
+    lively = LIVELY | {"duration": 0.5}
+    env = gym.make_vec(IDS[0], num_envs=9, autoreset_mode="SameStep", **rich(IDS[0], **lively))
+    motion = [[0.0, 0.0], [0.3, 0.5], [0.6, 0.1]]
+    env.reset(seed=0, options={"motion": [motion if i == 4 else None for i in range(9)]})
+    moves = actions(40, (9, 1))
+    steps(env, moves[:8])
+    chosen = [0, 4, 7]
+    states = pickle.loads(pickle.dumps(env.get_state(chosen)))
+    first = steps(env, moves)
+    env.reset(seed=5)
+    steps(env, moves[:3])
+    env.set_state(states, chosen)
+    again = steps(env, moves)
+    for a, b in zip(first, again, strict=True):
+        for x, y in zip(a[:4], b[:4], strict=True):
+            assert_same(x[chosen], y[chosen])
+        for key in ("tip_position", "hub_torque", "energy_dissipated", "target"):
+            assert_same(a[4][key][chosen], b[4][key][chosen])
+
+
 def test_states_pass_between_single_and_vector_environments() -> None:
     single = gym.make("TwoLinkFlexArm-v0").unwrapped
     vector = gym.make_vec("TwoLinkFlexArm-v0", num_envs=5)

@@ -92,7 +92,8 @@ class FlexibleArmEnv(SingleArmEnv):
     |---|---|---|
     | `arm` | "strip" | name, TOML file, or `flexarm_env.Arm` of one link with a torque limit |
     | `formulation` | "elastica" | or "geometrically_exact", "floating_frame"; with its options as flat keywords |
-    | `nodes`, `elements`, `order`, `segments`, `coupling`, `modes`, `rho_inf`, ... | | of the formulation, see below |
+    | `nodes`, `elements`, `order`, `segments`, `coupling`, `modes` | | mesh of the formulation, see below |
+    | `rho_inf`, `newmark`, `tolerance`, `newton`, `max_iterations`, `max_halvings` | | of its solver |
     | `control_dt` | 0.02 | control period, s |
     | `dt` | 0.02/3 | solver's step, s; a whole number of them makes a control period |
     | `action_mode` | "torque" | or "residual_pd": torque = k (goal - angle) - d rate + 0.7 tau a, within +-tau |
@@ -120,13 +121,16 @@ class FlexibleArmEnv(SingleArmEnv):
     make_vec also takes `autoreset_mode` ("NextStep", the default, "SameStep", "Disabled") and `threads` (as many as
     there are processors, one for each 128 arms at most).
 
-    Controllers of "residual_pd": k = tau / (pi/4), d = 2 sqrt(k I); goal is the target angle. Sensors: `noise` is a
-    standard deviation, one share of the scale for all entries, or a dict by entry (`hub_sin`, `hub_cos`, `hub_rate`,
-    `tip_deflection`, `tip_deflection_rate`, `target_error`, `strain_gauge_1`, ...) in its unit; `delay` a whole
-    number of control periods, s; `strain_gauges` places along the link from 0 (root) to 1 (tip). Actuator: `lag` is
-    the time constant of the motor, s; `delay` a whole number of solver's steps, s; `saturation` a share of the torque
-    limit; `viscous` (N m s/rad) and `coulomb` (N m) friction c w / sqrt(w^2 + coulomb_rate^2) act in the joint, their
-    loss is part of `energy_dissipated`. What is left at its default costs nothing.
+    Controllers of "residual_pd": k = tau / (pi/4), d = 2 sqrt(k I); goal is the target angle.
+
+    Sensors: `noise` is a standard deviation, one share of the scale for all entries, or a dict by entry (`hub_sin`,
+    `hub_cos`, `hub_rate`, `tip_deflection`, `tip_deflection_rate`, `target_error`, `target_rate`, `target_ahead_1`,
+    `target_ahead_2`, `strain_gauge_1`, ...) in its unit; `delay` a whole number of control periods, s;
+    `strain_gauges` places along the link from 0 (root) to 1 (tip).
+
+    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s; `saturation` a
+    share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction c w / sqrt(w^2 + coulomb_rate^2) act
+    in the joint, their loss is part of `energy_dissipated`. What is left at its default costs nothing.
 
     ## Options of reset
 

@@ -99,7 +99,12 @@ class TwoLinkFlexArmEnv(SingleArmEnv):
 
     Controllers of "residual_pd": k_k = tau_k / (pi/4), d_k = 2 sqrt(k_k I_k); the goals are the angles of the rigid
     arm with its tip at the target, the elbow on the side where it starts. Strain gauges are given as (link, place),
-    friction and saturation for both joints or one each. Options of reset: `start` (two angles, rad), `target` (x, y
+    friction for both joints or one each. `noise` by entry: `hub_sin`, `hub_cos`, `elbow_sin`, `elbow_cos`, `hub_rate`,
+    `elbow_rate`, `tip_deflection_1`, `tip_deflection_2`, `tip_deflection_rate_1`, `tip_deflection_rate_2`,
+    `tip_velocity_x`, `tip_velocity_y`, `to_target_x`, `to_target_y`, `target_velocity_x`, `target_velocity_y`,
+    `target_ahead_1_x`, `target_ahead_1_y`, `target_ahead_2_x`, `target_ahead_2_y`, `strain_gauge_1`, ...
+
+    Options of reset: `start` (two angles, rad), `target` (x, y
     in m, within reach), `vibration`, and `motion`: one for the hub, a list of two or a dict by "joint0" and "joint1"
     (None: that joint keeps its action and starts at 0 or at `start`); "two_link_motion" is the paper's. For a vector
     of two arms a list of two holds a motion for each arm; a dict says joints.
