@@ -23,7 +23,7 @@ from agents.evaluate import Arguments as Judged
 from agents.evaluate import evaluate
 from agents.families import ROOT, TRAINED, Family
 from agents.figures import learning_curve, tip_errors
-from agents.runs import fail, read_run, versions, write_json, write_text
+from agents.runs import fail, read_json, read_run, versions, write_json, write_text
 from agents.statistics import markdown
 
 EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
@@ -52,12 +52,14 @@ class Arguments:
         results: folder of the page and its JSON.
         figures: folder of the figures.
         episodes: of a table, in place of each family's own number (for a quick look).
+        only: flexible_arm or two_link; the other's part of the page is kept as it is.
     """
 
     trained: Path = TRAINED
     results: Path = ROOT / "docs" / "results"
     figures: Path = ROOT / "docs" / "figures"
     episodes: int | None = None
+    only: str | None = None
 
 
 def say(text: str) -> None:
@@ -160,7 +162,7 @@ def section(judge: Judge, family: Family, title: str, content: dict[str, Any]) -
     learning_curve(curves, figures / f"control_{family.name}_learning.png", f"{family.env}, {len(curves)} seeds")
     content[family.name] = {"nominal": rows, "bounds": bounds, "seeds": trained}
     count = next(iter(rows.values()))["episodes"]
-    content["tables"].append({"env": family.env, "episodes": count, "policies": rows, "bounds": bounds})
+    content["tables"][family.name] = {"env": family.env, "episodes": count, "policies": rows, "bounds": bounds}
     lines = [f"## {title}", "", markdown(rows, bounds), ""]
     for name, found in trained.items():
         lines += [f"Seeds of `{name}`:", "", *seeds_table(found), ""]
@@ -210,48 +212,66 @@ def _longest(rows: list[Row], limit: float) -> tuple[str, bool]:
 
 
 def checks(content: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
-    """What was asked for, what was found, whether it holds."""
-    one, two = content["flexible_arm"], content["two_link"]
+    """What was asked for, what was found, whether it holds; of the environments that are there."""
     out: list[tuple[str, str, bool]] = []
+    for name, own_checks, short, least in (
+        ("flexible_arm", slew_checks, "slew", 0.95),
+        ("two_link", reach_checks, "reach", 0.9),
+    ):
+        if name in content:
+            out += own_checks(content[name]) + model_checks(content[name], name, short, least)
+    return out
 
-    def add(what: str, found: str, holds: Any) -> None:
-        out.append((what, found, bool(holds)))
 
-    table, runs = one["nominal"], one["seeds"]["flexible_arm"]
-    classical = {name: row["settling_time_median"] for name, row in table.items() if not name.startswith("PPO")}
+def slew_checks(one: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
+    """Of FlexibleArm-v0."""
+    runs, classical = one["seeds"]["flexible_arm"], _classical(one)
     least, settling = _worst(runs)
-    add("slew: success at least 99 %", f"{least:.1%} (worst of {len(runs)} seeds)", least >= 0.99)
     ratio = settling / classical["time_optimal"]
-    add("slew: median settling at most 1.25 of the time-optimal controller's", f"{ratio:.2f} (worst)", ratio <= 1.25)
     rivals = {name: classical[name] for name in ("pd", "zvd", "lqr")}
     found = f"{settling:.2f} s (worst) against " + ", ".join(f"{name} {value:.2f}" for name, value in rivals.items())
-    add("slew: quicker than PD, PD + ZVD and LQR", found, settling < min(rivals.values()))
     solved = [row["solved"] for row in runs if row["solved"]]
-    every = len(solved) == len(runs) >= 5
-    add("slew: 5 seeds of 5 solve it", f"{len(solved)} of {len(runs)}", every)
-    add("slew: solved within 60 s of training", *_longest(solved, 60.0))
+    return [
+        ("slew: success at least 99 %", f"{least:.1%} (worst of {len(runs)} seeds)", least >= 0.99),
+        ("slew: median settling at most 1.25 of the time-optimal controller's", f"{ratio:.2f} (worst)", ratio <= 1.25),
+        ("slew: quicker than PD, PD + ZVD and LQR", found, settling < min(rivals.values())),
+        ("slew: 5 seeds of 5 solve it", f"{len(solved)} of {len(runs)}", len(solved) == len(runs) >= 5),
+        ("slew: solved within 60 s of training", *_longest(solved, 60.0)),
+    ]
 
-    table, runs = two["nominal"], two["seeds"]["two_link"]
-    classical = {name: row["settling_time_median"] for name, row in table.items() if not name.startswith("PPO")}
+
+def reach_checks(two: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
+    """Of TwoLinkFlexArm-v0."""
+    runs, classical = two["seeds"]["two_link"], _classical(two)
     least, settling = _worst(runs)
-    add("reach: at least 95 % for each of 5 seeds", f"{least:.1%} (worst of {len(runs)})", least >= 0.95)
     name = min(classical, key=lambda key: classical[key])
     ratio = settling / classical[name]
     found = f"{ratio:.2f} (worst: {settling:.2f} s against {classical[name]:.2f} s of {name})"
-    add("reach: median settling at most 0.85 of the best classical controller's", found, ratio <= 0.85)
-    add("reach: at most 10 minutes of training", *_longest(runs, 600.0))
-    least, _ = _worst(two["seeds"]["two_link_torque"])
-    add("reach by torque alone: at least 90 %", f"{least:.1%}", least >= 0.9)
+    torque, _ = _worst(two["seeds"]["two_link_torque"])
+    return [
+        ("reach: at least 95 % for each of 5 seeds", f"{least:.1%} (worst of {len(runs)})", least >= 0.95),
+        ("reach: median settling at most 0.85 of the best classical controller's", found, ratio <= 0.85),
+        ("reach: at most 10 minutes of training", *_longest(runs, 600.0)),
+        ("reach by torque alone: at least 90 %", f"{torque:.1%}", torque >= 0.9),
+    ]
 
-    for key, short, least in (("flexible_arm", "slew", 0.95), ("two_link", "reach", 0.9)):
-        table = content[key]["randomised"]
-        robust, nominal = (table[f"PPO ({k})"]["success_rate"] for k in (f"{key}_robust", key))
-        words = f"{robust:.1%} (trained on the nominal arm alone: {nominal:.1%})"
-        add(f"{short}, randomised: at least {least:.0%} where trained so", words, robust >= least)
-        usual, exact = (row[f"PPO ({key})"]["success_rate"] for row in content[key]["models"].values())
-        words = f"{usual:.1%}, {exact:.1%}"
-        add(f"{short}: success on the exact model within 2 points", words, abs(usual - exact) <= 0.02 + 1e-9)
-    return out
+
+def model_checks(own: Mapping[str, Any], name: str, short: str, least: float) -> list[tuple[str, str, bool]]:
+    """Randomised arms and the exact model."""
+    robust, nominal = (own["randomised"][f"PPO ({key})"]["success_rate"] for key in (f"{name}_robust", name))
+    usual, exact = (row[f"PPO ({name})"]["success_rate"] for row in own["models"].values())
+    found = f"{robust:.1%} (trained on the nominal arm alone: {nominal:.1%})"
+    near = abs(usual - exact) <= 0.02 + 1e-9
+    return [
+        (f"{short}, randomised: at least {least:.0%} where trained so", found, robust >= least),
+        (f"{short}: success on the exact model within 2 points", f"{usual:.1%}, {exact:.1%}", near),
+    ]
+
+
+def _classical(own: Mapping[str, Any]) -> dict[str, float]:
+    """Median settling of the classical controllers."""
+    table = own["nominal"]
+    return {name: row["settling_time_median"] for name, row in table.items() if not name.startswith("PPO")}
 
 
 HEAD = """# Policies beside classical control
@@ -269,32 +289,38 @@ say what it takes on a machine of its own.
 Written by `python -m agents.table`; policies trained by `python -m agents.families`."""
 
 
-def page(content: Mapping[str, Any], sections: list[str]) -> str:
+def page(content: Mapping[str, Any]) -> str:
     """The whole page."""
     made = " · ".join(f"{name}: {fact}" for name, fact in content["machine"].items())
     lines = [HEAD, "", made, "", "| asked for | found | holds |", "|---|---|---|"]
     for row in content["checks"]:
         lines.append(f"| {row['what']} | {row['found']} | {'yes' if row['holds'] else '**no**'} |")
-    return "\n".join([*lines, "", *sections])
+    for name in TITLES:
+        lines += ["", *content["sections"].get(name, [])]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+TITLES = {"flexible_arm": "One link slews (FlexibleArm-v0)", "two_link": "Two links reach (TwoLinkFlexArm-v0)"}
 
 
 def main() -> int:
     """Run the command."""
     arguments = parse(Arguments, "python -m agents.table", __doc__)
-    judge = Judge(arguments)
-    machine = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
-    content: dict[str, Any] = {"machine": machine, "tables": []}
+    path = arguments.results / "control.json"
     try:
-        lines = section(judge, families.named("flexible_arm"), "One link slews (FlexibleArm-v0)", content)
-        lines += section(judge, families.named("two_link"), "Two links reach (TwoLinkFlexArm-v0)", content)
-        lines += ["## Other arms, other models", ""]
-        for name in ("flexible_arm", "two_link"):
-            lines += robustness(judge, families.named(name), families.named(f"{name}_robust"), content)
+        kept = read_json(path) if arguments.only is not None and path.exists() else {"sections": {}, "tables": {}}
+        content: dict[str, Any] = {k: v for k, v in kept.items() if k in (*TITLES, "sections", "tables")}
+        content["machine"] = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
+        for name in TITLES if arguments.only is None else [families.named(arguments.only).name]:
+            family = families.named(name)
+            lines = section(Judge(arguments), family, TITLES[name], content)
+            lines += robustness(Judge(arguments), family, families.named(f"{name}_robust"), content)
+            content["sections"][name] = lines
     except ValueError as error:
         return fail(error)
-    content["checks"] = [{"what": w, "found": f, "holds": h} for w, f, h in checks(content)]
-    write_json(arguments.results / "control.json", content)
-    write_text(arguments.results / "control.md", page(content, lines).rstrip() + "\n")
+    content["checks"] = [{"what": what, "found": found, "holds": holds} for what, found, holds in checks(content)]
+    write_json(path, content)
+    write_text(arguments.results / "control.md", page(content))
     for row in content["checks"]:
         say(f"{'yes' if row['holds'] else 'NO '}  {row['what']}: {row['found']}")
     return 0

@@ -72,7 +72,7 @@ def control(contents: Mapping[str, Any]) -> str:
     return "\n".join(
         _controlled(part) + measured(content, f"{name}.md")
         for name, content in pages.items()
-        for part in content.get("tables", [content])
+        for part in content.get("tables", {"": content}).values()
     )
 
 
