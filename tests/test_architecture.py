@@ -40,7 +40,7 @@ ROOMS: dict[str, set[str]] = {
     "trajectory": {*_DESCRIPTION, "model"},
     "accuracy": {*_DESCRIPTION},
     "simulation": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "accuracy"},
-    "threads": set(),
+    "threads": {"kernels"},
     "batch": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "simulation", "threads"},
     "linear": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "simulation"},
     "comparison": {*_DESCRIPTION, "trajectory", "simulation"},
