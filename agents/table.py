@@ -161,7 +161,7 @@ def section(judge: Judge, family: Family, title: str, content: dict[str, Any]) -
     tip_errors(shown, 0, figures / f"control_{family.name}.png", f"{family.env}, one episode under each controller")
     curves = [curve_of(folder) for folder in family.runs(judge.arguments.trained)]
     learning_curve(curves, figures / f"control_{family.name}_learning.png", f"{family.env}, {len(curves)} seeds")
-    content[family.name] = {"nominal": rows, "bounds": bounds, "seeds": trained}
+    content[family.name] |= {"nominal": rows, "bounds": bounds, "seeds": trained}
     count = next(iter(rows.values()))["episodes"]
     content["tables"][family.name] = {"env": family.env, "episodes": count, "policies": rows, "bounds": bounds}
     lines = [f"## {title}", "", markdown(rows, bounds), ""]
@@ -315,9 +315,9 @@ def main() -> int:
         content["machine"] = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
         for name in TITLES if arguments.only is None else [families.named(arguments.only).name]:
             family = families.named(name)
-            lines = section(Judge(arguments), family, TITLES[name], content)
-            lines += robustness(Judge(arguments), family, families.named(f"{name}_robust"), content)
-            content["sections"][name] = lines
+            content[name] = {}
+            last = robustness(Judge(arguments), family, families.named(f"{name}_robust"), content)
+            content["sections"][name] = section(Judge(arguments), family, TITLES[name], content) + last
     except ValueError as error:
         return fail(error)
     content["checks"] = [{"what": what, "found": found, "holds": holds} for what, found, holds in checks(content)]
