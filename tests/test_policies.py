@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import gymnasium as gym
 import pytest
 
 import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import control
 
+ROOT = Path(__file__).resolve().parents[1]
 NAMES = control.policy_names()
 LEFT_OUT = ("duration", "reward", "randomization")
 """Keywords of the environment that hold in training alone."""
 
 
 def test_the_package_brings_its_policies():
-    assert "flexible_arm" in NAMES
+    assert NAMES == ("flexible_arm", "flexible_arm_robust", "two_link", "two_link_robust", "two_link_torque")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -52,3 +56,15 @@ def test_packaged_policies_equal_their_models(name):
     assert (best / "policy.npz").read_bytes() == (families.PACKAGED / name / "policy.npz").read_bytes()
     model, normaliser = load_model(best, read_run(best)["algorithm"])
     assert export_policy.difference(control.load_policy(name), model, normaliser) < 1e-5
+
+
+OPEN = {"reach: median settling at most 0.85 of the best classical controller's"}
+"""Not reached yet."""
+
+
+def test_what_was_asked_for_holds_on_the_page():
+    content = json.loads((ROOT / "docs" / "results" / "control.json").read_text("utf-8"))
+    assert len(content["checks"]) >= 13
+    # wall times are those of whatever machine the page was made on, and shared
+    failed = {row["what"] for row in content["checks"] if not row["holds"] and "training" not in row["what"]}
+    assert failed <= OPEN
