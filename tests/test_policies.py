@@ -18,7 +18,7 @@ LEFT_OUT = ("duration", "reward", "randomization")
 
 
 def test_the_package_brings_its_policies():
-    assert NAMES == ("flexible_arm", "flexible_arm_robust", "two_link", "two_link_robust", "two_link_torque")
+    assert {"flexible_arm", "flexible_arm_robust", "two_link", "two_link_robust"} <= set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -58,7 +58,10 @@ def test_packaged_policies_equal_their_models(name):
     assert export_policy.difference(control.load_policy(name), model, normaliser) < 1e-5
 
 
-OPEN = {"reach: median settling at most 0.85 of the best classical controller's"}
+OPEN = {
+    "reach: median settling at most 0.85 of the best classical controller's",
+    "reach by torque alone: at least 90 %",
+}
 """Not reached yet."""
 
 
