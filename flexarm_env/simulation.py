@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from bisect import bisect_right
 from collections.abc import Callable
 from typing import Any
 
@@ -104,15 +105,21 @@ class Simulation:
         books: keep account of work and dissipation (their place is `work.books`).
         """
         while self.t < t_end - 1e-12 * max(1.0, t_end):
-            stop = min([k for k in self._kinks if k > self.t + 1e-12 * max(1.0, k)] + [t_end])
-            stop = min(stop, t_end)
+            stop = min(self._next_kink(), t_end)
             n_steps = max(1, math.ceil((stop - self.t) / self.dt * (1.0 - 1e-9)))
             if not self._advance((stop - self.t) / n_steps, n_steps, books):
                 return False
             self.t = stop
-            if stop in self._kinks and stop < t_end - 1e-12 * max(1.0, t_end):
-                self._restart()
+            if stop < t_end - 1e-12 * max(1.0, t_end):
+                self._restart(fresh=False)
         return True
+
+    def _next_kink(self) -> float:
+        """The first kink after the time reached, s; infinite where there is none."""
+        k = bisect_right(self._kinks, self.t)
+        while k < len(self._kinks) and self._kinks[k] <= self.t + 1e-12 * max(1.0, self._kinks[k]):
+            k += 1
+        return self._kinks[k] if k < len(self._kinks) else math.inf
 
     def _advance(self, h: float, n_steps: int, books: bool) -> bool:
         """Equal steps within a smooth stretch, some at a time; False where the arm has failed."""
@@ -196,15 +203,17 @@ class Simulation:
         self._record(np.zeros(5), [], np.zeros((0, 1, 2)))
         return time.process_time() - clock
 
-    def _restart(self) -> None:
+    def _restart(self, fresh: bool = True) -> None:
+        """Consistent at t+: a fresh start, or a kink within a run, where the integrator keeps what it has filtered."""
         before = float(self.work.books[0])
-        restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt)
+        restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt, fresh)
         self.gross += abs(float(self.work.books[0]) - before)
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""
-        if any(abs(k - self.t) <= 1e-12 * max(1.0, k) for k in self._kinks):
-            self._restart()
+        near = bisect_right(self._kinks, self.t)
+        if any(abs(k - self.t) <= 1e-12 * max(1.0, k) for k in self._kinks[max(0, near - 1) : near + 1]):
+            self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
         """Link poses (n_links, 12) and energies (kinetic, strain, gravity) in J; copies."""

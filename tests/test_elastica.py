@@ -60,7 +60,7 @@ class Runner:
         self.scheme = scheme(1.0)
 
     def restart(self) -> None:
-        restart(self.lane, self.system.model, None, self.par, self.flat, 0, 0.0, self.h)
+        restart(self.lane, self.system.model, None, self.par, self.flat, 0, 0.0, self.h, True)
 
     def advance(self, steps: int) -> None:
         advance(self.lane, self.system.model, None, self.par, self.flat, 0, 0.0, self.h, steps, self.scheme, False)

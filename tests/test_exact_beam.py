@@ -217,7 +217,7 @@ def swing(
         w.u0[:] = w.u
         w.u[:count] = torque
         if k == 0:
-            restart(lane, s.model, None, par, flat, 0, 0.0, dt)
+            restart(lane, s.model, None, par, flat, 0, 0.0, dt, True)
         else:
             switch(lane, s.model, par, flat, 0)
         advance(lane, s.model, None, par, flat, 0, 0.0, dt, round(0.02 / dt), rule, False)

@@ -79,7 +79,7 @@ def _overload_jump(lane, predictor, p, par, record, saved, block, w):  # type: i
 
 @kernel
 def _jump_afresh(lane, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
-    restart(lane, p.model, None, par, block, 0, 0.0, p.h)
+    restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
 
 
 @kernel
@@ -89,7 +89,7 @@ def _jump_stiff(lane, p, par, record, saved, block, w):  # type: ignore[no-untyp
         if record[STEP * lanes + i] < 0.5:
             any_first = True
     if any_first:
-        restart(lane, p.model, None, par, block, 0, 0.0, p.h)
+        restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
         for i in range(lanes):
             if record[STEP * lanes + i] < 0.5:
                 for k in range(size(p.task.links)):

@@ -178,9 +178,9 @@ def _after_newton(algebraic):  # type: ignore[no-untyped-def]
 
 @kernel
 def _constrain(lane, model, algebraic, w, stage, c_m):  # type: ignore[no-untyped-def]
-    """Constraint rows of a stage: of positions, of velocities (by an impulse alone), of accelerations."""
+    """Constraint rows of a stage: of positions, of velocities and of accelerations (by constraint forces alone)."""
     if algebraic is not None:
-        if stage == VELOCITIES:
+        if stage != NEWTON:
             for k in range(size(model.n)):
                 w.r[k] = 0.0
         constrain(lane, model, w.psi, w.q, w.v, w.a, stage, c_m if stage == NEWTON else 1.0, w.r)
@@ -191,8 +191,9 @@ def _settle(algebraic, w, stage):  # type: ignore[no-untyped-def]
     """Take what a step left across the constraints out of velocities, then out of accelerations (theory, section 6).
 
     Constraints hold for positions alone, so that the velocity across them is off by O(h^2) and the acceleration by
-    O(h); at rho_inf = 1 both would alternate and grow. M dv + Phi_q^T Lambda = 0 and M da + Phi_q^T dlambda = -r set
-    them right; b keeps its distance from a.
+    O(h); at rho_inf = 1 both would alternate and grow. M dv + Phi_q^T Lambda = 0 and M da + Phi_q^T dlambda = 0 set
+    them right; b keeps its distance from a. What dv changes in the other forces stays out of da: stiff damping of it,
+    which the step does not resolve, would be taken explicitly and blow up.
     """
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
@@ -249,7 +250,8 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
             c_a, use = c_m if stage == NEWTON else 1.0, 1.0 if stage == NEWTON else 0.0
             if not fresh:
                 c_a, use = 0.0, 0.0
-            assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, use * c_v, use, w.r, w.S)
+            if stage != ACCELERATIONS:
+                assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, use * c_v, use, w.r, w.S)
             if stage == CLOSE:
                 if drive is not None:
                     note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)

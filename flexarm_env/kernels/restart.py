@@ -11,20 +11,68 @@ from .work import move_multipliers, note_reactions, set_known, take_out_known, u
 
 
 @kernel
-def restart(lane, model, drive, par, flat, n_motions, t, h):  # type: ignore[no-untyped-def]
+def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):  # type: ignore[no-untyped-def]
     """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
 
-    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known, then M a + Phi_q^T lambda =
-    Q - h(q, v) gives a, and b = a. The work of the impulse goes to the books. h: a step, for sidedness only.
+    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known; the work of the impulse goes to the
+    books. A fresh start then has M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink within a run (not fresh, with a
+    drive) what the residual at t+ asks for is added to accelerations and multipliers,
+
+        (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
+
+    and b keeps its distance from a. For motion that the step resolves the matrix is M, to second order; accelerations
+    solved with M alone from the stress of strains and strain rates too stiff for the step would be large. h: a step.
     """
-    _restart(lane, bare(model), drive, bare(par), unpack(lane, model, bare(flat), n_motions), t, h)
+    _restart(lane, bare(model), drive, bare(par), unpack(lane, model, bare(flat), n_motions), t, h, fresh)
 
 
 @kernel
-def _restart(lane, model, drive, par, w, t, h):  # type: ignore[no-untyped-def]
+def _keep(n, algebraic, w):  # type: ignore[no-untyped-def]
+    """Accelerations and multipliers to q0, which is free between steps; to b its distance from a."""
+    for k in range(n):
+        w.q0[k] = w.a[k]
+        w.b[k] -= w.a[k]
+    if algebraic is not None:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
+            w.q0[k] = w.q[k]
+
+
+@kernel
+def _take_multipliers(drive, algebraic, w, fresh):  # type: ignore[no-untyped-def]
+    """Multipliers from where the accelerations were solved for: the new ones, or what is added to those kept."""
+    if drive is not None:
+        if not fresh:
+            if algebraic is not None:
+                for i in range(algebraic.shape[0]):
+                    k = algebraic[i]
+                    w.a[k] += w.q[k]
+    move_multipliers(algebraic, w.q, w.a, False)
+
+
+@kernel
+def _set_b(lane, n, drive, w, fresh):  # type: ignore[no-untyped-def]
+    """b = a, or at the distance that was kept; prescribed coordinates have none."""
+    if drive is not None:
+        if not fresh:
+            for i in range(drive.known.shape[0]):
+                k = drive.known[i]
+                if k >= 0:
+                    w.b[k] = 0.0
+            for k in range(n):
+                w.b[k] += w.a[k]
+            return
+    for k in range(n):
+        store(w.b, k, load(lane, w.a, k))
+
+
+@kernel
+def _restart(lane, model, drive, par, w, t, h, fresh):  # type: ignore[no-untyped-def]
     """`restart` on bare arrays."""
     n = size(model.n)
     if drive is not None:
+        if not fresh:
+            _keep(n, model.algebraic, w)
         for i in range(w.psi.shape[0]):
             w.psi0[i] = w.psi[i]
         set_inputs(drive, w.u, t, t + 1e-6 * h)
@@ -58,9 +106,17 @@ def _restart(lane, model, drive, par, w, t, h):  # type: ignore[no-untyped-def]
                     w.v[k] = w.v0[k] + w.a0[k]
                 move_multipliers(model.algebraic, w.q, w.a, False)
                 move_multipliers(model.algebraic, w.v, w.v, True)
+                if not fresh:
+                    for k in range(n):
+                        w.a[k] = w.q0[k]
+                    move_multipliers(model.algebraic, w.q, w.q0, False)
+                    move_multipliers(model.algebraic, w.a, w.a, True)
                 set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
         matrix = stage == 1 or stage == 3
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, 0.0, 0.0, w.r, w.S)
+        resolved = 0.5 * h if stage == 3 and drive is not None and not fresh else 0.0
+        assemble(
+            lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, resolved, resolved * resolved, w.r, w.S
+        )  # fmt: skip
         if drive is not None:
             if stage == 0:
                 for k in range(n):
@@ -90,10 +146,9 @@ def _restart(lane, model, drive, par, w, t, h):  # type: ignore[no-untyped-def]
         if stage == 3:
             for k in range(n):
                 store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
-            move_multipliers(model.algebraic, w.q, w.a, False)
+            _take_multipliers(drive, model.algebraic, w, fresh)
             move_multipliers(model.algebraic, w.a, w.a, True)
-            for k in range(n):
-                store(w.b, k, load(lane, w.a, k))
+            _set_b(lane, n, drive, w, fresh)
         if drive is not None:
             if stage == 1:
                 for k in range(n):

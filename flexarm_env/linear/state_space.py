@@ -130,7 +130,7 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
     flat: Array = np.zeros(sum(view.size for view in work))
     w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
     w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
-    restart(SINGLE, model, simulation.drive, simulation.par, flat, n_motions, simulation.t, simulation.dt)
+    restart(SINGLE, model, simulation.drive, simulation.par, flat, n_motions, simulation.t, simulation.dt, True)
     return flat, w
 
 

@@ -1,0 +1,126 @@
+"""A million steps of the strip under random bang-bang torque in pairs of zero net impulse, by every formulation.
+
+    python -m benchmarks.long_runs [--steps 1000000]
+
+Each pair is the full torque of one sign, then of the other, for the same random time (0.1 to 0.6 s). Settings are the
+environments' defaults but for what a row names. Energy is looked at each time the torque switches.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexarm_env import arms
+from flexarm_env.envs.options import DEFAULT_OPTIONS
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.settings import Settings
+from flexarm_env.simulation import Simulation
+from flexarm_env.time_functions import steps as stairs
+
+TORQUE = 2.0
+CONTROL = 0.02
+
+
+def _row(label: str, formulation: str, steps: int = 1_000_000, **options: Any) -> dict[str, Any]:
+    return {"label": label, "formulation": formulation, "steps": steps, "options": options}
+
+
+LONG = (
+    _row("elastica, rho_inf 1 (default)", "elastica"),
+    _row("exact, rho_inf 0.7 (default)", "geometrically_exact"),
+    _row("exact, half the step", "geometrically_exact", dt=0.00125),
+    _row("exact, a quarter of the step", "geometrically_exact", dt=0.000625),
+    _row("floating frame, rho_inf 0.9 (default)", "floating_frame"),
+    _row("modes, rho_inf 0.9 (default)", "floating_frame", modes=3),
+)
+
+
+def torques(end: float, seed: int = 0) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Instants (s) and values (N m) of the torque."""
+    rng = np.random.default_rng(seed)
+    count = int(end / 0.2) + 2
+    dwell = CONTROL * rng.integers(5, 31, count)
+    sign = rng.choice([-1.0, 1.0], count)
+    t = np.concatenate([[0.0], np.cumsum(np.repeat(dwell, 2))])[:-1]
+    values = TORQUE * np.repeat(sign, 2) * np.tile([1.0, -1.0], count)
+    keep = t < end
+    return t[keep].round(9), values[keep]
+
+
+def long_run(case: dict[str, Any]) -> dict[str, Any]:
+    """One run: steps taken, how it ended, energy that appeared or went over gross work, largest deflection."""
+    given = {**DEFAULT_OPTIONS[case["formulation"]], **case["options"]}
+    if "modes" in given:
+        given.pop("segments", None)
+    settings = Settings.make(case["formulation"], **given)
+    assert settings.dt is not None
+    end = case["steps"] * settings.dt
+    t, values = torques(end)
+    arm = arms.named("strip")
+    scene = Scene("long", arm, duration=end, dt=settings.dt, sample=end, loads=(JointTorque(0, stairs(t, values)),))
+    simulation = Simulation(scene, settings)
+    simulation.compile()
+    clock = time.process_time()
+    most = least = deflection = 0.0
+    start = float(simulation.observe()[1].sum())
+    for stop in [*t[1:].tolist(), end]:
+        good = simulation.advance_to(stop)
+        poses, energies = simulation.observe()
+        found = float(energies.sum()) - start + simulation.work.books[1] - simulation.work.books[0]
+        most, least = max(most, found), min(least, found)
+        across = np.cos(poses[0, 2]) * poses[0, 7] - np.sin(poses[0, 2]) * poses[0, 6]
+        deflection = max(deflection, abs(float(across)))
+        if not good:
+            break
+        simulation.restart_at_kink()
+    gross = simulation.gross
+    return {
+        "status": "ok" if simulation.status == 0 else simulation.message,
+        "steps": int(simulation.work.counts[3]), "halvings": int(simulation.work.counts[2]),
+        "iterations": int(simulation.work.counts[0]), "simulated": simulation.t, "dt": settings.dt,
+        "gross_work": gross, "dissipated": float(simulation.work.books[1]),
+        "found": float(most / gross), "taken": float(-least / gross), "at_end": float(found / gross),
+        "deflection": deflection, "cpu_seconds": time.process_time() - clock,
+    }  # fmt: skip
+
+
+def table_of_long_runs(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Markdown lines."""
+    if not rows:
+        return []
+    lines = [
+        "## A million steps", "",
+        "The strip under random bang-bang torque in pairs of zero net impulse (`python -m benchmarks.long_runs`), at the "
+        "environments' default settings but for what is named. Energy over the gross work of the torque: what appeared at "
+        "most, and what the scheme took at most, dissipation by the material left out.", "",
+        "| run | step, s | steps | failed steps | appeared | taken | largest deflection | ended | CPU, s |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    for row in rows:
+        lines.append(
+            f"| {row['case']['label']} | {row['dt']:g} | {row['steps']} | {row['halvings']} | {row['found']:.1e} | "
+            f"{row['taken']:.1e} | {100 * row['deflection']:.0f} % | "
+            f"{'ok' if row['status'] == 'ok' else row['status'].split(';')[0]} | {row['cpu_seconds']:.1f} |"
+        )
+    return lines
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run them all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", type=int, default=1_000_000)
+    options = parser.parse_args(arguments)
+    for case in LONG:
+        row = long_run({**case, "steps": options.steps})
+        print(json.dumps({"label": case["label"], **row}), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,327 @@
+"""Stability under stress: thousands of runs, sorted into ok, inaccurate, failed with a report, and silently wrong.
+
+    python -m benchmarks.stability [--full] [--limit N] [--workers N] [--fresh] [--out FOLDER] [--figures FOLDER]
+
+The default size takes less than ten minutes on two cores; `--full` several times that. Results are kept in
+runs/benchmarks while it runs, so that a run that was stopped goes on where it was. Every case is bounded in time.
+
+A run is silently wrong where its status is "ok" and
+  (i)  energy appeared: dE + D - W is above 1e-2 of gross work and initial energy, or the scheme took more than a tenth;
+  (ii) its tip is further from the converged solution than 5 % of L and than ten times its `error_estimate`.
+(i) is asked of every case that ended, (ii) of every fourth whose converged solution is one: two meshes and steps of it
+agree within 1 % of L. The exit code is 1 where a run was silently wrong, returned a NaN, raised or took too long.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import exudyn_peer
+from benchmarks.long_runs import LONG, long_run, table_of_long_runs
+from benchmarks.machine import describe_machine, write_text
+from benchmarks.running import cores, run_all
+from benchmarks.stability_cases import MAIN, Case, cases, reference_of, scene_of
+from benchmarks.stability_figures import maps
+from flexarm_env.scenes import named
+from flexarm_env.simulation import Trajectory, simulate
+
+ROOT = Path(__file__).parents[1]
+STORE = ROOT / "runs" / "benchmarks"
+TIME_LIMIT = 20.0
+"""s that the run itself, and each of its companions, may take."""
+GAIN, LOSS, TIP, TRUST = 1e-2, 0.1, 0.05, 10.0
+"""What makes a run wrong: energy found or taken, as shares; tip error as a share of L, and over the estimate."""
+REFERENCE_SPREAD = 0.01
+EVERY = 4
+OUTCOMES = ("ok", "inaccurate", "failed", "silently wrong", "broken")
+
+
+def measure(case: Case) -> dict[str, Any]:
+    """One case: how it ended, its energy, and how far its tip is from the converged one."""
+    case = dict(case)
+    check = case.pop("check", False)
+    clock = time.perf_counter()
+    try:
+        row = _measure(case, check)
+    except Exception:  # a crash is a result here
+        row = {"status": "crashed", "trace": traceback.format_exc(limit=-3)}
+    return {**row, "wall": round(time.perf_counter() - clock, 3)}
+
+
+def _measure(case: Case, check: bool) -> dict[str, Any]:
+    scene, formulation, options = scene_of(case)
+    run = simulate(scene, formulation, time_limit=TIME_LIMIT, **options)
+    row: dict[str, Any] = {"status": run.status, "reached": float(run.t[-1] / scene.duration), "steps": run.steps}
+    row["finite"] = bool(all(np.isfinite(a).all() for a in (run.q, run.v, run.tip, run.energy, run.work, run.dissipated)))
+    row["estimate"] = _number(run.error_estimate)
+    row["parts"] = {name: _number(value) for name, value in run.error_parts.items()}
+    row["gain"], row["loss"] = _energy(run)
+    if check and run.status in ("ok", "inaccurate") and not case["mass_damping"]:
+        row |= _tip_error(case, run)
+    return row
+
+
+def _number(x: float) -> float | None:
+    return round(float(x), 9) if np.isfinite(x) else None
+
+
+def _energy(run: Trajectory) -> tuple[float, float]:
+    """What appeared and what was taken, over gross work and initial energy (of gravity's, what was exchanged)."""
+    gross = float(np.abs(np.diff(run.work)).sum()) + abs(float(run.work[0]))
+    have = gross + float(run.kinetic[0] + run.strain[0] + np.ptp(run.gravity))
+    if have <= 0.0:
+        return 0.0, 0.0
+    return round(float(run.balance.max()) / have, 9), round(-float(run.balance.min()) / have, 9)
+
+
+def _tip_error(case: Case, run: Trajectory) -> dict[str, Any]:
+    tips = []
+    for fine in (True, False):
+        scene, options = reference_of(case, fine)
+        found = simulate(scene, "geometrically_exact", estimate_error=False, time_limit=TIME_LIMIT, **options)
+        if not found.finished or found.tip.shape != run.tip.shape:
+            return {"reference": "failed"}
+        tips.append(found.tip[:, :2])
+    spread = float(np.hypot(*(tips[0] - tips[1]).T).max())
+    if spread > REFERENCE_SPREAD:
+        return {"reference": "not converged", "spread": spread}
+    return {"reference": "good", "tip_error": float(np.hypot(*(run.tip[:, :2] - tips[0]).T).max()), "spread": spread}
+
+
+def outcome(row: dict[str, Any]) -> str:
+    """One of OUTCOMES."""
+    if row["status"] == "crashed" or not row["finite"] or row["wall"] > 8.0 * TIME_LIMIT:
+        return "broken"
+    if row["status"] == "inaccurate":
+        return "inaccurate"
+    if row["status"] != "ok":
+        return "failed"
+    if row["gain"] > GAIN or row["loss"] > LOSS:
+        return "silently wrong"
+    if row.get("tip_error") is not None and row["tip_error"] > max(TIP, TRUST * row["estimate"]):
+        return "silently wrong"
+    return "ok"
+
+
+# ------------------------------------------------------------------- a peer
+def hard_steps() -> list[dict[str, Any]]:
+    """The paper's first scenes at long steps under every formulation, and by Exudyn where it is installed."""
+    rows: list[dict[str, Any]] = []
+    for name in ("robot_arm_motion", "robot_arm_torque", "flying_rod"):
+        for dt in (0.1, 0.05, 0.02):
+            for elements in (5, 20):
+                for method, (formulation, options) in HARD.items():
+                    given = {key: elements if value is None else value for key, value in options.items()}
+                    run = simulate(named(name), formulation, dt=dt, sample=0.1, time_limit=TIME_LIMIT, **given)
+                    error = _against_converged(name, run.t, run.tip[:, :2])
+                    rows.append({"scene": name, "dt": dt, "elements": elements, "program": "flexarm_env",
+                                 "method": method, "status": run.status, "estimate": _number(run.error_estimate),
+                                 "error": error})  # fmt: skip
+                if find_spec("exudyn"):
+                    for rho_inf in (1.0, 0.7):
+                        found = exudyn_peer.run(name, elements, dt, rho_inf=rho_inf)
+                        status = "ok" if found["finished"] else "failed"
+                        length = named(name).arm.total_length
+                        error = exudyn_peer.error(name, found) / length if found["finished"] else float("nan")
+                        rows.append({"scene": name, "dt": dt, "elements": elements, "program": "Exudyn",
+                                     "method": f"rho_inf {rho_inf:g}", "status": status, "estimate": None,
+                                     "error": _number(error)})  # fmt: skip
+    return rows
+
+
+HARD: dict[str, tuple[str, dict[str, Any]]] = {
+    "floating frame": ("floating_frame", {"segments": None, "elements": 1}),
+    "one frame": ("floating_frame", {"segments": 1, "elements": None}),
+    "modes": ("floating_frame", {"modes": 3}),
+    "exact": ("geometrically_exact", {"elements": None}),
+    "elastica": ("elastica", {"nodes": 6}),
+}
+
+
+def _against_converged(name: str, t: Any, tip: Any) -> float | None:
+    from benchmarks.converged import FOLDER
+    from flexarm_env.scenes import read_trajectory
+
+    table = read_trajectory(FOLDER / f"{name}.csv")
+    at = np.rint(t / 0.05).astype(int)
+    known = np.column_stack([table["tip_x"], table["tip_y"]])[at]
+    return _number(float(np.hypot(*(tip - known).T).max()) / named(name).arm.total_length)
+
+
+# -------------------------------------------------------------------- report
+def report(rows: Sequence[dict[str, Any]], hard: list[dict[str, Any]], long: list[dict[str, Any]]) -> dict[str, Any]:
+    """Counts, in all and by family and formulation."""
+    tally: dict[str, Counter[str]] = {}
+    for row in rows:
+        for key in ("all", row["case"]["family"], f"method: {row['case']['method']}"):
+            tally.setdefault(key, Counter())[row["outcome"]] += 1
+    checked = [row for row in rows if row.get("reference")]
+    good = [row for row in checked if row["reference"] == "good"]
+    failed = [row for row in hard if row["status"] not in ("ok", "inaccurate")]
+    return {
+        "cases": len(rows),
+        "outcomes": {key: dict(value) for key, value in tally.items()},
+        "statuses": dict(Counter(row["status"] for row in rows)),
+        "energy_checked": sum(row["status"] == "ok" for row in rows),
+        "tip_checked": sum(row["status"] == "ok" for row in good),
+        "tip_checked_inaccurate": sum(row["status"] == "inaccurate" for row in good),
+        "references": dict(Counter(row["reference"] for row in checked)),
+        "estimate_over_error": _ratios(good),
+        "needlessly_inaccurate": sum(row["status"] == "inaccurate" and row["tip_error"] < 0.01 for row in good),
+        "longest_case": max(row["wall"] for row in rows),
+        "hard_steps": {
+            program: {
+                "runs": sum(row["program"] == program for row in hard),
+                "failed": sum(row["program"] == program for row in failed),
+                "wrong by more than 5 % of L without a word": sum(
+                    row["program"] == program and row["status"] == "ok" and (row["error"] or 0.0) > TIP for row in hard
+                ),
+            }
+            for program in sorted({row["program"] for row in hard})
+        },
+        "long_runs": long,
+    }
+
+
+def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Percentiles of estimate over error where the error is above 0.1 % of L."""
+    ratio = [row["estimate"] / row["tip_error"] for row in rows if row["tip_error"] > 1e-3 and row["estimate"] is not None]
+    if not ratio:
+        return {}
+    return {f"{p} %": round(float(np.percentile(ratio, p)), 3) for p in (0, 1, 10, 50, 90, 99)}
+
+
+def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[str, str], seconds: float) -> str:
+    """The page of the results."""
+    lines = [
+        "# Stability under stress", "",
+        "Written by `python -m benchmarks.stability`, whose docstring says what the words mean.", "",
+        " · ".join(f"{k}: {v}" for k, v in machine.items()) + f" · {seconds:.0f} s of computing", "",
+        f"{found['cases']} cases. Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; the "
+        f"tip (ii) of {found['tip_checked']} of those, where the converged solution is one "
+        f"({', '.join(f'{k}: {v}' for k, v in found['references'].items())}). Longest case: "
+        f"{found['longest_case']:.1f} s.", "",
+        "| | " + " | ".join(OUTCOMES) + " |", "|---|" + "---|" * len(OUTCOMES),
+    ]  # fmt: skip
+    for key, counts in found["outcomes"].items():
+        lines.append(f"| {key} | " + " | ".join(str(counts.get(name, 0)) for name in OUTCOMES) + " |")
+    ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
+    lines += [
+        "",
+        "`broken`: a value that is not finite, an exception, or a case that outlived its time.",
+        f"Estimate over true error, percentiles over the cases with an error above 0.1 % of L: {ratios}. "
+        f"{found['needlessly_inaccurate']} runs were called inaccurate although their tip was within 1 % of L.", "",
+        f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.", "",
+        "![maps of outcomes](../figures/stability.png)", "",
+        "## Long steps on the paper's scenes", "",
+        "Steps of 0.1, 0.05 and 0.02 s, 5 and 20 elements (segments); Exudyn with its own beam element, undamped and "
+        "at rho_inf 0.7.", "",
+        "| program | runs | failed | ended wrong by more than 5 % of L without a word |", "|---|---|---|---|",
+    ]  # fmt: skip
+    for program, counts in found["hard_steps"].items():
+        lines.append(f"| {program} | " + " | ".join(str(value) for value in counts.values()) + " |")
+    lines += ["", "`robot_arm_motion`, step 0.1 s, 5 elements:", "",
+              "| program | method | status | error, % of L | estimate, % of L |", "|---|---|---|---|---|"]  # fmt: skip
+    for row in hard:
+        if (row["scene"], row["dt"], row["elements"]) == ("robot_arm_motion", 0.1, 5):
+            error, own = (f"{100 * row[key]:.2g}" if row[key] is not None else "–" for key in ("error", "estimate"))
+            lines.append(f"| {row['program']} | {row['method']} | {row['status']} | {error} | {own} |")
+    return "\n".join([*lines, "", *table_of_long_runs(found["long_runs"])]) + "\n"
+
+
+def table_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """One line a case."""
+    names = "family method drive amplitude slender payload zeta links h rho horizon seed".split()
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*names, "options", "outcome", "status", "estimate", "tip_error", "gain", "loss", "steps"])
+    for row in rows:
+        case = row["case"]
+        own = [_short(case[name]) for name in names] + [" ".join(f"{k}={v}" for k, v in case["options"].items())]
+        found = [_short(row.get(name)) for name in ("estimate", "tip_error", "gain", "loss", "steps")]
+        writer.writerow([*own, row["outcome"], row["status"], *found])
+    return text.getvalue()
+
+
+def _short(value: Any) -> Any:
+    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else value
+
+
+def chosen(full: bool, limit: int | None) -> list[Case]:
+    """The cases, every fourth of a family and method (all of them with `full`) marked for (ii)."""
+    count: Counter[tuple[str, str]] = Counter()
+    found = []
+    for case in cases(full):
+        key = (case["family"], case["method"])
+        found.append({**case, "check": full or count[key] % EVERY == 0})
+        count[key] += 1
+    return found if limit is None else found[:: max(1, len(found) // limit)]
+
+
+def warm_up() -> None:
+    """Compile every kernel once, here, for all workers to inherit."""
+    seen = set()
+    for case in cases():
+        scene, formulation, options = scene_of(case)
+        key = (formulation, "modes" in options, options.get("order"), case["zeta"] > 0.0, case["gravity"] > 0.0,
+               case["drive"], min(2, case["links"]))  # fmt: skip
+        if key not in seen:
+            seen.add(key)
+            simulate(scene, formulation, duration=scene.dt, sample=scene.dt, **options)
+            if formulation == "geometrically_exact":
+                again, fine = reference_of(case, True)
+                simulate(again, formulation, duration=fine["dt"], sample=fine["dt"], estimate_error=False, **fine)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run all, write the results; 1 where something was silently wrong or broken."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--full", action="store_true", help="about three times the cases, all of them against (ii)")
+    parser.add_argument("--limit", type=int, help="only about this many cases")
+    parser.add_argument("--workers", type=int, default=cores(), help="processes")
+    parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
+    parser.add_argument("--no-long-runs", action="store_true", help="leave the runs of a million steps out")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
+    parser.add_argument("--figures", type=Path, default=ROOT / "docs" / "figures")
+    options = parser.parse_args(arguments)
+    clock = time.monotonic()
+    warm_up()
+    print(f"compiled: {time.monotonic() - clock:.0f} s", flush=True)
+    rows = run_all("stability", chosen(options.full, options.limit), measure, STORE / "stability.jsonl",
+                   options.workers, options.fresh)  # fmt: skip
+    for row in rows:
+        row["finite"] = row.get("finite", False)
+        row["outcome"] = outcome(row)
+    hard = hard_steps()
+    long = [] if options.no_long_runs else run_all(
+        "long runs", LONG, long_run, STORE / "long_runs.jsonl", options.workers, options.fresh
+    )  # fmt: skip
+    found = report(rows, hard, long)
+    machine = describe_machine("exudyn")
+    write_text(options.out / "stability.json",
+               json.dumps({"machine": machine, **found, "hard_step_rows": hard}, indent=1) + "\n")  # fmt: skip
+    write_text(options.out / "stability.csv", table_csv(rows))
+    write_text(options.out / "stability.md", markdown(found, hard, machine, time.monotonic() - clock))
+    maps(rows, options.figures / "stability.png", MAIN)
+    bad = [row for row in rows if row["outcome"] in ("silently wrong", "broken")]
+    for row in bad[:40]:
+        print(json.dumps(row))
+    print(json.dumps(found["outcomes"]["all"]), f"{time.monotonic() - clock:.0f} s")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
