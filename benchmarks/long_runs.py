@@ -97,9 +97,9 @@ def table_of_long_runs(rows: Sequence[dict[str, Any]]) -> list[str]:
         return []
     lines = [
         "## A million steps", "",
-        "The strip under random bang-bang torque in pairs of zero net impulse (`python -m benchmarks.long_runs`), at the "
-        "environments' default settings but for what is named. Energy over the gross work of the torque: what appeared at "
-        "most, and what the scheme took at most, dissipation by the material left out.", "",
+        "The strip under random bang-bang torque in pairs of zero net impulse (`python -m benchmarks.long_runs`), at "
+        "the environments' default settings but for what is named. Energy over the gross work of the torque: what "
+        "appeared at most, and what the scheme took at most, dissipation by the material left out.", "",
         "| run | step, s | steps | failed steps | appeared | taken | largest deflection | ended | CPU, s |",
         "|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip

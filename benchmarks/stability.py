@@ -65,7 +65,8 @@ def _measure(case: Case, check: bool) -> dict[str, Any]:
     scene, formulation, options = scene_of(case)
     run = simulate(scene, formulation, time_limit=TIME_LIMIT, **options)
     row: dict[str, Any] = {"status": run.status, "reached": float(run.t[-1] / scene.duration), "steps": run.steps}
-    row["finite"] = bool(all(np.isfinite(a).all() for a in (run.q, run.v, run.tip, run.energy, run.work, run.dissipated)))
+    arrays = (run.q, run.v, run.tip, run.energy, run.work, run.dissipated, run.shapes, run.joint_torque)
+    row["finite"] = bool(all(np.isfinite(values).all() for values in arrays))
     row["estimate"] = _number(run.error_estimate)
     row["parts"] = {name: _number(value) for name, value in run.error_parts.items()}
     row["gain"], row["loss"] = _energy(run)
@@ -80,8 +81,7 @@ def _number(x: float) -> float | None:
 
 def _energy(run: Trajectory) -> tuple[float, float]:
     """What appeared and what was taken, over gross work and initial energy (of gravity's, what was exchanged)."""
-    gross = float(np.abs(np.diff(run.work)).sum()) + abs(float(run.work[0]))
-    have = gross + float(run.kinetic[0] + run.strain[0] + np.ptp(run.gravity))
+    have = run.turned_over
     if have <= 0.0:
         return 0.0, 0.0
     return round(float(run.balance.max()) / have, 9), round(-float(run.balance.min()) / have, 9)
@@ -198,7 +198,8 @@ def report(rows: Sequence[dict[str, Any]], hard: list[dict[str, Any]], long: lis
 
 def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     """Percentiles of estimate over error where the error is above 0.1 % of L."""
-    ratio = [row["estimate"] / row["tip_error"] for row in rows if row["tip_error"] > 1e-3 and row["estimate"] is not None]
+    known = [row for row in rows if row["tip_error"] > 1e-3 and row["estimate"] is not None]
+    ratio = [row["estimate"] / row["tip_error"] for row in known]
     if not ratio:
         return {}
     return {f"{p} %": round(float(np.percentile(ratio, p)), 3) for p in (0, 1, 10, 50, 90, 99)}
@@ -210,8 +211,8 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
         "# Stability under stress", "",
         "Written by `python -m benchmarks.stability`, whose docstring says what the words mean.", "",
         " · ".join(f"{k}: {v}" for k, v in machine.items()) + f" · {seconds:.0f} s of computing", "",
-        f"{found['cases']} cases. Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; the "
-        f"tip (ii) of {found['tip_checked']} of those, where the converged solution is one "
+        f"{found['cases']} cases. Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; "
+        f"the tip (ii) of {found['tip_checked']} of those, where the converged solution is one "
         f"({', '.join(f'{k}: {v}' for k, v in found['references'].items())}). Longest case: "
         f"{found['longest_case']:.1f} s.", "",
         "| | " + " | ".join(OUTCOMES) + " |", "|---|" + "---|" * len(OUTCOMES),
@@ -244,7 +245,7 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
 
 def table_csv(rows: Sequence[dict[str, Any]]) -> str:
     """One line a case."""
-    names = "family method drive amplitude slender payload zeta links h rho horizon seed".split()
+    names = ["family", "method", "drive", "amplitude", "slender", "payload", "zeta", "links", "h", "rho", "seed"]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*names, "options", "outcome", "status", "estimate", "tip_error", "gain", "loss", "steps"])
@@ -276,12 +277,13 @@ def warm_up() -> None:
     seen = set()
     for case in cases():
         scene, formulation, options = scene_of(case)
-        key = (formulation, "modes" in options, options.get("order"), case["zeta"] > 0.0, case["gravity"] > 0.0,
-               case["drive"], min(2, case["links"]))  # fmt: skip
+        exact = formulation == "geometrically_exact"
+        thrown, damped, heavy = case["drive"] == "thrown", case["zeta"] > 0.0, case["gravity"] > 0.0
+        key = (formulation, options.get("order"), exact and (thrown, damped, heavy))
         if key not in seen:
             seen.add(key)
-            simulate(scene, formulation, duration=scene.dt, sample=scene.dt, **options)
-            if formulation == "geometrically_exact":
+            simulate(scene, formulation, duration=scene.dt, sample=scene.dt, estimate_error=False, **options)
+            if exact:
                 again, fine = reference_of(case, True)
                 simulate(again, formulation, duration=fine["dt"], sample=fine["dt"], estimate_error=False, **fine)
 

@@ -218,16 +218,17 @@ def _kinks(more: int) -> Iterator[Case]:
 
 def _gravity(more: int) -> Iterator[Case]:
     yield from _grid(method=MAIN, drive=["gravity"], gravity=[0.1, 1.0, 10.0], h=[0.001, 0.01, 0.05], links=[1, 2],
-                     rho=[None, 1.0], zeta=[0.0, 0.05], horizon=[1.5])  # fmt: skip
+                     rho=[None, 1.0], zeta=[1e-6, 0.05], horizon=[1.5])  # fmt: skip
 
 
 def _random(more: int) -> Iterator[Case]:
     rng = np.random.default_rng(20261121)
     drives = ["pulse", "bang", "ramp", "cycloid", "spin", "jumps", "root", "thrown", "gravity"]
     for k in range(1200 * more):
-        yield {
+        drive = str(rng.choice(drives))
+        row = {
             "method": str(rng.choice(MAIN)),
-            "drive": str(rng.choice(drives)),
+            "drive": drive,
             "amplitude": float(10 ** rng.uniform(-1.5, 1.3)),
             "dwell": float(10 ** rng.uniform(-2.0, 0.0)),
             "slender": float(10 ** rng.uniform(1.0, 9.0)),
@@ -241,6 +242,11 @@ def _random(more: int) -> Iterator[Case]:
             "seed": k,
             "horizon": float(rng.uniform(0.5, 5.0)),
         }
+        if drive == "thrown":  # fewer kinds of kernels
+            row["zeta"] = row["gravity"] = 0.0
+        elif row["gravity"]:
+            row["zeta"] = max(row["zeta"], 1e-6)
+        yield row
 
 
 FAMILIES: dict[str, Callable[[int], Iterator[Case]]] = {

@@ -41,6 +41,7 @@ class Trajectory:
     q, v (n, rows): the state, rows named in `names`. At a kink the values just before it are recorded.
     status: "ok", "inaccurate", or what ended the run early. error_estimate: how far the tip may be off, a fraction of
     the arm's length (`flexarm_env.accuracy`; nan where the run ended early), and error_parts what it is made of.
+    gross_work: J, the work of the drives whether they gave or took.
     deflection_bound: tip_deflection beyond which the formulation stops; infinite but for a reduction to modes.
     """
 
@@ -75,6 +76,7 @@ class Trajectory:
     error_estimate: float = float("nan")
     error_parts: Mapping[str, float] = field(default_factory=dict)
     deflection_bound: float = float("inf")
+    gross_work: float = 0.0
 
     @property
     def finished(self) -> bool:
@@ -91,6 +93,11 @@ class Trajectory:
         """Energy that appeared from nowhere, J (n,): change of energy + dissipated - work; 0 for an exact solution."""
         energy = self.energy
         return np.asarray(energy - energy[0] + self.dissipated - (self.work - self.work[0]))
+
+    @property
+    def turned_over(self) -> float:
+        """Gross work, energy at the start and what gravity exchanged, J: what the balance is to be compared with."""
+        return self.gross_work + float(self.kinetic[0] + self.strain[0] + np.ptp(self.gravity))
 
     def columns(self) -> dict[str, Array]:
         """The table that `to_csv` writes."""
@@ -203,5 +210,6 @@ class Recorder:
             halvings=int(counts[2]),
             cpu_seconds=cpu_seconds,
             notes=simulation.system.notes,
+            gross_work=simulation.gross,
             deflection_bound=float(getattr(simulation.model, "bound", 0.0)) or float("inf"),
         )

@@ -55,7 +55,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None) -
         over = terminated or truncated
         if env.guide.moved:
             recorder.add(simulation)
-    return judge(recorder.finish(simulation, time.process_time() - clock), simulation.gross, period)
+    return judge(recorder.finish(simulation, time.process_time() - clock), period)
 
 
 def _check(scene: Scene) -> None:

@@ -15,13 +15,13 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):  # type: ign
     """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
 
     Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known; the work of the impulse goes to the
-    books. A fresh start then has M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink within a run (not fresh, with a
-    drive) what the residual at t+ asks for is added to accelerations and multipliers,
+    books. A fresh start then has M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink within a run (not fresh, with
+    a drive) what the residual at t+ asks for is added to accelerations and multipliers,
 
-        (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
+        (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,    three times,
 
-    and b keeps its distance from a. For motion that the step resolves the matrix is M, to second order; accelerations
-    solved with M alone from the stress of strains and strain rates too stiff for the step would be large. h: a step.
+    and b keeps its distance from a. Where the step resolves the motion that is M da = -r, to third order; solved with M
+    alone, the stress of strains and strain rates too stiff for the step would make accelerations large. h: a step.
     """
     _restart(lane, bare(model), drive, bare(par), unpack(lane, model, bare(flat), n_motions), t, h, fresh)
 
@@ -84,11 +84,15 @@ def _restart(lane, model, drive, par, w, t, h, fresh):  # type: ignore[no-untype
             k = drive.known[i]
             if k >= 0:
                 w.a0[k] = w.psi[3 * i + 1] - w.v[k]
-    for stage in range(5):
+    for turn in range(7):
+        stage = min(turn, 3) if turn < 6 else 4
+        again = stage == 3 and turn > 3
         if drive is None:  # only the accelerations are to be solved for
-            if stage != 3:
+            if turn != 3:
                 continue
-        if stage == 3:
+        if again and fresh:
+            continue
+        if turn == 3:
             for k in range(n):
                 store(w.a, k, splat(lane, 0.0))
             move_multipliers(model.algebraic, w.q, w.a, False)
@@ -101,7 +105,7 @@ def _restart(lane, model, drive, par, w, t, h, fresh):  # type: ignore[no-untype
                 for k in range(n):
                     w.a[k] = w.a0[k]
                 move_multipliers(model.algebraic, w.q, w.a0, False)
-            elif stage == 3:
+            elif turn == 3:
                 for k in range(n):
                     w.v[k] = w.v0[k] + w.a0[k]
                 move_multipliers(model.algebraic, w.q, w.a, False)
@@ -112,7 +116,7 @@ def _restart(lane, model, drive, par, w, t, h, fresh):  # type: ignore[no-untype
                     move_multipliers(model.algebraic, w.q, w.q0, False)
                     move_multipliers(model.algebraic, w.a, w.a, True)
                 set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
-        matrix = stage == 1 or stage == 3
+        matrix = turn == 1 or turn == 3
         resolved = 0.5 * h if stage == 3 and drive is not None and not fresh else 0.0
         assemble(
             lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, resolved, resolved * resolved, w.r, w.S
@@ -138,17 +142,19 @@ def _restart(lane, model, drive, par, w, t, h, fresh):  # type: ignore[no-untype
                     w.v[k] = 0.0
         if stage == 3:
             constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
-        if matrix:
+        if matrix or again:
             take_out_known(lane, model, drive, w.r, w.S, matrix)
-            factor(lane, model, w.S)
-            w.counts[1] += 1.0
+            if matrix:
+                factor(lane, model, w.S)
+                w.counts[1] += 1.0
             solve(lane, model, w.S, w.r)
         if stage == 3:
             for k in range(n):
                 store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
             _take_multipliers(drive, model.algebraic, w, fresh)
             move_multipliers(model.algebraic, w.a, w.a, True)
-            _set_b(lane, n, drive, w, fresh)
+            if fresh or turn == 5 or drive is None:
+                _set_b(lane, n, drive, w, fresh)
         if drive is not None:
             if stage == 1:
                 for k in range(n):

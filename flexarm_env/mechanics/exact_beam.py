@@ -24,12 +24,18 @@ def factor_size(order: int) -> int:
     return inner * (inner - 1) // 2 + 7 * inner + 21 + 2 * order
 
 
+LEAST_ROTARY = 1e-8
+"""Rotary inertia of a section, over m l^2 of its element of length l, that none falls below: without any the mass
+matrix would be singular."""
+
+
 def sections(arm: Arm, elements: int) -> Array:
     """Constants of each link's elements, see `ExactBeam.sections`."""
     rows = []
     for link in arm.links:
         h, s = 0.5 * link.length / elements, link.section
-        rows.append([0.25 * s.EA / h, 0.25 * s.C / h, 0.25 * s.EI / h, 2.0 * h, s.m * h, s.J * h])
+        J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
+        rows.append([0.25 * s.EA / h, 0.25 * s.C / h, 0.25 * s.EI / h, 2.0 * h, s.m * h, J * h])
     return np.array(rows)
 
 

@@ -1,0 +1,320 @@
+"""Run time against error: every scene, formulation, mesh, step and numerical damping; Pareto fronts and advice.
+
+    python -m benchmarks.work_precision [--full] [--scene NAME ...] [--fresh] [--out FOLDER] [--figures FOLDER]
+
+The eight validation scenes against their converged solutions, and the arms of both environments under random bang-bang
+torque against the exact beam on a fine mesh, made here. CPU time is that of the run itself, without compilation, on one
+core, the least of two runs where these are short. Exudyn runs the scenes it can hold where it is installed. The default
+size takes less than ten minutes; results are kept in runs/benchmarks while it runs, so that it can be stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import io
+import itertools
+import json
+import sys
+import time
+from collections.abc import Sequence
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import exudyn_peer
+from benchmarks.converged import FOLDER as CONVERGED
+from benchmarks.long_runs import torques
+from benchmarks.machine import describe_machine, write_text
+from benchmarks.running import run_all
+from benchmarks.work_precision_figures import scene_figure, summary_figure
+from flexarm_env import arms
+from flexarm_env.comparison import tip_error
+from flexarm_env.envs.options import DEFAULT_OPTIONS
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.scenes import named, names, read_trajectory
+from flexarm_env.simulation import simulate
+from flexarm_env.time_functions import steps as stairs
+
+Case = dict[str, Any]
+Array = NDArray[np.float64]
+
+ROOT = Path(__file__).parents[1]
+STORE = ROOT / "runs" / "benchmarks"
+ENVIRONMENTS = {"FlexibleArm-v0": ("strip", 4.0), "TwoLinkFlexArm-v0": ("de_luca_siciliano", 2.0)}
+"""Arm and horizon (s) of each environment; longer runs of two links are chaotic."""
+LONG = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
+STEPS = {
+    "two_link_motion": (0.01, 0.005, 0.002, 0.001, 0.0005), "two_link_free_flight": (0.01, 0.005, 0.002, 0.001, 0.0005),
+    "spin_up": (0.1, 0.05, 0.02, 0.01, 0.005),
+    "FlexibleArm-v0": (0.02, 0.01, 0.02 / 3, 0.005, 0.0025, 0.00125, 0.0005),
+    "TwoLinkFlexArm-v0": (0.02, 0.01, 0.02 / 3, 0.005, 0.0025, 0.00125, 0.0005),
+}  # fmt: skip
+"""Steps tried, s; LONG for the others."""
+SAMPLE = {"spin_up": 0.1, "FlexibleArm-v0": 0.02, "TwoLinkFlexArm-v0": 0.02}
+TARGETS = (5.0, 1.0, 0.3, 0.1, 0.03)
+"""Errors in % of L for which advice is given."""
+
+
+# -------------------------------------------------------------------- scenes
+@cache
+def scene_named(name: str) -> Scene:
+    """A validation scene, or an environment's arm under its torque limits, their signs switched at random."""
+    if name not in ENVIRONMENTS:
+        return named(name)
+    arm_name, end = ENVIRONMENTS[name]
+    arm = arms.named(arm_name)
+    assert arm.torque_limits is not None
+    loads = []
+    for joint, limit in enumerate(arm.torque_limits):
+        t, values = torques(end, seed=joint)
+        loads.append(JointTorque(joint, stairs(t, values / np.abs(values).max() * limit)))
+    return Scene(name, arm, duration=end, dt=0.005, sample=0.02, loads=tuple(loads))
+
+
+def reference_of(name: str) -> dict[str, Array]:
+    """The converged solution's columns; an environment's is made once and kept."""
+    path = CONVERGED / f"{name}.csv" if name not in ENVIRONMENTS else STORE / f"{name}.csv"
+    if not path.exists():
+        runs = [
+            simulate(scene_named(name), "geometrically_exact", elements=elements, order=3, rho_inf=0.8, dt=dt,
+                     estimate_error=False)
+            for elements, dt in ((4, 4e-4), (8, 2e-4))
+        ]  # fmt: skip
+        apart = float(np.hypot(*(runs[0].tip - runs[1].tip)[:, :2].T).max()) / runs[1].scene.arm.total_length
+        print(f"{name}: converged solution, {100 * apart:.1e} % of L from a coarser one", flush=True)
+        runs[1].to_csv(path)
+    return read_trajectory(path)
+
+
+def meshes(full: bool) -> list[tuple[str, str, dict[str, Any]]]:
+    """Label, formulation and options of all that is tried, steps left out."""
+    found: list[tuple[str, str, dict[str, Any]]] = []
+    for segments, rho in itertools.product((2, 3, 5, 8, 16), (0.9, 0.6, 1.0) if full else (0.9, 1.0)):
+        found.append(("floating frame", "floating_frame", {"segments": segments, "rho_inf": rho}))
+    for coupling in ("von_karman", "paper", "linear"):
+        found.append(("floating frame", "floating_frame", {"segments": 1, "elements": 5, "coupling": coupling}))
+    found.append(("floating frame", "floating_frame", {"segments": 5, "coupling": "paper"}))
+    for modes in (2, 3, 4):
+        found.append(("modes", "floating_frame", {"modes": modes}))
+    kinds = ((1, (16, 64)), (2, (2, 3, 5, 8, 16)), (3, (2, 4, 8)))
+    for (order, counts), rho in itertools.product(kinds, (0.5, 0.7, 0.9, 1.0) if full else (0.7, 1.0)):
+        for elements in counts:
+            found.append(
+                ("exact", "geometrically_exact", {"order": order, "elements": elements, "rho_inf": rho})
+            )
+    for nodes, rho in itertools.product((3, 4, 5, 6, 8), (1.0, 0.9, 0.6) if full else (1.0, 0.9)):
+        found.append(("elastica", "elastica", {"nodes": nodes, "rho_inf": rho}))
+    found += [("elastica", "elastica", {"nodes": nodes, "tolerance": 1e-5}) for nodes in (4, 6)]
+    found.append(("exact", "geometrically_exact", {"elements": 3, "tolerance": 1e-5}))
+    return found
+
+
+def cases_of(name: str, full: bool) -> list[Case]:
+    """All runs of a scene."""
+    found: list[Case] = []
+    for (label, formulation, options), dt in itertools.product(meshes(full), STEPS.get(name, LONG)):
+        found.append({"scene": name, "label": label, "formulation": formulation, "options": {**options, "dt": dt}})
+    for formulation in ("floating_frame", "geometrically_exact", "elastica"):
+        own = DEFAULT_OPTIONS[formulation] if name in ENVIRONMENTS else {"dt": scene_named(name).dt}
+        label = {"floating_frame": "floating frame", "geometrically_exact": "exact"}.get(formulation, formulation)
+        found.append({"scene": name, "label": label, "formulation": formulation, "options": own, "default": True})
+    if name in exudyn_peer.SCENES and find_spec("exudyn"):
+        for elements, dt, rho in itertools.product((5, 20), (0.05, 0.02, 0.01, 0.005), (1.0, 0.7)):
+            options = {"elements": elements, "dt": dt, "rho_inf": rho}
+            found.append({"scene": name, "label": "Exudyn", "formulation": "Exudyn", "options": options})
+    return found
+
+
+# ------------------------------------------------------------------ measuring
+def measure(case: Case) -> dict[str, Any]:
+    """One run: errors of tip (% of L) and energy, CPU seconds per simulated second, Newton iterations a step."""
+    scene, length = scene_named(case["scene"]), scene_named(case["scene"]).arm.total_length
+    if case["formulation"] == "Exudyn":
+        options = case["options"]
+        found = exudyn_peer.run(case["scene"], options["elements"], options["dt"], rho_inf=options["rho_inf"])
+        row: dict[str, Any] = {"status": "ok" if found["finished"] else "failed"}
+        if found["finished"]:
+            row["max_error"] = 100.0 * exudyn_peer.error(case["scene"], found) / length
+            row["cpu"] = found["cpu_seconds"] / scene.duration
+        return row
+    sample = max(SAMPLE.get(case["scene"], 0.05), case["options"]["dt"])
+    if sample > case["options"]["dt"] * 1.001 and case["options"]["dt"] > 0.5 * sample:
+        sample = case["options"]["dt"] * round(2.0 * sample / case["options"]["dt"])
+    run = simulate(scene, case["formulation"], sample=sample, estimate_error=False, **case["options"])
+    if not run.finished:
+        return {"status": run.status, "reached": float(run.t[-1])}
+    cpu = run.cpu_seconds
+    if cpu < 0.1:
+        again = simulate(scene, case["formulation"], sample=sample, estimate_error=False, **case["options"])
+        cpu = min(cpu, again.cpu_seconds)
+    error = tip_error(run.t, run.tip, reference_of(case["scene"]))
+    return {
+        "status": "ok",
+        "max_error": 100.0 * error.max_tip_error / length,
+        "rms_error": 100.0 * error.rms_tip_error / length,
+        "energy": float(np.abs(run.balance).max()) / run.turned_over,
+        "cpu": cpu / scene.duration,
+        "iterations": run.iterations / max(1, run.steps),
+        "deflection": float(np.abs(run.tip_deflection).max()),
+    }
+
+
+def describe(case: Case) -> str:
+    """Settings in a few words."""
+    options = case["options"]
+    h = f"h {1e3 * options['dt']:.3g} ms"
+    if case.get("default"):
+        return f"{case['label']}, default, {h}"
+    rho = f"rho {options['rho_inf']:g}" if "rho_inf" in options else ""
+    if "modes" in options:
+        mesh = f"{options['modes']} modes"
+    elif "nodes" in options:
+        mesh = f"elastica {options['nodes']} nodes"
+    elif case["label"] == "floating frame":
+        mesh = f"{options['segments']} segments" if options["segments"] > 1 else "1 frame of 5"
+        mesh += f", {options['coupling']}" if "coupling" in options else ""
+    else:
+        mesh = f"{case['label']} {options['elements']} of order {options.get('order', 2)}"
+    loose = f"tolerance {options['tolerance']:g}" if "tolerance" in options else ""
+    return ", ".join(part for part in (mesh, rho, h, loose) if part)
+
+
+# -------------------------------------------------------------------- results
+def front(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Runs that no other beats in both time and error, quickest first."""
+    found: list[dict[str, Any]] = []
+    for row in sorted(rows, key=lambda r: (r["cpu"], r["max_error"])):
+        if not found or row["max_error"] < found[-1]["max_error"]:
+            found.append(row)
+    return found
+
+
+def behind(row: dict[str, Any], best: Sequence[dict[str, Any]]) -> float:
+    """CPU time over that of the front at the row's error."""
+    return float(row["cpu"] / min(other["cpu"] for other in best if other["max_error"] <= row["max_error"]))
+
+
+def advice(rows: Sequence[dict[str, Any]], target: float) -> dict[str, Any] | None:
+    """The quickest of our runs within an error, % of L."""
+    good = [row for row in rows if row["case"]["label"] != "Exudyn" and row["max_error"] <= target]
+    return min(good, key=lambda row: row["cpu"]) if good else None
+
+
+def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: float) -> str:
+    """The page of the results."""
+    scenes = list(dict.fromkeys(row["case"]["scene"] for row in rows))
+    lines = [
+        "# Run time against error", "",
+        "Written by `python -m benchmarks.work_precision`, whose docstring says how. Error: largest distance of the "
+        "tip from the converged solution, in % of the arm's length. CPU: ms per simulated second, one core, compiled.",
+        "", " · ".join(f"{k}: {v}" for k, v in machine.items()) + f" · {len(rows)} runs, {seconds:.0f} s", "",
+        "![fronts of all scenes](../figures/work_precision.png)", "",
+        "## What to use", "",
+        "For an error (columns, % of L) in motion like that of a scene (rows, with its largest deflection): the "
+        "quickest settings found, and their CPU time.", "",
+        "| scene | deflection | " + " | ".join(f"{target:g} %" for target in TARGETS) + " |",
+        "|---|---|" + "---|" * len(TARGETS),
+    ]  # fmt: skip
+    for name in scenes:
+        good = [row for row in rows if row["case"]["scene"] == name and row["status"] == "ok"]
+        best = min((row for row in good if row["case"]["label"] != "Exudyn"), key=lambda row: row["max_error"])
+        cells = []
+        for target in TARGETS:
+            row = advice(good, target)
+            cells.append("–" if row is None else f"{describe(row['case'])}: {1e3 * row['cpu']:.2g} ms")
+        lines.append(f"| {name} | {100 * best['deflection']:.0f} % | " + " | ".join(cells) + " |")
+    lines += ["", "## Defaults", "",
+              "What is used where nothing is said, over the front's CPU time at the same error.", "",
+              "| scene | settings | error, % of L | CPU, ms per s | over the front |",
+              "|---|---|---|---|---|"]  # fmt: skip
+    for name in scenes:
+        mine = [row for row in rows if row["case"]["scene"] == name]
+        best_of = front([row for row in mine if row["status"] == "ok"])
+        for row in mine:
+            if row["case"].get("default"):
+                if row["status"] != "ok":
+                    lines.append(f"| {name} | {describe(row['case'])} | {row['status']} | – | – |")
+                    continue
+                mark = "**" if name in ENVIRONMENTS and row["case"]["formulation"] == "elastica" else ""
+                lines.append(f"| {name} | {mark}{describe(row['case'])}{mark} | {row['max_error']:.3g} | "
+                             f"{1e3 * row['cpu']:.2g} | {behind(row, best_of):.1f} |")  # fmt: skip
+    lines += ["", "The environments' own default is in bold.", "", "## Pareto fronts"]
+    for name in scenes:
+        mine = [row for row in rows if row["case"]["scene"] == name]
+        good = [row for row in mine if row["status"] == "ok"]
+        lost = len(mine) - len(good)
+        lines += ["", f"### {name}", "", f"![{name}](../figures/work_precision_{name}.png)", "",
+                  f"{len(mine)} runs, {lost} ended early (with a status).", "",
+                  "| settings | error, max | rms | energy | CPU, ms per s | iterations a step |",
+                  "|---|---|---|---|---|---|"]  # fmt: skip
+        for row in front(good):
+            rest = "– | – " if row["case"]["label"] == "Exudyn" else f"{row['rms_error']:.2g} | {row['energy']:.1e} "
+            count = "–" if row["case"]["label"] == "Exudyn" else f"{row['iterations']:.1f}"
+            lines.append(f"| {describe(row['case'])} | {row['max_error']:.3g} | {rest}| {1e3 * row['cpu']:.2g} "
+                         f"| {count} |")  # fmt: skip
+        peers = [row for row in good if row["case"]["label"] == "Exudyn"]
+        for row in front(peers):
+            ours = [other["cpu"] for other in good if other["case"]["label"] != "Exudyn"
+                    and other["max_error"] <= row["max_error"]]  # fmt: skip
+            ratio = f"{row['cpu'] / min(ours):.0f} times the front's time" if ours else "beyond our front"
+            lines.append(f"| {describe(row['case'])} | {row['max_error']:.3g} | – | – | {1e3 * row['cpu']:.3g} | "
+                         f"{ratio} |")  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def table_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """One line a run."""
+    keys = ["status", "max_error", "rms_error", "energy", "cpu", "iterations", "deflection"]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["scene", "label", "default", "options", *keys])
+    for row in rows:
+        case, options = row["case"], " ".join(f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}"
+                                              for k, v in row["case"]["options"].items())  # fmt: skip
+        values = [row.get(key, "") for key in keys]
+        short = [f"{value:.5g}" if isinstance(value, float) else value for value in values]
+        writer.writerow([case["scene"], case["label"], int(case.get("default", False)), options, *short])
+    return text.getvalue()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run all, write the results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    every = (*names(), *ENVIRONMENTS)
+    parser.add_argument("--full", action="store_true", help="more values of rho_inf")
+    parser.add_argument("--scene", nargs="*", choices=every, default=every, help="scenes to run (default: all)")
+    parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
+    parser.add_argument("--figures", type=Path, default=ROOT / "docs" / "figures")
+    options = parser.parse_args(arguments)
+    clock = time.monotonic()
+    for name in options.scene:
+        if options.fresh and name in ENVIRONMENTS:
+            (STORE / f"{name}.csv").unlink(missing_ok=True)
+        reference_of(name)
+        for order in (1, 2, 3):
+            short = dataclasses.replace(scene_named(name), duration=2 * scene_named(name).dt)
+            simulate(short, "geometrically_exact", order=order, sample=short.dt, estimate_error=False)
+    cases = [case for name in options.scene for case in cases_of(name, options.full)]
+    rows = run_all("work-precision", cases, measure, STORE / "work_precision.jsonl", 1, options.fresh)
+    seconds = time.monotonic() - clock
+    machine = describe_machine("exudyn", "pyelastica")
+    write_text(options.out / "work_precision.json",
+               json.dumps({"machine": machine, "seconds": seconds, "rows": rows}) + "\n")  # fmt: skip
+    write_text(options.out / "work_precision.csv", table_csv(rows))
+    write_text(options.out / "work_precision.md", markdown(rows, machine, seconds))
+    for name in options.scene:
+        scene_figure(name, [row for row in rows if row["case"]["scene"] == name], front, options.figures)
+    summary_figure(options.scene, rows, front, options.figures / "work_precision.png")
+    print(f"{len(rows)} runs, {seconds:.0f} s")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
