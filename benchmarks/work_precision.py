@@ -299,8 +299,9 @@ def main(arguments: list[str] | None = None) -> int:
             (STORE / f"{name}.csv").unlink(missing_ok=True)
         reference_of(name)
         for order in (1, 2, 3):
-            short = dataclasses.replace(scene_named(name), duration=2 * scene_named(name).dt)
-            simulate(short, "geometrically_exact", order=order, sample=short.dt, estimate_error=False)
+            scene = scene_named(name)
+            short = dataclasses.replace(scene, duration=2.0 * scene.dt, sample=scene.dt)
+            simulate(short, "geometrically_exact", order=order, estimate_error=False)
     cases = [case for name in options.scene for case in cases_of(name, options.full)]
     rows = run_all("work-precision", cases, measure, STORE / "work_precision.jsonl", 1, options.fresh)
     seconds = time.monotonic() - clock
