@@ -31,6 +31,8 @@ def maps(rows: Sequence[dict[str, Any]], path: Path, methods: Sequence[str]) -> 
     """One row of panels a family, one column a formulation."""
     with styled_figure(path, 2.9 * len(methods), 2.35 * len(MAPS) + 0.4) as figure:
         panels = figure.subplots(len(MAPS), len(methods), squeeze=False)
+        for axes, method in zip(panels[0], methods, strict=True):
+            axes.set_title(method)
         for line, (family, x, y, x_label, y_label) in zip(panels, MAPS, strict=True):
             mine = [row for row in rows if row["case"]["family"] == family and not row["case"]["mass_damping"]]
             xs, ys = (sorted({row["case"][name] for row in mine}) for name in (x, y))
@@ -49,8 +51,6 @@ def maps(rows: Sequence[dict[str, Any]], path: Path, methods: Sequence[str]) -> 
                 for spine in axes.spines.values():
                     spine.set_visible(False)
                 axes.set_xlabel(x_label)
-                if line is panels[0]:
-                    axes.set_title(method)
             line[0].set_ylabel(f"{family}\n{y_label}")
         handles = [Patch(color=PAINT[name], label=name) for name in ("ok", "inaccurate", "failed", "silently wrong")]
         figure.legend(handles=handles, loc="outside lower center", ncols=4)

@@ -39,7 +39,27 @@ def stretch_and_shear(scene: Scene, chain: Chain) -> float:
         drift = min(2.0, 0.5 * epsilon * omega * scene.duration)
         deflection = min(1.0, modes.amplitude(k) * modes.deflection(shape) / arm.total_length)
         total += deflection * (epsilon + drift)
-    return float(min(1.0, total))
+    return float(min(1.0, total + along_the_arm(scene)))
+
+
+def along_the_arm(scene: Scene) -> float:
+    """Stretch of the arm, as a share of its length, where its root is shaken or its hub is turned at a given rate.
+
+    The arm is a spring of EA / L with half of its links' mass, its elbows and its payload at the tip.
+    """
+    arm, end = scene.arm, scene.duration
+    length = arm.total_length
+    mass = arm.payload.mass + sum(0.5 * link.mass for link in arm.links) + sum(elbow.mass for elbow in arm.elbows)
+    square = min(link.section.EA for link in arm.links) / (length * mass)
+    move = 0.0
+    for motion in scene.motions:
+        f = motion.function
+        if motion.joint is None:
+            jump = max([abs(f(0.0, 1))] + [abs(f(t, 1) - f(t, 1, side="left")) for t in f.kinks if 0.0 < t < end])
+            move += jump / np.sqrt(square) + SUDDEN * _largest(f, end, 2) / square
+        elif motion.joint == 0:
+            move += _largest(f, end, 1) ** 2 * length / square
+    return float(move / length)
 
 
 class _Modes:
