@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import NullFormatter
 
 from flexarm_env.plotting import COLORS, FAINT, INK, styled_figure
 
@@ -28,6 +29,7 @@ def _stairs(rows: Rows) -> tuple[list[float], list[float]]:
 def _limits(axes: Any, rows: Rows) -> None:
     errors = np.array([row["max_error"] for row in rows])
     axes.set(xscale="log", yscale="log")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(0.6 * errors.min(), min(100.0, 1.5 * errors.max()))
 
 
