@@ -4,6 +4,9 @@
 
 PYTHON ?= python3
 PYTEST_ARGS ?=
+# processes that share the tests of a run, file by file: one for each core
+WORKERS ?= auto
+PARALLEL := -n $(WORKERS) --dist loadfile
 
 SHELL := /bin/bash
 VENV  := .venv
@@ -46,11 +49,11 @@ demo: $(READY) ## replay two scenes, train a first controller; results in runs/d
 
 # ------------------------------------------------------------------ checks
 test: $(READY) ## the test suite without the slow tests; PYTEST_ARGS="-k name" narrows it
-	$(PY) -m pytest -m "not slow" $(PYTEST_ARGS)
+	$(PY) -m pytest -m "not slow" $(PARALLEL) $(PYTEST_ARGS)
 
 # pytest ends with 5 where it found no test, which is no failure here
 test-slow: $(READY) ## the slow tests alone
-	$(PY) -m pytest -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]
+	$(PY) -m pytest -m slow $(PARALLEL) $(PYTEST_ARGS) || [ $$? -eq 5 ]
 
 lint: $(READY) ## ruff: rules and format of imports
 	$(PY) -m ruff check .
