@@ -289,8 +289,8 @@ def _check_mass(M: Array) -> None:
     size = np.sqrt(np.maximum(M.diagonal(), 0.0))
     if not (size > 0.0).all() or np.linalg.eigvalsh(M / np.outer(size, size)).min() < 1e-14:
         raise ValueError(
-            "the mass matrix is singular, so there is no state space: the geometrically exact beam needs sections "
-            "with rotary inertia (links[].section.J > 0), a link reduced to modes a hub inertia"
+            "the mass matrix is singular, so there is no state space: some coordinate has no inertia "
+            "(a link reduced to modes needs a hub inertia)"
         )
 
 

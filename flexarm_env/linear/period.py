@@ -1,7 +1,7 @@
 """The derivative of what the solver does in a period: tangents of each of its steps at their solution.
 
 A step (`kernels.newmark`) solves generalized-alpha's equations for q with the constraints on q; with multipliers it
-then takes out of v what lies across the constraints, and solves for a and lambda afresh.
+then takes out of v and of a what lies across the constraints.
 """
 
 from __future__ import annotations
@@ -119,24 +119,30 @@ def _after(d: Derivatives, scheme: Scheme, h: float, t: _Tangents) -> _Tangents:
 
 
 def _settled(e: Equations, d: Derivatives, found: Point, end: Point, t: _Tangents) -> _Tangents:
-    """Tangents after M dv + G' Lambda = 0 has brought v onto the constraints, and a has been solved for afresh."""
+    """Tangents after v and a have been brought onto the constraints: M dv + G' Lambda = 0 and M da + G' dlambda = 0."""
+    after = e.derivatives(end)
+    f = len(e.free)
+
+    def settled(before: Array, after_: Array, tangent: Array, below: Array) -> Array:
+        right = d.M @ tangent + _jump_slopes(e, d, before - after_, end) @ t.q
+        return _bordered(d.M, d.G, right, below)[:f]
+
+    v = settled(found.v, end.v, t.v, -after.G_rate @ t.q)
+    a = settled(found.a, end.a, t.a, -after.H_v @ v - after.H_q @ t.q)
+    return _Tangents(t.q, v, a, t.b - t.a + a)
+
+
+def _jump_slopes(e: Equations, d: Derivatives, jump: Array, end: Point) -> Array:
+    """Derivative by q of M(q) jump + G(q)' impulses, which is zero at the end; rows that can move."""
     free, lam, zero = e.free, e.algebraic, np.zeros(e.n)
-    jump = np.zeros(e.n)
-    jump[free] = (found.v - end.v)[free]
-    impulses = -np.linalg.lstsq(d.G.T, d.M @ jump[free], rcond=None)[0]
+    moved = np.zeros(e.n)
+    moved[free] = jump[free]
+    impulses = -np.linalg.lstsq(d.G.T, d.M @ moved[free], rcond=None)[0]
 
     def momentum(q: Array) -> Array:
-        """M(q) jump + G(q)' impulses."""
         with_impulse, without = q.copy(), q.copy()
         with_impulse[lam], without[lam] = impulses, 0.0
         still = Point(without, zero, zero, np.zeros_like(end.u), end.psi)
-        return e.residual(replace(still, q=with_impulse, a=jump)) - e.residual(still)
+        return e.residual(replace(still, q=with_impulse, a=moved)) - e.residual(still)
 
-    by_q = slopes(momentum, end.q, free, e.steps)[free]
-    after = e.derivatives(end)
-    f = len(free)
-    v = _bordered(d.M, d.G, d.M @ t.v + by_q @ t.q, -after.G_rate @ t.q)[:f]
-    right = -after.C @ v - after.K @ t.q
-    right[:, right.shape[1] - d.B.shape[1] :] += after.B
-    a = _bordered(after.M, after.G, right, -after.H_v @ v - after.H_q @ t.q)[:f]
-    return _Tangents(t.q, v, a, t.b - t.a + a)
+    return slopes(momentum, end.q, free, e.steps)[free]
