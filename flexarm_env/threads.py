@@ -15,7 +15,11 @@ from .kernels.spin import await_change
 ROUNDS = 100_000
 """Looks at the other side before going to sleep, about a nanosecond each: a short while, since waking up takes long."""
 
+DELAY = 2_000
+"""Looks that the other side is left to let go of the interpreter's lock."""
+
 GO, DONE = range(2)
+"""Entries of a worker's board: tasks given, tasks done."""
 
 
 class _Worker:
@@ -26,7 +30,7 @@ class _Worker:
 
     def __init__(self) -> None:
         self._board = np.zeros(16, np.int64)  # two counts, on a cache line of their own
-        await_change(self._board, GO, 1, 1)  # compiled (or loaded) here and not in the thread
+        await_change(self._board, GO, 1, 1, -1, 0, 0)  # compiled (or loaded) here and not in the thread
         self._go, self._done = threading.Lock(), threading.Lock()
         self._go.acquire()
         self._done.acquire()
@@ -39,7 +43,7 @@ class _Worker:
     def _work(self) -> None:
         board, count = self._board, 0
         while True:
-            await_change(board, GO, count, ROUNDS)
+            await_change(board, GO, count, ROUNDS, DONE, count, DELAY)
             self._go.acquire()
             count += 1
             if self._task is None:
@@ -49,7 +53,6 @@ class _Worker:
                 self._result, self._error = function(*arguments), None
             except BaseException as error:
                 self._error = error
-            board[DONE] = count
             self._done.release()
 
     def start(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
@@ -58,7 +61,7 @@ class _Worker:
         self._go.release()
 
     def wait(self) -> None:
-        await_change(self._board, DONE, self._board[GO] - 1, ROUNDS)
+        await_change(self._board, DONE, self._board[GO] - 1, ROUNDS, -1, 0, 0)
         self._done.acquire()
 
     def result(self) -> Any:

@@ -78,6 +78,9 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._begun = False
         self._ended: list[int] = []
         self._guides: dict[int, Guide] = {}
+        self._everywhere = _constant(True, np.bool_, self.num_envs)
+        usual = STATUS_WORDS[0.0], ""
+        self._fine = _constant(usual[0], object, self.num_envs), _constant(usual[1], object, self.num_envs)
 
     # --- gymnasium ---------------------------------------------------------------------------------
     def reset(
@@ -333,36 +336,45 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     def _infos(self, only: Flags | None = None) -> dict[str, Any]:
         """info of all arms, or of those in `only` (zeros elsewhere), each key with its mask.
 
-        One copy of the numbers, of which the values are views; the masks of all keys are one array.
+        One copy of the numbers, of which the values are views; the masks of all keys are one array. What says that
+        nothing is out of the ordinary is one read-only array at every step.
         """
         batch, n = self.batch, self.num_envs
         table = batch.table[:, :n].copy()
         tail = batch.tail_first
         infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[tail + IN_RANGE] > 0.5}
-        infos["solver_status"], infos["termination_reason"] = _words(table[tail + REASON])
+        infos["solver_status"], infos["termination_reason"] = self._words(table[tail + REASON])
         for entry in self.plan.entries:
             first, count = entry.first, entry.count
             infos[entry.name] = table[first] if count is None else table[first : first + count].T
         if only is not None:
             for name, values in infos.items():
                 infos[name] = _blanked(values, only)
-        mask = np.ones(n, np.bool_) if only is None else only.copy()
+        mask = self._everywhere if only is None else only.copy()
         for name in list(infos):
             infos[f"_{name}"] = mask
         return infos
 
-
-def _words(codes: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Solver status and reason of each arm, as words."""
-    status, reason = np.empty(len(codes), object), np.empty(len(codes), object)
-    status.fill(STATUS_WORDS[0.0])
-    reason.fill("")
-    for i in np.flatnonzero(codes).tolist():
-        status[i], reason[i] = STATUS_WORDS[codes[i]], REASONS[codes[i]]
-    return status, reason
+    def _words(self, codes: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Solver status and reason of each arm, as words."""
+        some = np.flatnonzero(codes).tolist()
+        if not some:
+            return self._fine
+        status, reason = self._fine[0].copy(), self._fine[1].copy()
+        for i in some:
+            status[i], reason[i] = STATUS_WORDS[codes[i]], REASONS[codes[i]]
+        return status, reason
 
 
 def _blanked(values: NDArray[Any], only: Flags) -> NDArray[Any]:
     blank = np.full(len(values), None, dtype=object) if values.dtype == object else np.zeros_like(values)
     blank[only] = values[only]
     return blank
+
+
+def _constant(value: Any, dtype: Any, n: int) -> NDArray[Any]:
+    """The value n times, read-only."""
+    made = np.empty(n, dtype)
+    made.fill(value)
+    made.flags.writeable = False
+    return made

@@ -30,9 +30,18 @@ fresh = _py_fresh if config.DISABLE_JIT else _fresh
 
 
 @kernel
-def await_change(board, k, seen, rounds):  # type: ignore[no-untyped-def]
-    """Look at board[k] (int64) up to `rounds` times, until it is no longer `seen`; whether it changed."""
+def await_change(board, k, seen, rounds, mark, value, delay):  # type: ignore[no-untyped-def]
+    """Set board[mark] = value (none where mark is negative), then look at board[k] (int64) up to `rounds` times, until
+    it is no longer `seen`, and `delay` times more; whether it changed.
+
+    All of it without the interpreter's lock: the mark tells the other side that the lock is free, the delay leaves it
+    the time to let go of the lock, since a thread that finds it taken is put to sleep.
+    """
+    if mark >= 0:
+        board[mark] = value
     for _ in range(rounds):
         if fresh(board, k) != seen:
+            for _ in range(delay):
+                fresh(board, k)
             return True
     return False
