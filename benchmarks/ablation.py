@@ -33,7 +33,7 @@ from flexarm_env.parameters import Payload
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 STRIP = arms.resolve("strip")
 BARE = dataclasses.replace(STRIP, tau_d=0.0, payload=Payload())
-NOISE = {"noise": {"hub_angle": 1e-3, "tip_deflection": 1e-4}, "delay": 1}
+NOISE = {"noise": {"hub_rate": 1e-2, "tip_deflection": 1e-4}, "delay": 0.02}
 
 FEATURES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "gravity": ({"gravity": (0.0, -9.81)}, {}),
