@@ -73,8 +73,6 @@ def run(scene: Scene, method: str, **options: Any) -> Trajectory:
 shares = st.floats(-0.6, 0.6).filter(lambda x: abs(x) > 0.05)
 angles = st.floats(-3.0, 3.0)
 methods = st.sampled_from(sorted(METHODS))
-exact_methods = st.sampled_from(sorted(set(METHODS) - {"floating_frame"}))
-"""Without small deflections assumed; the floating frame's centre of mass is tested in free flight (tests/physics)."""
 
 
 # ------------------------------------------------------------- the properties
@@ -93,7 +91,8 @@ def momentum_balances(arm: Arm, share: float, angle: float, method: str) -> None
     T, mass = first_period(arm), sum(link.mass for link in arm.links)
     force = share * arm.links[0].section.EI / arm.total_length**2
     load = PointLoad(0, "root", pulse(force, 0.2 * T), None, pulse(-0.3 * force * arm.total_length, 0.2 * T))
-    scene = Scene("thrown", dataclasses.replace(arm, hub_inertia=0.0), duration=0.5 * T, dt=T / 400, sample=0.1 * T,
+    steps = 6400 if method == "floating_frame" else 400  # constraints between segments keep momentum to O(h^2) only
+    scene = Scene("thrown", dataclasses.replace(arm, hub_inertia=0.0), duration=0.5 * T, dt=T / steps, sample=0.1 * T,
                   root="free", angles=(angle,) * arm.n_links, loads=(load,))  # fmt: skip
     found = run(scene, method, rho_inf=0.9)
     assert found.finished, found.message
@@ -179,7 +178,7 @@ def units_do_not_matter(arm: Arm, share: float, method: str) -> None:
 
 PROPERTIES: dict[str, tuple[Callable[..., None], dict[str, st.SearchStrategy[Any]]]] = {
     "energy": (energy_balances, {"arm": arms(), "share": shares, "method": methods}),
-    "momentum": (momentum_balances, {"arm": arms(), "share": shares, "angle": angles, "method": exact_methods}),
+    "momentum": (momentum_balances, {"arm": arms(), "share": shares, "angle": angles, "method": methods}),
     "reversal": (time_runs_back, {"arm": arms(1), "share": shares, "method": st.sampled_from(["elastica", EXACT])}),
     "place": (
         place_does_not_matter,
