@@ -9,7 +9,6 @@ should be.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import formulation_runs as runs
-from benchmarks.machine import write_results
+from benchmarks.machine import folders, write_results
 from flexarm_env.scenes import named
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -141,10 +140,7 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, draw, write; 1 where something does not hold."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=DOCS / "results", help="folder of the results")
-    parser.add_argument("--figures", type=Path, default=DOCS / "figures", help="folder of the figures")
-    options = parser.parse_args(arguments)
+    options = folders(__doc__, arguments, DOCS)
     found: dict[str, Any] = {
         "exact_orders": runs.exact_orders(options.figures),
         "center_of_mass": runs.center_of_mass(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -58,3 +59,11 @@ def write_results(
     write_text(folder / f"{name}.json", json.dumps({"machine": machine, **found}, indent=1) + "\n")
     write_text(folder / f"{name}.md", page(found, machine))
     return 0 if all(found["verdicts"].values()) else 1
+
+
+def folders(description: str | None, arguments: list[str] | None, docs: Path) -> argparse.Namespace:
+    """Where a benchmark is told to leave its results (`out`) and figures (`figures`); below docs/ where it is not."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=docs / "results", help="folder of the results")
+    parser.add_argument("--figures", type=Path, default=docs / "figures", help="folder of the figures")
+    return parser.parse_args(arguments)

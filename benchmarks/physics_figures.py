@@ -8,7 +8,6 @@ integrator. The exit code is 1 where a figure is not what it should be.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from benchmarks.machine import write_results
+from benchmarks.machine import folders, write_results
 from flexarm_env.plotting import COLORS, FAINT, plot_trajectory, styled_figure
 from flexarm_env.scenes import named, names, reference, reference_names
 from flexarm_env.simulation import Trajectory, simulate
@@ -235,10 +234,7 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, draw, write; 1 where something does not hold."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=DOCS / "results", help="folder of the results")
-    parser.add_argument("--figures", type=Path, default=DOCS / "figures", help="folder of the figures")
-    options = parser.parse_args(arguments)
+    options = folders(__doc__, arguments, DOCS)
     found: dict[str, Any] = {
         "spin_up": spin_up(options.figures),
         "free_flight": {name: free_flight(name, options.figures) for name in FLIGHTS},
