@@ -4,7 +4,8 @@
 
 The eight validation scenes against their converged solutions, and the arms of both environments under random bang-bang
 torque against the exact beam on a fine mesh, made here. CPU time is that of the run itself, without compilation, on one
-core, the least of two runs where these are short. Exudyn runs the scenes it can hold where it is installed. The default
+core, the least of two runs where these are short. Exudyn and PyElastica run the scenes they can hold where they are
+installed; PyElastica, which steps explicitly, for at most 4 s a run (--full: 120 s). The default
 size takes less than ten minutes; results are kept in runs/benchmarks while it runs, so that it can be stopped.
 """
 
@@ -27,12 +28,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import exudyn_peer
+from benchmarks import elastica_peer, exudyn_peer
 from benchmarks.converged import FOLDER as CONVERGED
 from benchmarks.long_runs import torques
 from benchmarks.machine import describe_machine, write_text
 from benchmarks.running import run_all
-from benchmarks.work_precision_figures import scene_figure, summary_figure
+from benchmarks.work_precision_figures import PEERS, scene_figure, summary_figure
 from flexarm_env import arms
 from flexarm_env.comparison import tip_error
 from flexarm_env.envs.options import DEFAULT_OPTIONS
@@ -128,6 +129,11 @@ def cases_of(name: str, full: bool) -> list[Case]:
         for elements, dt, rho in itertools.product((5, 20), (0.05, 0.02, 0.01, 0.005), (1.0, 0.7)):
             options = {"elements": elements, "dt": dt, "rho_inf": rho}
             found.append({"scene": name, "label": "Exudyn", "formulation": "Exudyn", "options": options})
+    if name in elastica_peer.SCENES and find_spec("elastica"):
+        counts = (10, 20, 40, 80, 160) if full else (10,) if name == "spin_up" else (10, 20, 40)
+        for elements, share in itertools.product(counts, (0.9, 0.3) if full or len(counts) > 1 else (0.9,)):
+            options = {"elements": elements, "share": share, "time_limit": 120.0 if full else 4.0}
+            found.append({"scene": name, "label": "PyElastica", "formulation": "PyElastica", "options": options})
     return found
 
 
@@ -135,10 +141,13 @@ def cases_of(name: str, full: bool) -> list[Case]:
 def measure(case: Case) -> dict[str, Any]:
     """One run: errors of tip (% of L) and energy, CPU seconds per simulated second, Newton iterations a step."""
     scene, length = scene_named(case["scene"]), scene_named(case["scene"]).arm.total_length
-    if case["formulation"] == "Exudyn":
+    if case["label"] in PEERS:
         options = case["options"]
-        found = exudyn_peer.run(case["scene"], options["elements"], options["dt"], rho_inf=options["rho_inf"])
-        row: dict[str, Any] = {"status": "ok" if found["finished"] else "failed"}
+        if case["label"] == "Exudyn":
+            found = exudyn_peer.run(case["scene"], options["elements"], options["dt"], rho_inf=options["rho_inf"])
+        else:
+            found = elastica_peer.run(case["scene"], **options)
+        row: dict[str, Any] = {"status": "ok" if found["finished"] else found.get("status", "failed")}
         if found["finished"]:
             row["max_error"] = 100.0 * exudyn_peer.error(case["scene"], found) / length
             row["cpu"] = found["cpu_seconds"] / scene.duration
@@ -168,6 +177,8 @@ def measure(case: Case) -> dict[str, Any]:
 def describe(case: Case) -> str:
     """Settings in a few words."""
     options = case["options"]
+    if case["label"] == "PyElastica":
+        return f"PyElastica {options['elements']} elements, {options['share']:g} of its longest step"
     h = f"h {1e3 * options['dt']:.3g} ms"
     if case.get("default"):
         return f"{case['label']}, default, {h}"
@@ -202,7 +213,7 @@ def behind(row: dict[str, Any], best: Sequence[dict[str, Any]]) -> float:
 
 def advice(rows: Sequence[dict[str, Any]], target: float) -> dict[str, Any] | None:
     """The quickest of our runs within an error, % of L."""
-    good = [row for row in rows if row["case"]["label"] != "Exudyn" and row["max_error"] <= target]
+    good = [row for row in rows if row["case"]["label"] not in PEERS and row["max_error"] <= target]
     return min(good, key=lambda row: row["cpu"]) if good else None
 
 
@@ -223,7 +234,7 @@ def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: f
     ]  # fmt: skip
     for name in scenes:
         good = [row for row in rows if row["case"]["scene"] == name and row["status"] == "ok"]
-        best = min((row for row in good if row["case"]["label"] != "Exudyn"), key=lambda row: row["max_error"])
+        best = min((row for row in good if row["case"]["label"] not in PEERS), key=lambda row: row["max_error"])
         cells = []
         for target in TARGETS:
             row = advice(good, target)
@@ -254,13 +265,13 @@ def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: f
                   "| settings | error, max | rms | energy | CPU, ms per s | iterations a step |",
                   "|---|---|---|---|---|---|"]  # fmt: skip
         for row in front(good):
-            rest = "– | – " if row["case"]["label"] == "Exudyn" else f"{row['rms_error']:.2g} | {row['energy']:.1e} "
-            count = "–" if row["case"]["label"] == "Exudyn" else f"{row['iterations']:.1f}"
+            rest = "– | – " if row["case"]["label"] in PEERS else f"{row['rms_error']:.2g} | {row['energy']:.1e} "
+            count = "–" if row["case"]["label"] in PEERS else f"{row['iterations']:.1f}"
             lines.append(f"| {describe(row['case'])} | {row['max_error']:.3g} | {rest}| {1e3 * row['cpu']:.2g} "
                          f"| {count} |")  # fmt: skip
-        peers = [row for row in good if row["case"]["label"] == "Exudyn"]
-        for row in front(peers):
-            ours = [other["cpu"] for other in good if other["case"]["label"] != "Exudyn"
+        peers = [row for peer in PEERS for row in front([row for row in good if row["case"]["label"] == peer])]
+        for row in peers:
+            ours = [other["cpu"] for other in good if other["case"]["label"] not in PEERS
                     and other["max_error"] <= row["max_error"]]  # fmt: skip
             ratio = f"{row['cpu'] / min(ours):.0f} times the front's time" if ours else "beyond our front"
             lines.append(f"| {describe(row['case'])} | {row['max_error']:.3g} | – | – | {1e3 * row['cpu']:.3g} | "

@@ -12,8 +12,9 @@ from matplotlib.ticker import NullFormatter
 from flexarm_env.plotting import COLORS, FAINT, INK, styled_figure
 
 Rows = Sequence[dict[str, Any]]
-LABELS = ("floating frame", "modes", "exact", "elastica", "Exudyn")
-PAINT = dict(zip(LABELS, (*COLORS[:4], INK), strict=True))
+PEERS = ("Exudyn", "PyElastica")
+LABELS = ("floating frame", "modes", "exact", "elastica", *PEERS)
+PAINT = dict(zip(LABELS, (*COLORS[:4], INK, COLORS[4]), strict=True))
 
 
 def _points(rows: Rows) -> tuple[list[float], list[float]]:
@@ -43,10 +44,10 @@ def scene_figure(name: str, rows: Rows, front: Callable[[Rows], Rows], folder: P
             mine = [row for row in good if row["case"]["label"] == label]
             if not mine:
                 continue
-            marker = {"ls": "", "marker": "D" if label == "Exudyn" else "o", "color": PAINT[label]}
+            marker = {"ls": "", "marker": "D" if label in PEERS else "o", "color": PAINT[label]}
             axes.plot(*_points(mine), ms=3.2, alpha=0.3, mew=0, **marker)
             axes.plot(*_stairs(front(mine)), color=PAINT[label], lw=1.6, label=label)
-        best = front([row for row in good if row["case"]["label"] != "Exudyn"])
+        best = front([row for row in good if row["case"]["label"] not in PEERS])
         axes.plot(*_stairs(best), color=FAINT, lw=6, alpha=0.35, zorder=0, label="front of all (ours)")
         for row in good:
             if row["case"].get("default"):

@@ -1,0 +1,199 @@
+"""PyElastica as a peer: the one-link validation scenes on its Cosserat rods, laid in a plane (extra: bench).
+
+    python -m benchmarks.elastica_peer [--elements 40] [--share 0.5]
+
+Its rod has positions at nodes, directors at elements, and an explicit position Verlet step that the quickest wave
+limits. Stiffness, mass and rotary inertia are ours; its stiffnesses change with stretch, which ours
+do not (a difference of the order of the stretch). Loads on the root act on its first node and, torques, on the first
+element. Directors live in the middle of elements: where the root's angle is prescribed, the rod begins half an element
+before the root, so that the middle of its first element is there. Its two-link systems hang on penalty springs and are
+left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from benchmarks.exudyn_peer import error
+from flexarm_env.parameters import Section
+from flexarm_env.scene import Scene
+from flexarm_env.scenes import named
+
+SCENES = (
+    "robot_arm_motion_smooth", "robot_arm_motion", "robot_arm_torque", "flying_rod", "flying_rod_soft", "spin_up",
+)  # fmt: skip
+
+
+def longest_step(section: Section, dx: float) -> float:
+    """Largest stable step, s, by the highest frequency of a chain of elements: 2 / omega.
+
+    Stretch: 2 sqrt(EA/m) / dx. Shear with rotation: omega^2 is at most 4 (C/m + EI/J) / dx^2 + C/J.
+    """
+    stretch = 4.0 * section.EA / section.m / dx**2
+    shear = 4.0 * (section.C / section.m + section.EI / section.J) / dx**2 + section.C / section.J
+    return 2.0 / math.sqrt(max(stretch, shear))
+
+
+def element(scene: Scene, elements: int) -> float:
+    """Length of an element, m: that before a root whose angle is prescribed counts half."""
+    return scene.arm.links[0].length / (elements - (0.5 if scene.motion_of("joint0") else 0.0))
+
+
+def steps_of(name: str, elements: int, share: float) -> int:
+    """Steps of a run at this share of the longest step."""
+    scene = named(name)
+    dt = share * longest_step(scene.arm.links[0].section, element(scene, elements))
+    return math.ceil(scene.sample / dt) * round(scene.duration / scene.sample)
+
+
+def _rod(scene: Scene, elements: int) -> Any:
+    """The rod with our section: bending in the plane is about its first director, the plane's normal."""
+    import elastica
+
+    link, angle = scene.arm.links[0], scene.angles[0]
+    section, dx = link.section, element(scene, elements)
+    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    before = 0.5 * dx if scene.motion_of("joint0") else 0.0
+    rod = elastica.CosseratRod.straight_rod(
+        elements,
+        start=np.array([*scene.position, 0.0]) - before * along,
+        direction=along,
+        normal=np.array([0.0, 0.0, 1.0]),
+        base_length=elements * dx, base_radius=math.sqrt(1.0 / math.pi), density=section.m,
+        youngs_modulus=section.EA, shear_modulus=section.C,
+    )  # fmt: skip
+    for k in range(3):
+        rod.shear_matrix[k, k] = section.EA if k == 2 else section.C
+        rod.bend_matrix[k, k] = section.EI
+        rod.mass_second_moment_of_inertia[k, k] = section.J * dx
+        rod.inv_mass_second_moment_of_inertia[k, k] = 1.0 / (section.J * dx)
+    return rod
+
+
+def _simulator(scene: Scene, rod: Any, before: float) -> Any:
+    """The rod with the scene's support, motion and loads, ready to run; before: that its first node is the root, m."""
+    import elastica
+
+    class Simulator(elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing):  # type: ignore[misc]
+        """What the scene needs."""
+
+    motion = scene.motion_of("joint0")
+    start = np.array([*scene.position, 0.0])
+
+    class Root(elastica.ConstraintBase):  # type: ignore[misc]
+        """The first node pinned; or it and the first element turned about the root by the motion."""
+
+        def constrain_values(self, system: Any, time: float) -> None:
+            system.position_collection[:, 0] = start
+            if motion is not None:
+                c, s = math.cos(motion(float(time))), math.sin(motion(float(time)))
+                system.position_collection[:2, 0] -= (before * c, before * s)
+                system.director_collection[:, :, 0] = ((0.0, 0.0, 1.0), (s, -c, 0.0), (c, s, 0.0))
+
+        def constrain_rates(self, system: Any, time: float) -> None:
+            system.velocity_collection[:, 0] = 0.0
+            if motion is not None:
+                angle, rate = motion(float(time)), motion(float(time), 1)
+                system.velocity_collection[:2, 0] = (before * rate * math.sin(angle), -before * rate * math.cos(angle))
+                system.omega_collection[:, 0] = (rate, 0.0, 0.0)
+
+    loads: list[tuple[int, Any]] = []
+    for load in scene.loads:
+        if hasattr(load, "joint"):
+            loads.append((2, load.function))
+        else:
+            parts = (load.force_x, load.force_y, load.torque)
+            loads += [(k, function) for k, function in enumerate(parts) if function is not None]
+
+    class Loads(elastica.NoForces):  # type: ignore[misc]
+        """Forces on the first node, torque on the first element."""
+
+        def apply_forces(self, system: Any, time: float = 0.0) -> None:
+            for k, function in loads:
+                if k < 2:
+                    system.external_forces[k, 0] += function(float(time))
+
+        def apply_torques(self, system: Any, time: float = 0.0) -> None:
+            for k, function in loads:
+                if k == 2:  # about the first director
+                    system.external_torques[0, 0] += function(float(time))
+
+    simulator = Simulator()
+    simulator.append(rod)
+    if scene.root == "pinned":
+        simulator.constrain(rod).using(Root, constrained_position_idx=(0,), constrained_director_idx=(0,))
+    if loads:
+        simulator.add_forcing_to(rod).using(Loads)
+    simulator.finalize()
+    return simulator
+
+
+def run(name: str, elements: int, share: float = 0.5, time_limit: float = 60.0) -> dict[str, Any]:
+    """One scene: tip positions at its sampling instants (m), CPU seconds, and whether it finished in time.
+
+    share: of the longest stable step. time_limit: s by the clock, compilation left out.
+    """
+    import elastica
+
+    scene = named(name)
+    rod = _rod(scene, elements)
+    simulator, stepper = _simulator(scene, rod, 0.5 * element(scene, elements)), elastica.PositionVerlet()
+    count = round(scene.duration / scene.sample)
+    n = steps_of(name, elements, share) // count
+    dt = scene.sample / n
+    _compile(scene)
+    tips, deadline = [rod.position_collection[:2, -1].copy()], time.monotonic() + time_limit
+    clock = time.process_time()
+    for k in range(count):
+        for i in range(n):
+            stepper.step(simulator, k * scene.sample + i * dt, dt)
+        tips.append(rod.position_collection[:2, -1].copy())
+        if not np.isfinite(tips[-1]).all() or time.monotonic() > deadline:
+            break
+    cpu = time.process_time() - clock
+    tip = np.array(tips)
+    finished = len(tips) == count + 1 and bool(np.isfinite(tip).all())
+    status = "ok" if finished else "timed_out" if np.isfinite(tip).all() else "diverged"
+    times = np.arange(len(tips)) * scene.sample
+    return {"finished": finished, "status": status, "cpu_seconds": cpu, "dt": dt, "t": times, "tip": tip}
+
+
+_compiled: set[bool] = set()
+
+
+def _compile(scene: Scene) -> None:
+    """One step of a rod that is thrown away."""
+    import elastica
+
+    if not _compiled:
+        rod = _rod(scene, 10)
+        elastica.PositionVerlet().step(_simulator(scene, rod, 0.0), 0.0, 1e-9)
+        _compiled.add(True)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the scenes and print error and time."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", nargs="*", choices=SCENES, default=SCENES)
+    parser.add_argument("--elements", type=int, default=40)
+    parser.add_argument("--share", type=float, default=0.5, help="of the longest stable step")
+    parser.add_argument("--time-limit", type=float, default=60.0, help="s for a scene")
+    options = parser.parse_args(arguments)
+    for name in options.scene:
+        result = run(name, options.elements, options.share, options.time_limit)
+        found: dict[str, Any] = {key: result[key] for key in ("status", "dt", "cpu_seconds")}
+        found["steps"] = steps_of(name, options.elements, options.share)
+        if result["finished"]:
+            found["max_tip_error"] = error(name, result)
+        print(name, json.dumps(found), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
