@@ -81,8 +81,7 @@ class Simulation:
         self._flat[:] = 0.0
         self.work.q[:], self.work.v[:] = self.system.q0, self.system.v0
         self.t = self.gross = 0.0
-        # at rest before 0; a jump of rates then puts stress of stiff damping into accelerations, as at any kink
-        self._restart(fresh=not (self.scene.motions and self.scene.arm.tau_d > 0.0))
+        self._restart(fresh=False)  # at rest before 0: loads and motions that begin there do so as at any kink
 
     @property
     def status(self) -> int:

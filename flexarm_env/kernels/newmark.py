@@ -101,6 +101,18 @@ def _predict(lane, n, flat, predictor, h, scheme):  # type: ignore[no-untyped-de
 
 
 @kernel
+def _stay(lane, n, flat, c_b, c_v, c_m):  # type: ignore[no-untyped-def]
+    """Start Newton from where the step began, in place of the prediction: after a load has jumped, accelerations that
+    the step does not resolve may throw the prediction so far that Newton does not come back from there."""
+    for k in range(n):
+        d = load(lane, flat, 4 * n + k) - load(lane, flat, k)
+        store(flat, k, load(lane, flat, 4 * n + k))
+        store(flat, n + k, load(lane, flat, n + k) + d * c_v)
+        store(flat, 2 * n + k, load(lane, flat, 2 * n + k) + d * c_m)
+        store(flat, 3 * n + k, load(lane, flat, 3 * n + k) + d * c_b)
+
+
+@kernel
 def _correct(lane, n, flat, algebraic, weight, active, c_b, c_v, c_m):  # type: ignore[no-untyped-def]
     """Apply the Newton increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite.
 
@@ -213,8 +225,8 @@ def _settle(algebraic, w, stage):  # type: ignore[no-untyped-def]
 def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
     """n_steps steps of size h from t within a smooth stretch; returns the time reached (SINGLE) or meant (lanes).
 
-    A single arm retries a step whose Newton fails in halves and stops at the last good state. In lanes a failed
-    arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch began.
+    A single arm retries a step whose Newton fails, from another start and then in halves, and stops at the last good
+    state. In lanes a failed arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch began.
     """
     flat = bare(flat)
     w = unpack(lane, model, flat, n_motions)
@@ -227,18 +239,21 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
     n = size(model.n)
     if books:
         _open_books(lane, model, drive, par, w)
-    done, left, piece = 0, h, h
+    done, left, piece, failed = 0, h, h, False
     while done < n_steps:
         start = t + done * h + (h - left)
+        c_b = 1.0 / (scheme.beta * piece * piece)
+        c_v = scheme.gamma / (scheme.beta * piece)
+        c_m = c_b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f)
         _predict(lane, n, flat, model.predictor, piece, scheme)
+        if len(lane) == 1:
+            if failed:
+                _stay(lane, n, flat, c_b, c_v, c_m)
         if drive is not None:
             finish = start + piece
             set_inputs(drive, w.u, finish, finish - 1e-6 * piece)
             set_motions(drive, w.psi, finish, finish - 1e-6 * piece)
             set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
-        c_b = 1.0 / (scheme.beta * piece * piece)
-        c_v = scheme.gamma / (scheme.beta * piece)
-        c_m = c_b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f)
         _guess(lane, model, n, model.predictor, w, c_b, c_v, c_m)
         active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
         before = splat(lane, 1e300)
@@ -290,7 +305,9 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
                 for k in range(4 * n):
                     flat[k] = flat[4 * n + k]
                 w.counts[2] += 1.0
-                piece *= 0.5
+                if failed:
+                    piece *= 0.5
+                failed = True
                 if piece < h * 0.5**scheme.max_halvings:
                     store(w.flag, 0, flag)
                     return start
@@ -307,7 +324,7 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
         left -= piece
         if left <= 1e-9 * h:
             done += 1
-            left, piece = h, h
+            left, piece, failed = h, h, False
         else:
             piece = min(piece, left)
     return t + n_steps * h
