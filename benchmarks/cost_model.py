@@ -87,12 +87,12 @@ def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tu
     def run() -> None:
         for _ in range(100):
             flat[:] = start
-            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, steps, simulation.scheme, False)
+            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, steps, simulation.scheme, None)
 
     def overhead() -> None:
         for _ in range(100):
             flat[:] = start
-            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, 0, simulation.scheme, False)
+            advance(lane, simulation.model, None, par, flat, 0, 0.0, STEP, 0, simulation.scheme, None)
 
     return (_best(run) - _best(overhead)) / (100 * steps * len(lane))
 

@@ -153,7 +153,7 @@ def count(arm_name: str, formulation: str, options: dict[str, Any]) -> dict[str,
     COUNTS.update(dict.fromkeys(COUNTS, 0))
     advance(
         SINGLE, simulation.model, None, par, flat, 0, 0.0, STEP, STEPS,
-        scheme(settings.rho_inf, settings.newmark, *limits), False,
+        scheme(settings.rho_inf, settings.newmark, *limits), None,
     )  # fmt: skip
     counts = {name: number / STEPS for name, number in COUNTS.items()}
     simulation._flat[:] = flat.astype(float)

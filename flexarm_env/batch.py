@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from . import kernels  # noqa: F401  (registers the formulations)
 from .kernels import environment, starts
-from .kernels.address import Placed, entry
+from .kernels.address import Placed, entry, native
 from .kernels.lanes import EIGHT, SINGLE
 from .kernels.program import (
     ACTION_NOT_FINITE,
@@ -61,7 +61,7 @@ from .parameters import Arm
 from .scene import Scene
 from .settings import Settings
 from .simulation import uncompiled
-from .threads import Crew, chunks
+from .threads import Crew
 
 Array = NDArray[np.float64]
 
@@ -226,7 +226,7 @@ class Batch:
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
         self._begin = entry(starts.begin, self._placed, 0, 0)
         self._witness: Any = None
-        self._chunks = chunks(self.groups, self.threads)
+        self._native = native(environment.step, self._placed, 0, 0)
         self._crew = Crew(self.threads - 1)
         self._alone: Batch | None = None
         for i in range(self.groups * lanes):
@@ -301,10 +301,10 @@ class Batch:
 
     def step(self) -> int:
         """One control period of all arms with `action`; returns how many want attention (ended, or guided)."""
-        if self.threads == 1:
+        if self.threads == 1 or not self._native:
             count = self.compiled_step(self.address, 0, self.groups)
         else:
-            count = sum(self._crew.run(self.compiled_step, [(self.address, *chunk) for chunk in self._chunks]))
+            count = self._crew.run(self._native, self.address, self.groups)
         if count and len(self.lane) > 1:
             self._repeat_alone()
         return int(count)
@@ -400,7 +400,7 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         skipped = (
-            "program", "_placed", "address", "compiled_step", "_begin", "_witness", "_crew", "_alone", "_chunks",
+            "program", "_placed", "address", "compiled_step", "_begin", "_witness", "_crew", "_alone", "_native",
         )  # fmt: skip
         return {k: v for k, v in vars(self).items() if k not in skipped}
 

@@ -128,7 +128,7 @@ class Simulation:
             before = float(self.work.books[0])
             self.t = advance(
                 SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions,
-                start + done * h, h, min(CHUNK, n_steps - done), self.scheme, books,
+                start + done * h, h, min(CHUNK, n_steps - done), self.scheme, (0,) if books else None,
             )  # fmt: skip
             self.gross += abs(float(self.work.books[0]) - before)
             if self.status != OK:

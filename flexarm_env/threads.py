@@ -1,106 +1,110 @@
-"""A crew of threads for compiled functions that let go of the interpreter; made on first use, anew after a fork."""
+"""A crew of threads for one compiled function; made on first use, anew after a fork."""
 
 from __future__ import annotations
 
-import itertools
 import os
 import threading
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .kernels.spin import await_change
+from .kernels import spin
 
 ROUNDS = 100_000
 """Looks at the other side before going to sleep, about a nanosecond each: a short while, since waking up takes long."""
 
-DELAY = 2_000
-"""Looks that the other side is left to let go of the interpreter's lock."""
-
-GO, DONE = range(2)
-"""Entries of a worker's board: tasks given, tasks done."""
-
 
 class _Worker:
-    """One thread that runs a function when told to. Two bare locks hand over in either direction.
+    """One thread, at board k. Two bare locks are what it and its caller sleep at."""
 
-    Before it waits for a lock, each side looks for a while at a count that the other raises before the lock's release.
-    """
-
-    def __init__(self) -> None:
-        self._board = np.zeros(16, np.int64)  # two counts, on a cache line of their own
-        await_change(self._board, GO, 1, 1, -1, 0, 0)  # compiled (or loaded) here and not in the thread
+    def __init__(self, boards: NDArray[np.int64], k: int) -> None:
+        self._board, self._rounds = boards[k * spin.BOARD : (k + 1) * spin.BOARD], ROUNDS
         self._go, self._done = threading.Lock(), threading.Lock()
         self._go.acquire()
         self._done.acquire()
-        self._task: tuple[Callable[..., Any], tuple[Any, ...]] | None = None
-        self._result: Any = None
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._work, name="flexarm", daemon=True)
+        self._thread = threading.Thread(target=self._work, args=(boards, k), name="flexarm", daemon=True)
         self._thread.start()
 
-    def _work(self) -> None:
-        board, count = self._board, 0
-        while True:
-            await_change(board, GO, count, ROUNDS, DONE, count, DELAY)
-            self._go.acquire()
-            count += 1
-            if self._task is None:
-                return
-            function, arguments = self._task
-            try:
-                self._result, self._error = function(*arguments), None
-            except BaseException as error:
-                self._error = error
-            self._done.release()
+    def _work(self, boards: NDArray[np.int64], k: int) -> None:
+        while (why := spin.serve(boards, k, self._rounds)) != spin.END:
+            if why == spin.WAKE:
+                self._done.release()
+            else:
+                self._go.acquire()
+                self._board[spin.WORKER] = spin.AWAKE
 
-    def start(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        self._task = (function, arguments)
-        self._board[GO] += 1
-        self._go.release()
+    def wake(self) -> None:
+        """Open the lock at which the worker sleeps, or is about to, if it has been called."""
+        if self._board[spin.WORKER] == spin.CALLED:
+            self._go.release()
 
     def wait(self) -> None:
-        await_change(self._board, DONE, self._board[GO] - 1, ROUNDS, -1, 0, 0)
+        """Sleep until the worker has done its task."""
         self._done.acquire()
-
-    def result(self) -> Any:
-        self.wait()
-        if self._error is not None:
-            raise self._error
-        return self._result
+        self._board[spin.CALLER] = spin.AWAKE
 
     def stop(self) -> None:
-        self._task = None
-        self._go.release()
+        """Tell the thread to end after the task it is at."""
+        self._board[spin.TASKS] = spin.OVER
+        if self._go.locked():
+            self._go.release()
+
+    def join(self) -> None:
+        self._thread.join()
 
 
 class Crew:
-    """Runs calls on the calling thread and `size` others. Only one thread may use a crew at a time."""
+    """Runs a compiled function of (address, first, last) on the calling thread and `size` others.
+
+    Only one thread may use a crew at a time. function: where its machine code begins, see `kernels.address.native`.
+    """
 
     def __init__(self, size: int) -> None:
         self.size = size
         self._workers: list[_Worker] = []
         self._process = os.getpid()
+        self._busy = False
 
-    def run(self, function: Callable[..., Any], calls: list[tuple[Any, ...]]) -> list[Any]:
-        """Results of function(*call) for each call, the first on the calling thread; at most size + 1 calls."""
+    def run(self, function: int, address: int, groups: int) -> int:
+        """Sum of function(address, first, last) over parts of nearly equal length of range(groups), a part a thread."""
         if self._process != os.getpid():  # a forked child has the objects, but not the threads
-            self._workers, self._process = [], os.getpid()
-        while len(self._workers) < len(calls) - 1:
-            self._workers.append(_Worker())
-        busy = self._workers[: len(calls) - 1]
-        for worker, call in zip(busy, calls[1:], strict=True):
-            worker.start(function, call)
+            self._workers, self._process, self._busy = [], os.getpid(), False
+        if self._busy:  # a run was interrupted, and so was its tidying up
+            self._end()
+        if not self._workers:
+            self._boards = np.zeros((self.size + 1) * spin.BOARD, np.int64)
+            self._boards[spin.TASKS] = spin.OVER
+            spin.serve(self._boards, 0, 1)  # compiled (or loaded) here and not in a thread
+            self._boards[spin.TASKS] = 0
+            self._workers = [_Worker(self._boards, k) for k in range(self.size)]
+        self._busy = True
         try:
-            results = [function(*calls[0])]
-            while busy:
-                results.append(busy[0].result())
-                busy = busy[1:]
-        finally:  # Ctrl-C, say: what the threads still hand over is not to be taken for a later result
-            for worker in busy:
-                worker.wait()
-        return results
+            result = spin.lead(self._boards, function, address, groups, ROUNDS, spin.GIVE)
+            while result < spin.FAILED:
+                if result == spin.CALL:
+                    for worker in self._workers:
+                        worker.wake()
+                    stage = spin.RUN
+                else:
+                    self._workers[spin.WAIT - result].wait()
+                    stage = spin.GATHER
+                result = spin.lead(self._boards, function, address, groups, ROUNDS, stage)
+        except BaseException:  # Ctrl-C, say: nobody is to write into arrays that the caller thinks are his
+            self._end()
+            raise
+        self._busy = False
+        if result == spin.FAILED:
+            raise RuntimeError("A compiled step raised an error")
+        return int(result)
+
+    def _end(self) -> None:
+        """End the threads and wait until they have."""
+        for worker in self._workers:
+            worker.stop()
+        for worker in self._workers:
+            worker.join()
+        self._workers, self._busy = [], False
 
     def close(self, process: Callable[[], int] = os.getpid) -> None:
         """End the threads. (The function is bound early: at the interpreter's end the module may be gone.)"""
@@ -111,9 +115,3 @@ class Crew:
 
     def __del__(self) -> None:
         self.close()
-
-
-def chunks(groups: int, parts: int) -> list[tuple[int, int]]:
-    """Groups divided into `parts` runs of nearly equal length."""
-    edges = [groups * k // parts for k in range(parts + 1)]
-    return [(a, b) for a, b in itertools.pairwise(edges) if b > a]

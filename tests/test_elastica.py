@@ -63,7 +63,7 @@ class Runner:
         restart(self.lane, self.system.model, None, self.par, self.flat, 0, 0.0, self.h, True)
 
     def advance(self, steps: int) -> None:
-        advance(self.lane, self.system.model, None, self.par, self.flat, 0, 0.0, self.h, steps, self.scheme, False)
+        advance(self.lane, self.system.model, None, self.par, self.flat, 0, 0.0, self.h, steps, self.scheme, None)
 
     def energy(self) -> float:
         return float(sum(energy(self.lane, self.system.model, self.par, self.work.q, self.work.v)))

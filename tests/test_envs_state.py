@@ -5,9 +5,11 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import pickle
+import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -254,22 +256,36 @@ def test_closing_ends_the_threads() -> None:
     assert not own.is_alive()
 
 
-def test_an_interrupted_step_leaves_nothing_behind() -> None:
-    """Ctrl-C while the threads are at work: later steps wait for their own results."""
+@pytest.mark.parametrize("rounds", [1, 300])
+def test_threads_that_fall_asleep_are_woken(rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each side sleeps at nearly every turn: no task is lost, none is done twice."""
+    monkeypatch.setattr("flexarm_env.threads.ROUNDS", rounds)
+    alone, env = (gym.make_vec("FlexibleArm-v0", num_envs=64, threads=n) for n in (1, 3))
+    for a, b in zip(rollout(alone, 400), rollout(env, 400), strict=True):
+        assert_same(a[0], b[0])
+    env.close()
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers on this system")
+@pytest.mark.parametrize("rounds", [1, 100_000])
+def test_an_interrupted_step_leaves_nothing_behind(rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C at any moment: no thread still writes, and later steps wait for their own results."""
+    monkeypatch.setattr("flexarm_env.threads.ROUNDS", rounds)
     env = gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2)
     expected = [o[0] for o in rollout(env)]
-    step = env.batch.compiled_step
-
-    def interrupted(*arguments: Any) -> Any:
-        if threading.current_thread() is threading.main_thread():
-            raise KeyboardInterrupt
-        return step(*arguments)
-
-    env.batch.compiled_step = interrupted
-    with pytest.raises(KeyboardInterrupt):
-        env.step(np.zeros((64, 1), np.float32))
-    env.batch.compiled_step = step
-    assert_same(expected, [o[0] for o in rollout(env)])
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        for delay in np.linspace(1e-4, 3e-3, 30):
+            with pytest.raises(KeyboardInterrupt):
+                signal.setitimer(signal.ITIMER_REAL, delay)
+                while True:
+                    env.step(np.zeros((64, 1), np.float32))
+            state = env.batch.block.copy()
+            time.sleep(1e-3)
+            assert_same(state, env.batch.block)
+            assert_same(expected, [o[0] for o in rollout(env)])
+    finally:
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_the_interpreter_ends_without_a_word() -> None:

@@ -92,7 +92,7 @@ def test_energy_of_free_flight_over_many_steps() -> None:
     assert scene.dt == 0.0025
     for dt in (scene.dt, 2 * scene.dt):
         simulation = Simulation(scene, scene.settings("geometrically_exact", dt=dt, rho_inf=1.0))
-        assert simulation.advance_to(2.5)
+        assert simulation.advance_to(2.5, False)
         simulation.restart_at_kink()
         energies = []
         for k in range(5000):
@@ -220,7 +220,7 @@ def swing(
             restart(lane, s.model, None, par, flat, 0, 0.0, dt, True)
         else:
             switch(lane, s.model, par, flat, 0)
-        advance(lane, s.model, None, par, flat, 0, 0.0, dt, round(0.02 / dt), rule, False)
+        advance(lane, s.model, None, par, flat, 0, 0.0, dt, round(0.02 / dt), rule, None)
     return np.column_stack([w.q[-3 * count : -2 * count], w.q[-2 * count : -count]]), w.flag.copy()
 
 

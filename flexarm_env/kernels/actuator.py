@@ -48,7 +48,7 @@ def drive(lane, p, controller, actuator, par, poses, record, action, saved, bloc
     command(lane, p.task, controller, action, poses, record, w.u)
     if actuator is None:
         _jump(lane, p.model.predictor, p, par, record, saved, block, w)
-        advance(lane, p.model, None, par, block, 0, 0.0, p.h, p.n_steps, p.scheme, p.books is not None)
+        advance(lane, p.model, None, par, block, 0, 0.0, p.h, p.n_steps, p.scheme, p.books)
     else:
         _drive_motors(lane, p, actuator, par, poses, record, saved, block, w)
 
@@ -127,7 +127,7 @@ def _drive_motors(lane, p, actuator, par, poses, record, saved, block, w):  # ty
         if s == 0:
             _jump(lane, p.model.predictor, p, par, record, saved, block, w)
         _book(lane, p.books, p.task, poses, record, w.u, 1.0)
-        advance(lane, p.model, None, par, block, 0, 0.0, p.h, 1, p.scheme, p.books is not None)
+        advance(lane, p.model, None, par, block, 0, 0.0, p.h, 1, p.scheme, p.books)
         link_poses(lane, p.model, par, w.q, w.v, poses)
         for k in range(n):
             store(now, k, _joint(lane, poses, k, 3))

@@ -108,7 +108,19 @@ def entry(function: Any, placed: Placed, *arguments: Any) -> Callable[..., Any]:
     """The compiled form of `function(address, *arguments)`; later calls must bring the same types (nothing checks)."""
     if config.DISABLE_JIT:
         return function  # type: ignore[no-any-return]
+    compiled: Callable[..., Any] = _form(function, placed, arguments).entry_point
+    return compiled
+
+
+def native(function: Any, placed: Placed, *arguments: Any) -> int:
+    """Where the machine code of the same function begins; 0 where nothing is compiled."""
+    if config.DISABLE_JIT:
+        return 0
+    form = _form(function, placed, arguments)
+    return int(form.library.get_pointer_to_function(form.fndesc.llvm_func_name))
+
+
+def _form(function: Any, placed: Placed, arguments: tuple[Any, ...]) -> Any:
     signature = (placed.kind, *(typeof(argument) for argument in arguments))
     function.compile(signature)
-    compiled: Callable[..., Any] = function.overloads[signature].entry_point
-    return compiled
+    return function.overloads[signature]

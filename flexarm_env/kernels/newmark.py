@@ -226,7 +226,8 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     """n_steps steps of size h from t within a smooth stretch; returns the time reached (SINGLE) or meant (lanes).
 
     A single arm retries a step whose Newton fails, from another start and then in halves, and stops at the last good
-    state. In lanes a failed arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch began.
+    state. In lanes a failed arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch
+    began. `books`: a tag, (0,), where work and dissipation are kept account of; None: compiled out.
     """
     flat = bare(flat)
     w = unpack(lane, model, flat, n_motions)
@@ -237,7 +238,7 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
 def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
     """`advance` on bare arrays."""
     n = size(model.n)
-    if books:
+    if books is not None:
         _open_books(lane, model, drive, par, w)
     done, left, piece, failed = 0, h, h, False
     while done < n_steps:
@@ -313,7 +314,7 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
                     return start
                 continue
         w.counts[3] += 1.0
-        if books:
+        if books is not None:
             _keep_books(lane, model, drive, par, w, piece)
         code = out_of_range(lane, model, par, w.q)
         flag = select_lt(flag, 0.5, code, flag)

@@ -58,7 +58,7 @@ def solved(
         at = simulation.t + step * h
         advance(
             SINGLE, simulation.model, simulation.drive, simulation.par, flat, simulation.n_motions,
-            at, h, 1, scheme, False,
+            at, h, 1, scheme, (0,),
         )  # fmt: skip
         if w.flag[0] != OK:
             bound = float(getattr(simulation.model, "bound", 0.0))
