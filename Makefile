@@ -1,6 +1,7 @@
 # make demo    replays, a first training run and their figures, under runs/demo/
 # make test    the test suite (without the slow ones)
-# Both set up .venv first where that has not been done. `make help` lists the rest.
+# Both set up .venv first where that has not been done. make ray-demo and make ray-test are the same for training on
+# Ray, in .venv-ray. `make help` lists the rest.
 
 PYTHON ?= python3
 PYTEST_ARGS ?=
@@ -13,10 +14,14 @@ VENV  := .venv
 PY    := $(VENV)/bin/python
 READY := $(VENV)/.ready
 READY_BENCH := $(VENV)/.ready-bench
+# Ray has an environment of its own: RLlib takes one version of Gymnasium, which need not be the newest
+VENV_RAY  := .venv-ray
+PY_RAY    := $(VENV_RAY)/bin/python
+READY_RAY := $(VENV_RAY)/.ready
 PIP_INSTALL := $(PY) -m pip install --disable-pip-version-check --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-bench demo test test-slow lint format types architecture docs build clean distclean
+.PHONY: help setup setup-bench setup-ray demo ray-demo ray-test test test-slow lint format types architecture docs build clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 15
@@ -43,9 +48,27 @@ $(READY_BENCH): $(READY)
 	$(PIP_INSTALL) -e ".[bench]"
 	@touch $@
 
+setup-ray: $(READY_RAY) ## .venv-ray with the package (editable) and Ray
+
+$(READY_RAY): pyproject.toml constraints-ray.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "flexarm_env needs Python 3.11 or newer; '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." \
+	       "Say which to use: make $(or $(MAKECMDGOALS),setup-ray) PYTHON=python3.12" >&2; exit 1; }
+	@if [ ! -x $(PY_RAY) ] || ! $(PY_RAY) -m pip --version >/dev/null 2>&1; then \
+	  echo "Setting up $(VENV_RAY) (a few minutes, once)"; \
+	  $(PYTHON) -m venv --clear $(VENV_RAY) || { \
+	    echo "Could not make $(VENV_RAY): the venv module of '$(PYTHON)' is missing or incomplete" \
+	         "(on Debian and Ubuntu: the package python3-venv)." >&2; exit 1; }; \
+	fi
+	$(PY_RAY) -m pip install --disable-pip-version-check --quiet -c constraints-ray.txt -e ".[ray]" pytest hypothesis
+	@touch $@
+
 # --------------------------------------------------------------------- use
 demo: $(READY) ## replay two scenes, train a first controller; results in runs/demo/
 	$(PY) -m agents.demo
+
+ray-demo: $(READY_RAY) ## the same on Ray: train on two runners, judge; results in runs/ray-demo/
+	$(PY_RAY) -m agents.ray_demo
 
 # ------------------------------------------------------------------ checks
 test: $(READY) ## the test suite without the slow tests; PYTEST_ARGS="-k name" narrows it
@@ -54,6 +77,9 @@ test: $(READY) ## the test suite without the slow tests; PYTEST_ARGS="-k name" n
 # pytest ends with 5 where it found no test, which is no failure here
 test-slow: $(READY) ## the slow tests alone
 	$(PY) -m pytest -m slow $(PARALLEL) $(PYTEST_ARGS) || [ $$? -eq 5 ]
+
+ray-test: $(READY_RAY) ## the tests of training on Ray, which no other lane runs
+	$(PY_RAY) -m pytest tests/ray $(PYTEST_ARGS)
 
 lint: $(READY) ## ruff: rules and format of imports
 	$(PY) -m ruff check .
@@ -74,9 +100,9 @@ build: $(READY) ## wheel and source distribution, in dist/
 	$(PY) -m build --no-isolation
 
 # ---------------------------------------------------------------- clean up
-clean: ## remove caches and builds; leave .venv and runs/
+clean: ## remove caches and builds; leave .venv, .venv-ray and runs/
 	rm -rf build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
+	find . -path ./$(VENV) -prune -o -path ./$(VENV_RAY) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
 
-distclean: clean ## remove .venv and runs/ too
-	rm -rf $(VENV) runs
+distclean: clean ## remove .venv, .venv-ray and runs/ too
+	rm -rf $(VENV) $(VENV_RAY) runs

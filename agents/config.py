@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -71,8 +71,11 @@ def default_path(algorithm: str) -> Path:
     return HOME / algorithm / "default.yml"
 
 
-def load(path: Path | None, algorithm: str, env_id: str) -> Config:
-    """Read the entry of an environment. ValueError names the file, the key and what is allowed."""
+def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
+    """Read the entry of an environment. ValueError names the file, the key and what is allowed.
+
+    allowed: keys that the entry may have; default those that Stable-Baselines3's class takes.
+    """
     import yaml
 
     path = default_path(algorithm) if path is None else path
@@ -85,23 +88,37 @@ def load(path: Path | None, algorithm: str, env_id: str) -> Config:
     if not isinstance(content, dict) or not isinstance(content.get(env_id), dict):
         ids = [k for k in content if k != "env_kwargs"] if isinstance(content, dict) else []
         raise ValueError(f"{path}: no entry for {env_id}; it has {', '.join(map(str, ids)) or 'none'}")
-    return checked(
-        Config(algorithm, content[env_id], (content.get("env_kwargs") or {}).get(env_id) or {}), str(path), env_id
-    )
+    config = Config(algorithm, content[env_id], (content.get("env_kwargs") or {}).get(env_id) or {})
+    return checked(config, str(path), env_id, taken_by(algorithm) if allowed is None else allowed)
 
 
-def checked(config: Config, path: str, env_id: str) -> Config:
+def taken_by(algorithm: str) -> set[str]:
+    """Keys that may stand in the file, from the signature of Stable-Baselines3's class."""
+    taken = {*inspect.signature(algorithm_class(algorithm).__init__).parameters} - {*OURS}
+    return {*taken, *ZOO, "policy_kwargs"}
+
+
+def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) -> Config:
     """The config, or a ValueError for a key or value that there is not."""
-    taken = {*inspect.signature(algorithm_class(config.algorithm).__init__).parameters} - {*OURS}
-    allowed = sorted({*taken, *ZOO, "policy_kwargs"})
     for key in config.text:
         if key not in allowed:
-            raise ValueError(f"{path}: {env_id}.{key}: unknown key; {config.algorithm} takes {', '.join(allowed)}")
+            known = ", ".join(sorted(allowed))
+            raise ValueError(f"{path}: {env_id}.{key}: unknown key; {config.algorithm} takes {known}")
     for key in ("n_timesteps",):
         if key not in config.text:
             raise ValueError(f"{path}: {env_id}.{key}: missing; a positive number of environment steps")
     config.arguments()
     return config
+
+
+def text_of(config: Config, env_id: str) -> str:
+    """The config as a file that `load` reads."""
+    import yaml
+
+    content: dict[str, Any] = {env_id: dict(config.text)}
+    if config.env_kwargs:
+        content["env_kwargs"] = {env_id: dict(config.env_kwargs)}
+    return str(yaml.safe_dump(content, sort_keys=False))
 
 
 def algorithm_class(name: str) -> Any:

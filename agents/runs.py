@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 INTERRUPTED = 130
-PACKAGES = ("flexarm_env", "numpy", "scipy", "numba", "gymnasium", "stable_baselines3", "torch")
+PACKAGES = ("flexarm_env", "numpy", "scipy", "numba", "gymnasium", "stable_baselines3", "torch", "ray")
 
 
 def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
@@ -79,6 +79,11 @@ def read_run(run: Path) -> dict[str, Any]:
         if not isinstance(record, dict) or key not in record:
             raise ValueError(f"{run / 'run.json'}: damaged, it does not say {key}")
     return dict(record)
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """Complete checkpoints, oldest first."""
+    return sorted(p for p in (folder / "checkpoints").glob("[0-9]*") if (p / "state.pkl").is_file())
 
 
 def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:

@@ -108,7 +108,7 @@ def train(arguments: Arguments) -> Any:
         model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
         progress = training.Progress()
         training.start_staggered(model, arguments.seed)
-        write_text(folder / "config.yml", _text(config, arguments.env))
+        write_text(folder / "config.yml", configs.text_of(config, arguments.env))
         write_json(folder / "run.json", record)
     _log(model, folder, arguments)
     meta = {key: record[key] for key in ("env_id", "env_kwargs", "layout", "seed", "algorithm", "versions")}
@@ -130,15 +130,7 @@ def _finish(folder: Path, record: dict[str, Any], progress: Any) -> None:
     from agents.export_policy import export
     from agents.figures import learning_curve
 
-    record |= {
-        "finished": True,
-        "steps": progress.curve[-1]["steps"],
-        "wall_s": progress.wall_s,
-        "cpu_s": progress.cpu_s,
-        "best_steps": progress.best_steps,
-        "best": progress.best,
-        "solved": progress.solved,
-    }
+    record |= progress.outcome()
     write_json(folder / "run.json", record)
     learning_curve([progress.curve], folder / "learning_curve.png", str(record["env_id"]))
     export(folder)
@@ -163,15 +155,6 @@ def _resumed(arguments: Arguments) -> Arguments:
     values |= {"config": arguments.folder / "config.yml", "out": arguments.folder, "resume": True}
     values |= {"progress": arguments.progress}
     return Arguments(**values)
-
-
-def _text(config: configs.Config, env_id: str) -> str:
-    import yaml
-
-    content: dict[str, Any] = {env_id: dict(config.text)}
-    if config.env_kwargs:
-        content["env_kwargs"] = {env_id: dict(config.env_kwargs)}
-    return str(yaml.safe_dump(content, sort_keys=False))
 
 
 def _log(model: Any, folder: Path, arguments: Arguments) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import functools
-import io
 import json
 import os
 import pickle
@@ -12,7 +10,6 @@ import random
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,35 +18,9 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents import episodes
 from agents.export_policy import numpy_policy
-from agents.runs import write_text, write_whole
-
-COLUMNS = (
-    "steps", "success_rate", "settling_mean", "settling_median", "return_mean", "train_return", "std", "learning_rate",
-    "wall_s", "cpu_s",
-)  # fmt: skip
-"""Of the learning curve. All but the last two are the same again for the same seed on the same machine."""
-
-
-@dataclass
-class Progress:
-    """What a run has come to; part of every checkpoint.
-
-    curve: rows of COLUMNS. best: least cost so far (see `cost`). solved: row at which it was solved, or None.
-    wall_s, cpu_s: spent so far, evaluation and checkpoints left out.
-    """
-
-    curve: list[dict[str, float]] = field(default_factory=list)
-    best: float = float("inf")
-    best_steps: int = 0
-    solved: dict[str, float] | None = None
-    wall_s: float = 0.0
-    cpu_s: float = 0.0
-
-
-def cost(result: episodes.Episodes) -> float:
-    """Mean settling time, s, an episode without success counting twice the duration."""
-    duration = (len(result.errors) - 1) * result.dt
-    return float(np.where(result.success, result.settling, 2.0 * duration).mean())
+from agents.progress import COLUMNS, Progress, after, cost, describe, write_curve
+from agents.runs import checkpoints, write_whole
+from agents.starts import staggered
 
 
 class Watch(BaseCallback):
@@ -85,8 +56,8 @@ class Watch(BaseCallback):
 
     # --- events --------------------------------------------------------------------------------------
     def _on_training_start(self) -> None:
-        self._next_evaluation = _after(self.num_timesteps - 1, self.evaluate_every)
-        self._next_checkpoint = _after(self.num_timesteps, self.checkpoint_every)
+        self._next_evaluation = after(self.num_timesteps - 1, self.evaluate_every)
+        self._next_checkpoint = after(self.num_timesteps, self.checkpoint_every)
         if self.show:
             from tqdm import tqdm  # type: ignore[import-untyped]
 
@@ -99,11 +70,11 @@ class Watch(BaseCallback):
         steps = self.num_timesteps
         self._tick()
         if steps >= self._next_evaluation:
-            self._next_evaluation = _after(steps, self.evaluate_every)
-            if steps not in [row["steps"] for row in self.state.curve[-1:]]:  # a resumed run may have been judged here
+            self._next_evaluation = after(steps, self.evaluate_every)
+            if not self.state.judged(steps):  # a resumed run may have been judged here
                 self.judge()
         if steps >= self._next_checkpoint:
-            self._next_checkpoint = _after(steps, self.checkpoint_every)
+            self._next_checkpoint = after(steps, self.checkpoint_every)
             save_checkpoint(self.folder, self.model, self.state)
         self._reset_clock()
         if self._bar is not None:
@@ -114,7 +85,7 @@ class Watch(BaseCallback):
 
     def _on_training_end(self) -> None:
         self._tick()
-        if not self._over and self.num_timesteps not in [row["steps"] for row in self.state.curve[-1:]]:
+        if not self._over and not self.state.judged(self.num_timesteps):
             self.judge()
         if self._bar is not None:
             self._bar.update(self.num_timesteps - self._bar.n)
@@ -125,46 +96,23 @@ class Watch(BaseCallback):
         """Evaluate on the validation episodes, note it, keep the model where it is the best so far."""
         policy = numpy_policy(self.model, self.meta, self.model.get_vec_normalize_env())
         result = episodes.run(self.eval_env, policy, episodes.VALIDATION)
-        state, now = self.state, cost(result)
+        state = self.state
         std = getattr(self.model.policy, "log_std", None)
-        row = {
-            "steps": float(self.num_timesteps),
-            "success_rate": float(result.success.mean()),
-            "settling_mean": float(result.settling.mean()),
-            "settling_median": float(np.median(result.settling)),
-            "return_mean": float(result.returns.mean()),
-            "train_return": float(np.mean([e["r"] for e in self.model.ep_info_buffer or []] or [np.nan])),
-            "std": float(np.exp(std.detach().numpy()).mean()) if std is not None else float("nan"),
-            "learning_rate": float(self.model.lr_schedule(self.model._current_progress_remaining)),
-            "wall_s": round(state.wall_s, 2),
-            "cpu_s": round(state.cpu_s, 2),
-        }
-        state.curve.append(row)
-        if now < state.best:
-            state.best, state.best_steps = now, self.num_timesteps
+        better = state.add(
+            result, self.num_timesteps, self.solved_at,
+            train_return=float(np.mean([e["r"] for e in self.model.ep_info_buffer or []] or [np.nan])),
+            std=float(np.exp(std.detach().numpy()).mean()) if std is not None else float("nan"),
+            learning_rate=float(self.model.lr_schedule(self.model._current_progress_remaining)),
+        )  # fmt: skip
+        if better:
             save_model(self.folder, self.model)
-        if state.solved is None and row["success_rate"] >= self.solved_at:
-            state.solved = dict(row)
+        row = state.curve[-1]
         self._over = self.stop and state.solved is not None
         write_curve(self.folder / "learning_curve.csv", state.curve)
         for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
             self.logger.record(f"validation/{name}", row[name])
         if self._bar is not None:
             self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
-
-
-def _after(steps: int, every: int) -> int:
-    """The first multiple of `every` beyond `steps`."""
-    return (steps // every + 1) * every
-
-
-def write_curve(path: Path, rows: list[dict[str, float]]) -> None:
-    """The learning curve as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({k: f"{v:.10g}" for k, v in row.items()} for row in rows)
-    write_text(path, text.getvalue())
 
 
 def save_model(folder: Path, model: Any) -> None:
@@ -182,23 +130,10 @@ def _to(part: Path, save: Callable[[Any], None]) -> None:
 
 # ------------------------------------------------------------------ starts
 def start_staggered(model: Any, seed: int) -> None:
-    """Start the model's environments at times spread over an episode.
-
-    Episodes of one length that start together would make each rollout see one phase of the task alone: all arms on
-    their way, then all at rest. The arms are run without action, each reset at a time of its own.
-    """
+    """Start the model's environments at times spread over an episode (see `agents.starts`)."""
     venv = model.env
-    native = venv.unwrapped.env
     venv.reset()
-    limit = int(native.unwrapped.plan.limit)
-    ages = np.random.default_rng(seed).permutation(np.arange(venv.num_envs) * limit // venv.num_envs)
-    still = np.zeros(native.action_space.shape, np.float32)
-    observation = None
-    for k in range(1, limit):
-        observation = native.step(still)[0]
-        mask = ages == k
-        if mask.any():
-            observation = native.reset(options={"reset_mask": mask})[0]
+    observation = staggered(venv.unwrapped.env, seed)
     if observation is None:
         return
     normaliser = model.get_vec_normalize_env()
@@ -237,11 +172,6 @@ def save_checkpoint(folder: Path, model: Any, progress: Progress, keep: int = 2)
     part.rename(final)
     for old in checkpoints(folder)[:-keep]:
         shutil.rmtree(old)
-
-
-def checkpoints(folder: Path) -> list[Path]:
-    """Complete checkpoints, oldest first."""
-    return sorted(p for p in (folder / "checkpoints").glob("[0-9]*") if (p / "state.pkl").is_file())
 
 
 def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:
@@ -308,22 +238,6 @@ def set_env_states(venv: Any, states: dict[str, Any]) -> None:
             for k, value in states.get("monitor", {}).items():
                 setattr(inner, k, value.copy() if value.ndim else value.item())
         inner = inner.venv
-
-
-def describe(progress: Progress) -> str:
-    """What a run has come to, in a few words."""
-    if not progress.curve:
-        return "nothing evaluated"
-    rows = {row["steps"]: row for row in progress.curve}
-    best = rows[float(progress.best_steps)]
-    text = (
-        f"best at {progress.best_steps} steps: success {best['success_rate']:.0%}, "
-        f"median settling {best['settling_median']:.2f} s (validation episodes)"
-    )
-    if progress.solved is not None:
-        s = progress.solved
-        text += f"; solved after {s['steps']:.0f} steps, {s['wall_s']:.0f} s ({s['cpu_s']:.0f} s CPU)"
-    return text
 
 
 __all__ = ["COLUMNS", "Progress", "Watch", "checkpoints", "cost", "describe", "json", "restore", "save_checkpoint"]

@@ -365,3 +365,21 @@ def test_policies_side_by_side(tmp_path: Path):
     ):
         with pytest.raises(ValueError, match=words):
             films.make(dataclasses.replace(wanted, **changes))
+
+
+# ------------------------------------------------------------------ without Ray
+@pytest.mark.parametrize("program", ["train_rllib", "ray_demo"])
+def test_without_ray_a_sentence_says_what_to_install(program: str, tmp_path: Path):
+    code = f"import sys; sys.modules['ray'] = None; sys.argv[1:] = ['--out', {str(tmp_path / 'run')!r}]; "
+    code += f"from agents.{program} import main; sys.exit(main())"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("Ray cannot be imported here")
+    assert "make setup-ray" in lines[0]
+    assert not (tmp_path / "run" / "run.json").exists()
+
+
+def test_tests_of_the_ray_lane_are_not_collected_here(pytestconfig: pytest.Config):
+    assert "ray" in pytestconfig.getini("norecursedirs")
+    assert (ROOT / "tests" / "ray" / "test_train_rllib.py").is_file()

@@ -64,13 +64,14 @@ EXTERNALS: dict[str, set[str]] = {
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},
+    "ray": set(),
 }
 
 # code outside of the package uses the public rooms only
 OUTSIDE = ("agents", "benchmarks")
 
 # what `import flexarm_env` must not load
-HEAVY = {"torch", "stable_baselines3", "pygame", "matplotlib", "scipy", "minari", "moviepy"}
+HEAVY = {"torch", "stable_baselines3", "pygame", "matplotlib", "scipy", "minari", "moviepy", "ray"}
 
 MAX_LINES = 450
 LONGER: dict[str, int] = {}  # path -> its own limit; to be kept short

@@ -1,0 +1,112 @@
+"""What a training run has come to: rows of the learning curve, the best so far, when it was solved."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents import episodes
+from agents.runs import write_text
+
+COLUMNS = (
+    "steps", "success_rate", "settling_mean", "settling_median", "return_mean", "train_return", "std", "learning_rate",
+    "wall_s", "cpu_s",
+)  # fmt: skip
+"""Of the learning curve. All but the last two are the same again for the same seed on the same machine."""
+
+
+@dataclass
+class Progress:
+    """What a run has come to; part of every checkpoint.
+
+    curve: rows of COLUMNS. best: least cost so far (see `cost`). solved: row at which it was solved, or None.
+    wall_s, cpu_s: spent so far, evaluation and checkpoints left out.
+    """
+
+    curve: list[dict[str, float]] = field(default_factory=list)
+    best: float = float("inf")
+    best_steps: int = 0
+    solved: dict[str, float] | None = None
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+    def add(self, result: episodes.Episodes, steps: int, solved_at: float, **others: float) -> bool:
+        """Note an evaluation after `steps` steps; whether it is the best so far.
+
+        others: train_return, std, learning_rate. solved_at: success rate from which the task counts as solved.
+        """
+        row = {
+            "steps": float(steps),
+            "success_rate": float(result.success.mean()),
+            "settling_mean": float(result.settling.mean()),
+            "settling_median": float(np.median(result.settling)),
+            "return_mean": float(result.returns.mean()),
+            **others,
+            "wall_s": round(self.wall_s, 2),
+            "cpu_s": round(self.cpu_s, 2),
+        }
+        self.curve.append(row)
+        if self.solved is None and row["success_rate"] >= solved_at:
+            self.solved = dict(row)
+        now = cost(result)
+        better = now < self.best
+        if better:
+            self.best, self.best_steps = now, steps
+        return better
+
+    def judged(self, steps: int) -> bool:
+        """Whether the last evaluation was after this many steps."""
+        return steps in [row["steps"] for row in self.curve[-1:]]
+
+    def outcome(self) -> dict[str, Any]:
+        """What run.json says of a finished run."""
+        return {
+            "finished": True,
+            "steps": self.curve[-1]["steps"],
+            "wall_s": self.wall_s,
+            "cpu_s": self.cpu_s,
+            "best_steps": self.best_steps,
+            "best": self.best,
+            "solved": self.solved,
+        }
+
+
+def cost(result: episodes.Episodes) -> float:
+    """Mean settling time, s, an episode without success counting twice the duration."""
+    duration = (len(result.errors) - 1) * result.dt
+    return float(np.where(result.success, result.settling, 2.0 * duration).mean())
+
+
+def after(steps: int, every: int) -> int:
+    """The first multiple of `every` beyond `steps`."""
+    return (steps // every + 1) * every
+
+
+def write_curve(path: Path, rows: list[dict[str, float]]) -> None:
+    """The learning curve as CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({k: f"{v:.10g}" for k, v in row.items()} for row in rows)
+    write_text(path, text.getvalue())
+
+
+def describe(progress: Progress) -> str:
+    """What a run has come to, in a few words."""
+    if not progress.curve:
+        return "nothing evaluated"
+    rows = {row["steps"]: row for row in progress.curve}
+    best = rows[float(progress.best_steps)]
+    text = (
+        f"best at {progress.best_steps} steps: success {best['success_rate']:.0%}, "
+        f"median settling {best['settling_median']:.2f} s (validation episodes)"
+    )
+    if progress.solved is not None:
+        s = progress.solved
+        text += f"; solved after {s['steps']:.0f} steps, {s['wall_s']:.0f} s ({s['cpu_s']:.0f} s CPU)"
+    return text

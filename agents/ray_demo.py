@@ -1,0 +1,107 @@
+"""`make ray-demo`: train PPO of RLlib on FlexibleArm-v0 with two runners, and judge it on the 100 evaluation episodes.
+
+    python -m agents.ray_demo [--out runs/ray-demo] [--runners 2] [--seed 0] [--fresh]
+
+Leaves the run folder, figures and report.md in the folder. What is there already is kept: a second call goes on where
+the first one stopped (--fresh begins anew). The exit code is 1 where the task is not solved.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from agents.arguments import parse
+from agents.runs import fail, read_run, versions, write_text
+
+ENV = "FlexibleArm-v0"
+SOLVED = 0.95
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.ray_demo` takes.
+
+    Args:
+        out: folder of everything.
+        steps: environment steps of the training run.
+        runners: processes that step environments.
+        seed: of the training run.
+        fresh: remove what is in the folder first.
+    """
+
+    out: Path = Path("runs/ray-demo")
+    steps: int = 800_000
+    runners: int = 2
+    seed: int = 0
+    fresh: bool = False
+
+
+def train(arguments: Arguments) -> str:
+    """Train (or go on with, or keep) the run; what it came to."""
+    from agents import train_rllib
+    from agents.progress import describe
+
+    folder = arguments.out / "ppo"
+    if (folder / "run.json").exists() and read_run(folder).get("finished", False):
+        return f"kept from an earlier call ({folder})"
+    wanted = train_rllib.Arguments(
+        env=ENV, seed=arguments.seed, n_timesteps=arguments.steps, runners=arguments.runners, out=folder,
+        resume=(folder / "run.json").exists(), progress=sys.stderr.isatty(),
+    )  # fmt: skip
+    return describe(train_rllib.train(wanted))
+
+
+def judge(out: Path) -> tuple[float, list[str]]:
+    """Success rate on the evaluation episodes, and the report's lines."""
+    from agents.evaluate import Arguments as Judged
+    from agents.evaluate import evaluate
+    from agents.figures import tip_errors
+    from agents.statistics import markdown
+
+    rows, results, limits = evaluate(Judged(policy=f"{out / 'ppo'},pd,zvd,lqr", env=ENV))
+    tip_errors(results, 0, out / "tip_error.png", f"{ENV}, one episode under each controller")
+    lines = [
+        "100 fixed episodes; medians with 95 % bootstrap intervals.",
+        "",
+        markdown(rows, limits),
+        "![tip error](tip_error.png)",
+    ]
+    return float(rows["ppo"]["success_rate"]), lines
+
+
+def main() -> int:
+    """Run the demonstration."""
+    arguments = parse(Arguments, "python -m agents.ray_demo", __doc__)
+    out = arguments.out
+    if arguments.fresh and out.exists():
+        shutil.rmtree(out)
+    out.mkdir(parents=True, exist_ok=True)
+    clock = time.perf_counter()
+    try:
+        print(f"1/2 training PPO of RLlib on {ENV}, {arguments.runners} runners, {arguments.steps} steps", flush=True)
+        note = train(arguments)
+        print("2/2 judging it beside classical controllers", flush=True)
+        success, judged = judge(out)
+    except ValueError as error:
+        return fail(error)
+    made = " · ".join(f"{name} {version}" for name, version in versions().items())
+    spent = f"{time.strftime('%Y-%m-%d')}, {time.perf_counter() - clock:.0f} s in all"
+    lines = [
+        "# Training on Ray", "", f"{spent} · {made}", "",
+        f"PPO of RLlib on {ENV}, {arguments.runners} runners: {note}.", "",
+        "![learning curve](ppo/learning_curve.png)", "", *judged,
+    ]  # fmt: skip
+    write_text(out / "report.md", "\n".join(lines) + "\n")
+    print("\n".join(lines))
+    print(f"The report: {out / 'report.md'}")
+    if success < SOLVED:
+        return fail(f"not solved: {success:.0%} of the episodes succeed, {SOLVED:.0%} are asked for") - 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+"""Ray found, started on this machine or joined; a lock that lets one process of a node compile while others wait."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+MISSING = (
+    "Ray cannot be imported here ({error}): make setup-ray sets up .venv-ray with it, "
+    'or pip install -c constraints-ray.txt "flexarm_env[ray]"'
+)
+MEMORY = 500_000_000
+"""Of the object store of a Ray that is started here, bytes: rollouts are small."""
+
+
+def need_ray() -> Any:
+    """The module `ray`, with RLlib behind it; ValueError with a sentence where they are missing."""
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        import ray
+        import ray.rllib
+    except ImportError as error:
+        raise ValueError(MISSING.format(error=error)) from error
+    return ray
+
+
+def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
+    """Ray started on this machine, or joined.
+
+    Args:
+        address: "HOST:PORT" of a running cluster's head or "auto" for the one that this machine belongs to; None: the
+            one that the environment variable RAY_ADDRESS names, or one of its own on this machine.
+        processes: how many that take a processor each are to run there. verbose: show Ray's own messages.
+    Raises:
+        ValueError: Ray is missing, there is no cluster at that address, or it has too few processors.
+    """
+    import logging
+
+    ray = need_ray()
+    if not ray.is_initialized():
+        own = address is None and not os.environ.get("RAY_ADDRESS")
+        level = logging.INFO if verbose else logging.ERROR
+        options: dict[str, Any] = {"log_to_driver": verbose, "logging_level": level}
+        if own:
+            options |= {"include_dashboard": False, "object_store_memory": MEMORY}
+        try:
+            ray.init(address=address, **options)
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            reason = str(error).splitlines()[0]
+            raise ValueError(f"--address {address}: no Ray cluster there ({reason}); see ray start --head") from error
+        for name in ("ray", "ray.rllib", "ray.tune"):
+            logging.getLogger(name).setLevel(level)
+    there = int(ray.cluster_resources().get("CPU", 0))
+    if processes > there:
+        raise ValueError(
+            f"runners and learners: {processes} processes with a processor each are asked for, Ray has {there} here"
+        )
+    return ray
+
+
+@contextlib.contextmanager
+def one_at_a_time(name: str = "compile", folder: Path | None = None) -> Iterator[None]:
+    """Hold a lock that processes of this node and user share; it is free again when its holder dies.
+
+    Around the first use of an environment: the first process compiles and writes the cache, the others wait and load
+    what it wrote. Where there are no such locks (Windows), everyone goes on at once.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    user = os.getuid()
+    path = (folder or Path(tempfile.gettempdir())) / f"flexarm-{user}-{name}.lock"
+    with path.open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

@@ -1,0 +1,74 @@
+"""The network that RLlib trains, and the same network as a policy that needs NumPy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.columns import Columns
+from torch import nn
+
+from agents.export_policy import TOLERANCE
+from flexarm_env.control import NumpyPolicy
+from flexarm_env.control.policy import FORMAT
+
+
+class FreeDeviationModule(DefaultPPOTorchRLModule):
+    """RLlib's own network for PPO, with a standard deviation that is a parameter and starts where it is told.
+
+    model_config: "log_std_init", beside RLlib's own keys.
+    """
+
+    def setup(self) -> None:
+        """Build the networks: orthogonal weights, small for the action, and biases of zero."""
+        super().setup()
+        with torch.no_grad():
+            for part, last in ((self.encoder, 2**0.5), (self.pi, 0.01), (self.vf, 1.0)):
+                for layer in part.modules():
+                    if isinstance(layer, nn.Linear):
+                        nn.init.orthogonal_(layer.weight, last)
+                        layer.bias.zero_()
+            self.pi.log_std.fill_(float(self.model_config["log_std_init"]))
+
+
+def deviation(module: Any) -> float:
+    """Mean standard deviation of the actions."""
+    return float(torch.exp(module.pi.log_std.detach()).mean())
+
+
+def numpy_policy(module: Any, meta: Mapping[str, Any]) -> NumpyPolicy:
+    """The deterministic policy of a module.
+
+    Raises:
+        ValueError: the exported policy's actions differ from the module's.
+    """
+    layers = [
+        layer
+        for part in (module.encoder.actor_encoder, module.pi)
+        for layer in part.modules()
+        if isinstance(layer, nn.Linear)
+    ]
+    weights = [
+        (layer.weight.detach().numpy().T.astype(np.float32), layer.bias.detach().numpy().astype(np.float32).copy())
+        for layer in layers
+    ]
+    activation = module.model_config["fcnet_activation"]
+    own = {"format": FORMAT, "layers": len(weights), "activation": activation, "squash": False}
+    policy = NumpyPolicy({**meta, **own}, weights)
+    off = difference(policy, module)
+    if off > TOLERANCE:
+        raise ValueError(f"the exported policy differs by {off:.1e} from the module, more than {TOLERANCE:.0e}")
+    return policy
+
+
+def difference(policy: NumpyPolicy, module: Any, n: int = 1024, seed: int = 0) -> float:
+    """Largest difference between both policies' actions on observations drawn from the space."""
+    bounds = np.minimum(module.observation_space.high, 3.0)
+    observations = np.random.default_rng(seed).uniform(-bounds, bounds, (n, len(bounds))).astype(np.float32)
+    with torch.no_grad():
+        inputs = module.forward_inference({Columns.OBS: torch.from_numpy(observations)})[Columns.ACTION_DIST_INPUTS]
+    mean = inputs.numpy()[:, : inputs.shape[1] // 2]
+    return float(np.abs(policy.act(observations) - np.clip(mean, -1.0, 1.0)).max())

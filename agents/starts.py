@@ -1,0 +1,30 @@
+"""Starts of training environments: at times spread over an episode."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def staggered(native: Any, seed: int) -> NDArray[np.float32] | None:
+    """Bring environments that have been reset to times spread over an episode; the observations there, (n, O).
+
+    Episodes of one length that start together would make each rollout see one phase of the task alone: all arms on
+    their way, then all at rest. The arms are run without action, each reset at a time of its own. None where episodes
+    are a single step.
+
+    Args:
+        native: a native vector environment. seed: of the order of the times.
+    """
+    n, limit = native.num_envs, int(native.unwrapped.plan.limit)
+    ages = np.random.default_rng(seed).permutation(np.arange(n) * limit // n)
+    still = np.zeros(native.action_space.shape, np.float32)
+    observation = None
+    for k in range(1, limit):
+        observation = native.step(still)[0]
+        mask = ages == k
+        if mask.any():
+            observation = native.reset(options={"reset_mask": mask})[0]
+    return observation

@@ -1,0 +1,381 @@
+"""Train a policy with PPO of Ray RLlib, on one machine or on a cluster.
+
+    make setup-ray                                               # .venv-ray, once
+    .venv-ray/bin/python -m agents.train_rllib --env FlexibleArm-v0 --runners 2
+    .venv-ray/bin/python -m agents.train_rllib --env TwoLinkFlexArm-v0 --address auto --runners 30 --envs-per-runner 16
+    .venv-ray/bin/python -m agents.train_rllib --out runs/mine --resume
+
+Hyper-parameters are those of configs/ppo/default.yml, which Stable-Baselines3 is trained with. The run folder is laid
+out as that of `agents.train_ppo`: policy.npz (the best on the validation episodes, for NumPy alone), config.yml,
+run.json, learning_curve.csv and .png, tensorboard/; beside them module.pt (weights of that policy's RLModule) and,
+until the run has finished, checkpoints/ (each holds RLlib's own in algorithm/).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import pickle
+import shutil
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from agents import config as configs
+from agents import episodes
+from agents.arguments import parse
+from agents.progress import Progress, after, describe, write_curve
+from agents.rllib import cluster, setup
+from agents.runs import INTERRUPTED, checkpoints, fail, read_run, versions, write_json, write_text, write_whole
+
+FAILED = 1
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.train_rllib` takes.
+
+    Args:
+        env: id of the environment.
+        config: file of hyper-parameters, RL Zoo format; default configs/ppo/default.yml.
+        env_kwargs: keywords of the environment, as JSON; they go before those of the config file.
+        seed: of everything.
+        n_timesteps: environment steps in all; default the config's.
+        out: run folder; default runs/rllib-ENV-SEED.
+        resume: go on from the run folder's last checkpoint, or anew where it has none yet (other flags but those of
+            processes are then those of the run).
+        address: HOST:PORT of a Ray cluster's head, or auto for the one this machine belongs to; default a Ray of its
+            own on this machine.
+        runners: processes that step environments, a processor each; 0: the training process does it.
+        envs_per_runner: environments that a runner steps together; default the config's n_envs shared out.
+        learners: processes that update the network, a processor each; 0: the training process does it.
+        sampler: native (whole arrays a step) or rllib (RLlib's own loop over environments).
+        threads: of torch in the training process; runners and learners have one each.
+        evaluate_every: environment steps from one evaluation to the next.
+        eval_episodes: episodes of an evaluation.
+        solved_at: success rate from which the task counts as solved.
+        stop_when_solved: end the run there.
+        checkpoint_every: environment steps from one checkpoint to the next.
+        tensorboard: write curves for TensorBoard.
+        progress: show a progress bar.
+        verbose: show Ray's own messages.
+    """
+
+    env: str = "FlexibleArm-v0"
+    config: Path | None = None
+    env_kwargs: dict[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    n_timesteps: int | None = None
+    out: Path | None = None
+    resume: bool = False
+    address: str | None = None
+    runners: int = 2
+    envs_per_runner: int | None = None
+    learners: int = 0
+    sampler: str = "native"
+    threads: int = 1
+    evaluate_every: int = 32_768
+    eval_episodes: int = 100
+    solved_at: float = 0.95
+    stop_when_solved: bool = False
+    checkpoint_every: int = 65_536
+    tensorboard: bool = True
+    progress: bool = True
+    verbose: bool = False
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.out or Path("runs") / f"rllib-{self.env}-{self.seed}"
+
+
+PROCESSES = ("address", "runners", "envs_per_runner", "learners", "sampler", "threads", "progress", "verbose")
+"""Arguments that a resumed run takes from its command line: what it runs on may have changed."""
+
+
+def train(arguments: Arguments) -> Progress:
+    """Train, and return what it came to. ValueError with a sentence for what is wrong."""
+    folder = arguments.folder
+    if arguments.resume:
+        arguments = _resumed(arguments)
+    elif (folder / "run.json").exists():
+        raise ValueError(f"{folder}: holds a run already; go on with it by --resume, or choose another --out")
+    _check(arguments)
+    cluster.need_ray()
+    config = setup.load(arguments.config, arguments.env)
+    if arguments.n_timesteps is not None:
+        config = dataclasses.replace(config, text={**config.text, "n_timesteps": arguments.n_timesteps})
+    kwargs = {**config.env_kwargs, **arguments.env_kwargs}
+    judged = {k: v for k, v in kwargs.items() if k not in episodes.TRAINING_ONLY}
+    eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)
+    setup.split(config, arguments.runners, arguments.learners, arguments.envs_per_runner)
+    cluster.connect(arguments.address, arguments.runners + arguments.learners, arguments.verbose)
+    import torch
+
+    torch.set_num_threads(arguments.threads)
+    algorithm = setup.build(
+        setup.algorithm_config(
+            arguments.env, config, kwargs, seed=arguments.seed, runners=arguments.runners, learners=arguments.learners,
+            envs_per_runner=arguments.envs_per_runner, native=arguments.sampler == "native",
+        )
+    )  # fmt: skip
+    run = Run(arguments, config, kwargs, algorithm, eval_env)
+    try:
+        run.begin()
+        run.learn()
+        run.finish()
+    finally:
+        run.close()
+    return run.state
+
+
+class Run:
+    """A training run: the algorithm, what it has come to, and its folder."""
+
+    def __init__(
+        self, arguments: Arguments, config: configs.Config, kwargs: dict[str, Any], algorithm: Any, eval_env: Any
+    ) -> None:
+        from flexarm_env.control import Setup
+
+        self.arguments, self.config, self.algorithm, self.eval_env = arguments, config, algorithm, eval_env
+        self.folder, self.state, self.steps, self.workers_cpu = arguments.folder, Progress(), 0, 0.0
+        self.record: dict[str, Any] = {
+            "algorithm": "rllib_ppo",
+            "env_id": arguments.env,
+            "env_kwargs": kwargs,
+            "layout": Setup.of(eval_env).layout,
+            "seed": arguments.seed,
+            "arguments": {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()},
+            "versions": versions(),
+            "finished": False,
+        }
+        self.meta = {k: self.record[k] for k in ("env_id", "env_kwargs", "layout", "seed", "algorithm", "versions")}
+        self._board: Any = None
+        self._bar: Any = None
+
+    # --- begin and end -------------------------------------------------------------------------------
+    def begin(self) -> None:
+        """Go on from the last checkpoint, or write what a new run begins with."""
+        arguments = self.arguments
+        if arguments.resume and checkpoints(self.folder):
+            self._restore()
+        else:
+            self._sync()
+            write_text(self.folder / "config.yml", configs.text_of(self.config, arguments.env))
+            write_json(self.folder / "run.json", self.record)
+        if arguments.tensorboard:
+            from tensorboardX import SummaryWriter
+
+            self._board = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps)
+        if arguments.progress:
+            from tqdm import tqdm  # type: ignore[import-untyped]
+
+            total = self.config.n_timesteps
+            self._bar = tqdm(total=total, initial=self.steps, unit="step", unit_scale=True, mininterval=0.5)
+
+    def finish(self) -> None:
+        """Write what a finished run leaves behind."""
+        from agents.figures import learning_curve
+
+        self.record |= self.state.outcome()
+        write_json(self.folder / "run.json", self.record)
+        learning_curve([self.state.curve], self.folder / "learning_curve.png", self.arguments.env)
+        shutil.rmtree(self.folder / "checkpoints", ignore_errors=True)
+
+    def close(self) -> None:
+        """Stop the processes of this run."""
+        for closing in (self._bar, self._board, self.eval_env):
+            if closing is not None:
+                closing.close()
+        with contextlib.suppress(Exception):  # of a cluster that has gone
+            self.algorithm.stop()
+
+    # --- training ------------------------------------------------------------------------------------
+    def learn(self) -> None:
+        """Iterate to the end; evaluate and save between iterations."""
+        arguments, state, total = self.arguments, self.state, self.config.n_timesteps
+        evaluation = after(self.steps - 1, arguments.evaluate_every)
+        checkpoint = after(self.steps, arguments.checkpoint_every)
+        result: Mapping[str, Any] = {}
+        while True:
+            if (self.steps >= evaluation or self.steps >= total) and not state.judged(self.steps):
+                evaluation = after(self.steps, arguments.evaluate_every)
+                self.judge(result)
+            if self.steps >= total or (arguments.stop_when_solved and state.solved is not None):
+                return
+            if self.steps >= checkpoint:
+                checkpoint = after(self.steps, arguments.checkpoint_every)
+                self.save()
+            wall, cpu = time.perf_counter(), time.process_time()
+            result = self.algorithm.train()
+            state.wall_s += time.perf_counter() - wall
+            state.cpu_s += time.process_time() - cpu
+            self._note(result)
+
+    def _note(self, result: Mapping[str, Any]) -> None:
+        """Take the counts of an iteration; none where all runners were lost in it and are being started anew."""
+        runners = result.get("env_runners", {})
+        self.steps = max(self.steps, int(runners.get("num_env_steps_sampled_lifetime", 0)))
+        spent = float(runners.get("cpu_s", 0.0))
+        if self.arguments.runners > 0 and spent > self.workers_cpu:
+            self.state.cpu_s += spent - self.workers_cpu
+            self.workers_cpu = spent
+        if self._bar is not None:
+            self._bar.update(self.steps - self._bar.n)
+        if self._board is not None:
+            for name, value in _curves(result).items():
+                self._board.add_scalar(name, value, self.steps)
+
+    def judge(self, result: Mapping[str, Any]) -> None:
+        """Evaluate on the validation episodes, note it, keep the policy where it is the best so far."""
+        from agents.export_policy import save
+        from agents.rllib.module import deviation, numpy_policy
+
+        module, state = self.module, self.state
+        policy = numpy_policy(module, self.meta)
+        found = _curves(result)
+        better = state.add(
+            episodes.run(self.eval_env, policy, episodes.VALIDATION), self.steps, self.arguments.solved_at,
+            train_return=found.get("rollout/ep_rew_mean", float("nan")), std=deviation(module),
+            learning_rate=found.get("train/learning_rate", float("nan")),
+        )  # fmt: skip
+        if better:
+            import torch
+
+            weights = module.state_dict()
+            write_whole(self.folder / "module.pt", lambda part: torch.save(weights, part))
+            save(policy, self.folder / "policy.npz")
+        write_curve(self.folder / "learning_curve.csv", state.curve)
+        row = state.curve[-1]
+        if self._board is not None:
+            for name in ("success_rate", "settling_mean", "settling_median", "return_mean"):
+                self._board.add_scalar(f"validation/{name}", row[name], self.steps)
+        if self._bar is not None:
+            self._bar.set_postfix(success=f"{row['success_rate']:.2f}", settling=f"{row['settling_median']:.2f} s")
+
+    @property
+    def module(self) -> Any:
+        """The network in this process, with the learners' weights."""
+        return self.algorithm.get_module()
+
+    def _sync(self) -> None:
+        """Give runners the learners' weights, the one in this process too."""
+        self.algorithm.env_runner_group.sync_weights(
+            from_worker_or_learner_group=self.algorithm.learner_group, inference_only=True
+        )
+
+    # --- checkpoints ---------------------------------------------------------------------------------
+    def save(self, keep: int = 2) -> None:
+        """Everything from which the run goes on; the last few are kept."""
+        home = self.folder / "checkpoints"
+        part, final = home / f".part-{os.getpid()}", home / f"{self.steps:012d}"
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        self.algorithm.save_to_path((part / "algorithm").absolute())
+        for name in BEST:
+            if (self.folder / name).is_file():
+                shutil.copyfile(self.folder / name, part / f"best-{name}")
+        with (part / "state.pkl").open("wb") as file:
+            pickle.dump({"progress": self.state, "steps": self.steps}, file)
+        shutil.rmtree(final, ignore_errors=True)
+        part.rename(final)
+        for old in checkpoints(self.folder)[:-keep]:
+            shutil.rmtree(old)
+
+    def _restore(self) -> None:
+        """Go back to the last checkpoint that can be read."""
+        problem = ""
+        for path in reversed(checkpoints(self.folder)):
+            try:
+                with (path / "state.pkl").open("rb") as file:
+                    kept = pickle.load(file)
+                self.algorithm.restore_from_path((path / "algorithm").absolute())
+                break
+            except Exception as error:
+                problem = problem or f"{path}: damaged ({type(error).__name__})"
+        else:
+            raise ValueError(problem)
+        self._sync()
+        self.state, self.steps = kept["progress"], kept["steps"]
+        for name in BEST:
+            if (path / f"best-{name}").is_file():
+                shutil.copyfile(path / f"best-{name}", self.folder / f".part-{name}")
+                os.replace(self.folder / f".part-{name}", self.folder / name)
+
+
+BEST = ("policy.npz", "module.pt")
+
+
+def _curves(result: Mapping[str, Any]) -> dict[str, float]:
+    """What goes to TensorBoard, under the names that Stable-Baselines3 gives them."""
+    runners, learner = result.get("env_runners", {}), result.get("learners", {}).get("default_policy", {})
+    timers = result.get("timers", {})
+    found = {
+        "rollout/ep_rew_mean": runners.get("episode_return_mean"),
+        "rollout/ep_len_mean": runners.get("episode_len_mean"),
+        "train/learning_rate": learner.get("default_optimizer_learning_rate"),
+        "train/value_loss": learner.get("vf_loss"),
+        "train/policy_gradient_loss": learner.get("policy_loss"),
+        "train/entropy": learner.get("entropy"),
+        "train/explained_variance": learner.get("vf_explained_var"),
+        "time/sampling": timers.get("env_runner_sampling_timer"),
+        "time/learning": timers.get("learner_update_timer"),
+    }
+    return {name: float(value) for name, value in found.items() if value is not None}
+
+
+def _check(arguments: Arguments) -> None:
+    """ValueError with a sentence for a number or word that there cannot be."""
+    for name, least in (("runners", 0), ("learners", 0), ("threads", 1), ("eval_episodes", 1), ("evaluate_every", 1),
+                        ("checkpoint_every", 1)):  # fmt: skip
+        if getattr(arguments, name) < least:
+            raise ValueError(f"{name} = {getattr(arguments, name)}: must be a whole number from {least}")
+    if arguments.envs_per_runner is not None and arguments.envs_per_runner < 1:
+        raise ValueError(f"envs_per_runner = {arguments.envs_per_runner}: must be a whole number from 1")
+    if arguments.sampler not in ("native", "rllib"):
+        raise ValueError(f"sampler = {arguments.sampler!r}: must be native or rllib")
+    mode = arguments.env_kwargs.get("autoreset_mode", "NextStep")
+    if mode != "NextStep":
+        raise ValueError(f"env_kwargs.autoreset_mode = {mode!r}: must be 'NextStep', which is what RLlib takes")
+
+
+def _resumed(arguments: Arguments) -> Arguments:
+    """The arguments that the run was started with, on the processes asked for now."""
+    record = read_run(arguments.folder)
+    if record["algorithm"] != "rllib_ppo":
+        raise ValueError(f"{arguments.folder}: a run of {record['algorithm']}, not of RLlib")
+    if record.get("finished"):
+        raise ValueError(f"{arguments.folder}: that run has finished; there is nothing to resume")
+    known = {f.name for f in dataclasses.fields(Arguments)}
+    values = {k: v for k, v in record["arguments"].items() if k in known}
+    values |= {"config": arguments.folder / "config.yml", "out": arguments.folder, "resume": True}
+    values |= {name: getattr(arguments, name) for name in PROCESSES}
+    return Arguments(**values)
+
+
+def main() -> int:
+    """Run the command."""
+    arguments = parse(Arguments, "python -m agents.train_rllib", __doc__)
+    again = f"go on with: python -m agents.train_rllib --out {arguments.folder} --resume"
+    try:
+        progress = train(arguments)
+    except ValueError as error:
+        return fail(error)
+    except KeyboardInterrupt:
+        sys.stderr.write(f"interrupted; {again}\n")
+        return INTERRUPTED
+    except Exception as error:
+        if not type(error).__module__.startswith("ray."):
+            raise
+        fail(f"Ray lost a process that the run cannot do without ({type(error).__name__}); {again}")
+        return FAILED
+    print(f"{arguments.folder}: {describe(progress)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
