@@ -7,6 +7,7 @@ An option that the formulation lacks is an error that names it and lists those t
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -37,6 +38,8 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
     "geometrically_exact": {"elements": 5, "order": 2, **_COMMON, "rho_inf": 0.7},
     "elastica": {"nodes": 6, **_COMMON, "rho_inf": 1.0},
 }
+MODAL_BOUND = 0.25
+"""Tip deflection over length beyond which a link reduced to modes is out of its range (theory, section 4)."""
 _MESH = ("segments", "elements", "coupling")
 """Options of the floating frame that the reduction to modes replaces."""
 
@@ -151,6 +154,11 @@ class Settings:
         if "newmark" in given:
             values["rho_inf"] = None
         return cls(formulation=formulation, **{**values, **given})
+
+    @property
+    def deflection_bound(self) -> float:
+        """Tip deflection over a link's length beyond which the formulation stops; infinite but for modes."""
+        return math.inf if self.modes is None else MODAL_BOUND
 
     def options(self) -> dict[str, Any]:
         """The options that :meth:`make` takes to make these settings again (those that are None left out)."""

@@ -211,5 +211,5 @@ class Recorder:
             cpu_seconds=cpu_seconds,
             notes=simulation.system.notes,
             gross_work=simulation.gross,
-            deflection_bound=float(getattr(simulation.model, "bound", 0.0)) or float("inf"),
+            deflection_bound=simulation.settings.deflection_bound,
         )

@@ -37,7 +37,7 @@ def rich(env_id: str, **changes: Any) -> dict[str, Any]:
 
 STANDARD = {
     "is_success", "tip_position", "tip_deflection", "target", "hub_torque", "joint_torque", "in_range",
-    "error_estimate", "solver_status", "termination_reason",
+    "deflection_bound", "error_estimate", "solver_status", "termination_reason",
 }  # fmt: skip
 ENERGIES = {"energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated", "work"}
 

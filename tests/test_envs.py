@@ -272,6 +272,14 @@ def test_arms_and_formulations_by_name_and_value() -> None:
     assert flexarm_env.Arm is type(own)
 
 
+def test_a_reduction_to_modes_says_how_far_it_holds() -> None:
+    modal = {"formulation": "floating_frame", "modes": 2}
+    for keywords, bound in ((modal, 0.25), ({}, np.inf)):
+        assert gym.make("FlexibleArm-v0", **keywords).reset(seed=1)[1]["deflection_bound"] == bound
+        info = gym.make_vec("FlexibleArm-v0", num_envs=3, **keywords).reset(seed=1)[1]
+        np.testing.assert_array_equal(info["deflection_bound"], bound)
+
+
 # ---------------------------------------------------------------------------------------- what is not allowed
 @pytest.mark.parametrize(
     ("kwargs", "words"),

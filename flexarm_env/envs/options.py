@@ -89,6 +89,11 @@ class Plan:
         )  # fmt: skip
 
     @property
+    def deflection_bound(self) -> float:
+        """Tip deflection over length beyond which the formulation stops; infinite but for a reduction to modes."""
+        return self.settings.deflection_bound
+
+    @property
     def observation_bounds(self) -> np.ndarray[Any, np.dtype[np.float32]]:
         """Largest value of each entry of the observation: CLIP scales; 1 for sines and cosines without noise."""
         noisy = self.extras.sensors is not None and self.extras.sensors.noise.any()

@@ -60,6 +60,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         self._step, self._address = batch.compiled_step, batch.address
         self._action, self._shape = batch.action[0], batch.action[0].shape
         self._seen, self._numbers, self._tail = batch.observation[0], batch.table[:, 0], batch.tail_first
+        self._bound = self.plan.deflection_bound
         self._floats = tuple((e.name, e.first) for e in self.plan.entries if e.count is None)
         self._arrays = tuple((e.name, e.first, e.first + e.count) for e in self.plan.entries if e.count is not None)
 
@@ -110,6 +111,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         info: dict[str, Any] = {
             "is_success": values[SUCCESS] > 0.5,
             "in_range": values[tail + IN_RANGE] > 0.5,
+            "deflection_bound": self._bound,
             "solver_status": STATUS_WORDS[reason],
             "termination_reason": REASONS[reason],
         }

@@ -79,6 +79,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._ended: list[int] = []
         self._guides: dict[int, Guide] = {}
         self._everywhere = _constant(True, np.bool_, self.num_envs)
+        self._bound = _constant(self.plan.deflection_bound, np.float64, self.num_envs)
         usual = STATUS_WORDS[0.0], ""
         self._fine = _constant(usual[0], object, self.num_envs), _constant(usual[1], object, self.num_envs)
 
@@ -343,6 +344,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         table = batch.table[:, :n].copy()
         tail = batch.tail_first
         infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[tail + IN_RANGE] > 0.5}
+        infos["deflection_bound"] = self._bound
         infos["solver_status"], infos["termination_reason"] = self._words(table[tail + REASON])
         for entry in self.plan.entries:
             first, count = entry.first, entry.count

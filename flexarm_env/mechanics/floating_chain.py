@@ -16,9 +16,6 @@ from ..settings import Settings
 from .floating_frame import Body, finite_element_body
 from .reduction import inertia_margin, modal_body
 
-MODAL_BOUND = 0.25
-"""Tip deflection over length beyond which a link reduced to modes is out of its range (theory, section 4)."""
-
 MARGIN_LOST = 0.5
 """Share of the margin of a reduced link's mass matrix whose loss likewise ends the run."""
 
@@ -149,7 +146,7 @@ def build(scene: Scene, settings: Settings) -> System:
         mass_damping=arm.mass_damping,
         gravity=np.array(scene.gravity or (0.0, 0.0)),
         n_links=arm.n_links,
-        bound=MODAL_BOUND if settings.modes is not None else 0.0,
+        bound=settings.deflection_bound,
         table=np.column_stack([start[:-1], sizes, links, rows, angle, elements, stations, places_of_blocks]).astype(
             np.int64, order="C"
         ),
