@@ -91,3 +91,37 @@ def tip_errors(results: Mapping[str, Episodes], episode: int, path: Path, title:
     axes[0].set_title(title)
     axes[-1].set_xlabel("time (s)")
     _save(figure, path)
+
+
+def compared(
+    rows: Sequence[Mapping[str, Any]], varied: Sequence[str], quantities: Mapping[str, str], path: Path, title: str = ""
+) -> None:
+    """Quantities over the values of what was varied: a column of panels each, a dot a run, a line through the means."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    keys = list(quantities)
+    size = (max(4.6, 3.4 * len(varied)), 1.9 * len(keys))
+    figure, axes = plt.subplots(
+        len(keys), len(varied), figsize=size, sharex="col", sharey="row", layout="constrained", squeeze=False
+    )
+    for column, name in enumerate(varied):
+        values = list(dict.fromkeys(str(row[name]) for row in rows))
+        for ax, key in zip(axes[:, column], keys, strict=True):
+            ax.spines[["top", "right"]].set_visible(False)
+            ax.grid(True, linewidth=0.4, alpha=0.5)
+            groups = [[float(row[key]) for row in rows if str(row[name]) == value] for value in values]
+            for x, group in enumerate(groups):
+                ax.plot([x] * len(group), group, "o", color=COLOURS[0], alpha=0.7, markersize=5)
+            ax.plot(range(len(values)), [np.mean(group) for group in groups], color=COLOURS[1], linewidth=1.4)
+            if column == 0:
+                ax.set_ylabel(quantities[key])
+            if key == "success_rate":
+                ax.set_ylim(-0.05, 1.05)
+        axes[-1, column].set_xticks(range(len(values)), values)
+        axes[-1, column].set_xlim(-0.4, len(values) - 0.6)
+        axes[-1, column].set_xlabel(name)
+    figure.suptitle(title)
+    _save(figure, path)

@@ -368,9 +368,11 @@ def test_policies_side_by_side(tmp_path: Path):
 
 
 # ------------------------------------------------------------------ without Ray
-@pytest.mark.parametrize("program", ["train_rllib", "ray_demo"])
+@pytest.mark.parametrize("program", ["train_rllib", "ray_demo", "sweep"])
 def test_without_ray_a_sentence_says_what_to_install(program: str, tmp_path: Path):
-    code = f"import sys; sys.modules['ray'] = None; sys.argv[1:] = ['--out', {str(tmp_path / 'run')!r}]; "
+    words = ["--out", str(tmp_path / "run")]
+    words += ["--space", '{"payload": [1.0]}'] if program == "sweep" else []
+    code = f"import sys; sys.modules['ray'] = None; sys.argv[1:] = {words!r}; "
     code += f"from agents.{program} import main; sys.exit(main())"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2

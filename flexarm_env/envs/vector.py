@@ -52,6 +52,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         threads: int | None = None,
         **arguments: Any,
     ) -> None:
+        self.closed = True  # there is nothing to close where an argument is wrong
         self.num_envs = check.integer("num_envs", num_envs, minimum=1)
         if not isinstance(autoreset_mode, AutoresetMode):
             words = [mode.value for mode in AutoresetMode]
@@ -82,6 +83,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._bound = _constant(self.plan.deflection_bound, np.float64, self.num_envs)
         usual = STATUS_WORDS[0.0], ""
         self._fine = _constant(usual[0], object, self.num_envs), _constant(usual[1], object, self.num_envs)
+        self.closed = False
 
     # --- gymnasium ---------------------------------------------------------------------------------
     def reset(
