@@ -30,6 +30,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # formulas need no network
     "sphinx.ext.viewcode",
 ]
 exclude_patterns = ["_build"]
@@ -39,6 +40,8 @@ suppress_warnings = ["config.cache"]
 html_theme = "furo"
 html_title = f"flexarm_env {version}"
 html_copy_source = False
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 
 # ---------------------------------------------------------------- Markdown
 myst_enable_extensions = ["amsmath", "attrs_block", "deflist", "dollarmath"]
