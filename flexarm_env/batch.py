@@ -61,7 +61,7 @@ from .parameters import Arm
 from .scene import Scene
 from .settings import Settings
 from .simulation import uncompiled
-from .threads import Crew
+from .threads import Crew, holders
 
 Array = NDArray[np.float64]
 
@@ -81,6 +81,10 @@ REASONS: dict[float, str] = {
 
 STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
 """The solver's status for each of these codes."""
+
+
+UNSEEN = holders([np.zeros(1)], 0)
+"""Holders of an array that nobody but its list knows."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +174,8 @@ class Batch:
         extras: controllers, motors, sensors, moving targets.
     Attributes:
         action (n, A) float32: to be filled before `step`. observation (n, O) float32, reward (n,), terminated,
-        truncated (n,): of the last step or start. address: what the compiled functions take.
+        truncated (n,): of the last step or start. table: entries of info, a row each, a column an arm (and some to
+        spare). tail_first: index of info's tail. address: what the compiled functions take.
     """
 
     def __init__(
@@ -185,6 +190,7 @@ class Batch:
         self.lane = SINGLE if n < LANES_FROM or settings.formulation in ONE_BY_ONE else EIGHT
         self.groups = -(-n // len(self.lane))
         self.threads = max(1, min(threads, self.groups))
+        self.tail_first = DEFLECTION + 2 * len(task.links) + len(task.targets) + len(task.terms)
         self.pose = pose_table(arm, settings, gravity)
         self._build()
 
@@ -202,6 +208,7 @@ class Batch:
         self.observation = np.zeros((count, self.entries), np.float32)
         size = (self.layout.saved - self.layout.info) // lanes
         self.table = np.zeros((size, self.groups * lanes))
+        self._tables = [self.table, np.empty_like(self.table)]
         self.queue = np.zeros(count, np.int64)
         self.reward = np.zeros(count)
         self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
@@ -309,10 +316,24 @@ class Batch:
             self._repeat_alone()
         return int(count)
 
+    def renew(self, keep: bool = True) -> None:
+        """Write what comes into another table, so that whoever looks at the present one finds it as it is.
+
+        Another: one that nobody looks at any more, or a new one. keep: begin with a copy of the present one; without,
+        all of it is to be written, which a step does.
+        """
+        if holders(self._tables, 1) > UNSEEN:
+            self._tables[1] = np.empty_like(self.table)
+        self._tables.reverse()
+        old, self.table = self.table, self._tables[0]
+        if keep:
+            self.table[...] = old
+        self._placed.replace("table", self.table)
+        self.address = self._placed.address
+
     def _repeat_alone(self) -> None:
         """Arms whose Newton iteration failed in their lane go through the period again, where steps are halved."""
-        reasons = self.tail(REASON)
-        for i in np.flatnonzero(reasons == RETRY).tolist():
+        for i in np.flatnonzero(self.table[self.tail_first + REASON, : self.n] == RETRY).tolist():
             alone = self.alone()
             alone.take(0, self.give(i))
             alone.action[0] = self.action[i]
@@ -376,23 +397,6 @@ class Batch:
             torques=info[torque : torque + links].copy(),
             deflection=info[DEFLECTION : DEFLECTION + links].copy(),
         )
-
-    # --- what info is made of --------------------------------------------------------------------
-    def info(self, k: int, count: int | None = None) -> Array:
-        """Entry k of info for all arms (n,), or entries k ... k + count - 1 (n, count); a fresh array."""
-        if count is None:
-            return self.table[k, : self.n].copy()
-        return np.array(self.table[k : k + count, : self.n].T, order="C")
-
-    def tail(self, k: int) -> Array:
-        """Entry k of the tail of info for all arms (n,)."""
-        return self.info(self.tail_first + k)
-
-    @property
-    def tail_first(self) -> int:
-        """Index of info's tail."""
-        task = self.task
-        return DEFLECTION + 2 * len(task.links) + len(task.targets) + len(task.terms)
 
     def close(self) -> None:
         """Let the threads go."""

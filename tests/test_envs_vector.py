@@ -231,6 +231,28 @@ def test_wrong_options_are_named(options: Any, words: str) -> None:
     assert_same([s["arm"] for s in before], [s["arm"] for s in env.get_state()])
 
 
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_infos_stay_as_they_were(mode: AutoresetMode) -> None:
+    """Numbers of info live in tables that go round: a table that somebody still looks at is left alone."""
+    env = gym.make_vec("FlexibleArm-v0", num_envs=16, duration=0.1, autoreset_mode=mode, threads=2)
+    held = []
+
+    def hold(infos: dict[str, Any], *names: str) -> None:
+        held.extend((infos[name], infos[name].copy()) for name in names)
+
+    hold(env.reset(seed=0)[1], "tip_position", "target")
+    for k in range(40):
+        _, _, terminated, truncated, infos = env.step(np.full((16, 1), 0.9 * (-1.0) ** k, np.float32))
+        hold(infos, *(("tip_position", "reward_effort") if k % 3 else ("is_success", "joint_torque")))
+        if k % 5 == 4:
+            states = env.unwrapped.get_state()
+            env.unwrapped.set_state(states[::-1])
+        if mode is AutoresetMode.DISABLED and (terminated | truncated).any():
+            hold(env.reset(options={"reset_mask": terminated | truncated})[1], "target")
+    for now, then in held:
+        assert_same(now, then)
+
+
 def test_outcomes_are_fresh_objects() -> None:
     env = gym.make_vec("FlexibleArm-v0", num_envs=3)
     env.reset(seed=0)

@@ -83,6 +83,9 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._bound = _constant(self.plan.deflection_bound, np.float64, self.num_envs)
         usual = STATUS_WORDS[0.0], ""
         self._fine = _constant(usual[0], object, self.num_envs), _constant(usual[1], object, self.num_envs)
+        self._rows = tuple((e.name, e.first, None if e.count is None else e.first + e.count) for e in self.plan.entries)
+        names = ("is_success", "in_range", "deflection_bound", "solver_status", "termination_reason")
+        self._masks = {f"_{name}": self._everywhere for name in (*names, *(e.name for e in self.plan.entries))}
         self.closed = False
 
     # --- gymnasium ---------------------------------------------------------------------------------
@@ -102,6 +105,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         for i in chosen:
             if seeds[i] is not None:
                 self._seed(i, seeds[i])
+        self.batch.renew()
         self._start(chosen, RUNNING, each, guides)
         self._ended = [i for i in self._ended if i not in set(chosen)]
         self._begun = self._begun or self.batch.begun
@@ -117,11 +121,11 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         if not self._begun:
             raise ResetNeeded("No episodes have begun: call reset() first")
         guided = [(i, own) for i, own in self._guides.items() if i not in self._ended]
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            if self._ended:
-                self._start_again(FRESH)
-        elif self.autoreset_mode is AutoresetMode.DISABLED and self._ended:
+        if self._ended and self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(f"Arms {self._ended} have ended: reset them with options['reset_mask']")
+        batch.renew(keep=False)
+        if self._ended and self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            self._start_again(FRESH)
         batch.action[:] = actions
         attention = batch.step()
         for i, own in guided:
@@ -282,6 +286,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             raise check.InvalidValue("states", f"{len(states)} states", f"must be {len(chosen)}, one for each arm")
         for state in states:
             check_state(self.batch, state)
+        self.batch.renew()
         for i, state in zip(chosen, states, strict=True):
             self._generators[i], self._seeds[i], own = put_state(self.batch, i, state)
             self._guides.pop(i, None)
@@ -339,25 +344,21 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
     def _infos(self, only: Flags | None = None) -> dict[str, Any]:
         """info of all arms, or of those in `only` (zeros elsewhere), each key with its mask.
 
-        One copy of the numbers, of which the values are views; the masks of all keys are one array. What says that
-        nothing is out of the ordinary is one read-only array at every step.
+        The values are views of the batch's table, which is a new one at every step; the masks of all keys are one
+        array. What says that nothing is out of the ordinary is one read-only array at every step.
         """
-        batch, n = self.batch, self.num_envs
-        table = batch.table[:, :n].copy()
-        tail = batch.tail_first
+        tail, table = self.batch.tail_first, self.batch.table[:, : self.num_envs]
         infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[tail + IN_RANGE] > 0.5}
         infos["deflection_bound"] = self._bound
-        infos["solver_status"], infos["termination_reason"] = self._words(table[tail + REASON])
-        for entry in self.plan.entries:
-            first, count = entry.first, entry.count
-            infos[entry.name] = table[first] if count is None else table[first : first + count].T
-        if only is not None:
-            for name, values in infos.items():
-                infos[name] = _blanked(values, only)
-        mask = self._everywhere if only is None else only.copy()
-        for name in list(infos):
-            infos[f"_{name}"] = mask
-        return infos
+        usual = only is None and not self._ended  # only arms that have just ended have a reason
+        words = self._fine if usual else self._words(table[tail + REASON])
+        infos["solver_status"], infos["termination_reason"] = words
+        for name, first, last in self._rows:
+            infos[name] = table[first] if last is None else table[first:last].T
+        if only is None:
+            return infos | self._masks
+        mask = only.copy()
+        return {name: _blanked(values, only) for name, values in infos.items()} | dict.fromkeys(self._masks, mask)
 
     def _words(self, codes: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Solver status and reason of each arm, as words."""

@@ -89,7 +89,7 @@ def _place(buffer, value):  # type: ignore[no-untyped-def]
 class Placed:
     """A named tuple of one-dimensional arrays and numbers that compiled code reaches by `address`.
 
-    Its arrays may be written to, but not be replaced.
+    Its arrays may be written to; to put another in the place of one, there is `replace`.
     """
 
     def __init__(self, value: Any) -> None:
@@ -102,6 +102,19 @@ class Placed:
         assert used <= self._buffer.nbytes
         self.address = int(self._buffer.ctypes.data)
         self.kind = Address(bare_type(typeof(value)))
+        self._words: dict[str, int] = {}
+        self._held: dict[str, Any] = {}
+
+    def replace(self, name: str, array: Any) -> None:
+        """Put a contiguous array of the same type and shape in the place of the value's array `name`."""
+        if config.DISABLE_JIT:
+            self.address = self.value = self.value._replace(**{name: array.reshape(-1)})
+            return
+        if name not in self._words:  # the one word of the buffer that holds the old array's address
+            (word,) = np.flatnonzero(self._buffer == getattr(self.value, name).ctypes.data)
+            self._words[name] = int(word)
+        self._held[name] = array
+        self._buffer[self._words[name]] = array.__array_interface__["data"][0]
 
 
 def entry(function: Any, placed: Placed, *arguments: Any) -> Callable[..., Any]:
