@@ -332,3 +332,9 @@ def test_a_wrong_seed_changes_nothing(seed: Any) -> None:
     assert [s["generator"].bit_generator.state for s in before] == [
         s["generator"].bit_generator.state for s in env.get_state()
     ]
+
+
+def test_lanes_do_not_cross_cache_lines() -> None:
+    for n in (3, 64, 1024):
+        block = gym.make_vec("FlexibleArm-v0", num_envs=n).unwrapped.batch.block
+        assert block.ctypes.data % 64 == 0 and block.strides[0] % 64 == 0
