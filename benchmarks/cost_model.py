@@ -61,6 +61,17 @@ def _best(function: Callable[[], Any], repeat: int = 15) -> float:
     return min(times)
 
 
+def arithmetic_numbers() -> np.ndarray:
+    """What `chain` works on."""
+    return np.ones(CHAINS * len(EIGHT))
+
+
+def chain(numbers: np.ndarray, count: int) -> None:
+    """`count` times 24 multiplications and additions in eight lanes, nothing but that."""
+    numbers[:] = 1.0
+    _chains(EIGHT, numbers, count)
+
+
 def ceiling(lane: tuple[int, ...]) -> float:
     """Operations a second of one core, all lanes together."""
     x, count = np.ones(CHAINS * len(lane)), 200_000

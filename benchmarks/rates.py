@@ -6,12 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.util import find_spec
+from threading import Thread
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 import flexarm_env  # noqa: F401  (registers the ids)
+from benchmarks.cost_model import arithmetic_numbers, chain
 from flexarm_env.envs.options import DEFAULT_FORMULATION, DEFAULT_OPTIONS
 
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
@@ -124,6 +126,30 @@ def exudyn_arm(elements: int = 5, n_steps: int = 4) -> Case | None:
 
     facts = {"id": "Exudyn strip", "n_envs": 1, "threads": 1, "api": "single"}
     return Case(f"Exudyn, {elements} elements, {n_steps} steps a period", make, facts)
+
+
+def arithmetic(threads: int) -> Case:
+    """Multiplications and additions in registers, in eight lanes, on some threads: what these gain at most."""
+
+    def make() -> tuple[Callable[[int], int], Callable[[], None]]:
+        numbers = [arithmetic_numbers() for _ in range(threads)]
+
+        def advance(count: int) -> int:
+            def work(own: np.ndarray) -> None:
+                for _ in range(count):
+                    chain(own, 10_000)
+
+            others = [Thread(target=work, args=(own,)) for own in numbers[1:]]
+            for other in others:
+                other.start()
+            work(numbers[0])
+            for other in others:
+                other.join()
+            return count * threads
+
+        return advance, lambda: None
+
+    return Case(f"arithmetic, {threads} thread(s)", make, {"threads": threads, "api": "registers"})
 
 
 def own_cases(sizes: tuple[int, ...], threads: tuple[int, ...], formulations: tuple[str, ...]) -> list[Case]:

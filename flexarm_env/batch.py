@@ -286,11 +286,9 @@ class Batch:
 
     def begin(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
         """Fresh starts; keys: 64 random bits for each arm that its draws and noise follow from."""
-        for k, i in enumerate(arms):
-            self.queue[k], self.stream[i] = i, keys[k]
         lanes, at = len(self.lane), self.layout.record + LIMIT * len(self.lane)
-        which = self.queue[: len(arms)]
-        self.block[which // lanes, at + which % lanes] = limit
+        for k, i in enumerate(arms):
+            self.queue[k], self.stream[i], self.block[i // lanes, at + i % lanes] = i, keys[k], limit
         self._begin(self.address, mode, len(arms))
 
     def witness(

@@ -18,37 +18,31 @@ ROUNDS = 1_000_000
 
 
 class _Worker:
-    """One thread, at board k. Two bare locks are what it and its caller sleep at."""
+    """One thread, at board k. A bare lock is what it sleeps at."""
 
-    def __init__(self, boards: NDArray[np.int64], k: int) -> None:
-        self._board, self._rounds = boards[k * spin.BOARD : (k + 1) * spin.BOARD], ROUNDS
-        self._go, self._done = threading.Lock(), threading.Lock()
+    def __init__(self, boards: NDArray[np.int64], k: int, done: Callable[[], None]) -> None:
+        self._board, self._rounds, self._call_back = boards[k * spin.BOARD : (k + 1) * spin.BOARD], ROUNDS, done
+        self._go = threading.Lock()
         self._go.acquire()
-        self._done.acquire()
         self._thread = threading.Thread(target=self._work, args=(boards, k), name="flexarm", daemon=True)
         self._thread.start()
 
     def _work(self, boards: NDArray[np.int64], k: int) -> None:
         while (why := spin.serve(boards, k, self._rounds)) != spin.END:
             if why == spin.WAKE:
-                self._done.release()
+                self._call_back()
             else:
                 self._go.acquire()
-                self._board[spin.WORKER] = spin.AWAKE
+                self._board[spin.STATE] = spin.AWAKE
 
     def wake(self) -> None:
         """Open the lock at which the worker sleeps, or is about to, if it has been called."""
-        if self._board[spin.WORKER] == spin.CALLED:
+        if self._board[spin.STATE] == spin.CALLED and self._go.locked():
             self._go.release()
-
-    def wait(self) -> None:
-        """Sleep until the worker has done its task."""
-        self._done.acquire()
-        self._board[spin.CALLER] = spin.AWAKE
 
     def stop(self) -> None:
         """Tell the thread to end after the task it is at."""
-        self._board[spin.TASKS] = spin.OVER
+        self._board[spin.TASK] = spin.OVER
         if self._go.locked():
             self._go.release()
 
@@ -66,32 +60,30 @@ class Crew:
         self.size = size
         self._workers: list[_Worker] = []
         self._process = os.getpid()
-        self._busy = False
+        self._busy, self._task = False, 0
+        self._boards, self._done = np.zeros((size + 1) * spin.BOARD, np.int64), threading.Lock()
 
     def run(self, function: int, address: int, groups: int) -> int:
-        """Sum of function(address, first, last) over parts of nearly equal length of range(groups), a part a thread."""
+        """Sum of function(address, first, last) over parts of range(groups)."""
         if self._process != os.getpid():  # a forked child has the objects, but not the threads
             self._workers, self._process, self._busy = [], os.getpid(), False
         if self._busy:  # a run was interrupted, and so was its tidying up
             self._end()
         if not self._workers:
-            self._boards = np.zeros((self.size + 1) * spin.BOARD, np.int64)
-            self._boards[spin.TASKS] = spin.OVER
-            spin.serve(self._boards, 0, 1)  # compiled (or loaded) here and not in a thread
-            self._boards[spin.TASKS] = 0
-            self._workers = [_Worker(self._boards, k) for k in range(self.size)]
-        self._busy = True
+            self._begin()
+        self._busy, self._task = True, self._task % spin.TASKS + 1
+        given = self._boards, self._task, function, address, groups, ROUNDS
         try:
-            result = spin.lead(self._boards, function, address, groups, ROUNDS, spin.GIVE)
+            result = spin.lead(*given, spin.GIVE)
             while result < spin.FAILED:
                 if result == spin.CALL:
                     for worker in self._workers:
                         worker.wake()
-                    stage = spin.RUN
+                    result = spin.lead(*given, spin.RUN)
                 else:
-                    self._workers[spin.WAIT - result].wait()
-                    stage = spin.GATHER
-                result = spin.lead(self._boards, function, address, groups, ROUNDS, stage)
+                    self._done.acquire()
+                    self._boards[spin.STATE - spin.BOARD] = spin.AWAKE
+                    result = spin.lead(*given, spin.LOOK)
         except BaseException:  # Ctrl-C, say: nobody is to write into arrays that the caller thinks are his
             self._end()
             raise
@@ -99,6 +91,15 @@ class Crew:
         if result == spin.FAILED:
             raise RuntimeError("A compiled step raised an error")
         return int(result)
+
+    def _begin(self) -> None:
+        """Threads, new boards and a lock that the caller sleeps at; threads of before may still hold the old ones."""
+        self._boards, self._done = np.zeros_like(self._boards), threading.Lock()
+        self._boards[spin.TASK] = spin.OVER
+        spin.serve(self._boards, 0, 1)  # compiled (or loaded) here and not in a thread
+        self._boards[spin.TASK] = 0
+        self._done.acquire()
+        self._workers = [_Worker(self._boards, k, self._done.release) for k in range(self.size)]
 
     def _end(self) -> None:
         """End the threads and wait until they have."""
