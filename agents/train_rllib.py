@@ -152,6 +152,7 @@ class Run:
             "arguments": {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()},
             "versions": versions(),
             "finished": False,
+            "runners": self._places(),
         }
         self.meta = {k: self.record[k] for k in ("env_id", "env_kwargs", "layout", "seed", "algorithm", "versions")}
         self._board: Any = None
@@ -176,6 +177,15 @@ class Run:
 
             total = self.config.n_timesteps
             self._bar = tqdm(total=total, initial=self.steps, unit="step", unit_scale=True, mininterval=0.5)
+
+    def _places(self) -> dict[str, int]:
+        """Nodes of the cluster, and how many runners each has at the start."""
+        import ray
+
+        nodes = self.algorithm.env_runner_group.foreach_env_runner(
+            lambda _: ray.get_runtime_context().get_node_id()[:8], local_env_runner=False
+        )
+        return {node: nodes.count(node) for node in sorted(set(nodes))}
 
     def finish(self) -> None:
         """Write what a finished run leaves behind."""

@@ -51,7 +51,10 @@ def connect(address: str | None, processes: int, verbose: bool = False) -> Any:
             ray.init(address=address, **options)
         except (ConnectionError, RuntimeError, ValueError) as error:
             reason = str(error).splitlines()[0]
-            raise ValueError(f"--address {address}: no Ray cluster there ({reason}); see ray start --head") from error
+            raise ValueError(
+                f"--address {address}: no Ray cluster there ({reason}); it is begun by ray start --head; where it "
+                "wants a token, RAY_AUTH_MODE=token and the head's token are needed here too"
+            ) from error
         for name in ("ray", "ray.rllib", "ray.tune"):
             logging.getLogger(name).setLevel(level)
     there = int(ray.cluster_resources().get("CPU", 0))

@@ -98,7 +98,7 @@ def algorithm_config(
         .rl_module(rl_module_spec=RLModuleSpec(module_class=FreeDeviationModule, model_config=model))
         .fault_tolerance(
             restart_failed_env_runners=True, delay_between_env_runner_restarts_s=1.0,
-            env_runner_health_probe_timeout_s=30.0,
+            env_runner_health_probe_timeout_s=2.0,
         )
         .debugging(seed=seed, log_level="ERROR")
     )  # fmt: skip

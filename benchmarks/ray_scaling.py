@@ -1,0 +1,381 @@
+"""What Ray costs and how training scales with its processes: docs/results/ray.{md,json}.
+
+    .venv-ray/bin/python -m benchmarks.ray_scaling [--iterations 8] [--rounds 2] [--out FOLDER]
+
+PPO with the hyper-parameters of configs/ppo/default.yml on FlexibleArm-v0: rollouts of 8192 steps of 64 environments,
+10 epochs, minibatches of 1024, network [64, 64], one torch thread in each process. `plain` is the same training loop
+written out in NumPy and torch, without Ray, with the same network, on one core; the others are RLlib's PPO with its
+runners (`native`: those of agents/rllib/runner.py, `rllib`: RLlib's own) as processes of their own, or none, and
+learners likewise. They take turns; times are medians over iterations, the first two of each turn left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import describe_machine, write_text
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+ENV = "FlexibleArm-v0"
+WARM = 2
+MINIBATCH, EPOCHS = 1024, 10
+ARRANGEMENTS: dict[str, dict[str, Any]] = {
+    "native, in the training process": {"runners": 0, "native": True},
+    "native, 1 runner": {"runners": 1, "native": True},
+    "native, 2 runners": {"runners": 2, "native": True},
+    "native, 1 runner, 4 times the environments": {"runners": 1, "native": True, "n_envs": 256},
+    "native, 2 runners, 4 times the environments": {"runners": 2, "native": True, "n_envs": 256},
+    "native, 2 runners, 2 learners": {"runners": 2, "native": True, "learners": 2},
+    "rllib, 1 runner": {"runners": 1, "native": False},
+    "rllib, 2 runners": {"runners": 2, "native": False},
+}
+PLAIN, ALONE = "plain, without Ray", "native, in the training process"
+PARTS = ("environment_s", "policy_s", "episodes_s")
+
+Row = dict[str, float]
+
+
+class Clock:
+    """Adds up how long calls take."""
+
+    def __init__(self) -> None:
+        self.spent: dict[str, float] = {}
+
+    def timed(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """The call, with its time added to `name`."""
+
+        def wrapped(*args: Any, **kwargs: Any) -> Any:
+            begin = time.perf_counter()
+            try:
+                return call(*args, **kwargs)
+            finally:
+                self.spent[name] = self.spent.get(name, 0.0) + time.perf_counter() - begin
+
+        return wrapped
+
+    def take(self) -> dict[str, float]:
+        """What has been added up; begin anew."""
+        spent, self.spent = self.spent, {}
+        return spent
+
+
+# ------------------------------------------------------------------ with Ray
+def on_ray(config: Any, iterations: int, runners: int, native: bool, n_envs: int = 64, learners: int = 0) -> list[Row]:
+    """Seconds of each iteration and of its parts; the parts inside runners as the mean over the runners."""
+    from ray.rllib.algorithms.ppo import ppo
+
+    from agents.rllib import setup
+
+    config = dataclasses.replace(config, text={**config.text, "n_envs": n_envs})
+    algorithm = setup.build(
+        setup.algorithm_config(
+            ENV, config, dict(config.env_kwargs), seed=0, runners=runners, learners=learners,
+            envs_per_runner=None, native=native,
+        )
+    )  # fmt: skip
+    clock, usual = Clock(), ppo.synchronous_parallel_sample
+    ppo.synchronous_parallel_sample = clock.timed("sampling", usual)
+    algorithm.learner_group.update = clock.timed("learning", algorithm.learner_group.update)
+    algorithm.env_runner_group.sync_weights = clock.timed("weights", algorithm.env_runner_group.sync_weights)
+    rows, before = [], dict.fromkeys((*PARTS, "num_env_steps_sampled_lifetime"), 0.0)
+    try:
+        for k in range(WARM + iterations):
+            clock.take()
+            begin = time.perf_counter()
+            result = algorithm.train()["env_runners"]
+            row = {"iteration": time.perf_counter() - begin, **clock.take()}
+            now = {name: float(result.get(name, 0.0)) for name in before}
+            change = {name: now[name] - before[name] for name in before}
+            before = now
+            row |= {name: change[name] / max(1, runners) for name in PARTS if native}
+            row["steps"] = change["num_env_steps_sampled_lifetime"]
+            if k >= WARM:
+                rows.append(row)
+    finally:
+        ppo.synchronous_parallel_sample = usual
+        algorithm.stop()
+    return rows
+
+
+# ------------------------------------------------------------------ without
+def plain(config: Any, iterations: int) -> list[Row]:
+    """The same training loop without Ray: seconds of each iteration and of its parts."""
+    import gymnasium as gym
+    import torch
+    from ray.rllib.core.columns import Columns
+    from ray.rllib.core.rl_module.rl_module import RLModuleSpec
+
+    from agents.rllib.module import FreeDeviationModule
+    from agents.starts import staggered
+
+    text = config.text
+    n, horizon, size = int(text["n_envs"]), int(text["n_steps"]), int(text["batch_size"])
+    env = gym.make_vec(
+        f"flexarm_env:{ENV}", num_envs=n, vectorization_mode="vector_entry_point", threads=1, **config.env_kwargs
+    )
+    model = {"fcnet_hiddens": [64, 64], "fcnet_activation": "tanh", "vf_share_layers": False, "free_log_std": True,
+             "log_std_init": -0.5}  # fmt: skip
+    spaces = (env.single_observation_space, env.single_action_space)
+    module: Any = RLModuleSpec(FreeDeviationModule, *spaces, model_config=model).build()
+    drawn = module.get_exploration_action_dist_cls()
+    adam = torch.optim.Adam(module.parameters(), 1e-3)
+    gamma, lam = float(text["gamma"]), float(text["gae_lambda"])
+    env.reset(seed=0)
+    seen, over = staggered(env.unwrapped, 0), np.zeros(n, bool)
+    rows = []
+    for k in range(WARM + iterations):
+        begin, spent = time.perf_counter(), dict.fromkeys(PARTS, 0.0)
+        columns: list[Any] = []
+        for _ in range(horizon):
+            clock = time.perf_counter()
+            with torch.no_grad():
+                chosen = drawn.from_logits(module.forward_exploration({Columns.OBS: torch.from_numpy(seen)})[
+                    Columns.ACTION_DIST_INPUTS])  # fmt: skip
+                action = chosen.sample()
+                logp = chosen.logp(action)
+            between = time.perf_counter()
+            after, reward, ended, cut, _ = env.step(np.clip(action.numpy(), -1.0, 1.0))
+            columns.append((seen, action.numpy(), logp.numpy(), reward, ended, cut, ~over))
+            seen, over = after, ended | cut
+            spent["policy_s"] += between - clock
+            spent["environment_s"] += time.perf_counter() - between
+        obs, act, logp, reward, ended, cut, alive = (np.stack(c) for c in zip(*columns, strict=True))
+        sampled = time.perf_counter()
+        with torch.no_grad():
+            everything = torch.from_numpy(np.concatenate([obs, seen[None]]).reshape(-1, obs.shape[-1]))
+            value = module.compute_values({Columns.OBS: everything}).numpy().reshape(horizon + 1, n)
+        advantage, last = np.zeros_like(value[:-1]), np.zeros(n, np.float32)
+        for t in reversed(range(horizon)):
+            delta = reward[t] + gamma * value[t + 1] * ~ended[t] - value[t]
+            last = (delta + gamma * lam * ~(ended[t] | cut[t]) * last).astype(np.float32)
+            advantage[t] = last
+        valid = np.flatnonzero(alive.reshape(-1))
+        target = torch.from_numpy((advantage + value[:-1]).reshape(-1)[valid])
+        flat = advantage.reshape(-1)[valid]
+        gain = torch.from_numpy((flat - flat.mean()) / flat.std())
+        seen_, act_, logp_ = (torch.from_numpy(x.reshape(-1, *x.shape[2:])[valid]) for x in (obs, act, logp))
+        for _ in range(int(text["n_epochs"])):
+            for some in torch.randperm(len(valid)).split(size):
+                out = module.forward_train({Columns.OBS: seen_[some]})
+                policy = module.get_train_action_dist_cls().from_logits(out[Columns.ACTION_DIST_INPUTS])
+                ratio = torch.exp(policy.logp(act_[some]) - logp_[some])
+                won = torch.min(gain[some] * ratio, gain[some] * ratio.clamp(0.8, 1.2))
+                miss = module.compute_values({Columns.OBS: seen_[some]}, embeddings=out[Columns.EMBEDDINGS])
+                loss = (-won + 0.5 * (miss - target[some]) ** 2).mean()
+                adam.zero_grad()
+                loss.backward()
+                torch.nn.utils.clip_grad_norm_(module.parameters(), 0.5)
+                adam.step()
+        end = time.perf_counter()
+        row = {"iteration": end - begin, "sampling": sampled - begin, "learning": end - sampled, "steps": len(valid)}
+        if k >= WARM:
+            rows.append({**row, **spent})
+    env.close()
+    return rows
+
+
+def bare(config: Any, n: int = 64, repeats: int = 400) -> float:
+    """Microseconds that the environments alone take for a step of one arm, n of them on one thread."""
+    import gymnasium as gym
+
+    env = gym.make_vec(f"flexarm_env:{ENV}", num_envs=n, vectorization_mode="vector_entry_point", threads=1,
+                       **config.env_kwargs)  # fmt: skip
+    env.reset(seed=0)
+    action = np.random.default_rng(0).uniform(-1.0, 1.0, (n, 1)).astype(np.float32)
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        env.step(action)
+        times.append(time.perf_counter() - begin)
+    env.close()
+    return float(np.median(times)) / n * 1e6
+
+
+# ------------------------------------------------------------------ on paper
+def costs(found: dict[str, Row]) -> Row:
+    """What an environment step costs where, in microseconds, and an iteration beside its steps, in seconds.
+
+    collect: in the training process, to receive it; it and fixed from two runners with 8192 and with 32768 steps.
+    together: what each update of a minibatch takes longer where learners agree on it.
+    """
+    one, two, four = (found[f"native, {k}"] for k in ("1 runner", "2 runners", "2 runners, 4 times the environments"))
+    inside = {name: sum(row[part] for part in PARTS) for name, row in (("two", two), ("four", four))}
+    waiting = [row["sampling"] - inside[name] for name, row in (("two", two), ("four", four))]
+    updates = two["steps"] / MINIBATCH * EPOCHS
+    together = max(0.0, found["native, 2 runners, 2 learners"]["learning"] - two["learning"] / 2) / updates
+    collect = max(0.0, (waiting[1] - waiting[0]) / (four["steps"] - two["steps"]))
+    return {
+        "sample_us": inside["four"] / (four["steps"] / 2) * 1e6,
+        "collect_us": collect * 1e6,
+        "learn_us": four["learning"] / four["steps"] * 1e6,
+        "fixed_s": max(0.0, waiting[0] - collect * two["steps"]) + two.get("weights", 0.0),
+        "per_runner_s": max(0.0, two.get("weights", 0.0) - one.get("weights", 0.0)),
+        "together_ms": together * 1e3,
+    }
+
+
+def rate(cost: Row, runners: int, learners: int, each: int) -> float:
+    """Environment steps a second of synchronous PPO whose runners take `each` steps an iteration."""
+    steps = runners * each
+    agreeing = cost["together_ms"] * 1e3 * EPOCHS / MINIBATCH if learners > 1 else 0.0
+    learning = steps * (cost["learn_us"] + agreeing) / max(1, learners)
+    seconds = (each * cost["sample_us"] + steps * cost["collect_us"] + learning) * 1e-6
+    return steps / (seconds + cost["fixed_s"] + runners * cost["per_runner_s"])
+
+
+def best(cost: Row, cores: int, each: int) -> tuple[float, int, int]:
+    """The best division of cores into runners and learners: steps/s, runners, learners."""
+    options = [(rate(cost, cores - k, k, each), cores - k, k) for k in sorted({*range(1, min(cores, 100)),
+               *(round(cores * s / 200) for s in range(1, 199))}) if 1 <= k < cores]  # fmt: skip
+    return max(options)
+
+
+# ------------------------------------------------------------------ the page
+def medians(rows: list[Row]) -> Row:
+    """Of each part, with the rate."""
+    out = {key: float(np.median([row[key] for row in rows])) for key in rows[0]}
+    return out | {"steps_per_second": out["steps"] / out["iteration"]}
+
+
+def page(content: dict[str, Any]) -> str:
+    """docs/results/ray.md."""
+    found, cost, machine = content["found"], content["costs"], content["machine"]
+    facts = " · ".join(f"{k}: {v}" for k, v in machine.items())
+    lines = [
+        "# Training on Ray", "",
+        "Environment steps a second of PPO on FlexibleArm-v0, rollouts and updates together, and what an iteration's",
+        "time goes into. *plain* is the same training loop written out without Ray, on one core. The network is",
+        "updated in the training process, or by learners, while the runners wait. Written by",
+        "`python -m benchmarks.ray_scaling`; how to train so is in [](../ray.md).", "",
+        f"{facts} · load average at the start: {content['load_average']:.1f}", "",
+        "| runners | steps an iteration | steps/s | while sampling | iteration, ms | sampling, ms | learning, ms |",
+        "|---|---:|---:|---:|---:|---:|---:|",
+    ]  # fmt: skip
+    for name, row in found.items():
+        cells = (row["steps"], row["steps_per_second"], row["steps"] / row["sampling"])
+        cells += tuple(1e3 * row[part] for part in ("iteration", "sampling", "learning"))
+        lines.append(f"| {name} | " + " | ".join(f"{cell:,.0f}" for cell in cells) + " |")
+    lines += [*_share(found, content["bare_us"]), *_paper(cost, content["bare_us"])]
+    return "\n".join(lines) + "\n"
+
+
+def _share(found: dict[str, Row], bare_us: float) -> list[str]:
+    """What Ray costs, and where the time goes."""
+    without, alone = (found[name]["iteration"] / found[name]["steps"] * 1e6 for name in (PLAIN, ALONE))
+    names = ("1 runner", "2 runners")
+    ours = [found[f"native, {name}"] for name in names]
+    times = [found[f"rllib, {name}"]["sampling"] / row["sampling"] for name, row in zip(names, ours, strict=True)]
+    share = [1.0 - without / (row["iteration"] / row["steps"] * 1e6) for row in ours]
+    lines = [
+        "", "## What Ray itself costs", "",
+        f"On one core, with nothing sent anywhere, a step takes {without:.0f} µs without RLlib and {alone:.0f} with",
+        f"it: {1.0 - without / alone:.0%} of the time is RLlib's. An iteration with one runner takes longer than the",
+        f"plain loop's on one core by {share[0]:.0%} of itself, with two runners by {share[1]:.0%}. Where its time",
+        "goes:", "",
+        "| | environments | policy | episodes made | carried to the training process | learning |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]  # fmt: skip
+    for name in (PLAIN, *(n for n in found if n.startswith("native"))):
+        row = found[name]
+        carried = max(0.0, row["sampling"] - sum(row[part] for part in PARTS))
+        cells = [*(row[part] for part in PARTS), carried, row["learning"]]
+        lines.append(f"| {name} | " + " | ".join(f"{cell / row['iteration']:.0%}" for cell in cells) + " |")
+    return [
+        *lines, "", f"The environments alone take {bare_us:.2f} µs a step. RLlib's own runner, which loops over",
+        f"environments in Python and sends the info of every step, takes {times[0]:.1f} (1 runner) and {times[1]:.1f}",
+        "times (2 runners) as long to sample as the native one. Two runners share the 64 environments of one: what",
+        "a call of the network costs is then paid twice, and sampling gains nothing; with more environments it does.",
+    ]  # fmt: skip
+
+
+def _paper(cost: Row, bare_us: float) -> list[str]:
+    """What a large cluster would give."""
+    lines = [
+        "", "## A cluster of 1000 cores, on paper", "",
+        "Synchronous PPO waits twice: for the slowest runner, and for the learners. With R runners that take m steps",
+        "each and L learners, an iteration lasts", "",
+        f"    m sample + R m collect + R m (learn + {EPOCHS} agree / {MINIBATCH}) / L + fixed + R runner", "",
+        "with costs measured above (two runners, 8192 and 32768 steps an iteration):", "",
+        "| sample, µs/step | learn, µs/step | agree, ms an update | collect, µs/step | fixed, ms | runner, ms |",
+        "|---:|---:|---:|---:|---:|---:|",
+        f"| {cost['sample_us']:.1f} | {cost['learn_us']:.1f} | {cost['together_ms']:.1f} | {cost['collect_us']:.2f} "
+        f"| {1e3 * cost['fixed_s']:.0f} | {1e3 * cost['per_runner_s']:.1f} |", "",
+        "Divided best between runners and learners, with 8192 steps a runner and minibatches of",
+        f"{MINIBATCH} in each learner:", "",
+        "| cores | runners | learners | steps/s | of as many single cores |", "|---:|---:|---:|---:|---:|",
+    ]  # fmt: skip
+    for cores in (2, 4, 16, 64, 250, 1000):
+        speed, runners, learners = best(cost, cores, 8192)
+        ideal = cores * 1e6 / (cost["sample_us"] + cost["learn_us"])
+        lines.append(f"| {cores} | {runners} | {learners} | {speed:,.0f} | {speed / ideal:.0%} |")
+    together, compute = cost["together_ms"], cost["learn_us"] * MINIBATCH / EPOCHS * 1e-3
+    limit = f"{1e6 / cost['collect_us']:,.0f}" if cost["collect_us"] > 0 else "too many to be measured here"
+    return [
+        *lines, "", "Where it stops scaling:", "",
+        f"- **At the learners, at once.** A step costs {cost['learn_us'] / cost['sample_us']:.1f} times as much to",
+        "  learn from as to sample, so most cores have to be learners; and learners must agree on every update, which",
+        f"  takes {together:.1f} ms here; one computes a minibatch of {MINIBATCH} in {compute:.1f} ms.",
+        "  For so small a network two learners are slower than the training process alone. Larger minibatches and",
+        "  fewer epochs move this limit; so does a GPU.",
+        f"- **At the training process.** All episodes pass through it: {cost['collect_us']:.2f} µs a step are a",
+        f"  ceiling of {limit} steps/s, whatever the number of runners; messages to each of them come on top.",
+        "- **At the batch.** 1000 runners of 8192 steps are 8 million steps an update, ten times what the whole",
+        "  training of this task takes. Beyond some tens of runners the time to a trained policy no longer falls; many",
+        "  cores are better spent on sweeps (`agents.sweep`), whose trials share nothing.",
+        "- **Not at the environments**, which are "
+        f"{bare_us / (cost['sample_us'] + cost['learn_us']):.1%} of a step's cost.",
+        "", "All of it was measured on one machine, on which runners and the training process share two cores: what a",
+        "network between nodes costs is not in the figures.",
+    ]  # fmt: skip
+
+
+def main() -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--iterations", type=int, default=8, help="of a turn that are measured")
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    arguments = parser.parse_args()
+    load = os.getloadavg()[0]
+    from agents.rllib import cluster, setup
+
+    try:
+        ray = cluster.need_ray()
+    except ValueError as error:
+        sys.exit(str(error))
+    ray.init(num_cpus=4, include_dashboard=False, object_store_memory=cluster.MEMORY, log_to_driver=False,
+             logging_level="ERROR")  # fmt: skip
+    import torch
+
+    torch.set_num_threads(1)
+    config = setup.load(None, ENV)
+    rows: dict[str, list[Row]] = {name: [] for name in (PLAIN, *ARRANGEMENTS)}
+    for k in range(arguments.rounds):
+        rows[PLAIN] += plain(config, arguments.iterations)
+        for name, how in ARRANGEMENTS.items():
+            rows[name] += on_ray(config, arguments.iterations, **how)
+        for name, found in rows.items():
+            print(f"round {k + 1}, {name}: {medians(found)['steps_per_second']:.0f} steps/s", flush=True)
+    found = {name: medians(each) for name, each in rows.items()}
+    content = {
+        "machine": describe_machine("ray", "torch"), "load_average": load, "env": ENV, "bare_us": bare(config),
+        "found": found, "costs": costs(found),
+    }  # fmt: skip
+    write_text(arguments.out / "ray.json", json.dumps(content, indent=1) + "\n")
+    text = page(content)
+    write_text(arguments.out / "ray.md", text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
