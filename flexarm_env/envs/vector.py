@@ -215,7 +215,8 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         guides: dict[int, Guide] | None = None,
     ) -> None:
         """Start episodes of these arms, with what is asked for and the guides of those whose motion is prescribed."""
-        keys = [int(self._generator(i).bit_generator.random_raw()) for i in arms]
+        made = self._generators
+        keys = [int((made[i] or self._generator(i)).bit_generator.random_raw()) for i in arms]
         if self._guides:
             self._guides = {i: own for i, own in self._guides.items() if i not in set(arms)}
         if asked is None:
