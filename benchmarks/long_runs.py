@@ -39,6 +39,7 @@ LONG = (
     _row("exact, a quarter of the step", "geometrically_exact", dt=0.000625),
     _row("floating frame, rho_inf 0.9 (default)", "floating_frame"),
     _row("modes, rho_inf 0.9 (default)", "floating_frame", modes=3),
+    _row("modes in 5 segments, rho_inf 0.9", "floating_frame", modes=2, segments=5),
 )
 
 
@@ -56,10 +57,7 @@ def torques(end: float, seed: int = 0) -> tuple[np.ndarray[Any, Any], np.ndarray
 
 def long_run(case: dict[str, Any]) -> dict[str, Any]:
     """One run: steps taken, how it ended, energy that appeared or went over gross work, largest deflection."""
-    given = {**DEFAULT_OPTIONS[case["formulation"]], **case["options"]}
-    if "modes" in given:
-        given.pop("segments", None)
-    settings = Settings.make(case["formulation"], **given)
+    settings = Settings.make(case["formulation"], **DEFAULT_OPTIONS[case["formulation"]]).replace(**case["options"])
     assert settings.dt is not None
     end = case["steps"] * settings.dt
     t, values = torques(end)

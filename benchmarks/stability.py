@@ -149,7 +149,8 @@ def hard_step(case: dict[str, Any]) -> dict[str, Any]:
 HARD: dict[str, tuple[str, dict[str, Any]]] = {
     "floating frame": ("floating_frame", {"segments": None, "elements": 1}),
     "one frame": ("floating_frame", {"segments": 1, "elements": None}),
-    "modes": ("floating_frame", {"modes": 3}),
+    "modes": ("floating_frame", {"modes": 2, "segments": None}),
+    "modes of the whole link": ("floating_frame", {"modes": 3}),
     "exact": ("geometrically_exact", {"elements": None}),
     "elastica": ("elastica", {"nodes": 6}),
 }
@@ -240,7 +241,8 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
     ]  # fmt: skip
     for program, counts in found["hard_steps"].items():
         lines.append(f"| {program} | " + " | ".join(str(value) for value in counts.values()) + " |")
-    lines += ["", "`robot_arm_motion`, step 0.1 s, 5 elements:", "",
+    lines += ["", "`robot_arm_motion`, step 0.1 s, 5 elements or segments. The link bends by 48 % of its length, twice "
+              "what modes of the whole link are good for: that run has to stop.", "",
               "| program | method | status | error, % of L | estimate, % of L |", "|---|---|---|---|---|"]  # fmt: skip
     for row in hard:
         if (row["scene"], row["dt"], row["elements"]) == ("robot_arm_motion", 0.1, 5):

@@ -192,7 +192,7 @@ def _sizes(more: int) -> Iterator[Case]:
     kinds: list[tuple[str, list[Case]]] = [
         ("floating frame", [{"segments": s, "elements": e} for s in counts for e in (1, 2, 4)]),
         ("floating frame", [{"segments": 1, "elements": e} for e in counts]),
-        ("modes", [{"modes": k} for k in range(1, 9)]),
+        ("modes", [{"modes": k} for k in range(1, 9)] + [{"modes": 2, "segments": s} for s in (2, 5, 16)]),
         ("exact", [{"elements": e, "order": p} for e in counts for p in (1, 2, 3)]),
         ("elastica", [{"nodes": k} for k in range(3, 13)]),
     ]

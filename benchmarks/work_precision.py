@@ -103,6 +103,8 @@ def meshes(full: bool) -> list[tuple[str, str, dict[str, Any]]]:
     found.append(("floating frame", "floating_frame", {"segments": 5, "coupling": "paper"}))
     for modes in (2, 3, 4):
         found.append(("modes", "floating_frame", {"modes": modes}))
+    for segments in (3, 5, 8):
+        found.append(("modes", "floating_frame", {"modes": 2, "segments": segments}))
     kinds = ((1, (16, 64)), (2, (2, 3, 5, 8, 16)), (3, (2, 4, 8)))
     for (order, counts), rho in itertools.product(kinds, (0.5, 0.7, 0.9, 1.0) if full else (0.7, 1.0)):
         for elements in counts:
@@ -184,7 +186,7 @@ def describe(case: Case) -> str:
         return f"{case['label']}, default, {h}"
     rho = f"rho {options['rho_inf']:g}" if "rho_inf" in options else ""
     if "modes" in options:
-        mesh = f"{options['modes']} modes"
+        mesh = f"{options['modes']} modes" + (f", {options['segments']} segments" if "segments" in options else "")
     elif "nodes" in options:
         mesh = f"elastica {options['nodes']} nodes"
     elif case["label"] == "floating frame":

@@ -83,7 +83,7 @@ def other_mesh(settings: Settings) -> tuple[Settings, float]:
             return settings.replace(nodes=5), 1.0
         return settings.replace(nodes=max(3, settings.nodes - 2)), HALF
     if settings.modes is not None:
-        return settings.replace(segments=5, elements=1), 1.0
+        return settings.replace(segments=max(5, settings.segments or 1), elements=1), 1.0
     assert settings.elements is not None
     if settings.formulation == "geometrically_exact":
         if settings.elements == 1:
@@ -158,7 +158,7 @@ def finer_mesh(settings: Settings) -> Settings:
         assert settings.nodes is not None
         return settings.replace(nodes=min(12, settings.nodes + 2) if settings.nodes < 12 else 11)
     if settings.modes is not None:
-        return settings.replace(segments=8, elements=1)
+        return settings.replace(segments=max(8, 2 * (settings.segments or 1)), elements=1)
     if settings.formulation == "geometrically_exact":
         assert settings.elements is not None
         return settings.replace(elements=2 * settings.elements)

@@ -41,7 +41,10 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
 MODAL_BOUND = 0.25
 """Tip deflection over length beyond which a link reduced to modes is out of its range (theory, section 4)."""
 _MESH = ("segments", "elements", "coupling")
-"""Options of the floating frame that the reduction to modes replaces."""
+"""Options of the floating frame that modes drop where they are given alone."""
+
+_REPLACED = ("elements", "coupling")
+"""Those that have no meaning beside modes."""
 
 
 def options_of(formulation: str) -> tuple[str, ...]:
@@ -72,10 +75,10 @@ class Settings:
 
     Args:
         formulation: "floating_frame", "geometrically_exact" or "elastica".
-        segments: floating frames per link, at least 1 (floating_frame, default 5).
+        segments: floating frames per link, at least 1 (floating_frame, default 5; with modes 1).
         elements: beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5).
         coupling: "von_karman" (default), "paper" or "linear" axial-bending coupling (floating_frame).
-        modes: bending modes per link, 1 to 8, in place of segments, elements and coupling (floating_frame).
+        modes: bending modes per segment, 1 to 8, in place of elements and coupling (floating_frame).
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
         nodes: tangent angles per link, 3 to 12 (elastica, default 6).
         dt: step, s; None takes the scene's.
@@ -114,7 +117,7 @@ class Settings:
             if (name == "modes" or (reduced and name in _MESH)) and value is None:
                 continue
             object.__setattr__(self, name, _CHECKS[name](name, value))
-            if reduced and name in _MESH:
+            if reduced and name in _REPLACED:
                 raise check.InvalidValue(name, value, "must not be given together with modes, which replaces it")
         if self.dt is not None:
             object.__setattr__(self, "dt", check.number("dt", self.dt, "s", above=0.0))
@@ -143,7 +146,7 @@ class Settings:
         """Settings of a formulation, its defaults overridden by ``options``.
 
         An option given as None takes its default. Raises ValueError for an option the formulation lacks, a value
-        out of range, ``modes`` together with ``segments``, ``elements`` or ``coupling``, ``newmark`` with ``rho_inf``.
+        out of range, ``modes`` together with ``elements`` or ``coupling``, ``newmark`` with ``rho_inf``.
         """
         values = default_options(formulation)
         check_options(formulation, options)
@@ -157,8 +160,8 @@ class Settings:
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection over a link's length beyond which the formulation stops; infinite but for modes."""
-        return math.inf if self.modes is None else MODAL_BOUND
+        """Tip deflection over a link's length beyond which the formulation stops; infinite but for whole links in modes."""
+        return MODAL_BOUND if self.modes is not None and self.segments in (None, 1) else math.inf
 
     def options(self) -> dict[str, Any]:
         """The options that :meth:`make` takes to make these settings again (those that are None left out)."""
@@ -175,7 +178,7 @@ class Settings:
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """``base`` overridden by ``options``: modes drops the mesh it replaces (and a mesh option drops modes),
+    """``base`` overridden by ``options``: modes drops the mesh of ``base`` (and a mesh option drops its modes),
     newmark drops rho_inf and the other way about. None in ``options`` overrides nothing."""
     given = {name: value for name, value in options.items() if value is not None}
     kept = dict(base)

@@ -42,7 +42,7 @@ class Trajectory:
     status: "ok", "inaccurate", or what ended the run early. error_estimate: how far the tip may be off, a fraction of
     the arm's length (`flexarm_env.accuracy`; nan where the run ended early), and error_parts what it is made of.
     gross_work: J, the work of the drives whether they gave or took.
-    deflection_bound: tip_deflection beyond which the formulation stops; infinite but for a reduction to modes.
+    deflection_bound: tip_deflection beyond which the formulation stops; infinite but for whole links reduced to modes.
     """
 
     scene: Scene

@@ -177,7 +177,7 @@ def test_refusals_are_sentences(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     assert "a .toml file that exists" in refused(capsys, "simulate", str(tmp_path / "none.toml"))
     assert "nodes: unknown option of floating_frame (it belongs to" in refused(capsys, *replay, "--nodes", "5")
     assert "segments = 0: must be" in refused(capsys, *replay, "--segments", "0")
-    assert "modes" in refused(capsys, *replay, "--modes", "2", "--segments", "2")
+    assert "modes" in refused(capsys, *replay, "--modes", "2", "--elements", "2")
     assert "dt = -1.0: must be a positive number (s)" in refused(capsys, *replay, "--dt", "-1")
     assert "dt = nan" in refused(capsys, *replay, "--dt", "nan")
     assert "invalid int value: 'x'" in refused(capsys, *replay, "--elements", "x")

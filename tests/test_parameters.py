@@ -154,6 +154,8 @@ def test_modes_and_newmark_replace_what_they_exclude() -> None:
     assert (newmark.newmark, newmark.rho_inf) == ((0.25, 0.5), None)
     assert modal.replace(elements=2) == Settings.make(elements=2)
     assert Settings.make(segments=8).replace(modes=2) == Settings.make(modes=2)
+    assert Settings.make(segments=8).replace(modes=2, segments=4) == Settings.make(modes=2, segments=4)
+    assert Settings.make(modes=2, segments=4).replace(dt=0.1).options()["segments"] == 4
     assert newmark.replace(rho_inf=0.8) == Settings.make(rho_inf=0.8)
     assert Settings.make(rho_inf=0.8).replace(newmark=(0.25, 0.5)) == newmark
 
@@ -176,7 +178,7 @@ def test_options_make_the_settings_again(formulation: str) -> None:
         ("geometrically_exact", {"nodes": 3}, "nodes: unknown option of geometrically_exact (it belongs to elastica)"),
         ("floating_frame", {"order": 2}, "order: unknown option of floating_frame"),
         ("floating_frame", {"segment": 3}, "did you mean segments?"),
-        ("floating_frame", {"modes": 2, "segments": 3}, "segments = 3: must not be given together with modes"),
+        ("floating_frame", {"modes": 2, "elements": 3}, "elements = 3: must not be given together with modes"),
         ("floating_frame", {"modes": 2, "coupling": "paper"}, "coupling = 'paper': must not be given together"),
         ("floating_frame", {"coupling": "cubic"}, 'must be one of "von_karman", "paper", "linear"'),
         ("floating_frame", {"segments": 0}, "segments = 0: must be a whole number, at least 1"),

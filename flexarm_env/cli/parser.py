@@ -153,7 +153,7 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     )
     solver.add_argument("--coupling", metavar="NAME", help="von_karman, paper or linear (floating_frame)")
     solver.add_argument(
-        "--modes", type=int, metavar="N", help="bending modes instead of segments and elements (floating_frame)"
+        "--modes", type=int, metavar="N", help="bending modes a link, or a segment with --segments (floating_frame)"
     )
     solver.add_argument("--order", type=int, metavar="P", help="of the elements, 1 to 3 (geometrically_exact)")
     solver.add_argument("--nodes", type=int, metavar="N", help="per link, 3 to 12 (elastica)")

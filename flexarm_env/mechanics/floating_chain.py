@@ -1,6 +1,6 @@
 """A scene's links as floating-frame bodies joined by multipliers: the `FloatingFrame` Model.
 
-Each link is cut into `segments` bodies joined rigidly, or reduced to one body of `modes`. What needs no
+Each link is cut into `segments` bodies joined rigidly, of finite elements or reduced to `modes`. What needs no
 multiplier has none: a pinned root and a prescribed hub angle are coordinates that are known.
 """
 
@@ -10,30 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import COUPLINGS, FloatingFrame, System
-from ..parameters import Arm, Payload
+from ..parameters import Arm, Link, Payload
 from ..scene import PointLoad, Scene
-from ..settings import Settings
+from ..settings import MODAL_BOUND, Settings
 from .floating_frame import Body, finite_element_body
-from .reduction import inertia_margin, modal_body
+from .reduction import inertia_margins, modal_body
 
 MARGIN_LOST = 0.5
-"""Share of the margin of a reduced link's mass matrix whose loss likewise ends the run."""
+"""Share of the margin of a reduced body's mass matrix whose loss likewise ends the run."""
 
 
-def carried(arm: Arm, link: int) -> tuple[float, float]:
-    """Mass (kg) and inertia (kg m^2) that link k carries at its tip, the links behind it straight and locked."""
-    mass, inertia, distance = arm.payload.mass, arm.payload.inertia, 0.0
-    if link + 1 == arm.n_links:
-        return mass, inertia
-    lengths = [item.length for item in arm.links]
-    mass = inertia = 0.0
+def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
+    """Mass (kg) and inertia (kg m^2) that link k carries `rest` m before its tip, all of it straight and locked."""
+    section = arm.links[link].section
+    mass, inertia, distance = section.m * rest, section.m * rest**3 / 3 + section.J * rest, rest
     for k in range(link + 1, arm.n_links):
         elbow, item = arm.elbow(k), arm.links[k]
         m, length = item.section.m, item.length
         mass += elbow.mass + m * length
         inertia += elbow.inertia_left + elbow.inertia_right + elbow.mass * distance**2
         inertia += m * ((distance + length) ** 3 - distance**3) / 3 + item.section.J * length
-        distance += lengths[k]
+        distance += length
     return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * distance**2
 
 
@@ -42,11 +39,14 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
     bodies: list[Body] = []
     links: list[int] = []
     for k, link in enumerate(arm.links):
+        segments = settings.segments or 1
+        part = link.length / segments
         if settings.modes is not None:
-            pieces = [modal_body(link, settings.modes, *carried(arm, k))]
+            piece = Link(part, link.section)
+            rests = [part * (segments - 1 - i) for i in range(segments)]
+            pieces = [modal_body(piece, settings.modes, *carried(arm, k, rest)) for rest in rests]
         else:
             assert settings.segments is not None and settings.elements is not None
-            part = link.length / settings.segments
             pieces = [finite_element_body(link.section, part, settings.elements) for _ in range(settings.segments)]
         pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
         if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it
@@ -56,16 +56,17 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
     return bodies, links
 
 
-def _limits(scene: Scene, bodies: list[Body], reduced: bool) -> list[float]:
-    """Loss of inertia about its root (kg m^2) that each body may suffer; none where its angle is prescribed."""
-    arm, limits = scene.arm, [np.inf] * len(bodies)
-    if reduced:
-        held = {motion.joint for motion in scene.motions} | set(scene.rigid_joints)
-        for k in set(range(len(bodies))) - held:
-            payload = arm.payload if k + 1 == len(bodies) else Payload()
-            moves = k > 0 or scene.root == "free"
-            limits[k] = MARGIN_LOST * inertia_margin(bodies[k], payload, moves)
-    return limits
+def _limits(scene: Scene, bodies: list[Body], links: list[int], reduced: bool) -> list[float]:
+    """Loss of inertia about its root (kg m^2) that each body may suffer; any where its angle is prescribed."""
+    if not reduced:
+        return [np.inf] * len(bodies)
+    arm, limits = scene.arm, []
+    held = {motion.joint for motion in scene.motions} | set(scene.rigid_joints)
+    for k in range(arm.n_links):
+        own = [body for body, link in zip(bodies, links, strict=True) if link == k]
+        payload = arm.payload if k + 1 == arm.n_links else Payload()
+        limits += inertia_margins(own, payload, k > 0 or scene.root == "free", k in held)
+    return [MARGIN_LOST * limit for limit in limits]
 
 
 def _block(body: Body, offset: float, limit: float) -> NDArray[np.float64]:
@@ -128,7 +129,7 @@ def build(scene: Scene, settings: Settings) -> System:
     tails = [count - 1 - links[::-1].index(k) for k in range(arm.n_links)]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
     places = [(heads[p.link], 0) if p.end == "root" else (tails[p.link], 1) for p in point_loads]
-    limits = _limits(scene, bodies, settings.modes is not None)
+    limits = _limits(scene, bodies, links, settings.modes is not None)
     blocks = [_block(body, float(offset[b]), limits[b]) for b, body in enumerate(bodies)]
     places_of_blocks = np.cumsum([0] + [block.size for block in blocks[:-1]])
     elements = [body.element_ea.size for body in bodies]
@@ -146,7 +147,7 @@ def build(scene: Scene, settings: Settings) -> System:
         mass_damping=arm.mass_damping,
         gravity=np.array(scene.gravity or (0.0, 0.0)),
         n_links=arm.n_links,
-        bound=settings.deflection_bound,
+        bound=0.0 if settings.modes is None else MODAL_BOUND,
         table=np.column_stack([start[:-1], sizes, links, rows, angle, elements, stations, places_of_blocks]).astype(
             np.int64, order="C"
         ),

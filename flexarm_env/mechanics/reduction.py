@@ -1,10 +1,12 @@
-"""Reduction of a link to a few bending modes with second-order foreshortening: the paper's substructuring.
+"""Reduction of a link, or a piece of one, to a few bending modes with foreshortening: the paper's substructuring.
 
 The shape is s = (x - p'H(x)p / 2, phi(x)'p) with H_ij(x) = int_0^x phi_i' phi_j': no stretch, no shear strain of
 its own. Modes are those of the clamped link with what it carries lumped at its tip (docs: theory, section 4).
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,18 +101,30 @@ def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float) -> Body:
     )
 
 
-def inertia_margin(body: Body, payload: Payload, root_moves: bool) -> float:
-    """How far a straight body's mass matrix is from indefinite: the inertia (kg m^2) of its angle that is left when
-    its modes, and where it moves its root, give way to a torque there."""
-    mass = np.zeros((body.n + 2, body.n + 2))  # of the root's y, the angle, the modes
-    mass[0, 0], mass[1, 1], mass[2:, 2:] = body.mass, body.i0, body.m_ff
-    mass[0, 1:] = mass[1:, 0] = [body.s0, *body.s_bar[1]]
-    mass[1, 2:] = mass[2:, 1] = body.c
-    across, turn = np.array([1.0, body.length, *body.tip[1]]), np.array([0.0, 1.0, *body.tip[2]])
-    mass += payload.mass * np.outer(across, across) + payload.inertia * np.outer(turn, turn)
-    others = [k for k in range(body.n + 2) if k > 1 or (k == 0 and root_moves)]
-    left = mass[1, 1] - mass[1, others] @ np.linalg.solve(mass[np.ix_(others, others)], mass[others, 1])
-    return float(left)
+def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, held: bool) -> list[float]:
+    """How far the mass matrix of a straight link is from indefinite, body by body: the inertia (kg m^2) of a body's
+    angle that is left when all that the link's other bodies, their modes and, where it moves, the root can do gives way
+    to a torque there. bodies: rigidly joined, root to tip. held: the root's angle is prescribed."""
+    size = 2 + sum(body.n for body in bodies)  # the root's y and angle, the modes of all
+    mass, angles = np.zeros((size, size)), []
+    across, turn = np.eye(2, size)  # y and angle of a body's root in these coordinates
+    first = 2
+    for k, body in enumerate(bodies):
+        modes = np.eye(body.n, size, first)
+        own = np.vstack([across, turn, modes])
+        angles.append(turn)
+        inertia = np.zeros((body.n + 2, body.n + 2))
+        inertia[0, 0], inertia[1, 1], inertia[2:, 2:] = body.mass, body.i0, body.m_ff
+        inertia[0, 1:] = inertia[1:, 0] = [body.s0, *body.s_bar[1]]
+        inertia[1, 2:] = inertia[2:, 1] = body.c
+        mass += own.T @ inertia @ own
+        across, turn = across + body.length * turn + body.tip[1] @ modes, turn + body.tip[2] @ modes
+        if k + 1 == len(bodies):
+            mass += payload.mass * np.outer(across, across) + payload.inertia * np.outer(turn, turn)
+        first += body.n
+    free = [k for k in range(size) if k > 1 or (k == 0 and root_moves) or (k == 1 and not held)]
+    compliance = [row[free] @ np.linalg.solve(mass[np.ix_(free, free)], row[free]) for row in np.array(angles)]
+    return [1.0 / value if value > 0.0 else np.inf for value in compliance]
 
 
 def _slope(xi: float, l: float, mu: float) -> Array:

@@ -10,6 +10,7 @@ import pytest
 from flexarm_env import simulate
 from flexarm_env.kernels.floating_frame import energy
 from flexarm_env.kernels.lanes import SINGLE
+from flexarm_env.linear import modes as frequencies
 from flexarm_env.mechanics.floating_chain import MARGIN_LOST, MODAL_BOUND
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Scene
@@ -40,6 +41,29 @@ def test_error_at_a_tenth_of_the_length(arm: Arm, torques: tuple[float, ...], bo
     error = np.hypot(*(run.tip - exact.tip)[:, :2].T).max() / arm.total_length
     assert error < 0.4 * bound
     assert (run.deflection_bound, exact.deflection_bound) == (MODAL_BOUND, np.inf)
+
+
+def test_modes_in_segments_follow_a_large_deflection() -> None:
+    """A link bent by half of its length, far beyond what modes of the whole can do: within 1 % of L, and it says so."""
+    scene = named("robot_arm_motion")
+    exact = simulate(scene, "geometrically_exact", elements=8, order=3, dt=0.0125, sample=0.1, estimate_error=False)
+    run = simulate(scene, "floating_frame", modes=2, segments=5, dt=0.1, sample=0.1)
+    assert np.abs(exact.tip_deflection).max() > 0.45
+    assert (run.status, run.deflection_bound) == ("ok", np.inf)
+    error = np.hypot(*(run.tip - exact.tip)[:, :2].T).max() / 10.0
+    assert error < 0.01
+    assert 0.5 * error < run.error_estimate < 5.0 * error
+    whole = simulate(scene, "floating_frame", modes=2, dt=0.1, sample=0.1)
+    assert (whole.status, whole.deflection_bound) == ("out_of_range", MODAL_BOUND)
+
+
+def test_modes_of_segments_are_those_of_the_link() -> None:
+    """Frequencies of the clamped and of the pinned link, its first three, reduced whole and in four segments."""
+    scene = Scene("s", SOFT, duration=1.0, dt=1e-3)
+    for clamped in (True, False):
+        whole = frequencies(scene, 3, "floating_frame", clamped=clamped, modes=8).frequencies
+        parts = frequencies(scene, 3, "floating_frame", clamped=clamped, modes=3, segments=4).frequencies
+        assert parts == pytest.approx(whole, rel=2e-4)
 
 
 def margin(simulation: Simulation, q: Any) -> float:
