@@ -15,7 +15,7 @@ Time step, mesh and notes add up; the estimate is that sum, or the energy's part
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -121,19 +121,25 @@ def estimate(
     mine: Probe,
     end: float,
     sample: float,
-    run: Callable[[Settings, float], Probe],
+    run: Callable[..., Probe],
+    levels: Sequence[int] = (),
 ) -> tuple[dict[str, float], str]:
     """The parts of time step and mesh, as fractions of L, and why one of them is infinite.
 
-    mine: the run itself, sampled each `sample` s. run: a companion, from settings and a sampling interval.
+    mine: the run itself, sampled each `sample` s. run: a companion, from settings, a sampling interval and, where steps
+    are fitted to a tolerance, the halvings of dt in each stretch (`Trajectory.step_levels`). levels: those of the run.
     """
     dt = settings.dt
     assert dt is not None
     length, wide = scene.arm.total_length, min(2.0 * sample, end)
     steps = count_steps(scene, end, sample, dt)
-    why = ""
     companion = Probe(mine.t, mine.tip, False)
     doubled = settings.replace(dt=2.0 * dt)
+    if settings.step_tolerance is not None:
+        other, factor = other_mesh(settings)
+        time_step = HALF * distance(mine, run(settings, sample, [level - 1 for level in levels]))
+        mesh = factor * distance(mine, run(other, sample, levels))
+        return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
     if count_steps(scene, end, wide, 2.0 * dt) <= 0.75 * steps:
         companion = run(doubled, wide)
         time_step = HALF * distance(mine, companion)
@@ -145,11 +151,14 @@ def estimate(
     mesh = factor * distance(companion, run(other, wide))
     if math.isinf(mesh):
         mesh = distance(mine, run(finer_mesh(settings).replace(dt=0.5 * dt), sample))
+    return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
+
+
+def _why(time_step: float, mesh: float) -> str:
+    """Why an estimate is infinite."""
     if math.isinf(time_step):
-        why = "neither a run of twice the step nor one of half of it came to its end"
-    elif math.isinf(mesh):
-        why = "no run on another mesh came to its end"
-    return {"time_step": time_step / length, "mesh": mesh / length}, why
+        return "neither a run of twice the step nor one of half of it came to its end"
+    return "no run on another mesh came to its end" if math.isinf(mesh) else ""
 
 
 def finer_mesh(settings: Settings) -> Settings:

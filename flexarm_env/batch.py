@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from . import kernels  # noqa: F401  (registers the formulations)
 from .kernels import environment, starts
+from .kernels.adaptive import FITS
 from .kernels.address import Placed, entry, native
 from .kernels.lanes import EIGHT, SINGLE
+from .kernels.layout import layout_of
 from .kernels.program import (
     ACTION_NOT_FINITE,
     CLIP,
@@ -25,7 +27,6 @@ from .kernels.program import (
     ENERGIES,
     ERROR,
     FRESH,
-    GOAL,
     GUIDED,
     HOLD,
     IN_RANGE,
@@ -39,14 +40,13 @@ from .kernels.program import (
     RUNNING,
     STEP,
     SUCCESS,
-    TAIL,
     TARGET,
     TARGET_RATE,
     TIP,
     TRUNCATED,
     Actuator,
     Controller,
-    Layout,
+    Models,
     Program,
     Ranges,
     Reference,
@@ -120,6 +120,16 @@ def standing_scene(arm: Arm, dt: float, gravity: tuple[float, float] | None, ang
     return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles))
 
 
+def fitted_systems(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> list[System]:
+    """The arm made for steps of dt; where steps are fitted to a tolerance, of dt, dt/2, ... dt/32."""
+    assert settings.dt is not None
+    found = []
+    for k in range(1 if settings.step_tolerance is None else FITS):
+        own = settings.replace(dt=settings.dt * 0.5**k)
+        found.append(assembly.assemble(standing_scene(arm, settings.dt, gravity), own))
+    return found
+
+
 def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> Array:
     """(n, 1 + 3 N) table with q = table (1, alpha_k, cos alpha_k, sin alpha_k) for straight links at angles alpha."""
     assert settings.dt is not None
@@ -186,7 +196,8 @@ class Batch:
         assert settings.dt is not None
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
-        self.system: System = assembly.assemble(standing_scene(arm, settings.dt, gravity), settings)
+        self.systems = fitted_systems(arm, settings, gravity)
+        self.system: System = self.systems[-1]
         self.lane = SINGLE if n < LANES_FROM or settings.formulation in ONE_BY_ONE else EIGHT
         self.groups = -(-n // len(self.lane))
         self.threads = max(1, min(threads, self.groups))
@@ -200,7 +211,8 @@ class Batch:
         gauges = 0 if self.extras.sensors is None else len(self.extras.sensors.gauges) // len(self.system.q0)
         ahead = 0 if self.extras.reference is None else len(self.extras.reference.scales)
         self.entries = len(task.entries) + ahead + gauges
-        self.layout = _layout(lanes, model, task, self.entries, self.extras)
+        fitted = settings.step_tolerance is not None
+        self.layout = layout_of(lanes, model, task, self.entries, self.extras, fitted)
         self._work = int(uncompiled(work_size)(1, model, 0)) - 4  # its counters are apart
         count, links = self.n, self.arm.n_links
         self.block = _aligned(self.groups, self.layout.row)
@@ -219,6 +231,8 @@ class Batch:
         n_steps = round(self.period / settings.dt)
         self.program = Program(
             lane=self.lane, model=model, scheme=scheme(settings.rho_inf, settings.newmark, *limits), task=task,
+            models=Models(*(system.model for system in self.systems)) if fitted else None,
+            allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
             ranges=self._ranges(), controller=self.extras.controller, actuator=self.extras.actuator,
             sensors=self.extras.sensors, reference=self.extras.reference, layout=self.layout, entries=self.entries,
             books=(0,) if self.books else None, estimate=self.estimate, period=self.period,
@@ -368,6 +382,12 @@ class Batch:
         self.table[:, i] = self._mine(self.layout.info, self.layout.saved, i)
 
     @property
+    def counts(self) -> Array:
+        """(groups, 4): Newton iterations, factorisations, halvings and steps of each lane group up to now."""
+        first = self._work * len(self.lane)
+        return self.block[:, first : first + 4].copy()
+
+    @property
     def begun(self) -> bool:
         """Whether every arm has been started."""
         at = self.layout.record + LIMIT * len(self.lane)
@@ -419,25 +439,6 @@ def _aligned(rows: int, columns: int) -> Array:
     numbers = np.zeros(rows * columns + 7)
     first = -(numbers.ctypes.data // 8) % 8
     return numbers[first : first + rows * columns].reshape(rows, columns)
-
-
-def _layout(lanes: int, model: Any, task: Slew | Reach, entries: int, extras: Extras) -> Layout:
-    """Sections of a block, each beginning on a whole number of lanes (and of cache lines)."""
-    links, record = len(task.links), GOAL + len(task.links)
-    if extras.actuator is not None:
-        record += links * (extras.actuator.age + 3)
-    if extras.sensors is not None:
-        record += entries * extras.sensors.age
-    kept = 0 if extras.actuator is None and extras.reference is None else record
-    n = len(model.n) if isinstance(model.n, tuple) else int(model.n)
-    first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
-    starts = [first]
-    for count in (
-        4, 12 * links, record, links, entries,
-        DEFLECTION + 2 * links + len(task.targets) + len(task.terms) + TAIL, 4 * n + 3 + kept,
-    ):  # fmt: skip
-        starts.append(starts[-1] + count * lanes)
-    return Layout(*starts, row=-(-starts[-1] // 8) * 8)  # type: ignore[misc]
 
 
 __all__ = [

@@ -23,9 +23,9 @@ MESSAGE = (
     "take a smaller dt or a smaller rho_inf, or look for a load that is too large",
     "the solution diverged at t = {t:.6g} s: a floating body's tip deflects by more than its length, or energy "
     "appeared from nowhere; take more segments, coupling='von_karman', or a smaller dt",
-    "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length, less "
-    "for a link whose root has hardly any inertia); take the full model (segments, elements) or "
-    "formulation='geometrically_exact'",
+    "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length of a "
+    "link or segment, less where its root has hardly any inertia); take more segments beside modes, the full model "
+    "(segments, elements) or formulation='geometrically_exact'",
     "a value that is not finite appeared at t = {t:.6g} s",
     "the time allowed for the run was used up at t = {t:.6g} s",
 )

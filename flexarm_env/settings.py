@@ -25,6 +25,7 @@ _COMMON: dict[str, Any] = {
     "max_iterations": 20,
     "max_halvings": 8,
     "newmark": None,
+    "step_tolerance": None,
 }
 _DEFAULTS: dict[str, dict[str, Any]] = {
     "floating_frame": {
@@ -88,6 +89,9 @@ class Settings:
         newton: "full" (default) or "modified".
         max_iterations: of Newton in one step, default 20.
         max_halvings: of a step whose Newton fails, default 8.
+        step_tolerance: error of the tip, a fraction of the arm's length, that a control period of an environment, or of
+            a scene the time between two samples or kinks, may add: dt is then the longest step, and is halved, up to
+            five times, where the motion asks for it. None (default): steps of dt.
     """
 
     formulation: str
@@ -104,6 +108,7 @@ class Settings:
     max_iterations: int = 20
     max_halvings: int = 8
     newmark: tuple[float, float] | None = None
+    step_tolerance: float | None = None
 
     def __post_init__(self) -> None:
         check.choice("formulation", self.formulation, FORMULATIONS)
@@ -127,6 +132,9 @@ class Settings:
         object.__setattr__(
             self, "max_halvings", check.integer("max_halvings", self.max_halvings, minimum=0, maximum=30)
         )
+        if self.step_tolerance is not None:
+            allowed = check.number("step_tolerance", self.step_tolerance, above=0.0, maximum=1.0)
+            object.__setattr__(self, "step_tolerance", allowed)
         self._check_integrator()
 
     def _check_integrator(self) -> None:
@@ -160,7 +168,7 @@ class Settings:
 
     @property
     def deflection_bound(self) -> float:
-        """Tip deflection over a link's length beyond which the formulation stops; infinite but for whole links in modes."""
+        """Tip deflection over a link's length beyond which the formulation stops; infinite but for links in modes."""
         return MODAL_BOUND if self.modes is not None and self.segments in (None, 1) else math.inf
 
     def options(self) -> dict[str, Any]:

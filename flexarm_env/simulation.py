@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import time
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import accuracy, kernels  # noqa: F401  (importing kernels registers the formulations)
+from .kernels.adaptive import FITS, LOWER
 from .kernels.lanes import SINGLE
 from .kernels.newmark import advance
 from .kernels.restart import restart
-from .kernels.rollout import GROSS, START_ENERGY, TIME, observe_arm, record, row_size
+from .kernels.rollout import GROSS, START_ENERGY, STEP, TIME, observe_arm, record, row_size
 from .kernels.work import Work, unpack, work_size
 from .mechanics import assembly
 from .model import MESSAGE, NOT_FINITE, OK, STATUS, TIMED_OUT, scheme
@@ -50,13 +52,19 @@ class Simulation:
     Attributes:
         t: time reached, s. status: a code of `flexarm_env.model`. work: views of the state (`kernels.newmark.Work`).
         gross: work done by the drives, J, its amount whether they gave or took.
+        levels: with a step_tolerance, the halvings of dt in each stretch up to now.
+        follow: halvings to take instead of those that the tolerance asks for.
         deadline: `time.perf_counter()` beyond which `advance_to` gives up with status "timed_out"; None: never.
     """
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         assert settings.dt is not None
         self.scene, self.settings, self.dt = scene, settings, settings.dt
-        self.system = assembly.assemble(scene, settings)
+        count = 1 if settings.step_tolerance is None else FITS
+        steps = [self.dt * 0.5**k for k in range(count)]
+        self._fits = [(assembly.assemble(scene, settings.replace(dt=h)), h) for h in steps]
+        self.follow: Sequence[int] = ()
+        self.system = self._fits[-1][0]
         self.drive = assembly.drive(scene, self.system)
         self.n_motions = len(scene.motions)
         self.scheme = scheme(
@@ -81,6 +89,8 @@ class Simulation:
         self._flat[:] = 0.0
         self.work.q[:], self.work.v[:] = self.system.q0, self.system.v0
         self.t = self.gross = 0.0
+        self.levels: list[int] = []
+        self._level = 1
         self._restart(fresh=False)  # at rest before 0: loads and motions that begin there do so as at any kink
 
     @property
@@ -106,13 +116,47 @@ class Simulation:
         """
         while self.t < t_end - 1e-12 * max(1.0, t_end):
             stop = min(self._next_kink(), t_end)
-            n_steps = max(1, math.ceil((stop - self.t) / self.dt * (1.0 - 1e-9)))
-            if not self._advance((stop - self.t) / n_steps, n_steps, books):
+            if self.settings.step_tolerance is not None:
+                self._fit(stop, functools.partial(self._step_to, stop, books))
+            else:
+                self._step_to(stop, books)
+            if self.status != OK:
                 return False
             self.t = stop
             if stop < t_end - 1e-12 * max(1.0, t_end):
                 self._restart(fresh=False)
         return True
+
+    def _step_to(self, stop: float, books: bool) -> Array:
+        """Equal steps of at most dt; the link poses that they lead to."""
+        n_steps = max(1, math.ceil((stop - self.t) / self.dt * (1.0 - 1e-9)))
+        self._advance((stop - self.t) / n_steps, n_steps, books)
+        return self.observe()[0]
+
+    def _fit(self, stop: float, run: Callable[[], Array]) -> None:
+        """A stretch up to `stop` in steps as short as the tolerance asks for: what `kernels.adaptive` does for a batch.
+
+        run: makes the stretch; link poses (n_links, 12) at its end, of no meaning where the arm has failed.
+        """
+        assert self.settings.step_tolerance is not None and self.settings.dt is not None
+        allowed, period = self.settings.step_tolerance * self.scene.arm.total_length, stop - self.t
+        kept, t, gross = self._flat.copy(), self.t, self.gross
+        forced = len(self.levels) < len(self.follow)
+        first = self.follow[len(self.levels)] if forced else max(1, self._level) - 1
+        before: Array | None = None
+        for k in range(first, FITS):
+            self._flat[:], self.t, self.gross = kept, t, gross
+            self.model, self.dt = self._fits[k][0].model, self._fits[k][1]
+            poses, error = run(), math.inf
+            if self.status == OK and before is not None:
+                ways = np.abs(poses - before)
+                error = float((ways[:, 6:8] + period * ways[:, 9:11]).max())
+            if forced or error <= allowed or self.status == TIMED_OUT:
+                break
+            before = poses if self.status == OK else None
+        self.levels.append(k)
+        self._level = k - 1 if error < LOWER * allowed else k
+        self.model, self.dt = self.system.model, self.settings.dt
 
     def _next_kink(self) -> float:
         """The first kink after the time reached, s; infinite where there is none."""
@@ -175,15 +219,36 @@ class Simulation:
                 tell(min(k / count, 1.0))
 
     def _record(self, span: Array, stops: list[float], shapes: Array) -> tuple[Array, Array]:
-        """One call of `kernels.rollout.record`: the rows and shapes it made."""
+        """The rows and shapes of some instants."""
         links = self.scene.arm.n_links
         table = np.zeros((len(stops), row_size(len(self.work.q), links, self.n_motions)))
+        if self.settings.step_tolerance is None or not (stops and stops[0] > self.t):
+            made = self._rows(span, stops, table, shapes)
+            return table[:made], shapes[:made]
+        for i, stop in enumerate(stops):
+            row, shape = table[i : i + 1], shapes[i : i + 1]
+
+            def run(stop: float = stop, row: Array = row, shape: Array = shape) -> Array:
+                span[TIME], span[STEP], span[GROSS] = self.t, self.dt, self.gross
+                self._made = self._rows(span, [stop], row, shape)
+                return row[0, 1 : 1 + 12 * links].reshape(-1, 12).copy()
+
+            self._fit(stop, run)
+            if self._made:
+                self._observe(_NO_POINTS)  # energies of the model that all step sizes share
+                row[0, 1 + 12 * links :][:3] = self._energies
+            if self.status != OK:
+                return table[: i + self._made], shapes[: i + self._made]
+        return table, shapes
+
+    def _rows(self, span: Array, stops: list[float], table: Array, shapes: Array) -> int:
+        """One call of `kernels.rollout.record`; how many rows it made."""
         made = record(
-            SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, links,
+            SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links,
             span, np.array(stops), CHUNK, self.scheme, table, shapes,
         )  # fmt: skip
         self.t, self.gross = float(span[TIME]), float(span[GROSS])
-        return table[:made], shapes[:made]
+        return int(made)
 
     def _stops(self, wanted: list[float], k: int, interval: float) -> tuple[list[float], int]:
         """Instants to stop at next, up to a kink, and how many of them are wanted: wanted[k] and those after it."""
@@ -312,11 +377,11 @@ def judge(
     why = ""
     if companions:
 
-        def companion(its_settings: Settings, its_interval: float) -> accuracy.Probe:
-            return _probe(scene, its_settings, end, its_interval, time_limit)
+        def companion(its_settings: Settings, its_interval: float, levels: Sequence[int] = ()) -> accuracy.Probe:
+            return _probe(scene, its_settings, end, its_interval, time_limit, levels)
 
         mine = accuracy.Probe(trajectory.t, trajectory.tip[:, :2], True)
-        found, why = accuracy.estimate(scene, settings, mine, end, interval, companion)
+        found, why = accuracy.estimate(scene, settings, mine, end, interval, companion, trajectory.step_levels)
         parts |= found
     total = accuracy.total(parts)
     changes: dict[str, Any] = {"error_estimate": total, "error_parts": parts}
@@ -326,9 +391,12 @@ def judge(
     return dataclasses.replace(trajectory, **changes)
 
 
-def _probe(scene: Scene, settings: Settings, end: float, interval: float, allowed: float | None) -> accuracy.Probe:
+def _probe(
+    scene: Scene, settings: Settings, end: float, interval: float, allowed: float | None, levels: Sequence[int]
+) -> accuracy.Probe:
     """A companion run: its tips alone."""
     simulation = Simulation(scene, settings)
+    simulation.follow = levels
     simulation.compile()
     tip = 1 + 12 * (scene.arm.n_links - 1) + 6
     parts: list[Array] = []

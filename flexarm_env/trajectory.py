@@ -42,6 +42,7 @@ class Trajectory:
     status: "ok", "inaccurate", or what ended the run early. error_estimate: how far the tip may be off, a fraction of
     the arm's length (`flexarm_env.accuracy`; nan where the run ended early), and error_parts what it is made of.
     gross_work: J, the work of the drives whether they gave or took.
+    step_levels: with a step_tolerance, how often dt was halved in each stretch between samples and kinks.
     deflection_bound: tip_deflection beyond which the formulation stops; infinite but for whole links reduced to modes.
     """
 
@@ -77,6 +78,7 @@ class Trajectory:
     error_parts: Mapping[str, float] = field(default_factory=dict)
     deflection_bound: float = float("inf")
     gross_work: float = 0.0
+    step_levels: tuple[int, ...] = ()
 
     @property
     def finished(self) -> bool:
@@ -211,5 +213,6 @@ class Recorder:
             cpu_seconds=cpu_seconds,
             notes=simulation.system.notes,
             gross_work=simulation.gross,
+            step_levels=tuple(simulation.levels),
             deflection_bound=simulation.settings.deflection_bound,
         )

@@ -47,7 +47,7 @@ def test_help_names_every_flag_and_an_example(command: str, capsys: pytest.Captu
     with pytest.raises(SystemExit):
         build_parser().parse_args([command, "--help"])
     text = capsys.readouterr().out
-    solver = "formulation segments elements coupling modes order nodes dt rho-inf tolerance"
+    solver = "formulation segments elements coupling modes order nodes dt rho-inf tolerance step-tolerance"
     assert all(f"--{flag} " in text for flag in f"{solver} duration sample out plot plots video speed".split())
     assert ("--reference" in text) == (command == "replay")
     assert f"  flexarm {command} " in text

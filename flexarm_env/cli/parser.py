@@ -160,6 +160,10 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     solver.add_argument("--dt", type=float, metavar="H", help="step, s")
     solver.add_argument("--rho-inf", type=float, metavar="R", help="numerical damping: 1 none, 0 most")
     solver.add_argument("--tolerance", type=float, metavar="T", help="of the Newton iteration")
+    solver.add_argument(
+        "--step-tolerance", type=float, metavar="E",
+        help="halve dt where needed to add no more error between two samples, a fraction of the arm's length",
+    )  # fmt: skip
     run = parser.add_argument_group("what is run and compared")
     run.add_argument("--duration", type=float, metavar="T", help="s")
     run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")

@@ -22,7 +22,9 @@ from flexarm_env.comparison import tip_error
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 
-OPTIONS = ("segments", "elements", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance")
+OPTIONS = (
+    "segments", "elements", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance", "step_tolerance",
+)  # fmt: skip
 TABLES, FIGURES, FILMS = (".csv", ".npz"), (".png", ".pdf", ".svg"), (".mp4", ".gif", ".webm", ".mkv", ".mov")
 NEEDED = {"plot": ("matplotlib", "plot"), "video": ("pygame", "render")}
 """Output -> module that makes it, and the extra that brings it."""

@@ -40,17 +40,17 @@ def command(lane, task, controller, action, poses, record, u):  # type: ignore[n
 
 
 @kernel
-def drive(lane, p, controller, actuator, par, poses, record, action, saved, block, w):  # type: ignore[no-untyped-def]
-    """The steps of one period under an action."""
-    _see_joints(lane, controller, actuator, p.model, par, w.q, w.v, poses)
+def drive(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):  # type: ignore[no-untyped-def]
+    """The steps of one period under an action, each in so many parts."""
+    _see_joints(lane, controller, actuator, model, par, w.q, w.v, poses)
     for k in range(size(p.task.links)):
         store(w.u0, k, load(lane, w.u, k))
     command(lane, p.task, controller, action, poses, record, w.u)
     if actuator is None:
-        _jump(lane, p.model.predictor, p, par, record, saved, block, w)
-        advance(lane, p.model, None, par, block, 0, 0.0, p.h, p.n_steps, p.scheme, p.books)
+        _jump(lane, model.predictor, p, model, par, record, saved, block, w)
+        advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
-        _drive_motors(lane, p, actuator, par, poses, record, saved, block, w)
+        _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w)
 
 
 @kernel
@@ -61,35 +61,37 @@ def _see_joints(lane, controller, actuator, model, par, q, v, poses):  # type: i
         link_poses(lane, model, par, q, v, poses)
 
 
-def _jump(lane, predictor, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+def _jump(lane, predictor, p, model, par, record, saved, block, w):  # type: ignore[no-untyped-def]
     """Accelerations jump with the torques, from w.u0 to w.u.
 
     They are solved afresh, but for stiff formulations (predictor None), where that is done in an episode's first period
     only (`switching.switch` says why).
     """
     jump = _jump_stiff if predictor is None else _jump_afresh
-    jump(lane, p, par, record, saved, block, w)
+    jump(lane, p, model, par, record, saved, block, w)
 
 
 @overload(_jump)  # type: ignore[untyped-decorator]
-def _overload_jump(lane, predictor, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+def _overload_jump(lane, predictor, p, model, par, record, saved, block, w):  # type: ignore[no-untyped-def]
     jump = _jump_stiff if isinstance(predictor, types.NoneType) else _jump_afresh
-    return lambda lane, predictor, p, par, record, saved, block, w: jump(lane, p, par, record, saved, block, w)
+    return lambda lane, predictor, p, model, par, record, saved, block, w: jump(
+        lane, p, model, par, record, saved, block, w
+    )
 
 
 @kernel
-def _jump_afresh(lane, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
-    restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
+def _jump_afresh(lane, p, model, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+    restart(lane, model, None, par, block, 0, 0.0, p.h, True)
 
 
 @kernel
-def _jump_stiff(lane, p, par, record, saved, block, w):  # type: ignore[no-untyped-def]
-    lanes, n, any_first = len(lane), size(p.model.n), False
+def _jump_stiff(lane, p, model, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+    lanes, n, any_first = len(lane), size(model.n), False
     for i in range(lanes):
         if record[STEP * lanes + i] < 0.5:
             any_first = True
     if any_first:
-        restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
+        restart(lane, model, None, par, block, 0, 0.0, p.h, True)
         for i in range(lanes):
             if record[STEP * lanes + i] < 0.5:
                 for k in range(size(p.task.links)):
@@ -98,11 +100,11 @@ def _jump_stiff(lane, p, par, record, saved, block, w):  # type: ignore[no-untyp
                 for k in range(n):
                     w.a[k * lanes + i] = saved[(2 * n + k) * lanes + i]
                     w.b[k * lanes + i] = saved[(3 * n + k) * lanes + i]
-    switch(lane, p.model, par, block, 0)
+    switch(lane, model, par, block, 0)
 
 
 @kernel
-def _drive_motors(lane, p, actuator, par, poses, record, saved, block, w):  # type: ignore[no-untyped-def]
+def _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w):  # type: ignore[no-untyped-def]
     """The motors' torques followed through each step.
 
     Friction acts with the rate that the last step's change leads to expect at the end of the step.
@@ -125,10 +127,10 @@ def _drive_motors(lane, p, actuator, par, poses, record, saved, block, w):  # ty
             store(w.u, k, torque - _friction(actuator, k, rate))
             store(before, k, load(lane, now, k))
         if s == 0:
-            _jump(lane, p.model.predictor, p, par, record, saved, block, w)
+            _jump(lane, model.predictor, p, model, par, record, saved, block, w)
         _book(lane, p.books, p.task, poses, record, w.u, 1.0)
-        advance(lane, p.model, None, par, block, 0, 0.0, p.h, 1, p.scheme, p.books)
-        link_poses(lane, p.model, par, w.q, w.v, poses)
+        advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
+        link_poses(lane, model, par, w.q, w.v, poses)
         for k in range(n):
             store(now, k, _joint(lane, poses, k, 3))
         _book(lane, p.books, p.task, poses, record, w.u, -1.0)

@@ -15,10 +15,11 @@ import math
 import numpy as np
 
 from ..model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
-from .actuator import drive
+from .adaptive import move
 from .address import follow
 from .arithmetic import put
 from .jit import kernel
+from .keeping import keep, put_back
 from .lanes import absolute, load, select_lt, splat, store
 from .program import (
     ACTION_NOT_FINITE,
@@ -72,8 +73,9 @@ def _period(lane, p, g, block, w):  # type: ignore[no-untyped-def]
     seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
     saved = block[layout.saved : layout.end]
     _read_actions(lane, task, p.n, p.action, g, action, record, w.flag)
-    _keep(lane, size(model.n), w.q, w.v, w.a, w.b, w.books, record, saved)
-    drive(lane, p, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+    keep(lane, size(model.n), w, record, saved)
+    best = block[layout.end : layout.row]
+    move(lane, p, p.models, par, poses, record, action, saved, best, block, w)
     link_poses(lane, model, par, w.q, w.v, poses)
     move_targets(lane, p.reference, task, p.period, record)
     observe(lane, task, poses, record, seen)
@@ -109,34 +111,6 @@ def _read_actions(lane, task, n, actions, g, action, record, flag):  # type: ign
                         code = float(ACTION_NOT_FINITE)
                 action[k * lanes + i] = min(1.0, max(-1.0, a))
         flag[i] = code
-
-
-@kernel
-def _keep(lane, n, q, v, a, b, books, record, saved):  # type: ignore[no-untyped-def]
-    for k in range(n):
-        store(saved, k, load(lane, q, k))
-        store(saved, n + k, load(lane, v, k))
-        store(saved, 2 * n + k, load(lane, a, k))
-        store(saved, 3 * n + k, load(lane, b, k))
-    for k in range(3):
-        store(saved, 4 * n + k, load(lane, books, k))
-    first = (4 * n + 3) * len(lane)
-    for k in range(saved.shape[0] - first):  # the record too, where a period may change it on the way
-        saved[first + k] = record[k]
-
-
-@kernel
-def _put_back(lanes, i, n, q, v, a, b, books, saved, record):  # type: ignore[no-untyped-def]
-    """Lane i as it was when the period began."""
-    for k in range(n):
-        q[k * lanes + i] = saved[k * lanes + i]
-        v[k * lanes + i] = saved[(n + k) * lanes + i]
-        a[k * lanes + i] = saved[(2 * n + k) * lanes + i]
-        b[k * lanes + i] = saved[(3 * n + k) * lanes + i]
-    for k in range(3):
-        books[k * lanes + i] = saved[(4 * n + k) * lanes + i]
-    for k in range(saved.shape[0] // lanes - (4 * n + 3)):
-        record[k * lanes + i] = saved[(4 * n + 3 + k) * lanes + i]
 
 
 @kernel
@@ -200,12 +174,12 @@ def _close(lane, p, g, w, record, seen, info, saved, pair):  # type: ignore[no-u
         mode, reason = record[MODE * lanes + i], w.flag[i]
         if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
-                _put_back(lanes, i, n, w.q, w.v, w.a, w.b, w.books, saved, record)
+                put_back(lanes, i, n, w, saved, record)
             elif reason == OK and pair[lanes + i] > 0.5:
                 reason = float(JOINT_LIMIT)
             count += settle(lanes, p, arm, pair[i], reason, record, seen, info)
             continue
-        _put_back(lanes, i, n, w.q, w.v, w.a, w.b, w.books, saved, record)
+        put_back(lanes, i, n, w, saved, record)
         if mode == RUNNING:
             info[reason_at + i] = float(RETRY)
             count += 1

@@ -37,8 +37,8 @@ class Layout(NamedTuple):
     action: int  # 1 a joint, clipped
     seen: int  # the scaled observation
     info: int  # see above
-    saved: int  # q, v, a, b at the period's start, then books (3)
-    end: int
+    saved: int  # q, v, a, b at the period's start, then books (3), inputs, and the record where a period may change it
+    end: int  # of what an arm is; behind it the scratch of fitted steps (`adaptive.py`), where there are such
     row: int  # length of a block, in whole cache lines
 
 
@@ -92,11 +92,24 @@ class Reference(NamedTuple):
     scales: np.ndarray  # (3 D,): of rate and of what comes ahead
 
 
+class Models(NamedTuple):
+    """The model made for steps of h, h/2, ... h/32."""
+
+    whole: Any
+    half: Any
+    quarter: Any
+    eighth: Any
+    sixteenth: Any
+    least: Any
+
+
 class Program(NamedTuple):
     """A batch of n arms with its task; A joints, O entries of the observation. None: absent, compiled out."""
 
     lane: tuple[int, ...]
     model: Any
+    models: Any  # `Models` where steps are fitted to a tolerance, which `model` is the least of; None: steps of h
+    allowed: float  # that tolerance, m
     scheme: Any
     task: Any
     ranges: Ranges

@@ -1,0 +1,167 @@
+"""Steps fitted to a tolerance against fixed ones: the error that a control period adds, and what it costs.
+
+    python -m benchmarks.fitted_steps [--periods 400] [--out FOLDER]
+
+`FlexibleArm-v0` in four kinds of motion. The error of a period is how far its tip ends from where steps 256 times
+shorter lead from the same state, on the same mesh. Steps: all that were taken, those of comparisons too. CPU: of the
+compiled control period of one arm, the least of five rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.machine import describe_machine, write_text
+from flexarm_env import arms
+from flexarm_env.batch import Batch, standing_scene
+from flexarm_env.envs.options import DEFAULT_OPTIONS
+from flexarm_env.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+ROOT = Path(__file__).parents[1]
+PERIOD = 0.02
+FINE = 256
+MOTIONS = {
+    "calm": "torque of at most 2 % of the limit",
+    "random": "torque drawn anew each period",
+    "bang-bang, 3 times the limit": "the sign of the torque switched at random, 0.1 s on average",
+    "light payload": "random torque, a twentieth of the payload: quick vibrations",
+    "calm, then bang-bang": "the first and the third, half of the time each",
+}
+WAYS: dict[str, tuple[dict[str, Any], ...]] = {
+    "elastica": (
+        {"dt": 0.02}, {}, {"dt": 0.0025}, {"dt": 0.000625},
+        *({"dt": 0.02, "step_tolerance": tolerance} for tolerance in (1e-3, 3e-4, 1e-4)),
+    ),
+    "geometrically_exact": (
+        {"dt": 0.01}, {}, {"dt": 0.00125}, {"dt": 0.000625},
+        *({"dt": 0.01, "step_tolerance": tolerance} for tolerance in (1e-3, 3e-4, 1e-4)),
+    ),
+}  # fmt: skip
+
+
+def actions_of(motion: str, count: int) -> Array:
+    """Torque over its limit in each period."""
+    rng = np.random.default_rng(5)
+    signs = np.cumprod(np.where(rng.random(count) < 0.2, -1.0, 1.0))
+    calm = 0.02 * rng.uniform(-1.0, 1.0, count)
+    if motion == "calm":
+        return calm
+    if motion.startswith("bang-bang"):
+        return signs
+    if motion.startswith("calm,"):
+        return np.where(np.arange(count) < count // 2, calm / 3.0, signs)
+    return rng.uniform(-1.0, 1.0, count)
+
+
+def environment(motion: str, formulation: str, **options: Any) -> Any:
+    """The environment of a motion, unwrapped and started."""
+    arm = arms.resolve("strip")
+    if "bang-bang" in motion:
+        assert arm.torque_limits is not None
+        arm = dataclasses.replace(arm, torque_limits=(3.0 * arm.torque_limits[0],))
+    if motion == "light payload":
+        arm = dataclasses.replace(arm, payload=dataclasses.replace(arm.payload, mass=0.05 * arm.payload.mass))
+    given = {"arm": arm, "formulation": formulation, "joint_limits": None, "duration": 1e4, **options}
+    env = gym.make("FlexibleArm-v0", disable_env_checker=True, **given).unwrapped
+    env.reset(seed=0, options={"start": 0.0, "target": 0.5})
+    return env
+
+
+def run(motion: str, formulation: str, options: dict[str, Any], periods: int, rounds: int = 5) -> dict[str, Any]:
+    """Errors that periods add (fractions of L), steps and CPU time of a period."""
+    env = environment(motion, formulation, **options)
+    batch: Batch = env.batch
+    actions, state = actions_of(motion, periods), env.get_state()
+    fine_settings = batch.settings.replace(dt=PERIOD / FINE, tolerance=1e-12)
+    fine_settings = dataclasses.replace(fine_settings, step_tolerance=None)
+    assert fine_settings.dt is not None
+    fine = Simulation(standing_scene(batch.arm, fine_settings.dt, None), fine_settings)
+    fine.par[:] = batch.parameters(0)
+    errors = []
+    for action in actions:
+        q, v, _ = batch.motion(0)
+        tip = env.step(np.array([action], np.float32))[4]["tip_position"]
+        fine.work.q[:], fine.work.v[:] = q, v
+        fine.t = 0.0
+        fine.set_torques(batch.motion(0)[2])
+        fine.advance_to(PERIOD, books=False)
+        known = fine.observe()[0][-1, 6:8]
+        errors.append(float(np.hypot(*(tip - known))) / batch.arm.total_length)
+    least, steps = np.inf, 0.0
+    for _ in range(rounds):
+        env.set_state(state)
+        before = batch.counts[0, 3]
+        clock = time.process_time()
+        for action in actions:
+            batch.action[0, 0] = action
+            batch.compiled_step(batch.address, 0, 1)
+        least = min(least, time.process_time() - clock)
+        steps = float(batch.counts[0, 3] - before)
+    return {
+        "motion": motion, "formulation": formulation, "options": options, "largest": max(errors),
+        "rms": float(np.sqrt(np.mean(np.square(errors)))), "steps": steps / periods, "cpu": least / periods,
+    }  # fmt: skip
+
+
+def markdown(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
+    """The page of the results."""
+    lines = [
+        "# Steps fitted to a tolerance", "",
+        "Written by `python -m benchmarks.fitted_steps`, whose docstring says how. `step_tolerance` makes of `dt` the "
+        "longest step, and each arm takes in each control period as short ones as it needs "
+        "([theory](../theory.md), section 6). Errors of a control period, and what is tolerated, in % of the arm's "
+        "length.", "",
+        " · ".join(f"{key}: {value}" for key, value in machine.items()),
+    ]  # fmt: skip
+    for motion, what in MOTIONS.items():
+        lines += ["", f"## {motion[0].upper() + motion[1:]}", "", f"{what[0].upper() + what[1:]}.", "",
+                  "| formulation | step, ms | tolerance | largest error | rms | steps a period | CPU, µs a period |",
+                  "|---|---|---|---|---|---|---|"]  # fmt: skip
+        for row in rows:
+            if row["motion"] != motion:
+                continue
+            options = row["options"]
+            dt = 1e3 * options.get("dt", DEFAULT_OPTIONS[row["formulation"]]["dt"])
+            tolerance = options.get("step_tolerance")
+            kind = f"at most {dt:.3g}" if tolerance else f"{dt:.3g}" + ("" if "dt" in options else " (default)")
+            bound = f"{100 * tolerance:g}" if tolerance else "–"
+            lines.append(f"| {row['formulation']} | {kind} | {bound} | {100 * row['largest']:.2g} | "
+                         f"{100 * row['rms']:.2g} | {row['steps']:.1f} | {1e6 * row['cpu']:.2g} |")  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run all, write the results; 1 where a fitted period added more than it was allowed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--periods", type=int, default=400)
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
+    options = parser.parse_args(arguments)
+    rows = []
+    for motion in MOTIONS:
+        for formulation, ways in WAYS.items():
+            for way in ways:
+                rows.append(run(motion, formulation, way, options.periods))
+                print(json.dumps(rows[-1]), flush=True)
+    machine = describe_machine()
+    write_text(options.out / "fitted_steps.json", json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
+    write_text(options.out / "fitted_steps.md", markdown(rows, machine))
+    above = [row for row in rows if row["largest"] > row["options"].get("step_tolerance", np.inf)]
+    for row in above:
+        print("above its tolerance:", json.dumps(row))
+    return 1 if above else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,121 @@
+"""Steps fitted to a tolerance: in environments bit for bit the same in any number, in scenes with an honest error."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from benchmarks.fitted_steps import run
+from benchmarks.work_precision import scene_named
+from flexarm_env.batch import Batch
+from flexarm_env.kernels.adaptive import FITS
+from flexarm_env.simulation import simulate
+from tests.env_tools import assert_pair_same, assert_same, pair
+
+UNLIKE = {"payload": (0.1, 8.0), "EI": (0.4, 2.5)}
+FITTED: dict[str, Any] = {"dt": 0.02, "step_tolerance": 2e-5, "randomization": UNLIKE, "duration": 0.4}
+
+
+def levels(batch: Batch) -> np.ndarray[Any, Any]:
+    """Halvings that each arm's last period took."""
+    return np.array([batch.record(i)[-1] for i in range(batch.n)])
+
+
+@pytest.mark.parametrize(
+    ("env_id", "n", "threads", "kwargs"),
+    [
+        ("FlexibleArm-v0", 7, 1, {}),
+        ("FlexibleArm-v0", 64, 2, {}),
+        pytest.param("TwoLinkFlexArm-v0", 9, 2, {"step_tolerance": 1e-6}, marks=pytest.mark.slow),
+        pytest.param("FlexibleArm-v0", 9, 1, {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
+        pytest.param("FlexibleArm-v0", 9, 1, {"actuator": {"lag": 0.01, "viscous": 0.01}}, marks=pytest.mark.slow),
+        pytest.param("FlexibleArm-v0", 4, 2, {"formulation": "floating_frame"}, marks=pytest.mark.slow),
+    ],
+)
+def test_any_number_of_arms_gives_the_same_bits(env_id: str, n: int, threads: int, kwargs: dict[str, Any]) -> None:
+    """Arms that ask for different steps side by side in one lane group."""
+    both = pair(env_id, n, "NextStep", threads, **{**FITTED, **kwargs})
+    assert assert_pair_same(both, 30) >= n
+    native = both[1].unwrapped
+    found = set()
+    for _ in range(15):
+        native.step(native.action_space.sample())
+        found |= set(levels(native.batch).tolist())
+    assert len(found) > 1 and found <= set(range(FITS))
+
+
+def test_a_failed_lane_is_repeated_alone() -> None:
+    """Newton is allowed few iterations, so that lanes fail all the time: single environments halve instead."""
+    exact = {"formulation": "geometrically_exact", "dt": 0.01, "max_iterations": 3, "tolerance": 1e-10, "duration": 0.4}
+    for kwargs in (exact | {"randomization": UNLIKE}, FITTED | {"max_iterations": 2, "tolerance": 1e-10}):
+        both = pair("FlexibleArm-v0", 5, "NextStep", **kwargs)
+        assert assert_pair_same(both, 30) >= 5
+        alone = both[1].unwrapped.batch._alone
+        assert alone is not None and alone.counts[0, 3] > 0.0
+
+
+def test_states_are_kept_with_the_step_they_call_for() -> None:
+    env = gym.make("FlexibleArm-v0", **FITTED)
+    env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    for _ in range(7):
+        env.step(rng.uniform(-1.0, 1.0, 1).astype(np.float32))
+    state = env.unwrapped.get_state()
+    actions = rng.uniform(-1.0, 1.0, (8, 1)).astype(np.float32)
+    first = [env.step(action) for action in actions]
+    env.unwrapped.set_state(state)
+    assert_same(first, [env.step(action) for action in actions])
+    other = gym.make("FlexibleArm-v0", **FITTED)
+    other.reset(seed=2)
+    other.unwrapped.set_state(state)
+    assert_same(first, [other.step(action) for action in actions])
+
+
+def test_a_period_adds_no_more_than_is_tolerated() -> None:
+    """Three times the torque limit: default steps add a fifth of a per cent of the length, fitted ones a hundredth."""
+    wild, calm = "bang-bang, 3 times the limit", "calm"
+    fitted = {"dt": 0.02, "step_tolerance": 1e-4}
+    assert run(wild, "elastica", {}, 150, 1)["largest"] > 1e-3
+    found = run(wild, "elastica", fitted, 150, 1)
+    assert found["largest"] < 1e-4
+    assert found["steps"] > 10.0
+    quiet = run(calm, "elastica", fitted, 60, 1)
+    assert quiet["largest"] < 1e-4
+    assert quiet["steps"] == 3.0  # one step, and two to compare it with
+
+
+def test_a_scene_fits_its_steps_and_says_how_far_it_is_off() -> None:
+    scene = scene_named("FlexibleArm-v0")
+    fine = simulate(scene, "elastica", nodes=6, dt=2.5e-4, sample=0.02, estimate_error=False)
+    steps, errors = [], []
+    for tolerance in (1e-3, 1e-4, 1e-5):
+        run_ = simulate(scene, "elastica", nodes=6, dt=0.02, sample=0.02, step_tolerance=tolerance)
+        errors.append(float(np.hypot(*(run_.tip - fine.tip)[:, :2].T).max()))
+        steps.append(run_.steps)
+        assert run_.status == "ok"
+        assert errors[-1] < 20.0 * tolerance  # over 200 stretches
+        assert 0.3 * errors[-1] < run_.error_parts["time_step"] < 20.0 * errors[-1]
+        assert len(run_.step_levels) == 200 and min(run_.step_levels) >= 1
+    assert steps[0] < steps[1] < steps[2] and errors[0] > errors[1] > errors[2]
+
+
+def test_a_prescribed_motion_is_the_scene_bit_for_bit() -> None:
+    """Through the environment and through `simulate`: the same steps."""
+    env = gym.make("FlexibleArm-v0", dt=0.02, step_tolerance=1e-4, nodes=6, tolerance=1e-10)
+    env.reset(seed=0, options={"motion": "robot_arm_motion"})
+    found = [env.step(np.zeros(1, np.float32))[4]["tip_position"] for _ in range(200)]
+    guide = env.unwrapped.guide
+    run_ = simulate(
+        guide.simulation.scene, "elastica", nodes=6, dt=0.02, sample=0.02, duration=4.0, step_tolerance=1e-4,
+        estimate_error=False,
+    )  # fmt: skip
+    assert np.array_equal(run_.tip[1:, :2], np.array(found))
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-3, 2.0, float("nan")])
+def test_a_wrong_tolerance_is_named(value: float) -> None:
+    with pytest.raises(ValueError, match="step_tolerance = "):
+        gym.make("FlexibleArm-v0", step_tolerance=value)
