@@ -40,6 +40,11 @@ def describe_machine(*packages: str) -> dict[str, str]:
     return facts
 
 
+def cpu_seconds() -> float:
+    """Processor time that this process and those that it has waited for have used up to now, s."""
+    return sum(os.times()[:4])
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a file completely or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -31,7 +31,7 @@ import numpy as np
 
 from benchmarks import exudyn_peer
 from benchmarks.long_runs import LONG, long_run, table_of_long_runs
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import cpu_seconds, describe_machine, write_text
 from benchmarks.running import cores, run_all
 from benchmarks.stability_cases import MAIN, Case, cases, reference_of, scene_of
 from benchmarks.stability_figures import maps
@@ -217,7 +217,8 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
         "# Stability under stress", "",
         "Written by `python -m benchmarks.stability`, whose docstring says what the words mean.", "",
         " · ".join(f"{k}: {v}" for k, v in machine.items()) + f" · {seconds:.0f} s by the clock "
-        f"for what was not kept from before, cases {found['case_seconds']:.0f} s in all", "",
+        f"and {cpu_seconds():.0f} s of processor time for what was not kept from before; cases "
+        f"{found['case_seconds']:.0f} s in all", "",
         f"{found['cases']} cases. Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; "
         f"the tip (ii) of {found['tip_checked']} of those, where the converged solution is one "
         f"({', '.join(f'{k}: {v}' for k, v in found['references'].items())}). Longest case: "
@@ -334,7 +335,8 @@ def main(arguments: list[str] | None = None) -> int:
     bad = [row for row in rows if row["outcome"] in ("silently wrong", "broken")]
     for row in bad[:40]:
         print(json.dumps(row))
-    print(json.dumps(found["outcomes"]["all"]), f"{time.monotonic() - clock:.0f} s")
+    print(json.dumps(found["outcomes"]["all"]), f"{time.monotonic() - clock:.0f} s, "
+          f"{cpu_seconds():.0f} s of processor time")  # fmt: skip
     return 1 if bad else 0
 
 

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from benchmarks import elastica_peer, exudyn_peer
 from benchmarks.converged import FOLDER as CONVERGED
 from benchmarks.long_runs import torques
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import cpu_seconds, describe_machine, write_text
 from benchmarks.running import run_all
 from benchmarks.work_precision_figures import PEERS, scene_figure, summary_figure
 from flexarm_env import arms
@@ -219,14 +219,16 @@ def advice(rows: Sequence[dict[str, Any]], target: float) -> dict[str, Any] | No
     return min(good, key=lambda row: row["cpu"]) if good else None
 
 
-def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: float) -> str:
+def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: float, cpu: float) -> str:
     """The page of the results."""
     scenes = list(dict.fromkeys(row["case"]["scene"] for row in rows))
     lines = [
         "# Run time against error", "",
         "Written by `python -m benchmarks.work_precision`, whose docstring says how. Error: largest distance of the "
         "tip from the converged solution, in % of the arm's length. CPU: ms per simulated second, one core, compiled.",
-        "", " · ".join(f"{k}: {v}" for k, v in machine.items()) + f" · {len(rows)} runs, {seconds:.0f} s", "",
+        "", " · ".join(f"{k}: {v}" for k, v in machine.items())
+        + f" · {len(rows)} runs, {seconds:.0f} s by the clock and {cpu:.0f} s of processor time, with compilation, for "
+        "what was not kept from before", "",
         "![fronts of all scenes](../figures/work_precision.png)", "",
         "## What to use", "",
         "For an error (columns, % of L) in motion like that of a scene (rows, with its largest deflection): the "
@@ -322,11 +324,11 @@ def main(arguments: list[str] | None = None) -> int:
     write_text(options.out / "work_precision.json",
                json.dumps({"machine": machine, "seconds": seconds, "rows": rows}) + "\n")  # fmt: skip
     write_text(options.out / "work_precision.csv", table_csv(rows))
-    write_text(options.out / "work_precision.md", markdown(rows, machine, seconds))
+    write_text(options.out / "work_precision.md", markdown(rows, machine, seconds, cpu_seconds()))
     for name in options.scene:
         scene_figure(name, [row for row in rows if row["case"]["scene"] == name], front, options.figures)
     summary_figure(options.scene, rows, front, options.figures / "work_precision.png")
-    print(f"{len(rows)} runs, {seconds:.0f} s")
+    print(f"{len(rows)} runs, {seconds:.0f} s, {cpu_seconds():.0f} s of processor time")
     return 0
 
 

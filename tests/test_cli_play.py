@@ -126,6 +126,7 @@ def test_scripts_are_given_all_flags(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ran(monkeypatch, "train", "--env", "X", "--help") == ["-m", "agents.train_ppo", "--env", "X", "--help"]
     assert ran(monkeypatch, "evaluate", "--policy", "pd") == ["-m", "agents.evaluate", "--policy", "pd"]
     assert ran(monkeypatch, "bench", "agreement", "--out", "x") == ["-m", "benchmarks.agreement", "--out", "x"]
+    assert ran(monkeypatch, "bench", "work-precision", "--full") == ["-m", "benchmarks.work_precision", "--full"]
 
 
 def test_a_script_runs_from_any_folder(tmp_path: Path) -> None:

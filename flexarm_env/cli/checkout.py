@@ -36,10 +36,11 @@ def run(args: argparse.Namespace) -> int:
     if name in ("", "--json"):
         _list(known, as_json=name == "--json")
         return DONE
-    if name not in known:
+    script = name.replace("-", "_")  # as one may spell it on a command line
+    if script not in known:
         sys.stderr.write(f"flexarm bench: no benchmark {name!r}; there are {', '.join(known)}\n")
         return BAD_INPUT
-    return _module(home, f"benchmarks.{name}", words)
+    return _module(home, f"benchmarks.{script}", words)
 
 
 def checkout(folder: str) -> Path | None:
