@@ -221,6 +221,12 @@ def _gravity(more: int) -> Iterator[Case]:
                      rho=[None, 1.0], zeta=[1e-6, 0.05], horizon=[1.5])  # fmt: skip
 
 
+def _fitted(more: int) -> Iterator[Case]:
+    given = [{"step_tolerance": 10.0**-k} for k in ((3, 5) if more == 1 else (2, 3, 4, 5))]
+    yield from _grid(method=MAIN, drive=["pulse", "ramp", "bang", "jumps", "thrown"], h=[0.02, 0.1, 0.4],
+                     amplitude=[0.3, 5.0], options=given, horizon=[1.5])  # fmt: skip
+
+
 def _random(more: int) -> Iterator[Case]:
     rng = np.random.default_rng(20261121)
     drives = ["pulse", "bang", "ramp", "cycloid", "spin", "jumps", "root", "thrown", "gravity"]
@@ -251,5 +257,5 @@ def _random(more: int) -> Iterator[Case]:
 
 FAMILIES: dict[str, Callable[[int], Iterator[Case]]] = {
     "step": _step, "stiffness": _stiffness, "spin": _spin, "bang-bang": _bang, "damping": _damping, "sizes": _sizes,
-    "kinks": _kinks, "gravity": _gravity, "random": _random,
+    "kinks": _kinks, "gravity": _gravity, "fitted steps": _fitted, "random": _random,
 }  # fmt: skip
