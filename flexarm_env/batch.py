@@ -19,7 +19,7 @@ from .kernels import environment, starts
 from .kernels.adaptive import FITS
 from .kernels.address import Placed, entry, native
 from .kernels.lanes import EIGHT, SINGLE
-from .kernels.layout import layout_of
+from .kernels.layout import aligned, layout_of
 from .kernels.program import (
     ACTION_NOT_FINITE,
     CLIP,
@@ -215,7 +215,7 @@ class Batch:
         self.layout = layout_of(lanes, model, task, self.entries, self.extras, fitted)
         self._work = int(uncompiled(work_size)(1, model, 0)) - 4  # its counters are apart
         count, links = self.n, self.arm.n_links
-        self.block = _aligned(self.groups, self.layout.row)
+        self.block = aligned(self.groups, self.layout.row)
         self.action = np.zeros((count, links), np.float32)
         self.observation = np.zeros((count, self.entries), np.float32)
         size = (self.layout.saved - self.layout.info) // lanes
@@ -432,13 +432,6 @@ class Batch:
         self._build()
         for name, values in kept.items():
             getattr(self, name)[...] = values
-
-
-def _aligned(rows: int, columns: int) -> Array:
-    """Zeros that begin on a cache line, so that eight lanes are one, and not parts of two."""
-    numbers = np.zeros(rows * columns + 7)
-    first = -(numbers.ctypes.data // 8) % 8
-    return numbers[first : first + rows * columns].reshape(rows, columns)
 
 
 __all__ = [

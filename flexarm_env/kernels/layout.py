@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from .adaptive import scratch_size
 from .program import DEFLECTION, GOAL, TAIL, Layout
 from .protocol import size
@@ -32,3 +34,10 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
         starts.append(starts[-1] + count * lanes)
     scratch = scratch_size(links, saved) * lanes if fitted else 0
     return Layout(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]
+
+
+def aligned(rows: int, columns: int) -> np.ndarray:
+    """Zeros that begin on a cache line, so that eight lanes are one, and not parts of two."""
+    numbers = np.zeros(rows * columns + 7)
+    first = -(numbers.ctypes.data // 8) % 8
+    return numbers[first : first + rows * columns].reshape(rows, columns)
