@@ -115,6 +115,32 @@ def run(motion: str, formulation: str, options: dict[str, Any], periods: int, ro
     }  # fmt: skip
 
 
+def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
+    """What a tolerance costs, beside the longest of the fixed steps that adds no more in any of the motions."""
+    lines = []
+    for formulation in WAYS:
+        mine = [row for row in rows if row["formulation"] == formulation]
+        fixed = [row for row in mine if "step_tolerance" not in row["options"]]
+        worst: dict[float, float] = {}
+        for row in fixed:
+            dt = row["options"].get("dt", DEFAULT_OPTIONS[formulation]["dt"])
+            worst[dt] = max(worst.get(dt, 0.0), row["largest"])
+        enough = [dt for dt, error in worst.items() if error <= tolerance]
+        if not enough:
+            continue
+        cpu = {
+            (row["motion"], "step_tolerance" in row["options"]): 1e6 * row["cpu"]
+            for row in mine
+            if row["options"].get("step_tolerance") == tolerance
+            or ("step_tolerance" not in row["options"] and row["options"].get("dt") == max(enough))
+        }
+        pairs = [f"{cpu[motion, True]:.2g} against {cpu[motion, False]:.2g} in {motion!r}" for motion in MOTIONS]
+        lines.append(f"- `{formulation}`, {100 * tolerance:g} % of the length: fixed steps need "
+                     f"{1e3 * max(enough):.3g} ms to add no more anywhere. CPU, µs a period, fitted against fixed: "
+                     f"{', '.join(pairs)}.")  # fmt: skip
+    return lines
+
+
 def markdown(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
     """The page of the results."""
     lines = [
@@ -123,7 +149,7 @@ def markdown(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
         "longest step, and each arm takes in each control period as short ones as it needs "
         "([theory](../theory.md), section 6). Errors of a control period, and what is tolerated, in % of the arm's "
         "length.", "",
-        " · ".join(f"{key}: {value}" for key, value in machine.items()),
+        " · ".join(f"{key}: {value}" for key, value in machine.items()), "", *saved(rows),
     ]  # fmt: skip
     for motion, what in MOTIONS.items():
         lines += ["", f"## {motion[0].upper() + motion[1:]}", "", f"{what[0].upper() + what[1:]}.", "",
