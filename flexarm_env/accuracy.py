@@ -1,15 +1,16 @@
 """How far a run's tip may be off: estimated from a run of twice the step and one of another mesh (theory, section 8).
 
-The error has five parts, each a fraction of the arm's length:
+The error has these parts, each a fraction of the arm's length:
 
     time_step   half the distance of the tip from a companion run of twice the step (a third is what a method of second
                 order leaves; the rest is for safety)
     mesh        half the distance between that companion and another of twice the step and half the mesh; all of it
                 where the other mesh is the finer one
-    energy      what appeared from nowhere, five times, or what the scheme took, by half, over the energy turned over
+    energy      five times the energy that appeared from nowhere, or half of what the scheme dissipated, as a share of
+                the energy turned over (`Trajectory.turned_over`)
     others      what the formulation knows of itself before the run: System.notes
 
-Time step, mesh and notes add up; the estimate is that sum, or the energy's part where this is larger.
+Time step, mesh and notes add up; the estimate is that sum, or the energy's part where that is larger.
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ INACCURATE = "inaccurate"
 """Status of a run that came to its end, its estimated error above the limit."""
 
 FOUND, TAKEN = 5.0, 0.5
-"""Error for each share of the energy turned over that appeared, or that the scheme took. An amplitude is off by half of
-its energy's share; energy that appears is a sign of instability, and counted tenfold."""
+"""Error for each share of the energy turned over that appeared from nowhere, or that the scheme dissipated. A small
+relative error of an energy is twice that of the amplitude, hence a half; energy that appears is a sign of instability
+and counts ten times as much."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,10 @@ class Probe:
 
 @dataclass(frozen=True)
 class Estimate:
-    """total and its parts, fractions of L; `unknown`: why the time step or the mesh could not be judged (total inf)."""
+    """The estimated error and its parts, fractions of L.
+
+    unknown: why the time step or the mesh could not be judged, in which case total is infinite; "" otherwise.
+    """
 
     total: float
     parts: Mapping[str, float] = field(default_factory=dict)
@@ -71,12 +76,14 @@ REMEDY = {
 
 
 HALF = 0.5
-"""Error for each unit of distance from a run of twice the step or half the mesh."""
+"""Error for each unit of distance from a run of twice the step, or on half the mesh."""
 
 
 def other_mesh(settings: Settings) -> tuple[Settings, float]:
-    """Settings of a coarser mesh, of a finer one where there is none coarser or of the full model for a reduced one;
-    and the error for each unit of distance."""
+    """Settings of another mesh, and the error for each unit of distance from a run on it.
+
+    The mesh is coarser; finer where there is none coarser; the full model where the link is reduced to modes.
+    """
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         if settings.nodes == 3:

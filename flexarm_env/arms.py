@@ -64,13 +64,14 @@ def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str]
 def from_toml(source: str | os.PathLike[str]) -> Arm:
     """The arm in a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
 
-    Raises ValueError that names the key path, the value and what is allowed.
+    Raises ValueError that names the file, the key path, the value and what is allowed, OSError for no such file.
     """
     table, path = toml_text.read(source)
-    if set(table) == {"arm"}:
-        with check.under("arm"):
-            return from_table(check.table_of("", table["arm"]))
-    return from_table(table, default_name=path.stem if path else None)
+    with check.in_file(path):
+        if set(table) == {"arm"}:
+            with check.under("arm"):
+                return from_table(check.table_of("", table["arm"]))
+        return from_table(table, default_name=path.stem if path else None)
 
 
 def to_toml(arm: Arm) -> str:

@@ -60,7 +60,7 @@ from .model import STATUS, System, scheme
 from .parameters import Arm
 from .scene import Scene
 from .settings import Settings
-from .simulation import uncompiled
+from .simulation import room_for_points, uncompiled
 from .threads import Crew, holders
 
 Array = NDArray[np.float64]
@@ -401,7 +401,7 @@ class Batch:
         """Where arm i is."""
         lanes, rows, links = len(self.lane), len(self.system.q0), self.arm.n_links
         q, v = self._mine(0, rows * lanes, i).copy(), self._mine(rows * lanes, 2 * rows * lanes, i).copy()
-        poses, points = np.zeros(12 * links), np.full((2 + 8 * 64 * links, 2), np.nan)
+        poses, points = np.zeros(12 * links), np.full((room_for_points(self.settings, links), 2), np.nan)
         count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
         record, targets = self.record(i), len(self.task.targets)
         info = self._mine(self.layout.info, self.layout.saved, i)

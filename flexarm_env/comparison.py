@@ -53,7 +53,8 @@ def tip_error(t: ArrayLike, tip: ArrayLike, reference: Mapping[str, NDArray[np.f
     if mine.size < 2:
         step = float(reference["t"][1] - reference["t"][0]) if reference["t"].size > 1 else 0.0
         what = f"must share instants with the reference, which has one every {step:g} s to {reference['t'][-1]:g} s"
-        raise check.InvalidValue("sample", float(np.asarray(t)[-1]), what)
+        own = np.asarray(t, dtype=float)
+        raise check.InvalidValue("sample", float(own[1] - own[0]) if own.size > 1 else 0.0, what)
     apart = np.hypot(path[mine, 0] - reference["tip_x"][theirs], path[mine, 1] - reference["tip_y"][theirs])
     turn = np.abs(path[mine, 2] - reference["tip_angle"][theirs])
     return TipError(

@@ -67,9 +67,12 @@ def styled_figure(path: str | os.PathLike[str], width: float, height: float) -> 
         FigureCanvasAgg(figure)
         yield figure
         file.parent.mkdir(parents=True, exist_ok=True)
-        part = file.with_name(f"{file.stem}.part{file.suffix}")
-        figure.savefig(part)
-        part.replace(file)
+        part = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
+        try:
+            figure.savefig(part)
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
 
 
 def plot_trajectory(
@@ -83,7 +86,7 @@ def plot_trajectory(
 
     Args:
         trajectory: a run. path: the file to write. reference: a table (`scenes.reference(NAME).columns`) whose tip
-        path is drawn as dots. shapes: how many shapes. title: default, scene and formulation.
+            path is drawn as dots. shapes: how many shapes. title: None writes scene and formulation.
     Returns:
         The path.
     Raises:
@@ -119,7 +122,7 @@ def plot_comparison(
 
     Args:
         trajectories: runs by their labels. path: the file to write. reference: a table; without one the first run
-        stands for it. title: over the figure.
+            stands for it. title: over the figure.
     Returns:
         The path.
     Raises:
@@ -334,9 +337,7 @@ def _label_times(axes: Any, trajectory: Trajectory, frames: Sequence[int], size:
     taken = np.zeros((0, 2))
     for i in [0, len(frames) - 1, *range(1, len(frames) - 1)][: len(frames)]:
         frame = frames[i]
-        places = np.array(
-            list(_label_places(trajectory.shapes[frame], 11.0 * point, trajectory.scene.root == "free"))
-        )
+        places = np.array(list(_label_places(trajectory.shapes[frame], 11.0 * point, trajectory.scene.root == "free")))
         cost = 0.5 * np.arange(len(places))
         cost += (np.abs(drawn - places[:, None]) < half).all(axis=2).sum(axis=1)
         cost[(np.abs(taken - places[:, None]) < 2.0 * half).all(axis=2).any(axis=1)] = np.inf

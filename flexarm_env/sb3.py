@@ -1,8 +1,8 @@
 """Vector environments for Stable-Baselines3: a Gymnasium VectorEnv as a VecEnv, with its wrappers ready.
 
-    from flexarm_env.sb3 import make_sb3_vec
-    env = make_sb3_vec("FlexibleArm-v0", n_envs=64, seed=0, normalize=True)
-    PPO("MlpPolicy", env).learn(1_000_000)
+from flexarm_env.sb3 import make_sb3_vec
+env = make_sb3_vec("FlexibleArm-v0", n_envs=64, seed=0, normalize=True)
+PPO("MlpPolicy", env).learn(1_000_000)
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ except ImportError as error:
     raise ImportError(
         'flexarm_env.sb3 needs Stable-Baselines3, which cannot be imported here: pip install "flexarm_env[train]"'
     ) from error
+
+from flexarm_env import validation as check
 
 Indices = None | int | Iterable[int]
 Infos = list[dict[str, Any]]
@@ -60,15 +62,14 @@ def make_sb3_vec(
         ValueError: n_envs below 1, or a native vector environment that cannot reset in the step that ends an
             episode. Besides, whatever the environment raises for its keywords.
     """
-    if isinstance(n_envs, bool) or not isinstance(n_envs, int | np.integer) or n_envs < 1:
-        raise ValueError(f"n_envs = {n_envs!r}: must be a whole number from 1")
+    n_envs = check.integer("n_envs", n_envs, minimum=1)
     mode: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
     if vectorization_mode == "vector_entry_point":
         kwargs = mode | kwargs
     else:
         kwargs = {"vector_kwargs": mode} | kwargs
     try:
-        native = gym.make_vec(env_id, num_envs=int(n_envs), vectorization_mode=vectorization_mode, **kwargs)
+        native = gym.make_vec(env_id, num_envs=n_envs, vectorization_mode=vectorization_mode, **kwargs)
     except TypeError as error:
         if "'autoreset_mode'" not in str(error):
             raise

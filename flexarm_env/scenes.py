@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flexarm_env import toml_text
+from flexarm_env import time_functions, toml_text
 from flexarm_env import validation as check
 from flexarm_env.scene import Scene, toml
 
@@ -129,19 +128,19 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
 
     Raises ValueError that names the file and the row for what is no such table, FileNotFoundError for no file.
     """
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        lines = [line for line in csv.reader(file) if line]
-    header = tuple(name.strip() for name in lines[0]) if lines else ()
-    with check.under(os.fspath(path)):
+    header, lines = time_functions.csv_lines(path)
+    with check.in_file(path):
         if header[: len(COLUMNS)] != COLUMNS:
             raise check.InvalidValue("columns", header, f"must begin with {','.join(COLUMNS)}")
-        rows = np.empty((len(lines) - 1, len(header)))
-        for i, line in enumerate(lines[1:]):
+        rows = np.empty((len(lines), len(header)))
+        for i, line in enumerate(lines):
             try:
-                rows[i] = [float(cell) for cell in line]
+                numbers = [float(cell) for cell in line]
             except ValueError:
-                what = f"must hold {len(header)} numbers, in row {i}"
-                raise check.InvalidValue(f"[{i}]", ",".join(line), what) from None
+                numbers = []
+            if len(numbers) != len(header):
+                raise check.InvalidValue(f"[{i}]", ",".join(line), f"must hold {len(header)} numbers, in row {i}")
+            rows[i] = numbers
             if not np.all(np.isfinite(rows[i])) or (i and rows[i, 0] <= rows[i - 1, 0]):
                 what = f"must hold finite numbers and a time later than the row before, in row {i}"
                 raise check.InvalidValue(f"[{i}]", ",".join(line), what)

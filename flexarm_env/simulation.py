@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import accuracy, kernels  # noqa: F401  (importing kernels registers the formulations)
+from . import validation as check
 from .kernels.adaptive import FITS, LOWER
 from .kernels.lanes import SINGLE
 from .kernels.newmark import advance
@@ -29,14 +30,17 @@ from .trajectory import Recorder, Trajectory
 Array = NDArray[np.float64]
 
 _NO_POINTS = np.zeros((0, 2))
-_ROOM = 2 + 8 * 64
-"""Points along a link that there is room for."""
-
 CHUNK = 500
 """Steps between two looks at the clock and at the work done."""
 
 ENERGY_LIMIT = 1e3
-"""Energy beyond this many times what there was, came and went (`Simulation.gained`) means that it has diverged."""
+"""A run has diverged where its energy exceeds this many times what can account for it (`Simulation.gained`)."""
+
+
+def room_for_points(settings: Settings, n_links: int) -> int:
+    """At least as many points as any formulation draws along a chain of links."""
+    pieces = (settings.segments or 1) * (settings.elements or 1)
+    return n_links * (2 + 8 * max(64, pieces))
 
 
 def uncompiled(function: Any) -> Any:
@@ -50,8 +54,8 @@ class Simulation:
     Args:
         scene: what moves. settings: formulation and options; its dt must be given.
     Attributes:
-        t: time reached, s. status: a code of `flexarm_env.model`. work: views of the state (`kernels.newmark.Work`).
-        gross: work done by the drives, J, its amount whether they gave or took.
+        t: time reached, s. status: a code of `flexarm_env.model`. work: views of the state (`kernels.work.Work`).
+        gross: work of the drives, J, what they gave and what they took both counted as positive.
         levels: with a step_tolerance, the halvings of dt in each stretch up to now.
         follow: halvings to take instead of those that the tolerance asks for.
         deadline: `time.perf_counter()` beyond which `advance_to` gives up with status "timed_out"; None: never.
@@ -200,7 +204,7 @@ class Simulation:
         count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
         wanted = [min(k * interval, end) for k in range(1, count + 1)]
         span = np.array([self.t, self.dt, self.gross, 0.0, ENERGY_LIMIT])
-        made, shapes = self._record(span, [self.t], np.zeros((1, _ROOM * self.scene.arm.n_links, 2)) * np.nan)
+        made, shapes = self._record(span, [self.t], self._points()[None])
         points = int(np.count_nonzero(np.isfinite(shapes[0, :, 0])))
         sink(made, shapes[:, :points])
         span[START_ENERGY] = made[0, 1 + 12 * self.scene.arm.n_links :][:3].sum()
@@ -287,13 +291,17 @@ class Simulation:
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, 12).copy(), self._energies.copy()
 
+    def _points(self) -> Array:
+        """Room for the points along the chain, not finite where none will be written."""
+        return np.full((room_for_points(self.settings, self.scene.arm.n_links), 2), np.nan)
+
     def _observe(self, points: Array) -> int:
         w = self.work
         return int(observe_arm(SINGLE, self.model, self.par, w.q, w.v, self._poses, self._energies, points))
 
     def gained(self, start: float, gross: float) -> bool:
-        """Whether there is more energy than can be: out of all proportion to that at the start, the gross work (J), the
-        loss and the height that the arm has; `kernels.rollout.record` asks the same."""
+        """Whether there is ENERGY_LIMIT times the energy that start (J), gross work (J), dissipation and gravity can
+        account for; `kernels.rollout.record` asks the same."""
         energies = self.observe()[1]
         total, known = abs(float(energies.sum())), abs(start) + gross + abs(float(self.work.books[1]))
         return not total <= ENERGY_LIMIT * (known + abs(float(energies[2])) + 1e-300) and total > 1e-9
@@ -308,7 +316,7 @@ class Simulation:
 
     def shape_points(self) -> Array:
         """Positions along the chain, root to tip, (n_points, 2) m."""
-        points = np.full((_ROOM * self.scene.arm.n_links, 2), np.nan)
+        points = self._points()
         return points[: self._observe(points)].copy()
 
 
@@ -341,12 +349,14 @@ def simulate(
     Raises:
         ValueError: an option the formulation lacks, or a value that is not allowed.
     """
+    if not isinstance(scene, Scene):
+        raise check.InvalidValue("scene", scene, "must be a Scene, such as flexarm_env.named(NAME) gives")
     settings = scene.settings(formulation, **options)
-    end = scene.duration if duration is None else _positive("duration", duration)
-    interval = scene.sample if sample is None else _positive("sample", sample)
+    end = scene.duration if duration is None else check.number("duration", duration, "s", above=0.0)
+    interval = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)
     assert interval is not None
-    limit = _positive("error_limit", error_limit, "a fraction of the arm's length")
-    allowed = None if time_limit is None else _positive("time_limit", time_limit)
+    limit = check.number("error_limit", error_limit, "a fraction of the arm's length", above=0.0)
+    allowed = None if time_limit is None else check.number("time_limit", time_limit, "s", above=0.0)
     if end > scene.duration:
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
     simulation = Simulation(scene, settings)
@@ -404,12 +414,6 @@ def _probe(
     simulation.record(end, interval, lambda rows, shapes: parts.append(rows[:, [0, tip, tip + 1]]))
     found = np.concatenate(parts)
     return accuracy.Probe(found[:, 0], found[:, 1:], simulation.status == OK)
-
-
-def _positive(name: str, value: float, unit: str = "s") -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-        raise ValueError(f"{name} = {value!r}: must be a positive number ({unit})")
-    return float(value)
 
 
 __all__ = ["Simulation", "Trajectory", "simulate"]

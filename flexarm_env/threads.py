@@ -84,7 +84,7 @@ class Crew:
                     self._done.acquire()
                     self._boards[spin.STATE - spin.BOARD] = spin.AWAKE
                     result = spin.lead(*given, spin.LOOK)
-        except BaseException:  # Ctrl-C, say: nobody is to write into arrays that the caller thinks are his
+        except BaseException:  # Ctrl-C, say: no thread may go on writing into the caller's arrays
             self._end()
             raise
         self._busy = False

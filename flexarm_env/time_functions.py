@@ -92,7 +92,7 @@ class TimeFunction:
 
     @property
     def end(self) -> float:
-        """Instant (s) at which the last piece begins: from there on nothing changes but by that piece."""
+        """Instant (s) at which the last piece begins, which holds from there on."""
         return float(self.pieces[-1, T0])
 
     @property
@@ -186,7 +186,7 @@ def _made(kind: str, rows: Any, **parameters: Any) -> TimeFunction:
 
 
 def constant(value: float) -> TimeFunction:
-    """The same value for ever."""
+    """The same ``value`` at all times."""
     value = check.number("value", value)
     return _made("constant", [_row(0.0, value)], value=value)
 
@@ -272,9 +272,9 @@ def _held(t: Array, y: Array, rows: list[list[float]]) -> list[list[float]]:
 
 
 def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
-    """Straight lines between the rows t (n >= 2,) s and y (n,), the last value held: the rate jumps at every row.
+    """Straight lines between the rows t (n,) s and y (n,), n >= 2; the last value is held. The rate jumps at every row.
 
-    Raises ValueError that names the row for fewer rows, times that do not rise, numbers that are not finite.
+    Raises ValueError for fewer rows, and one that names the row for times that do not rise or numbers not finite.
     """
     time, value = _columns(t, 2, y=y)
     slopes = np.diff(value) / np.diff(time)
@@ -285,7 +285,7 @@ def linear_table(t: Sequence[float] | Array, y: Sequence[float] | Array) -> Time
 def steps(t: Sequence[float] | Array, y: Sequence[float] | Array) -> TimeFunction:
     """The value y (n,) from each row's time t (n,) s to the next; 0 before the first. For loads: the value jumps.
 
-    Raises ValueError that names the row for fewer rows, times that do not rise, numbers that are not finite.
+    Raises ValueError for no row, and one that names the row for times that do not rise or numbers not finite.
     """
     time, value = _columns(t, 1, y=y)
     rows = [_row(*row) for row in zip(time, value, strict=True)]
@@ -384,19 +384,30 @@ def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFun
     return table(**columns, interpolation=interpolation)
 
 
+def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Names in the first line of a CSV file, and the cells of the others; empty lines are left out.
+
+    Raises OSError where the file cannot be read, ValueError that names it where it is no text.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            lines = [line for line in csv.reader(file) if line]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{os.fspath(path)}: not a CSV file: {error}") from None
+    return (tuple(name.strip() for name in lines[0]), lines[1:]) if lines else ((), [])
+
+
 def from_csv(path: str | os.PathLike[str], interpolation: str | None = None) -> TimeFunction:
     """:func:`table` of the CSV file at `path`, whose first line names the columns t, psi[, psi_dot[, psi_ddot]].
 
     Raises ValueError that names file and row, OSError where the file cannot be read; interpolation as for `table`.
     """
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        lines = [line for line in csv.reader(file) if line]
-    header = tuple(name.strip() for name in lines[0]) if lines else ()
-    with check.under(os.fspath(path)):
+    header, lines = csv_lines(path)
+    with check.in_file(path):
         if len(header) < 2 or header != COLUMNS[: len(header)]:
             raise check.InvalidValue("columns", header, "must be t,psi[,psi_dot[,psi_ddot]] in the first line")
         values: list[list[float]] = []
-        for i, line in enumerate(lines[1:]):
+        for i, line in enumerate(lines):
             if len(line) != len(header):
                 raise check.InvalidValue(f"[{i}]", line, f"must hold {len(header)} numbers, in row {i}")
             try:

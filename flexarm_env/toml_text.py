@@ -13,18 +13,20 @@ INLINE_WIDTH = 110
 
 
 def read(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
-    """The table of a TOML file, or of a text (a string with a line break or an equals sign), and the file's path.
+    """The table of a TOML file, or of a text, and the file's path (None for a text).
 
-    Raises FileNotFoundError for a file that is not there and ValueError for what is no TOML.
+    A string with a line break is a text, and so is one with an equals sign that does not end in ``.toml``.
+    Raises OSError for a file that cannot be read and ValueError for what is no TOML.
     """
-    if isinstance(source, str) and ("\n" in source or "=" in source):
-        path, content = None, source
-    else:
-        path = Path(source)
-        content = path.read_text(encoding="utf-8")
+    path = None
     try:
+        if isinstance(source, str) and ("\n" in source or ("=" in source and not source.endswith(".toml"))):
+            content = source
+        else:
+            path = Path(source)
+            content = path.read_text(encoding="utf-8")
         return tomllib.loads(content), path
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path or 'text'}: not a TOML file: {error}") from None
 
 

@@ -32,18 +32,28 @@ def link_deflection(poses: Array) -> Array:
 
 @dataclass
 class Trajectory:
-    """A recorded run of n instants and N links, SI units.
+    """A recorded run of n instants and N links, SI units. At a kink the values just before it are recorded.
 
-    t (n,); start, tip (n, 3): x, y, angle of the root and of the last tip; hinges (n, N-1, 2);
-    joint_angles, joint_rates, joint_torque (n, N): relative angles (rad), rates, torques (N m) applied or, where the
-    angle is prescribed, enforcing it; tip_deflection (n, N): each link's tip normal to its root tangent, over its
-    length; kinetic, strain, gravity, dissipated, work (n,): J; shapes (n, points, 2): m, along the chain;
-    q, v (n, rows): the state, rows named in `names`. At a kink the values just before it are recorded.
-    status: "ok", "inaccurate", or what ended the run early. error_estimate: how far the tip may be off, a fraction of
-    the arm's length (`flexarm_env.accuracy`; nan where the run ended early), and error_parts what it is made of.
-    gross_work: J, the work of the drives whether they gave or took.
-    step_levels: with a step_tolerance, how often dt was halved in each stretch between samples and kinks.
-    deflection_bound: tip_deflection beyond which the formulation stops; infinite but for whole links reduced to modes.
+    Attributes:
+        scene, settings: what was run. t (n,): s.
+        start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
+        tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
+        joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis, joint k from the tip of link k-1.
+        joint_torque (n, N): N m, as applied, or as needed where the joint's angle is prescribed.
+        tip_deflection (n, N): each link's tip normal to its tangent at its root, over the link's length.
+        kinetic, strain, gravity (n,): energies, J. dissipated, work (n,): J, since the start; work is the drives'.
+        shapes (n, points, 2): points along the chain from root to tip, m.
+        q, v (n, rows): the state and its rate; names (rows,) says what each row is.
+        status: "ok", "inaccurate", or what ended the run early; message: the same in a sentence.
+        steps, iterations, factorizations, halvings: counts of time steps, Newton iterations, matrices factored and
+            steps halved. cpu_seconds: of the run, compilation left out.
+        notes: what the formulation says of its own limits, fractions of the arm's length.
+        error_estimate: how far the tip may be off, a fraction of the arm's length (`flexarm_env.accuracy`; nan where
+            the run ended early); error_parts: what it is made of, by name.
+        deflection_bound: tip_deflection beyond which the formulation stops; infinite but for whole links reduced to
+            modes.
+        step_levels: with a step_tolerance, how often dt was halved in each stretch between samples and kinks.
+        gross_work: J, the work of the drives, what they gave and what they took both counted as positive.
     """
 
     scene: Scene
@@ -110,14 +120,14 @@ class Trajectory:
         return table
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write t, energy, start, tip and hinges; 17 significant digits, so that nothing is lost."""
+        """Write t, energy, start, tip and hinges with all their digits, whole or not at all. Raises OSError."""
         table = self.columns()
         text = [",".join(table)]
         text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]
         write_whole(Path(path), ("\n".join(text) + "\n").encode())
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
-        """Write every array, with status, settings and the scene's TOML as text."""
+        """Write every array, status, settings and the scene's TOML as text, whole or not at all. Raises OSError."""
         arrays: dict[str, Any] = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
         arrays |= {"error_estimate": self.error_estimate}
         arrays |= {"status": self.status, "scene": self.scene.to_toml(), "names": np.array(self.names)}
@@ -130,13 +140,14 @@ class Trajectory:
 def write_whole(path: Path, content: bytes) -> None:
     """Write `content` to `path`, completely or not at all; its folder is made. OSError where that cannot be done."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")  # of this process alone
     try:
         part.write_bytes(content)
         part.replace(path)
-    except OSError:
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
+    finally:
         part.unlink(missing_ok=True)
-        raise
 
 
 class Recorder:

@@ -10,6 +10,7 @@ import contextlib
 import difflib
 import math
 import numbers
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -46,7 +47,7 @@ class UnknownKey(ValueError):
         self.hint = hint
 
     def __str__(self) -> str:
-        last = self.path.rsplit(".", 1)[-1]
+        last = self.path.rsplit(": ", 1)[-1].rsplit(".", 1)[-1]
         near = difflib.get_close_matches(last, self.allowed, n=1, cutoff=0.7)
         hint = self.hint or (f"did you mean {near[0]}?" if near else "")
         hint = hint and f" ({hint})"
@@ -76,10 +77,10 @@ def shown(value: object) -> str:
 
 
 def joined(path: str, key: str) -> str:
-    """Key path of ``key`` below ``path`` (either may be empty; ``[3]`` needs no dot)."""
+    """Key path of ``key`` below ``path`` (either may be empty; ``[3]``, and what follows ``file: ``, need no dot)."""
     if not path or not key:
         return path or key
-    return path + key if key.startswith("[") else f"{path}.{key}"
+    return path + key if key.startswith("[") or path.endswith(": ") else f"{path}.{key}"
 
 
 @contextlib.contextmanager
@@ -93,6 +94,11 @@ def under(prefix: str) -> Iterator[None]:
         raise UnknownKey(joined(prefix, error.path), error.allowed, error.what, error.hint) from None
     except MissingKey as error:
         raise MissingKey(joined(prefix, error.path), error.allowed) from None
+
+
+def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextManager[None]:
+    """Say which file it is about, as ``file: key.path``, in an error raised inside the block; None: no file."""
+    return under("" if path is None else f"{os.fspath(path)}: ")
 
 
 def number(
@@ -173,7 +179,8 @@ def sequence(path: str, value: object, what: str, length: int | None = None) -> 
 def instance(path: str, value: object, kind: type[T]) -> T:
     """``value`` as an object of the class ``kind``."""
     if not isinstance(value, kind):
-        raise InvalidValue(path, value, f"must be a {kind.__name__}")
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise InvalidValue(path, value, f"must be {article} {kind.__name__}")
     return value
 
 

@@ -99,7 +99,11 @@ def test_wrong_words_of_play(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     assert "--episodes = 0" in refused(capsys, *SHORT, "--episodes", "0")
     assert "must be JSON" in refused(capsys, "play", "--policy", "pd", "--env-kwargs", "{duration: 2}")
     assert "must end with one of" in refused(capsys, *SHORT, "--video", str(tmp_path / "a.txt"))
-    assert "armm" in refused(capsys, "play", "--policy", "pd", "--env-kwargs", '{"armm": 1}')
+    for name in ("armm", "id", "render_mode"):
+        text = refused(capsys, "play", "--policy", "pd", "--env-kwargs", f'{{"{name}": 1}}')
+        assert f"--env-kwargs.{name}: unknown argument" in text
+    assert "unknown environment; allowed" in refused(capsys, "play", "no id!", "--policy", "pd")
+    assert 'for task="reach"' in refused(capsys, "play", "TwoLinkFlexArm-v0", "--policy", "time_optimal", "--headless")
 
 
 # ---------------------------------------------------------------- checkout

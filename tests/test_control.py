@@ -193,6 +193,12 @@ def test_errors_say_what_is_allowed(reach):
         gains_from("pd", {"kp": 3.0})
     with pytest.raises(ValueError, match="flexarm_env"):
         control.make("pd", gym.make("Pendulum-v1"))
+    with pytest.raises(ValueError, match=r"^env = 3: must be an environment of flexarm_env"):
+        control.make("pd", 3)
+    with pytest.raises(ValueError, match=r"^gains = 3: must be a PDGains"):
+        control.make("pd", reach, 3)
+    with pytest.raises(ValueError, match=r"^controller = 'time_optimal': must be one of \"pd\".* for task=\"reach\""):
+        control.make("time_optimal", reach)
     with pytest.raises(ValueError, match="one link"):
         control.make("time_optimal", reach, tuned_gains("time_optimal", "slew"))
 

@@ -295,6 +295,7 @@ def test_a_reduction_to_modes_says_how_far_it_holds() -> None:
         ({"reference": [[0, 0], [1, 1]]}, ("reference", 'task="track"')),
         ({"reward": {"glory": 1.0}}, ("reward.glory", "accuracy")),
         ({"randomization": {"payload": (2.0, 0.5)}}, ("randomization.payload", "low")),
+        ({"randomization": {"EI": (0.0, 1.0)}}, ("randomization.EI[0] = 0.0", "positive")),
         ({"randomization": {"colour": (1, 2)}}, ("randomization.colour", "payload")),
         ({"sensors": {"delay": 0.01}}, ("sensors.delay = 0.01", "control_dt")),
         ({"sensors": {"noise": {"hub": 1.0}}}, ("sensors.noise.hub", "hub_rate")),

@@ -236,6 +236,13 @@ def test_a_wrong_csv_file_is_refused(tmp_path: Path, content: str, message: str)
     assert message in str(caught.value)
 
 
+def test_a_csv_file_that_is_no_text_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "motion.csv"
+    path.write_bytes(b"PK\x03\x04\xff\xfe")
+    with pytest.raises(ValueError, match=rf"^{path}: not a CSV file: "):
+        tf.from_csv(path)
+
+
 def test_a_motion_must_not_jump() -> None:
     tf.ramp(1.0, 2.0).check_no_jump()
     with pytest.raises(ValueError, match=r"^t\[1\] = 2.5: a motion must not jump: row 1 goes from 80 to 0"):

@@ -11,7 +11,7 @@ import pytest
 from flexarm_env.comparison import common_instants, tip_error
 from flexarm_env.parameters import Arm, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
-from flexarm_env.scenes import named, read_trajectory, reference, reference_names, spot_values
+from flexarm_env.scenes import named, read_trajectory
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, pulse, ramp
 from flexarm_env.trajectory import COLUMNS, Trajectory
@@ -145,24 +145,25 @@ def test_writing_leaves_no_half_file(run: Trajectory, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["taken"]
 
 
-# -------------------------------------------------------------- references
-def test_references_fit_their_scenes() -> None:
-    assert reference_names() == ("robot_arm_motion", "robot_arm_motion_smooth", "flying_rod")
-    for name in reference_names():
-        scene, table = named(name), reference(name).columns
-        assert table["t"][-1] == pytest.approx(scene.duration)
-        np.testing.assert_allclose([table["start_x"][0], table["start_y"][0]], scene.position, atol=1e-9)
-        with pytest.raises(ValueError, match="read-only"):
-            table["t"][0] = 1.0
+def test_fine_meshes_are_drawn_to_the_tip() -> None:
+    scene = named("robot_arm_motion")
+    run = simulate(scene, "geometrically_exact", elements=300, duration=scene.dt, estimate_error=False)
+    assert run.shapes.shape[1] == 601
+    np.testing.assert_allclose(run.shapes[-1, -1], run.tip[-1, :2], atol=1e-12)
 
 
-def test_reference_agrees_with_single_values_of_another_program() -> None:
-    spots, table = spot_values("robot_arm_motion"), reference("robot_arm_motion").columns
-    at = [int(np.abs(table["t"] - t).argmin()) for t in spots["t"]]
-    apart = np.hypot(table["tip_x"][at] - spots["tip_x"], table["tip_y"][at] - spots["tip_y"])
-    assert apart.max() < spots["tolerance"]["tip"]
+def test_arguments_are_numbers_of_any_kind_or_refused() -> None:
+    scene = named("robot_arm_motion")
+    run = simulate(scene, segments=1, duration=np.float32(0.25), sample=np.int64(1), estimate_error=False)
+    assert run.t[-1] == 0.25
+    for name in ("duration", "sample", "error_limit", "time_limit"):
+        with pytest.raises(ValueError, match=rf"^{name} = -1: must be a positive number"):
+            simulate(scene, **{name: -1})  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^scene = 'robot_arm_motion': must be a Scene, such as"):
+        simulate("robot_arm_motion")  # type: ignore[arg-type]
 
 
+# ------------------------------------------------------ against a reference
 def test_tip_error_counts_common_instants_alone() -> None:
     table = {name: np.zeros(5) for name in COLUMNS} | {"t": np.arange(5) * 0.5}
     tip = np.zeros((4, 3))
@@ -175,7 +176,7 @@ def test_tip_error_counts_common_instants_alone() -> None:
 
 def test_tip_error_needs_instants_in_common() -> None:
     table = {name: np.zeros(5) for name in COLUMNS} | {"t": np.arange(5) * 0.5}
-    with pytest.raises(ValueError, match=r"sample = .*: must share instants with the reference.* 0.5 s"):
+    with pytest.raises(ValueError, match=r"sample = 0.3: must share instants with the reference.* 0.5 s"):
         tip_error([0.0, 0.3, 0.7], np.zeros((3, 3)), table)
 
 

@@ -20,7 +20,7 @@ OPTIONAL = ("matplotlib", "pygame-ce", "moviepy", "stable-baselines3", "torch", 
 
 SELF_TEST = "robot_arm_motion"
 SELF_TEST_SETTINGS: dict[str, Any] = {"formulation": "geometrically_exact", "elements": 5, "dt": 0.005}
-"""The formulation that compiles quickest."""
+"""Of the formulation that compiles quickest."""
 SELF_TEST_ERROR = 0.015
 """Largest tip error (m) that it may have against its reference; measured: 0.0129."""
 

@@ -19,6 +19,7 @@ from flexarm_env import validation as check
 from flexarm_env.cli.parser import DONE
 from flexarm_env.cli.progress import Announced, ProgressBar, show
 from flexarm_env.control import Setup, load_policy
+from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.recording import EpisodeRecorder, save_episodes
 
@@ -142,11 +143,14 @@ def _environment(args: argparse.Namespace, player: Player, mode: str | None) -> 
     try:
         given = {} if args.env_kwargs is None else json.loads(args.env_kwargs)
     except ValueError:
-        raise check.InvalidValue("--env-kwargs", args.env_kwargs, "must be JSON such as {\"duration\": 8}") from None
-    kwargs = {**player.env_kwargs, **check.table_of("--env-kwargs", given)}
+        raise check.InvalidValue("--env-kwargs", args.env_kwargs, 'must be JSON such as {"duration": 8}') from None
+    given = check.table_of("--env-kwargs", given)
+    check.known_keys("--env-kwargs", given, [key for key in ARGUMENTS if key != "render_mode"], "argument")
     try:
-        return EpisodeRecorder(gym.make(env_id, render_mode=mode, **kwargs))
-    except gym.error.UnregisteredEnv:
+        return EpisodeRecorder(gym.make(env_id, render_mode=mode, **{**player.env_kwargs, **given}))
+    except gym.error.DependencyNotInstalled:
+        raise
+    except gym.error.Error:  # not registered, or not the form of an id
         known = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("flexarm_env.")]
         raise check.UnknownKey(env_id, known, "environment") from None
 

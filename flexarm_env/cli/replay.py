@@ -43,6 +43,8 @@ def run(args: argparse.Namespace) -> int:
     if args.plots is not None:
         _needs("plots", "matplotlib", "plot")
     speed = check.number("--speed", args.speed, above=0.0)
+    if args.through_env and args.time_limit is not None:
+        raise check.InvalidValue("--time-limit", args.time_limit, "must not be given together with --through-env")
 
     trajectory, compiling = _trajectory(scene, settings, args)
     values = report(trajectory, compiling)
@@ -114,7 +116,7 @@ def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
 
 def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> tuple[Any, float]:
     """The run, and the wall time (s) that compiling or loading compiled code took before it."""
-    run = _through_env if args.through_env else partial(_directly, args=args)
+    run = partial(_through_env if args.through_env else _directly, args=args)
     start = time.perf_counter()
     with Announced(ProgressBar(scene.name), "compiling, which happens once ..."):
         first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
@@ -143,7 +145,12 @@ def _directly(
 
 
 def _through_env(
-    scene: Scene, settings: Settings, duration: float | None, sample: float | None, bar: ProgressBar | None
+    scene: Scene,
+    settings: Settings,
+    duration: float | None,
+    sample: float | None,
+    bar: ProgressBar | None,
+    args: argparse.Namespace,
 ) -> Any:
     from flexarm_env.envs.replay import through_env
 
@@ -152,7 +159,7 @@ def _through_env(
         length = check.number("duration", duration, "s", above=0.0)
         dt, shortest = min(scene.dt, length), min(period or length, length)
         scene = dataclasses.replace(scene, duration=length, dt=dt, sample=shortest)
-    return through_env(scene, settings, period)
+    return through_env(scene, settings, period, args.error_limit)
 
 
 def _reference(args: argparse.Namespace) -> tuple[Columns | None, str]:

@@ -37,10 +37,10 @@ class Setup:
     @classmethod
     def of(cls, env: Any) -> Setup:
         """What there is to know of an environment of this package, single or vector, wrapped or not."""
-        plain = env.unwrapped
-        if not hasattr(plain, "plan"):
-            raise ValueError(f"{env}: controllers are made for the environments of flexarm_env")
-        plan = plain.plan
+        plain = getattr(env, "unwrapped", None)
+        plan = getattr(plain, "plan", None)
+        if plan is None:
+            raise ValueError(f"env = {env}: must be an environment of flexarm_env, single or vector")
         scales = tuple(float(s) for s in plan.scales)
         return cls(plan.kind.task, plan.arm, plan.period, plan.arm.torque_limits, tuple(plan.names), scales)
 

@@ -35,9 +35,16 @@ def _table(task: str) -> dict[str, Any]:
 
 
 def tuned_gains(name: str, task: str) -> Any:
-    """The tuned gains of the controller `name` for a task ("slew" or "reach"), an instance of its gains' class."""
+    """The tuned gains of the controller `name` for a task ("slew" or "reach"), an instance of its gains' class.
+
+    Raises ValueError for a name that there is not, or that no arm of this task can have.
+    """
     check.choice("controller", name, NAMES)
-    return gains_from(name, _table(task)[name])
+    table = _table(task)
+    if name not in table:
+        known = ", ".join(f'"{other}"' for other in table)
+        raise check.InvalidValue("controller", name, f'must be one of {known} for task="{task}"')
+    return gains_from(name, table[name])
 
 
 def gains_from(name: str, values: Mapping[str, Any]) -> Any:
@@ -70,4 +77,6 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     setup = env if isinstance(env, Setup) else Setup.of(env)
     if not isinstance(env, Setup):
         _check(env.unwrapped.plan)
-    return _KINDS[name][1](setup, tuned_gains(name, setup.task) if gains is None else gains)
+    kind, made = _KINDS[name]
+    own = tuned_gains(name, setup.task) if gains is None else check.instance("gains", gains, kind)
+    return made(setup, own)

@@ -50,7 +50,8 @@ class Design(NamedTuple):
 
 
 SENSOR = 1e-3
-"""Standard deviation that the observer allows measurements: rad; rad/s over the first frequency; and so on."""
+"""Standard deviation of what the observer measures: angles (rad) and tip deflections over length as they stand, their
+rates over the first flexible frequency."""
 
 
 @lru_cache(maxsize=1024)

@@ -35,7 +35,7 @@ class Shaper:
     delays: tuple[float, ...]
 
     def then(self, other: Shaper) -> Shaper:
-        """Both, one after the other: shapes for the modes of both."""
+        """The two convolved: a shaper for the modes of both."""
         amplitudes = np.outer(self.amplitudes, other.amplitudes).ravel()
         delays = np.add.outer(np.asarray(self.delays), np.asarray(other.delays)).ravel()
         return Shaper(tuple(amplitudes.tolist()), tuple(delays.tolist()))

@@ -44,9 +44,8 @@ class Prescribed:
     scene: Scene | None = None
 
 
-def prescribed(value: Any, n_links: int, interpolation: str | None = None) -> Prescribed:
-    """Motions of one arm from what a user gives. ValueError names the key, the value and what is allowed."""
-    path = "options.motion"
+def prescribed(value: Any, n_links: int, interpolation: str | None = None, path: str = "options.motion") -> Prescribed:
+    """Motions of one arm from what a user gives under the key `path`, which every ValueError names."""
     if isinstance(value, Prescribed):
         return value
     if isinstance(value, Scene):
@@ -65,6 +64,8 @@ def prescribed(value: Any, n_links: int, interpolation: str | None = None) -> Pr
         entries = dict(enumerate(value))
     else:
         return _by_joint({0: value}, (path,), interpolation)
+    if all(entry is None for entry in entries.values()):
+        raise check.InvalidValue(path, value, "must prescribe at least one joint")
     return _by_joint(entries, tuple(f"{path}.joint{k}" for k in range(n_links)), interpolation)
 
 
@@ -90,8 +91,6 @@ def _by_joint(entries: dict[int, Any], paths: tuple[str, ...], interpolation: st
             with check.under(paths[joint]):
                 functions[joint] = _function(entry, interpolation)
             end = max(end, functions[joint].end)
-    if not functions:
-        raise check.InvalidValue("options.motion", entries, "must prescribe at least one joint")
     return Prescribed(tuple(sorted(functions.items())), end)
 
 

@@ -159,9 +159,14 @@ def plan(
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, render_mode=render_mode, starts=starts,
         rewards=tuple(reward_weights(kind, reward).tolist()), extras=extras,
         names=(*names, *gauge_names(len(places))), scales=(*scales, *gauge_scales(frame, places)), gauges=tuple(places),
-        motion=prescribed(motion or REPLAYS[kind.n_links], kind.n_links) if word == "replay" else None,
+        motion=_replayed(kind, motion) if word == "replay" else None,
         entries=info_entries(kind, full),
     )  # fmt: skip
+
+
+def _replayed(kind: Kind, motion: Any) -> Prescribed:
+    """What every episode of task="replay" follows."""
+    return prescribed(REPLAYS[kind.n_links] if motion is None else motion, kind.n_links, path="motion")
 
 
 def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
@@ -218,8 +223,10 @@ def _factors(given: Any) -> tuple[tuple[float, float], ...]:
         low, high = check.sequence(path, table.get(name, (1.0, 1.0)), "two numbers, (low, high)", 2)
         low = check.number(f"{path}[0]", low, minimum=0.0)
         high = check.number(f"{path}[1]", high, minimum=0.0)
-        if low > high or (low == 0.0 and name in ("EI", "torque_constant")):
-            raise check.InvalidValue(path, (low, high), "must be factors (low, high), low at most high, not 0 here")
+        if low > high:
+            raise check.InvalidValue(path, (low, high), "must be factors (low, high) with low at most high")
+        if low == 0.0 and name in ("EI", "torque_constant"):
+            raise check.InvalidValue(f"{path}[0]", low, "must be a positive number: an arm without it cannot be moved")
         rows.append((low, high))
     return tuple(rows)
 

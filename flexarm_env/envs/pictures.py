@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
-from .drawing import pygame_module
+from .drawing import PAPER, pygame_module
 from .options import Plan
 from .rendering import Renderer
 
@@ -49,7 +49,7 @@ class Wall:
             return
         pg = pygame_module()
         sheet = pg.Surface(self.window.size)
-        sheet.fill((250, 251, 252))
+        sheet.fill(PAPER)
         for i, pen in enumerate(self.pens):
             pixels = draw(pen, self.plan, view_of(i))
             tile = pg.image.frombuffer(pixels.tobytes(), (self.tile, self.tile), "RGB")

@@ -20,12 +20,13 @@ from .two_link import TwoLinkFlexArmEnv
 _ENVIRONMENTS: dict[int, Any] = {1: FlexibleArmEnv, 2: TwoLinkFlexArmEnv}
 
 
-def through_env(scene: Scene, settings: Settings, sample: float | None = None) -> Trajectory:
+def through_env(scene: Scene, settings: Settings, sample: float | None = None, error_limit: float = 0.05) -> Trajectory:
     """The Trajectory of a scene whose arm moves in FlexibleArm-v0 or TwoLinkFlexArm-v0, a control period a sample.
 
     Args:
         scene: pinned, one or two links, driven by joint motions or joint torques.
         settings: formulation and options, with dt. sample: control period, s; None takes the scene's.
+        error_limit: as for `simulate`.
     Returns:
         What `simulate` returns with the same settings, to the last bit (cpu_seconds apart).
     Raises:
@@ -33,6 +34,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None) -
     """
     _check(scene)
     period = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)
+    limit = check.number("error_limit", error_limit, "a fraction of the arm's length", above=0.0)
     assert period is not None and settings.dt is not None
     arm = scene.arm
     if arm.torque_limits is None:
@@ -55,7 +57,9 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None) -
         over = terminated or truncated
         if env.guide.moved:
             recorder.add(simulation)
-    return judge(recorder.finish(simulation, time.process_time() - clock), period)
+    trajectory = recorder.finish(simulation, time.process_time() - clock)
+    env.close()
+    return judge(trajectory, period, limit)
 
 
 def _check(scene: Scene) -> None:

@@ -28,8 +28,8 @@ class Kind:
     """One of the two environments.
 
     id: of the registry. task: default task's name. n_links: of its arms. arm: default arm's name. duration: s.
-    rewards: default weights of REWARDS. build: (arm, weights, gains, control_dt) -> Slew or Reach.
-    starts: arm -> Starts. targets: 1 (an angle) or 2 (a point).
+    targets: numbers in a target, 1 (an angle, rad) or 2 (a point, m). rewards: default weights of REWARDS.
+    names: of the observation's entries. build: (arm, weights, control_dt) -> Slew or Reach. starts: arm -> Starts.
     """
 
     id: str
@@ -59,7 +59,7 @@ def inertia_beyond(arm: Arm, joint: int) -> float:
 
 
 def rate_scale(arm: Arm, joint: int) -> float:
-    """sqrt(tau pi/2 / I), rad/s: the top rate of a rigid quarter turn at full torque, half a turn's half."""
+    """sqrt(tau pi/2 / I), rad/s: top rate of a rigid quarter turn, rest to rest at full torque, reached midway."""
     limits = arm.torque_limits
     assert limits is not None
     return math.sqrt(limits[joint] * (math.pi / 2) / inertia_beyond(arm, joint))

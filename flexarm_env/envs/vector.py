@@ -133,7 +133,6 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self._ended = np.flatnonzero(batch.terminated | batch.truncated).tolist() if attention else []
         if self.render_mode == "human":
             self.render()
-        infos: dict[str, Any] = {}
         if self._ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
             return self._same_step()
         infos = self._infos()

@@ -17,11 +17,14 @@ Array = NDArray[np.float64]
 
 
 def shake(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> Array:
-    """(n, 3): v = shake (1, cos alpha_0, sin alpha_0) gives the straight arm, turned to alpha_0, the rates of its first
-    mode of vibration, so large that the first link's tip will deflect (undamped, to first order) by its length."""
+    """Rates that set an arm vibrating in its first mode, at any hub angle alpha_0: the (n, 3) matrix S of
+    v = S (1, cos alpha_0, sin alpha_0) for the straight arm.
+
+    They are scaled so that the tip of the first link will deflect, undamped and to first order, by its length.
+    """
     east = _rates(arm, settings, gravity, 0.0)
     north = _rates(arm, settings, gravity, math.pi / 2)
-    # rows that turn with the arm (positions) are combined by cosine and sine, the others (angles) stay as they are
+    # rows that turn with the arm (positions) change sign with half a turn; the others (angles) stay as they are
     west = _rates(arm, settings, gravity, math.pi)
     turning = np.abs(east + west) <= 1e-9 * np.abs(east).max()
     zero = np.zeros_like(east)

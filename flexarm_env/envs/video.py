@@ -13,7 +13,8 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from ..simulation import Trajectory
+from .. import validation as check
+from ..trajectory import Trajectory
 from .rendering import Renderer
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
@@ -36,14 +37,13 @@ def pictures(
     Raises:
         ValueError: fps or speed that is not positive.
     """
-    for name, value in (("fps", fps), ("speed", speed)):
-        if not 0.0 < value < float("inf"):
-            raise ValueError(f"{name} = {value!r}: must be a positive number")
+    fps, speed = check.number("fps", fps, "1/s", above=0.0), check.number("speed", speed, above=0.0)
     scene, t = trajectory.scene, trajectory.t
     arm, limits = scene.arm, scene.arm.torque_limits
     count = 1 + int(np.floor((t[-1] - t[0]) * fps / speed * (1.0 + 1e-9)))
     times = t[0] + np.arange(count) * speed / fps
-    nearest = np.abs(t[None, :] - times[:, None]).argmin(axis=1)
+    after = np.clip(np.searchsorted(t, times), min(1, t.size - 1), t.size - 1)
+    nearest = np.where(times - t[after - 1] <= t[after] - times, after - 1, after) if t.size > 1 else 0 * after
     hinges = [0, *_hinge_points(trajectory), trajectory.shapes.shape[1] - 1]
     renderer = Renderer(mode, arm.total_length, size, fps, hub=scene.root == "pinned", payload=arm.payload.mass > 0.0)
     try:
@@ -78,7 +78,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
     """
     target = film_path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    part = target.with_name(f".{target.stem}.part{target.suffix}")
+    part = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     write = _write_gif if target.suffix.lower() == ".gif" else _write_ffmpeg
     try:
         write(part, iter(frames), fps)

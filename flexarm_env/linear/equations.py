@@ -22,7 +22,7 @@ from ..kernels.protocol import size
 from ..kernels.rollout import observe_arm
 from ..mechanics.assembly import physical
 from ..model import FloatingFrame
-from ..simulation import Simulation
+from ..simulation import Simulation, room_for_points
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -127,6 +127,7 @@ class Equations:
         system, model = simulation.system, simulation.model if stepping else physical(simulation.model)
         self.model, self.par, self.n_links = model, simulation.par, simulation.scene.arm.n_links
         self.n = int(size(model.n))
+        self._most_points = room_for_points(simulation.settings, self.n_links)
         self._room = np.zeros(int(size(model.n_factor)))
         self.algebraic = np.asarray(_NONE if model.algebraic is None else model.algebraic, np.int64)
         known = [int(k) for k in simulation.drive.known if k >= 0]
@@ -173,7 +174,7 @@ class Equations:
 
     def points(self, q: Array) -> Array:
         """Points along the chain, root to tip, (points, 2), m."""
-        points = np.full((2 + 8 * 64 * self.n_links, 2), np.nan)
+        points = np.full((self._most_points, 2), np.nan)
         return points[: self._observe(q, np.zeros(self.n), points)].copy()
 
     def _observe(self, q: Array, v: Array, points: Array) -> int:

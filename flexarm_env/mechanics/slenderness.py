@@ -8,7 +8,7 @@ balanced through the chain, make section forces N and Q whose work in stretch an
 to that of bending (first order; Grammel). The static deflection is off by the share epsilon, the frequency by
 epsilon / 2, and over a time T the phase by epsilon omega T / 2. How far a mode is deflected follows from the scene's
 largest loads and motions, each applied at once. The sum over modes of deflection times error is the estimate
-(docs: theory, section "Elastica"): right within a factor of 2 or so where the error is large, an upper bound elsewhere.
+(docs: theory, section "Elastica"): right within a factor of about 3 where the error is large, an upper bound elsewhere.
 """
 
 from __future__ import annotations

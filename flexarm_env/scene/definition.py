@@ -14,8 +14,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
-import numpy as np
-
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.settings import FORMULATIONS, Settings, check_options, default_options, merged
@@ -282,7 +280,8 @@ class Scene:
         Args:
             source: a path, or the text itself. parameter_set: the name of one that the file holds, or None.
         Raises:
-            ValueError: names the key path, the value and what is allowed.
+            ValueError: names the file, the key path, the value and what is allowed.
+            OSError: there is no such file.
         """
         from flexarm_env.scene.toml import read_scene
 
@@ -304,7 +303,8 @@ def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
     """Checked pairs, the formulation first, the others in the order of the formulation's options."""
     if not isinstance(value, Mapping):
         pairs = check.sequence("solver", value, "pairs (name, value)")
-        value = dict(check.sequence(f"solver[{i}]", pair, "a name and a value", 2) for i, pair in enumerate(pairs))
+        pairs = tuple(check.sequence(f"solver[{i}]", pair, "a name and a value", 2) for i, pair in enumerate(pairs))
+        value = {check.text(f"solver[{i}][0]", name): entry for i, (name, entry) in enumerate(pairs)}
     given = dict(value)
     formulation = check.choice("solver.formulation", given.pop("formulation", "floating_frame"), FORMULATIONS)
     if "dt" in given:
@@ -312,8 +312,6 @@ def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
     if not given and not value:
         return ()
     with check.under("solver"):
-        Settings.make(formulation, **given)
-    if given.get("newmark") is not None:
-        given["newmark"] = tuple(np.asarray(given["newmark"], dtype=float).tolist())
-    ordered = [(name, given[name]) for name in default_options(formulation) if given.get(name) is not None]
+        settings = Settings.make(formulation, **given)
+    ordered = [(name, getattr(settings, name)) for name in default_options(formulation) if given.get(name) is not None]
     return (("formulation", formulation), *ordered)

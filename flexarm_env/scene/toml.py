@@ -24,6 +24,11 @@ _FORCES = ("force_x", "force_y", "torque")
 def read_scene(source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:
     """See :meth:`Scene.from_toml`. A parameter set ``S`` replaces keys of the scene and names it ``NAME@S``."""
     table, path = toml_text.read(source)
+    with check.in_file(path):
+        return _read(table, path, parameter_set)
+
+
+def _read(table: dict[str, Any], path: Path | None, parameter_set: str | None) -> Scene:
     directory = path.parent if path else Path()
     if path:
         table.setdefault("name", path.stem)
