@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.machine import write_text
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 from flexarm_env.trajectory import Trajectory
@@ -121,9 +122,7 @@ def main(arguments: list[str] | None = None) -> None:
         if options.check:
             continue
         index[name] = figures
-        part = index_path.with_suffix(".part")
-        part.write_text(json.dumps(dict(sorted(index.items())), indent=1) + "\n")
-        part.replace(index_path)
+        write_text(index_path, json.dumps(dict(sorted(index.items())), indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import platform
 from collections.abc import Callable
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+from benchmarks.running import cores
 
 PACKAGES = ("flexarm-env", "numpy", "numba", "gymnasium")
 
@@ -29,7 +30,7 @@ def describe_machine(*packages: str) -> dict[str, str]:
     facts = {
         "date": date.today().isoformat(),
         "processor": _processor(),
-        "cores": str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
+        "cores": str(cores()),
         "python": platform.python_version(),
     }
     for name in (*PACKAGES, *packages):
