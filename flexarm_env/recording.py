@@ -18,6 +18,7 @@ import json
 import os
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -170,13 +171,12 @@ def replay(episode: Episode) -> Episode:
 
 def frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
     """The pictures (height, width, 3) of an episode, T + 1 of them; for `flexarm_env.envs.video.write_film`."""
-    env = _made(episode, render_mode="rgb_array")
-    _begin(env, episode)
-    yield np.asarray(env.render())
-    for action in episode.actions:
-        env.step(action)
+    with closing(_made(episode, render_mode="rgb_array")) as env:
+        _begin(env, episode)
         yield np.asarray(env.render())
-    env.close()
+        for action in episode.actions:
+            env.step(action)
+            yield np.asarray(env.render())
 
 
 def _made(episode: Episode, **more: Any) -> Any:
