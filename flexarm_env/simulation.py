@@ -39,8 +39,8 @@ ENERGY_LIMIT = 1e3
 
 def room_for_points(settings: Settings, n_links: int) -> int:
     """At least as many points as any formulation draws along a chain of links."""
-    pieces = (settings.segments or 1) * (settings.elements or 1)
-    return n_links * (2 + 8 * max(64, pieces))
+    a_segment = 32 if settings.modes is not None else 8 * (settings.elements or 1)
+    return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
 
 
 def uncompiled(function: Any) -> Any:
