@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import os
 import pickle
 import shutil
@@ -335,7 +336,7 @@ def _curves(result: Mapping[str, Any]) -> dict[str, float]:
         "time/sampling": timers.get("env_runner_sampling_timer"),
         "time/learning": timers.get("learner_update_timer"),
     }
-    return {name: float(value) for name, value in found.items() if value is not None}
+    return {name: float(value) for name, value in found.items() if value is not None and math.isfinite(value)}
 
 
 def _check(arguments: Arguments) -> None:
