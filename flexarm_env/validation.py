@@ -77,7 +77,7 @@ def shown(value: object) -> str:
 
 
 def joined(path: str, key: str) -> str:
-    """Key path of ``key`` below ``path`` (either may be empty; ``[3]``, and what follows ``file: ``, need no dot)."""
+    """Key path of ``key`` below ``path`` (either may be empty; no dot before ``[3]`` or after a colon)."""
     if not path or not key:
         return path or key
     return path + key if key.startswith("[") or path.endswith(": ") else f"{path}.{key}"

@@ -153,7 +153,7 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     )
     solver.add_argument("--coupling", metavar="NAME", help="von_karman, paper or linear (floating_frame)")
     solver.add_argument(
-        "--modes", type=int, metavar="N", help="bending modes a link, or a segment with --segments (floating_frame)"
+        "--modes", type=int, metavar="N", help="bending modes per link, per segment with --segments (floating_frame)"
     )
     solver.add_argument("--order", type=int, metavar="P", help="of the elements, 1 to 3 (geometrically_exact)")
     solver.add_argument("--nodes", type=int, metavar="N", help="per link, 3 to 12 (elastica)")
@@ -162,10 +162,10 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     solver.add_argument("--tolerance", type=float, metavar="T", help="of the Newton iteration")
     solver.add_argument(
         "--step-tolerance", type=float, metavar="E",
-        help="halve dt where needed to add no more error between two samples, a fraction of the arm's length",
+        help="halve dt where a stretch between samples would add more error than this, a fraction of the length",
     )  # fmt: skip
     run = parser.add_argument_group("what is run and compared")
-    run.add_argument("--duration", type=float, metavar="T", help="s")
+    run.add_argument("--duration", type=float, metavar="T", help="how long to run, s")
     run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")
     run.add_argument(
         "--error-limit", type=float, metavar="E", default=0.05,
@@ -186,13 +186,13 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
 
 def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("env", nargs="?", metavar="ENV", help="FlexibleArm-v0 (default) or TwoLinkFlexArm-v0")
-    parser.add_argument("--policy", default="keyboard", metavar="WHO", help="keyboard (default), a controller, a file")
+    parser.add_argument("--policy", default="keyboard", metavar="WHO", help="keyboard (default), controller or policy")
     parser.add_argument("--episodes", type=int, default=1, metavar="N", help="how many (1)")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the first; the others follow (0)")
     parser.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment: '{\"duration\": 8}'")
     parser.add_argument("--video", metavar="FILE", help="a film instead of a window: .mp4, .gif, .webm, .mkv or .mov")
-    parser.add_argument("--headless", action="store_true", help="no window; only what came of the episodes")
-    parser.add_argument("--record", metavar="FILE.npz", help="the episodes (flexarm_env.recording.load_episodes)")
+    parser.add_argument("--headless", action="store_true", help="no window; only print what came of the episodes")
+    parser.add_argument("--record", metavar="FILE.npz", help="keep the episodes (flexarm_env.recording.load_episodes)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
 
