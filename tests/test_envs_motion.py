@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from pathlib import Path
 from typing import Any
@@ -175,3 +176,12 @@ def test_an_action_that_is_not_finite_ends_a_motion_episode_too() -> None:
     env.reset(seed=0, options={"motion": "two_link_motion"})
     assert not env.step(np.array([math.nan, 0.0], np.float32))[2], "the hub's action is ignored"
     assert env.step(np.array([0.0, math.nan], np.float32))[-1]["termination_reason"] == "action_not_finite"
+
+
+def test_a_copied_arm_goes_on_with_the_step_that_it_had() -> None:
+    env = gym.make("FlexibleArm-v0").unwrapped
+    env.reset(seed=0, options={"motion": "robot_arm_motion"})
+    env.guide.simulation._level, env.guide.simulation.levels = 3, [2, 3]
+    again = copy.deepcopy(env.guide).simulation
+    assert (again._level, again.levels) == (3, [2, 3])
+    assert again.levels is not env.guide.simulation.levels

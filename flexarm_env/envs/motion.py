@@ -235,13 +235,15 @@ class Guide:
 
     def __getstate__(self) -> dict[str, Any]:
         kept = {k: v for k, v in vars(self).items() if k != "simulation"}
-        return kept | {"memory": (self.simulation._flat.copy(), self.simulation.par.copy(), self.simulation.t)}
+        own = self.simulation
+        return kept | {"memory": (own._flat.copy(), own.par.copy(), own.t, own._level, own.levels.copy())}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        flat, par, t = state["memory"]
+        flat, par, t, level, levels = state["memory"]
         vars(self).update({k: v for k, v in state.items() if k != "memory"})
         self.simulation = Simulation(self.scene, self.settings)
         self.simulation._flat[:], self.simulation.par[:], self.simulation.t = flat, par, t
+        self.simulation._level, self.simulation.levels = level, levels.copy()
 
 
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
