@@ -33,7 +33,6 @@ ARRANGEMENTS: dict[str, dict[str, Any]] = {
     "native, in the training process": {"runners": 0, "native": True},
     "native, 1 runner": {"runners": 1, "native": True},
     "native, 2 runners": {"runners": 2, "native": True},
-    "native, 1 runner, 4 times the environments": {"runners": 1, "native": True, "n_envs": 256},
     "native, 2 runners, 4 times the environments": {"runners": 2, "native": True, "n_envs": 256},
     "native, 2 runners, 2 learners": {"runners": 2, "native": True, "learners": 2},
     "rllib, 1 runner": {"runners": 1, "native": False},
