@@ -44,6 +44,11 @@ class Family:
     robust: bool = False
     every: int = 32_768
 
+    @property
+    def task(self) -> str:
+        """Of the environment: "slew" or "reach"."""
+        return {"FlexibleArm-v0": "slew", "TwoLinkFlexArm-v0": "reach"}[self.env]
+
     def runs(self, home: Path) -> list[Path]:
         """The run folders that are there, by seed."""
         folders = [home / f"{self.name}-{seed}" for seed in range(self.seeds)]
@@ -60,9 +65,9 @@ class Family:
 FAMILIES = (
     Family("flexible_arm", "FlexibleArm-v0", "default.yml", 5, controllers=(*CONTROL, "time_optimal")),
     Family("flexible_arm_robust", "FlexibleArm-v0", "robust.yml", 1, robust=True),
-    Family("two_link", "TwoLinkFlexArm-v0", "residual.yml", 5, test=200, every=65_536),
+    Family("two_link", "TwoLinkFlexArm-v0", "residual.yml", 5, test=200, every=131_072),
     Family("two_link_torque", "TwoLinkFlexArm-v0", "default.yml", 1, test=200, every=65_536),
-    Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, robust=True, every=65_536),
+    Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, robust=True, every=131_072),
 )
 
 

@@ -1,7 +1,8 @@
-"""Policies by the words that a command line takes: controllers, run folders, policy files."""
+"""Policies by the words that a command line takes: controllers, controllers with gains of one's own, runs, files."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from agents.runs import load_model, read_run
 from flexarm_env import control
 from flexarm_env.control import NumpyPolicy, Setup, load_policy
+from flexarm_env.control.catalogue import gains_from
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,10 @@ def choose(word: str, env_id: str) -> Chosen:
     """What a word names. ValueError with a sentence for a word that names nothing, or what cannot be read."""
     if word in control.NAMES:
         return Chosen(word, {}, lambda env: control.make(word, env))
+    name, _, file = word.partition("@")
+    if file and name in control.NAMES:
+        gains = _gains(name, Path(file))
+        return Chosen(f"{name}@{Path(file).stem}", {}, lambda env: control.make(name, env, gains))
     path = Path(word)
     if path.is_dir() and not (path / "policy.npz").is_file():
         return _from_model(path, env_id)
@@ -57,6 +63,18 @@ def choose(word: str, env_id: str) -> Chosen:
     _same_env(word, policy.meta["env_id"], env_id)
     name = path.name if path.suffix != ".npz" else path.stem
     return Chosen(name, policy.meta["env_kwargs"], lambda env: _checked(policy, env))
+
+
+def _gains(name: str, path: Path) -> Any:
+    try:
+        tables = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: not TOML: {error}") from error
+    if not isinstance(tables.get(name), dict):
+        raise ValueError(f"{path}: no table [{name}]; it has {', '.join(tables) or 'none'}")
+    return gains_from(name, tables[name])
 
 
 def _checked(policy: NumpyPolicy, env: Any) -> NumpyPolicy:

@@ -2,10 +2,15 @@
 
     python -m agents.tune --env FlexibleArm-v0                   # all controllers, a few minutes
     python -m agents.tune --env TwoLinkFlexArm-v0 --controllers pd,lqr
+    python -m agents.tune --env TwoLinkFlexArm-v0 --controllers pd,zv --margin 0 --out agents/no_margin/reach.toml
 
 What is made small is the mean settling time plus the duration for every episode without success, on episodes that
 neither training nor evaluation sees. The gains found are written to flexarm_env/data/control/TASK.toml, from where
-`flexarm_env.control.make` takes them.
+`flexarm_env.control.make` takes them, or to --out: `python -m agents.evaluate --policy zv@FILE` takes them from there.
+
+PD gains, a shaped reference's too, must leave a gain margin (--margin, 6 dB): the linear arm under them, sampled at the
+control period, is stable with all gains that many times as large. Without the rule (--margin 0) the search finds loops
+that are unstable, and settle in a limit cycle that flips the elbow's torque in every period.
 """
 
 from __future__ import annotations
@@ -26,6 +31,7 @@ from numpy.typing import NDArray
 from agents import episodes
 from agents.runs import fail, write_text
 from flexarm_env import control
+from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from
 
 HOME = Path(__file__).resolve().parents[1] / "flexarm_env" / "data" / "control"
@@ -43,6 +49,12 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
 
 PER_JOINT = ("bandwidth", "ratio")
 
+MARGIN = 2.0
+"""Gain margin asked of PD control: 6 dB."""
+
+POSTURES = (0.0, 0.8, 1.6, 2.4)
+"""Elbow angles, rad, at which it is asked."""
+
 Array = NDArray[np.float64]
 
 
@@ -53,7 +65,8 @@ class Arguments:
     Args:
         env: id of the environment. controllers: names, separated by commas. samples: of the random search.
         refinements: evaluations of Nelder-Mead. episodes: an evaluation runs. seed: of the search.
-        dry: print what is found, write nothing.
+        margin: by which all PD gains can be raised before the linear loop is unstable; 0: no such rule.
+        out: file of the gains. dry: print what is found, write nothing.
     """
 
     env: str
@@ -62,6 +75,8 @@ class Arguments:
     refinements: int = 120
     episodes: int = 64
     seed: int = 0
+    margin: float = MARGIN
+    out: str = ""
     dry: bool = False
 
 
@@ -86,6 +101,19 @@ def search(
     return np.exp(found.x), float(found.fun)
 
 
+def stable(setup: control.Setup, gains: control.PDGains, factor: float) -> bool:
+    """Whether the linear arm under PD gains times a factor, held over control periods, is stable in all postures."""
+    kp, kd = gains.of(setup.arm)
+    for angle in POSTURES if setup.n_joints == 2 else (None,):
+        model = arm_model(setup.arm, () if angle is None else (angle,))
+        n = model.n_joints
+        A, B = model.discrete(setup.control_dt)
+        feedback = np.diag(kp) @ model.C[:n] + np.diag(kd) @ model.C[n : 2 * n]
+        if np.abs(np.linalg.eigvals(A - factor * B @ feedback)).max() >= 1.0:
+            return False
+    return True
+
+
 def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], episodes.Episodes]:
     """Gains of a controller as a table, and the episodes run with them."""
     setup = control.Setup.of(env)
@@ -107,6 +135,10 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         return episodes.run(env, controller, episodes.TUNING)
 
     def cost(values: Array) -> float:
+        gains = gains_from(name, table(values))
+        pd = getattr(gains, "pd", gains)
+        if arguments.margin > 0.0 and isinstance(pd, control.PDGains) and not stable(setup, pd, arguments.margin):
+            return 1e3
         try:
             result = trial(values)
         except (np.linalg.LinAlgError, ValueError):  # a Riccati equation or a plan without solution
@@ -114,7 +146,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         duration = (len(result.errors) - 1) * result.dt
         return float(result.settling.mean() + duration * (1.0 - result.success.mean()))
 
-    known = current(setup.task).get(name)
+    known = current(place(setup.task, arguments)).get(name)
     start = None
     if known is not None:
         flat = [v for key in SEARCHED[name] for v in np.atleast_1d(known.get(key, np.nan))]
@@ -123,16 +155,21 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
     return table(best), trial(best)
 
 
-def current(task: str) -> dict[str, Any]:
+def place(task: str, arguments: Arguments) -> Path:
+    """The file of a task's gains."""
+    return Path(arguments.out) if arguments.out else HOME / f"{task}.toml"
+
+
+def current(path: Path) -> dict[str, Any]:
     """The gains on file."""
-    path = HOME / f"{task}.toml"
     return tomllib.loads(path.read_text("utf-8")) if path.is_file() else {}
 
 
-def text_of(tables: dict[str, Any], env_id: str) -> str:
+def text_of(tables: dict[str, Any], env_id: str, margin: float) -> str:
     """TOML text of the gains of all controllers."""
+    how = "" if margin == MARGIN else f" --margin {margin:g}"
     lines = [
-        f"# Gains of the controllers on {env_id}, found by `python -m agents.tune --env {env_id}`;",
+        f"# Gains of the controllers on {env_id}, found by `python -m agents.tune --env {env_id}{how}`;",
         "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, time_optimal.py.",
     ]
     for name in control.NAMES:
@@ -150,7 +187,8 @@ def main() -> int:
             return fail(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
     env = episodes.make_episodes(arguments.env, arguments.episodes)
     task = control.Setup.of(env).task
-    tables = current(task)
+    path = place(task, arguments)
+    tables = current(path)
     for name in chosen:
         if name == "time_optimal" and task != "slew":
             continue
@@ -162,7 +200,7 @@ def main() -> int:
             flush=True,
         )
         if not arguments.dry:
-            write_text(HOME / f"{task}.toml", text_of(tables, arguments.env))
+            write_text(path, text_of(tables, arguments.env, arguments.margin))
     return 0
 
 
@@ -175,7 +213,7 @@ def parse() -> Arguments:
         if field.type == "bool":
             parser.add_argument(f"--{field.name}", action="store_true")
         else:
-            kind = int if field.type == "int" else str
+            kind = {"int": int, "float": float}.get(str(field.type), str)
             required = field.default is dataclasses.MISSING
             default = None if required else field.default
             parser.add_argument(f"--{field.name}", type=kind, required=required, default=default)

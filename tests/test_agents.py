@@ -19,6 +19,7 @@ from agents import config, episodes, export_policy, policies, statistics, train_
 from agents import evaluate as judging
 from agents.arguments import parse
 from agents.runs import read_run, write_whole
+from flexarm_env import control
 
 ROOT = Path(__file__).resolve().parents[1]
 ENV = "FlexibleArm-v0"
@@ -245,6 +246,25 @@ def test_files_that_cannot_be_used_are_named(run: Path, tmp_path: Path):
     (copy / "run.json").write_text("{")
     with pytest.raises(ValueError, match="damaged, not JSON"):
         policies.choose(str(copy), ENV)
+
+
+def test_controllers_take_gains_from_a_file(tmp_path: Path):
+    file = tmp_path / "mine.toml"
+    file.write_text("[pd]\nbandwidth = [0.1]\nratio = [1.0]\n")
+    chosen = policies.choose(f"pd@{file}", ENV)
+    assert chosen.name == "pd@mine"
+    controller = chosen.make(episodes.make_episodes(ENV, 1))
+    assert controller.kp < control.make("pd", controller.setup).kp
+    with pytest.raises(ValueError, match=r"no table \[zv\]; it has pd"):
+        policies.choose(f"zv@{file}", ENV)
+    with pytest.raises(ValueError, match="No such file"):
+        policies.choose(f"pd@{tmp_path / 'none.toml'}", ENV)
+    file.write_text("[pd]\nbandwith = [0.1]\n")
+    with pytest.raises(ValueError, match=r"pd\.bandwith"):
+        policies.choose(f"pd@{file}", ENV)
+    file.write_text("[pd")
+    with pytest.raises(ValueError, match="not TOML"):
+        policies.choose(f"pd@{file}", ENV)
 
 
 def test_another_arm_has_another_layout(run: Path, tmp_path: Path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from pathlib import Path
 
@@ -98,6 +99,18 @@ def test_the_goal_is_where_the_environment_has_its_target(slew, reach):
             q = controller.goal
             tip = 0.5 * np.stack([np.cos(q[:, 0]) + np.cos(q.sum(1)), np.sin(q[:, 0]) + np.sin(q.sum(1))], axis=1)
             assert tip == pytest.approx(info["target"], abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["pd", "zv", "zvd"])
+@pytest.mark.parametrize("env", ["slew", "reach"])
+def test_tuned_loops_leave_a_gain_margin(name, env, request):
+    """6 dB; a derivative gain that flips the arm within a control period leaves none."""
+    tune = pytest.importorskip("agents.tune")
+    setup = control.Setup.of(request.getfixturevalue(env))
+    gains = tuned_gains(name, setup.task)
+    gains = getattr(gains, "pd", gains)
+    assert tune.stable(setup, gains, tune.MARGIN)
+    assert not tune.stable(setup, dataclasses.replace(gains, ratio=tuple(50.0 * r for r in gains.ratio)), 1.0)
 
 
 # ------------------------------------------------------------------ shaping

@@ -291,6 +291,8 @@ def test_a_reduction_to_modes_says_how_far_it_holds() -> None:
         ({"arm": "de_luca_siciliano"}, ("arm", "1 link")),
         ({"arm": "no_such_arm"}, ("no_such_arm", "strip")),
         ({"action_mode": "voltage"}, ("action_mode", "torque", "residual_pd")),
+        ({"residual_share": 1.0}, ("residual_share = 1.0", 'action_mode="residual_pd"')),
+        ({"action_mode": "residual_pd", "residual_share": 0.0}, ("residual_share = 0.0", "positive")),
         ({"task": "juggle"}, ("task", "slew", "track", "replay")),
         ({"reference": [[0, 0], [1, 1]]}, ("reference", 'task="track"')),
         ({"reward": {"glory": 1.0}}, ("reward.glory", "accuracy")),

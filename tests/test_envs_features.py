@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms
+from flexarm_env.batch import GOAL
 from tests.env_tools import assert_same, episode, rich
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
@@ -35,9 +36,10 @@ START = {"start": 0.2}
 
 
 # ---------------------------------------------------------------------------------------- controllers
-def test_residual_pd_is_the_documented_controller() -> None:
+@pytest.mark.parametrize("share", [0.7, 2.0])
+def test_residual_pd_is_the_documented_controller(share: float) -> None:
     """Both joints, towards a target that moves."""
-    env = gym.make(TWO, **rich(TWO))
+    env = gym.make(TWO, **rich(TWO, **({} if share == 0.7 else {"residual_share": share})))
     plan = env.unwrapped.plan
     limits = np.array([1.0, 0.3])
     stiffness = limits / (math.pi / 4)
@@ -50,7 +52,7 @@ def test_residual_pd_is_the_documented_controller() -> None:
         angles = np.array([hub[2], elbow[2] - hub[8]])
         rates = np.array([hub[5], elbow[5] - hub[11]])
         action = rng.uniform(-1, 1, 2).astype(np.float32)
-        torques = stiffness * (reaching(view.target, angles) - angles) - damping * rates + 0.7 * limits * action
+        torques = stiffness * (reaching(view.target, angles) - angles) - damping * rates + share * limits * action
         info = env.step(action)[-1]
         np.testing.assert_allclose(info["joint_torque"], np.clip(torques, -limits, limits), atol=1e-9)
         assert info["hub_torque"] == info["joint_torque"][0]
@@ -69,8 +71,8 @@ def straight_inertia(arm: Any, joint: int) -> float:
 
 
 def reaching(target: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Joint angles of the rigid arm with links of 0.5 m that reach a target: of both solutions the one whose elbow is
-    on the side that the episode started on (here: that is nearer)."""
+    """Joint angles of the rigid arm with links of 0.5 m that reach a target: of both solutions the one that is nearer
+    (here: in the elbow's angle)."""
     distance = np.hypot(*target)
     elbow = 2.0 * math.acos(min(1.0, distance))
     options = []
@@ -78,6 +80,28 @@ def reaching(target: np.ndarray, near: np.ndarray) -> np.ndarray:
         hub = math.atan2(target[1], target[0]) - 0.5 * side
         options.append(np.array([hub - 2 * math.pi * round((hub - near[0]) / (2 * math.pi)), side]))
     return min(options, key=lambda o: abs(o[1] - near[1]))
+
+
+def test_residual_pd_aims_at_the_posture_sooner_reached() -> None:
+    """Of both solutions of the inverse kinematics, at the start of an episode."""
+    env = gym.make(TWO, **rich(TWO))
+    plan = env.unwrapped.plan
+    inertia = np.array([straight_inertia(plan.arm, k) for k in range(2)])
+    sides = set()
+    for start in ([0.0, 0.0], [0.3, 0.4], [-0.3, -0.4], [0.0, 1.5], [0.0, -1.5]):
+        for seed in range(8):
+            env.reset(seed=seed, options={"start": start})
+            target = env.unwrapped.batch.view(0).target
+            elbow = 2.0 * math.acos(min(1.0, np.hypot(*target)))
+            times = []
+            for side in (elbow, -elbow):
+                hub = math.atan2(target[1], target[0]) - 0.5 * side
+                ways = np.abs([(hub - start[0] + math.pi) % (2 * math.pi) - math.pi, side - start[1]])
+                times.append((np.max(np.sqrt(inertia * ways / np.array([1.0, 0.3]))), side))
+            goal = env.unwrapped.batch.record(0)[GOAL + 1]
+            assert goal == pytest.approx(min(times)[1], abs=1e-9), (start, seed)
+            sides.add((np.sign(start[1]), np.sign(goal)))
+    assert {(0.0, 1.0), (0.0, -1.0)} <= sides
 
 
 @pytest.mark.parametrize("env_id", [pytest.param(ONE, marks=pytest.mark.slow), TWO])

@@ -58,13 +58,7 @@ def test_packaged_policies_equal_their_models(name):
     assert export_policy.difference(control.load_policy(name), model, normaliser) < 1e-5
 
 
-OPEN = {"reach: median settling at most 0.85 of the best classical controller's"}
-"""Not reached yet."""
-
-
 def test_what_was_asked_for_holds_on_the_page():
     content = json.loads((ROOT / "docs" / "results" / "control.json").read_text("utf-8"))
     assert len(content["checks"]) >= 13
-    # wall times are those of whatever machine the page was made on, and shared
-    failed = {row["what"] for row in content["checks"] if not row["holds"] and "training" not in row["what"]}
-    assert failed <= OPEN
+    assert not [row["what"] for row in content["checks"] if not row["holds"]]

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 ACTION_MODES = ("torque", "residual_pd")
 RESIDUAL_SHARE = 0.7
-"""Share of the torque limit that the action adds in action_mode="residual_pd"."""
+"""Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""
 
 AHEAD = (0.1, 0.3)
 """Times, s, by which the observation of task="track" looks ahead."""
@@ -44,12 +44,15 @@ class Frame:
 # --- controllers -------------------------------------------------------------------------------------
 
 
-def controller(frame: Frame, mode: Any) -> Controller | None:
+def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
     """The joint controllers under the action, or None where the action is the torque."""
     if check.choice("action_mode", mode, ACTION_MODES) == "torque":
+        if share is not None:
+            raise check.InvalidValue("residual_share", share, 'must be given with action_mode="residual_pd" only')
         return None
+    part = RESIDUAL_SHARE if share is None else check.number("residual_share", share, above=0.0)
     gains = controller_gains(frame.arm).reshape(-1, 2)
-    return Controller(gains[:, 0].copy(), gains[:, 1].copy(), RESIDUAL_SHARE)
+    return Controller(gains[:, 0].copy(), gains[:, 1].copy(), part)
 
 
 # --- actuators ---------------------------------------------------------------------------------------

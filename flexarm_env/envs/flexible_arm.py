@@ -97,7 +97,8 @@ class FlexibleArmEnv(SingleArmEnv):
     | `step_tolerance` | None | error that a period may add, over L: each arm halves `dt` where needed |
     | `control_dt` | 0.02 | control period, s |
     | `dt` | 0.02/3 | solver's step, s; a whole number of them makes a control period |
-    | `action_mode` | "torque" | or "residual_pd": torque = k (goal - angle) - d rate + 0.7 tau a, within +-tau |
+    | `action_mode` | "torque" | or "residual_pd": torque = k (goal - angle) - d rate + s tau a, within +-tau |
+    | `residual_share` | 0.7 | s of "residual_pd" |
     | `duration` | 4.0 | s |
     | `task` | "slew" | or "track": the target moves; "replay": every episode follows `motion` |
     | `reference` | None | for "track": angle (rad) over time, a table or TimeFunction; None: drawn each time |

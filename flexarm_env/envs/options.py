@@ -108,6 +108,7 @@ def plan(
     formulation: str | None = None,
     control_dt: float = 0.02,
     action_mode: str = "torque",
+    residual_share: float | None = None,
     duration: float | None = None,
     task: str | None = None,
     reference: Any = None,
@@ -145,7 +146,7 @@ def plan(
         names, scales = (*names, *reference_names(kind)), (*scales, *reference_scales(frame))
     places = gauges(frame, sensors)
     extras = Extras(
-        controller=controller(frame, action_mode),
+        controller=controller(frame, action_mode, residual_share),
         actuator=make_actuator(frame, actuator),
         sensors=make_sensors(frame, sensors, names, scales),
         reference=make_reference(frame, reference, limit) if word == "track" else None,
@@ -232,8 +233,8 @@ def _factors(given: Any) -> tuple[tuple[float, float], ...]:
 
 
 ARGUMENTS = (
-    "arm", "formulation", "control_dt", "action_mode", "duration", "task", "reference", "motion", "reward",
-    "randomization", "sensors", "actuator", "initial_vibration", "joint_limits", "gravity", "info_level", "render_mode",
-    "max_episode_steps",
+    "arm", "formulation", "control_dt", "action_mode", "residual_share", "duration", "task", "reference", "motion",
+    "reward", "randomization", "sensors", "actuator", "initial_vibration", "joint_limits", "gravity", "info_level",
+    "render_mode", "max_episode_steps",
     *dict.fromkeys(name for f in DEFAULT_OPTIONS for name in default_options(f)),
 )  # fmt: skip

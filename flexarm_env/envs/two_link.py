@@ -92,17 +92,21 @@ class TwoLinkFlexArmEnv(SingleArmEnv):
     | name | default | meaning |
     |---|---|---|
     | `arm` | "de_luca_siciliano" | or "quanser_2dsfl", "paper_two_link", a TOML file, a `flexarm_env.Arm` |
-    | `action_mode` | "torque" | or "residual_pd": k_k (goal_k - angle_k) - d_k rate_k + 0.7 tau_k a_k, within +-tau_k |
+    | `action_mode` | "torque" | or "residual_pd": k_k (goal_k - angle_k) - d_k rate_k + s tau_k a_k, within +-tau_k |
+    | `residual_share` | 0.7 | s of "residual_pd" |
     | `duration` | 8.0 | s |
     | `task` | "reach" | or "track": the target moves (`reference`: x and y over time, m; None: a circle); "replay" |
     | `joint_limits` | the arm's | [(low, high) or None for each joint], rad; None: none |
 
     Controllers of "residual_pd": k_k = tau_k / (pi/4), d_k = 2 sqrt(k_k I_k); the goals are the angles of the rigid
-    arm with its tip at the target, the elbow on the side where it starts. Strain gauges are given as (link, place),
-    friction for both joints or one each. `noise` by entry: `hub_sin`, `hub_cos`, `elbow_sin`, `elbow_cos`, `hub_rate`,
-    `elbow_rate`, `tip_deflection_1`, `tip_deflection_2`, `tip_deflection_rate_1`, `tip_deflection_rate_2`,
-    `tip_velocity_x`, `tip_velocity_y`, `to_target_x`, `to_target_y`, `target_velocity_x`, `target_velocity_y`,
-    `target_ahead_1_x`, `target_ahead_1_y`, `target_ahead_2_x`, `target_ahead_2_y`, `strain_gauge_1`, ...
+    arm with its tip at the target; of the two solutions the one sooner reached, joint k taking a time that goes as
+    sqrt(|angle to go|) / w_k (a target that moves: sooner reached from the goals before).
+
+    Strain gauges are given as (link, place), friction for both joints or one each. `noise` by entry: `hub_sin`,
+    `hub_cos`, `elbow_sin`, `elbow_cos`, `hub_rate`, `elbow_rate`, `tip_deflection_1`, `tip_deflection_2`,
+    `tip_deflection_rate_1`, `tip_deflection_rate_2`, `tip_velocity_x`, `tip_velocity_y`, `to_target_x`, `to_target_y`,
+    `target_velocity_x`, `target_velocity_y`, `target_ahead_1_x`, `target_ahead_1_y`, `target_ahead_2_x`,
+    `target_ahead_2_y`, `strain_gauge_1`, ...
 
     Options of reset: `start` (two angles, rad), `target` (x, y
     in m, within reach), `vibration`, and `motion`: one for the hub, a list of two or a dict by "joint0" and "joint1"

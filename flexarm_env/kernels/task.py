@@ -257,19 +257,25 @@ def reach_judge(lane, task, poses, action, record, live, info):  # type: ignore[
 
 @kernel
 def reach_aim(task, record):  # type: ignore[no-untyped-def]
-    """Joint angles of the straight-linked arm that reach the target; the record holds those of the start, which say
-    on which side the elbow is and how often the hub has turned."""
+    """Joint angles of the straight-linked arm that reach the target: of the two solutions the one that the joints, at
+    the record's angles, are sooner at (joint k takes a time for an angle x that goes as sqrt(|x|) / its rate's scale).
+    """
     a, b = task.lengths[0], task.lengths[1]
     x, y = record[TARGET], record[TARGET + 1]
     cosine = (x * x + y * y - a * a - b * b) / (2.0 * a * b)
-    cosine = min(1.0, max(-1.0, cosine))
-    elbow = math.acos(cosine)
-    if record[GOAL + 1] < 0.0:  # the side on which the elbow starts
-        elbow = -elbow
-    hub = math.atan2(y, x) - math.atan2(b * math.sin(elbow), a + b * math.cos(elbow))
-    turns = math.floor((hub - record[GOAL]) / (2.0 * math.pi) + 0.5)
-    store(record, GOAL, hub - 2.0 * math.pi * turns)
-    store(record, GOAL + 1, elbow)
+    bend = math.acos(min(1.0, max(-1.0, cosine)))
+    bearing, inner = math.atan2(y, x), math.atan2(b * math.sin(bend), a + b * math.cos(bend))
+    hub_now, elbow_now = record[GOAL], record[GOAL + 1]
+    least = math.inf
+    for side in (1.0, -1.0):
+        elbow, hub = side * bend, bearing - side * inner
+        hub -= 2.0 * math.pi * math.floor((hub - hub_now) / (2.0 * math.pi) + 0.5)
+        way = max(abs(hub - hub_now) / task.scales[4] ** 2, abs(elbow - elbow_now) / task.scales[5] ** 2)
+        if elbow < task.joint_limits[2] or elbow > task.joint_limits[3]:
+            way += 1e6
+        if way < least:
+            least = way
+            record[GOAL], record[GOAL + 1] = hub, elbow
 
 
 _TASKS[Slew].update(observe=slew_observe, judge=slew_judge, aim=slew_aim)
