@@ -47,8 +47,10 @@ FEATURES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "residual_pd": ({"action_mode": "residual_pd"}, {}),
     "initial vibration": ({"initial_vibration": 0.05}, {}),
     "render_mode, not rendered": ({"render_mode": "rgb_array"}, {}),
+    "steps fitted to 0.1 % (step_tolerance)": ({"step_tolerance": 1e-3}, {}),
+    "second link (TwoLinkFlexArm-v0)": ({"id": "TwoLinkFlexArm-v0"}, {}),
 }
-"""Keywords of FlexibleArm-v0 with the feature, and without."""
+"""Keywords of FlexibleArm-v0 (or of another `id`) with the feature, and without."""
 
 CUT = (
     "gravity", "damping", "damped", "payload", "payload_turns", "controller", "actuator", "sensors", "reference",
@@ -76,9 +78,8 @@ FEW, MANY = 1_000, 13_000
 
 def _period(keywords: dict[str, Any], n: int) -> Callable[[int], float]:
     """A function of a count: seconds a control period takes an arm."""
-    env = gym.make("FlexibleArm-v0", **keywords) if n == 1 else gym.make_vec(
-        "FlexibleArm-v0", num_envs=n, threads=1, **keywords
-    )  # fmt: skip
+    keywords = {"id": "FlexibleArm-v0", **keywords}
+    env = gym.make(**keywords) if n == 1 else gym.make_vec(num_envs=n, threads=1, **keywords)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(64)]
 
