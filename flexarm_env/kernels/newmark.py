@@ -305,9 +305,9 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
             if largest(flag) > 0.5:
                 for k in range(4 * n):
                     flat[k] = flat[4 * n + k]
-                w.counts[2] += 1.0
                 if failed:
                     piece *= 0.5
+                    w.counts[2] += 1.0
                 failed = True
                 if piece < h * 0.5**scheme.max_halvings:
                     store(w.flag, 0, flag)
