@@ -221,9 +221,9 @@ def _worst(runs: list[Row]) -> tuple[float, float]:
 
 
 def _longest(rows: list[Row], limit: float) -> tuple[str, bool]:
-    """The longest CPU and wall time in words, and whether the former is within a limit, s."""
+    """The longest wall and CPU time in words, and whether the former is within a limit, s."""
     wall, cpu = (max((row[key] for row in rows), default=float("nan")) for key in ("wall_s", "cpu_s"))
-    return f"at most {cpu:.0f} s of CPU by one thread ({wall:.0f} s of wall time, machine shared)", cpu <= limit
+    return f"at most {wall:.0f} s of wall time, {cpu:.0f} s of CPU", wall <= limit
 
 
 def checks(content: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
@@ -303,8 +303,8 @@ torque in every period (see its effort), and is no quicker. The best classical c
 `two_link` adds to joint controllers (action_mode `residual_pd`), which reach every target by themselves; what its
 training brings is speed.
 
-Training runs in one thread. Its wall times are those of a machine of two cores that other work shared, and that halted
-it at times; its CPU times say what it takes on a machine of its own, and the limits below are held against them.
+Training runs in one thread. Limits are held against wall times; where other work shared the machine, CPU times say what
+it takes on one of its own.
 
 Written by `python -m agents.table`; policies trained by `python -m agents.families`."""
 
