@@ -21,11 +21,11 @@ from flexarm_env.kernels.work import unpack, work_size
 from flexarm_env.mechanics.exact_beam import build
 from flexarm_env.model import scheme
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
-from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.scenes import named, read_trajectory, reference
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
-from flexarm_env.time_functions import sine
+from flexarm_env.time_functions import pulse, sine
 
 from .oracle_exact import tips
 
@@ -262,3 +262,26 @@ def test_damped_strips_survive_too() -> None:
             tip, flags = swing(EIGHT, rng.choice([-2.0, 2.0], (200, 8)), arm, tolerance=tolerance)
             assert not flags.any()
             assert np.all(np.hypot(*tip.T) < 1.01)
+
+
+def test_a_torque_on_hardly_any_rotary_inertia_asks_for_no_halving() -> None:
+    """At t = 0 on a free chain whose sections are all but without inertia: 1e5 rad/s^2, which no step resolves."""
+    section = Section(EI=1.0, EA=1.6e5, C=5.4e4, m=1.0, J=6e-6)
+    arm = Arm("chain", (Link(1.0, section),) * 2, hub_inertia=0.0)
+    load = PointLoad(0, "root", pulse(0.1, 1.5), None, pulse(-0.06, 1.5))
+    for dt in (0.036, 0.009):
+        scene = Scene("thrown", arm, duration=2.0, dt=dt, sample=0.1, root="free", angles=(0.0, 0.0), loads=(load,))
+        run = exact(scene, elements=4, rho_inf=0.9)
+        assert run.halvings == 0 and run.iterations < 6 * run.steps
+
+
+def test_torques_set_by_hand_ask_for_no_halving() -> None:
+    """Accelerations solved afresh throw the prediction far: such a step begins again from where it was."""
+    scene = Scene("held", named_arm("strip"), duration=1.0, dt=0.0025, sample=0.02)
+    simulation = Simulation(scene, scene.settings("geometrically_exact", elements=3, tolerance=1e-6))
+    rng = np.random.default_rng(0)
+    for k in range(50):
+        simulation.set_torques(2.0 * np.sign(rng.standard_normal(1)))
+        assert simulation.advance_to(0.02 * (k + 1))
+    halvings, steps = simulation.work.counts[2:]
+    assert halvings == 0 and steps == 400
