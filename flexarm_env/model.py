@@ -114,6 +114,7 @@ class FloatingFrame(NamedTuple):
     algebraic: np.ndarray
     weight: np.ndarray
     predictor: float
+    correction: None
     half: int  # half width of the band
     coupling: int
     mass_damping: float  # 1/s
@@ -142,6 +143,7 @@ class ExactBeam(NamedTuple):
     algebraic: None
     weight: np.ndarray
     predictor: float | None
+    correction: float | None
     order: tuple[int, ...]
     links: int
     elements: int
@@ -178,6 +180,7 @@ class Elastica(NamedTuple):
     algebraic: None
     weight: np.ndarray
     predictor: tuple[float, float]
+    correction: None
     links: int | tuple[int, ...]  # N
     nodes: int | tuple[int, ...]  # k
     scratch: tuple[int, ...]  # at least N k zeros: room on the stack

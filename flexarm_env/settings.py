@@ -36,7 +36,7 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
         **_COMMON,
         "rho_inf": 0.9,
     },
-    "geometrically_exact": {"elements": 5, "order": 2, **_COMMON, "rho_inf": 0.7},
+    "geometrically_exact": {"elements": 5, "order": 2, "period_correction": False, **_COMMON, "rho_inf": 0.7},
     "elastica": {"nodes": 6, **_COMMON, "rho_inf": 1.0},
 }
 MODAL_BOUND = 0.25
@@ -81,6 +81,8 @@ class Settings:
         coupling: "von_karman" (default), "paper" or "linear" axial-bending coupling (floating_frame).
         modes: bending modes per segment, 1 to 8, in place of elements and coupling (floating_frame).
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
+        period_correction: take the integrator's error of the period out of each step (geometrically_exact, default
+            False; the elastica always does).
         nodes: tangent angles per link, 3 to 12 (elastica, default 6).
         dt: step, s; None takes the scene's.
         rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
@@ -100,6 +102,7 @@ class Settings:
     coupling: str | None = None
     modes: int | None = None
     order: int | None = None
+    period_correction: bool | None = None
     nodes: int | None = None
     dt: float | None = None
     rho_inf: float | None = None
@@ -113,7 +116,7 @@ class Settings:
     def __post_init__(self) -> None:
         check.choice("formulation", self.formulation, FORMULATIONS)
         taken = _DEFAULTS[self.formulation]
-        for name in ("segments", "elements", "coupling", "modes", "order", "nodes"):
+        for name in ("segments", "elements", "coupling", "modes", "order", "period_correction", "nodes"):
             value = getattr(self, name)
             if name not in taken:
                 check_options(self.formulation, [name] if value is not None else [])
@@ -171,6 +174,14 @@ class Settings:
         """Tip deflection over a link's length beyond which the formulation stops; infinite but for links in modes."""
         return MODAL_BOUND if self.modes is not None and self.segments in (None, 1) else math.inf
 
+    @property
+    def period_error(self) -> float:
+        """kappa: the integrator makes a period longer by the share kappa (omega h)^2 (docs: theory, section 5)."""
+        if self.newmark is not None:
+            return max(0.0, 0.5 * self.newmark[0] - 1.0 / 24.0)
+        assert self.rho_inf is not None
+        return 1.0 / 12.0 + 0.375 * ((1.0 - self.rho_inf) / (1.0 + self.rho_inf)) ** 2
+
     def options(self) -> dict[str, Any]:
         """The options that :meth:`make` takes to make these settings again (those that are None left out)."""
         names = _DEFAULTS[self.formulation]
@@ -208,5 +219,6 @@ _CHECKS: dict[str, Any] = {
     "coupling": lambda name, value: check.choice(name, value, COUPLINGS),
     "modes": lambda name, value: check.integer(name, value, minimum=1, maximum=8),
     "order": lambda name, value: check.integer(name, value, minimum=1, maximum=3),
+    "period_correction": lambda name, value: check.flag(name, value),
     "nodes": lambda name, value: check.integer(name, value, minimum=3, maximum=12),
 }

@@ -153,6 +153,13 @@ def integer(path: str, value: object, *, minimum: int, maximum: int | None = Non
     return result
 
 
+def flag(path: str, value: object) -> bool:
+    """``value`` as a bool."""
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidValue(path, value, "must be True or False")
+    return bool(value)
+
+
 def text(path: str, value: object, *, empty: bool = True) -> str:
     """``value`` as a string."""
     if not isinstance(value, str) or (not empty and not value.strip()):

@@ -19,7 +19,7 @@ from flexarm_env.kernels.lanes import EIGHT, SINGLE, load, sincos, store
 from flexarm_env.kernels.newmark import advance
 from flexarm_env.kernels.restart import restart
 from flexarm_env.kernels.work import unpack, work_size
-from flexarm_env.mechanics.elastica import Chain, build, chain, nodes, period_error, phase_correction
+from flexarm_env.mechanics.elastica import Chain, build, chain, nodes, phase_correction
 from flexarm_env.mechanics.slenderness import stretch_and_shear
 from flexarm_env.model import System, scheme
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
@@ -135,8 +135,8 @@ def test_frequencies_of_a_cantilever() -> None:
 def test_correction_keeps_periods() -> None:
     """Trapezoidal steps lengthen a period by (omega h)^2 / 12; with the corrected inertia not, where h resolves it."""
     h, options = 0.01, settings(8)
-    assert period_error(options) == pytest.approx(1 / 12)
-    assert period_error(Settings.make("elastica", newmark=(1 / 6, 0.5))) == pytest.approx(1 / 24)
+    assert options.period_error == pytest.approx(1 / 12)
+    assert Settings.make("elastica", newmark=(1 / 6, 0.5)).period_error == pytest.approx(1 / 24)
     parts = chain(ONE, 8)
     C = phase_correction(parts, 0.2, h, options)[0]
     assert np.abs(C.sum(axis=0)).max() < 1e-14 * np.abs(C).max() * 8
@@ -160,7 +160,7 @@ def test_correction_keeps_periods() -> None:
         )
         angle = np.abs(np.angle(np.linalg.eigvals(np.linalg.solve(ahead, behind))))
         angle = angle[(angle > 0.5 * x) & (angle < 2 * x)][0]
-        assert (1 - angle / x) / x**2 == pytest.approx(period_error(Settings.make("elastica", rho_inf=rho)), rel=2e-3)
+        assert (1 - angle / x) / x**2 == pytest.approx(Settings.make("elastica", rho_inf=rho).period_error, rel=2e-3)
     # Modes that the step does not resolve are heavier: none is faster than about sqrt(10) / h, however stiff.
     assert true.max() * h > 50.0
     assert frequencies((M - C)[1:, 1:], K[1:, 1:]).max() * h < 1.1 * np.sqrt(10.0)

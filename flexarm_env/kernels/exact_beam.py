@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from ..model import ExactBeam
 from .exact_element import VERTEX, backward, forces, forward, tangent, turns
+from .exact_inertia import inertia
 from .exact_output import dissipation, energy, link_poses, out_of_range, ports, predict, shape
 from .jit import kernel
 from .lanes import load, splat, store
@@ -313,9 +314,7 @@ def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
         for _ in range(model.elements):
             i -= 3 * p
             o -= stride
-            lx, ly, lt, rx, ry, rt = forward(
-                lane, model.order, S[o * len(lane) :], x[(i - 3) * len(lane) :]
-            )
+            lx, ly, lt, rx, ry, rt = forward(lane, model.order, S[o * len(lane) :], x[(i - 3) * len(lane) :])
             tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + stride - 21 - 2 * p, tx - rx, ty - ry, tt - rt)
             store(x, i + 3 * p - 3, tx)
             store(x, i + 3 * p - 2, ty)
@@ -369,6 +368,7 @@ register(
     ExactBeam,
     predict=predict,
     assemble=assemble,
+    inertia=inertia,
     constrain=constrain,
     pin=pin,
     factor=factor,

@@ -89,6 +89,36 @@ def _values(sums: Sums, t: Tables, nodes: list[Any], span: Any) -> list[Any]:
     return values
 
 
+def _momenta(sums: Sums, t: Tables, nodes: list[Any], unit: Any) -> tuple[list[Any], Any, Any]:
+    """Consistent mass times the coordinates of an axis: of the interior functions; of both vertices, their mean and
+    half their difference. `unit`: mass over length times half the length."""
+    m = t.mass
+    both, across = nodes[0] + nodes[1], nodes[1] - nodes[0]
+    even, odd = [both, *nodes[2::2]], [across, *nodes[3::2]]
+    inner = range(2, len(nodes))
+    rows = [sums([m[n, int(n % 2)], *m[n, 2 + n % 2 :: 2]], odd if n % 2 else even, 1.0, unit) for n in inner]
+    mean = sums([0.5 * (m[0, 0] + m[0, 1]), *m[0, 2::2]], even, 1.0, unit)
+    return rows, mean, sums([0.5 * (m[1, 1] - m[0, 1]), *m[1, 3::2]], odd, 1.0, unit)
+
+
+@traced(lambda p: 6)
+def momentum(lane, order, a, left, ml, jl, r):  # type: ignore[no-untyped-def]
+    """Write the left vertex's and the interior rows of r = M a. `left`: x, y, psi of a there and r so far; returns the
+    same of the right vertex."""
+    p, sums = len(order), Sums()
+    t = tables(p)
+    ends, rest = [], []
+    for k, unit in ((X, ml), (Y, ml), (T, jl)):
+        nodes = [left[k], *[load(lane, a, _at(n, p) + k) for n in range(1, p + 1)]]
+        rows, mean, half = _momenta(sums, t, nodes, unit)
+        store(r, k, left[3 + k] + (mean - half))
+        for n, row in enumerate(rows, 2):
+            store(r, _at(n, p) + k, row)
+        ends.append(nodes[1])
+        rest.append(mean + half)
+    return [*ends, *rest]
+
+
 @traced(lambda p: 0)
 def turns(lane, order, q, turn, circle):  # type: ignore[no-untyped-def]
     """circle <- sine and cosine of psi at each Gauss point; `turn`: psi at the left."""
@@ -142,12 +172,7 @@ def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, 
         bent = [x + tau * y for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
     force = []
     for k, unit in ((X, ml), (Y, ml), (T, jl)):
-        both, across = inertia[k][0] + inertia[k][1], inertia[k][1] - inertia[k][0]
-        even, odd = [both, *inertia[k][2::2]], [across, *inertia[k][3::2]]
-        m = t.mass
-        rows = [sums([m[n, int(n % 2)], *m[n, 2 + n % 2 :: 2]], odd if n % 2 else even, 1.0, unit) for n in nodes[2:]]
-        mean = sums([0.5 * (m[0, 0] + m[0, 1]), *m[0, 2::2]], even, 1.0, unit)
-        half = sums([0.5 * (m[1, 1] - m[0, 1]), *m[1, 3::2]], odd, 1.0, unit)
+        rows, mean, half = _momenta(sums, t, inertia[k], unit)
         if k != T:
             pull = [sums(row, fx if k == X else fy) for row in t.slope]
         else:

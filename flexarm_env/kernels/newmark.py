@@ -19,6 +19,7 @@ from .bare import bare
 from .drive import set_inputs, set_motions
 from .jit import kernel
 from .lanes import absolute, largest, load, maximum, select_lt, splat, store
+from .period import correct_period
 from .protocol import assemble, constrain, dissipation, factor, out_of_range, ports, predict, size, solve
 from .work import note_reactions, set_known, take_out_known, unpack
 
@@ -113,7 +114,16 @@ def _stay(lane, n, flat, c_b, c_v, c_m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _correct(lane, n, flat, algebraic, weight, active, c_b, c_v, c_m):  # type: ignore[no-untyped-def]
+def _moved(lane, correction, shift, k, d, q):  # type: ignore[no-untyped-def]
+    """q + d and, where the period is corrected, the shift of the displacement; and the larger of the two increments."""
+    if correction is None:
+        return q + d, absolute(d)
+    moved = d + load(lane, shift, k)
+    return q + moved, maximum(absolute(moved), absolute(d))
+
+
+@kernel
+def _correct(lane, n, flat, algebraic, correction, shift, weight, active, c_b, c_v, c_m):  # type: ignore[no-untyped-def]
     """Apply the Newton increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite.
 
     Multipliers do not count towards convergence: they have the scale of a force.
@@ -126,11 +136,12 @@ def _correct(lane, n, flat, algebraic, weight, active, c_b, c_v, c_m):  # type: 
     size_of = splat(lane, 0.0)
     for k in range(n):
         d = -load(lane, flat, 8 * n + k)
-        size_of = maximum(absolute(d) * weight[k], size_of)
-        size_of = select_lt(absolute(d), np.inf, size_of, splat(lane, np.nan))
         q, v = load(lane, flat, k), load(lane, flat, n + k)
+        new_q, increment = _moved(lane, correction, shift, k, d, q)
+        size_of = maximum(increment * weight[k], size_of)
+        size_of = select_lt(increment, np.inf, size_of, splat(lane, np.nan))
         a, b = load(lane, flat, 2 * n + k), load(lane, flat, 3 * n + k)
-        store(flat, k, select_lt(0.5, active, q + d, q))
+        store(flat, k, select_lt(0.5, active, new_q, q))
         store(flat, n + k, select_lt(0.5, active, v + d * c_v, v))
         store(flat, 2 * n + k, select_lt(0.5, active, a + d * c_m, a))
         store(flat, 3 * n + k, select_lt(0.5, active, b + d * c_b, b))
@@ -257,7 +268,7 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
             set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
         _guess(lane, model, n, model.predictor, w, c_b, c_v, c_m)
         active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
-        before = splat(lane, 1e300)
+        before, corrected = splat(lane, 1e300), splat(lane, 0.0)
         iteration, stage = 0, NEWTON
         while True:  # Newton-Raphson, eqs. [69]-[82], and what follows once it has converged
             fresh = iteration == 0 if stage == NEWTON else stage == VELOCITIES
@@ -285,7 +296,12 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
                     if stage == CLOSE:
                         break
                 continue
-            increment = _correct(lane, n, flat, model.algebraic, model.weight, active, c_b, c_v, c_m)
+            corrected = correct_period(
+                lane, model, drive, par, model.correction, scheme.tolerance, w, corrected, active, c_m, piece
+            )
+            increment = _correct(
+                lane, n, flat, model.algebraic, model.correction, w.shift, model.weight, active, c_b, c_v, c_m
+            )  # fmt: skip
             w.counts[0] += 1.0
             # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
             theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))

@@ -10,6 +10,8 @@ A formulation's Model is a NamedTuple of arrays and numbers, never written after
     weight     float64 (n,): one over the size that matters of each coordinate (1/L for lengths, 1 for angles)
     predictor  float: 1 starts Newton from the last acceleration, 0 from none; (that, kappa): the first increment is
                trusted to leave an error of kappa times its square; None: from none, then `predict`
+    correction float: twice the share kappa of (omega h)^2 by which the integrator makes a period longer, which steps
+               are then corrected for (`period`); None: they are not
 
 and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes, `par` the arm's own parameters):
 
@@ -19,6 +21,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and  S = cm dr/da + cc dr/dv + ck dr/dq, eqs. [64]-[78];
         rows of multipliers belong to `constrain`, except that columns of multipliers are scaled by cm;
         cm = 0 asks for the residual alone and must leave S as it is
+    inertia(lane, model, par, a, r)  only where correction is not None: r = M a, M being constant
     constrain(lane, model, psi, q, v, a, level, scale, r)
         the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
     pin(lane, model, S, k)           replace row and column k of S by those of the identity
@@ -87,6 +90,7 @@ def _dispatched(name: str, arguments: str) -> Callable[..., Any]:
 
 
 assemble = _dispatched("assemble", "lane, model, par, q, v, a, u, cm, cc, ck, r, S")
+inertia = _dispatched("inertia", "lane, model, par, a, r")
 predict = _dispatched("predict", "lane, model, start, q")
 constrain = _dispatched("constrain", "lane, model, psi, q, v, a, level, scale, r")
 pin = _dispatched("pin", "lane, model, S, k")

@@ -218,4 +218,3 @@ def _witness(lane, p, arm, code, block):  # type: ignore[no-untyped-def]
     if code >= OK:
         settle(lanes, p, arm, pair[i], reason, record, seen, info)
     show(lane, arm // lanes, p.block.shape[0] // p.layout.row, info, p.table)
-

@@ -94,8 +94,6 @@ def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i): 
             seen[(at + o + 1) * lanes + i] = clip((cosine * y - sine * x) / reference.scales[o + 1], CLIP)
 
 
-
-
 @kernel
 def start_path(reference, task, stream, arm, record, lanes):  # type: ignore[no-untyped-def]
     """Draw an arm's path (as many draws in either case) and put its target at the start of it."""

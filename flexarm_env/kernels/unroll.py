@@ -174,9 +174,7 @@ class _Writer:
         """What stands for an argument of a Numba type."""
         if isinstance(kind, types.BaseNamedTuple):
             fields = zip(kind.fields, kind, range(len(kind)), strict=True)
-            parts = {
-                name: self.symbol(context, k, self.builder.extract_value(value, i)) for name, k, i in fields
-            }
+            parts = {name: self.symbol(context, k, self.builder.extract_value(value, i)) for name, k, i in fields}
             return python.SimpleNamespace(**parts)
         if isinstance(kind, types.BaseTuple):
             return (0,) * len(kind)

@@ -23,6 +23,7 @@ class Work(NamedTuple):
     a0: np.ndarray
     b0: np.ndarray
     r: np.ndarray
+    shift: np.ndarray  # 2 n rows where the model's period is corrected, otherwise none
     S: np.ndarray
     u: np.ndarray
     u0: np.ndarray
@@ -38,10 +39,16 @@ class Work(NamedTuple):
 
 
 @kernel
+def _rows_of_shift(correction, n):  # type: ignore[no-untyped-def]
+    return 0 if correction is None else 2 * n
+
+
+@kernel
 def work_size(lanes, model, n_motions):  # type: ignore[no-untyped-def]
     """Length of the flat array behind `Work`."""
     n, n_u = size(model.n), size(model.n_inputs)
-    return lanes * (9 * n + size(model.n_factor) + 4 * n_u + 8 * n_motions + 4) + 4
+    shift = _rows_of_shift(model.correction, n)
+    return lanes * (9 * n + shift + size(model.n_factor) + 4 * n_u + 8 * n_motions + 4) + 4
 
 
 @kernel
@@ -49,14 +56,14 @@ def unpack(lane, model, flat, n_motions):  # type: ignore[no-untyped-def]
     """`Work` as views of `flat`."""
     lanes = len(lane)
     n, n_u, m, s = size(model.n) * lanes, size(model.n_inputs) * lanes, n_motions * lanes, size(model.n_factor) * lanes
-    k = 9 * n
+    k = 9 * n + _rows_of_shift(model.correction, n)
     i = k + s
     j = i + 4 * n_u
     e = j + 8 * m
     return Work(
         flat[0:n], flat[n : 2 * n], flat[2 * n : 3 * n], flat[3 * n : 4 * n],
-        flat[4 * n : 5 * n], flat[5 * n : 6 * n], flat[6 * n : 7 * n], flat[7 * n : 8 * n], flat[8 * n : k],
-        flat[k:i],
+        flat[4 * n : 5 * n], flat[5 * n : 6 * n], flat[6 * n : 7 * n], flat[7 * n : 8 * n], flat[8 * n : 9 * n],
+        flat[9 * n : k], flat[k:i],
         flat[i : i + n_u], flat[i + n_u : i + 2 * n_u], flat[i + 2 * n_u : i + 3 * n_u], flat[i + 3 * n_u : j],
         flat[j : j + 3 * m], flat[j + 3 * m : j + 6 * m], flat[j + 6 * m : j + 7 * m], flat[j + 7 * m : e],
         flat[e : e + lanes], flat[e + lanes : e + 4 * lanes], flat[e + 4 * lanes : e + 4 * lanes + 4],

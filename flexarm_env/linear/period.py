@@ -1,7 +1,8 @@
 """The derivative of what the solver does in a period: tangents of each of its steps at their solution.
 
 A step (`kernels.newmark`) solves generalized-alpha's equations for q with the constraints on q; with multipliers it
-then takes out of v and of a what lies across the constraints.
+then takes out of v and of a what lies across the constraints. A step whose period is corrected also depends on how the
+iteration matrix changes: there the derivative is one of differences.
 """
 
 from __future__ import annotations
@@ -15,12 +16,18 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..kernels.lanes import SINGLE
 from ..kernels.newmark import advance
+from ..kernels.restart import restart
 from ..kernels.work import Work
-from ..model import MESSAGE, OK, Scheme
+from ..model import MESSAGE, OK, Drive, Scheme
 from ..simulation import Simulation
-from .equations import Derivatives, Equations, Point, Reduced, slopes
+from .equations import Derivatives, Equations, Point, Reduced, Rows, slopes
 
 Array = NDArray[np.float64]
+
+STEP, SHARP = 1e-4, 1e-12
+"""Step of differences of the solver, in variables of size 1, and Newton's tolerance there. Small, because one node that
+moves alone strains its neighbours a lot, and since a correction of the period that comes an iteration sooner is another
+within the tolerance."""
 
 
 @dataclass
@@ -49,23 +56,15 @@ def solved(
     steps = max(1, math.ceil(dt / simulation.dt * (1.0 - 1e-9)))
     h = dt / steps
     n, m, f = equations.independent.size, equations.inputs.size, equations.free.size
+    if simulation.model.correction is not None:
+        return _by_differences(simulation, equations, flat, w, reduced, h, steps)
     q = np.hstack([reduced.lift, np.zeros((f, n + m))])
     v = np.hstack([reduced.drift, reduced.lift, np.zeros((f, m))])
     a = reduced.lift @ reduced.accelerations + reduced.bend_v @ v + reduced.bend_q @ q
     tangents = _Tangents(q, v, a, a)
     for step in range(steps):
         start, b = point_of(w), w.b.copy()
-        at = simulation.t + step * h
-        advance(
-            SINGLE, simulation.model, simulation.drive, simulation.par, flat, simulation.n_motions,
-            at, h, 1, scheme, (0,),
-        )  # fmt: skip
-        if w.flag[0] != OK:
-            bound = float(getattr(simulation.model, "bound", 0.0))
-            text = MESSAGE[int(w.flag[0])].format(t=at, h=h, halvings=scheme.max_halvings, bound=bound)
-            raise RuntimeError(f"the solver failed within the period: {text}")
-        if w.counts[2] > 0:
-            raise RuntimeError(f"the solver halved the step of {h:.3g} s from t = {at:.6g} s; take a smaller dt")
+        _advance(simulation, simulation.drive, flat, w, simulation.t + step * h, h, 1)
         end_point = point_of(w)
         found = _found(equations, scheme, h, start, b, end_point)
         derivatives = equations.derivatives(found, rates=False)
@@ -74,6 +73,60 @@ def solved(
             tangents = _settled(equations, derivatives, found, end_point, tangents)
     change = np.vstack([equations.changes(w.q, tangents.q), equations.changes(w.q, tangents.v)])
     return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(equations.state(w.q, w.v))
+
+
+def _advance(simulation: Simulation, drive: Drive, flat: Array, w: Work, at: float, h: float, steps: int) -> None:
+    """Equal steps of h from t = at; RuntimeError where they fail or have to be halved."""
+    scheme = simulation.scheme
+    if simulation.model.correction is not None:
+        scheme = scheme._replace(tolerance=min(SHARP, scheme.tolerance))
+    advance(SINGLE, simulation.model, drive, simulation.par, flat, simulation.n_motions, at, h, steps, scheme, (0,))
+    if w.flag[0] != OK:
+        bound = float(getattr(simulation.model, "bound", 0.0))
+        text = MESSAGE[int(w.flag[0])].format(t=at, h=h, halvings=scheme.max_halvings, bound=bound)
+        raise RuntimeError(f"the solver failed within the period: {text}")
+    if w.counts[2] > 0:
+        raise RuntimeError(f"the solver halved the step of {h:.3g} s from t = {at:.6g} s; take a smaller dt")
+
+
+def _offset(drive: Drive, entries: Rows, values: Array) -> Drive:
+    """The drive with values added to the functions of some inputs, where they have one."""
+    pieces = drive.pieces.copy()
+    for entry, value in zip(entries, values, strict=True):
+        own = drive.inputs[drive.inputs[:, 0] == entry, 1]
+        if own.size:
+            pieces[drive.first[own[0]] : drive.first[own[0] + 1], 1] += value
+    return drive._replace(pieces=pieces)
+
+
+def _by_differences(
+    simulation: Simulation, e: Equations, flat: Array, w: Work, reduced: Reduced, h: float, steps: int
+) -> tuple[Array, Array, Array]:
+    """A, B and the next state of `steps` steps of h by sixth-order differences of the solver, in variables scaled so
+    that each moves the coordinates by about as much."""
+    start, dt = point_of(w), h * steps
+    n, m = e.independent.size, e.inputs.size
+    size = 1.0 / simulation.model.weight[e.free[e.independent]]
+    torque = 1.0 / (np.abs(reduced.accelerations[:, 2 * n :] / size[:, None]).max(axis=0, initial=0.0) * dt**2)
+    unit = np.concatenate([size, size / dt, torque])
+
+    def after(z: Array) -> Array:
+        x, v, u = np.split(unit * z, [n, 2 * n])
+        w.q[:], w.v[:], w.u[:], w.psi[:] = start.q, start.v, start.u, start.psi
+        w.q[e.free] += reduced.lift @ x
+        w.v[e.free] += reduced.lift @ v + reduced.drift @ x
+        w.u[e.inputs] += u
+        drive = _offset(simulation.drive, e.inputs, u)
+        restart(
+            SINGLE, simulation.model, drive, simulation.par, flat, simulation.n_motions,
+            simulation.t, simulation.dt, True,
+        )  # fmt: skip
+        _advance(simulation, drive, flat, w, simulation.t, h, steps)
+        return np.concatenate(e.state(w.q, w.v))
+
+    rows = np.arange(2 * n + m)
+    change = slopes(after, np.zeros(2 * n + m), rows, np.full(2 * n + m, STEP)) / unit
+    return change[:, : 2 * n], change[:, 2 * n :], after(np.zeros(2 * n + m))
 
 
 def _bordered(A: Array, G: Array, right: Array, below: Array | float = 0.0) -> Array:

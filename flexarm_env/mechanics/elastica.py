@@ -182,7 +182,7 @@ def phase_correction(parts: Chain, payload: float, h: float, settings: Settings)
     has no part in rigid motion, momentum or statics.
     """
     n, C = parts.n, np.zeros_like(parts.R)
-    lengthening = 2.0 * period_error(settings) * h * h
+    lengthening = 2.0 * settings.period_error * h * h
     for k in range(len(parts.lines)):
         own = slice(k * n, (k + 1) * n)
         M = parts.P[own, own] + parts.R[k] + payload * np.outer(parts.w[own], parts.w[own])
@@ -190,14 +190,6 @@ def phase_correction(parts: Chain, payload: float, h: float, settings: Settings)
         heavier = HEAVIER * h**4 * K @ np.linalg.solve(M, K)
         C[k] = (lengthening * K - heavier) @ np.linalg.solve(M + lengthening * K, M)
     return np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
-
-
-def period_error(settings: Settings) -> float:
-    """kappa: the integrator makes a period longer by the share kappa (omega h)^2 (docs: theory, section 6)."""
-    if settings.newmark is not None:
-        return max(0.0, 0.5 * settings.newmark[0] - 1.0 / 24.0)
-    assert settings.rho_inf is not None
-    return 1.0 / 12.0 + 0.375 * ((1.0 - settings.rho_inf) / (1.0 + settings.rho_inf)) ** 2
 
 
 def physical(model: Elastica) -> Elastica:
@@ -270,6 +262,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         algebraic=None,
         weight=np.concatenate([np.ones(m), np.full(rows - m, 1.0 / arm.total_length)]),
         predictor=(1.0, 10.0),
+        correction=None,
         links=tag(count, own),
         nodes=tag(n, own),
         scratch=(0,) * (m if own else 48 * -(-m // 48)),

@@ -100,6 +100,7 @@ def build(scene: Scene, settings: Settings) -> System:
         algebraic=None,
         weight=np.where(lengths, 1.0 / arm.total_length, 1.0),
         predictor=None,
+        correction=2.0 * settings.period_error if settings.period_correction else None,
         order=(0,) * order,
         links=arm.n_links,
         elements=elements,

@@ -142,6 +142,7 @@ def build(scene: Scene, settings: Settings) -> System:
         algebraic=np.array(algebraic, np.int64),
         weight=weight,
         predictor=1.0,
+        correction=None,
         half=int(half),
         coupling=COUPLINGS[settings.coupling or "linear"],
         mass_damping=arm.mass_damping,
