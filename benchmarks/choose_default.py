@@ -105,9 +105,10 @@ def candidates() -> list[dict[str, Any]]:
             rows.append({"formulation": "elastica", "nodes": nodes, "dt": 0.02 / steps, "tolerance": tolerance})
     for order, meshes in ((2, (3, 4, 5)), (3, (3, 4))):
         for elements in meshes:
-            for steps in (8, 4):
-                mesh = {"formulation": "geometrically_exact", "elements": elements, "order": order}
-                rows.append(mesh | {"dt": 0.02 / steps, "tolerance": 1e-6})
+            mesh = {"formulation": "geometrically_exact", "elements": elements, "order": order}
+            rows += [mesh | {"dt": 0.02 / steps, "tolerance": 1e-6} for steps in (8, 4)]
+            mesh |= {"period_correction": True}
+            rows += [mesh | {"dt": 0.02 / steps, "tolerance": 1e-6} for steps in (8, 4, 3, 2)]
     for mesh in ({"modes": 2, "dt": 0.0025}, {"modes": 3, "dt": 0.0025}, {"segments": 3, "dt": 0.001}):
         rows.append({"formulation": "floating_frame", **mesh, "tolerance": 1e-6})
     return rows
@@ -132,9 +133,7 @@ def actions_of(env_id: str, episodes: int, joints: int) -> Array:
 def tips(env_id: str, actions: Array, options: dict[str, Any]) -> tuple[Array, int]:
     """Tip positions (periods, episodes, 2), NaN from where an episode failed; and how many did."""
     periods, count, _ = actions.shape
-    env = gym.make_vec(
-        env_id, num_envs=count, autoreset_mode="NextStep", joint_limits=None, duration=100.0, **options
-    )
+    env = gym.make_vec(env_id, num_envs=count, autoreset_mode="NextStep", joint_limits=None, duration=100.0, **options)
     env.reset(seed=0)
     places = np.full((periods, count, 2), np.nan)
     alive = np.ones(count, bool)

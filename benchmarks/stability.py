@@ -288,7 +288,7 @@ def warm_up() -> None:
         scene, formulation, options = scene_of(case)
         exact = formulation == "geometrically_exact"
         thrown, damped, heavy = case["drive"] == "thrown", case["zeta"] > 0.0, case["gravity"] > 0.0
-        key = (formulation, options.get("order"), exact and (thrown, damped, heavy))
+        key = (formulation, options.get("order"), options.get("period_correction"), exact and (thrown, damped, heavy))
         if key not in seen:
             seen.add(key)
             simulate(scene, formulation, duration=scene.dt, sample=scene.dt, estimate_error=False, **options)

@@ -227,6 +227,18 @@ def _fitted(more: int) -> Iterator[Case]:
                      amplitude=[0.3, 5.0], options=given, horizon=[1.5])  # fmt: skip
 
 
+def _corrected(more: int) -> Iterator[Case]:
+    """The exact beam with its period corrected: step, stiffness, drives, damping, as they come."""
+    given: list[Case] = [{"period_correction": True}]
+    yield from _grid(method=["exact"], drive=["pulse", "ramp", "bang", "jumps"], options=given,
+                     h=np.geomspace(1e-3, 0.5, 5 * more).tolist(), amplitude=[0.3, 2.0, 10.0],
+                     rho=[None, 1.0, 0.0])  # fmt: skip
+    yield from _grid(method=["exact"], drive=["pulse", "thrown"], options=given, slender=[1e2, 1e4, 1e8],
+                     h=[0.003, 0.03], links=[1, 2], horizon=[1.5])  # fmt: skip
+    yield from _grid(method=["exact"], drive=["pulse", "ramp"], options=given, zeta=[0.01, 0.5, 5.0],
+                     h=[0.003, 0.03, 0.2], amplitude=[0.5])  # fmt: skip
+
+
 def _random(more: int) -> Iterator[Case]:
     rng = np.random.default_rng(20261121)
     drives = ["pulse", "bang", "ramp", "cycloid", "spin", "jumps", "root", "thrown", "gravity"]
@@ -257,5 +269,5 @@ def _random(more: int) -> Iterator[Case]:
 
 FAMILIES: dict[str, Callable[[int], Iterator[Case]]] = {
     "step": _step, "stiffness": _stiffness, "spin": _spin, "bang-bang": _bang, "damping": _damping, "sizes": _sizes,
-    "kinks": _kinks, "gravity": _gravity, "fitted steps": _fitted, "random": _random,
+    "kinks": _kinks, "gravity": _gravity, "fitted steps": _fitted, "period corrected": _corrected, "random": _random,
 }  # fmt: skip

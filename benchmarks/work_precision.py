@@ -108,13 +108,16 @@ def meshes(full: bool) -> list[tuple[str, str, dict[str, Any]]]:
     kinds = ((1, (16, 64)), (2, (2, 3, 5, 8, 16)), (3, (2, 4, 8)))
     for (order, counts), rho in itertools.product(kinds, (0.5, 0.7, 0.9, 1.0) if full else (0.7, 1.0)):
         for elements in counts:
-            found.append(
-                ("exact", "geometrically_exact", {"order": order, "elements": elements, "rho_inf": rho})
-            )
+            mesh = {"order": order, "elements": elements, "rho_inf": rho}
+            found.append(("exact", "geometrically_exact", mesh))
+            if order > 1:
+                found.append(("exact, period corrected", "geometrically_exact", {**mesh, "period_correction": True}))
     for nodes, rho in itertools.product((3, 4, 5, 6, 8), (1.0, 0.9, 0.6) if full else (1.0, 0.9)):
         found.append(("elastica", "elastica", {"nodes": nodes, "rho_inf": rho}))
     found += [("elastica", "elastica", {"nodes": nodes, "tolerance": 1e-5}) for nodes in (4, 6)]
     found.append(("exact", "geometrically_exact", {"elements": 3, "tolerance": 1e-5}))
+    loose = {"elements": 3, "tolerance": 1e-5, "period_correction": True}
+    found.append(("exact, period corrected", "geometrically_exact", loose))
     return found
 
 

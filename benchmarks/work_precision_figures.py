@@ -13,8 +13,8 @@ from flexarm_env.plotting import COLORS, FAINT, INK, styled_figure
 
 Rows = Sequence[dict[str, Any]]
 PEERS = ("Exudyn", "PyElastica")
-LABELS = ("floating frame", "modes", "exact", "elastica", *PEERS)
-PAINT = dict(zip(LABELS, (*COLORS[:4], INK, COLORS[4]), strict=True))
+LABELS = ("floating frame", "modes", "exact", "exact, period corrected", "elastica", *PEERS)
+PAINT = dict(zip(LABELS, (*COLORS[:3], "#6fc49a", COLORS[3], INK, COLORS[4]), strict=True))
 
 
 def _points(rows: Rows) -> tuple[list[float], list[float]]:
@@ -79,7 +79,7 @@ def summary_figure(scenes: Sequence[str], rows: Rows, front: Callable[[Rows], Ro
                               color=PAINT[row["case"]["label"]], zorder=5)  # fmt: skip
             _limits(axes, good)
             axes.set_title(name, fontsize=8.5)
-        for axes in panels[len(scenes):]:
+        for axes in panels[len(scenes) :]:
             axes.set_visible(False)
         handles = [panels[0].plot([], [], color=PAINT[label], lw=2, label=label)[0] for label in LABELS]
         handles += panels[0].plot([], [], marker="*", ms=9, ls="", color=FAINT, label="default")

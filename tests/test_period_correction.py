@@ -49,7 +49,9 @@ def corrected(name: str, **options: Any) -> tuple[float, float]:
     return errors[0], errors[1]
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize(
+    "order", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)]
+)
 def test_inertia_is_what_the_residual_has(order: int) -> None:
     scene = Scene("chain", CHAIN, duration=1.0, dt=0.01, loads=(PointLoad(1, "tip", force_y=constant(1.0)),))
     simulation = Simulation(scene, scene.settings(EXACT, elements=2, order=order, period_correction=True))
@@ -86,7 +88,7 @@ def test_stable_at_any_step() -> None:
     scene = Scene("clamped", CHAIN, duration=900.0, dt=0.01, motions=still)
     for dt in (1e-5, 1e-3, 3e-2, 1.0):
         model = linearize(scene, EXACT, elements=2, discrete=dt, dt=dt, rho_inf=1.0, period_correction=True)
-        assert np.abs(model.eigenvalues).max() < 1.0 + 1e-5
+        assert np.abs(model.eigenvalues).max() < 1.0 + 1e-7
 
 
 @pytest.mark.parametrize("rho", [1.0, 0.9, 0.7, 0.4, 0.0])
@@ -163,7 +165,7 @@ def test_energy_stays_near_over_many_steps() -> None:
 @pytest.mark.parametrize(
     ("env_id", "n", "more"),
     [
-        ("FlexibleArm-v0", 9, {}),
+        pytest.param("FlexibleArm-v0", 9, {}, marks=pytest.mark.slow),
         pytest.param("TwoLinkFlexArm-v0", 17, {"dt": 0.01, "tolerance": 1e-10}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 5, {"step_tolerance": 2e-5, "dt": 0.02}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 9, {"newton": "modified"}, marks=pytest.mark.slow),

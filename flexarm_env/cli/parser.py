@@ -164,6 +164,10 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
         "--step-tolerance", type=float, metavar="E",
         help="halve dt where a stretch between samples would add more error than this, a fraction of the length",
     )  # fmt: skip
+    solver.add_argument(
+        "--period-correction", action=argparse.BooleanOptionalAction, default=None,
+        help="take the integrator's error of the period out of each step of the exact beam",
+    )  # fmt: skip
     run = parser.add_argument_group("what is run and compared")
     run.add_argument("--duration", type=float, metavar="T", help="how long to run, s")
     run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")

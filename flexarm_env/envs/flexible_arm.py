@@ -94,6 +94,7 @@ class FlexibleArmEnv(SingleArmEnv):
     | `formulation` | "elastica" | or "geometrically_exact", "floating_frame"; with its options as flat keywords |
     | `nodes`, `elements`, `order`, `segments`, `coupling`, `modes` | | mesh of the formulation, see below |
     | `rho_inf`, `newmark`, `tolerance`, `newton`, `max_iterations`, `max_halvings` | | of its solver |
+    | `period_correction` | False | of "geometrically_exact": take the integrator's error of the period out of steps |
     | `step_tolerance` | None | error that a period may add, over L: each arm halves `dt` where needed |
     | `control_dt` | 0.02 | control period, s |
     | `dt` | 0.02/3 | solver's step, s; a whole number of them makes a control period |

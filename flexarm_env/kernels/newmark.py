@@ -268,7 +268,7 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
             set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
         _guess(lane, model, n, model.predictor, w, c_b, c_v, c_m)
         active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
-        before, corrected = splat(lane, 1e300), splat(lane, 0.0)
+        before, corrected = splat(lane, 1e300), splat(lane, 1.0 if failed else 0.0)  # retried steps are plain
         iteration, stage = 0, NEWTON
         while True:  # Newton-Raphson, eqs. [69]-[82], and what follows once it has converged
             fresh = iteration == 0 if stage == NEWTON else stage == VELOCITIES

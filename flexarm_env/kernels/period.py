@@ -1,4 +1,4 @@
-"""Correction of a step for the integrator's error of the period (docs: theory, eq. 6.3).
+"""Correction of a step for the integrator's error of the period (docs: theory, eq. 6.2).
 
 Newmark's displacement with beta less 2 kappa would keep the period of a vibration to fourth order in omega h, but is
 stable only where the step resolves all of them. Hence
@@ -19,8 +19,9 @@ from .lanes import absolute, largest, load, maximum, select_lt, splat, store
 from .protocol import inertia, size, solve
 from .work import take_out_known
 
-NEAR = 0.01
-"""Largest weighted size of the Newton increment from which to correct."""
+NEAR, FAR = 0.01, 0.03
+"""Largest weighted Newton increment from which to correct, and largest weighted correction: one that is larger belongs
+to motion that the step does not resolve (what a jump of the root's velocity leaves), and would bring energy."""
 
 
 @kernel
@@ -50,8 +51,14 @@ def correct_period(lane, model, drive, par, correction, tolerance, w, corrected,
         for k in range(n):
             store(d, k, (load(lane, w.a, k) - load(lane, w.a0, k)) - load(lane, w.r, k) * c_m)
         _filtered(lane, model, drive, par, w, c_m, d, y)
+        shift = zero
         for k in range(n):
-            store(d, k, select_lt(0.5, now, load(lane, y, k) * (-correction * h * h), zero))
+            moved = load(lane, y, k) * (-correction * h * h)
+            shift = maximum(absolute(moved) * model.weight[k], shift)
+            store(d, k, moved)
+        small = select_lt(shift, FAR, now, zero)
+        for k in range(n):
+            store(d, k, select_lt(0.5, small, load(lane, d, k), zero))
         _filtered(lane, model, drive, par, w, c_m, d, y)
         for k in range(n):  # the shift as a residual is K d = (S - c_m M) d, up to damping
             store(w.r, k, (load(lane, w.r, k) + load(lane, d, k)) - load(lane, y, k))

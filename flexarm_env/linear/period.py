@@ -25,9 +25,8 @@ from .equations import Derivatives, Equations, Point, Reduced, Rows, slopes
 Array = NDArray[np.float64]
 
 STEP, SHARP = 1e-4, 1e-12
-"""Step of differences of the solver, in variables of size 1, and Newton's tolerance there. Small, because one node that
-moves alone strains its neighbours a lot, and since a correction of the period that comes an iteration sooner is another
-within the tolerance."""
+"""Step of differences of the solver, in variables of size 1, and Newton's tolerance there: a correction of the period
+that comes an iteration sooner is another within the tolerance."""
 
 
 @dataclass
@@ -103,12 +102,12 @@ def _by_differences(
     simulation: Simulation, e: Equations, flat: Array, w: Work, reduced: Reduced, h: float, steps: int
 ) -> tuple[Array, Array, Array]:
     """A, B and the next state of `steps` steps of h by sixth-order differences of the solver, in variables scaled so
-    that each moves the coordinates by about as much."""
+    that each moves the coordinates, itself or by the accelerations it causes, by about as much."""
     start, dt = point_of(w), h * steps
     n, m = e.independent.size, e.inputs.size
     size = 1.0 / simulation.model.weight[e.free[e.independent]]
-    torque = 1.0 / (np.abs(reduced.accelerations[:, 2 * n :] / size[:, None]).max(axis=0, initial=0.0) * dt**2)
-    unit = np.concatenate([size, size / dt, torque])
+    caused = h * h * np.abs(reduced.accelerations / size[:, None]).max(axis=0)
+    unit = 1.0 / np.maximum(np.concatenate([1.0 / size, dt / size, np.zeros(m)]), caused)
 
     def after(z: Array) -> Array:
         x, v, u = np.split(unit * z, [n, 2 * n])
