@@ -71,6 +71,8 @@ class Candidate:
         for name, value in self.options.items():
             if name == "dt":
                 parts.append(f"dt {value * 1e3:.4g} ms")
+            elif name == "period_correction":
+                parts.append("period corrected")
             elif name != "formulation":
                 parts.append(f"{name} {value:g}")
         return ", ".join(parts)

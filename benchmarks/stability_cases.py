@@ -236,7 +236,9 @@ def _corrected(more: int) -> Iterator[Case]:
     yield from _grid(method=["exact"], drive=["pulse", "thrown"], options=given, slender=[1e2, 1e4, 1e8],
                      h=[0.003, 0.03], links=[1, 2], horizon=[1.5])  # fmt: skip
     yield from _grid(method=["exact"], drive=["pulse", "ramp"], options=given, zeta=[0.01, 0.5, 5.0],
-                     h=[0.003, 0.03, 0.2], amplitude=[0.5])  # fmt: skip
+                     h=[0.003, 0.03, 0.2], amplitude=[0.5], rho=[None, 1.0])  # fmt: skip
+    yield from _grid(method=["exact"], drive=["spin"], options=given, amplitude=[0.3, 1.2, 5.0], slender=[1e3, 1e6],
+                     h=[0.002, 0.02], rho=[None, 0.9, 1.0])  # fmt: skip
 
 
 def _random(more: int) -> Iterator[Case]:

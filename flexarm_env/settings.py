@@ -82,7 +82,8 @@ class Settings:
         modes: bending modes per segment, 1 to 8, in place of elements and coupling (floating_frame).
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
         period_correction: take the integrator's error of the period out of each step (geometrically_exact, default
-            False; the elastica always does).
+            False; the elastica always does). A step whose correction would be more than 3 % of the arm's length, or in
+            which no Newton increment is below 1 % of it and the root of the tolerance, is left as it is.
         nodes: tangent angles per link, 3 to 12 (elastica, default 6).
         dt: step, s; None takes the scene's.
         rho_inf: spectral radius of generalized-alpha at infinite frequency, 0 to 1 (defaults 0.9, 0.7 and 1.0).
@@ -176,9 +177,10 @@ class Settings:
 
     @property
     def period_error(self) -> float:
-        """kappa: the integrator makes a period longer by the share kappa (omega h)^2 (docs: theory, section 5)."""
+        """kappa: the integrator makes a period longer by the share kappa (omega h)^2 (docs: theory, section 6)."""
         if self.newmark is not None:
-            return max(0.0, 0.5 * self.newmark[0] - 1.0 / 24.0)
+            beta, excess = self.newmark[0], self.newmark[1] - 0.5
+            return max(0.0, 0.5 * beta - 1.0 / 24.0 - excess * (0.25 - 0.125 * excess))
         assert self.rho_inf is not None
         return 1.0 / 12.0 + 0.375 * ((1.0 - self.rho_inf) / (1.0 + self.rho_inf)) ** 2
 

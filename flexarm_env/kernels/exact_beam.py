@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from ..model import ExactBeam
 from .exact_element import VERTEX, backward, forces, forward, tangent, turns
-from .exact_inertia import inertia
+from .exact_inertia import inertia, turn
 from .exact_output import dissipation, energy, link_poses, out_of_range, ports, predict, shape
 from .jit import kernel
 from .lanes import load, splat, store
@@ -369,6 +369,7 @@ register(
     predict=predict,
     assemble=assemble,
     inertia=inertia,
+    turn=turn,
     constrain=constrain,
     pin=pin,
     factor=factor,

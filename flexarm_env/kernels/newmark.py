@@ -297,7 +297,7 @@ def advance_bare(lane, model, drive, par, flat, w, t, h, n_steps, scheme, books)
                         break
                 continue
             corrected = correct_period(
-                lane, model, drive, par, model.correction, scheme.tolerance, w, corrected, active, c_m, piece
+                lane, model, drive, par, model.correction, scheme.tolerance, w, corrected, active, c_v, c_m, piece
             )
             increment = _correct(
                 lane, n, flat, model.algebraic, model.correction, w.shift, model.weight, active, c_b, c_v, c_m

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import math
 
+from ..model import TAU_D
 from .jit import kernel
 from .lanes import absolute, largest, load, maximum, select_lt, splat, store
-from .protocol import inertia, size, solve
+from .protocol import inertia, size, solve, turn
 from .work import take_out_known
 
 NEAR, FAR = 0.01, 0.03
@@ -35,7 +36,7 @@ def _filtered(lane, model, drive, par, w, c_m, x, y):  # type: ignore[no-untyped
 
 
 @kernel
-def correct_period(lane, model, drive, par, correction, tolerance, w, corrected, active, c_m, h):  # type: ignore[no-untyped-def]
+def correct_period(lane, model, drive, par, correction, tolerance, w, corrected, active, c_v, c_m, h):  # type: ignore[no-untyped-def]
     """Where Newton's increment -r of an `active` arm is small for the first time in a step, w.shift <- the correction d
     and r <- what brings a and v to the step so corrected; elsewhere w.shift <- 0. Returns which arms are corrected."""
     if correction is None:
@@ -50,7 +51,11 @@ def correct_period(lane, model, drive, par, correction, tolerance, w, corrected,
         d, y = w.shift[: n * len(lane)], w.shift[n * len(lane) :]
         for k in range(n):
             store(d, k, (load(lane, w.a, k) - load(lane, w.a0, k)) - load(lane, w.r, k) * c_m)
+        take_out_known(lane, model, drive, d, w.S, False)
+        turn(lane, model, w.q0, w.q, 0.5, d)  # S belongs to the step's end, the difference to its middle
         _filtered(lane, model, drive, par, w, c_m, d, y)
+        turn(lane, model, w.q0, w.q, -0.5, y)
+        take_out_known(lane, model, drive, y, w.S, False)
         shift = zero
         for k in range(n):
             moved = load(lane, y, k) * (-correction * h * h)
@@ -60,6 +65,7 @@ def correct_period(lane, model, drive, par, correction, tolerance, w, corrected,
         for k in range(n):
             store(d, k, select_lt(0.5, small, load(lane, d, k), zero))
         _filtered(lane, model, drive, par, w, c_m, d, y)
-        for k in range(n):  # the shift as a residual is K d = (S - c_m M) d, up to damping
-            store(w.r, k, (load(lane, w.r, k) + load(lane, d, k)) - load(lane, y, k))
+        share = 1.0 / (1.0 + load(lane, par, TAU_D) * c_v)
+        for k in range(n):  # the shift as a residual is K d, and S - c_m M = (1 + tau_d c_v) K
+            store(w.r, k, load(lane, w.r, k) + (load(lane, d, k) - load(lane, y, k)) * share)
     return maximum(now, corrected)

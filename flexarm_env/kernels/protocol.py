@@ -22,6 +22,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         rows of multipliers belong to `constrain`, except that columns of multipliers are scaled by cm;
         cm = 0 asks for the residual alone and must leave S as it is
     inertia(lane, model, par, a, r)  only where correction is not None: r = M a, M being constant
+    turn(lane, model, start, q, share, x)   likewise: turn each vector in x by a share of what the body there turns by
+        from start to q
     constrain(lane, model, psi, q, v, a, level, scale, r)
         the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
     pin(lane, model, S, k)           replace row and column k of S by those of the identity
@@ -91,6 +93,7 @@ def _dispatched(name: str, arguments: str) -> Callable[..., Any]:
 
 assemble = _dispatched("assemble", "lane, model, par, q, v, a, u, cm, cc, ck, r, S")
 inertia = _dispatched("inertia", "lane, model, par, a, r")
+turn = _dispatched("turn", "lane, model, start, q, share, x")
 predict = _dispatched("predict", "lane, model, start, q")
 constrain = _dispatched("constrain", "lane, model, psi, q, v, a, level, scale, r")
 pin = _dispatched("pin", "lane, model, S, k")
