@@ -338,6 +338,21 @@ def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):  # type:
     return [kinetic, strain, lost, moments[X] * ml, moments[Y] * ml]
 
 
+def _small_turn(w: Any) -> tuple[Any, Any]:
+    """Sine and cosine of a small angle to its sixth power."""
+    z = w * w
+    return w + w * (z * (z * (1.0 / 120.0) - 1.0 / 6.0)), z * (z * (1.0 / 24.0 - z * (1.0 / 720.0)) - 0.5) + 1.0
+
+
+@traced(lambda p: 0)
+def turn_pair(lane, order, x, w):  # type: ignore[no-untyped-def]
+    """Turn the vector at the beginning of x by a small angle w."""
+    s, c = _small_turn(w)
+    ahead, aside = load(lane, x, 0), load(lane, x, 1)
+    store(x, 0, c * ahead - s * aside)
+    store(x, 1, s * ahead + c * aside)
+
+
 @traced(lambda p: 2)
 def carry(lane, order, start, q, turn, new_turn, x, y):  # type: ignore[no-untyped-def]
     """Interior and right positions in q from the left one (x, y) and the angles in q, with the strains of `start`.
@@ -353,10 +368,7 @@ def carry(lane, order, start, q, turn, new_turn, x, y):  # type: ignore[no-untyp
     dx, dy = (_slopes(sums, t, _axis(lane, start, p, k))[1] for k in (X, Y))
     moved = ([], [])
     for g in range(p):
-        w = angle[g]
-        z = w * w
-        s = w + w * (z * (z * (1.0 / 120.0) - 1.0 / 6.0))
-        c = z * (z * (1.0 / 24.0 - z * (1.0 / 720.0)) - 0.5) + 1.0
+        s, c = _small_turn(angle[g])
         moved[X].append(c * dx[g] - s * dy[g])
         moved[Y].append(s * dx[g] + c * dy[g])
     ends = []

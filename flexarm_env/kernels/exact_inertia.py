@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .exact_element import momentum
+from .exact_element import momentum, turn_pair
 from .jit import kernel
 from .lanes import load, splat, store
 
@@ -40,23 +40,12 @@ def inertia(lane, model, par, a, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _turn_pair(lane, x, k, w):  # type: ignore[no-untyped-def]
-    """Turn (x, y) at row k by the angle w, sine and cosine to its sixth power."""
-    z = w * w
-    s = w + w * (z * (z * (1.0 / 120.0) - 1.0 / 6.0))
-    c = z * (z * (1.0 / 24.0 - z * (1.0 / 720.0)) - 0.5) + 1.0
-    ahead, aside = load(lane, x, k), load(lane, x, k + 1)
-    store(x, k, c * ahead - s * aside)
-    store(x, k + 1, s * ahead + c * aside)
-
-
-@kernel
 def turn(lane, model, start, q, share, x):  # type: ignore[no-untyped-def]
     """Turn each node's vector (x, y) in x by a share of what its section turns by from start to q."""
-    links, p = model.links, len(model.order)
+    order, links, p = model.order, model.links, len(model.order)
     deltas = 3 * p * model.elements * links + 3
     left = load(lane, q, 2) - load(lane, start, 2)
-    _turn_pair(lane, x, 0, left * share)
+    turn_pair(lane, order, x, left * share)
     i = 3
     for k in range(links):
         if k > 0:
@@ -65,7 +54,7 @@ def turn(lane, model, start, q, share, x):  # type: ignore[no-untyped-def]
             last = i + 3 * (p - 1)
             right = load(lane, q, last + 2) - load(lane, start, last + 2)
             for j in range(p - 1):
-                _turn_pair(lane, x, i + 3 * j, (left + right) * (0.5 * share))
-            _turn_pair(lane, x, last, right * share)
+                turn_pair(lane, order, x[(i + 3 * j) * len(lane) :], (left + right) * (0.5 * share))
+            turn_pair(lane, order, x[last * len(lane) :], right * share)
             left = right
             i = last + 3
