@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from benchmarks.stability_cases import cases, scene_of
 from flexarm_env import scenes
 from flexarm_env.kernels.equations import equations
 from flexarm_env.kernels.exact_inertia import inertia
@@ -192,6 +193,19 @@ def test_energy_stays_near_over_many_steps() -> None:
         assert abs(tenths[-1] - tenths[0]) < 1e-5 * (dt / 0.01) ** 2
         wobble.append(np.ptp(energies) / energies[0])
     assert wobble[1] < 1e-4 and wobble[0] / wobble[1] > 3.5
+
+
+def test_what_a_jump_of_the_velocity_leaves_is_not_corrected() -> None:
+    """A hub whose prescribed rate jumps by radians a second: if corrected, it gained energy and failed."""
+    case = next(
+        case for case in cases()
+        if case["family"] == "period corrected" and case["drive"] == "jumps" and case["rho"] is None
+        and case["amplitude"] == 10.0 and case["h"] == pytest.approx(1e-3)
+    )  # fmt: skip
+    scene, formulation, options = scene_of(case)
+    run = simulate(scene, formulation, estimate_error=False, **options)
+    assert run.finished and run.halvings == 0
+    assert run.balance.max() < 0.01 * np.abs(run.work).max()
 
 
 @pytest.mark.parametrize(
