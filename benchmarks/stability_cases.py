@@ -183,7 +183,7 @@ def _damping(more: int) -> Iterator[Case]:
     zeta = [0.0, 1e-3, 0.01, 0.1, 0.5, 1.0, 2.0, 5.0]
     yield from _grid(method=MAIN, zeta=zeta, h=np.geomspace(1e-3, 0.3, 6 * more).tolist(), drive=["pulse", "ramp"],
                      amplitude=[0.5])  # fmt: skip
-    yield from _grid(method=["floating frame", "modes"], mass_damping=[0.01, 1.0, 30.0], h=[0.003, 0.03, 0.2],
+    yield from _grid(method=["one frame", "modes"], mass_damping=[0.01, 1.0, 30.0], h=[0.003, 0.03, 0.2],
                      drive=["pulse", "ramp"], amplitude=[0.5])  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,8 +133,9 @@ def estimate(
 ) -> tuple[dict[str, float], str]:
     """The parts of time step and mesh, as fractions of L, and why one of them is infinite.
 
-    mine: the run itself, sampled each `sample` s. run: a companion, from settings, a sampling interval and, where steps
-    are fitted to a tolerance, the halvings of dt in each stretch (`Trajectory.step_levels`). levels: those of the run.
+    mine: the run itself, sampled each `sample` s. run: a companion, from a scene, settings, a sampling interval and,
+    where steps are fitted to a tolerance, the halvings of dt in each stretch (`Trajectory.step_levels`). levels: those
+    of the run. Drag (`Arm.mass_damping`) belongs to one mesh: meshes are then compared without it, under the same drive.
     """
     dt = settings.dt
     assert dt is not None
@@ -142,22 +143,27 @@ def estimate(
     steps = count_steps(scene, end, sample, dt)
     companion = Probe(mine.t, mine.tip, False)
     doubled = settings.replace(dt=2.0 * dt)
+    drag = scene.arm.mass_damping > 0.0
+    bare = replace(scene, arm=replace(scene.arm, mass_damping=0.0)) if drag else scene
     if settings.step_tolerance is not None:
         other, factor = other_mesh(settings)
-        time_step = HALF * distance(mine, run(settings, sample, [level - 1 for level in levels]))
-        mesh = factor * distance(mine, run(other, sample, levels))
+        time_step = HALF * distance(mine, run(scene, settings, sample, [level - 1 for level in levels]))
+        base = run(bare, settings, sample, levels) if drag else mine
+        mesh = factor * distance(base, run(bare, other, sample, levels))
         return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
     if count_steps(scene, end, wide, 2.0 * dt) <= 0.75 * steps:
-        companion = run(doubled, wide)
+        companion = run(scene, doubled, wide)
         time_step = HALF * distance(mine, companion)
     if not companion.good:  # kinks or samples in each step, or too long a step: look at a shorter one
         doubled, wide = settings, sample
         companion = mine
-        time_step = 2.0 * distance(mine, run(settings.replace(dt=0.5 * dt), sample))
+        time_step = 2.0 * distance(mine, run(scene, settings.replace(dt=0.5 * dt), sample))
     other, factor = other_mesh(doubled)
-    mesh = factor * distance(companion, run(other, wide))
+    base = run(bare, doubled, wide) if drag else companion
+    mesh = factor * distance(base, run(bare, other, wide))
     if math.isinf(mesh):
-        mesh = distance(mine, run(finer_mesh(settings).replace(dt=0.5 * dt), sample))
+        base = run(bare, settings, sample) if drag else mine
+        mesh = distance(base, run(bare, finer_mesh(settings).replace(dt=0.5 * dt), sample))
     return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
 
 

@@ -138,7 +138,9 @@ class Arm:
         elbows: N-1 elbows, or () for massless ones.
         payload: at the tip of the last link.
         tau_d: Kelvin-Voigt time constant, s: stress = D (strain + tau_d strain rate), so zeta_k = tau_d omega_k / 2.
-        mass_damping: 1/s, floating-frame formulation only: C = mass_damping M + tau_d K on elastic coordinates.
+        mass_damping: 1/s, drag on what a link, its elbow's mass and the payload move relative to the link's floating
+            frame, eq. [65]: zeta_k gains mass_damping / (2 omega_k). Only one frame a link (formulation
+            "floating_frame" with segments=1 or modes alone) has it; elsewhere an error.
         torque_limits: N positive numbers, N m, or None (no limit).
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).

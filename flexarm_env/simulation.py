@@ -387,8 +387,8 @@ def judge(
     why = ""
     if companions:
 
-        def companion(its_settings: Settings, its_interval: float, levels: Sequence[int] = ()) -> accuracy.Probe:
-            return _probe(scene, its_settings, end, its_interval, time_limit, levels)
+        def companion(its: Scene, own: Settings, its_interval: float, levels: Sequence[int] = ()) -> accuracy.Probe:
+            return _probe(its, own, end, its_interval, time_limit, levels)
 
         mine = accuracy.Probe(trajectory.t, trajectory.tip[:, :2], True)
         found, why = accuracy.estimate(scene, settings, mine, end, interval, companion, trajectory.step_levels)

@@ -209,46 +209,76 @@ def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-u
 
 
 @kernel
-def coupling_force(m, body, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
-    """Axial-bending coupling of each element: P G w [45], and with it the foreshortening in von Karman's energy."""
-    d, e, half, n = m.data, m.table[body, START] + 3, m.half, m.table[body, SIZE]
+def element_places(m, body, element):  # type: ignore[no-untyped-def]
+    """Row of u of an element's first node (its v, phi and the second node's follow; the clamped root has none), and
+    where in `data` its G stands, EA / l one before."""
+    n = m.table[body, SIZE]
+    first = m.table[body, START] + 3 * element
+    return first, m.table[body, BLOCK] + VECTORS + 7 * n * (1 + n) + 17 * element + 1
+
+
+@kernel
+def bending(x, first, inner):  # type: ignore[no-untyped-def]
+    """v, phi of both nodes of an element; inner: its first node is not the clamped root."""
+    if inner:
+        return x[first + 1], x[first + 2], x[first + 4], x[first + 5]
+    return 0.0, 0.0, x[first + 4], x[first + 5]
+
+
+@kernel
+def times(d, g, w):  # type: ignore[no-untyped-def]
+    """G w, four numbers; G (4, 4) at d[g:]."""
+    return (
+        d[g] * w[0] + d[g + 1] * w[1] + d[g + 2] * w[2] + d[g + 3] * w[3],
+        d[g + 4] * w[0] + d[g + 5] * w[1] + d[g + 6] * w[2] + d[g + 7] * w[3],
+        d[g + 8] * w[0] + d[g + 9] * w[1] + d[g + 10] * w[2] + d[g + 11] * w[3],
+        d[g + 12] * w[0] + d[g + 13] * w[1] + d[g + 14] * w[2] + d[g + 15] * w[3],
+    )
+
+
+@kernel
+def along(x, y):  # type: ignore[no-untyped-def]
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2] + x[3] * y[3]
+
+
+@kernel
+def coupling_force(m, body, damp, q, v, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+    """Axial-bending coupling of each element: P G w [45], and with von Karman's stretch e = u2 - u1 + w'Gw / 2 what its
+    energy EA e^2 / 2l and its dissipation EA damp e'^2 / 2l (theory, eqs. 1.2, 1.3) add to the linear axial forces."""
+    d, half = m.data, m.half
     full = m.coupling == VON_KARMAN
     for element in range(m.table[body, ELEMENTS]):
-        first = e + 3 * (element - 1)  # rows of the element's first node; the clamped root has none
-        g = m.table[body, BLOCK] + VECTORS + 7 * n * (1 + n) + 17 * element + 1
-        ea = d[g - 1]
-        stretch = q[first + 3] - (q[first] if element > 0 else 0.0)
-        w0 = q[first + 1] if element > 0 else 0.0
-        w1 = q[first + 2] if element > 0 else 0.0
-        w2, w3 = q[first + 4], q[first + 5]
-        wgw = 0.0
-        for i in range(4):
-            gw = d[g + 4 * i] * w0 + d[g + 4 * i + 1] * w1 + d[g + 4 * i + 2] * w2 + d[g + 4 * i + 3] * w3
-            wgw += gw * (w0 if i == 0 else w1 if i == 1 else w2 if i == 2 else w3)
-        force = ea * (stretch + (0.5 * wgw if full else 0.0))  # axial force P
+        first, g = element_places(m, body, element)
+        inner, ea = element > 0, d[g - 1]
+        w, rate = bending(q, first, inner), bending(v, first, inner)
+        gw, grate = times(d, g, w), times(d, g, rate)
+        force = ea * (q[first + 3] - (q[first] if inner else 0.0))  # axial force P
+        both, lag = ck, 0.0  # weights of a change of Gw: by position and rate, and of a change of Gw'
         if full:
-            r[first + 3] += 0.5 * ea * wgw
-            if element > 0:
-                r[first] -= 0.5 * ea * wgw
-        low = 0 if element > 0 else 2
-        for i in range(low, 4):
-            row = first + 1 + i + (i // 2)
-            gw = d[g + 4 * i] * w0 + d[g + 4 * i + 1] * w1 + d[g + 4 * i + 2] * w2 + d[g + 4 * i + 3] * w3
-            r[row] += force * gw
+            shortening, lost = 0.5 * along(w, gw), along(w, grate)  # and its rate
+            extra = ea * (shortening + damp * lost)
+            force += extra + damp * ea * (v[first + 3] - (v[first] if inner else 0.0))
+            r[first + 3] += extra
+            if inner:
+                r[first] -= extra
+            both, lag = ck + cc * damp, ck * damp
+        for i in range(0 if inner else 2, 4):
+            row = first + 1 + i + i // 2
+            r[row] += force * gw[i]
             if cm != 0.0:
-                add_entry(S, half, row, first + 3, ck * ea * gw)
-                if element > 0:
-                    add_entry(S, half, row, first, -ck * ea * gw)
+                add_entry(S, half, row, first + 3, both * ea * gw[i])
+                if inner:
+                    add_entry(S, half, row, first, -both * ea * gw[i])
                 if full:
-                    add_entry(S, half, first + 3, row, ck * ea * gw)
-                    if element > 0:
-                        add_entry(S, half, first, row, -ck * ea * gw)
-                for j in range(low, 4):
-                    x = force * d[g + 4 * i + j]
+                    turned = ea * (both * gw[i] + lag * grate[i])
+                    add_entry(S, half, first + 3, row, turned)
+                    if inner:
+                        add_entry(S, half, first, row, -turned)
+                for j in range(0 if inner else 2, 4):
+                    x = ck * force * d[g + 4 * i + j]
                     if full:
-                        other = d[g + 4 * j] * w0 + d[g + 4 * j + 1] * w1
-                        x += ea * gw * (other + d[g + 4 * j + 2] * w2 + d[g + 4 * j + 3] * w3)
-                    add_entry(S, half, row, first + 1 + j + (j // 2), ck * x)
+                        x += ea * gw[i] * (both * gw[j] + lag * grate[j])
+                    add_entry(S, half, row, first + 1 + j + j // 2, x)
 
 
 @kernel
@@ -311,6 +341,27 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
             if modal and j >= 3:
                 entry -= ck * fx * m.data[fore + i * n + j - 3]
             add_entry(S, half, e + i, at + j, entry)
+
+
+@kernel
+def payload_drag(m, body, mass, inertia, q, v, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+    """The payload's share of damping that goes with mass: drag on how it moves in the body's frame."""
+    nose, fore = tip_places(m, body)
+    e, n, half = m.table[body, START] + 3, m.table[body, SIZE], m.half
+    mass, inertia = m.mass_damping * mass, m.mass_damping * inertia
+    tx, ty, turn = tip_rate(m, body, q, v)
+    modal = m.table[body, ELEMENTS] == 0
+    for i in range(n):
+        x, y = tip_gradient(m, body, q, i)
+        phi = m.data[nose + 2 * n + i]
+        r[e + i] += mass * (x * tx + y * ty) + inertia * phi * turn
+        if cm != 0.0:
+            for j in range(n):
+                px, py = tip_gradient(m, body, q, j)
+                entry = cc * (mass * (x * px + y * py) + inertia * phi * m.data[nose + 2 * n + j])
+                if modal:
+                    entry -= ck * mass * (x * line(m.data, fore, j, v, e, n) + tx * m.data[fore + i * n + j])
+                add_entry(S, half, e + i, e + j, entry)
 
 
 @kernel

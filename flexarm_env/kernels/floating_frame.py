@@ -26,16 +26,21 @@ from .floating_body import (
     STATIONS,
     VECTORS,
     add_entry,
+    along,
+    bending,
     body_residual,
     coupling_force,
     dot,
+    element_places,
     lost_inertia,
+    payload_drag,
     payload_residual,
     quadratic,
     tip_force,
     tip_gradient,
     tip_position,
     tip_rate,
+    times,
 )
 from .jit import kernel
 from .linalg import band_lu, band_lu_solve
@@ -85,7 +90,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
     for body in range(last + 1):
         body_residual(m, par, body, q, v, a, cm, cc, ck, r, S)
         if m.coupling != LINEAR and m.table[body, ELEMENTS] > 0:
-            coupling_force(m, body, q, cm, ck, r, S)
+            coupling_force(m, body, par[3], q, v, cm, cc, ck, r, S)
         at = m.table[body, START]
         if body == 0 or m.table[body, LINK] != m.table[body - 1, LINK]:
             r[at + 2] -= u[m.table[body, LINK]]
@@ -104,6 +109,8 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
                 _joint_columns(m, body, q, cm, S)
     if par[0] != 0.0 or par[1] != 0.0:
         payload_residual(m, last, par[0], par[1], q, v, a, cm, cc, ck, r, S)
+        if m.mass_damping != 0.0:
+            payload_drag(m, last, par[0], par[1], q, v, cm, cc, ck, r, S)
     for i in range(m.loads.shape[0]):
         body, k = m.loads[i, 0], m.n_links + 3 * i
         if m.loads[i, 1] == 0:
@@ -201,38 +208,52 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """v'C v over the elastic coordinates, W."""
+    """Twice Rayleigh's dissipation function, W: what damping takes from the elastic coordinates and the payload."""
     m = model
     power = 0.0
-    for body in range(m.table.shape[0]):
+    last = m.table.shape[0] - 1
+    for body in range(last + 1):
         e, n = m.table[body, START] + 3, m.table[body, SIZE]
         p = m.table[body, BLOCK] + VECTORS
         if par[3] != 0.0:
             power += par[3] * quadratic(m.data, p + n * (7 + 3 * n), v, v, e, n)
             power += par[3] * par[2] * quadratic(m.data, p + n * (7 + 4 * n), v, v, e, n)
+            if m.coupling == VON_KARMAN:
+                power += par[3] * _coupling_loss(m, body, q, v)
         if m.mass_damping != 0.0:
             power += m.mass_damping * quadratic(m.data, p + n * (7 + n), v, v, e, n)
+            if body == last:
+                x, y, turn = tip_rate(m, body, q, v)
+                power += m.mass_damping * (par[0] * (x * x + y * y) + par[1] * turn * turn)
     return power
 
 
 @kernel
-def _coupling_energy(m, body, q):  # type: ignore[no-untyped-def]
-    d, e, n = m.data, m.table[body, START] + 3, m.table[body, SIZE]
-    p = m.table[body, BLOCK] + VECTORS
+def _coupling_loss(m, body, q, v):  # type: ignore[no-untyped-def]
+    """What the squared rates of von Karman's stretches have beyond those of the linear ones, times EA / l; N m / s^2."""
     total = 0.0
     for element in range(m.table[body, ELEMENTS]):
-        first = e + 3 * (element - 1)
-        g = p + 7 * n * (1 + n) + 17 * element + 1
-        ea = d[g - 1]
-        stretch = q[first + 3] - (q[first] if element > 0 else 0.0)
-        wgw = 0.0
-        for i in range(0 if element > 0 else 2, 4):
-            for j in range(0 if element > 0 else 2, 4):
-                wgw += q[first + 1 + i + i // 2] * d[g + 4 * i + j] * q[first + 1 + j + j // 2]
+        first, g = element_places(m, body, element)
+        inner = element > 0
+        linear = v[first + 3] - (v[first] if inner else 0.0)
+        lost = along(bending(v, first, inner), times(m.data, g, bending(q, first, inner)))
+        total += m.data[g - 1] * lost * (2.0 * linear + lost)
+    return total
+
+
+@kernel
+def _coupling_energy(m, body, q):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for element in range(m.table[body, ELEMENTS]):
+        first, g = element_places(m, body, element)
+        inner = element > 0
+        stretch = q[first + 3] - (q[first] if inner else 0.0)
+        w = bending(q, first, inner)
+        wgw = along(w, times(m.data, g, w))
         if m.coupling == VON_KARMAN:
-            total += 0.5 * ea * (stretch * wgw + 0.25 * wgw * wgw)
+            total += 0.5 * m.data[g - 1] * (stretch * wgw + 0.25 * wgw * wgw)
         else:
-            total += 0.5 * ea * stretch * wgw  # q'K(q)q/2 of eq. [43]; no potential of the paper's force exists
+            total += 0.5 * m.data[g - 1] * stretch * wgw  # q'K(q)q/2 of eq. [43]; the paper's force has no potential
     return total
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import validation as check
 from ..model import Drive, Elastica, System
 from ..scene import JointTorque, Scene
 from ..settings import Settings
@@ -20,7 +21,18 @@ _BUILDERS = {
 
 
 def assemble(scene: Scene, settings: Settings) -> System:
-    """The scene's System in the formulation that the settings name."""
+    """The scene's System in the formulation that the settings name.
+
+    Raises:
+        ValueError: the arm has drag (`mass_damping`) where no frame a link is there for it.
+    """
+    drag, segments = scene.arm.mass_damping, settings.segments
+    if drag > 0.0 and (settings.formulation != "floating_frame" or segments not in (None, 1)):
+        given = settings.formulation if segments is None else f"floating_frame in {segments} segments a link"
+        raise check.InvalidValue(
+            "mass_damping", drag, f"must be 0 under {given}: it is drag relative to a link's frame, which one floating "
+            "frame a link has (segments=1, or modes alone); tau_d damps under every formulation"
+        )  # fmt: skip
     module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
     system: System = module.build(scene, settings)
     return system

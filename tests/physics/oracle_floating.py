@@ -206,27 +206,29 @@ class Oracle:
         r[rows] = 0.0
         return r
 
-    def _elastic(self) -> Array:
-        return np.concatenate([np.arange(at + 3, at + 3 + self.n_elastic) for at in self.starts])
+    def dissipation(self, q: Array, v: Array) -> Any:
+        """Rayleigh's function R(q, v): half the power that damping takes. Kelvin-Voigt: stress = D tau_d (rate of
+        strain), so tau_d times the strain energy at the rates of the strains, the stretch's at the posture q. Drag:
+        half of mass_damping times the mass that moves relative to its body's frame."""
+        arm, total = self.scene.arm, 0.0
+        for b, k in enumerate(self.links):
+            section, at = arm.links[k].section, self.starts[b]
+            elastic = slice(at + 3, at + 3 + self.n_elastic)
+            for places in self.quadrature[b]:
+                moved, length = self._stretch(b, places, q[elastic] + 1j * STEP * v[elastic])
+                total += 0.5 * arm.tau_d * section.EA / length * (moved.imag / STEP) ** 2
+                for place, dx in places:
+                    _, _, phi, slope, curvature = place.rows @ v[elastic]
+                    total += 0.5 * arm.tau_d * dx * (section.EI * curvature**2 + section.C * (slope - phi) ** 2)
+        within = v.copy()
+        for at in self.starts:
+            within[at : at + 3] = 0.0
+        return total + arm.mass_damping * self.kinetic(q, within)
 
     def _damping(self, q: Array, v: Array) -> Array:
-        """(mass_damping M + tau_d K) v on the elastic coordinates, without the payload's mass."""
-        elastic, arm = self._elastic(), self.scene.arm
-        r, stiffness = np.zeros(self.n), np.zeros((self.n, self.n))
-        linear = Oracle(self.scene, self.segments, self.elements, "linear")
-        for k in elastic:
-            for i in elastic:  # gradient of a quadratic form at unit vectors
-                moved = np.zeros(self.n, dtype=complex)
-                moved[i] = 1.0
-                moved[k] += 1j * STEP
-                stiffness[k, i] = linear.strain(moved).imag / STEP
-        mass = np.zeros((self.n, self.n))
-        for b, place, m, inertia in self.masses()[:-1]:
-            j = self.jacobian(b, place, q)
-            mass += j.T @ (np.array([m, m, inertia])[:, None] * j)
-        block = np.ix_(elastic, elastic)
-        r[elastic] = (arm.mass_damping * mass[block] + arm.tau_d * stiffness[block]) @ v[elastic]
-        return r
+        """dR/dv, exact for what is quadratic in v."""
+        unit = np.eye(self.n)
+        return np.array([0.5 * (self.dissipation(q, v + e) - self.dissipation(q, v - e)) for e in unit])
 
     def _loads(self, q: Array, u: Array) -> Array:
         """Generalised forces of joint torques and point loads, by virtual work."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,8 @@ def pair(request: pytest.FixtureRequest) -> tuple[Kernel, Oracle]:
     """Package and oracle for one mesh of the chain."""
     segments, elements, coupling = request.param
     scene = chain()
+    if segments > 1:  # drag belongs to links of one frame
+        scene = replace(scene, arm=replace(scene.arm, mass_damping=0.0))
     kernel = Kernel(scene, segments=segments, elements=elements, coupling=coupling)
     return kernel, Oracle(scene, segments, elements, coupling)
 
@@ -149,6 +152,25 @@ def test_energies(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None
     assert gravity == pytest.approx(oracle.gravity(q), rel=1e-12)
     if oracle.coupling != "paper":  # its force has no potential
         assert strain == pytest.approx(oracle.strain(q), rel=1e-12)
+
+
+def test_dissipation_is_that_of_the_strain_rates(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None:
+    kernel, oracle = pair
+    q, v, a, u = kernel.state(rng)
+    power = kernel.functions["dissipation"](SINGLE, kernel.model, kernel.par, q, v)
+    assert power == pytest.approx(2.0 * oracle.dissipation(q, v), rel=1e-12)
+
+
+def test_damping_forces_take_the_dissipated_power(rng: np.random.Generator) -> None:
+    """Virtual work: the forces of damping on the rates are the power that is booked, modes and drag included."""
+    scene = chain()
+    for mesh in ({"segments": 1, "elements": 2}, {"modes": 3}, {"segments": 1, "elements": 2, "coupling": "paper"}):
+        damped = Kernel(scene, **mesh)
+        free = Kernel(replace(scene, arm=replace(scene.arm, mass_damping=0.0, tau_d=0.0)), **mesh)
+        state = damped.state(rng)
+        taken = state[1] @ (damped.residual(*state) - free.residual(*state))
+        power = damped.functions["dissipation"](SINGLE, damped.model, damped.par, *state[:2])
+        assert taken == pytest.approx(power, rel=1e-10) and power > 0.1
 
 
 def test_constraints_and_their_rates(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None:
