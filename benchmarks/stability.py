@@ -7,9 +7,10 @@ runs/benchmarks while it runs, so that a run that was stopped goes on where it w
 
 A run is silently wrong where its status is "ok" and
   (i)  energy appeared: dE + D - W is above 1e-2 of gross work and initial energy, or the scheme took more than a tenth;
-  (ii) its tip is further from the converged solution than 5 % of L and than ten times its `error_estimate`.
-(i) is asked of every case that ended, (ii) of every fourth whose converged solution is one: two meshes and steps of it
-agree within 1 % of L. The exit code is 1 where a run was silently wrong, returned a NaN, raised or took too long.
+  (ii) its tip is further from the converged solution than 1 % of L and than five times its `error_estimate`.
+(i) is asked of every case that ended; (ii) of all that have damping as their subject and of every fourth of the others,
+where the converged solution is one: two meshes and steps of it agree within 0.3 % of L, and there is no drag, which the
+exact beam has not. Of the rest it is not known whether the tip is right, and the page says how many those are. The exit code is 1 where a run was silently wrong, returned a NaN, raised or took too long.
 """
 
 from __future__ import annotations
@@ -42,10 +43,14 @@ ROOT = Path(__file__).parents[1]
 STORE = ROOT / "runs" / "benchmarks"
 TIME_LIMIT = 20.0
 """s that the run itself, and each of its companions, may take."""
-GAIN, LOSS, TIP, TRUST = 1e-2, 0.1, 0.05, 10.0
+GAIN, LOSS, TIP, TRUST = 1e-2, 0.1, 0.01, 5.0
 """What makes a run wrong: energy found or taken, as shares; tip error as a share of L, and over the estimate."""
-REFERENCE_SPREAD = 0.01
+REFERENCE_SPREAD = 0.003
+LONG_STEP_TIP = 0.05
+"""Of the runs with long steps on the paper's scenes."""
 EVERY = 4
+ALWAYS = ("damping", "damped and bent")
+"""Families whose tips are all asked: damping leaves no trace in the energy's balance, whatever it damps."""
 OUTCOMES = ("ok", "inaccurate", "failed", "silently wrong", "broken")
 
 
@@ -182,6 +187,7 @@ def report(rows: Sequence[dict[str, Any]], hard: list[dict[str, Any]], long: lis
         "statuses": dict(Counter(row["status"] for row in rows)),
         "energy_checked": sum(row["status"] == "ok" for row in rows),
         "tip_checked": sum(row["status"] == "ok" for row in good),
+        "tip_not_asked": _not_asked(rows),
         "tip_checked_inaccurate": sum(row["status"] == "inaccurate" for row in good),
         "references": dict(Counter(row["reference"] for row in checked)),
         "estimate_over_error": _ratios(good),
@@ -193,13 +199,23 @@ def report(rows: Sequence[dict[str, Any]], hard: list[dict[str, Any]], long: lis
                 "runs": sum(row["program"] == program for row in hard),
                 "failed": sum(row["program"] == program for row in failed),
                 "wrong by more than 5 % of L without a word": sum(
-                    row["program"] == program and row["status"] == "ok" and (row["error"] or 0.0) > TIP for row in hard
+                    row["program"] == program and row["status"] == "ok" and (row["error"] or 0.0) > LONG_STEP_TIP for row in hard
                 ),
             }
             for program in sorted({row["program"] for row in hard})
         },
         "long_runs": long,
     }
+
+
+def _not_asked(rows: Sequence[dict[str, Any]]) -> dict[str, int]:
+    """Why the tip of runs with status ok was not held against the converged solution, and how many those are."""
+    reasons: Counter[str] = Counter()
+    for row in rows:
+        if row["status"] == "ok" and row.get("reference") != "good":
+            drag = "drag, which the exact beam has not" if row["case"]["mass_damping"] else "not among the fourth asked"
+            reasons[f"converged solution: {row['reference']}" if row.get("reference") else drag] += 1
+    return dict(reasons)
 
 
 def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
@@ -220,8 +236,8 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
         f"and {cpu_seconds():.0f} s of processor time for what was not kept from before; cases "
         f"{found['case_seconds']:.0f} s in all", "",
         f"{found['cases']} cases. Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; "
-        f"the tip (ii) of {found['tip_checked']} of those, where the converged solution is one "
-        f"({', '.join(f'{k}: {v}' for k, v in found['references'].items())}). Longest case: "
+        f"the tip (ii) of {found['tip_checked']} of those. The tips of the other ones are not known to be right "
+        f"({', '.join(f'{k}: {v}' for k, v in found['tip_not_asked'].items())}). Longest case: "
         f"{found['longest_case']:.1f} s.", "",
         "| | " + " | ".join(OUTCOMES) + " |", "|---|" + "---|" * len(OUTCOMES),
     ]  # fmt: skip
@@ -271,12 +287,12 @@ def _short(value: Any) -> Any:
 
 
 def chosen(full: bool, limit: int | None) -> list[Case]:
-    """The cases, every fourth of a family and method (all of them with `full`) marked for (ii)."""
+    """The cases; all of the families ALWAYS, every fourth of the others by method (`full`: all) are marked for (ii)."""
     count: Counter[tuple[str, str]] = Counter()
     found = []
     for case in cases(full):
         key = (case["family"], case["method"])
-        found.append({**case, "check": full or count[key] % EVERY == 0})
+        found.append({**case, "check": full or case["family"] in ALWAYS or count[key] % EVERY == 0})
         count[key] += 1
     return found if limit is None else found[:: max(1, len(found) // limit)]
 

@@ -187,6 +187,17 @@ def _damping(more: int) -> Iterator[Case]:
                      drive=["pulse", "ramp"], amplitude=[0.5])  # fmt: skip
 
 
+def _bent(more: int) -> Iterator[Case]:
+    """Damped arms that are bent by a fifth of their length and more: by their weight, by full torques."""
+    methods = (*MAIN, "one frame")
+    zeta = [1e-3, 0.01, 0.05, 0.2, 1.0]
+    yield from _grid(method=methods, zeta=zeta, gravity=[0.7, 2.0], links=[1, 2], h=[0.002, 0.01],
+                     drive=["gravity", "pulse"], amplitude=[0.5], horizon=[1.5])  # fmt: skip
+    yield from _grid(method=methods, zeta=zeta, drive=["bang"], dwell=[0.7], amplitude=[1.0, 2.5], h=[0.002, 0.01],
+                     seed=list(range(more)))  # fmt: skip
+    yield from _grid(method=methods, zeta=zeta, drive=["root", "spin"], amplitude=[1.0], h=[0.002, 0.01])
+
+
 def _sizes(more: int) -> Iterator[Case]:
     counts = [1, 2, 3, 5, 8, 16, 32, 64]
     kinds: list[tuple[str, list[Case]]] = [
@@ -270,6 +281,6 @@ def _random(more: int) -> Iterator[Case]:
 
 
 FAMILIES: dict[str, Callable[[int], Iterator[Case]]] = {
-    "step": _step, "stiffness": _stiffness, "spin": _spin, "bang-bang": _bang, "damping": _damping, "sizes": _sizes,
+    "step": _step, "stiffness": _stiffness, "spin": _spin, "bang-bang": _bang, "damping": _damping, "damped and bent": _bent, "sizes": _sizes,
     "kinks": _kinks, "gravity": _gravity, "fitted steps": _fitted, "period corrected": _corrected, "random": _random,
 }  # fmt: skip

@@ -1,0 +1,293 @@
+"""Every feature of an arm or a scene, alone and in pairs, on a bent arm: what the formulations make of it.
+
+A cell is a scene with one or two features under one formulation. It is held against the exact beam on a fine mesh with
+short steps, which shares neither coordinates nor strain measures with the floating frame and the elastica. Arms are
+bent by a fifth of their length and more (links reduced to modes as a whole: by a tenth at most).
+
+``python -m tests.feature_matrix`` prints all cells, the worst last.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from flexarm_env.linear import modes
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
+from flexarm_env.simulation import simulate
+from flexarm_env.time_functions import constant, cycloid, sine, spin_up
+from flexarm_env.trajectory import Trajectory
+
+DURATION, SAMPLE = 1.0, 0.01
+REFERENCE = {"elements": 24, "order": 2, "dt": 2.5e-4, "rho_inf": 0.9}
+"""Options of the exact beam that the others are held against, elements in all links together."""
+
+
+@dataclass
+class Draft:
+    """A scene in the making; `scale` is what drives it times that of the scenes that bend by a fifth."""
+
+    scale: float
+    links: int = 1
+    tau_d: float = 2e-3
+    payload: Payload = Payload(0.1, 1e-5)
+    elbow: Elbow = Elbow(0.05, 1e-5, 1e-5)
+    root: str = "pinned"
+    angles: tuple[float, ...] = ()
+    rigid: tuple[int, ...] = ()
+    gravity: float = 0.0
+    drive: bool = True  # by the joints' torques
+    motions: list[Motion] = field(default_factory=list)
+    loads: list[Load] = field(default_factory=list)
+
+    def scene(self) -> Scene:
+        """The scene. One link of 1 m, or two of 0.6 and 0.4 m, of a strip that a fly could bend."""
+        strip = Section(2.0, 2e6, 7e5, 0.3, 1e-7)
+        lengths = (1.0,) if self.links == 1 else (0.6, 0.4)
+        elbows = (self.elbow,) * (self.links - 1)
+        arm = Arm(
+            "cell", tuple(Link(length, strip) for length in lengths), hub_inertia=0.02, elbows=elbows,
+            payload=self.payload, tau_d=self.tau_d,
+        )  # fmt: skip
+        held = {motion.joint for motion in self.motions}
+        loads = list(self.loads)
+        if self.drive and self.root == "pinned":
+            torques = (3.4, 1.6) if self.links == 2 else (2.6,)
+            loads += [
+                JointTorque(k, sine(torque * self.scale, 2.0 * math.pi))
+                for k, torque in enumerate(torques)
+                if k not in held and k not in self.rigid
+            ]
+        return Scene(
+            "cell", arm, duration=DURATION, dt=1e-3, sample=SAMPLE, root=self.root, angles=self.angles,
+            rigid_joints=self.rigid, motions=tuple(self.motions), loads=tuple(loads),
+            gravity=(0.0, -9.81 * self.gravity * self.scale),
+        )  # fmt: skip
+
+
+def _two(d: Draft) -> None:
+    d.links = 2
+    d.angles = d.angles or (0.0, 0.0)
+
+
+def _light(d: Draft) -> None:
+    d.tau_d = 2e-4
+
+
+def _heavy(d: Draft) -> None:
+    d.tau_d = 0.05  # the first mode has a ratio of about 0.2, the second is overdamped
+
+
+def _gravity(d: Draft) -> None:
+    d.gravity = 1.0
+
+
+def _payload_inertia(d: Draft) -> None:
+    d.payload = Payload(0.1, 4e-3)
+
+
+def _elbow_masses(d: Draft) -> None:
+    _two(d)
+    d.elbow = Elbow(0.2, 2e-3, 1e-3)
+
+
+def _spin(d: Draft) -> None:
+    d.motions.append(Motion("joint0", spin_up(5.5 * d.scale, 0.9)))
+    d.loads.append(PointLoad(d.links - 1, "tip", force_y=sine(0.8 * d.scale, 3.0 * math.pi)))
+
+
+def _shaken_base(d: Draft) -> None:
+    d.motions += [Motion("root_x", cycloid(0.15 * d.scale, 0.3)), Motion("root_y", cycloid(0.4 * d.scale, 0.25))]
+
+
+def _jolted_base(d: Draft) -> None:
+    d.motions.append(Motion("root_y", sine(0.08 * d.scale, 17.0)))
+
+
+def _prescribed_elbow(d: Draft) -> None:
+    _two(d)
+    d.motions.append(Motion("joint1", cycloid(1.9 * d.scale, 0.5)))
+
+
+def _rigid_elbow(d: Draft) -> None:
+    _two(d)
+    d.angles, d.rigid = (0.0, 0.7), (1,)
+
+
+def _held_hub(d: Draft) -> None:
+    d.motions.append(Motion("joint0", constant(d.angles[0] if d.angles else 0.0)))
+
+
+def _tip_load(d: Draft) -> None:
+    load = sine(0.6 * d.scale, 5.0), sine(1.5 * d.scale, 2.0 * math.pi), sine(0.05 * d.scale, 4.0)
+    d.loads.append(PointLoad(d.links - 1, "tip", *load))
+
+
+def _root_load(d: Draft) -> None:
+    d.loads.append(PointLoad(0, "root", torque=sine(0.8 * d.scale, 4.0 * math.pi)))
+
+
+def _free_flight(d: Draft) -> None:
+    d.root = "free"
+    load = sine(4.0 * d.scale, 3.0), sine(9.0 * d.scale, 2.0 * math.pi), sine(-3.0 * d.scale, 2.0 * math.pi)
+    d.loads.append(PointLoad(0, "root", *load))
+
+
+FEATURES: dict[str, Callable[[Draft], None]] = {
+    "hub torque": lambda d: None,
+    "light damping": _light,
+    "heavy damping": _heavy,
+    "gravity": _gravity,
+    "payload inertia": _payload_inertia,
+    "elbow masses": _elbow_masses,
+    "spin": _spin,
+    "shaken base": _shaken_base,
+    "jolted base": _jolted_base,
+    "prescribed elbow": _prescribed_elbow,
+    "rigid elbow": _rigid_elbow,
+    "held hub": _held_hub,
+    "tip load": _tip_load,
+    "root load": _root_load,
+    "free flight": _free_flight,
+}
+"""A feature is a change of the draft. Those that make two links come before those that prescribe or load them."""
+
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "exact": ("geometrically_exact", {"elements": 8, "dt": 5e-4}),
+    "elastica": ("elastica", {"nodes": 8}),
+    "segments": ("floating_frame", {"segments": 8}),
+    "modes in segments": ("floating_frame", {"segments": 5, "modes": 2}),
+    "modes": ("floating_frame", {"modes": 3}),
+    "exact, fine": ("geometrically_exact", {"elements": 24}),
+    "paper": ("floating_frame", {"segments": 8, "coupling": "paper"}),
+    "linear": ("floating_frame", {"segments": 8, "coupling": "linear"}),
+}
+TIP = {"exact": 3e-4, "elastica": 3e-4, "segments": 1.5e-3, "modes in segments": 3e-3, "modes": 3e-3}
+"""Largest distance of the tip from the reference's over the arm's length, for the formulations that are held to it."""
+TORQUE, DISSIPATED, BALANCE, RATIO = 0.02, 0.03, 0.02, 0.1
+"""Largest relative errors: of the torques that enforce motions, of what is dissipated, of the energy's balance as a
+share of what was turned over, and of the first mode's damping ratio about a bent posture."""
+LARGE, SMALL = 0.6, 0.12
+"""What drives the scenes, so that arms are bent by a fifth of their length and more; those of links reduced to modes."""
+
+SINGLE = [(name,) for name in FEATURES if name != "held hub"]
+PAIRS = [
+    ("heavy damping", "gravity"),
+    ("heavy damping", "payload inertia"),
+    ("elbow masses", "heavy damping"),
+    ("heavy damping", "spin"),
+    ("heavy damping", "shaken base"),
+    ("heavy damping", "jolted base"),
+    ("heavy damping", "prescribed elbow"),
+    ("rigid elbow", "heavy damping"),
+    ("heavy damping", "tip load"),
+    ("heavy damping", "root load"),
+    ("heavy damping", "free flight"),
+    ("light damping", "jolted base"),
+    ("light damping", "spin"),
+    ("light damping", "tip load"),
+    ("gravity", "payload inertia"),
+    ("gravity", "elbow masses"),
+    ("gravity", "shaken base"),
+    ("gravity", "prescribed elbow"),
+    ("gravity", "rigid elbow"),
+    ("gravity", "tip load"),
+    ("gravity", "held hub"),
+    ("elbow masses", "prescribed elbow"),
+    ("elbow masses", "shaken base"),
+    ("elbow masses", "tip load"),
+    ("elbow masses", "free flight"),
+    ("rigid elbow", "free flight"),
+    ("rigid elbow", "spin"),
+    ("payload inertia", "spin"),
+    ("payload inertia", "shaken base"),
+    ("held hub", "tip load"),
+]
+CORE = [
+    ("heavy damping",),
+    ("heavy damping", "gravity"),
+    ("elbow masses", "heavy damping"),
+    ("heavy damping", "spin"),
+    ("heavy damping", "jolted base"),
+    ("gravity", "prescribed elbow"),
+    ("rigid elbow", "free flight"),
+    ("payload inertia", "shaken base"),
+]
+"""Features of the cells that every run of the tests looks at."""
+
+
+def scene_of(features: tuple[str, ...], scale: float = 1.0) -> Scene:
+    """The scene with these features."""
+    draft = Draft(scale)
+    for name in features:
+        FEATURES[name](draft)
+    return draft.scene()
+
+
+@cache
+def reference(features: tuple[str, ...], scale: float) -> Trajectory:
+    """The converged exact beam."""
+    scene = scene_of(features, scale)
+    options = REFERENCE | {"elements": REFERENCE["elements"] // scene.arm.n_links}
+    return simulate(scene, "geometrically_exact", estimate_error=False, **options)
+
+
+def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
+    """How far a cell is off: tip (of L), torque, dissipated, balance (relative), and how far it is bent.
+
+    nan where the run did not come to its end; torque 0 where no motion is prescribed.
+    """
+    scale = SMALL if method == "modes" else LARGE
+    other = reference(features, scale)
+    formulation, options = METHODS[method]
+    run = simulate(other.scene, formulation, estimate_error=False, **options)
+    bent = float(np.abs(other.tip_deflection).max())
+    if not (run.finished and other.finished):
+        return {"bent": bent, "tip": math.nan, "torque": math.nan, "dissipated": math.nan, "balance": math.nan}
+    joints = [motion.joint for motion in other.scene.motions if motion.joint is not None]
+    largest = float(np.abs(other.joint_torque[:, joints]).max()) if joints else 1.0
+    torque = float(np.abs(run.joint_torque[:, joints] - other.joint_torque[:, joints]).max()) / largest if joints else 0.0
+    return {
+        "bent": bent,
+        "tip": float(np.hypot(*(run.tip - other.tip)[:, :2].T).max()) / other.scene.arm.total_length,
+        "torque": torque,
+        "dissipated": abs(float(run.dissipated[-1] / other.dissipated[-1]) - 1.0),
+        "balance": float(np.abs(run.balance).max()) / run.turned_over,
+    }
+
+
+POSTURES: dict[str, dict[str, Any]] = {
+    "sagging": {"gravity": 1.0, "loads": []},
+    "loaded": {"loads": [PointLoad(0, "tip", constant(0.4), constant(1.6))]},
+    "two links": {"links": 2, "angles": (0.3, 0.3), "gravity": 1.0},
+}
+"""What bends an arm whose joints are held, for its damping ratios."""
+
+
+def ratio(posture: str, tau_d: float, method: str) -> float:
+    """Damping ratio of the first mode about a bent posture, joints held."""
+    scene = Draft(SMALL if method.startswith("modes") else LARGE, tau_d=tau_d, drive=False, **POSTURES[posture]).scene()
+    formulation, options = METHODS[method]
+    return float(modes(scene, 1, formulation, clamped=tuple(range(scene.arm.n_links)), **options).damping[0])
+
+
+if __name__ == "__main__":
+    chosen = sys.argv[1:]
+    rows = []
+    for features in SINGLE + PAIRS:
+        for method in chosen or METHODS:
+            row = measure(features, method)
+            worst = max(row["tip"] / TIP.get(method, 1.0), row["torque"] / TORQUE, row["dissipated"] / DISSIPATED)
+            rows.append((max(worst, row["balance"] / BALANCE), features, method, row))
+            numbers = "  ".join(f"{name} {value:.2g}" for name, value in row.items())
+            print(f"{' + '.join(features):36s} {method:18s} {numbers}", flush=True)
+    print("\nworst, as shares of what is allowed")
+    for share, features, method, _ in sorted((row for row in rows if row[2] in TIP), key=lambda row: row[0])[-8:]:
+        print(f"{share:.2f}  {' + '.join(features)}, {method}")
