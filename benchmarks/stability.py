@@ -10,7 +10,8 @@ A run is silently wrong where its status is "ok" and
   (ii) its tip is further from the converged solution than 1 % of L and than five times its `error_estimate`.
 (i) is asked of every case that ended; (ii) of all that have damping as their subject and of every fourth of the others,
 where the converged solution is one: two meshes and steps of it agree within 0.3 % of L, and there is no drag, which the
-exact beam has not. Of the rest it is not known whether the tip is right, and the page says how many those are. The exit code is 1 where a run was silently wrong, returned a NaN, raised or took too long.
+exact beam has not. Of the rest it is not known whether the tip is right, and the page says how many those are. The
+exit code is 1 where a run was silently wrong, returned a NaN, raised or took too long.
 """
 
 from __future__ import annotations
@@ -199,7 +200,8 @@ def report(rows: Sequence[dict[str, Any]], hard: list[dict[str, Any]], long: lis
                 "runs": sum(row["program"] == program for row in hard),
                 "failed": sum(row["program"] == program for row in failed),
                 "wrong by more than 5 % of L without a word": sum(
-                    row["program"] == program and row["status"] == "ok" and (row["error"] or 0.0) > LONG_STEP_TIP for row in hard
+                    row["program"] == program and row["status"] == "ok" and (row["error"] or 0.0) > LONG_STEP_TIP
+                    for row in hard
                 ),
             }
             for program in sorted({row["program"] for row in hard})

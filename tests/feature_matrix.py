@@ -37,8 +37,8 @@ class Draft:
     scale: float
     links: int = 1
     tau_d: float = 2e-3
-    payload: Payload = Payload(0.1, 1e-5)
-    elbow: Elbow = Elbow(0.05, 1e-5, 1e-5)
+    payload: Payload = field(default_factory=lambda: Payload(0.1, 1e-5))
+    elbow: Elbow = field(default_factory=lambda: Elbow(0.05, 1e-5, 1e-5))
     root: str = "pinned"
     angles: tuple[float, ...] = ()
     rigid: tuple[int, ...] = ()
@@ -175,7 +175,7 @@ TORQUE, DISSIPATED, BALANCE, RATIO = 0.02, 0.03, 0.02, 0.1
 """Largest relative errors: of the torques that enforce motions, of what is dissipated, of the energy's balance as a
 share of what was turned over, and of the first mode's damping ratio about a bent posture."""
 LARGE, SMALL = 0.6, 0.12
-"""What drives the scenes, so that arms are bent by a fifth of their length and more; those of links reduced to modes."""
+"""What drives the scenes, so that arms are bent by a fifth of L and more; those of links reduced to modes."""
 
 SINGLE = [(name,) for name in FEATURES if name != "held hub"]
 PAIRS = [
@@ -252,8 +252,10 @@ def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
     if not (run.finished and other.finished):
         return {"bent": bent, "tip": math.nan, "torque": math.nan, "dissipated": math.nan, "balance": math.nan}
     joints = [motion.joint for motion in other.scene.motions if motion.joint is not None]
-    largest = float(np.abs(other.joint_torque[:, joints]).max()) if joints else 1.0
-    torque = float(np.abs(run.joint_torque[:, joints] - other.joint_torque[:, joints]).max()) / largest if joints else 0.0
+    torque = 0.0
+    if joints:
+        torques = other.joint_torque[:, joints]
+        torque = float(np.abs(run.joint_torque[:, joints] - torques).max() / np.abs(torques).max())
     return {
         "bent": bent,
         "tip": float(np.hypot(*(run.tip - other.tip)[:, :2].T).max()) / other.scene.arm.total_length,

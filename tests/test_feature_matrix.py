@@ -1,5 +1,4 @@
-"""Every feature under every formulation, on a bent arm (`feature_matrix.py`): tip, torque, dissipation, energy's balance,
-damping ratio about a bent posture."""
+"""Every feature under every formulation, on a bent arm (`feature_matrix.py`): tip, torque, dissipation, energy, damping."""
 
 from __future__ import annotations
 

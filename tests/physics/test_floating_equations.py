@@ -156,7 +156,7 @@ def test_energies(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None
 
 def test_dissipation_is_that_of_the_strain_rates(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None:
     kernel, oracle = pair
-    q, v, a, u = kernel.state(rng)
+    q, v, _, _ = kernel.state(rng)
     power = kernel.functions["dissipation"](SINGLE, kernel.model, kernel.par, q, v)
     assert power == pytest.approx(2.0 * oracle.dissipation(q, v), rel=1e-12)
 
