@@ -135,7 +135,7 @@ def estimate(
 
     mine: the run itself, sampled each `sample` s. run: a companion, from a scene, settings, a sampling interval and,
     where steps are fitted to a tolerance, the halvings of dt in each stretch (`Trajectory.step_levels`). levels: those
-    of the run. Drag (`Arm.mass_damping`) belongs to one mesh: meshes are then compared without it, under the same drive.
+    of the run. Drag (`Arm.mass_damping`) belongs to one mesh: meshes are then compared without it.
     """
     dt = settings.dt
     assert dt is not None

@@ -1,4 +1,4 @@
-"""Every feature under every formulation, on a bent arm (`feature_matrix.py`): tip, torque, dissipation, energy, damping."""
+"""Every feature under every formulation, on a bent arm (`feature_matrix.py`): tip, torque, losses, energy, damping."""
 
 from __future__ import annotations
 

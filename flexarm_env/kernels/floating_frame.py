@@ -36,11 +36,11 @@ from .floating_body import (
     payload_drag,
     payload_residual,
     quadratic,
+    times,
     tip_force,
     tip_gradient,
     tip_position,
     tip_rate,
-    times,
 )
 from .jit import kernel
 from .linalg import band_lu, band_lu_solve
@@ -230,7 +230,7 @@ def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 
 @kernel
 def _coupling_loss(m, body, q, v):  # type: ignore[no-untyped-def]
-    """What the squared rates of von Karman's stretches have beyond those of the linear ones, times EA / l; N m / s^2."""
+    """What the squared rates of von Karman's stretches have beyond those of the linear ones, times EA / l."""
     total = 0.0
     for element in range(m.table[body, ELEMENTS]):
         first, g = element_places(m, body, element)
