@@ -111,8 +111,11 @@ def candidates() -> list[dict[str, Any]]:
             rows += [mesh | {"dt": 0.02 / steps, "tolerance": 1e-6} for steps in (8, 4)]
             mesh |= {"period_correction": True}
             rows += [mesh | {"dt": 0.02 / steps, "tolerance": 1e-6} for steps in (8, 4, 3, 2)]
-    for mesh in ({"modes": 2, "dt": 0.0025}, {"modes": 3, "dt": 0.0025}, {"segments": 3, "dt": 0.001}):
-        rows.append({"formulation": "floating_frame", **mesh, "tolerance": 1e-6})
+    whole = [{"modes": modes, "dt": 0.0025} for modes in (2, 3)]  # a link reduced as a whole leaves its range
+    cut = [{"segments": segments, "dt": 0.02 / steps} for segments in (3, 4, 5) for steps in (20, 10, 8, 5)]
+    pieces = [{"segments": segments, "modes": 2, "dt": dt} for segments in (3, 4, 5) for dt in (0.001, 0.002)]
+    rows += [{"formulation": "floating_frame", **mesh, "tolerance": 1e-6} for mesh in (*whole, *pieces)]
+    rows += [{"formulation": "floating_frame", **mesh, "tolerance": 1e-6} for mesh in cut]
     return rows
 
 

@@ -64,16 +64,16 @@ def _see_joints(lane, controller, actuator, model, par, q, v, poses):  # type: i
 def _jump(lane, predictor, p, model, par, record, saved, block, w):  # type: ignore[no-untyped-def]
     """Accelerations jump with the torques, from w.u0 to w.u.
 
-    They are solved afresh, but for stiff formulations (predictor None), where that is done in an episode's first period
-    only (`switching.switch` says why).
+    They are solved afresh where nothing is stiff, the elastica (a pair as predictor); elsewhere in an episode's first
+    period only (`switching.switch` says why).
     """
-    jump = _jump_stiff if predictor is None else _jump_afresh
+    jump = _jump_afresh if isinstance(predictor, tuple) else _jump_stiff
     jump(lane, p, model, par, record, saved, block, w)
 
 
 @overload(_jump)  # type: ignore[untyped-decorator]
 def _overload_jump(lane, predictor, p, model, par, record, saved, block, w):  # type: ignore[no-untyped-def]
-    jump = _jump_stiff if isinstance(predictor, types.NoneType) else _jump_afresh
+    jump = _jump_afresh if isinstance(predictor, types.BaseTuple) else _jump_stiff
     return lambda lane, predictor, p, model, par, record, saved, block, w: jump(
         lane, p, model, par, record, saved, block, w
     )
