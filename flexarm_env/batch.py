@@ -257,8 +257,11 @@ class Batch:
 
     @property
     def estimate(self) -> float:
-        """What the formulation leaves out, as a fraction of the arm's length (its own note)."""
-        return self.system.notes.get("stretch_and_shear", 0.0)
+        """What leaving out stretch and shear costs the elastica, over the arm's length; infinite for others: not known.
+
+        Infinite and not nan, which no checker of an environment's determinism takes to be equal to itself.
+        """
+        return self.system.notes.get("stretch_and_shear", float("inf"))
 
     def _ranges(self) -> Ranges:
         starts = self.starts

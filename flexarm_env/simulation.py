@@ -341,7 +341,8 @@ def simulate(
         error_limit: largest `error_estimate` (fraction of the arm's length) of a run whose status is "ok".
         time_limit: s by the wall clock, compilation left out; a run that takes longer fails with status "timed_out".
             The runs behind the estimate, usually two of half the steps, may each take as long again.
-        estimate_error: False leaves those out; the estimate then knows of energy and the formulation's notes alone.
+        estimate_error: False leaves those out; `error_estimate` is then nan, and the status is judged by energy and the
+            formulation's notes alone (`error_parts`).
         options: flat keywords of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01.
     Returns:
         The Trajectory. Its status is "ok"; "inaccurate" where the estimated error is above error_limit; or names a
@@ -394,7 +395,7 @@ def judge(
         found, why = accuracy.estimate(scene, settings, mine, end, interval, companion, trajectory.step_levels)
         parts |= found
     total = accuracy.total(parts)
-    changes: dict[str, Any] = {"error_estimate": total, "error_parts": parts}
+    changes: dict[str, Any] = {"error_estimate": total if companions else math.nan, "error_parts": parts}
     if not total <= error_limit:
         message = accuracy.Estimate(total, parts, why).message(error_limit)
         changes |= {"status": accuracy.INACCURATE, "message": message}

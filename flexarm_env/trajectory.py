@@ -49,7 +49,7 @@ class Trajectory:
             steps halved. cpu_seconds: of the run, compilation left out.
         notes: what the formulation says of its own limits, fractions of the arm's length.
         error_estimate: how far the tip may be off, a fraction of the arm's length (`flexarm_env.accuracy`; nan where
-            the run ended early); error_parts: what it is made of, by name.
+            the run ended early or nothing was run to judge it by); error_parts: what it is made of, by name.
         deflection_bound: tip_deflection beyond which the formulation stops; infinite but for whole links reduced to
             modes.
         step_levels: with a step_tolerance, how often dt was halved in each stretch between samples and kinks.

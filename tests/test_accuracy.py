@@ -66,6 +66,7 @@ def test_companions_can_be_left_out() -> None:
     judged = simulate(scene, duration=1.0)
     np.testing.assert_array_equal(plain.q, judged.q)
     assert set(plain.error_parts) == {"energy"}
+    assert np.isnan(plain.error_estimate), "what is not known must not read as exact"
     assert plain.steps == judged.steps
 
 

@@ -23,10 +23,10 @@ from flexarm_env.mechanics.elastica import Chain, build, chain, nodes, phase_cor
 from flexarm_env.mechanics.slenderness import stretch_and_shear
 from flexarm_env.model import System, scheme
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
-from flexarm_env.scene import JointTorque, Motion, Scene
+from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.scenes import named, reference
 from flexarm_env.settings import Settings
-from flexarm_env.time_functions import TimeFunction, sine
+from flexarm_env.time_functions import TimeFunction, constant, pulse, sine
 from flexarm_env.trajectory import Trajectory
 
 from .oracle_elastica import Oracle, oracle_nodes
@@ -234,6 +234,42 @@ def test_estimate_of_stretch_and_shear(name: str, low: float, high: float) -> No
     """Measured against converged exact beams: 0.9 %, 5.9 % and 0.005 % of L."""
     scene = named(name)
     assert low < stretch_and_shear(scene, chain(scene.arm, 6)) < high
+
+
+def stubby(ratio: float, links: int = 1, tau_d: float = 0.0, payload: float = 0.1) -> Arm:
+    """An arm of 1 m with EI / CL^2 = ratio, EA = 5 C."""
+    section = Section(EI=2.0, EA=10.0 / ratio, C=2.0 / ratio, m=0.5, J=0.1 * ratio)
+    elbows = (Elbow(0.1, 0.002, 0.002),) * (links - 1)
+    parts = (Link(1.0 / links, section),) * links
+    return Arm("stubby", parts, hub_inertia=0.05, elbows=elbows, payload=Payload(payload, 1e-3), tau_d=tau_d)
+
+
+HELD = Motion("joint0", constant(0.0))
+
+
+@pytest.mark.parametrize("ratio", [0.025, 1e-3])
+@pytest.mark.parametrize(
+    ("arm", "changes", "factor"),
+    [
+        ({}, {"loads": (JointTorque(0, sine(0.5, 4.0)),)}, 3.0),
+        ({}, {"loads": (JointTorque(0, sine(2.0, 8.0)),)}, 3.0),
+        ({"tau_d": 5e-3}, {"loads": (JointTorque(0, sine(0.5, 8.0)),), "duration": 4.0}, 3.0),
+        ({"payload": 0.5}, {"loads": (JointTorque(0, pulse(1.0, 0.3)),), "duration": 2.0}, 3.0),
+        ({}, {"motions": (Motion("joint0", sine(0.3, 6.0)),)}, 3.0),
+        ({}, {"motions": (HELD, Motion("root_y", sine(0.02, 10.0)))}, 3.0),
+        ({}, {"motions": (HELD,), "loads": (PointLoad(0, "tip", force_y=constant(1.0)),)}, 3.0),
+        ({}, {"gravity": (0.0, -9.81)}, 3.0),
+        ({"links": 2}, {"loads": (JointTorque(0, sine(0.5, 6.0)), JointTorque(1, sine(-0.2, 6.0)))}, 4.0),
+    ],
+)  # fmt: skip
+def test_note_on_stretch_and_shear(ratio: float, arm: dict[str, Any], changes: dict[str, Any], factor: float) -> None:
+    """Against exact beams, at any deflection: within the stated factor, however the loads go."""
+    scene = Scene("s", stubby(ratio, **arm), **{"duration": 1.0, "dt": 5e-4, "sample": 0.01, **changes})
+    exact = simulate(scene, "geometrically_exact", elements=10, rho_inf=0.9, estimate_error=False)
+    run = simulate(scene, "elastica", nodes=10, estimate_error=False)
+    assert exact.finished and run.finished
+    error = np.hypot(*(run.tip - exact.tip)[:, :2].T).max()
+    assert error / factor < run.notes["stretch_and_shear"] < error * factor
 
 
 def test_chain_on_a_shaken_root() -> None:

@@ -280,6 +280,19 @@ def test_a_reduction_to_modes_says_how_far_it_holds() -> None:
         np.testing.assert_array_equal(info["deflection_bound"], bound)
 
 
+def test_an_error_that_is_not_known_does_not_read_as_exact() -> None:
+    """Infinite for what has no estimate before a run; alone, in a vector, at resets and at steps."""
+    segments = {"formulation": "floating_frame", "segments": 2}
+    for keywords, known in ((segments, False), ({"formulation": "geometrically_exact"}, False), ({}, True)):
+        env = gym.make("FlexibleArm-v0", **keywords)
+        vector = gym.make_vec("FlexibleArm-v0", num_envs=3, **keywords)
+        infos = [env.reset(seed=1)[1], env.step(env.action_space.sample())[4]]
+        infos += [vector.reset(seed=1)[1], vector.step(vector.action_space.sample())[4]]
+        values = np.concatenate([np.ravel(info["error_estimate"]) for info in infos])
+        assert (values == values[0]).all()
+        assert 0.0 < values[0] < 1e-3 if known else values[0] == np.inf
+
+
 # ---------------------------------------------------------------------------------------- what is not allowed
 @pytest.mark.parametrize(
     ("kwargs", "words"),

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms, scenes
-from flexarm_env.linear import LinearModel, NoEquilibrium, linearize, modes, set_state, state_of, static_equilibrium
+from flexarm_env.linear import (
+    LinearModel,
+    Modes,
+    NoEquilibrium,
+    linearize,
+    modes,
+    set_state,
+    state_of,
+    static_equilibrium,
+)
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.simulation import Simulation
@@ -245,6 +254,42 @@ def test_eigenvalues_agree_with_modes(formulation: str, options: dict[str, Any])
             assert abs(near - value) < (1e-4 if formulation == "geometrically_exact" else 1e-7) * frequency
             assert value.real == pytest.approx(-ratio * frequency, abs=1e-9)
     assert (result.frequencies == 0.0).sum() == 2  # both joints turn freely
+
+
+@pytest.mark.parametrize("clamped", [True, False])
+@pytest.mark.parametrize("tau_d", [1e-3, 0.1])
+def test_damping_of_a_slender_beam(tau_d: float, clamped: bool) -> None:
+    """Kelvin-Voigt damping: lambda^2 + tau_d omega^2 lambda + omega^2 = 0 for each mode, over- or underdamped.
+
+    EA and C are 1e8 times EI / L^2 and J is 1e-9: the fastest pole is 1e14 times the slowest.
+    """
+    section = Section(EI=1.0, EA=1e8, C=1e8, m=1.0, J=1e-9)
+    link = Link(1.0, section)
+
+    def found(tau: float) -> Modes:
+        scene = Scene("slender", Arm("slender", (link,), hub_inertia=0.05, tau_d=tau), duration=1.0, dt=0.01)
+        return modes(scene, 200, "geometrically_exact", elements=16, clamped=clamped)
+
+    undamped, damped = found(0.0).frequencies, found(tau_d)
+    for omega in undamped[undamped > 0.0][:5]:
+        root = np.sqrt(complex((0.5 * tau_d * omega**2) ** 2 - omega**2))
+        for pole in -0.5 * tau_d * omega**2 + np.array([root, -root])[: 2 if root.imag == 0.0 else 1]:
+            assert np.abs(damped.eigenvalues - pole).min() < 1e-6 * abs(pole)
+    if tau_d * undamped[2] < 2.0:
+        assert damped.damping[1:5] == pytest.approx(0.5 * tau_d * undamped[1:5], rel=1e-5)
+
+
+@pytest.mark.parametrize("spin", [0.0, 6.0])
+def test_damping_of_a_bent_or_spinning_slender_beam(spin: float) -> None:
+    """About a posture that gravity bends by 0.3 L, and in rotation: the elastica's, which has no fast poles."""
+    section = Section(EI=1.0, EA=1e8, C=1e8, m=1.0, J=1e-9)
+    arm = Arm("slender", (Link(1.0, section),), hub_inertia=0.05, tau_d=1e-3)
+    scene = Scene("slender", arm, duration=1.0, dt=0.01, gravity=None if spin else (0.0, -3.0))
+    exact = modes(scene, 4, "geometrically_exact", elements=16, order=3, clamped=not spin, spin=spin)
+    elastica = modes(scene, 4, "elastica", nodes=12, clamped=not spin, spin=spin)
+    moving = elastica.frequencies > 1e-3
+    assert exact.eigenvalues[moving] == pytest.approx(elastica.eigenvalues[moving], rel=1e-4)
+    assert exact.damping[moving] == pytest.approx(elastica.damping[moving], rel=2e-3)
 
 
 @every(FULL, slow=("elastica",))

@@ -82,7 +82,8 @@ class FlexibleArmEnv(SingleArmEnv):
     The same keys and types at every reset and step, float64 and SI units: `is_success` (bool), `tip_position` (2,) m,
     `tip_deflection` (over L), `target` rad, `hub_torque` N m (as applied; where the hub's motion is prescribed, what
     enforces it), `joint_torque` (1,) N m, `reward_<name>`, `in_range` (bool: the formulation holds), `deflection_bound`
-    (over L, beyond which it does not: infinite but for `modes`), `error_estimate` (of the formulation, over L),
+    (over L, beyond which it does not: infinite but for `modes`), `error_estimate` (over L: what leaving out stretch and
+    shear costs the elastica under the largest torques, mesh and step not in it; infinite for others: not known),
     `solver_status` ("ok" or what failed), `termination_reason` ("" or why). With `info_level="full"` also
     `energy_kinetic`, `energy_strain`, `energy_gravity`, `energy_dissipated` and `work` (of the motor), J.
 

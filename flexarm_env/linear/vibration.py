@@ -122,29 +122,49 @@ def _held(clamped: bool | Sequence[int], equations: Equations) -> list[int]:
 def _solve(reduced: Reduced, keep: list[int]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Eigenvalues with non-negative imaginary part, one of each rigid pair, and their vectors of coordinates.
 
-    In the basis of the undamped modes, because the fast poles of a damped stiff beam are up to 1e9 times the slow ones.
+    In the basis of the undamped modes, in which the inertia is 1 and the symmetric part of the stiffness diagonal.
     """
-    from scipy.linalg import eig
-
     pick = np.ix_(keep, keep)
     M, C, K = reduced.M[pick], reduced.C[pick], reduced.K[pick]
-    n = len(keep)
     squares, basis = _undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
     symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()
     if symmetric and (squares >= 0.0).all() and np.abs(C).max() ** 2 < 1e-20 * np.abs(K).max() * np.abs(M).max():
         return 1j * np.sqrt(squares), basis.astype(complex)
-    elastic = np.diag(squares) if symmetric else basis.T @ K @ basis
-    inertia = np.eye(n) if symmetric else basis.T @ M @ basis
-    forces = -np.linalg.solve(inertia, np.hstack([elastic, basis.T @ C @ basis]))
-    values, vectors = eig(np.block([[np.zeros((n, n)), np.eye(n)], [forces]]))
-    values, vectors = np.asarray(values, complex), basis @ vectors[:n]
+    turning = 0.0 if symmetric else 0.5 * basis.T @ (K - K.T) @ basis
+    values, vectors = _damped(squares, np.diag(squares) + turning, basis.T @ C @ basis)
     moving = np.sqrt(np.abs(squares[squares != 0.0]))
     rigid = np.abs(values) < 1e-4 * moving.min(initial=np.inf)
-    chosen = [i for i in range(2 * n) if not rigid[i] and values[i].imag >= 0.0]
+    chosen = [i for i in range(values.size) if not rigid[i] and values[i].imag >= 0.0]
     zeros = np.flatnonzero(rigid)[::2]  # a rigid motion has two eigenvalues
     values[zeros] = 0.0
     chosen += zeros.tolist()
-    return values[chosen], vectors[:, chosen]
+    return values[chosen], basis @ vectors[:, chosen]
+
+
+def _damped(squares: Array, K: Array, C: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """All 2n eigenvalues of x'' + C x' + K x = 0, by size, and their vectors x, where K is all but diag(squares).
+
+    The fast poles of a damped stiff beam are up to 1e14 times the slow ones, which would drown in their round-off. The
+    slow ones are therefore the inverse problem's, (A - shift)^-1, in coordinates whose squares are energies.
+    """
+    from scipy.linalg import eig
+
+    n = squares.size
+    one = np.eye(n)
+    shift = 0.37 * float(np.sqrt(np.abs(squares[squares != 0.0])).min(initial=np.inf))
+    shift = shift if np.isfinite(shift) else 1.0
+    scale = 1.0 / np.sqrt(np.abs(squares) + shift**2)
+    both = np.outer(scale, scale)
+    inverse = np.linalg.inv((K + shift * C + shift**2 * one) * both)
+    upper = np.hstack([-inverse @ ((C + shift * one) * both), -inverse * scale])
+    lower = np.hstack([np.diag(scale), np.zeros((n, n))]) + shift * scale[:, None] * upper
+    slow, slow_vectors = eig(np.vstack([upper, lower]))
+    fast, fast_vectors = eig(np.block([[np.zeros((n, n)), one], [-K, -C]]))
+    slow = shift + 1.0 / np.where(slow == 0.0, 1e-300, slow)
+    count = int((np.abs(slow) < 1e7 * shift).sum())
+    low, high = np.argsort(np.abs(slow), kind="stable")[:count], np.argsort(np.abs(fast), kind="stable")[count:]
+    vectors = np.hstack([scale[:, None] * slow_vectors[:n, low], fast_vectors[:n, high]])
+    return np.concatenate([slow[low], fast[high]]), vectors
 
 
 def _undamped(M: Array, K: Array) -> tuple[Array, Array]:

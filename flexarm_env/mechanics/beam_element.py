@@ -64,6 +64,23 @@ def geometric_matrix(section: Section, length: float) -> Array:
     return np.array([[a, b, -a, b], [b, c, -b, d], [-a, -b, a, -b], [b, d, -b, c]]) / (60 * l)
 
 
+def coupling_matrix(section: Section, length: float) -> Array:
+    """H of von Karman's energy EA / 2l (u2 - u1 + w'Hw / 2)^2 on (v1, phi1, v2, phi2), shape (4, 4), 1/m.
+
+    Such that the energy's derivative is the exact beam's force along the frame: its stretch is u' + phi v' - phi^2 / 2
+    to second order, along the section's normal, and its shear force Q = C gamma turns with the section, which takes
+    Q phi from the axial force. Hence w'Hw = int v'^2 - gamma^2 - 2 (Q / EA) phi dx with the shear strain
+    gamma = v' - phi, which is constant in the element (docs: theory, eq. 1.2). G of [45] in its place takes the stretch
+    along the tangent, which is wrong by gamma^2 / 2 on however fine a mesh.
+    """
+    mu, l = shear_factor(section, length), length
+    shear_force = 12.0 * mu * section.EI / l**2 * np.array([-1.0 / l, -0.5, 1.0 / l, -0.5])
+    gamma = shear_force / section.C
+    mean_phi = np.array([-mu / l, 0.5 * (1.0 - mu), mu / l, 0.5 * (1.0 - mu)])
+    turned = np.outer(shear_force / section.EA, mean_phi)
+    return geometric_matrix(section, l) - l * (np.outer(gamma, gamma) + turned + turned.T)
+
+
 def consistent_mass(section: Section, length: float) -> Array:
     """Consistent mass with rotary inertia, eq. [52] by quadrature, shape (6, 6)."""
     mu = shear_factor(section, length)

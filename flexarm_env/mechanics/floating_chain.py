@@ -47,7 +47,8 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
             pieces = [modal_body(piece, settings.modes, *carried(arm, k, rest)) for rest in rests]
         else:
             assert settings.segments is not None and settings.elements is not None
-            pieces = [finite_element_body(link.section, part, settings.elements) for _ in range(settings.segments)]
+            coupling = settings.coupling or "linear"
+            pieces = [finite_element_body(link.section, part, settings.elements, coupling) for _ in range(segments)]
         pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
         if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it
             pieces[-1].add_tip_mass(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left)

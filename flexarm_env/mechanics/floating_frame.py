@@ -17,6 +17,7 @@ from .beam_element import (
     BENDING,
     QUADRATURE,
     consistent_mass,
+    coupling_matrix,
     geometric_matrix,
     linear_stiffness,
     shape_functions,
@@ -50,7 +51,7 @@ class Body:
     tip: Array  # (3, n) u, v, phi at the tip
     tip_h: Array  # (n, n) 1/m: foreshortening of the tip, u -= q'H q / 2; zero for finite elements
     element_ea: Array = field(default_factory=lambda: np.zeros(0))  # EA / l of each element, N/m
-    element_g: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))  # G of [45], 1/m
+    element_g: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))  # 1/m: G of [45]; H for von Karman
     shapes: Array = field(default_factory=lambda: np.zeros((0, 3, 0)))  # u, v, phi at drawing stations, (s, 3, n)
     stations: Array = field(default_factory=lambda: np.zeros(0))  # x of those stations, m
     station_h: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))  # foreshortening there, (s, n, n)
@@ -81,8 +82,8 @@ class Body:
         self.i0 += inertia
 
 
-def finite_element_body(section: Section, length: float, elements: int) -> Body:
-    """A uniform body of equal elements, first node clamped to the frame; n = 3 elements."""
+def finite_element_body(section: Section, length: float, elements: int, coupling: str) -> Body:
+    """A uniform body of equal elements, first node clamped to the frame; n = 3 elements. coupling: of COUPLINGS."""
     l = length / elements
     n_all = 3 * (elements + 1)
     mu = shear_factor(section, l)
@@ -114,6 +115,7 @@ def finite_element_body(section: Section, length: float, elements: int) -> Body:
     tip = np.zeros((3, n))
     tip[:, n - 3 :] = np.eye(3)
     shapes, stations = _drawing_stations(l, elements, mu)
+    element_g = (coupling_matrix if coupling == "von_karman" else geometric_matrix)(section, l)
     return Body(
         length=length,
         mass=section.m * length,
@@ -131,7 +133,7 @@ def finite_element_body(section: Section, length: float, elements: int) -> Body:
         tip=tip,
         tip_h=np.zeros((n, n)),
         element_ea=np.full(elements, section.EA / l),
-        element_g=np.tile(geometric_matrix(section, l), (elements, 1, 1)),
+        element_g=np.tile(element_g, (elements, 1, 1)),
         shapes=shapes,
         stations=stations,
         station_h=np.zeros((stations.size, n, n)),

@@ -1,7 +1,8 @@
 """Reduction of a link, or a piece of one, to a few bending modes with foreshortening: the paper's substructuring.
 
-The shape is s = (x - p'H(x)p / 2, phi(x)'p) with H_ij(x) = int_0^x phi_i' phi_j': no stretch, no shear strain of
-its own. Modes are those of the clamped link with what it carries lumped at its tip (docs: theory, section 4).
+The shape is s = (x - p'H(x)p / 2, v(x)'p), its sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' - phi)^2:
+the axis along the section's normal keeps its length, as the exact beam's does. Modes are those of the clamped link
+with what it carries lumped at its tip (docs: theory, section 4).
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float) -> Body:
             m_ff += dx * (section.m * np.outer(v, v) + section.J * np.outer(phi, phi))
             s_bar[1] += section.m * dx * v
             c += dx * (section.m * x * v + section.J * phi)
-            stretch = dx * np.outer(slope, slope)
+            stretch = dx * (np.outer(slope, slope) - np.outer(slope - phi, slope - phi))
             h += stretch
             d0 += section.m * (length - x) * stretch  # int m H dx, by parts
             d += 0.5 * section.m * (length**2 - x**2) * stretch  # int m x H dx, by parts

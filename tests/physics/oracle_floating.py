@@ -146,21 +146,28 @@ class Oracle:
             section, at = self.scene.arm.links[k].section, self.starts[b]
             e = q[at + 3 : at + 3 + self.n_elastic]
             for places in self.quadrature[b]:
-                stretch, length = self._stretch(b, places, e)
+                stretch, length = self._stretch(k, places, e)
                 total += 0.5 * section.EA / length * stretch**2
                 for place, dx in places:
                     _, _, phi, slope, curvature = place.rows @ e
                     total += 0.5 * dx * (section.EI * curvature**2 + section.C * (slope - phi) ** 2)
         return total
 
-    def _stretch(self, body: int, places: list[tuple[Place, float]], e: Array) -> tuple[Any, float]:
-        """Elongation of an element, half the integral of v'^2 included where the coupling has it, and its length."""
+    def _stretch(self, link: int, places: list[tuple[Place, float]], e: Array) -> tuple[Any, float]:
+        """Length of an element, and its axial force along the frame times length / EA.
+
+        The exact beam's is N cos phi - Q sin phi, N = EA (cos phi (1 + u') + sin phi v' - 1), Q = C (v' - phi) to first
+        order: EA (u' + phi v' - phi^2 / 2) - Q phi to second.
+        """
         length = sum(dx for _, dx in places)
         # u is linear, so that two points tell the elongation
         (first, _), (last, _) = places[0], places[-1]
         stretch = (last.rows[0] - first.rows[0]) @ e * length / (last.x - first.x)
         if self.coupling == "von_karman":
-            stretch = stretch + sum(0.5 * dx * (place.rows[3] @ e) ** 2 for place, dx in places)
+            ratio = self.scene.arm.links[link].section.C / self.scene.arm.links[link].section.EA
+            for place, dx in places:
+                _, _, phi, slope, _ = place.rows @ e
+                stretch = stretch + dx * (phi * slope - 0.5 * phi**2 - ratio * (slope - phi) * phi)
         return stretch, length
 
     def gravity(self, q: Array) -> Any:
@@ -215,7 +222,7 @@ class Oracle:
             section, at = arm.links[k].section, self.starts[b]
             elastic = slice(at + 3, at + 3 + self.n_elastic)
             for places in self.quadrature[b]:
-                moved, length = self._stretch(b, places, q[elastic] + 1j * STEP * v[elastic])
+                moved, length = self._stretch(self.links[b], places, q[elastic] + 1j * STEP * v[elastic])
                 total += 0.5 * arm.tau_d * section.EA / length * (moved.imag / STEP) ** 2
                 for place, dx in places:
                     _, _, phi, slope, curvature = place.rows @ v[elastic]
@@ -255,7 +262,7 @@ class Oracle:
             section, at = self.scene.arm.links[k].section, self.starts[b]
             e = q[at + 3 : at + 3 + self.n_elastic]
             for places in self.quadrature[b]:
-                stretch, length = self._stretch(b, places, e)
+                stretch, length = self._stretch(k, places, e)
                 for place, dx in places:
                     slope = place.rows[3]
                     r[at + 3 : at + 3 + self.n_elastic] += section.EA / length * stretch * dx * (slope @ e) * slope

@@ -260,12 +260,13 @@ def test_paths_and_ports(pair: tuple[Kernel, Oracle], rng: np.random.Generator) 
 
 @pytest.mark.parametrize("C", [1e12, 30.0])
 def test_element_matrices(C: float) -> None:
-    """Eqs. [44], [45], [52]: closed forms at mu = 1, and integrals of independently derived fields at any mu."""
-    from flexarm_env.mechanics.beam_element import consistent_mass, geometric_matrix, linear_stiffness
+    """Eqs. [44], [45], [52], (1.2): closed forms at mu = 1, and integrals of independently derived fields at any mu."""
+    from flexarm_env.mechanics.beam_element import consistent_mass, coupling_matrix, geometric_matrix, linear_stiffness
 
     section, length = Section(2.0, 50.0, C, 0.7, 0.03), 1.3
     points, weights = np.polynomial.legendre.leggauss(6)
-    mass, stiffness, geometric = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    mass, stiffness, geometric, coupling = (np.zeros((6, 6)) for _ in range(4))
+    third = sum(element_fields(section.EI, C, length, xi)[4] * sign for xi, sign in ((1.0, 1.0), (0.0, -1.0))) / length
     for point, weight in zip(points, weights, strict=True):
         u, v, phi, slope, curvature = element_fields(section.EI, C, length, 0.5 * (1.0 + point))
         dx = 0.5 * weight * length
@@ -273,6 +274,8 @@ def test_element_matrices(C: float) -> None:
         shear = slope - phi if C < 1e6 else np.zeros(6)  # no shear deformation; the difference is round-off
         stiffness += dx * (section.EI * np.outer(curvature, curvature) + C * np.outer(shear, shear))
         geometric += dx * np.outer(slope, slope)
+        stretch = np.outer(phi, slope) - 0.5 * np.outer(phi, phi) + section.EI / section.EA * np.outer(phi, third)
+        coupling += dx * (stretch + stretch.T)  # the shear force is -EI phi''
     axial = np.zeros(6)
     axial[[0, 3]] = -1.0, 1.0
     stiffness += section.EA / length * np.outer(axial, axial)
@@ -280,6 +283,7 @@ def test_element_matrices(C: float) -> None:
     assert close(consistent_mass(section, length), mass, 1e-10)
     assert close(linear_stiffness(section, length), stiffness, 1e-10)
     assert close(geometric_matrix(section, length), geometric[np.ix_(bending, bending)], 1e-9)
+    assert close(coupling_matrix(section, length), coupling[np.ix_(bending, bending)], 1e-9)
     if C > 1e6:
         exact = consistent_mass(Section(2.0, 50.0, C, 0.7, 1e-12), length)
         assert exact[1, 1] == pytest.approx(156 * 0.7 * length / 420, rel=1e-9)

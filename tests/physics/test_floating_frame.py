@@ -13,10 +13,12 @@ from benchmarks.physics_figures import center_of_mass, known_path
 from flexarm_env.comparison import tip_error
 from flexarm_env.kernels.lanes import SINGLE
 from flexarm_env.kernels.protocol import REGISTRY
-from flexarm_env.parameters import Arm, Link, Section
-from flexarm_env.scene import Scene
+from flexarm_env.linear import modes
+from flexarm_env.parameters import Arm, Link, Payload, Section
+from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.scenes import named, reference
 from flexarm_env.simulation import Simulation, simulate
+from flexarm_env.time_functions import constant, sine
 from flexarm_env.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -246,3 +248,63 @@ def test_smooth_motion_needs_more_segments() -> None:
     )
     assert five == pytest.approx(0.145, rel=0.15)
     assert eight == pytest.approx(0.03, rel=0.15)
+
+
+# ------------------------------------------------------------------- shear
+STUBBY = Section(EI=2.0, EA=400.0, C=80.0, m=0.5, J=0.0025)
+
+
+@pytest.mark.parametrize(("options", "EA"), [({}, 400.0), ({"modes": 2}, np.inf), ({"elements": 8}, None)])
+def test_buckling_where_shear_matters(options: dict[str, int], EA: float | None) -> None:
+    """A cantilever of EI / CL^2 = 0.025 under a load that keeps its direction, by the frequency that vanishes.
+
+    The exact beam's equilibrium at a small deflection, force balance C (v' - (1 - P/EA) phi) = P phi and moment balance
+    EI phi'' = -P v', gives P (1 + P/C - P/EA) = EI (pi / 2L)^2 (Haringx for EA = infinity); reduced segments do not
+    stretch. One frame has it to first order in P/EA, the paper's coupling Engesser's load.
+    """
+
+    def square(load: float, **own: Any) -> float:
+        push = PointLoad(0, "tip", force_x=constant(-load))
+        scene = Scene("column", Arm("column", (Link(1.0, STUBBY),)), duration=1.0, dt=0.01, loads=(push,))
+        return float((modes(scene, 1, "floating_frame", clamped=True, **own).eigenvalues[0] ** 2).real)
+
+    def critical(**own: Any) -> float:
+        low, high = 4.6, 4.8
+        for _ in range(2):  # secant: the square is all but linear in the load
+            a, b = square(low, **own), square(high, **own)
+            low, high = low - a * (high - low) / (b - a), high
+        return low
+
+    euler, C = STUBBY.EI * np.pi**2 / 4.0, STUBBY.C
+    if EA is None:
+        known = (np.sqrt(1.0 + 4.0 * euler * (1 / C - 1 / STUBBY.EA)) - 1.0) / 2.0 / (1 / C - 1 / STUBBY.EA)
+        assert critical(segments=1, **options) == pytest.approx(known, rel=0.01)
+        assert critical(segments=1, coupling="paper", **options) == pytest.approx(euler / (1.0 + euler / C), rel=3e-4)
+        return
+    inverse = 1 / C - 1 / EA
+    known = (np.sqrt(1.0 + 4.0 * euler * inverse) - 1.0) / 2.0 / inverse
+    whole = np.isfinite(EA)  # all of a segment's bending: second order; two of its modes: first
+    errors = [abs(critical(segments=n, **options) / known - 1.0) for n in ((4, 8, 16) if whole else (8, 16, 32))]
+    assert errors[-1] < (1e-4 if whole else 1e-3)
+    assert (orders(errors) > (1.8 if whole else 0.7)).all()
+
+
+@pytest.mark.parametrize("EA", [400.0, 4e5])
+def test_segments_converge_where_shear_matters(EA: float) -> None:
+    """EI / CL^2 = 0.025, deflection 0.7 L: nearer to the exact beam in second order, estimates with it."""
+    section = Section(2.0, EA, 80.0, 0.5, 0.0025)
+    arm = Arm("stubby", (Link(1.0, section),), hub_inertia=0.05, payload=Payload(0.1, 1e-3))
+    scene = Scene("stubby", arm, duration=0.6, dt=5e-4, sample=0.02, loads=(JointTorque(0, sine(2.0, 8.0)),))
+    exact = simulate(scene, "geometrically_exact", elements=16, rho_inf=0.9, estimate_error=False)
+    assert np.abs(exact.tip_deflection).max() > 0.5
+    errors, reduced = [], []
+    for n in (6, 12, 24):
+        run = simulate(scene, "floating_frame", segments=n, rho_inf=0.9)
+        errors.append(float(np.hypot(*(run.tip - exact.tip)[:, :2].T).max()))
+        assert run.status == "ok" and errors[-1] < 2.0 * run.error_estimate
+        if EA > 1e3:  # modes do not stretch
+            run = simulate(scene, "floating_frame", segments=n, modes=2, rho_inf=0.9, estimate_error=False)
+            reduced.append(float(np.hypot(*(run.tip - exact.tip)[:, :2].T).max()))
+    assert errors[-1] < 1e-4
+    assert (orders(errors) > 1.7).all()
+    assert not reduced or (reduced[-1] < 1e-4 and (orders(reduced) > 1.5).all())
