@@ -17,9 +17,10 @@ _SMALL = 1e-3
 def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):  # type: ignore[no-untyped-def]
     """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
 
-    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known; what damping takes of that before a
-    step could see it is taken out at once (`_pass_layer`); work and loss of the impulses go to the books. A fresh start then has M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink within a run (not fresh, with
-    a drive) what the residual at t+ asks for is added to accelerations and multipliers,
+    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known; what damping ends of that before a step
+    could see it is taken out (`_pass_layer`), and its forces' part of the accelerations is in those kept; work and loss
+    of the impulses go to the books. A fresh start then has M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink
+    within a run (not fresh, with a drive) what the residual at t+ asks for is added to accelerations and multipliers,
 
         (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,    three times,
 
@@ -153,12 +154,15 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untype
 
     Damping does not let the velocity jump within the material: it spreads what M alone leaves next to a prescribed
     coordinate, in a time that a step may be too long for. There the step would meet forces C dv that last for a small
-    part of it as if they lasted for half of it, and so would its books. e, first dv, goes through
+    part of it as if they lasted for half of it, and so would its books. With s = (M + h/2 C)^-1 M, where nothing
+    prescribed moves and Phi_q s = 0, dv loses
 
-        (M + h/2 C) e+ + Phi_q^T mu = h/2 C e,    e+ = 0 where prescribed,    Phi_q e+ = 0,    three times,
+        e = (1 - s)^3 (1 + 3 s) dv:    all that damping ends within the step, h^3 of what the step resolves, and nothing
+                                       without damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
 
-    and dv loses what is left of it: all of what damping ends within the step, h^3 of what the step resolves, nothing
-    without damping. The impulse of damping is h/2 C (e_2 - e_3); it acts at the prescribed velocities after the jump.
+    The impulse of damping is h/2 C (g - e), g having one factor (1 - s) less; it acts at the velocities after the jump
+    where they are prescribed. M^-1 C (dv - e), the jump of the accelerations (kept in q0) with that of the multipliers, is a sum of the
+    same solutions.
     """
     n, part = size(model.n), 0.5 * h * _SMALL
     for k in range(n):
@@ -193,7 +197,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untype
 
 @kernel
 def _lose(lane, model, par, w, h):  # type: ignore[no-untyped-def]
-    """Book what damping takes in the layer: its impulse h/2 C z, z = e_2 - e_3, times the mean of the velocities before
+    """Book what damping takes in the layer: its impulse h/2 C z, z = g - e, times the mean of the velocities before
     and after it. z C x is a quarter of the difference of the powers of z + x and z - x."""
     n, scale = size(model.n), 2.0 / (h * _SMALL)
     for turn in range(2):
