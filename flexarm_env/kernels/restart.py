@@ -161,8 +161,8 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untype
                                        without damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
 
     The impulse of damping is h/2 C (g - e), g having one factor (1 - s) less; it acts at the velocities after the jump
-    where they are prescribed. M^-1 C (dv - e), the jump of the accelerations (kept in q0) with that of the multipliers, is a sum of the
-    same solutions.
+    where they are prescribed. M^-1 C (dv - e), the jump of the accelerations (kept in q0) with that of the multipliers,
+    is a sum of the same solutions.
     """
     n, part = size(model.n), 0.5 * h * _SMALL
     for k in range(n):
