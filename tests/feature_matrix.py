@@ -174,6 +174,9 @@ TIP = {"exact": 3e-4, "elastica": 3e-4, "segments": 1.5e-3, "modes in segments":
 TORQUE, DISSIPATED, BALANCE, RATIO = 0.02, 0.03, 0.02, 0.1
 """Largest relative errors: of the torques that enforce motions, of what is dissipated, of the energy's balance as a
 share of what was turned over, and of the first mode's damping ratio about a bent posture."""
+FRONTS = ("jolted base",)
+"""A jump of the root's velocity sends waves that no mesh has an end to; what light damping takes of those, and what any
+takes from a few modes, is the mesh's own: dissipation is then held for heavy damping of full models alone."""
 LARGE, SMALL = 0.6, 0.12
 """What drives the scenes, so that arms are bent by a fifth of L and more; those of links reduced to modes."""
 

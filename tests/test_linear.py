@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 
 from flexarm_env import arms, scenes
 from flexarm_env.linear import (
     LinearModel,
     Modes,
     NoEquilibrium,
+    UnstableEquilibrium,
     linearize,
     modes,
     set_state,
@@ -397,11 +400,104 @@ def test_upright_arm_is_an_equilibrium_that_falls() -> None:
     stiff = Section(EI=1e4, EA=1e8, C=1e8, m=1.0, J=1e-6)
     for sign in (1.0, -1.0):
         scene = at_rest(one_link(stiff), gravity=(0.0, -9.81), angles=(sign * np.pi / 2,))
-        simulation = static_equilibrium(scene, "floating_frame", hold_joints=False, segments=2)
+        simulation = static_equilibrium(scene, "floating_frame", hold_joints=False, require_stable=False, segments=2)
         assert simulation.observe()[0][0, 7] == pytest.approx(sign, abs=1e-4)
+        assert simulation.stability.smallest == pytest.approx(-sign * 1.5 * 9.81, rel=2e-3)
+        assert simulation.stability.stable == (sign < 0.0)
         slowest = modes(simulation, 1 if sign < 0.0 else 2)
         assert slowest.frequencies == pytest.approx(np.sqrt(1.5 * 9.81), rel=1e-3)
         assert sorted(slowest.damping.tolist()) == ([0.0] if sign < 0.0 else [-1.0, 1.0])
+
+
+COLUMN = [("floating_frame", {"segments": 16}), ("geometrically_exact", {"elements": 8}), ("elastica", {"nodes": 8})]
+
+
+def column(side: float, share: float = 1.152) -> Scene:
+    """A cantilever pushed towards its root by a share of Euler's load, with a share of that across."""
+    P = share * np.pi**2 / 4.0
+    across = constant(side * P) if side else None
+    return at_rest(one_link(), loads=(PointLoad(0, "tip", force_x=constant(-P), force_y=across),))
+
+
+def buckled(share: float) -> tuple[float, float, float]:
+    """Tip x, y and slope of the buckled column, L = 1, by elliptic integrals of k = sin(slope / 2)."""
+    root = np.sqrt(share) * np.pi / 2.0
+    k = brentq(lambda k: ellipk(k * k) - root, 1e-6, 0.999)
+    return 2.0 * ellipe(k * k) / root - 1.0, 2.0 * k / root, 2.0 * np.arcsin(k)
+
+
+@every(COLUMN)
+@pytest.mark.parametrize("side", [1e-6, 0.03, -0.03])
+def test_a_column_bends_to_the_side_of_its_side_load(side: float, formulation: str, options: dict[str, Any]) -> None:
+    simulation = static_equilibrium(column(side), formulation, **options)
+    tip = simulation.observe()[0][0, 6:9]
+    assert np.sign(tip[1]) == np.sign(side)
+    assert simulation.stability.stable and simulation.stability.smallest > 1.0
+    assert modes(simulation, 1, clamped=True).growing == 0
+    if abs(side) < 1e-3:
+        x, y, slope = buckled(1.152)
+        assert tip == pytest.approx([x, np.sign(side) * y, np.sign(side) * slope], abs=2e-3)
+
+
+@every(COLUMN)
+def test_an_unstable_column_says_so(formulation: str, options: dict[str, Any]) -> None:
+    """Straight beyond Euler's load: the lowest squared frequency is negative, and the linear models say it too."""
+    with pytest.warns(UnstableEquilibrium, match=r"unstable: a small disturbance of it grows by exp\(1\.4"):
+        simulation = static_equilibrium(column(0.0), formulation, **options)
+    assert simulation.observe()[0][0, 7] == pytest.approx(0.0, abs=1e-9)
+    assert (simulation.stability.negative, simulation.stability.stable) == (1, False)
+    assert modes(simulation, 1, clamped=True).growing == 1
+    assert linearize(simulation).growing >= 1
+    with pytest.warns(UnstableEquilibrium):
+        assert modes(column(0.0), 1, formulation, clamped=True, **options).growing == 1
+    with pytest.raises(NoEquilibrium, match="unstable"):
+        static_equilibrium(column(0.0), formulation, require_stable=True, **options)
+    safe = static_equilibrium(column(0.0, 0.99), formulation, require_stable=True, **options)
+    assert safe.stability.stable and safe.followed == 1.0
+    assert modes(safe, 1, clamped=True).growing == 0
+
+
+@every([*COLUMN[:2], ("elastica", {"nodes": 12})])
+@pytest.mark.parametrize("circles", [1, 2])
+def test_an_end_moment_winds_the_arm_into_circles(circles: int, formulation: str, options: dict[str, Any]) -> None:
+    moment = 2.0 * np.pi * circles  # EI = L = 1: the curvature
+    scene = at_rest(one_link(), loads=(PointLoad(0, "tip", torque=constant(moment)),))
+    simulation = static_equilibrium(scene, formulation, require_stable=True, **options)
+    assert simulation.observe()[0][0, 6:9] == pytest.approx([0.0, 0.0, moment], abs=1e-3)
+    assert simulation.joint_torques() == pytest.approx([-moment], rel=1e-4)
+    points = simulation.shape_points()
+    radius = np.hypot(points[:, 0], points[:, 1] - 1.0 / moment)
+    assert radius * moment == pytest.approx(1.0, abs=0.03)
+    assert simulation.followed == 1.0
+
+
+@every(COLUMN)
+def test_a_start_near_a_ridge_sinks(formulation: str, options: dict[str, Any]) -> None:
+    """From 1e-5 rad beside upright Newton's iteration alone ends upright, which is no place to rest."""
+    scene = at_rest(one_link(), gravity=(0.0, -0.5), angles=(np.pi / 2 - 1e-5,))
+    simulation = static_equilibrium(scene, formulation, hold_joints=False, **options)
+    assert simulation.observe()[0][0, 6:8] == pytest.approx([0.0, -1.0], abs=1e-4)
+    assert simulation.stability.stable
+
+
+@every(COLUMN)
+def test_loads_beyond_all_measure_end_in_a_sentence(formulation: str, options: dict[str, Any]) -> None:
+    scene = at_rest(one_link(), loads=(PointLoad(0, "tip", torque=constant(1e9)),))
+    with pytest.raises(NoEquilibrium, match=r"the loads are too large|larger than a floating body can have"):
+        static_equilibrium(scene, formulation, **options)
+
+
+def test_two_links_held_bend_the_way_of_their_load() -> None:
+    """A chain with held joints is one beam: the same stable rest, and the elbow's holding torque."""
+    P = 1.152 * np.pi**2 / 16.0  # Euler's load of two lengths
+    loads = (PointLoad(1, "tip", force_x=constant(-P), force_y=constant(0.03 * P)),)
+    tips = []
+    for formulation, options in COLUMN:
+        simulation = static_equilibrium(at_rest(two_links(), loads=loads), formulation, **options)
+        assert simulation.stability.stable
+        tips.append(simulation.observe()[0][1, 6:8])
+    assert tips[0] == pytest.approx([2 * 0.70102, 2 * 0.62832], abs=2e-3)  # the one link's, twice as long
+    assert tips[1] == pytest.approx(tips[0], abs=2e-3) and tips[2] == pytest.approx(tips[0], abs=2e-3)
 
 
 def test_a_prescribed_hub_is_clamped() -> None:
@@ -454,5 +550,7 @@ def test_bad_input_names_itself() -> None:
         modes(scene, 0)
     with pytest.raises(ValueError, match="hold_joints = 1: must be True or False"):
         static_equilibrium(scene, hold_joints=1)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="require_stable = 1: must be True, False or None"):
+        static_equilibrium(scene, require_stable=1)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="order"):
         modes(scene, formulation="elastica", order=2)

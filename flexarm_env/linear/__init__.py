@@ -1,13 +1,17 @@
 """Linear models of an arm about a point of its motion: state space, equilibrium, natural frequencies and shapes."""
 
-from .equilibrium import NoEquilibrium, static_equilibrium
+from .equilibrium import Equilibrium, NoEquilibrium, UnstableEquilibrium, static_equilibrium
+from .stability import Stability
 from .state_space import LinearModel, linearize, set_state, state_of
 from .vibration import Modes, modes
 
 __all__ = [
+    "Equilibrium",
     "LinearModel",
     "Modes",
     "NoEquilibrium",
+    "Stability",
+    "UnstableEquilibrium",
     "linearize",
     "modes",
     "set_state",

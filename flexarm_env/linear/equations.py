@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..kernels.floating_body import LINK, ROWS, SIZE, START
 from ..kernels.lanes import SINGLE
 from ..kernels.protocol import size
 from ..kernels.rollout import observe_arm
-from ..mechanics.assembly import physical
+from ..mechanics.assembly import assemble, physical
 from ..model import FloatingFrame
 from ..simulation import Simulation, room_for_points
 
@@ -125,6 +126,7 @@ class Equations:
     def __init__(self, simulation: Simulation, stepping: bool = False) -> None:
         """stepping: with the inertia that the solver steps with, which may hold a correction of its period."""
         system, model = simulation.system, simulation.model if stepping else physical(simulation.model)
+        self._simulation = simulation
         self.model, self.par, self.n_links = model, simulation.par, simulation.scene.arm.n_links
         self.n = int(size(model.n))
         self._most_points = room_for_points(simulation.settings, self.n_links)
@@ -152,6 +154,16 @@ class Equations:
         self.inputs: Rows = np.array([k for k in self.joints if k > 0 or grounded], np.int64)
         self._no_inputs, self._psi = np.zeros(int(size(model.n_inputs))), simulation.work.psi.copy()
         self._poses, self._energies = np.zeros(12 * self.n_links), np.zeros(3)
+
+    def under(self, share: float) -> Equations:
+        """The same arm under a share of its gravity."""
+        scene = self._simulation.scene
+        if scene.gravity is None or share == 1.0:
+            return self
+        lighter = replace(scene, gravity=(share * scene.gravity[0], share * scene.gravity[1]))
+        other = copy(self)
+        other.model = physical(assemble(lighter, self._simulation.settings).model)
+        return other
 
     def residual(self, point: Point, level: int = 0) -> Array:
         """r (n,), rows of multipliers: constraints (level 0), their first or second rate (1, 2)."""
@@ -195,6 +207,8 @@ class Equations:
     def turned(self, q: Array, spin: float) -> tuple[Array, Array]:
         """Rates and accelerations of a rigid turn about the origin at a steady rate, rad/s."""
         v, a = np.zeros(self.n), np.zeros(self.n)
+        if spin == 0.0:
+            return v, a
         for x, y in self.pairs:
             v[x], v[y] = -spin * q[y], spin * q[x]
             a[x], a[y] = -(spin**2) * q[x], -(spin**2) * q[y]

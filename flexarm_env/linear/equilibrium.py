@@ -1,13 +1,18 @@
-"""Rest under gravity and constant loads, and steady rotation: Newton, and where it fails, implicit steps downhill.
+"""Rest under gravity and constant loads, and steady rotation: the rest that grows from the unloaded arm with its loads.
 
-A step downhill minimises the potential plus s/2 |q - q_before|^2 in the norm of the mass matrix, by Newton; s falls as
-the steps succeed, so that the last ones are Newton's own. From a start that is no equilibrium it ends in a stable one.
+Where no joint can turn, the loads (and the square of the spin) are raised in steps. From each rest the next is
+foretold by the tangent of the path and found by Newton's iteration; a step whose rest lies far from what was foretold,
+or is unstable, is halved, so that the path keeps to its branch. Where it ends, and where joints can turn, implicit
+steps go downhill: each minimises the potential plus s/2 |q - q_before|^2 in the norm of the mass matrix, by Newton; s
+falls as the steps succeed, so that the last ones are Newton's own. They end in a stable rest, but for a start on a
+ridge, which is kept.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +21,10 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..model import OK
 from ..scene import JointTorque, Load, Motion, Scene
-from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import constant
 from .equations import Equations, Point, exact_slopes, slopes
+from .stability import Stability, at_rest
 
 Array = NDArray[np.float64]
 
@@ -27,139 +32,289 @@ AT_REST = 1e-6
 """Acceleration (rad/s^2, or lengths of the arm / s^2) below which an arm counts as at rest."""
 
 _LARGEST_MOVE = 0.3
-"""Of one Newton iteration, rad or lengths of the arm."""
+"""Of one Newton iteration and of the first step of the loads, rad or lengths of the arm."""
+
+_ASTRAY, _AIM = 0.3, 0.15
+"""Distance of a rest from what was foretold, as a share of the step: above the first the step is halved; the second is
+what the next step aims at."""
+
+_SHORTEST = 1e-6
+"""Step of the loads, as a share of those reached, below which the path has ended."""
+
+_TURNS = 16
+"""An arm wound up further than this many turns counts as one without equilibrium."""
+
+_MOST = 400
+"""Newton iterations of a search."""
 
 
 class NoEquilibrium(RuntimeError):
     """No equilibrium was found; the message says what was tried."""
 
 
+class UnstableEquilibrium(UserWarning):
+    """An arm that is moved by ever so little from the equilibrium found leaves it."""
+
+
+class Equilibrium(Simulation):
+    """A Simulation that stands at rest at t = 0, as `static_equilibrium` found it.
+
+    Attributes:
+        stability: of the rest at t = 0, with the joints held or free as `hold_joints` says.
+        followed: share of the loads up to which rest could be followed from the unloaded arm: 1.0 where it grew with
+            them all the way; less where the arm snaps on the way to its full loads, and comes to rest elsewhere; 0.0
+            where joints turn freely.
+    """
+
+    stability: Stability
+    followed: float
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A point of rest or steady rotation, and the share of the loads that the path to it was followed for."""
+
+    point: Point
+    followed: float
+
+
 def static_equilibrium(
-    scene: Scene, formulation: str | None = None, *, hold_joints: bool = True, **options: Any
-) -> Simulation:
+    scene: Scene,
+    formulation: str | None = None,
+    *,
+    hold_joints: bool = True,
+    require_stable: bool | None = None,
+    **options: Any,
+) -> Equilibrium:
     """The arm at rest under its gravity and its constant loads; loads that change with time are left out.
+
+    With the joints held it is the rest that grows from the unloaded arm as all loads grow together. With free joints
+    it is the rest that the arm sinks to; a start at rest is kept, even where that is unstable (an arm upright).
 
     Args:
         scene: its motions keep the value they have at t = 0.
         formulation, options: as for `simulate`.
         hold_joints: True: joints stay at their initial angles, and torques hold them, in place of the scene's joint
-            torques; False: joints turn freely. From a start that is an equilibrium the arm does not move, even where
-            that is unstable (an arm that stands upright).
+            torques; False: joints turn freely.
+        require_stable: of an unstable rest (a straight column beyond its critical load): None: warn; True: refuse it;
+            False: give it without a word.
     Returns:
-        A Simulation of the same arm at rest, at t = 0; `joint_torques()` gives the holding torques, N m, and they go on
-        acting.
+        A Simulation of the same arm at rest, at t = 0, with its `stability`; `joint_torques()` gives the holding
+        torques, N m, and they go on acting.
     Raises:
-        ValueError: an option that is not allowed. NoEquilibrium: with a sentence that says why.
+        ValueError: an option that is not allowed. NoEquilibrium: with a sentence that says why, or (require_stable)
+        that the rest is unstable.
+    Warns:
+        UnstableEquilibrium: see require_stable.
     """
     if not isinstance(hold_joints, bool):
         raise check.InvalidValue("hold_joints", hold_joints, "must be True or False")
-    simulation = still(check.instance("scene", scene, Scene), scene.settings(formulation, **options), hold_joints)
+    if require_stable is not None and not isinstance(require_stable, bool):
+        raise check.InvalidValue("require_stable", require_stable, "must be True, False or None")
+    settings = check.instance("scene", scene, Scene).settings(formulation, **options)
+    simulation = Equilibrium(still(scene, hold_joints), settings)
     equations = Equations(simulation)
     held = equations.inputs.tolist() if hold_joints else []
     work = simulation.work
     zero = np.zeros(equations.n)
-    point = settle(equations, Point(work.q.copy(), zero, zero, work.u.copy(), work.psi.copy()), held)
-    work.q[:], work.v[:] = point.q, 0.0
-    simulation.set_torques(point.u[: equations.n_links])
+    rest = settle(equations, Point(work.q.copy(), zero, zero, work.u.copy(), work.psi.copy()), held)
+    simulation.followed, simulation.stability = rest.followed, at_rest(equations, rest.point, held)
+    if require_stable is not False:
+        tell(simulation.stability, bool(require_stable))
+    work.q[:], work.v[:] = rest.point.q, 0.0
+    simulation.set_torques(rest.point.u[: equations.n_links])
     return simulation
 
 
-def still(scene: Scene, settings: Settings, hold_joints: bool, **changes: Any) -> Simulation:
-    """The scene at its start, its motions standing still, loads that change with time left out, `changes` made."""
+def tell(stability: Stability, refuse: bool) -> None:
+    """Warn the caller's caller of an unstable rest, or refuse it (NoEquilibrium)."""
+    if not stability.stable:
+        text = (
+            f"the equilibrium found is unstable: a small disturbance of it grows by exp({stability.growth:.3g} t / s), "
+            f"in {stability.negative} direction(s); a small load to one side says where the arm goes"
+        )
+        if refuse:
+            raise NoEquilibrium(text)
+        warnings.warn(UnstableEquilibrium(text), stacklevel=3)
+
+
+def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
+    """The scene with its motions standing still, loads that change with time left out, and `changes` made."""
 
     def kept(load: Load) -> bool:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
         return steady and not (hold_joints and isinstance(load, JointTorque))
 
     moved = replace(scene, motions=(), **changes)
-    quiet = replace(
+    return replace(
         moved,
         motions=tuple(Motion(m.coordinate, constant(moved.initial_value(m.coordinate))) for m in scene.motions),
         loads=tuple(load for load in moved.loads if kept(load)),
     )
-    return Simulation(quiet, settings)
 
 
-def settle(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> Point:
-    """The point of rest, or of steady rotation about the origin (spin, rad/s), near the start.
+def settle(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> Rest:
+    """The point of rest, or of steady rotation about the origin (spin, rad/s), that the start leads to.
 
-    held: joints that stay at their angle; the point's u holds the torques that keep them there.
+    start: unloaded, at its initial angles; its u holds the loads. held: joints that stay at their angle; the point's u
+    holds the torques that keep them there.
     """
-    point = _settle(equations, start, held, spin)
-    code = equations.status(point.q)
-    if code != OK:
-        bound = float(getattr(equations.model, "bound", 0.0))
-        why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
-        raise NoEquilibrium(
-            f"the arm would deflect {why} at rest; take more segments (no modes), or formulation='geometrically_exact'"
-        )
-    return point
-
-
-def _settle(equations: Equations, start: Point, held: Sequence[int], spin: float) -> Point:
     search = _Search(equations, start, held, spin)
+    point, followed = start, 0.0
     if len(held) == len(equations.joints):  # nothing can turn
-        found = search.newton(start, 0.0)
-        if found is not None:
-            return found
-    point, acceleration = search.accelerations(start)
-    if acceleration < AT_REST:
-        return point
-    first = s = 10.0 * acceleration  # a first move of about 0.1
-    for _ in range(60):
-        moved = search.newton(point, s)
-        if moved is None:
-            s *= 4.0
-            if s > 1e6 * first:
-                break
-            continue
-        distance = float(np.abs((moved.q - point.q) * equations.model.weight)[equations.free].max())
-        point, s = moved, 0.1 * s
-        if distance < 0.01:
-            found = search.newton(point, 0.0)
-            if found is not None:
-                return found
-            if search.accelerations(point)[1] < AT_REST:
-                return point
-    acceleration = search.accelerations(point)[1]
-    raise NoEquilibrium(
-        "no equilibrium was found: "
-        + ("nothing holds the arm, its root being free" if len(equations.inputs) < len(equations.joints) else
-           "the loads may be too large for the arm, or the joints' torques may turn it on and on")
-        + f"; the arm where the search ended still accelerates at {acceleration:.3g} rad/s^2 (or arm lengths/s^2)"
-    )  # fmt: skip
+        point, followed = search.follow(start)
+    if followed < 1.0:
+        point = search.sink(point, followed)
+    return Rest(point, followed)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Where Newton's iteration ended, A, G and B of its last one, and whether it is a minimum of the potential."""
+
+    point: Point
+    A: Array
+    G: Array
+    B: Array
+    stable: bool
 
 
 class _Search:
-    """Newton's iteration for coordinates, multipliers and holding torques."""
+    """Newton's iteration for coordinates, multipliers and holding torques under a share of the loads."""
 
     def __init__(self, equations: Equations, start: Point, held: Sequence[int], spin: float) -> None:
-        self.e, self.spin, self.held = equations, spin, list(held)
+        self.full, self.spin, self.held = equations, spin, list(held)
+        self.loads = start.u.copy()
         self.columns = np.array([equations.inputs.tolist().index(k) for k in held], np.int64)
         self.angles = equations.joint_slopes(start.q)[self.held]
         self.target = equations.joint_angles(start.q, np.zeros(equations.n))[0][self.held]
+        self.weight = equations.model.weight[equations.free]
+        self.spent = 0
+
+    def take(self, share: float) -> None:
+        """From now on under this share of the loads."""
+        self.share, self.e = share, self.full.under(share)
 
     def at(self, point: Point, q: Array) -> Point:
-        v, a = self.e.turned(q, self.spin)
-        return replace(point, q=q, v=v, a=a)
+        """The point moved to q, with the loads and the rotation of the present share."""
+        v, a = self.e.turned(q, self.spin * np.sqrt(self.share))
+        u = self.share * self.loads
+        u[self.held] = point.u[self.held]
+        return replace(point, q=q, v=v, a=a, u=u)
+
+    def follow(self, start: Point) -> tuple[Point, float]:
+        """The rest that grows from the unloaded start, and the share of the loads up to which there is one."""
+        self.take(0.0)
+        q = start.q.copy()
+        q[self.e.algebraic] = 0.0
+        found = self.newton(replace(start, q=q), 0.0, np.inf)
+        assert found is not None  # without loads the start is at rest, and nothing acts in its joints
+        share = step = 0.0
+        while share < 1.0:
+            point, toward = found.point, self.tangent(found)
+            slope = self.size(toward)
+            if share == 0.0:
+                step = _LARGEST_MOVE / max(slope, 1e-300)
+            most = 4.0
+            while True:
+                goal = min(1.0, share + step)
+                self.take(goal)
+                step = goal - share
+                move = step * slope
+                ahead = self.moved(point, step * toward)
+                found = self.newton(ahead, 0.0, max(move, 1e-6))
+                astray = np.inf if found is None else self.size((found.point.q - ahead.q)[self.e.free]) - 1e-7
+                if found is not None and found.stable and astray <= _ASTRAY * move:
+                    break
+                self.check(point, start, share)
+                if found is not None and not found.stable:  # the end of the path is near
+                    most = 1.0
+                step *= 0.5 if astray <= move else 0.25
+                if step < _SHORTEST * goal:
+                    return point, share
+            share = goal
+            step *= most if astray <= 0.0 else min(most, _AIM * move / astray)
+            self.check(found.point, start, share)
+        return found.point, 1.0
+
+    def check(self, point: Point, start: Point, share: float) -> None:
+        """NoEquilibrium where the path leaves the formulation's range, winds up, or takes too long."""
+        if self.e.status(point.q) != OK:
+            bound = float(getattr(self.e.model, "bound", 0.0))
+            why = "beyond the range of the reduction to modes" if bound else "larger than a floating body can have"
+            raise NoEquilibrium(
+                f"the arm would deflect {why} at rest, from {share:.3g} of the loads on; take more segments (no modes)"
+                ", or formulation='geometrically_exact'"
+            )
+        if self.size((point.q - start.q)[self.e.free]) > _TURNS * 2.0 * np.pi:
+            raise NoEquilibrium(f"the loads are too large: they wind the arm up {_TURNS} times at {share:.3g} of them")
+        if self.spent > _MOST and share < 1.0:
+            raise NoEquilibrium(
+                f"the loads are too large: rest was followed from the unloaded arm to {share:.3g} of them only"
+            )
+
+    def sink(self, start: Point, followed: float) -> Point:
+        """The rest that steps downhill lead to from the start, under all loads."""
+        self.take(1.0)
+        point, acceleration = self.accelerations(start)
+        if acceleration < AT_REST:
+            return point
+        first = s = 10.0 * acceleration  # a first move of about 0.1
+        most = self.spent + _MOST
+        while self.spent < most and self.size((point.q - start.q)[self.e.free]) < 2.0 * np.pi:
+            found = self.newton(point, s, 1.0)
+            if found is None or not found.stable:
+                s *= 4.0
+                if s > 1e9 * first:
+                    break
+                continue
+            distance = self.size((found.point.q - point.q)[self.e.free])
+            point, s = found.point, 0.1 * s
+            if distance < 0.01:
+                last = self.newton(point, 0.0, 0.1)
+                if last is not None and (last.stable or self.accelerations(point)[1] < AT_REST):
+                    self.check(last.point, last.point, 1.0)
+                    return last.point
+                if self.accelerations(point)[1] < AT_REST:
+                    return point
+        joints, inputs = len(self.e.joints), len(self.e.inputs)
+        why = "the loads may be too large for the arm, or the joints' torques may turn it on and on"
+        if inputs < joints:
+            why = "nothing holds the arm, its root being free"
+        elif len(self.held) == joints:
+            why = f"rest was followed from the unloaded arm to {followed:.3g} of the loads, where it snaps"
+        raise NoEquilibrium(
+            f"no equilibrium was found: {why}; the arm where the search ended still accelerates at "
+            f"{self.accelerations(point)[1]:.3g} rad/s^2 (or arm lengths/s^2)"
+        )
+
+    def size(self, x: Array) -> float:
+        """Largest entry of a move of the rows that can, rad or lengths of the arm."""
+        return float(np.abs(x[: self.e.free.size] * self.weight).max(initial=0.0))
 
     def residual(self, point: Point) -> Array:
         return self.e.residual(self.at(point, point.q))
 
-    def matrices(self, point: Point) -> tuple[Array, Array, Array, Array]:
-        """M, K with what the rotation adds, G and B of the held joints."""
+    def inertia(self, point: Point) -> Array:
+        """M (f, f)."""
         e, here = self.e, self.at(point, point.q)
-        M = exact_slopes(lambda a: e.residual(replace(here, a=a)), here.a, e.free)[e.free]
-        K = slopes(lambda q: e.residual(self.at(point, q)), point.q, e.free, e.steps)[e.free]
-        G = e.constraint_slopes(here)
+        return exact_slopes(lambda a: e.residual(replace(here, a=a)), here.a, e.free)[e.free]
+
+    def stiffness(self, point: Point) -> Array:
+        """K (f, f) with what the rotation adds."""
+        e = self.e
+        return slopes(lambda q: e.residual(self.at(point, q)), point.q, e.free, e.steps)[e.free]
+
+    def borders(self, point: Point) -> tuple[Array, Array]:
+        """Constraints by the rows that can move, G, and what the held joints' torques do there, B."""
+        e, here = self.e, self.at(point, point.q)
         rows = e.inputs[self.columns]
-        B = -exact_slopes(lambda u: e.residual(replace(here, u=u)), here.u, rows)[e.free]
-        return M, K, G, B
+        return e.constraint_slopes(here), -exact_slopes(lambda u: e.residual(replace(here, u=u)), here.u, rows)[e.free]
 
     def solve(self, A: Array, G: Array, B: Array, right: Array) -> Array:
         """Of the bordered system of coordinates, multipliers and holding torques (scaled to the stiffness)."""
         f, g, h = A.shape[0], G.shape[0], B.shape[1]
-        scale = float(np.abs(A).max())
+        scale = float(np.abs(A).max(initial=0.0))
         matrix = np.zeros((f + g + h, f + g + h))
         matrix[:f, :f] = A
         matrix[:f, f : f + g], matrix[f : f + g, :f] = scale * G.T, scale * G
@@ -173,40 +328,70 @@ class _Search:
         x[f:] *= scale
         return np.asarray(x, np.float64)
 
-    def newton(self, start: Point, s: float) -> Point | None:
-        """Rest at s = 0, otherwise a step downhill from the start; None where the iteration does not converge."""
+    def moved(self, point: Point, x: Array, share: float = 1.0) -> Point:
+        """The point after a move x of coordinates (a share of it), multipliers and holding torques."""
+        e, f, g = self.e, self.e.free.size, self.e.algebraic.size
+        q, u = point.q.copy(), point.u.copy()
+        q[e.free] += share * x[:f]
+        q[e.algebraic] += x[f : f + g]
+        u[self.held] += x[f + g :]
+        return self.at(replace(point, u=u), q)
+
+    def tangent(self, found: _Found) -> Array:
+        """Move of coordinates, multipliers and holding torques by the share of the loads; r is linear in the share."""
+        here, share = found.point, self.share
+        before = self.residual(here)
+        self.take(1.0)
+        change = (self.residual(here) - before) / (1.0 - share)
+        return self.solve(
+            found.A,
+            found.G,
+            found.B,
+            -np.concatenate([change[self.e.free], np.zeros(self.e.algebraic.size + len(self.held))]),
+        )
+
+    def newton(self, start: Point, s: float, reach: float) -> _Found | None:
+        """Rest at s = 0, otherwise a step downhill from the start; None where none is found within reach of it."""
         e, point, last = self.e, start, np.inf
-        f, g = e.free.size, e.algebraic.size
-        weight = e.model.weight[e.free]
-        for _ in range(60 if s == 0.0 else 15):
-            M, K, G, B = self.matrices(point)
-            r = self.residual(point)
+        for _ in range(15):
+            self.spent += 1
+            r, A, (G, B) = self.residual(point), self.stiffness(point), self.borders(point)
+            pull = np.zeros(e.free.size)
+            if s != 0.0:
+                M = self.inertia(point)
+                A, pull = A + s * M, s * M @ (point.q - start.q)[e.free]
             angles = e.joint_angles(point.q, np.zeros(e.n))[0][self.held]
-            pull = s * M @ (point.q - start.q)[e.free]
-            x = self.solve(K + s * M, G, B, -np.concatenate([r[e.free] + pull, r[e.algebraic], angles - self.target]))
-            size = float(np.abs(x[:f] * weight).max())
-            if not np.isfinite(x).all() or size > 1e3:
+            x = self.solve(A, G, B, -np.concatenate([r[e.free] + pull, r[e.algebraic], angles - self.target]))
+            if not np.isfinite(x).all():
                 return None
-            q, u = point.q.copy(), point.u.copy()
-            q[e.free] += x[:f] * min(1.0, _LARGEST_MOVE / max(size, 1e-300))
-            q[e.algebraic] += x[f : f + g]
-            u[self.held] += x[f + g :]
-            point = self.at(replace(point, u=u), q)
-            if np.abs((q - start.q)[e.free] * weight).max() > (10.0 if self.held else 1.0):
+            size = self.size(x)
+            point = self.moved(point, x, min(1.0, _LARGEST_MOVE / max(size, 1e-300)))
+            if self.size((point.q - start.q)[e.free]) > reach:
                 return None
             if size < 1e-9 or (size < 1e-6 and size > 0.5 * last):
-                return point
+                return _Found(point, A, G, B, self.convex(A, G))
             last = size
         return None
 
+    def convex(self, A: Array, G: Array) -> bool:
+        """Whether A is positive definite on what constraints and held joints leave."""
+        walls = np.vstack([G, self.angles])
+        within = np.linalg.qr(walls.T, mode="complete")[0][:, len(walls) :]
+        inner = within.T @ A @ within
+        scale = np.sqrt(np.abs(inner.diagonal())) + 1e-300
+        try:
+            np.linalg.cholesky(0.5 * (inner + inner.T) / np.outer(scale, scale))
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
     def accelerations(self, point: Point) -> tuple[Point, float]:
         """The point with its multipliers and holding torques, and the largest weighted acceleration there."""
-        e = self.e
-        f, g = e.free.size, e.algebraic.size
-        M, _, G, B = self.matrices(point)
-        r = self.residual(point)
-        x = self.solve(M, G, B, -np.concatenate([r[e.free], np.zeros(g + len(self.held))]))
-        q, u = point.q.copy(), point.u.copy()
-        q[e.algebraic] += x[f : f + g]
-        u[self.held] += x[f + g :]
-        return replace(point, q=q, u=u), float(np.abs(x[:f] * e.model.weight[e.free]).max())
+        r, (G, B) = self.residual(point), self.borders(point)
+        x = self.solve(
+            self.inertia(point),
+            G,
+            B,
+            -np.concatenate([r[self.e.free], np.zeros(self.e.algebraic.size + len(self.held))]),
+        )
+        return self.moved(point, x, 0.0), self.size(x)

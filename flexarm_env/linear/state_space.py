@@ -18,6 +18,7 @@ from ..simulation import Simulation, uncompiled
 from ..trajectory import link_deflection
 from .equations import Equations, Point, Reduced, exact_slopes, slopes
 from .period import point_of, solved
+from .stability import eigenpairs, growing
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,8 @@ class LinearModel:
             their rates, "tip_x", "tip_y" (m).
         x, u, y: the point of the motion. rate: x' there; with dt, the state one period later.
         t: its time, s. dt: period, s, or None (continuous).
+        growing: how many motions of the continuous model grow about the point, joints free; 0 where it is stable. The
+            round-off of A's eigenvalues (a stiff beam's zero ones) does not count here.
     """
 
     A: Array
@@ -53,6 +56,7 @@ class LinearModel:
     rate: Array = field(repr=False)
     t: float
     dt: float | None
+    growing: int = 0
 
     def __iter__(self) -> Iterator[Array]:
         return iter((self.A, self.B, self.C, self.D))
@@ -111,6 +115,7 @@ def linearize(
         inputs=tuple(f"torque{k}" for k in equations.inputs),
         outputs=names,
         x=x0, u=start.u[equations.inputs], y=y0, rate=rate, t=simulation.t, dt=discrete,
+        growing=growing(eigenpairs(reduced, list(range(n)))[0]),
     )  # fmt: skip
 
 

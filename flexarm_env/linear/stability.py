@@ -1,0 +1,142 @@
+"""Whether an arm stays near a point of its motion: eigenvalues of its equations there.
+
+At rest loads, gravity and held joints have a potential, so that a point is stable where the stiffness of what can move
+has no negative eigenvalue (Lagrange and Dirichlet); one that is negative grows as exp(sqrt(-mu) t).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .equations import Equations, Point, Reduced
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+ROUND_OFF = 1e-14
+"""Relative error of the stiffness K: a squared frequency below this times |x|'|K||x| is that of a rigid motion."""
+
+GROWS = 1e-6
+"""An eigenvalue counts as one that grows where its real part exceeds this times its size (round-off is 1e-9)."""
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Of an arm at rest, held as it is.
+
+    Attributes:
+        smallest: lowest squared frequency mu of the arm, rad^2/s^2, of K x = mu M x with the held joints left out;
+            infinite where nothing can move.
+        negative: how many are negative. neutral: how many are zero to round-off (a joint that turns freely).
+    """
+
+    smallest: float
+    negative: int
+    neutral: int
+
+    @property
+    def stable(self) -> bool:
+        """No direction in which the arm moves away; it may drift in a neutral one."""
+        return self.negative == 0
+
+    @property
+    def growth(self) -> float:
+        """Fastest rate of growth, 1/s, without damping; 0.0 where stable."""
+        return float(np.sqrt(max(0.0, -self.smallest)))
+
+
+def at_rest(equations: Equations, point: Point, held: Sequence[int] = ()) -> Stability:
+    """The stability of a point of rest, the joints `held` kept at their angles; ValueError: a coordinate has no
+    inertia."""
+    reduced = equations.reduced(point)
+    keep = moving(equations, held)
+    if not keep:
+        return Stability(np.inf, 0, 0)
+    pick = np.ix_(keep, keep)
+    M, K = reduced.M[pick], reduced.K[pick]
+    squares, _ = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
+    return Stability(float(squares.min()), int((squares < 0.0).sum()), int((squares == 0.0).sum()))
+
+
+def moving(equations: Equations, held: Sequence[int]) -> list[int]:
+    """Places of the independent coordinates other than the joints `held`."""
+    still = [equations.joints[k] for k in held if k in equations.joints]
+    return [i for i in range(equations.independent.size) if i not in still]
+
+
+def growing(eigenvalues: Complex) -> int:
+    """How many eigenvalues grow; a pair of complex ones, of which one is given, counts once."""
+    return int((eigenvalues.real > GROWS * np.abs(eigenvalues)).sum())
+
+
+def eigenpairs(reduced: Reduced, keep: list[int]) -> tuple[Complex, Complex]:
+    """Eigenvalues with non-negative imaginary part, one of each rigid pair, and their vectors of coordinates.
+
+    In the basis of the undamped modes, in which the inertia is 1 and the symmetric part of the stiffness diagonal.
+    """
+    pick = np.ix_(keep, keep)
+    M, C, K = reduced.M[pick], reduced.C[pick], reduced.K[pick]
+    squares, basis = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
+    symmetric = np.abs(K - K.T).max() < 1e-8 * np.abs(K).max()
+    if symmetric and (squares >= 0.0).all() and np.abs(C).max() ** 2 < 1e-20 * np.abs(K).max() * np.abs(M).max():
+        return 1j * np.sqrt(squares), basis.astype(complex)
+    turning = 0.0 if symmetric else 0.5 * basis.T @ (K - K.T) @ basis
+    values, vectors = _damped(squares, np.diag(squares) + turning, basis.T @ C @ basis)
+    elastic_ones = np.sqrt(np.abs(squares[squares != 0.0]))
+    rigid = np.abs(values) < 1e-4 * elastic_ones.min(initial=np.inf)
+    chosen = [i for i in range(values.size) if not rigid[i] and values[i].imag >= 0.0]
+    zeros = np.flatnonzero(rigid)[::2]  # a rigid motion has two eigenvalues
+    values[zeros] = 0.0
+    chosen += zeros.tolist()
+    return values[chosen], basis @ vectors[:, chosen]
+
+
+def _damped(squares: Array, K: Array, C: Array) -> tuple[Complex, Complex]:
+    """All 2n eigenvalues of x'' + C x' + K x = 0, by size, and their vectors x, where K is all but diag(squares).
+
+    The fast poles of a damped stiff beam are up to 1e14 times the slow ones, which would drown in their round-off. The
+    slow ones are therefore the inverse problem's, (A - shift)^-1, in coordinates whose squares are energies.
+    """
+    from scipy.linalg import eig
+
+    n = squares.size
+    one = np.eye(n)
+    shift = 0.37 * float(np.sqrt(np.abs(squares[squares != 0.0])).min(initial=np.inf))
+    shift = shift if np.isfinite(shift) else 1.0
+    scale = 1.0 / np.sqrt(np.abs(squares) + shift**2)
+    both = np.outer(scale, scale)
+    inverse = np.linalg.inv((K + shift * C + shift**2 * one) * both)
+    upper = np.hstack([-inverse @ ((C + shift * one) * both), -inverse * scale])
+    lower = np.hstack([np.diag(scale), np.zeros((n, n))]) + shift * scale[:, None] * upper
+    slow, slow_vectors = eig(np.vstack([upper, lower]))
+    fast, fast_vectors = eig(np.block([[np.zeros((n, n)), one], [-K, -C]]))
+    slow = shift + 1.0 / np.where(slow == 0.0, 1e-300, slow)
+    count = int((np.abs(slow) < 1e7 * shift).sum())
+    low, high = np.argsort(np.abs(slow), kind="stable")[:count], np.argsort(np.abs(fast), kind="stable")[count:]
+    vectors = np.hstack([scale[:, None] * slow_vectors[:n, low], fast_vectors[:n, high]])
+    return np.concatenate([slow[low], fast[high]]), vectors
+
+
+def undamped(M: Array, K: Array) -> tuple[Array, Array]:
+    """Squared frequencies and M-normalised shapes of M x'' + K x = 0; those of rigid motions exactly 0.
+
+    Frequencies of stretch may be 1e8 times those of bending, and their round-off with them: the low ones are taken
+    from the inverse problem, whose largest eigenvalues they are.
+    """
+    from scipy.linalg import eigh
+
+    squares, basis = eigh(K, M)
+    largest = float(np.abs(squares).max())
+    shift = max(1e-12 * largest, -2.0 * float(squares.min()))
+    inverse, shapes = eigh(M, K + shift * M)
+    low = int((squares < 1e-8 * largest).sum())
+    inverse, shapes = inverse[::-1][:low], shapes[:, ::-1][:, :low]
+    fine = 1.0 / inverse - shift
+    shapes = shapes / np.sqrt(inverse)
+    noise = ROUND_OFF * (np.abs(shapes) * (np.abs(K) @ np.abs(shapes))).sum(axis=0) + 1e-6 * shift
+    fine[np.abs(fine) < noise] = 0.0
+    return np.concatenate([fine, squares[low:]]), np.hstack([shapes, basis[:, low:]])
