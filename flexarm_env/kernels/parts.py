@@ -2,8 +2,9 @@
 
 Numba optimises and assembles every function on its own before it links it into its caller, which is then optimised
 again with all that it contains: at five levels of call the innermost function goes through LLVM five times. Here a
-kernel that Python calls is the only one that goes through; those that it calls, and what they use of Numba, are
-*parts*: their intermediate code is handed on as it is. A part that Python calls after all is compiled once more.
+kernel that Python calls is the only one that goes through; those that it calls are *parts*: their intermediate code is
+handed on as it is. A part that Python calls after all is compiled once more. Functions that are no kernels, Numba's or
+anybody's, are compiled as Numba always does: they may be called from elsewhere.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.registry import CPUDispatcher
+from numba.core.targetconfig import ConfigStack
 from numba.core.typed_passes import NopythonTypeInference
 
 _open = 0
@@ -75,17 +77,12 @@ class _ChooseLibrary(AnalysisPass):  # type: ignore[misc]
 
 
 class _Compiler(Compiler):  # type: ignore[misc]
-    def compile_extra(self, func: Any) -> Any:
-        """Compile; what that compiles of Numba's own are parts too (not what the disk holds: that can be run)."""
-        codegen = self.state.targetctx.codegen()
-        before = codegen._library_class
-        codegen._library_class = _Part
-        try:
-            return super().compile_extra(func)
-        finally:
-            codegen._library_class = before
-
     def define_pipelines(self) -> Any:
+        """The passes. What a kernel calls that is not a kernel is compiled as if anybody had called it first.
+
+        Numba would have it inherit the caller's error model, and keep that for whoever calls it later.
+        """
+        ConfigStack().top().error_model = "python"
         pipelines = super().define_pipelines()
         for pipeline in pipelines:
             pipeline.add_pass_after(_ChooseLibrary, NopythonTypeInference)
@@ -97,7 +94,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
     """A compiled function that is whole where Python calls it and a part where another kernel does."""
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None) -> None:
-        super().__init__(py_func, locals, targetoptions, pipeline_class=_Compiler)
+        super().__init__(py_func, locals or {}, targetoptions or {}, pipeline_class=_Compiler)
 
     def compile(self, sig: Any) -> Any:
         """The entry point for argument types, from memory, from the disk or compiled now."""
