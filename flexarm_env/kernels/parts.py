@@ -9,6 +9,7 @@ anybody's, are compiled as Numba always does: they may be called from elsewhere.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 from numba.core import sigutils
@@ -19,6 +20,9 @@ from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.targetconfig import ConfigStack
 from numba.core.typed_passes import NopythonTypeInference
+
+from .cache import KernelCache
+from .waiting import announced
 
 _open = 0
 """How many kernels are being compiled at this moment, one within the other; changed under Numba's compiler lock."""
@@ -77,6 +81,11 @@ class _ChooseLibrary(AnalysisPass):  # type: ignore[misc]
 
 
 class _Compiler(Compiler):  # type: ignore[misc]
+    def compile_extra(self, func: Any) -> Any:
+        """Compile; who waits for it is told."""
+        with announced(func) if _open == 1 else nullcontext():
+            return super().compile_extra(func)
+
     def define_pipelines(self) -> Any:
         """The passes. What a kernel calls that is not a kernel is compiled as if anybody had called it first.
 
@@ -95,6 +104,10 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None) -> None:
         super().__init__(py_func, locals or {}, targetoptions or {}, pipeline_class=_Compiler)
+
+    def enable_caching(self) -> None:
+        """Keep compiled forms on disk."""
+        self._cache = KernelCache(self.py_func)
 
     def compile(self, sig: Any) -> Any:
         """The entry point for argument types, from memory, from the disk or compiled now."""
