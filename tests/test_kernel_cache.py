@@ -1,4 +1,4 @@
-"""Compiled code on disk: nobody may load what is damaged or was written for something else, and nobody has to have it."""
+"""Compiled code on disk: nobody loads what is damaged or was written for something else, nobody has to have it."""
 
 from __future__ import annotations
 
