@@ -50,14 +50,14 @@ def _stamp(file: str) -> str:
     return hashlib.sha256(source_hash().encode() + Path(file).read_bytes()).hexdigest()
 
 
-def _complain(error: Exception) -> None:
-    """Say once in a process that compiled code is not kept, and why."""
+def _complain(error: Exception, folder: str | None) -> None:
+    """Say once in a process that compiled code is not kept, where and why."""
     global _said
     if _said:
         return
     _said = True
     if isinstance(error, OSError):
-        reason = f"({error}); set NUMBA_CACHE_DIR to a folder that can be written to and has room"
+        reason = f"({folder}: {error.strerror or error}); set NUMBA_CACHE_DIR to a writable folder that has room"
     else:
         reason = f"by Numba {numba.__version__} ({type(error).__name__}: {error}); NUMBA_CACHE_DIR does not help"
     text = f"flexarm_env: compiled code cannot be kept, every process compiles anew {reason}"
@@ -179,7 +179,7 @@ class KernelCache(caching.NullCache):  # type: ignore[misc]
                 raise ValueError(f"{self._function.__qualname__} holds addresses of this process")
             self._shelf.save(self._key(sig, data.codegen), data._reduce())
         except Exception as error:
-            _complain(error)
+            _complain(error, self.cache_path)
 
     def flush(self) -> None:
         """Forget all forms."""
