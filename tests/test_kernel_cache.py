@@ -103,7 +103,7 @@ def test_without_a_cache_it_runs(trouble: str, monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
     if trouble == "no folder":
         monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "file" / "cache"))
-        monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [caching.UserProvidedCacheLocator])
+        monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
         monkeypatch.setattr(Path, "mkdir", lambda self, **_: (tmp_path / "file" / "no").write_text(""))
     elif trouble == "full":
         monkeypatch.setattr(Path, "write_bytes", full)
