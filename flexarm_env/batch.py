@@ -18,7 +18,7 @@ from . import kernels  # noqa: F401  (registers the formulations)
 from .kernels import environment, starts
 from .kernels.adaptive import FITS
 from .kernels.address import Placed, entry, native
-from .kernels.lanes import EIGHT, SINGLE
+from .kernels.lanes import SINGLE, WIDEST
 from .kernels.layout import aligned, layout_of
 from .kernels.program import (
     ACTION_NOT_FINITE,
@@ -198,7 +198,7 @@ class Batch:
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
         self.systems = fitted_systems(arm, settings, gravity)
         self.system: System = self.systems[-1]
-        self.lane = SINGLE if n < LANES_FROM or settings.formulation in ONE_BY_ONE else EIGHT
+        self.lane = SINGLE if n < LANES_FROM or settings.formulation in ONE_BY_ONE else WIDEST
         self.groups = -(-n // len(self.lane))
         self.threads = max(1, min(threads, self.groups))
         self.tail_first = DEFLECTION + 2 * len(task.links) + len(task.targets) + len(task.terms)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,13 +13,14 @@ import numpy as np
 import pytest
 
 from flexarm_env.cli import main
+from flexarm_env.cli.compile import cache_report
 from flexarm_env.cli.parser import build_parser
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 from tests.cli_tools import refused
 
-COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "bench", "doctor")
+COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "bench", "compile", "doctor")
 SHORT = ["replay", "robot_arm_motion", "--segments", "2", "--duration", "0.5"]
 
 
@@ -244,6 +246,37 @@ def test_doctor(capsys: pytest.CaptureFixture[str]) -> None:
     assert values["self_test"].startswith("passed")
     assert 0.01 < values["self_test_max_tip_error"] < 0.015
     assert {"python", "numba", "torch", "processors", "cache_folder"} <= values.keys()
+    assert values["cache_writable"] is True
+
+
+def test_doctor_says_why_compiled_code_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    warned = ["flexarm_env: compiled code cannot be kept, ... (no space); set NUMBA_CACHE_DIR to ..."]
+    found = cache_report(warned)
+    assert found["cache_writable"] is False and found["cache"].startswith("compiled code cannot be kept")
+    assert cache_report([]).keys() == {"cache_folder", "cache_writable"}
+    monkeypatch.setattr(Path, "write_bytes", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    found = cache_report([])
+    assert found["cache_writable"] is False and "NUMBA_CACHE_DIR" in found["cache"] and "No space" in found["cache"]
+
+
+@pytest.mark.slow  # a minute or two where nothing has been compiled yet
+def test_compile_leaves_nothing_to_be_compiled(tmp_path: Path) -> None:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    flexarm = [sys.executable, "-m", "flexarm_env"]
+    done = subprocess.run([*flexarm, "compile", "--json"], env=environment, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["cache_writable"] is True
+    kept = {path.name for path in tmp_path.rglob("*.nbc")}
+    assert kept
+    lines = (
+        "import gymnasium as gym, flexarm_env, numpy as np; from flexarm_env import linear, named, simulate, recording",
+        "env = gym.make_vec('TwoLinkFlexArm-v0', num_envs=32); env.reset(seed=5); env.step(env.action_space.sample())",
+        "env = gym.make('TwoLinkFlexArm-v0'); env.reset(seed=5); env.step(env.action_space.sample())",
+        "simulate(named('robot_arm_motion'), duration=0.2); linear.linearize(named('robot_arm_motion'))",
+    )
+    for command in (["-c", "\n".join(lines)], ["-m", "flexarm_env", "replay", "flying_rod", "--duration", "0.1"]):
+        done = subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True, check=True)
+        assert done.stderr == "", "compiled after all"
+    assert {path.name for path in tmp_path.rglob("*.nbc")} == kept
 
 
 # ---------------------------------------------------------------- printing

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from numba import config
 from numba.core.caching import NullCache
+from numba.core.registry import CPUDispatcher
 
 from flexarm_env.kernels.jit import kernel
-from flexarm_env.kernels.parts import PartMarker
+from flexarm_env.kernels.parts import KernelDispatcher, PartMarker
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -67,3 +68,70 @@ def test_from_the_disk(tmp_path: Path) -> None:
         for _ in range(2)
     ]  # fmt: skip
     assert told == [["11.0", "8.0", "5.0", "0"], ["11.0", "8.0", "5.0", "1"]]
+
+
+FOREIGN = """
+import sys
+import numba
+from flexarm_env.kernels.jit import kernel
+
+@numba.njit
+def plain(x, y):
+    return x / y + 1.0
+
+@kernel
+def half(x):
+    return 0.5 * x
+
+@numba.njit(cache=True)
+def kept(x, y):
+    return plain(x, y) * half(4.0)
+
+@numba.njit(inline="always")
+def inlined(x, y):
+    return x / y + 3.0
+
+@kernel
+def caller(x, y):
+    return plain(x, y) + kept(x, y) + inlined(x, y)
+
+@numba.njit
+def around(x, y):
+    return caller(x, y) + 1.0
+
+def ask_helpers():
+    return [f(6.0, 2.0) for f in (plain, kept, inlined)]
+
+def ask_kernel():
+    return [caller(6.0, 2.0), around(6.0, 2.0)]
+
+steps = (ask_kernel, ask_helpers) if sys.argv[1] == "kernel" else (ask_helpers, ask_kernel)
+print(*[x for step in (*steps, *steps) for x in step()])
+for f in (plain, kept, inlined):
+    try:
+        f(1.0, 0.0)
+    except ZeroDivisionError:
+        print("raised")
+"""
+"""Somebody's own compiled functions, called from a kernel and from Python."""
+
+
+@pytest.mark.parametrize("first", ["kernel", "helpers"])
+def test_foreign_functions_stay_what_they_are(first: str, tmp_path: Path) -> None:
+    """Whoever is called first, and whether it comes from the disk: a foreign function gives what it always did."""
+    script, kernel_says, helpers_say = tmp_path / "foreign.py", ["18.0", "19.0"], ["4.0", "8.0", "6.0"]
+    script.write_text(FOREIGN, encoding="utf-8")
+    said = kernel_says + helpers_say if first == "kernel" else helpers_say + kernel_says
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[1])}
+    for _ in range(2):
+        run = subprocess.run([sys.executable, script, first], env=environment, capture_output=True, text=True)
+        assert run.returncode == 0, run.stderr
+        assert run.stdout.split() == said + said + ["raised"] * 3
+
+
+def test_every_allowed_numba_takes_the_dispatcher(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba before 0.62 compiles with the locals that it is given, and None is none."""
+    given = []
+    monkeypatch.setattr(CPUDispatcher, "__init__", lambda self, function, *options, **_: given.extend(options))
+    KernelDispatcher(_square)
+    assert given == [{}, {}]

@@ -7,13 +7,14 @@ import os
 import platform
 import sys
 import time
+import warnings
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 from flexarm_env import __version__
+from flexarm_env.cli.compile import cache_report, environments
 from flexarm_env.cli.parser import DONE, FAILED
-from flexarm_env.cli.progress import Announced, ProgressBar, show
+from flexarm_env.cli.progress import show
 
 NEEDED = ("numpy", "scipy", "numba", "llvmlite", "gymnasium")
 OPTIONAL = ("matplotlib", "pygame-ce", "moviepy", "stable-baselines3", "torch", "minari")
@@ -58,32 +59,25 @@ def _processors() -> int:
 
 
 def _self_test() -> tuple[dict[str, Any], bool]:
-    """Replay a scene against its reference."""
+    """Replay a scene against its reference, and step the environments as they are by default."""
     from flexarm_env import scenes, simulation
     from flexarm_env.comparison import tip_error
 
-    bar = ProgressBar("self-test")
     start = time.perf_counter()
     scene, options = scenes.named(SELF_TEST), {**SELF_TEST_SETTINGS, "estimate_error": False}
-    with Announced(bar, "compiling, which happens once ..."):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
         simulation.simulate(scene, duration=scene.dt, sample=scene.dt, **options)
+        for _, use in environments(None):
+            use()
     ready = time.perf_counter() - start
     trajectory = simulation.simulate(scene, **options)
     error = tip_error(trajectory.t, trajectory.tip, scenes.reference(SELF_TEST).columns).max_tip_error
     good = trajectory.status == "ok" and error < SELF_TEST_ERROR
-    folder = _cache_folder(vars(simulation)["advance"])
-    values = {
-        "cache_folder": "none (compilation is switched off)" if folder is None else str(folder),
-        "cache_writable": folder is not None and folder.is_dir() and os.access(folder, os.W_OK),
+    values = cache_report([str(warning.message) for warning in said]) | {
         "ready_seconds": ready,
         "self_test": f"{'passed' if good else 'FAILED'}: {SELF_TEST}, status {trajectory.status}",
         "self_test_max_tip_error": error,
         "self_test_cpu_seconds": trajectory.cpu_seconds,
     }
     return values, good
-
-
-def _cache_folder(function: Any) -> Path | None:
-    """Where a compiled function is kept on disk."""
-    path = getattr(getattr(function, "stats", None), "cache_path", None)
-    return None if path is None else Path(path)

@@ -53,6 +53,7 @@ Planar flexible robot arms: replay scenes, compare with references, play, train,
   flexarm train --env FlexibleArm-v0               train a policy (from a checkout)
   flexarm evaluate --policy pd,zvd,lqr             judge controllers and policies (from a checkout)
   flexarm bench                                    what is measured, and how (from a checkout)
+  flexarm compile                                  compile beforehand what is used first
   flexarm doctor                                   versions, threads, cache, a self-test
 """
 
@@ -137,9 +138,19 @@ CODES_NOTE = """\
 exit code: 0 done, 2 wrong input, or something is missing
 """
 
+COMPILE = """\
+Compile what environments (single and vector), simulate, replay and linearize need in their default settings, and keep
+it, for every process on this machine; a minute or two, seconds where it is done. Elements, nodes and modes of your own
+are compiled on their first use. What can be kept nowhere is an error: NUMBA_CACHE_DIR says where.
+
+  flexarm compile
+  flexarm compile --all                            every formulation
+  NUMBA_CACHE_DIR=/shared/cache flexarm compile    for all machines with like processors
+"""
+
 DOCTOR = """\
-Versions, processors and threads, the folder of compiled code, and a self-test that takes seconds
-(longer the first time, when it compiles). The exit code is 1 where the self-test fails.
+Versions, processors and threads, the folder of compiled code, and a self-test that takes seconds (a minute the first
+time, when it compiles): a scene, and a step of both environments and their vectors. The exit code is 1 where it fails.
 """
 
 
@@ -231,6 +242,10 @@ def build_parser() -> Parser:
     bench = add("bench", "run a benchmark (from a checkout)", BENCH, "checkout", "")
     train.script, evaluate.script = SCRIPTS["train"], SCRIPTS["evaluate"]
     train.usage, evaluate.usage, bench.usage = "%(prog)s [FLAGS]", "%(prog)s [FLAGS]", "%(prog)s [NAME [FLAGS]]"
+
+    compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
+    compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")
+    compile_.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
     doctor = add("doctor", "versions, threads, cache and a self-test", DOCTOR, "doctor", "")
     doctor.add_argument("--json", action="store_true", help="print one JSON object instead of lines")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flexarm_env import control
 from flexarm_env import validation as check
 from flexarm_env.cli.parser import DONE
-from flexarm_env.cli.progress import Announced, ProgressBar, show
+from flexarm_env.cli.progress import show
 from flexarm_env.control import Setup, load_policy
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.video import film_path, write_film
@@ -110,8 +110,7 @@ def choose(word: str) -> Player:
 
 def play(env: Any, player: Player, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:
     """Play an episode a seed, yield its pictures, and append what came of it; ends where the window is closed."""
-    with Announced(ProgressBar("play"), "compiling, which happens once ..."):
-        env.reset(seed=seeds[0])
+    env.reset(seed=seeds[0])
     policy = player.make(env)
     for seed in seeds:
         observation, info = env.reset(seed=seed)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-import threading
 import time
 from collections.abc import Mapping
 from typing import Any, TextIO
@@ -31,11 +30,6 @@ class ProgressBar:
         if text != self._drawn:
             self._write(text)
 
-    def say(self, text: str) -> None:
-        """Show a sentence in the bar's place."""
-        if self._visible:
-            self._write(text)
-
     def _write(self, text: str) -> None:
         self._stream.write("\r" + text.ljust(len(self._drawn)))
         self._stream.flush()
@@ -47,23 +41,6 @@ class ProgressBar:
             self._stream.write("\r" + " " * len(self._drawn) + "\r")
             self._stream.flush()
             self._drawn = ""
-
-
-class Announced:
-    """Within `with`, say a sentence on a terminal when it takes longer than two seconds (first compilation)."""
-
-    def __init__(self, bar: ProgressBar, text: str, after: float = 2.0) -> None:
-        self._bar = bar
-        self._timer = threading.Timer(after, bar.say, [text])
-        self._timer.daemon = True
-
-    def __enter__(self) -> None:
-        self._timer.start()
-
-    def __exit__(self, *_: object) -> None:
-        self._timer.cancel()
-        self._timer.join()
-        self._bar.close()
 
 
 def show(values: Mapping[str, Any], as_json: bool) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from flexarm_env import scenes
 from flexarm_env import validation as check
 from flexarm_env.cli.parser import DONE, FAILED
-from flexarm_env.cli.progress import Announced, ProgressBar, show
+from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.comparison import tip_error
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
@@ -119,9 +119,8 @@ def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> t
     """The run, and the wall time (s) that compiling or loading compiled code took before it."""
     run = partial(_through_env if args.through_env else _directly, args=args)
     start = time.perf_counter()
-    with Announced(ProgressBar(scene.name), "compiling, which happens once ..."):
-        first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
-        run(scene, settings, first, first, None)
+    first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
+    run(scene, settings, first, first, None)
     compiling = time.perf_counter() - start
     bar = ProgressBar(scene.name)
     try:

@@ -27,6 +27,8 @@ from .jit import kernel
 
 SINGLE: tuple[int, ...] = (0,)
 EIGHT: tuple[int, ...] = (0,) * 8
+WIDEST = SINGLE if config.DISABLE_JIT else EIGHT
+"""What many arms stand in. Where compilation is disabled there are no vectors: every arm is advanced by itself."""
 
 _DOUBLE = ir.DoubleType()
 _INDEX = ir.IntType(64)
@@ -143,8 +145,15 @@ def _either(python: Any, compiled: Any) -> Any:
     return python if config.DISABLE_JIT else compiled
 
 
+def _one(lane: tuple[int, ...]) -> None:
+    """Numbers of Python stand for one lane: RuntimeError for more."""
+    if len(lane) != 1:
+        raise RuntimeError(f"{len(lane)} lanes: there is only one where compilation is disabled (NUMBA_DISABLE_JIT)")
+
+
 def _py_load(lane: tuple[int, ...], array: np.ndarray, k: int) -> float:
     """Element k of every lane of a contiguous array."""
+    _one(lane)
     return array[k]
 
 
@@ -155,6 +164,7 @@ def _py_store(array: np.ndarray, k: int, value: float) -> None:
 
 def _py_splat(lane: tuple[int, ...], x: float) -> float:
     """The scalar x in every lane."""
+    _one(lane)
     return x
 
 

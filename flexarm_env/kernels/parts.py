@@ -2,12 +2,14 @@
 
 Numba optimises and assembles every function on its own before it links it into its caller, which is then optimised
 again with all that it contains: at five levels of call the innermost function goes through LLVM five times. Here a
-kernel that Python calls is the only one that goes through; those that it calls, and what they use of Numba, are
-*parts*: their intermediate code is handed on as it is. A part that Python calls after all is compiled once more.
+kernel that Python calls is the only one that goes through; those that it calls are *parts*: their intermediate code is
+handed on as it is. A part that Python calls after all is compiled once more. Functions that are no kernels, Numba's or
+anybody's, are compiled as Numba always does: they may be called from elsewhere.
 """
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 from numba.core import sigutils
@@ -16,7 +18,11 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.registry import CPUDispatcher
+from numba.core.targetconfig import ConfigStack
 from numba.core.typed_passes import NopythonTypeInference
+
+from .cache import KernelCache
+from .waiting import announced
 
 _open = 0
 """How many kernels are being compiled at this moment, one within the other; changed under Numba's compiler lock."""
@@ -76,16 +82,16 @@ class _ChooseLibrary(AnalysisPass):  # type: ignore[misc]
 
 class _Compiler(Compiler):  # type: ignore[misc]
     def compile_extra(self, func: Any) -> Any:
-        """Compile; what that compiles of Numba's own are parts too (not what the disk holds: that can be run)."""
-        codegen = self.state.targetctx.codegen()
-        before = codegen._library_class
-        codegen._library_class = _Part
-        try:
+        """Compile; who waits for it is told."""
+        with announced(func) if _open == 1 else nullcontext():
             return super().compile_extra(func)
-        finally:
-            codegen._library_class = before
 
     def define_pipelines(self) -> Any:
+        """The passes. What a kernel calls that is not a kernel is compiled as if anybody had called it first.
+
+        Numba would have it inherit the caller's error model, and keep that for whoever calls it later.
+        """
+        ConfigStack().top().error_model = "python"
         pipelines = super().define_pipelines()
         for pipeline in pipelines:
             pipeline.add_pass_after(_ChooseLibrary, NopythonTypeInference)
@@ -97,7 +103,11 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
     """A compiled function that is whole where Python calls it and a part where another kernel does."""
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None) -> None:
-        super().__init__(py_func, locals, targetoptions, pipeline_class=_Compiler)
+        super().__init__(py_func, locals or {}, targetoptions or {}, pipeline_class=_Compiler)
+
+    def enable_caching(self) -> None:
+        """Keep compiled forms on disk."""
+        self._cache = KernelCache(self.py_func)
 
     def compile(self, sig: Any) -> Any:
         """The entry point for argument types, from memory, from the disk or compiled now."""

@@ -1,0 +1,119 @@
+"""`flexarm compile`: everything compiled beforehand, for a machine and all the processes that will work on it."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import logging
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from flexarm_env.cli.parser import DONE, FAILED
+from flexarm_env.cli.progress import show
+
+ENVIRONMENTS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
+
+Use = tuple[str, Callable[[], object]]
+"""What is used, in words, and the first use of it."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Use everything once; 1 where what is compiled cannot be kept."""
+    from flexarm_env.settings import FORMULATIONS
+
+    values: dict[str, Any] = {}
+    logging.getLogger("flexarm_env").setLevel(logging.ERROR)  # who asks for it need not be told
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        for formulation in (None, *FORMULATIONS) if args.all else (None,):
+            word = "" if formulation is None else f" ({formulation})"
+            for name, use in (*environments(formulation), *_scenes(formulation)):
+                start = time.perf_counter()
+                sys.stderr.write(f"{name}{word} ...\n")
+                use()
+                values[f"{name}{word}"] = f"{time.perf_counter() - start:.1f} s"
+    values |= cache_report([str(warning.message) for warning in said])
+    show(values, args.json)
+    return DONE if values["cache_writable"] else FAILED
+
+
+def environments(formulation: str | None) -> Iterator[Use]:
+    """A step of each environment, one and many; formulation None: the default."""
+    import gymnasium as gym
+
+    options: dict[str, Any] = {} if formulation is None else {"formulation": formulation}
+
+    def one(name: str) -> None:
+        env = gym.make(name, **options)
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        env.unwrapped.batch.view(0)  # type: ignore[attr-defined]  # what a picture is drawn from
+        env.close()
+
+    def many(name: str) -> None:
+        for count, threads in ((8, 1), (16, 2)):
+            envs = gym.make_vec(name, num_envs=count, threads=threads, **options)
+            envs.reset(seed=0)
+            envs.step(envs.action_space.sample())
+            envs.close()
+
+    for name in ENVIRONMENTS:
+        yield name, lambda name=name: one(name)  # type: ignore[misc]
+        yield f"{name}, vector", lambda name=name: many(name)  # type: ignore[misc]
+
+
+def _scenes(formulation: str | None) -> Iterator[Use]:
+    """What is done with a scene: simulated, replayed through an environment's step, made linear."""
+    from flexarm_env import linear, scenes
+    from flexarm_env.envs.replay import through_env
+    from flexarm_env.simulation import simulate
+
+    def simulated() -> None:
+        for name in scenes.names():
+            scene = scenes.named(name)
+            simulate(scene, formulation, duration=scene.dt)
+
+    def through() -> None:
+        scene = scenes.named("robot_arm_torque")
+        short = dataclasses.replace(scene, duration=scene.dt, sample=scene.dt)
+        through_env(short, scene.settings(formulation), scene.dt)
+
+    def made_linear() -> None:
+        scene = scenes.named("robot_arm_torque")
+        linear.linearize(scene, formulation)
+        linear.linearize(scene, formulation, discrete=scene.dt)
+        linear.modes(scene, 3, formulation)
+        linear.static_equilibrium(scene, formulation)
+
+    yield "simulate, replay", simulated
+    yield "replay --through-env", through
+    yield "linearize, modes, static_equilibrium", made_linear
+
+
+def cache_report(said: list[str]) -> dict[str, Any]:
+    """The folder of compiled code, whether it can be written to, and a sentence where it cannot; said: warnings."""
+    from flexarm_env import simulation
+
+    path = getattr(getattr(vars(simulation)["advance"], "stats", None), "cache_path", None)
+    if path is None:
+        return {"cache_folder": "none (compilation is switched off)", "cache_writable": False}
+    trouble = next((text for text in said if "compiled code cannot be kept" in text), "") or _trouble(Path(path))
+    values: dict[str, Any] = {"cache_folder": path, "cache_writable": not trouble}
+    return values | ({"cache": trouble.removeprefix("flexarm_env: ")} if trouble else {})
+
+
+def _trouble(folder: Path) -> str:
+    """Why nothing can be written to a folder; "" where it can."""
+    probe = folder / f".flexarm-{time.time_ns()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.write_bytes(bytes(2**16))
+        probe.unlink()
+    except OSError as error:
+        probe.unlink(missing_ok=True)
+        return f"nothing new can be kept ({error}); set NUMBA_CACHE_DIR to a folder that can be written to and has room"
+    return ""
