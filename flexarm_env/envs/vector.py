@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import FRESH, IN_RANGE, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
+from ..threads import OneAtATime, one_at_a_time
 from .motion import Guide, is_table
 from .options import Plan, plan
 from .resets import Wishes, begin, follow, guide_of, wishes
@@ -41,7 +42,10 @@ def default_threads(n: int) -> int:
 
 
 class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
-    """What the vector forms of both environments have in common."""
+    """What the vector forms of both environments have in common.
+
+    One thread at a time may reset it, step it, or read and set its states; another gets a RuntimeError.
+    """
 
     kind: ClassVar[Kind]
 
@@ -52,6 +56,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         threads: int | None = None,
         **arguments: Any,
     ) -> None:
+        self._door = OneAtATime()
         self.closed = True  # there is nothing to close where an argument is wrong
         self.num_envs = check.integer("num_envs", num_envs, minimum=1)
         if not isinstance(autoreset_mode, AutoresetMode):
@@ -89,6 +94,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         self.closed = False
 
     # --- gymnasium ---------------------------------------------------------------------------------
+    @one_at_a_time
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
@@ -113,6 +119,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             self.render()
         return self.batch.observation.copy(), self._infos(self._mask(chosen))
 
+    @one_at_a_time
     def step(self, actions: Array32) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
         """One control period of every arm; those that ended before are started anew as the autoreset mode says."""
         batch = self.batch
@@ -272,6 +279,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return np.flatnonzero(mask).tolist(), {k: v for k, v in options.items() if k != "reset_mask"}
 
     # --- states --------------------------------------------------------------------------------------
+    @one_at_a_time
     def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
         """Everything that the future of each arm (or of those in `indices`) depends on, a copy; see `set_state`."""
         guides = self._guides
@@ -279,6 +287,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             state_of(self.batch, i, self._generator(i), self._seeds[i], guides.get(i)) for i in self._chosen(indices)
         ]
 
+    @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
         """Continue from states that `get_state` gave, here or in a single environment, bit for bit."""
         chosen = self._chosen(indices)
