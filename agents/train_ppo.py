@@ -6,7 +6,9 @@
 
 The run folder holds model.zip (the best on the validation episodes), vecnormalize.pkl where observations are
 normalised, policy.npz (the same for NumPy alone), config.yml (resolved), run.json (arguments, versions, layout of the
-observation, what it came to), learning_curve.csv and .png, tensorboard/ and checkpoints/.
+observation, what it came to), learning_curve.csv and .png, tensorboard/ and checkpoints/. model.zip, vecnormalize.pkl
+and the checkpoints are pickles, which can run any code when they are read: resume your own runs alone, and give
+policy.npz to others.
 """
 
 from __future__ import annotations
