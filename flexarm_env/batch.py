@@ -437,6 +437,6 @@ class Batch:
 __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Controller", "DEFLECTION", "ENERGIES", "ERROR", "Extras",
     "FRESH", "GUIDED", "HOLD", "IN_RANGE", "LIMIT", "MODE", "OVER", "OneAtATime", "REASON", "REASONS", "REWARD",
-    "RUNNING", "Reach", "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "TARGET_RATE", "TIP",
-    "TRUNCATED", "View", "gauge_table", "one_at_a_time", "scene_gauges", "standing_scene",
+    "RUNNING", "Reach", "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET",
+    "TARGET_RATE", "TIP", "TRUNCATED", "View", "gauge_table", "one_at_a_time", "scene_gauges", "standing_scene",
 ]  # fmt: skip

@@ -149,7 +149,7 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
         self.episodes.append(
             Episode(
                 env_id=self.env.spec.id, env_kwargs=self._env_kwargs,
-                max_episode_steps=self.env.spec.max_episode_steps, **self._start,
+                max_episode_steps=getattr(self.env.spec, "given", None), **self._start,
                 observations=np.array(rows["observations"]), actions=np.array(rows["actions"]),
                 rewards=np.array(rows["rewards"]), terminations=np.array(rows["terminations"], np.bool_),
                 truncations=np.array(rows["truncations"], np.bool_),

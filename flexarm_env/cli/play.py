@@ -128,7 +128,7 @@ def play(env: Any, player: Player, seeds: range, outcomes: list[dict[str, Any]])
                 return
         seconds = steps * env.unwrapped.dt
         outcome = {"seed": seed, "success": info["is_success"], "return": total, "seconds": seconds}
-        outcomes.append(outcome | {"ended": info["termination_reason"] or "time"})
+        outcomes.append(outcome | {"ended": info.get("termination_reason", "failure" if terminated else "") or "time"})
 
 
 def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:

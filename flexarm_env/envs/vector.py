@@ -32,6 +32,7 @@ from .motion import Guide, is_table
 from .options import Plan, plan
 from .resets import Wishes, begin, follow, guide_of, wishes
 from .single import F32, checked_action
+from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
 from .task import Kind
 
@@ -51,7 +52,7 @@ def default_threads(n: int) -> int:
     return max(1, min(available, n // ARMS_PER_THREAD))
 
 
-class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
+class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     """What the vector forms of both environments have in common.
 
     One thread at a time may reset it, step it, or read and set its states; another gets a RuntimeError.
@@ -99,7 +100,8 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         usual = STATUS_WORDS[0.0], ""
         self._fine = _constant(usual[0], object, self.num_envs), _constant(usual[1], object, self.num_envs)
         self._rows = tuple((e.name, e.first, None if e.count is None else e.first + e.count) for e in self.plan.entries)
-        names = ("is_success", "in_range", "deflection_bound", "solver_status", "termination_reason")
+        names = ["is_success", "in_range", "deflection_bound"]
+        names += ["solver_status", "termination_reason"] if self.plan.words else []
         self._masks = {f"_{name}": self._everywhere for name in (*names, *(e.name for e in self.plan.entries))}
         self.closed = False
 
@@ -369,9 +371,10 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         tail, table = self.batch.tail_first, self.batch.table[:, : self.num_envs]
         infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[tail + IN_RANGE] > 0.5}
         infos["deflection_bound"] = self._bound
-        usual = only is None and not self._ended  # only arms that have just ended have a reason
-        words = self._fine if usual else self._words(table[tail + REASON])
-        infos["solver_status"], infos["termination_reason"] = words
+        if self.plan.words:
+            usual = only is None and not self._ended  # only arms that have just ended have a reason
+            words = self._fine if usual else self._words(table[tail + REASON])
+            infos["solver_status"], infos["termination_reason"] = words
         for name, first, last in self._rows:
             infos[name] = table[first] if last is None else table[first:last].T
         if only is None:
