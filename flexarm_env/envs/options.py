@@ -42,6 +42,10 @@ FACTORS = ("payload", "EI", "damping", "torque_constant")
 """Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
 
 
+MOST_PERIODS, MOST_STEPS = 10**9, 10**4
+"""Control periods of an episode, and the solver's steps in one of them: a fraction of a second that Ctrl-C waits."""
+
+
 class Given:
     """The mark of an argument that was not given, where None means something."""
 
@@ -131,6 +135,9 @@ def plan(
     period = check.number("control_dt", control_dt, "s", above=0.0)
     settings = _settings(formulation, period, options)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
+    if not length / period <= MOST_PERIODS:
+        what = f"must be at most {MOST_PERIODS:.0e} control periods of {period:g} s"
+        raise check.InvalidValue("duration", length, what)
     limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
     if max_episode_steps is not None:
         max_episode_steps = check.integer("max_episode_steps", max_episode_steps, minimum=1)
@@ -197,9 +204,15 @@ def _settings(formulation: str | None, period: float, options: dict[str, Any]) -
     settings = Settings.make(chosen, **merged(DEFAULT_OPTIONS[chosen], options))
     if "dt" not in options or options["dt"] is None:
         assert settings.dt is not None
+        if not period / settings.dt <= MOST_STEPS:
+            what = f"must be at most {MOST_STEPS} steps of dt = {settings.dt:g} s"
+            raise check.InvalidValue("control_dt", period, what)
         return dataclasses.replace(settings, dt=period / max(1, math.ceil(period / settings.dt - 1e-9)))
     assert settings.dt is not None
     steps = period / settings.dt
+    if not steps <= MOST_STEPS:
+        what = f"must be at least {period / MOST_STEPS:g} s, {MOST_STEPS} steps in a control period of {period!r} s"
+        raise check.InvalidValue("dt", options["dt"], what)
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
         what = f"must divide control_dt = {period!r} s into a whole number of steps"
         raise check.InvalidValue("dt", options["dt"], what)
