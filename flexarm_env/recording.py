@@ -287,7 +287,7 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
         import minari
         from minari.data_collector import EpisodeBuffer
     except ImportError as error:
-        raise ImportError('a Minari data set needs Minari: pip install "flexarm_env[data]"') from error
+        raise ImportError(check.lacking("a Minari data set", "minari h5py", "data")) from error
     if not episodes:
         raise ValueError("episodes = []: must hold at least one")
     first = episodes[0]

@@ -79,6 +79,11 @@ class MissingKey(ValueError):
         return f"{self.path}: missing; {self.allowed}"
 
 
+def lacking(what: str, package: str, extra: str) -> str:
+    """What to install where a package is missing; its own name, since not everybody has this one from an index."""
+    return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
+
+
 def shown(value: object) -> str:
     """A short text of a value for a message."""
     if isinstance(value, np.generic):

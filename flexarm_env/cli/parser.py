@@ -82,7 +82,7 @@ Run a scene from a TOML file (or a named one) without comparing it with anything
 
   flexarm simulate my_scene.toml
   flexarm simulate my_scene.toml --formulation elastica --nodes 8 --out run.npz --plot run.png
-  flexarm simulate configs/scenes/strip_slew.toml@hasty
+  flexarm simulate configs/scenes/strip_slew.toml@hasty       (in a checkout)
 """
 
 SOLVER_NOTE = """\
@@ -183,7 +183,10 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     )  # fmt: skip
     run.add_argument("--time-limit", type=float, metavar="T", help="s by the clock, then the run fails (timed_out)")
     if reference:
-        run.add_argument("--reference", metavar="FILE.csv", help="compare with this file; default: the scene's own")
+        run.add_argument(
+            "--reference", metavar="FILE.csv",
+            help="compare with this file: t, and tip_x and tip_y, tip_angle or start_angle; default: the scene's own",
+        )  # fmt: skip
     run.add_argument("--through-env", action="store_true", help="go through the environment's step; the same numbers")
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILE", help="trajectory: .csv (t, energy, start, tip, hinges) or .npz (all)")

@@ -142,7 +142,7 @@ def _import(module: str, package: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise DependencyNotInstalled(f'such a film needs {package}: pip install "flexarm_env[render]"') from error
+        raise DependencyNotInstalled(check.lacking("such a film", package, "render")) from error
 
 
 def _hinge_points(trajectory: Trajectory) -> list[int]:
