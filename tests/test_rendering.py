@@ -232,7 +232,7 @@ def test_missing_pygame_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     from gymnasium.error import DependencyNotInstalled
 
     monkeypatch.setitem(sys.modules, "pygame", None)
-    with pytest.raises(DependencyNotInstalled, match="rendering needs pygame: pip install"):
+    with pytest.raises(DependencyNotInstalled, match="rendering needs pygame-ce: pip install pygame-ce"):
         Renderer("rgb_array", 1.0)
 
 
