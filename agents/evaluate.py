@@ -10,6 +10,9 @@ table. Settled means: from then to the end of the episode the tip stays within 2
 within 2 cm of the target; never settled counts as the whole duration. Intervals are 95 % bootstrap intervals over the
 episodes. With --out, the table, the JSON, a figure of the tip error in one episode and, with --video, a film per policy
 are written there.
+
+A policy.npz holds numbers alone; a run folder without one is judged from its model.zip and vecnormalize.pkl, which are
+pickles and can run any code.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def choose(word: str, env_id: str) -> Chosen:
 
 def _gains(name: str, path: Path) -> Any:
     try:
-        tables = tomllib.loads(path.read_text("utf-8"))
+        tables = tomllib.loads(path.read_text("utf-8-sig"))
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
     except ValueError as error:

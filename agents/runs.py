@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,20 @@ def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".part-{os.getpid()}-{path.name}")
     try:
-        write(part)
-        os.replace(part, path)
+        with at(path):
+            write(part)
+            os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def at(path: Path) -> Iterator[None]:
+    """Say which file or folder an OSError inside the block is about (a full disk's does not)."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), os.fspath(path)) from error
 
 
 def write_text(path: Path, text: str) -> None:
@@ -59,6 +70,17 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return found
+
+
+def broken_off(folder: Path, command: str, error: OSError | None = None) -> int:
+    """Print how a training run goes on that was interrupted, or that a file could not be written of; the exit code."""
+    there = (folder / "run.json").is_file()
+    then = f"go on with: {command} --out {folder} --resume" if there else f"nothing is in {folder} yet: start it again"
+    if error is None:
+        sys.stderr.write(f"interrupted; {then}\n")
+        return INTERRUPTED
+    where = folder if error.filename is None else error.filename
+    return fail(f"{where}: {error.strerror or error}; what was written before is whole; when that is mended, {then}")
 
 
 def fail(sentence: object) -> int:

@@ -6,7 +6,9 @@
 
 The run folder holds model.zip (the best on the validation episodes), vecnormalize.pkl where observations are
 normalised, policy.npz (the same for NumPy alone), config.yml (resolved), run.json (arguments, versions, layout of the
-observation, what it came to), learning_curve.csv and .png, tensorboard/ and checkpoints/.
+observation, what it came to), learning_curve.csv and .png, tensorboard/ and checkpoints/. model.zip, vecnormalize.pkl
+and the checkpoints are pickles, which can run any code when they are read: resume your own runs alone, and give
+policy.npz to others.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from typing import Any
 from agents import config as configs
 from agents import episodes
 from agents.arguments import parse
-from agents.runs import fail, read_run, versions, write_json, write_text
+from agents.runs import broken_off, fail, read_run, versions, write_json, write_text
 
 
 @dataclass(frozen=True)
@@ -169,16 +171,15 @@ def _log(model: Any, folder: Path, arguments: Arguments) -> None:
 
 def main() -> int:
     """Run the command."""
-    from agents.runs import INTERRUPTED
-
     arguments = parse(Arguments, "python -m agents.train_ppo", __doc__)
     try:
         progress = train(arguments)
     except ValueError as error:
         return fail(error)
     except KeyboardInterrupt:
-        sys.stderr.write(f"interrupted; go on with: python -m agents.train_ppo --out {arguments.folder} --resume\n")
-        return INTERRUPTED
+        return broken_off(arguments.folder, "python -m agents.train_ppo")
+    except OSError as error:
+        return broken_off(arguments.folder, "python -m agents.train_ppo", error)
     from agents.training import describe
 
     print(f"{arguments.folder}: {describe(progress)}")

@@ -31,7 +31,7 @@ from agents import episodes
 from agents.arguments import parse
 from agents.progress import Progress, after, describe, write_curve
 from agents.rllib import cluster, setup
-from agents.runs import INTERRUPTED, checkpoints, fail, read_run, versions, write_json, write_text, write_whole
+from agents.runs import broken_off, checkpoints, fail, read_run, versions, write_json, write_text, write_whole
 
 FAILED = 1
 
@@ -377,8 +377,9 @@ def main() -> int:
     except ValueError as error:
         return fail(error)
     except KeyboardInterrupt:
-        sys.stderr.write(f"interrupted; {again}\n")
-        return INTERRUPTED
+        return broken_off(arguments.folder, "python -m agents.train_rllib")
+    except OSError as error:
+        return broken_off(arguments.folder, "python -m agents.train_rllib", error)
     except Exception as error:
         if not type(error).__module__.startswith("ray."):
             raise

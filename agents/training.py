@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
+import io
 import json
 import os
 import pickle
 import random
 import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from agents import episodes
 from agents.export_policy import numpy_policy
 from agents.progress import COLUMNS, Progress, after, cost, describe, write_curve
-from agents.runs import checkpoints, write_whole
+from agents.runs import at, checkpoints, write_whole
 from agents.starts import staggered
 
 
@@ -117,15 +117,12 @@ class Watch(BaseCallback):
 
 def save_model(folder: Path, model: Any) -> None:
     """model.zip and, where observations are normalised, vecnormalize.pkl."""
-    write_whole(folder / "model.zip", lambda part: _to(part, model.save))
+    archive = io.BytesIO()  # PyTorch's writer says of a full disk what nobody understands
+    model.save(archive)
+    write_whole(folder / "model.zip", lambda part: part.write_bytes(archive.getbuffer()))
     normaliser = model.get_vec_normalize_env()
     if normaliser is not None:
         write_whole(folder / "vecnormalize.pkl", lambda part: normaliser.save(str(part)))
-
-
-def _to(part: Path, save: Callable[[Any], None]) -> None:
-    with part.open("wb") as file:
-        save(file)
 
 
 # ------------------------------------------------------------------ starts
@@ -147,11 +144,24 @@ def start_staggered(model: Any, seed: int) -> None:
 # ------------------------------------------------------------------ checkpoints
 def save_checkpoint(folder: Path, model: Any, progress: Progress, keep: int = 2) -> None:
     """Everything from which the run goes on as if it had not stopped; the last few are kept."""
-    import torch
-
     home = folder / "checkpoints"
     part, final = home / f".part-{os.getpid()}", home / f"{model.num_timesteps:012d}"
     shutil.rmtree(part, ignore_errors=True)
+    try:
+        with at(home):
+            _fill(part, folder, model, progress)
+            shutil.rmtree(final, ignore_errors=True)
+            part.rename(final)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    for old in checkpoints(folder)[:-keep]:
+        shutil.rmtree(old)
+
+
+def _fill(part: Path, folder: Path, model: Any, progress: Progress) -> None:
+    """Write a checkpoint's files."""
+    import torch
+
     part.mkdir(parents=True)
     save_model(part, model)
     if hasattr(model, "replay_buffer"):
@@ -168,10 +178,6 @@ def save_checkpoint(folder: Path, model: Any, progress: Progress, keep: int = 2)
     }
     with (part / "state.pkl").open("wb") as file:
         pickle.dump(state, file)
-    shutil.rmtree(final, ignore_errors=True)
-    part.rename(final)
-    for old in checkpoints(folder)[:-keep]:
-        shutil.rmtree(old)
 
 
 def restore(folder: Path, algorithm: Any, env: Any) -> tuple[Any, Progress]:

@@ -162,7 +162,7 @@ def place(task: str, arguments: Arguments) -> Path:
 
 def current(path: Path) -> dict[str, Any]:
     """The gains on file."""
-    return tomllib.loads(path.read_text("utf-8")) if path.is_file() else {}
+    return tomllib.loads(path.read_text("utf-8-sig")) if path.is_file() else {}
 
 
 def text_of(tables: dict[str, Any], env_id: str, margin: float) -> str:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .scene import Scene
-from .settings import Settings
+from .settings import MOST_ELEMENTS, Settings
 
 Array = NDArray[np.float64]
 
@@ -183,9 +183,10 @@ def finer_mesh(settings: Settings) -> Settings:
         return settings.replace(segments=max(8, 2 * (settings.segments or 1)), elements=1)
     if settings.formulation == "geometrically_exact":
         assert settings.elements is not None
-        return settings.replace(elements=2 * settings.elements)
+        return settings.replace(elements=min(MOST_ELEMENTS, 2 * settings.elements))
     assert settings.segments is not None
-    return settings.replace(segments=2 * settings.segments, coupling="von_karman")
+    finer = min(2 * settings.segments, MOST_ELEMENTS // (settings.elements or 1))
+    return settings.replace(segments=finer, coupling="von_karman")
 
 
 def energy_part(balance: Array, turned_over: float) -> float:

@@ -61,7 +61,7 @@ from .parameters import Arm
 from .scene import Scene
 from .settings import Settings
 from .simulation import room_for_points, uncompiled
-from .threads import Crew, holders
+from .threads import Crew, OneAtATime, holders, one_at_a_time
 
 Array = NDArray[np.float64]
 
@@ -439,7 +439,7 @@ class Batch:
 
 __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Controller", "DEFLECTION", "ENERGIES", "ERROR", "Extras",
-    "FRESH", "GUIDED", "HOLD", "IN_RANGE", "LIMIT", "MODE", "OVER", "REASON", "REASONS", "REWARD", "RUNNING", "Reach",
-    "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "TARGET_RATE", "TIP",
-    "TRUNCATED", "View", "gauge_table", "scene_gauges", "standing_scene",
+    "FRESH", "GUIDED", "HOLD", "IN_RANGE", "LIMIT", "MODE", "OVER", "OneAtATime", "REASON", "REASONS", "REWARD",
+    "RUNNING", "Reach", "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET",
+    "TARGET_RATE", "TIP", "TRUNCATED", "View", "gauge_table", "one_at_a_time", "scene_gauges", "standing_scene",
 ]  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,8 +20,9 @@ _SAME_TIME = 1e-9
 class TipError:
     """Distance of the tip from a reference.
 
-    max_tip_error, rms_tip_error: largest and root-mean-square distance, m; max_tip_angle_error: rad;
-    time_of_max: s, where the largest distance occurs; instants: how many were compared.
+    max_tip_error, rms_tip_error: largest and root-mean-square distance, m; max_tip_angle_error, max_start_angle_error:
+    of the tip's angle and of the root's, rad; time_of_max: s, where the first of them is largest that there is;
+    instants: how many were compared. NaN: the reference does not say.
     """
 
     max_tip_error: float
@@ -27,6 +30,11 @@ class TipError:
     max_tip_angle_error: float
     time_of_max: float
     instants: int
+    max_start_angle_error: float = math.nan
+
+    def found(self) -> dict[str, float]:
+        """What there was to compare, by name."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if not math.isnan(value)}
 
 
 def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -39,12 +47,16 @@ def common_instants(t: ArrayLike, other: ArrayLike) -> tuple[NDArray[np.intp], N
     return np.flatnonzero(same), nearest[same]
 
 
-def tip_error(t: ArrayLike, tip: ArrayLike, reference: Mapping[str, NDArray[np.float64]]) -> TipError:
+def tip_error(
+    t: ArrayLike, tip: ArrayLike, reference: Mapping[str, NDArray[np.float64]], start: ArrayLike | None = None
+) -> TipError:
     """Errors of a tip path against a reference table.
 
     Args:
         t: (n,) s, increasing. tip: (n, 3): x, y in m and angle in rad.
-        reference: columns t, tip_x, tip_y, tip_angle (`flexarm_env.scenes.reference(NAME).columns`).
+        reference: column t, and of tip_x and tip_y, tip_angle, start_angle what there is
+            (`flexarm_env.scenes.reference(NAME).columns`, `read_reference`). start: as tip, of the root; needed for
+            start_angle.
     Raises:
         ValueError: the two have no instant in common after the first; nothing is interpolated.
     """
@@ -55,12 +67,25 @@ def tip_error(t: ArrayLike, tip: ArrayLike, reference: Mapping[str, NDArray[np.f
         what = f"must share instants with the reference, which has one every {step:g} s to {reference['t'][-1]:g} s"
         own = np.asarray(t, dtype=float)
         raise check.InvalidValue("sample", float(own[1] - own[0]) if own.size > 1 else 0.0, what)
-    apart = np.hypot(path[mine, 0] - reference["tip_x"][theirs], path[mine, 1] - reference["tip_y"][theirs])
-    turn = np.abs(path[mine, 2] - reference["tip_angle"][theirs])
+    ways: dict[str, NDArray[np.float64]] = {}
+    if "tip_x" in reference and "tip_y" in reference:
+        ways["tip"] = np.hypot(
+            path[mine, 0] - reference["tip_x"][theirs], path[mine, 1] - reference["tip_y"][theirs]
+        )
+    if "tip_angle" in reference:
+        ways["angle"] = np.abs(path[mine, 2] - reference["tip_angle"][theirs])
+    if "start_angle" in reference and start is not None:
+        ways["start"] = np.abs(np.asarray(start, dtype=float)[mine, 2] - reference["start_angle"][theirs])
+    if not ways:
+        what = "must be t, and tip_x and tip_y, tip_angle or start_angle"
+        raise check.InvalidValue("columns", tuple(reference), what)
+    largest = {name: float(way.max()) for name, way in ways.items()}
+    first = next(iter(ways.values()))
     return TipError(
-        max_tip_error=float(apart.max()),
-        rms_tip_error=float(np.sqrt(np.mean(apart**2))),
-        max_tip_angle_error=float(turn.max()),
-        time_of_max=float(np.asarray(t, dtype=float)[mine[apart.argmax()]]),
+        max_tip_error=largest.get("tip", math.nan),
+        rms_tip_error=float(np.sqrt(np.mean(ways["tip"] ** 2))) if "tip" in ways else math.nan,
+        max_tip_angle_error=largest.get("angle", math.nan),
+        time_of_max=float(np.asarray(t, dtype=float)[mine[first.argmax()]]),
         instants=int(mine.size),
+        max_start_angle_error=largest.get("start", math.nan),
     )

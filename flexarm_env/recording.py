@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from flexarm_env import arms
 from flexarm_env import validation as check
+from flexarm_env.envs.ids import permitted
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 from flexarm_env.trajectory import write_whole
@@ -148,7 +149,7 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
         self.episodes.append(
             Episode(
                 env_id=self.env.spec.id, env_kwargs=self._env_kwargs,
-                max_episode_steps=self.env.spec.max_episode_steps, **self._start,
+                max_episode_steps=getattr(self.env.spec, "given", None), **self._start,
                 observations=np.array(rows["observations"]), actions=np.array(rows["actions"]),
                 rewards=np.array(rows["rewards"]), terminations=np.array(rows["terminations"], np.bool_),
                 truncations=np.array(rows["truncations"], np.bool_),
@@ -158,20 +159,29 @@ class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):
 
 
 # --------------------------------------------------------------------- again
-def replay(episode: Episode) -> Episode:
+def replay(episode: Episode, env_id: str | None = None) -> Episode:
     """Play an episode again in a new environment, with the same start and actions; the outcome.
 
     With the version and the processor that it was recorded with, `replay(e).equals(e)`.
+
+    Args:
+        env_id: the episode's, to be named where it is none of this package's environments: a file does not choose what
+            is imported.
+    Raises:
+        ValueError: an episode of another environment that is not named.
     """
-    env = EpisodeRecorder(_made(episode))
+    env = EpisodeRecorder(_made(episode, env_id))
     _play(env, episode)
     env.close()
     return env.episodes[0]
 
 
-def frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
-    """The pictures (height, width, 3) of an episode, T + 1 of them; for `flexarm_env.envs.video.write_film`."""
-    with closing(_made(episode, render_mode="rgb_array")) as env:
+def frames(episode: Episode, env_id: str | None = None) -> Iterator[NDArray[np.uint8]]:
+    """The pictures (height, width, 3) of an episode, T + 1 of them; for `flexarm_env.envs.video.write_film`.
+
+    env_id: as `replay` takes it.
+    """
+    with closing(_made(episode, env_id, render_mode="rgb_array")) as env:
         _begin(env, episode)
         yield np.asarray(env.render())
         for action in episode.actions:
@@ -179,8 +189,9 @@ def frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
             yield np.asarray(env.render())
 
 
-def _made(episode: Episode, **more: Any) -> Any:
-    return gym.make(episode.env_id, episode.max_episode_steps, **_given(episode.env_kwargs), **more)
+def _made(episode: Episode, named: str | None, **more: Any) -> Any:
+    env_id, keywords = permitted("episode", episode.env_id, episode.env_kwargs, named)
+    return gym.make(env_id, **{"max_episode_steps": episode.max_episode_steps, **_given(keywords), **more})
 
 
 def _begin(env: Any, episode: Episode) -> None:
@@ -261,11 +272,11 @@ def _cut(arrays: Mapping[str, Any], about: Sequence[Mapping[str, Any]]) -> Itera
         steps, instants = steps + length, instants + length + 1
 
 
-def to_minari(episodes: Sequence[Episode], dataset_id: str, **about: Any) -> Any:
+def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None = None, **about: Any) -> Any:
     """A Minari data set of episodes of one environment, in Minari's folder (MINARI_DATASETS_PATH). `data` extra.
 
     Args:
-        episodes: of one environment. dataset_id: for example "flexarm/slew/pd-v0".
+        episodes: of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as `replay` takes it.
         about: keywords of `minari.create_dataset_from_buffers`: algorithm_name, author, description, ...
     Returns:
         The `minari.MinariDataset`; an episode that was broken off ends as truncated there.
@@ -276,7 +287,7 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, **about: Any) -> Any
         import minari
         from minari.data_collector import EpisodeBuffer
     except ImportError as error:
-        raise ImportError('a Minari data set needs Minari: pip install "flexarm_env[data]"') from error
+        raise ImportError(check.lacking("a Minari data set", "minari h5py", "data")) from error
     if not episodes:
         raise ValueError("episodes = []: must hold at least one")
     first = episodes[0]
@@ -295,7 +306,7 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, **about: Any) -> Any
                 infos={name: value for name, value in episode.infos.items() if value.dtype.kind in "fiub"},
             )
         )  # fmt: skip
-    env = _made(first)
+    env = _made(first, env_id)
     try:
         return minari.create_dataset_from_buffers(dataset_id, buffers, env=env, **about)
     finally:

@@ -17,15 +17,13 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
+from flexarm_env import validation as check
+
 try:
     from stable_baselines3.common.env_util import is_wrapped
     from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 except ImportError as error:
-    raise ImportError(
-        'flexarm_env.sb3 needs Stable-Baselines3, which cannot be imported here: pip install "flexarm_env[train]"'
-    ) from error
-
-from flexarm_env import validation as check
+    raise ImportError(check.lacking("flexarm_env.sb3", "stable-baselines3", "train")) from error
 
 Indices = None | int | Iterable[int]
 Infos = list[dict[str, Any]]

@@ -74,6 +74,9 @@ def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
 COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y", "tip_angle")
 """Columns that a trajectory's CSV file begins with (s, J, m, m, rad, m, m, rad)."""
 
+COMPARED = (("tip_x", "tip_y"), ("tip_angle",), ("start_angle",))
+"""Columns that a run is compared by: what stands together is needed together, and one of these is enough."""
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -132,20 +135,39 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
     with check.in_file(path):
         if header[: len(COLUMNS)] != COLUMNS:
             raise check.InvalidValue("columns", header, f"must begin with {','.join(COLUMNS)}")
-        rows = np.empty((len(lines), len(header)))
-        for i, line in enumerate(lines):
-            try:
-                numbers = [float(cell) for cell in line]
-            except ValueError:
-                numbers = []
-            if len(numbers) != len(header):
-                raise check.InvalidValue(f"[{i}]", ",".join(line), f"must hold {len(header)} numbers, in row {i}")
-            rows[i] = numbers
-            if not np.all(np.isfinite(rows[i])) or (i and rows[i, 0] <= rows[i - 1, 0]):
-                what = f"must hold finite numbers and a time later than the row before, in row {i}"
-                raise check.InvalidValue(f"[{i}]", ",".join(line), what)
-        if not len(rows):
-            raise check.InvalidValue("rows", 0, "must be at least one")
+        return _columns(header, lines)
+
+
+def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    """Columns of a CSV file that a run is to be compared with: t, and of :data:`COMPARED` what was measured.
+
+    The columns may stand in any order, among others. ValueError and FileNotFoundError as :func:`read_trajectory`.
+    """
+    header, lines = time_functions.csv_lines(path)
+    with check.in_file(path):
+        if "t" not in header or len(set(header)) < len(header) or not any(set(g) <= set(header) for g in COMPARED):
+            groups = " or ".join(" and ".join(group) for group in COMPARED)
+            raise check.InvalidValue("columns", header, f"must be names, each once: t, and {groups}")
+        return _columns(header, lines)
+
+
+def _columns(header: tuple[str, ...], lines: list[list[str]]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    """The numbers in a file's lines, by column; times increase."""
+    at = header.index("t")
+    rows = np.empty((len(lines), len(header)))
+    for i, line in enumerate(lines):
+        try:
+            numbers = [float(cell) for cell in line]
+        except ValueError:
+            numbers = []
+        if len(numbers) != len(header):
+            raise check.InvalidValue(f"[{i}]", ",".join(line), f"must hold {len(header)} numbers, in row {i}")
+        rows[i] = numbers
+        if not np.all(np.isfinite(rows[i])) or (i and rows[i, at] <= rows[i - 1, at]):
+            what = f"must hold finite numbers and a time later than the row before, in row {i}"
+            raise check.InvalidValue(f"[{i}]", ",".join(line), what)
+    if not len(rows):
+        raise check.InvalidValue("rows", 0, "must be at least one")
     return dict(zip(header, rows.T.copy(), strict=True))
 
 

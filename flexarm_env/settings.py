@@ -41,6 +41,9 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
 }
 MODAL_BOUND = 0.25
 """Tip deflection over length beyond which a link reduced to modes is out of its range (theory, section 4)."""
+MOST_ELEMENTS = 1000
+"""Elements of a link: its dense or banded matrices are then as large as a step can do with."""
+
 _MESH = ("segments", "elements", "coupling")
 """Options of the floating frame that modes drop where they are given alone."""
 
@@ -76,8 +79,9 @@ class Settings:
 
     Args:
         formulation: "floating_frame", "geometrically_exact" or "elastica".
-        segments: floating frames per link, at least 1 (floating_frame, default 5; with modes 1).
-        elements: beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5).
+        segments: floating frames per link, 1 to 1000 (floating_frame, default 5; with modes 1).
+        elements: beam elements per segment (floating_frame, default 1) or per link (geometrically_exact, default 5);
+            at most 1000 a link in all.
         coupling: "von_karman" (default), "paper" or "linear" axial-bending coupling (floating_frame).
         modes: bending modes per segment, 1 to 8, in place of elements and coupling (floating_frame).
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
@@ -128,6 +132,9 @@ class Settings:
             object.__setattr__(self, name, _CHECKS[name](name, value))
             if reduced and name in _REPLACED:
                 raise check.InvalidValue(name, value, "must not be given together with modes, which replaces it")
+        if (self.segments or 1) * (self.elements or 1) > MOST_ELEMENTS:
+            what = f"must be at most {MOST_ELEMENTS} elements a link: take fewer segments or elements"
+            raise check.InvalidValue("segments * elements", f"{self.segments} * {self.elements}", what)
         if self.dt is not None:
             object.__setattr__(self, "dt", check.number("dt", self.dt, "s", above=0.0))
         object.__setattr__(self, "tolerance", check.number("tolerance", self.tolerance, above=0.0, maximum=1.0))
@@ -216,8 +223,8 @@ def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
 
 
 _CHECKS: dict[str, Any] = {
-    "segments": lambda name, value: check.integer(name, value, minimum=1),
-    "elements": lambda name, value: check.integer(name, value, minimum=1),
+    "segments": lambda name, value: check.integer(name, value, minimum=1, maximum=MOST_ELEMENTS),
+    "elements": lambda name, value: check.integer(name, value, minimum=1, maximum=MOST_ELEMENTS),
     "coupling": lambda name, value: check.choice(name, value, COUPLINGS),
     "modes": lambda name, value: check.integer(name, value, minimum=1, maximum=8),
     "order": lambda name, value: check.integer(name, value, minimum=1, maximum=3),

@@ -19,7 +19,7 @@ from .kernels.adaptive import FITS, LOWER
 from .kernels.lanes import SINGLE
 from .kernels.newmark import advance
 from .kernels.restart import restart
-from .kernels.rollout import GROSS, START_ENERGY, STEP, TIME, observe_arm, record, row_size
+from .kernels.rollout import DONE, GROSS, LIMIT, SPAN, START_ENERGY, STEP, TIME, observe_arm, record, row_size
 from .kernels.work import Work, unpack, work_size
 from .mechanics import assembly
 from .model import MESSAGE, NOT_FINITE, OK, STATUS, TIMED_OUT, scheme
@@ -31,7 +31,16 @@ Array = NDArray[np.float64]
 
 _NO_POINTS = np.zeros((0, 2))
 CHUNK = 500
-"""Steps between two looks at the clock and at the work done."""
+"""Steps between two looks at the work done."""
+
+CHUNKS = 4
+"""Such stretches between two returns from compiled code, where the clock is looked at and Ctrl-C heard."""
+
+CHEAP = 250
+"""Unknowns up to which a step is quick enough for CHUNKS of CHUNK steps to take less than a second."""
+
+MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
+"""Steps of a run (half an hour of the quickest), and its recorded instants (some GB)."""
 
 ENERGY_LIMIT = 1e3
 """A run has diverged where its energy exceeds this many times what can account for it (`Simulation.gained`)."""
@@ -83,6 +92,7 @@ class Simulation:
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
         self.deadline: float | None = None
+        self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = scene.kinks
         self._poses = np.zeros(12 * scene.arm.n_links)
         self._energies = np.zeros(3)
@@ -172,11 +182,11 @@ class Simulation:
     def _advance(self, h: float, n_steps: int, books: bool) -> bool:
         """Equal steps within a smooth stretch, some at a time; False where the arm has failed."""
         start = self.t
-        for done in range(0, n_steps, CHUNK):
+        for done in range(0, n_steps, self._chunk):
             before = float(self.work.books[0])
             self.t = advance(
                 SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions,
-                start + done * h, h, min(CHUNK, n_steps - done), self.scheme, (0,) if books else None,
+                start + done * h, h, min(self._chunk, n_steps - done), self.scheme, (0,) if books else None,
             )  # fmt: skip
             self.gross += abs(float(self.work.books[0]) - before)
             if self.status != OK:
@@ -203,7 +213,8 @@ class Simulation:
         """
         count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
         wanted = [min(k * interval, end) for k in range(1, count + 1)]
-        span = np.array([self.t, self.dt, self.gross, 0.0, ENERGY_LIMIT])
+        span = np.zeros(SPAN)
+        span[TIME], span[STEP], span[GROSS], span[LIMIT] = self.t, self.dt, self.gross, ENERGY_LIMIT
         made, shapes = self._record(span, [self.t], self._points()[None])
         points = int(np.count_nonzero(np.isfinite(shapes[0, :, 0])))
         sink(made, shapes[:, :points])
@@ -217,8 +228,6 @@ class Simulation:
             if self.status == OK:
                 self.restart_at_kink()
                 span[GROSS] = self.gross
-                if self.deadline is not None and time.perf_counter() > self.deadline:
-                    self.work.flag[0] = TIMED_OUT
             if tell is not None:
                 tell(min(k / count, 1.0))
 
@@ -246,20 +255,28 @@ class Simulation:
         return table, shapes
 
     def _rows(self, span: Array, stops: list[float], table: Array, shapes: Array) -> int:
-        """One call of `kernels.rollout.record`; how many rows it made."""
-        made = record(
-            SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links,
-            span, np.array(stops), CHUNK, self.scheme, table, shapes,
-        )  # fmt: skip
-        self.t, self.gross = float(span[TIME]), float(span[GROSS])
-        return int(made)
+        """Calls of `kernels.rollout.record` until all rows are made, or the arm has failed; how many are made."""
+        made, instants = 0, np.array(stops)
+        while True:
+            made += int(record(
+                SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links,
+                span, instants[made:], self._chunk, CHUNKS, self.scheme, table[made:], shapes[made:],
+            ))  # fmt: skip
+            self.t, self.gross = float(span[TIME]), float(span[GROSS])
+            if self.status != OK:
+                break
+            if self.deadline is not None and time.perf_counter() > self.deadline:
+                self.work.flag[0] = TIMED_OUT
+                break
+            if made == len(stops):
+                break
+        span[DONE] = 0.0
+        return made
 
     def _stops(self, wanted: list[float], k: int, interval: float) -> tuple[list[float], int]:
         """Instants to stop at next, up to a kink, and how many of them are wanted: wanted[k] and those after it."""
-        kink, far = self._next_kink(), self.t + 4 * CHUNK * self.dt
-        if self.deadline is not None and far < min(kink, wanted[k]) - self.dt:
-            return [far], 0  # to look at the clock
-        most = max(1, min(64, int(4 * CHUNK * self.dt / interval)))
+        kink = self._next_kink()
+        most = max(1, min(64, int(CHUNKS * self._chunk * self.dt / interval)))
         stops = [t for t in wanted[k : k + most] if t <= kink + 1e-12 * max(1.0, t)]
         rows = len(stops)
         if rows and stops[-1] >= kink - 1e-12 * max(1.0, stops[-1]):
@@ -271,7 +288,7 @@ class Simulation:
     def compile(self) -> float:
         """Compile what `record` needs (or load it from the cache) without moving; CPU seconds it took."""
         clock = time.process_time()
-        self._record(np.zeros(5), [], np.zeros((0, 1, 2)))
+        self._record(np.zeros(SPAN), [], np.zeros((0, 1, 2)))
         return time.process_time() - clock
 
     def _restart(self, fresh: bool = True) -> None:
@@ -320,6 +337,16 @@ class Simulation:
         return points[: self._observe(points)].copy()
 
 
+def check_work(end: float, interval: float, dt: float | None) -> None:
+    """ValueError for a run of `end` s that no machine comes to the end of, or that no memory holds."""
+    if dt is not None and not end / dt <= MOST_STEPS:
+        what = f"must be at least {end / MOST_STEPS:.2g} s: a run of {end:g} s may take {MOST_STEPS:.0e} steps"
+        raise check.InvalidValue("dt", dt, what)
+    if not end / interval <= MOST_SAMPLES:
+        what = f"must be at least {end / MOST_SAMPLES:.2g} s: a run of {end:g} s may have {MOST_SAMPLES:.0e} samples"
+        raise check.InvalidValue("sample", interval, what)
+
+
 def simulate(
     scene: Scene,
     formulation: str | None = None,
@@ -348,7 +375,8 @@ def simulate(
         The Trajectory. Its status is "ok"; "inaccurate" where the estimated error is above error_limit; or names a
         failure that ended the run early. `message` says it in a sentence.
     Raises:
-        ValueError: an option the formulation lacks, or a value that is not allowed.
+        ValueError: an option the formulation lacks, or a value that is not allowed; more than MOST_STEPS steps or
+            MOST_SAMPLES samples.
     """
     if not isinstance(scene, Scene):
         raise check.InvalidValue("scene", scene, "must be a Scene, such as flexarm_env.named(NAME) gives")
@@ -358,6 +386,7 @@ def simulate(
     assert interval is not None
     limit = check.number("error_limit", error_limit, "a fraction of the arm's length", above=0.0)
     allowed = None if time_limit is None else check.number("time_limit", time_limit, "s", above=0.0)
+    check_work(end, interval, settings.dt)
     if end > scene.duration:
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
     simulation = Simulation(scene, settings)

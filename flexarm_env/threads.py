@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import threading
 from collections.abc import Callable
 from sys import getrefcount
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .kernels import spin
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 ROUNDS = 1_000_000
 """Looks at the other side before going to sleep: a quarter of a millisecond, more than Python needs between steps."""
@@ -118,6 +121,38 @@ class Crew:
 
     def __del__(self) -> None:
         self.close()
+
+
+class OneAtATime:
+    """A door (`with door:`) for one thread at a time: who comes while another is inside gets a RuntimeError.
+
+    An exception and no lock: two threads that take turns would each see half of the other's steps.
+    """
+
+    def __init__(self) -> None:
+        self._inside: dict[str, int] = {}
+
+    def __enter__(self) -> None:
+        me = threading.get_ident()
+        if self._inside.setdefault("thread", me) != me:  # one operation, so that of two threads one gets in
+            raise RuntimeError(
+                "another thread is at work in this environment: one environment serves one thread at a time; make one "
+                "for each thread, or take turns with a threading.Lock around step and reset"
+            )
+
+    def __exit__(self, *_: object) -> None:
+        self._inside.clear()
+
+
+def one_at_a_time(method: F) -> F:
+    """The method of an object with a door `_door`, gone through by one thread at a time."""
+
+    @functools.wraps(method)
+    def guarded(self: Any, *args: Any, **kwargs: Any) -> Any:
+        with self._door:
+            return method(self, *args, **kwargs)
+
+    return guarded  # type: ignore[return-value]
 
 
 def holders(things: list[Any], k: int) -> int:

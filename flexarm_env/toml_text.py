@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 INLINE_WIDTH = 110
+BYTE_ORDER_MARK = "\ufeff"
+"""What some editors put before a text."""
 
 
 def read(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
@@ -25,7 +27,7 @@ def read(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
         else:
             path = Path(source)
             content = path.read_text(encoding="utf-8")
-        return tomllib.loads(content), path
+        return tomllib.loads(content.removeprefix(BYTE_ORDER_MARK)), path
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path or 'text'}: not a TOML file: {error}") from None
 

@@ -54,6 +54,19 @@ class UnknownKey(ValueError):
         return f"{self.path}: unknown {self.what}{hint}; allowed: {', '.join(self.allowed) or 'none'}"
 
 
+class UnknownArgument(UnknownKey, TypeError):
+    """A keyword argument that does not exist; a TypeError too, in the words that Python itself has for it.
+
+    `gymnasium.make` raises it again with a text alone.
+    """
+
+    def __init__(self, path: str, allowed: Iterable[str] = (), what: str = "argument", hint: str = "") -> None:
+        super().__init__(path, allowed, what, hint)
+
+    def __str__(self) -> str:
+        return f"{super().__str__()}; got an unexpected keyword argument {self.path!r}" if self.allowed else self.path
+
+
 class MissingKey(ValueError):
     """A key that must be given: ``path`` (its key path) and ``allowed`` (what belongs there)."""
 
@@ -64,6 +77,11 @@ class MissingKey(ValueError):
 
     def __str__(self) -> str:
         return f"{self.path}: missing; {self.allowed}"
+
+
+def lacking(what: str, package: str, extra: str) -> str:
+    """What to install where a package is missing; its own name, since not everybody has this one from an index."""
+    return f'{what} needs {package}: pip install {package} (the extra "{extra}" of flexarm_env brings all of its kind)'
 
 
 def shown(value: object) -> str:

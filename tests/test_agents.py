@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import errno
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -405,3 +407,53 @@ def test_without_ray_a_sentence_says_what_to_install(program: str, tmp_path: Pat
 def test_tests_of_the_ray_lane_are_not_collected_here(pytestconfig: pytest.Config):
     assert "ray" in pytestconfig.getini("norecursedirs")
     assert (ROOT / "tests" / "ray" / "test_train_rllib.py").is_file()
+
+
+# ------------------------------------------------------------------ broken off
+def test_an_interruption_says_what_is_there(tmp_path: Path, monkeypatch, capsys):
+    """Before there is a run folder there is nothing to resume."""
+
+    def stopped(arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train_ppo, "train", stopped)
+    monkeypatch.setattr("sys.argv", ["train_ppo", "--out", str(tmp_path / "run")])
+    assert train_ppo.main() == 130
+    assert capsys.readouterr().err == f"interrupted; nothing is in {tmp_path / 'run'} yet: start it again\n"
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.json").write_text("{}")
+    assert train_ppo.main() == 130
+    assert "go on with: python -m agents.train_ppo --out" in capsys.readouterr().err
+
+
+class Full:
+    """A model whose parts a full disk does not take."""
+
+    num_timesteps = 7
+    env = None
+
+    def save(self, file):
+        """Bytes."""
+        file.write(b"x" * 100)
+
+    def get_vec_normalize_env(self):
+        """None."""
+
+
+def test_a_full_disk_is_a_sentence(tmp_path: Path, monkeypatch, capsys):
+    from agents import training
+
+    def full(self, content):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(train_ppo, "train", lambda arguments: training.save_model(arguments.folder, Full()))
+    monkeypatch.setattr("sys.argv", ["train_ppo", "--out", str(tmp_path / "run")])
+    assert train_ppo.main() == 2
+    error = capsys.readouterr().err
+    file = tmp_path / "run" / "model.zip"
+    assert error.startswith(f"{file}: No space left on device; what was written before is whole")
+    assert error.count("\n") == 1
+    with pytest.raises(OSError, match="No space left"):
+        training.save_checkpoint(tmp_path / "run", Full(), training.Progress())
+    assert not list((tmp_path / "run" / "checkpoints").iterdir())  # half a checkpoint fills the disk no further

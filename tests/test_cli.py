@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gymnasium.error import DependencyNotInstalled
 
 from flexarm_env.cli import main
 from flexarm_env.cli.compile import cache_report
@@ -129,6 +130,42 @@ def test_replay_against_a_file(capsys: pytest.CaptureFixture[str], tmp_path: Pat
     assert (values["max_tip_error"], values["rms_tip_error"], values["reference"]) == (0.0, 0.0, str(path))
 
 
+@pytest.mark.parametrize(
+    ("kept", "found"),
+    [
+        ("tip_y,t,tip_x", {"max_tip_error", "rms_tip_error"}),
+        ("t,tip_angle", {"max_tip_angle_error"}),
+        ("t,start_angle,current", {"max_start_angle_error"}),
+    ],
+)
+def test_replay_against_what_was_measured(
+    kept: str, found: set[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Nobody measures an energy: a tip or an angle alone is compared, in columns of any order."""
+    path = tmp_path / "own.csv"
+    assert main([*SHORT, "--out", str(path)]) == 0
+    columns = read_trajectory(path) | {"current": np.ones(11)}
+    table = np.column_stack([columns[name] for name in kept.split(",")])
+    np.savetxt(path, table, delimiter=",", header=kept, comments="", fmt="%.17g")
+    capsys.readouterr()
+    assert main([*SHORT, "--reference", str(path), "--plot", str(tmp_path / "a.png"), "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert {name for name in values if name.endswith("_error")} == found
+    assert {values[name] for name in found} == {0.0}
+    assert values["instants"] == 11
+
+
+@pytest.mark.parametrize("header", ["t,tip_x", "tip_x,tip_y", "t,energy", "t,t,tip_angle"])
+def test_a_reference_that_says_nothing_is_refused(
+    header: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(f"{header}\n")
+    sentence = refused(capsys, *SHORT, "--reference", str(path))
+    assert f"{path}: columns = " in sentence
+    assert "must be names, each once: t, and tip_x and tip_y or tip_angle or start_angle" in sentence
+
+
 def test_replay_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "arm.png"
     assert main([*SHORT, "--plot", str(path), "--plots", str(tmp_path / "all")]) == 0
@@ -151,8 +188,20 @@ def test_a_missing_extra_is_named(
     from flexarm_env.cli import replay
 
     monkeypatch.setattr(replay, "find_spec", lambda name: None)
-    assert 'pip install "flexarm_env[plot]"' in refused(capsys, *SHORT, "--plot", str(tmp_path / "a.png"))
-    assert 'pip install "flexarm_env[render]"' in refused(capsys, *SHORT, "--video", str(tmp_path / "a.gif"))
+    assert 'pip install matplotlib (the extra "plot"' in refused(capsys, *SHORT, "--plot", str(tmp_path / "a.png"))
+    assert 'pip install pygame-ce (the extra "render"' in refused(capsys, *SHORT, "--video", str(tmp_path / "a.gif"))
+
+
+def test_what_to_install_needs_no_index_of_ours(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Who has a wheel and no more cannot install flexarm_env[plot] from anywhere."""
+    from flexarm_env import validation
+    from flexarm_env.envs import video
+
+    sentence = validation.lacking("--plot", "matplotlib", "plot")
+    assert sentence.startswith("--plot needs matplotlib: pip install matplotlib (")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(DependencyNotInstalled, match="pip install imageio-ffmpeg"):
+        video.write_film(tmp_path / "a.mp4", [np.zeros((2, 2, 3), np.uint8)])
 
 
 def test_a_parameter_set_has_no_reference(capsys: pytest.CaptureFixture[str]) -> None:

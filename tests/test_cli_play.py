@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from flexarm_env.cli import checkout, main, play
-from flexarm_env.recording import load_episodes, replay
+from flexarm_env.recording import EpisodeRecorder, frames, load_episodes, replay, save_episodes, to_minari
 from tests.cli_tools import refused
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -52,6 +57,70 @@ def test_a_policy_brings_its_environment(
     player = play.choose(str(tmp_path))
     assert (player.env_id, player.env_kwargs) == ("TwoLinkFlexArm-v0", {"control_dt": 0.04})
     assert "must be TwoLinkFlexArm-v0" in refused(capsys, "play", "FlexibleArm-v0", "--policy", str(tmp_path))
+
+
+HELPER = """
+import pathlib
+import gymnasium
+pathlib.Path(__file__).with_name("imported").touch()
+from flexarm_env.envs.flexible_arm import FlexibleArmEnv
+if "Helped-v0" not in gymnasium.registry:
+    gymnasium.register("Helped-v0", entry_point=FlexibleArmEnv)
+"""
+
+
+@pytest.fixture
+def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A module that leaves a trace when it is imported, as one beside a policy file may be."""
+    (tmp_path / "helper_of_a_file.py").write_text(HELPER)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    sys.modules.pop("helper_of_a_file", None)
+    gym.registry.pop("Helped-v0", None)
+
+
+def packaged(path: Path, **changes: Any) -> Path:
+    """A policy that comes with the package, its meta changed."""
+    from flexarm_env.control import policy
+
+    with np.load(Path(policy.__file__).parents[1] / "data" / "policies" / "flexible_arm" / "policy.npz") as data:
+        arrays = dict(data)
+    arrays["meta"] = np.array(json.dumps(json.loads(str(arrays["meta"])) | changes))
+    np.savez(path, **arrays)
+    return path
+
+
+def test_a_policy_file_does_not_choose_what_is_imported(foreign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, asked = packaged(foreign / "p.npz", env_id="helper_of_a_file:Helped-v0"), "helper_of_a_file:Helped-v0"
+    sentence = refused(capsys, "play", "--headless", "--policy", str(file))
+    assert f"p.env_id = '{asked}': must be FlexibleArm-v0 or TwoLinkFlexArm-v0" in sentence
+    assert not (foreign / "imported").exists()
+    words = ["play", asked, "--headless", "--policy", str(file), "--env-kwargs", '{"duration": 0.1}']
+    assert main(words) == 0  # named by the caller
+    assert (foreign / "imported").exists()
+
+
+def test_what_a_policy_file_may_not_ask_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for env_id in ("CartPole-v1", "FlexibleArm", 3):
+        file = packaged(tmp_path / "p.npz", env_id=env_id)
+        assert "env_id = " in refused(capsys, "play", "--headless", "--policy", str(file))
+    for name in ("id", "render_mode", "vectorization_mode"):
+        file = packaged(tmp_path / "p.npz", env_kwargs={name: "x"})
+        assert f"p.env_kwargs.{name}: unknown argument" in refused(capsys, "play", "--headless", "--policy", str(file))
+
+
+def test_a_recording_does_not_choose_what_is_imported(foreign: Path, tmp_path: Path) -> None:
+    with closing(EpisodeRecorder(gym.make("FlexibleArm-v0", duration=0.1))) as env:
+        env.reset(seed=0)
+        for _ in range(5):
+            env.step(np.zeros(1, np.float32))
+    episode = dataclasses.replace(env.episodes[0], env_id="helper_of_a_file:Helped-v0")
+    (back,) = load_episodes(save_episodes(tmp_path / "e.npz", [episode]))
+    for again in (replay, lambda e: next(frames(e)), lambda e: to_minari([e], "flexarm/none-v0")):
+        with pytest.raises(ValueError, match=r"episode\.env_id = 'helper_of_a_file:Helped-v0': must be FlexibleArm-v0"):
+            again(back)
+    assert not (foreign / "imported").exists()
+    assert replay(back, env_id="helper_of_a_file:Helped-v0").equals(back)
 
 
 def test_the_keyboard_needs_a_window(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -149,6 +218,14 @@ def test_help_of_a_script_shows_its_flags(capsys: pytest.CaptureFixture[str]) ->
     assert "flexarm train [FLAGS]" in text
     assert "  --n-timesteps " in text
     assert "environment steps in all" in text
+
+
+def test_helps_say_which_files_run_code(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("play", "train", "evaluate"):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        text = " ".join(capsys.readouterr().out.split())
+        assert "policy.npz holds numbers alone" in text or "pickles" in text, command
 
 
 def test_benchmarks_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 from pathlib import Path
 
 import gymnasium as gym
@@ -252,7 +253,7 @@ def test_policies_that_do_not_fit_are_refused(tmp_path: Path, slew, reach):
     with pytest.raises(ValueError, match="damaged"):
         control.load_policy(path)
     export.save(small_policy(control.Setup.of(slew), format=99), path)
-    with pytest.raises(ValueError, match="format is 99"):
+    with pytest.raises(ValueError, match=r"meta\.format = 99: must be 1"):
         control.load_policy(path)
     whole = small_policy(control.Setup.of(slew))
     export.save(whole, path)
@@ -261,3 +262,56 @@ def test_policies_that_do_not_fit_are_refused(tmp_path: Path, slew, reach):
         control.load_policy(path)
     with pytest.raises(ValueError, match="observation layout"):
         whole.check(control.Setup.of(reach))
+
+
+WRONG = {
+    "activation": ({"activation": "gelu"}, {}, 'meta.activation = \'gelu\': must be one of "tanh", "relu"'),
+    "env_kwargs": ({"env_kwargs": "x"}, {}, "meta.env_kwargs = 'x': must be a table"),
+    "env_id": ({"env_id": 3}, {}, "meta.env_id = 3: must be a text that is not empty"),
+    "squash": ({"squash": "no"}, {}, "meta.squash = 'no': must be True or False"),
+    "layers": ({"layers": 0}, {}, "meta.layers = 0: must be a whole number, from 1 to 100"),
+    "too many layers": ({"layers": 3}, {}, "w2: missing; an array of the network"),
+    "a wrong matrix": ({}, {"w1": np.zeros((5, 1))}, "shape of w1 = (5, 1): must be (8, n), to fit the other arrays"),
+    "a wrong bias": ({}, {"b0": np.zeros(3)}, "shape of b0 = (3,): must be (8), to fit the other arrays"),
+    "not a matrix": ({}, {"w0": np.zeros(6)}, "shape of w0 = (6,): must be (n, n), to fit the other arrays"),
+    "text": ({}, {"b1": np.array(["x"])}, "dtype of b1 = '<U1': must be that of numbers"),
+    "nan": ({}, {"b1": np.array([np.nan])}, "b1 = [nan]: must be finite throughout"),
+    "mean": ({}, {"mean": np.zeros(4)}, "shape of mean = (4,): must be (6), to fit the other arrays"),
+    "no variance": ({}, {"mean": np.zeros(6)}, "variance: missing; an array of the network"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_policy_file_is_told_in_a_sentence(tmp_path: Path, slew, name: str):
+    changes, arrays, sentence = WRONG[name]
+    policy = small_policy(control.Setup.of(slew), **changes)
+    content = {"meta": np.array(json.dumps(policy.meta))}
+    for k, (w, b) in enumerate(policy.weights):
+        content |= {f"w{k}": w, f"b{k}": b}
+    np.savez(tmp_path / "policy.npz", **{**content, **arrays})
+    with pytest.raises(ValueError) as caught:
+        control.load_policy(tmp_path / "policy.npz")
+    assert str(caught.value) == f"{tmp_path / 'policy.npz'}: {sentence}"
+
+
+def test_a_policy_file_runs_no_code(tmp_path: Path):
+    """An array of Python objects is a pickle: it is not read."""
+
+    class Spy:
+        """Makes a file when it is unpickled."""
+
+        def __reduce__(self):
+            return open, (str(tmp_path / "made"), "w")
+
+    np.savez(tmp_path / "policy.npz", meta=np.array(Spy(), dtype=object))
+    with pytest.raises(ValueError, match="damaged, or no policy"):
+        control.load_policy(tmp_path)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_policy_of_another_size_is_refused(slew):
+    setup = control.Setup.of(slew)
+    policy = small_policy(setup)
+    policy.weights[0] = (np.zeros((5, 8), np.float32), policy.weights[0][1])
+    with pytest.raises(ValueError, match=r"makes 1 actions of 5 entries .* are 1 and 6"):
+        policy.check(setup)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from typing import Any
 
 import gymnasium as gym
@@ -79,6 +81,46 @@ def test_arms_end_at_different_times_and_the_bits_stay() -> None:
         if one[2].any():
             lengths.add(k)
     assert len(lengths) > 5
+
+
+TWO_THREADS = """
+import threading
+import gymnasium as gym, numpy as np
+import flexarm_env.batch
+
+env = gym.make_vec("FlexibleArm-v0", num_envs=256, threads=2, duration=1e3)
+env.reset(seed=0)
+env.step(np.zeros((256, 1), np.float32))
+begin, told, steps = threading.Barrier(2), [], [0, 0]
+
+def work(k):
+    begin.wait()
+    for _ in range(600):
+        try:
+            env.step(np.zeros((256, 1), np.float32))
+            steps[k] += 1
+        except RuntimeError as error:
+            told.append(str(error))
+
+both = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+for thread in both:
+    thread.start()
+for thread in both:
+    thread.join()
+assert told and all("one thread at a time" in text for text in told), set(told)
+assert sum(steps) + len(told) == 1200
+env.step(np.zeros((256, 1), np.float32))
+assert int(env.unwrapped.batch.record(0)[flexarm_env.batch.STEP]) == sum(steps) + 2
+env.close()
+print("done")
+"""
+
+
+def test_two_python_threads_in_one_environment_are_told() -> None:
+    """They used to wait for each other for ever: the crew of threads inside serves one caller."""
+    done = subprocess.run([sys.executable, "-c", TWO_THREADS], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "done\n"
 
 
 def test_seeds() -> None:

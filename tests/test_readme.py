@@ -13,6 +13,7 @@ import pytest
 
 from benchmarks import readme_tables
 from flexarm_env.cli.parser import SCRIPTS, build_parser
+from flexarm_env.scenes import names
 from tests.test_docs import script_of
 
 ROOT = Path(__file__).parents[1]
@@ -41,6 +42,12 @@ def test_commands_are_ones_that_there_are() -> None:
         if words[0] not in SCRIPTS:
             assert build_parser().parse_args(words).command == words[0]
         assert all((ROOT / word).is_file() for word in words if word.startswith("configs/"))
+
+
+def test_scenes_come_with_the_package() -> None:
+    """Who has the wheel alone has no configs/."""
+    scenes = re.findall(r"^    flexarm (?:simulate|replay) (\S+)", TEXT, re.MULTILINE)
+    assert scenes and set(scenes) <= set(names())
 
 
 def test_the_two_commands_come_first() -> None:

@@ -232,7 +232,7 @@ def test_missing_pygame_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     from gymnasium.error import DependencyNotInstalled
 
     monkeypatch.setitem(sys.modules, "pygame", None)
-    with pytest.raises(DependencyNotInstalled, match="rendering needs pygame: pip install"):
+    with pytest.raises(DependencyNotInstalled, match="rendering needs pygame-ce: pip install pygame-ce"):
         Renderer("rgb_array", 1.0)
 
 
@@ -286,3 +286,27 @@ def test_pictures_of_a_run() -> None:
     assert len(list(pictures(run, fps=25, speed=2.0, size=(160, 160)))) == 6
     with pytest.raises(ValueError, match="speed = 0: must be a positive number"):
         next(pictures(run, speed=0))
+
+
+CROWDED = """
+import resource, sys
+import numpy as np
+from flexarm_env.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))  # as a disk that is full soon
+sys.exit(main(["play", "--policy", "pd", "--env-kwargs", '{"duration": 0.2}', "--video", sys.argv[1]]))
+"""
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".gif"])
+def test_a_film_that_finds_no_room_is_a_sentence(ending: str, tmp_path: Path) -> None:
+    """What ffmpeg could not write it does not say: half a film used to be left, as if it were one."""
+    pytest.importorskip("resource")
+    pytest.importorskip("imageio_ffmpeg")
+    film = tmp_path / f"film{ending}"
+    done = subprocess.run(
+        [sys.executable, "-c", CROWDED, str(film)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith(f"flexarm play: {film}: the film could not be written: ")
+    assert done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -368,4 +368,4 @@ def test_the_package_itself_does_not_load_it() -> None:
 def test_a_missing_library_is_named() -> None:
     code = "import sys; sys.modules['stable_baselines3'] = None; import flexarm_env.sb3"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
-    assert 'flexarm_env.sb3 needs Stable-Baselines3, which cannot be imported here: pip install' in done.stderr
+    assert "flexarm_env.sb3 needs stable-baselines3: pip install stable-baselines3 (the extra" in done.stderr

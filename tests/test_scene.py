@@ -178,7 +178,7 @@ def test_resolve_takes_scenes_names_and_files(tmp_path: Path) -> None:
         ({"loads": (tf.constant(1),)}, "must be a JointTorque or a PointLoad"),
         ({"solver": {"formulation": "fem"}}, "solver.formulation = 'fem': must be one of"),
         ({"solver": {"nodes": 5}}, "solver.nodes: unknown option of floating_frame"),
-        ({"solver": {"segments": 0}}, "solver.segments = 0: must be a whole number, at least 1"),
+        ({"solver": {"segments": 0}}, "solver.segments = 0: must be a whole number, from 1 to 1000"),
         ({"solver": {"dt": 0.1}}, "solver.dt = 0.1: must be given as the scene's own dt"),
         ({"solver": 3}, "solver = 3: must be a sequence of pairs (name, value)"),
         ({"solver": [([1], 2)]}, "solver[0][0] = [1]: must be a text"),

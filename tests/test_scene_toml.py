@@ -235,3 +235,12 @@ def test_the_documented_file_is_a_scene() -> None:
     assert (s.name, s.gravity, s.arm) == ("swing@heavy", (0.0, -19.62), arms.named("de_luca_siciliano"))
     for name in (*scenes.names(), *arms.names(), *(n for n in scenes.names(True) if "@" in n), *toml.KINDS):
         assert f"`{name}`" in page
+
+
+def test_a_byte_order_mark_is_not_content(tmp_path: Path) -> None:
+    """Some editors put one before the text."""
+    text = scenes.named("robot_arm_motion").to_toml()
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8-sig")
+    assert path.read_bytes().startswith(b"\xef\xbb\xbf")
+    assert Scene.from_toml(path) == Scene.from_toml(text) == Scene.from_toml("\ufeff" + text)

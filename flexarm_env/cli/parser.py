@@ -83,7 +83,7 @@ Run a scene from a TOML file (or a named one) without comparing it with anything
 
   flexarm simulate my_scene.toml
   flexarm simulate my_scene.toml --formulation elastica --nodes 8 --out run.npz --plot run.png
-  flexarm simulate configs/scenes/strip_slew.toml@hasty
+  flexarm simulate configs/scenes/strip_slew.toml@hasty       (in a checkout)
 """
 
 SOLVER_NOTE = """\
@@ -97,7 +97,8 @@ exit code: 0 done, 1 the run ended early (see status), 2 wrong input
 PLAY = """\
 An environment in a window. Keys: left and right turn the hub, up and down the elbow, shift is gentle, Esc ends.
 A controller (pd, zv, zvd, lqr, time_optimal), a policy.npz, a run folder or a policy that comes with the package plays
-by itself; each episode ends with a line of what came of it.
+by itself; each episode ends with a line of what came of it. A policy.npz holds numbers alone and names no other
+environment than FlexibleArm-v0 and TwoLinkFlexArm-v0, unless ENV names it too.
 
   flexarm play
   flexarm play TwoLinkFlexArm-v0 --policy lqr --episodes 3
@@ -112,6 +113,8 @@ Train a policy with Stable-Baselines3 from a checkout (agents/train_ppo.py); all
   flexarm train --env TwoLinkFlexArm-v0 --seed 1 --out runs/mine
   flexarm train --env FlexibleArm-v0 --algo sac
   flexarm train --out runs/mine --resume                      go on where it stopped
+
+--resume reads checkpoints, which are pickles and can run any code: resume your own runs alone.
 """
 
 EVALUATE = """\
@@ -121,6 +124,9 @@ go there.
   flexarm evaluate --env FlexibleArm-v0 --policy pd,zvd,lqr,time_optimal
   flexarm evaluate --policy runs/ppo-FlexibleArm-v0-0,lqr --randomized --out runs/table
   flexarm evaluate --policy lqr --json
+
+A policy.npz holds numbers alone. A run folder without one is judged from its model.zip and vecnormalize.pkl, which are
+pickles and can run any code: take those from nobody whom you do not trust.
 """
 
 BENCH = """\
@@ -188,7 +194,10 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     )  # fmt: skip
     run.add_argument("--time-limit", type=float, metavar="T", help="s by the clock, then the run fails (timed_out)")
     if reference:
-        run.add_argument("--reference", metavar="FILE.csv", help="compare with this file; default: the scene's own")
+        run.add_argument(
+            "--reference", metavar="FILE.csv",
+            help="compare with this file: t, and tip_x and tip_y, tip_angle or start_angle; default: the scene's own",
+        )  # fmt: skip
     run.add_argument("--through-env", action="store_true", help="go through the environment's step; the same numbers")
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="FILE", help="trajectory: .csv (t, energy, start, tip, hinges) or .npz (all)")

@@ -19,6 +19,7 @@ from flexarm_env import validation as check
 from flexarm_env.cli.parser import DONE
 from flexarm_env.cli.progress import show
 from flexarm_env.control import Setup, load_policy
+from flexarm_env.envs.ids import own_ids, permitted
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.recording import EpisodeRecorder, save_episodes
@@ -126,7 +127,7 @@ def play(env: Any, player: Player, seeds: range, outcomes: list[dict[str, Any]])
                 return
         seconds = steps * env.unwrapped.dt
         outcome = {"seed": seed, "success": info["is_success"], "return": total, "seconds": seconds}
-        outcomes.append(outcome | {"ended": info["termination_reason"] or "time"})
+        outcomes.append(outcome | {"ended": info.get("termination_reason", "failure" if terminated else "") or "time"})
 
 
 def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
@@ -139,6 +140,9 @@ def _environment(args: argparse.Namespace, player: Player, mode: str | None) -> 
     env_id = args.env or player.env_id or DEFAULT_ENV
     if player.env_id and env_id != player.env_id:
         raise check.InvalidValue("ENV", env_id, f"must be {player.env_id}, which {player.name} was trained on")
+    own: dict[str, Any] = {}
+    if player.env_id:
+        env_id, own = permitted(player.name, player.env_id, player.env_kwargs, args.env)
     try:
         given = {} if args.env_kwargs is None else json.loads(args.env_kwargs)
     except ValueError:
@@ -146,12 +150,11 @@ def _environment(args: argparse.Namespace, player: Player, mode: str | None) -> 
     given = check.table_of("--env-kwargs", given)
     check.known_keys("--env-kwargs", given, [key for key in ARGUMENTS if key != "render_mode"], "argument")
     try:
-        return EpisodeRecorder(gym.make(env_id, render_mode=mode, **{**player.env_kwargs, **given}))
+        return EpisodeRecorder(gym.make(env_id, render_mode=mode, **{**own, **given}))
     except gym.error.DependencyNotInstalled:
         raise
     except gym.error.Error:  # not registered, or not the form of an id
-        known = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("flexarm_env.")]
-        raise check.UnknownKey(env_id, known, "environment") from None
+        raise check.UnknownKey(env_id, own_ids(), "environment") from None
 
 
 def _keyboard(env: Any) -> Keyboard:

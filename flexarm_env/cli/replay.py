@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if reference is not None:
         values["reference"] = origin
         values |= _errors(trajectory, reference)
+    drawn = reference if reference is not None and {"tip_x", "tip_y"} <= set(reference) else None
     if "out" in paths:
         write = trajectory.to_csv if paths["out"].suffix.lower() == ".csv" else trajectory.to_npz
         write(paths["out"])
@@ -59,11 +60,11 @@ def run(args: argparse.Namespace) -> int:
     if "plot" in paths:
         from flexarm_env.plotting import plot_trajectory
 
-        values["plot"] = str(plot_trajectory(trajectory, paths["plot"], reference=reference))
+        values["plot"] = str(plot_trajectory(trajectory, paths["plot"], reference=drawn))
     if args.plots is not None:
         from flexarm_env.plotting import plot_all
 
-        values["plots"] = [str(path) for path in plot_all(trajectory, args.plots, reference=reference)]
+        values["plots"] = [str(path) for path in plot_all(trajectory, args.plots, reference=drawn)]
     if "video" in paths:
         values["video"] = str(_film(trajectory, paths["video"], speed))
     show(values, args.json)
@@ -108,7 +109,7 @@ def _film(trajectory: Any, path: Path, speed: float) -> Path:
 def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
     """max_tip_error and rms_tip_error; nan with a reason where the run ended before there was anything to compare."""
     try:
-        return dataclasses.asdict(tip_error(trajectory.t, trajectory.tip, reference))
+        return dict(tip_error(trajectory.t, trajectory.tip, reference, trajectory.start).found())
     except ValueError:
         if trajectory.finished:
             raise
@@ -166,7 +167,7 @@ def _reference(args: argparse.Namespace) -> tuple[Columns | None, str]:
     """Columns to compare with and where they are from: the file given, or the named scene's own."""
     given = getattr(args, "reference", None)
     if given is not None:
-        return scenes.read_trajectory(given), given
+        return scenes.read_reference(given), given
     if args.command != "replay" or args.scene not in scenes.reference_names():
         return None, ""
     own = scenes.reference(args.scene)
@@ -176,7 +177,7 @@ def _reference(args: argparse.Namespace) -> tuple[Columns | None, str]:
 def _needs(name: str, module: str, extra: str) -> None:
     """ImportError with a sentence where there is no such module."""
     if find_spec(module) is None:
-        raise ImportError(f'--{name} needs {module}: pip install "flexarm_env[{extra}]"')
+        raise ImportError(check.lacking(f"--{name}", {"pygame": "pygame-ce"}.get(module, module), extra))
 
 
 def _writable(name: str, path: str, endings: tuple[str, ...]) -> Path:

@@ -2,7 +2,8 @@
 
 The file holds `meta` (JSON: format, env_id, env_kwargs, layout, activation, squash, versions, and what else the run
 says of itself), weights `w0`, `b0`, `w1`, ... (float32; layer k maps x to x w + b), and, where observations were
-normalised, `mean`, `variance` (float64), `clip` and `epsilon`.
+normalised, `mean`, `variance` (float64), `clip` and `epsilon`. It holds numbers and text alone; reading it runs
+nothing, where reading a pickle (a model.zip, a checkpoint) may.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
+import zlib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -18,12 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import validation as check
 from .base import Setup
 
 Array32 = NDArray[np.float32]
 
 FORMAT = 1
 ACTIVATIONS = ("tanh", "relu")
+MOST_LAYERS = 100
 
 
 class NumpyPolicy:
@@ -60,11 +64,17 @@ class NumpyPolicy:
         return action
 
     def check(self, setup: Setup) -> None:
-        """ValueError unless the environment's observation is laid out as the one that the policy was trained on."""
+        """ValueError unless the environment's observation and action are those that the policy was trained on."""
         if setup.layout != self.meta["layout"]:
             raise ValueError(
                 f"the policy was trained on {self.meta['env_id']} with observation layout {self.meta['layout']}; "
                 f"this environment's is {setup.layout} ({len(setup.names)} entries, other names or scales)"
+            )
+        taken, given = self.weights[0][0].shape[0], self.weights[-1][0].shape[1]
+        if (taken, given) != (len(setup.names), setup.n_joints):
+            raise ValueError(
+                f"the policy makes {given} actions of {taken} entries of an observation; this environment's are "
+                f"{setup.n_joints} and {len(setup.names)}"
             )
 
 
@@ -88,19 +98,53 @@ def load_policy(source: str | os.PathLike[str]) -> NumpyPolicy:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: data[key] for key in data.files}
         meta = json.loads(str(arrays["meta"]))
-        layers = int(meta["layers"])
-        weights = [(arrays[f"w{k}"], arrays[f"b{k}"]) for k in range(layers)]
-        normaliser = {k: arrays[k] for k in ("mean", "variance", "clip", "epsilon")} if "mean" in arrays else None
-        good = meta["format"] == FORMAT and meta["activation"] in ACTIVATIONS and bool(weights)
-        good = good and all(np.isfinite(w).all() and np.isfinite(b).all() for w, b in weights)
-        needed = [meta[key] for key in ("env_id", "env_kwargs", "layout", "squash")]
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{path}: damaged, or no policy of this package ({type(error).__name__})") from error
-    if not good or not needed:
-        raise ValueError(
-            f"{path}: its format is {meta.get('format')!r}, or its weights are not finite; expected {FORMAT}"
-        )
+    with check.in_file(path):
+        return _policy(check.table_of("meta", meta), arrays)
+
+
+def _policy(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> NumpyPolicy:
+    """The policy in a file's content. ValueError names the entry, its value and what would be right."""
+    for key in ("format", "env_id", "env_kwargs", "layout", "layers", "activation", "squash"):
+        check.needed("meta", meta, key, "every policy says it")
+    check.choice("meta.activation", meta["activation"], ACTIVATIONS)
+    if meta["format"] != FORMAT:
+        raise check.InvalidValue("meta.format", meta["format"], f"must be {FORMAT}, which this version reads")
+    for key in ("env_id", "layout"):
+        check.text(f"meta.{key}", meta[key], empty=False)
+    check.table_of("meta.env_kwargs", meta["env_kwargs"])
+    check.flag("meta.squash", meta["squash"])
+    weights: list[tuple[Array32, Array32]] = []
+    for k in range(check.integer("meta.layers", meta["layers"], minimum=1, maximum=MOST_LAYERS)):
+        rows = weights[-1][0].shape[1] if weights else None
+        w = _numbers(arrays, f"w{k}", (rows, None))
+        weights.append((w, _numbers(arrays, f"b{k}", (w.shape[1],))))
+    if "mean" not in arrays:
+        return NumpyPolicy(meta, weights)
+    size = weights[0][0].shape[:1]
+    shapes: dict[str, tuple[int, ...]] = {"mean": size, "variance": size, "clip": (), "epsilon": ()}
+    normaliser = {name: _numbers(arrays, name, shape) for name, shape in shapes.items()}
+    for name in ("variance", "clip", "epsilon"):
+        if not (normaliser[name] >= 0.0).all():
+            raise check.InvalidValue(name, normaliser[name], "must not be negative")
     return NumpyPolicy(meta, weights, normaliser)
+
+
+def _numbers(arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
+    """An array of finite numbers of this shape (None: any length from 1 on)."""
+    values: NDArray[Any] = check.needed("", arrays, name, "an array of the network")
+    words = ", ".join("n" if length is None else str(length) for length in shape)
+    fits = values.ndim == len(shape) and all(
+        length == (wanted or length) and length > 0 for length, wanted in zip(values.shape, shape, strict=True)
+    )
+    if not fits:
+        raise check.InvalidValue(f"shape of {name}", values.shape, f"must be ({words}), to fit the other arrays")
+    if values.dtype.kind not in "fiu":
+        raise check.InvalidValue(f"dtype of {name}", str(values.dtype), "must be that of numbers")
+    if not np.isfinite(values).all():
+        raise check.InvalidValue(name, values, "must be finite throughout")
+    return values
 
 
 def names() -> tuple[str, ...]:

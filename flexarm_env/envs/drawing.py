@@ -10,6 +10,8 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import ArrayLike, NDArray
 
+from .. import validation as check
+
 Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 
@@ -29,7 +31,7 @@ def pygame_module() -> Any:
     try:
         import pygame
     except ImportError as error:
-        raise DependencyNotInstalled('rendering needs pygame: pip install "flexarm_env[render]"') from error
+        raise DependencyNotInstalled(check.lacking("rendering", "pygame-ce", "render")) from error
     return pygame
 
 

@@ -109,9 +109,9 @@ def _each(path: str, value: Any, n: int, unit: str) -> Array:
 def _whole(path: str, value: Any, step: float, name: str) -> int:
     """A time as a whole number of steps."""
     time = check.number(path, value, "s", minimum=0.0)
-    count = round(time / step)
-    if count > LONGEST:
+    if not time / step < LONGEST + 0.5:
         raise check.InvalidValue(path, value, f"must be at most {LONGEST} {name} = {LONGEST * step:g} s")
+    count = round(time / step)
     if abs(time / step - count) > 1e-6 * max(1.0, time / step):
         raise check.InvalidValue(path, value, f"must be a whole number of {name} = {step:g} s")
     return count

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from .single import SingleArmEnv
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+from .single import Array32, SingleArmEnv
 from .task import SLEW
 from .vector import VectorArmEnv
 
 
-class FlexibleArmEnv(SingleArmEnv):
+class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `single`
     """
     ## Description
 
@@ -112,7 +118,7 @@ class FlexibleArmEnv(SingleArmEnv):
     | `initial_vibration` | 0.0 | largest initial tip deflection of the first mode, over L |
     | `joint_limits` | the arm's | [(low, high)] rad of the hub angle; None: none |
     | `gravity` | None | (x, y), m/s^2 |
-    | `info_level` | "standard" | or "full" |
+    | `info_level` | "standard" | or "full", or "numbers": without words, for libraries that make tensors of it |
     | `render_mode` | None | "rgb_array" or "human" |
     | `max_episode_steps` | None | control periods |
 
@@ -162,7 +168,7 @@ class FlexibleArmEnv(SingleArmEnv):
     kind = SLEW
 
 
-class FlexibleArmVectorEnv(VectorArmEnv):
+class FlexibleArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
     """Many FlexibleArm-v0 at once, each as :class:`FlexibleArmEnv` describes it."""
 
     kind = SLEW

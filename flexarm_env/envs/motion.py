@@ -157,6 +157,11 @@ def _function(entry: Any, interpolation: str | None) -> TimeFunction:
     return time_functions.from_array(rows, interpolation)
 
 
+FARTHEST = 1e6
+ANGLE = {"minimum": -FARTHEST, "maximum": FARTHEST}
+"""Where angles may begin and targets lie, rad: beyond, turns cost the digits that tell angles apart."""
+
+
 class Guide:
     """One arm that follows a prescribed motion.
 
@@ -258,6 +263,8 @@ def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
             raise check.InvalidValue("options.motion", scene.name, "must be a scene of this environment's own arm")
         return Guide(scene, settings, period, limits, **more)
     functions = dict(motion.functions)
+    for k, function in functions.items():
+        check.number(f"options.motion: joint{k} at t = 0", function.start, "rad", **ANGLE)
     joints = [functions[k].start if k in functions else (0.0 if math.isnan(a) else a) for k, a in enumerate(starts)]
     end = motion.end if motion.end > 0.0 else plan.duration
     assert settings.dt is not None

@@ -24,7 +24,7 @@ from .motion import Prescribed, prescribed
 from .task import Entry, Kind, info_entries, reward_weights, scales_of
 from .vibration import shake
 
-INFO_LEVELS = ("standard", "full")
+INFO_LEVELS = ("standard", "full", "numbers")
 RENDER_MODES = ("human", "rgb_array")
 
 DEFAULT_FORMULATION = "elastica"
@@ -42,6 +42,10 @@ FACTORS = ("payload", "EI", "damping", "torque_constant")
 """Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
 
 
+MOST_PERIODS, MOST_STEPS = 10**9, 10**4
+"""Control periods of an episode, and the solver's steps in one of them: a fraction of a second that Ctrl-C waits."""
+
+
 class Given:
     """The mark of an argument that was not given, where None means something."""
 
@@ -57,7 +61,7 @@ class Plan:
     """A checked environment: all that a Batch is made from, and what its outside looks like.
 
     names, scales (O,): of the observation. limit: control periods to `duration` or max_episode_steps; max_steps: the
-    latter. motion: of every episode of task="replay". entries: of info.
+    latter. motion: of every episode of task="replay". entries: of info. full: energies in it; words: words in it.
     """
 
     kind: Kind
@@ -70,6 +74,7 @@ class Plan:
     max_steps: int | None
     gravity: tuple[float, float] | None
     full: bool
+    words: bool
     render_mode: str | None
     starts: Starts
     rewards: tuple[float, ...]
@@ -130,13 +135,17 @@ def plan(
     period = check.number("control_dt", control_dt, "s", above=0.0)
     settings = _settings(formulation, period, options)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
+    if not length / period <= MOST_PERIODS:
+        what = f"must be at most {MOST_PERIODS:.0e} control periods of {period:g} s"
+        raise check.InvalidValue("duration", length, what)
     limit = max(1, math.floor(length / period * (1.0 + 1e-9)))
     if max_episode_steps is not None:
         max_episode_steps = check.integer("max_episode_steps", max_episode_steps, minimum=1)
         limit = min(limit, max_episode_steps)
     if render_mode is not None:
         check.choice("render_mode", render_mode, RENDER_MODES)
-    full = check.choice("info_level", info_level, INFO_LEVELS) == "full"
+    level = check.choice("info_level", info_level, INFO_LEVELS)
+    full, words = level == "full", level != "numbers"
     word = check.choice("task", kind.task if task is None else task, (kind.task, "track", "replay"))
     _only_with("reference", reference, word, "track")
     _only_with("motion", motion, word, "replay")
@@ -157,8 +166,8 @@ def plan(
         starts = dataclasses.replace(starts, shake=shake(own, settings, frame.gravity))
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
-        max_steps=max_episode_steps, gravity=frame.gravity, full=full, render_mode=render_mode, starts=starts,
-        rewards=tuple(reward_weights(kind, reward).tolist()), extras=extras,
+        max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
+        starts=starts, rewards=tuple(reward_weights(kind, reward).tolist()), extras=extras,
         names=(*names, *gauge_names(len(places))), scales=(*scales, *gauge_scales(frame, places)), gauges=tuple(places),
         motion=_replayed(kind, motion) if word == "replay" else None,
         entries=info_entries(kind, full),
@@ -191,13 +200,19 @@ def _settings(formulation: str | None, period: float, options: dict[str, Any]) -
     check_options(chosen, [name for name in options if name in default_options(chosen) or _known(name)])
     for name in options:
         if not _known(name):
-            raise check.UnknownKey(name, ARGUMENTS, "argument")
+            raise check.UnknownArgument(name, ARGUMENTS)
     settings = Settings.make(chosen, **merged(DEFAULT_OPTIONS[chosen], options))
     if "dt" not in options or options["dt"] is None:
         assert settings.dt is not None
+        if not period / settings.dt <= MOST_STEPS:
+            what = f"must be at most {MOST_STEPS} steps of dt = {settings.dt:g} s"
+            raise check.InvalidValue("control_dt", period, what)
         return dataclasses.replace(settings, dt=period / max(1, math.ceil(period / settings.dt - 1e-9)))
     assert settings.dt is not None
     steps = period / settings.dt
+    if not steps <= MOST_STEPS:
+        what = f"must be at least {period / MOST_STEPS:g} s, {MOST_STEPS} steps in a control period of {period!r} s"
+        raise check.InvalidValue("dt", options["dt"], what)
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
         what = f"must divide control_dt = {period!r} s into a whole number of steps"
         raise check.InvalidValue("dt", options["dt"], what)

@@ -12,7 +12,7 @@ import numpy as np
 from .. import validation as check
 from ..scene import JointTorque, Scene
 from ..settings import Settings
-from ..simulation import judge
+from ..simulation import check_work, judge
 from ..trajectory import Recorder, Trajectory
 from .flexible_arm import FlexibleArmEnv
 from .two_link import TwoLinkFlexArmEnv
@@ -36,6 +36,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
     period = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)
     limit = check.number("error_limit", error_limit, "a fraction of the arm's length", above=0.0)
     assert period is not None and settings.dt is not None
+    check_work(scene.duration, period, settings.dt)
     arm = scene.arm
     if arm.torque_limits is None:
         arm = dataclasses.replace(arm, torque_limits=(1.0,) * arm.n_links)

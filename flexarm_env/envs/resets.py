@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import ACTION_NOT_FINITE, GUIDED, Batch
 from .features import reach
-from .motion import Guide, Prescribed, guide, prescribed
+from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
 
 KEYS = ("start", "target", "vibration", "motion", "interpolation")
@@ -60,7 +60,7 @@ def _start(plan: Plan, value: Any) -> list[float]:
     if n == 1 and np.ndim(value) == 0:
         value = [value]
     entries = check.sequence("options.start", value, f"{n} angles (rad)", n)
-    angles = [check.number(f"options.start[{k}]", v, "rad") for k, v in enumerate(entries)]
+    angles = [check.number(f"options.start[{k}]", v, "rad", **ANGLE) for k, v in enumerate(entries)]
     for k, limits in enumerate(plan.arm.joint_limits or ()):
         if limits is not None and not limits[0] <= angles[k] <= limits[1]:
             what = f"must be within the joint's limits, {limits[0]:g} to {limits[1]:g} rad"
@@ -72,7 +72,7 @@ def _target(plan: Plan, value: Any) -> tuple[float, float]:
     if plan.kind.targets == 1:
         if np.ndim(value) == 1 and len(value) == 1:
             value = value[0]
-        return check.number("options.target", value, "rad"), 0.0
+        return check.number("options.target", value, "rad", **ANGLE), 0.0
     x, y = check.sequence("options.target", value, "two numbers (m), (x, y)", 2)
     x, y = check.number("options.target[0]", x, "m"), check.number("options.target[1]", y, "m")
     near, far = reach(plan.arm)

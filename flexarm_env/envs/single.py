@@ -27,6 +27,7 @@ from ..batch import (
 from .motion import Guide
 from .options import Plan, plan
 from .resets import begin, follow, guide_of, wishes
+from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
 from .task import Kind
 
@@ -34,8 +35,12 @@ Array32 = NDArray[np.float32]
 F32 = np.dtype(np.float32)
 
 
-class SingleArmEnv(gym.Env[Array32, Array32]):
-    """What FlexibleArm-v0 and TwoLinkFlexArm-v0 have in common."""
+class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
+    """What FlexibleArm-v0 and TwoLinkFlexArm-v0 have in common.
+
+    Both name gymnasium.Env (and their vector forms VectorEnv) as a base once more: there are libraries, skrl one of
+    them, that tell an environment by its class's own bases.
+    """
 
     kind: ClassVar[Kind]
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
@@ -60,7 +65,7 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
         self._step, self._address = batch.compiled_step, batch.address
         self._action, self._shape = batch.action[0], batch.action[0].shape
         self._seen, self._numbers, self._tail = batch.observation[0], batch.table[:, 0], batch.tail_first
-        self._bound = self.plan.deflection_bound
+        self._bound, self._words = self.plan.deflection_bound, self.plan.words
         self._floats = tuple((e.name, e.first) for e in self.plan.entries if e.count is None)
         self._arrays = tuple((e.name, e.first, e.first + e.count) for e in self.plan.entries if e.count is not None)
 
@@ -112,9 +117,9 @@ class SingleArmEnv(gym.Env[Array32, Array32]):
             "is_success": values[SUCCESS] > 0.5,
             "in_range": values[tail + IN_RANGE] > 0.5,
             "deflection_bound": self._bound,
-            "solver_status": STATUS_WORDS[reason],
-            "termination_reason": REASONS[reason],
         }
+        if self._words:
+            info["solver_status"], info["termination_reason"] = STATUS_WORDS[reason], REASONS[reason]
         for name, first in self._floats:
             info[name] = values[first]
         for name, first, last in self._arrays:

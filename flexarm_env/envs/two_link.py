@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from .single import SingleArmEnv
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+from .single import Array32, SingleArmEnv
 from .task import REACH
 from .vector import VectorArmEnv
 
 
-class TwoLinkFlexArmEnv(SingleArmEnv):
+class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `single`
     """
     ## Description
 
@@ -121,7 +127,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv):
     kind = REACH
 
 
-class TwoLinkFlexArmVectorEnv(VectorArmEnv):
+class TwoLinkFlexArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
     """Many TwoLinkFlexArm-v0 at once, each as :class:`TwoLinkFlexArmEnv` describes it."""
 
     kind = REACH

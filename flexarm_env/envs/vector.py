@@ -16,11 +16,23 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import FRESH, IN_RANGE, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
+from ..batch import (
+    FRESH,
+    IN_RANGE,
+    REASON,
+    REASONS,
+    RUNNING,
+    STATUS_WORDS,
+    SUCCESS,
+    OneAtATime,
+    View,
+    one_at_a_time,
+)
 from .motion import Guide, is_table
 from .options import Plan, plan
 from .resets import Wishes, begin, follow, guide_of, wishes
 from .single import F32, checked_action
+from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
 from .task import Kind
 
@@ -40,8 +52,11 @@ def default_threads(n: int) -> int:
     return max(1, min(available, n // ARMS_PER_THREAD))
 
 
-class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
-    """What the vector forms of both environments have in common."""
+class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
+    """What the vector forms of both environments have in common.
+
+    One thread at a time may reset it, step it, or read and set its states; another gets a RuntimeError.
+    """
 
     kind: ClassVar[Kind]
 
@@ -52,6 +67,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         threads: int | None = None,
         **arguments: Any,
     ) -> None:
+        self._door = OneAtATime()
         self.closed = True  # there is nothing to close where an argument is wrong
         self.num_envs = check.integer("num_envs", num_envs, minimum=1)
         if not isinstance(autoreset_mode, AutoresetMode):
@@ -84,11 +100,13 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         usual = STATUS_WORDS[0.0], ""
         self._fine = _constant(usual[0], object, self.num_envs), _constant(usual[1], object, self.num_envs)
         self._rows = tuple((e.name, e.first, None if e.count is None else e.first + e.count) for e in self.plan.entries)
-        names = ("is_success", "in_range", "deflection_bound", "solver_status", "termination_reason")
+        names = ["is_success", "in_range", "deflection_bound"]
+        names += ["solver_status", "termination_reason"] if self.plan.words else []
         self._masks = {f"_{name}": self._everywhere for name in (*names, *(e.name for e in self.plan.entries))}
         self.closed = False
 
     # --- gymnasium ---------------------------------------------------------------------------------
+    @one_at_a_time
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
@@ -113,6 +131,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             self.render()
         return self.batch.observation.copy(), self._infos(self._mask(chosen))
 
+    @one_at_a_time
     def step(self, actions: Array32) -> tuple[Array32, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
         """One control period of every arm; those that ended before are started anew as the autoreset mode says."""
         batch = self.batch
@@ -272,6 +291,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         return np.flatnonzero(mask).tolist(), {k: v for k, v in options.items() if k != "reset_mask"}
 
     # --- states --------------------------------------------------------------------------------------
+    @one_at_a_time
     def get_state(self, indices: Sequence[int] | None = None) -> list[dict[str, Any]]:
         """Everything that the future of each arm (or of those in `indices`) depends on, a copy; see `set_state`."""
         guides = self._guides
@@ -279,6 +299,7 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
             state_of(self.batch, i, self._generator(i), self._seeds[i], guides.get(i)) for i in self._chosen(indices)
         ]
 
+    @one_at_a_time
     def set_state(self, states: Sequence[dict[str, Any]], indices: Sequence[int] | None = None) -> None:
         """Continue from states that `get_state` gave, here or in a single environment, bit for bit."""
         chosen = self._chosen(indices)
@@ -350,9 +371,10 @@ class VectorArmEnv(VectorEnv[Array32, Array32, NDArray[Any]]):
         tail, table = self.batch.tail_first, self.batch.table[:, : self.num_envs]
         infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[tail + IN_RANGE] > 0.5}
         infos["deflection_bound"] = self._bound
-        usual = only is None and not self._ended  # only arms that have just ended have a reason
-        words = self._fine if usual else self._words(table[tail + REASON])
-        infos["solver_status"], infos["termination_reason"] = words
+        if self.plan.words:
+            usual = only is None and not self._ended  # only arms that have just ended have a reason
+            words = self._fine if usual else self._words(table[tail + REASON])
+            infos["solver_status"], infos["termination_reason"] = words
         for name, first, last in self._rows:
             infos[name] = table[first] if last is None else table[first:last].T
         if only is None:

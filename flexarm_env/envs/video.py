@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
+import shutil
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +21,9 @@ from .rendering import Renderer
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
 """Endings of film files, which imageio-ffmpeg writes; .gif is written by Pillow."""
+
+ROOM = 1 << 20
+"""A disk with less than this free is full, bytes."""
 
 
 def pictures(
@@ -75,6 +80,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
         path: ends with .mp4, .webm, .mkv, .mov or .gif. frames: (height, width, 3) uint8 each. fps: pictures a second.
     Raises:
         ValueError: another ending, or no picture at all. DependencyNotInstalled: nothing here writes such a file.
+        OSError: it could not be written, on a full disk for example.
     """
     target = film_path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -83,6 +89,10 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]]
     try:
         write(part, iter(frames), fps)
         part.replace(target)
+    except OSError as error:  # ffmpeg says a page, and no path
+        code = errno.ENOSPC if shutil.disk_usage(target.parent).free < ROOM else errno.EIO
+        why = os.strerror(code) if code == errno.ENOSPC else error.strerror or str(error).partition("\n")[0]
+        raise OSError(code, f"the film could not be written: {why}", os.fspath(target)) from error
     finally:
         part.unlink(missing_ok=True)
     return target
@@ -95,12 +105,20 @@ def _write_ffmpeg(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -
         str(path), (first.shape[1], first.shape[0]), fps=fps, quality=8, macro_block_size=2, ffmpeg_log_level="error"
     )
     writer.send(None)
+    count = 1
     try:
         writer.send(first)
         for frame in frames:
             writer.send(np.ascontiguousarray(frame))
+            count += 1
     finally:
         writer.close()
+    try:  # ffmpeg's last words are not heard: what it could not write shows in the file
+        found = ffmpeg.count_frames_and_secs(str(path))[0]
+    except RuntimeError:
+        found = 0
+    if found < count:
+        raise OSError(errno.EIO, f"{found} of {count} pictures came to be in it")
 
 
 def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
@@ -124,7 +142,7 @@ def _import(module: str, package: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise DependencyNotInstalled(f'such a film needs {package}: pip install "flexarm_env[render]"') from error
+        raise DependencyNotInstalled(check.lacking("such a film", package, "render")) from error
 
 
 def _hinge_points(trajectory: Trajectory) -> list[int]:

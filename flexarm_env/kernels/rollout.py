@@ -11,9 +11,10 @@ from .newmark import advance_bare
 from .protocol import energy, link_poses, shape, size
 from .work import unpack
 
-TIME, STEP, GROSS, START_ENERGY, LIMIT = range(5)
+TIME, STEP, GROSS, START_ENERGY, LIMIT, FROM, DONE, SPAN = range(8)
 """Entries of `span`: time reached, s; largest step, s; gross work of the drives, J; energy at the start, J; how many
-times what there was, came and went the energy may become."""
+times what there was, came and went the energy may become; where the stretch began, s, that has come as far as so many
+steps (0: none is under way); how many entries there are."""
 
 
 def row_size(n: int, links: int, n_motions: int) -> int:
@@ -36,23 +37,29 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):  # type: ignor
 
 
 @kernel
-def record(lane, model, drive, par, flat, n_motions, links, span, instants, chunk, scheme, table, points):  # type: ignore[no-untyped-def]
+def record(lane, model, drive, par, flat, n_motions, links, span, instants, chunk, most, scheme, table, points):  # type: ignore[no-untyped-def]
     """Advance through a smooth stretch, stopping at instants; a row of `table` (m, row_size) and points (m, P, 2) each.
 
     Steps are equal between instants and at most span[STEP]; books are kept. `chunk`: steps after which the work done
     is looked at. Returns how many rows were written; fewer than m where the arm has failed (its flag says why; a row
-    of a diverged arm is written). SINGLE only.
+    of a diverged arm is written), or after `most` chunks: called again with the instants that are left, it goes on with
+    the same steps. SINGLE only.
     """
     arm, p, x = bare(model), bare(par), bare(flat)
     w = unpack(lane, model, x, n_motions)
     n = size(model.n)
     for i in range(instants.shape[0]):
-        start, stop = span[TIME], instants[i]
+        start, stop, done = span[TIME], instants[i], int(span[DONE])
+        if done > 0:
+            start = span[FROM]
         if start < stop - 1e-12 * max(1.0, stop):
             n_steps = max(1, math.ceil((stop - start) / span[STEP] * (1.0 - 1e-9)))
             h = (stop - start) / n_steps
-            done = 0
             while done < n_steps:
+                if most == 0:
+                    span[FROM], span[DONE] = start, done
+                    return i
+                most -= 1
                 before = w.books[0]
                 steps = min(chunk, n_steps - done)
                 span[TIME] = advance_bare(lane, arm, drive, p, x, w, start + done * h, h, steps, scheme, (0,))
@@ -64,7 +71,7 @@ def record(lane, model, drive, par, flat, n_motions, links, span, instants, chun
                         w.flag[0] = NOT_FINITE
                         return i
                 done += steps
-            span[TIME] = stop
+            span[TIME], span[DONE] = stop, 0.0
         row = bare(table[i])
         row[0] = span[TIME]
         link_poses(lane, arm, p, w.q, w.v, row[1 : 1 + 12 * links])

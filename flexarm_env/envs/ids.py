@@ -1,0 +1,38 @@
+"""Which environments a file may name: a policy or a recording does not choose what is imported and made."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gymnasium.envs.registration import registry
+
+from .. import validation as check
+from .options import ARGUMENTS
+
+PACKAGE = "flexarm_env"
+
+
+def own_ids() -> tuple[str, ...]:
+    """Ids of the environments that this package has registered."""
+    return tuple(key for key, spec in registry.items() if str(spec.entry_point).startswith(f"{PACKAGE}."))
+
+
+def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None) -> tuple[str, dict[str, Any]]:
+    """An environment's id and keywords that a file brings, if `gymnasium.make` may have them.
+
+    Args:
+        path: what they are called in a message. named: an id that the caller names himself, whatever it is.
+    Raises:
+        ValueError: an id that is neither this package's own nor `named`; with its own, keywords that it does not take.
+    """
+    keywords = check.table_of(check.joined(path, "env_kwargs"), env_kwargs)
+    if named is not None and env_id == named:
+        return named, keywords
+    if not isinstance(env_id, str) or env_id.removeprefix(f"{PACKAGE}:") not in own_ids():
+        what = f"must be {' or '.join(own_ids())}: a file gets another environment only where the caller names it too"
+        raise check.InvalidValue(check.joined(path, "env_id"), env_id, what)
+    taken = [name for name in ARGUMENTS if name != "render_mode"]
+    check.known_keys(check.joined(path, "env_kwargs"), keywords, taken, "argument")
+    return env_id, keywords
+
+

@@ -1,0 +1,60 @@
+"""The spec of a made environment, which says how long its episodes are."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec
+
+MAKERS = (gym.make.__code__, gym.make_vec.__code__)
+
+
+class ArmSpec(EnvSpec):
+    """An EnvSpec whose `max_episode_steps` is the number of control periods in the environment's `duration`.
+
+    Wrappers that ask for the length of an episode get it. `gymnasium.make` and `make_vec`, when they make the
+    environment again, get the limit that was given, or None: the environment ends its episodes itself, and a TimeLimit
+    around another one made with a longer `duration` would cut them short.
+    """
+
+    given: int | None = None
+    own: int | None = None
+
+    @classmethod
+    def of(cls, spec: EnvSpec | None, limit: int) -> ArmSpec | None:
+        """The spec that `gymnasium.make` has set, for episodes of at most `limit` control periods."""
+        if spec is None:
+            return None
+        made = cls(**{field.name: getattr(spec, field.name) for field in dataclasses.fields(spec) if field.init})
+        made.given, made.own = spec.given if isinstance(spec, cls) else spec.max_episode_steps, limit
+        return made
+
+    @property
+    def max_episode_steps(self) -> int | None:
+        """Control periods of an episode."""
+        if self.given is not None or sys._getframe(1).f_code in MAKERS:
+            return self.given
+        return self.own
+
+    @max_episode_steps.setter
+    def max_episode_steps(self, value: int | None) -> None:
+        self.given = value
+
+
+class Specified:
+    """What single and vector environments have in common: their spec."""
+
+    plan: Any
+    _spec: ArmSpec | None = None
+
+    @property
+    def spec(self) -> Any:
+        """The spec that `gymnasium.make` has given the environment, and how long its episodes are; None otherwise."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = ArmSpec.of(spec, self.plan.limit)

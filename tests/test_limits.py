@@ -1,0 +1,117 @@
+"""Work without bound is refused with a sentence, and what takes long hears Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from flexarm_env import Settings, named, simulate, simulation
+from tests.env_tools import IDS
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"dt": 1e-320}, r"dt = .*: must be at least 9e-09 s: a run of 9 s may take 1e\+09 steps"),
+        ({"dt": 1e-12}, r"dt = 1e-12: must be at least"),
+        ({"sample": 1e-9}, r"sample = 1e-09: must be at least 9e-06 s: a run of 9 s may have 1e\+06 samples"),
+        ({"sample": 1e-320}, "sample = "),
+        ({"duration": 1e300}, "dt = "),
+    ],
+)
+def test_a_run_has_limits(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        simulate(named("robot_arm_motion"), **options)
+
+
+def test_a_mesh_has_limits() -> None:
+    for name, formulation in (("elements", "geometrically_exact"), ("segments", "floating_frame")):
+        with pytest.raises(ValueError, match=f"{name} = 1000000: must be a whole number, from 1 to 1000"):
+            Settings.make(formulation, **{name: 10**6})
+    with pytest.raises(ValueError, match="must be at most 1000 elements a link"):
+        Settings.make("floating_frame", segments=100, elements=100)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"dt": 1e-320}, "dt = .*: must be at least 2e-06 s, 10000 steps in a control period of 0.02 s"),
+        ({"dt": 1e-12}, "dt = 1e-12: must be at least"),
+        ({"control_dt": 1e-320}, "duration = .*: must be at most"),
+        ({"control_dt": 1e6, "duration": 1e6}, "control_dt = .*: must be at most 10000 steps"),
+        ({"duration": 1e308}, "duration = 1e\\+308: must be at most 1e\\+09 control periods of 0.02 s"),
+        ({"sensors": {"delay": 1e308}}, "sensors.delay = 1e\\+308: must be at most 1000"),
+        ({"actuator": {"delay": 1e308}}, "actuator.delay = 1e\\+308: must be at most 1000"),
+    ],
+)
+def test_an_environment_has_limits(arguments: dict[str, Any], words: str) -> None:
+    for make in (gym.make, gym.make_vec):
+        with pytest.raises(ValueError, match=words):
+            make("FlexibleArm-v0", **arguments)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_start_is_where_angles_can_be_told_apart(env_id: str) -> None:
+    env = gym.make(env_id, joint_limits=None)
+    joints = env.action_space.shape[0]  # type: ignore[index]
+    for wrong in (1e18, -1e18, float("nan"), float("inf")):
+        for options in [{"start": [wrong] * joints}] + ([{"target": wrong}] if joints == 1 else []):
+            with pytest.raises(ValueError, match=r"options\.\w+.* = .*: must be a finite number, at least -1e\+06"):
+                env.reset(seed=0, options=options)
+    for angle in (1e6, -1e6):
+        observation, _ = env.reset(seed=0, options={"start": [angle] * joints})
+        assert env.observation_space.contains(observation)
+        hub = observation[0] ** 2 + observation[1 if joints == 1 else 2 - 1] ** 2
+        assert hub == pytest.approx(1.0, abs=1e-6)
+        assert observation[0] == pytest.approx(np.sin(angle), abs=1e-6)
+    if joints == 1:
+        with pytest.raises(ValueError, match=r"options\.motion: joint0 at t = 0 = 1e"):
+            env.reset(options={"motion": {"t": [0.0, 1.0], "psi": [1e18, 1e18]}})
+
+
+def test_returns_from_compiled_code_change_no_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stretch between two samples is gone through in the same steps, however often it is left and entered."""
+    scene, options = named("robot_arm_motion"), {"dt": 2e-4, "duration": 1.0, "sample": 0.7, "estimate_error": False}
+    runs = []
+    for chunks in (1, 3, 10**6):
+        monkeypatch.setattr(simulation, "CHUNKS", chunks)
+        runs.append(simulate(scene, "elastica", **options))  # type: ignore[arg-type]
+    for run in runs[1:]:
+        for name in ("t", "q", "v", "kinetic", "work", "dissipated", "shapes"):
+            np.testing.assert_array_equal(getattr(run, name), getattr(runs[0], name))
+        assert (run.steps, run.gross_work) == (runs[0].steps, runs[0].gross_work)
+    assert runs[0].steps >= 5000
+
+
+LONG = """
+from flexarm_env import named, simulate
+scene = named("robot_arm_motion")
+simulate(scene, "elastica", duration=1e-3, estimate_error=False)
+print("go", flush=True)
+simulate(scene, "elastica", dt=5e-8, sample=20.0, estimate_error=False)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_a_long_run_hears_an_interruption() -> None:
+    """Minutes of compiled steps between two samples."""
+    with subprocess.Popen(
+        [sys.executable, "-c", LONG], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        try:
+            assert child.stdout is not None and child.stdout.readline() == "go\n"
+            time.sleep(1.5)
+            start = time.monotonic()
+            child.send_signal(signal.SIGINT)
+            _, errors = child.communicate(timeout=20)
+            assert "KeyboardInterrupt" in errors
+            assert time.monotonic() - start < 2.0  # the interpreter's end included
+        finally:
+            child.kill()
