@@ -24,9 +24,9 @@ from benchmarks.machine import describe_machine, write_text
 from benchmarks.operations import CASES, STEP
 from flexarm_env import arms
 from flexarm_env.batch import standing_scene
-from flexarm_env.kernels.jit import kernel
-from flexarm_env.kernels.lanes import EIGHT, SINGLE, load, store
-from flexarm_env.kernels.newmark import advance
+from flexarm_env.compiler.decorator import kernel
+from flexarm_env.compiler.lanes import EIGHT, SINGLE, load, store
+from flexarm_env.physics.integrator.step import advance
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 

@@ -18,8 +18,8 @@ from numba import config
 
 from flexarm_env import arms
 from flexarm_env.batch import standing_scene
-from flexarm_env.kernels.lanes import SINGLE
-from flexarm_env.model import scheme
+from flexarm_env.compiler.lanes import SINGLE
+from flexarm_env.physics.model import scheme
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 
@@ -137,7 +137,7 @@ def _prepare() -> None:
 
 def count(arm_name: str, formulation: str, options: dict[str, Any]) -> dict[str, float]:
     """Operations of a step, and Newton iterations, means over STEPS steps of 5 ms of the arm under constant torques."""
-    from flexarm_env.kernels.newmark import advance
+    from flexarm_env.physics.integrator.step import advance
 
     arm = arms.resolve(arm_name)
     settings = Settings.make(formulation, dt=STEP, tolerance=1e-6, **options)

@@ -14,13 +14,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import kernels  # noqa: F401  (registers the formulations)
-from .kernels import environment, starts
-from .kernels.adaptive import FITS
-from .kernels.address import Placed, entry, native
-from .kernels.lanes import SINGLE, WIDEST
-from .kernels.layout import aligned, layout_of
-from .kernels.program import (
+from . import physics  # noqa: F401  (registers the formulations)
+from .compiler.crew import Crew, OneAtATime, holders, one_at_a_time
+from .compiler.entry import Placed, entry, native
+from .compiler.lanes import SINGLE, WIDEST
+from .parameters import Arm
+from .physics import assembly, gauges
+from .physics.integrator.work import unpack, work_size
+from .physics.model import STATUS, System, scheme
+from .runtime import episode as environment
+from .runtime import starts
+from .runtime.fitted import FITS
+from .runtime.layout import aligned, layout_of
+from .runtime.record import observe_arm
+from .scene import Scene
+from .settings import Settings
+from .simulation import room_for_points, uncompiled
+from .tasks.program import (
     ACTION_NOT_FINITE,
     CLIP,
     DEFLECTION,
@@ -52,16 +62,7 @@ from .kernels.program import (
     Reference,
     Sensors,
 )
-from .kernels.rollout import observe_arm
-from .kernels.task import Reach, Slew
-from .kernels.work import unpack, work_size
-from .mechanics import assembly, gauges
-from .model import STATUS, System, scheme
-from .parameters import Arm
-from .scene import Scene
-from .settings import Settings
-from .simulation import room_for_points, uncompiled
-from .threads import Crew, OneAtATime, holders, one_at_a_time
+from .tasks.task import Reach, Slew
 
 Array = NDArray[np.float64]
 
@@ -89,7 +90,7 @@ UNSEEN = holders([np.zeros(1)], 0)
 
 @dataclass(frozen=True)
 class Starts:
-    """What fresh starts are drawn from, uniformly (see `kernels.environment.Ranges`).
+    """What fresh starts are drawn from, uniformly (see `tasks.program.Ranges`).
 
     start: (low, high) of each joint angle, rad. target: two ranges: rad from the start (slew; the second unused), or
     m and rad, polar (reach). straight: share of starts with all joints at 0. vibration: largest initial vibration, as
@@ -150,7 +151,7 @@ def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, float] | None
 
 @dataclass(frozen=True)
 class View:
-    """One arm at an instant: points (n, 2) root to tip, m; poses (N, 12) as `kernels.protocol.link_poses`; time, s;
+    """One arm at an instant: points (n, 2) root to tip, m; poses (N, 12) as `physics.protocol.link_poses`; time, s;
     target, m or rad; torques (N,), N m; deflection (N,), over L."""
 
     points: Array
@@ -286,7 +287,7 @@ class Batch:
         return self._mine(self.layout.par, self.layout.poses, i)
 
     def record(self, i: int) -> Array:
-        """Arm i's record (see `kernels.task`), a view."""
+        """Arm i's record (see `tasks.task`), a view."""
         return self._mine(self.layout.record, self.layout.action, i)
 
     # --- motion ----------------------------------------------------------------------------------

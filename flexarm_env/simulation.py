@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import accuracy, kernels  # noqa: F401  (importing kernels registers the formulations)
+from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
 from . import validation as check
-from .kernels.adaptive import FITS, LOWER
-from .kernels.lanes import SINGLE
-from .kernels.newmark import advance
-from .kernels.restart import restart
-from .kernels.rollout import DONE, GROSS, LIMIT, SPAN, START_ENERGY, STEP, TIME, observe_arm, record, row_size
-from .kernels.work import Work, unpack, work_size
-from .mechanics import assembly
-from .model import MESSAGE, NOT_FINITE, OK, STATUS, TIMED_OUT, scheme
+from .compiler.lanes import SINGLE
+from .physics import assembly
+from .physics.integrator.start import restart
+from .physics.integrator.step import advance
+from .physics.integrator.work import Work, unpack, work_size
+from .physics.model import MESSAGE, NOT_FINITE, OK, STATUS, TIMED_OUT, scheme
+from .runtime.fitted import FITS, LOWER
+from .runtime.record import DONE, GROSS, LIMIT, SPAN, START_ENERGY, STEP, TIME, observe_arm, record, row_size
 from .scene import Scene
 from .settings import Settings
 from .trajectory import Recorder, Trajectory
@@ -63,7 +63,7 @@ class Simulation:
     Args:
         scene: what moves. settings: formulation and options; its dt must be given.
     Attributes:
-        t: time reached, s. status: a code of `flexarm_env.model`. work: views of the state (`kernels.work.Work`).
+        t: time reached, s. status: a code of `flexarm_env.physics.model`. work: views of the state (`Work`).
         gross: work of the drives, J, what they gave and what they took both counted as positive.
         levels: with a step_tolerance, the halvings of dt in each stretch up to now.
         follow: halvings to take instead of those that the tolerance asks for.
@@ -148,7 +148,7 @@ class Simulation:
         return self.observe()[0]
 
     def _fit(self, stop: float, run: Callable[[], Array]) -> None:
-        """A stretch up to `stop` in steps as short as the tolerance asks for: what `kernels.adaptive` does for a batch.
+        """A stretch up to `stop` in steps as short as the tolerance asks for: what `runtime.fitted` does for a batch.
 
         run: makes the stretch; link poses (n_links, 12) at its end, of no meaning where the arm has failed.
         """
@@ -208,7 +208,7 @@ class Simulation:
     ) -> None:
         """Advance to `end`, recording the start and every `interval`, landing on every kink; ends where the arm fails.
 
-        What is recorded at a kink is the state just before it. sink: takes rows (m, row_size) of `kernels.rollout` and
+        What is recorded at a kink is the state just before it. sink: takes rows (m, row_size) of `runtime.record` and
         points along the chain (m, P, 2), some at a time. tell: called with the share done.
         """
         count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
@@ -255,7 +255,7 @@ class Simulation:
         return table, shapes
 
     def _rows(self, span: Array, stops: list[float], table: Array, shapes: Array) -> int:
-        """Calls of `kernels.rollout.record` until all rows are made, or the arm has failed; how many are made."""
+        """Calls of `runtime.record.record` until all rows are made, or the arm has failed; how many are made."""
         made, instants = 0, np.array(stops)
         while True:
             made += int(record(
@@ -318,7 +318,7 @@ class Simulation:
 
     def gained(self, start: float, gross: float) -> bool:
         """Whether there is ENERGY_LIMIT times the energy that start (J), gross work (J), dissipation and gravity can
-        account for; `kernels.rollout.record` asks the same."""
+        account for; `runtime.record.record` asks the same."""
         energies = self.observe()[1]
         total, known = abs(float(energies.sum())), abs(start) + gross + abs(float(self.work.books[1]))
         return not total <= ENERGY_LIMIT * (known + abs(float(energies[2])) + 1e-300) and total > 1e-9

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import STATUS
+from .physics.model import STATUS
 from .scene import Scene
 from .settings import Settings
 
@@ -173,7 +173,7 @@ class Recorder:
         rows["v"].append(simulation.work.v.copy())
 
     def extend(self, table: Array, shapes: Array) -> None:
-        """Record rows that `kernels.rollout.record` made."""
+        """Record rows that `runtime.record.record` made."""
         links, motions = self.scene.arm.n_links, self.scene.motions
         at = np.cumsum([1, 12 * links, 3, 2, links, len(motions)])
         t, poses, energies, books, torque, reaction, state = np.split(table, at, axis=1)

@@ -20,8 +20,9 @@ PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
 _DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes", "toml_text"}
-_PHYSICS = {*_DESCRIPTION, "model", "trajectory", "accuracy", "simulation", "batch", "linear"}
-_PUBLIC = {*_PHYSICS, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
+_COMPILED = {"compiler", "physics", "runtime", "tasks"}
+_PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
+_PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
@@ -34,18 +35,18 @@ ROOMS: dict[str, set[str]] = {
     "scene": {"validation", "parameters", "settings", "time_functions", "arms", "toml_text"},
     "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms", "toml_text"},
     "data": set(),
-    "model": set(),
-    "mechanics": {*_DESCRIPTION, "model"},
-    "kernels": {"model"},
-    "trajectory": {*_DESCRIPTION, "model"},
+    "compiler": set(),
+    "physics": {*_DESCRIPTION, "compiler"},
+    "tasks": {"compiler", "physics"},
+    "runtime": {"compiler", "physics", "tasks"},
+    "trajectory": {*_DESCRIPTION, "physics"},
     "accuracy": {*_DESCRIPTION},
-    "simulation": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "accuracy"},
-    "threads": {"kernels"},
-    "batch": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "simulation", "threads"},
-    "linear": {*_DESCRIPTION, "mechanics", "model", "kernels", "trajectory", "simulation"},
+    "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy"},
+    "batch": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation"},
+    "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation"},
     "comparison": {*_DESCRIPTION, "trajectory", "simulation"},
-    "control": {*_PHYSICS, "mechanics"},
-    "envs": {*_PHYSICS, "control"},
+    "control": {*_PHYSICS},
+    "envs": {*_PHYSICS, "compiler", "control"},
     "plotting": {*_PHYSICS, "comparison"},
     "recording": {*_DESCRIPTION, "trajectory", "envs"},
     "sb3": {*_DESCRIPTION, "envs"},
@@ -58,8 +59,8 @@ ROOMS: dict[str, set[str]] = {
 EXTERNALS: dict[str, set[str]] = {
     "torch": {"sb3"},
     "stable_baselines3": {"sb3"},
-    "numba": {"kernels"},
-    "llvmlite": {"kernels"},
+    "numba": {"compiler"},
+    "llvmlite": {"compiler"},
     "gymnasium": {"__init__", "envs", "recording", "sb3", "cli"},
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
@@ -149,7 +150,7 @@ _INSIDE = {"benchmarks.operations", "benchmarks.cost_model"}
 
 def outside_faults(source: str, module: str, known: set[str]) -> list[str]:
     """Imports of code outside of the package that reach past the public rooms."""
-    allowed = _PUBLIC | {"kernels", "model", "batch"} if module in _INSIDE else _PUBLIC
+    allowed = _PUBLIC | _COMPILED if module in _INSIDE else _PUBLIC
     return [
         f"{module}:{line}: imports '{name}', which is not public"
         for line, name in imports_of(source, module, False, known)
@@ -253,7 +254,8 @@ def test_agents_and_benchmarks_use_public_rooms() -> None:
 def test_compiled_code_is_reproducible() -> None:
     faults = [
         fault
-        for path in python_files(f"{PACKAGE}/kernels")
+        for room in sorted(_COMPILED)
+        for path in python_files(f"{PACKAGE}/{room}")
         for fault in keyword_faults(path.read_text(encoding="utf-8"), module_name(path)[0])
     ]
     assert not faults, "\n".join(faults)
@@ -309,15 +311,16 @@ def test_a_heavy_import_is_seen() -> None:
 @pytest.mark.parametrize(
     ("module", "source", "words"),
     [
-        ("flexarm_env.envs.task", "from flexarm_env.kernels.rollout import advance", "may not import 'kernels'"),
-        ("flexarm_env.envs.task", "from ..mechanics import joints", "may not import 'mechanics'"),
-        ("flexarm_env.envs.task", "def f():\n    from flexarm_env import kernels", "may not import 'kernels'"),
+        ("flexarm_env.envs.task", "from flexarm_env.runtime.record import advance", "may not import 'runtime'"),
+        ("flexarm_env.envs.task", "from ..tasks import joints", "may not import 'tasks'"),
+        ("flexarm_env.envs.task", "def f():\n    from flexarm_env import runtime", "may not import 'runtime'"),
         ("flexarm_env.parameters", "from .scene import Scene", "may not import 'scene'"),
-        ("flexarm_env.model", "import flexarm_env.mechanics.assembly", "may not import 'mechanics'"),
-        ("flexarm_env.kernels.newmark", "from .. import simulation", "may not import 'simulation'"),
-        ("flexarm_env.mechanics.joints", "from flexarm_env import simulate", "may not import '__init__'"),
+        ("flexarm_env.compiler.lanes", "import flexarm_env.physics.assembly", "may not import 'physics'"),
+        ("flexarm_env.physics.integrator.step", "from ... import simulation", "may not import 'simulation'"),
+        ("flexarm_env.physics.joints", "from flexarm_env import simulate", "may not import '__init__'"),
         ("flexarm_env.simulation", "def f():\n    import torch.nn", "may not import torch"),
         ("flexarm_env.envs.single", "import stable_baselines3", "may not import stable_baselines3"),
+        ("flexarm_env.physics.joints", "from numba import njit", "may not import numba"),
         ("flexarm_env.cli", "from agents import demo", "may not import 'agents'"),
         ("flexarm_env.attic", "x = 1", "not declared in ROOMS"),
     ],
@@ -329,15 +332,15 @@ def test_a_wrong_import_is_seen(module: str, source: str, words: str) -> None:
 
 
 def test_relative_imports_of_a_package_are_resolved() -> None:
-    assert package_faults("from . import kernels", PACKAGE, True, set(ROOMS)) == [
-        "flexarm_env:1: '__init__' may not import 'kernels'"
+    assert package_faults("from . import runtime", PACKAGE, True, set(ROOMS)) == [
+        "flexarm_env:1: '__init__' may not import 'runtime'"
     ]
     assert package_faults("from .task import f", "flexarm_env.envs", True, set(ROOMS)) == []
     assert package_faults("from ..simulation import f\nimport pygame", "flexarm_env.envs", True, set(ROOMS)) == []
 
 
 def test_other_broken_rules_are_seen() -> None:
-    assert outside_faults("from flexarm_env.kernels import jit", "agents.demo", set(ROOMS))
+    assert outside_faults("from flexarm_env.compiler import decorator", "agents.demo", set(ROOMS))
     assert not outside_faults("import flexarm_env\nfrom flexarm_env.sb3 import f", "agents.demo", set(ROOMS))
     assert keyword_faults("@njit(fastmath=True)\ndef f(): ...", "m")
     assert not keyword_faults("@njit(fastmath=False)\ndef f(): ...", "m")

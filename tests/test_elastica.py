@@ -13,16 +13,16 @@ import pytest
 from scipy.optimize import brentq, fsolve
 
 from flexarm_env import simulate
-from flexarm_env.kernels.elastica import energy
-from flexarm_env.kernels.jit import kernel
-from flexarm_env.kernels.lanes import EIGHT, SINGLE, load, sincos, store
-from flexarm_env.kernels.newmark import advance
-from flexarm_env.kernels.restart import restart
-from flexarm_env.kernels.work import unpack, work_size
-from flexarm_env.mechanics.elastica import Chain, build, chain, nodes, phase_correction
-from flexarm_env.mechanics.slenderness import stretch_and_shear
-from flexarm_env.model import System, scheme
+from flexarm_env.compiler.decorator import kernel
+from flexarm_env.compiler.lanes import EIGHT, SINGLE, load, sincos, store
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.elastica.build import Chain, build, chain, nodes, phase_correction
+from flexarm_env.physics.elastica.equations import energy
+from flexarm_env.physics.elastica.slenderness import stretch_and_shear
+from flexarm_env.physics.integrator.start import restart
+from flexarm_env.physics.integrator.step import advance
+from flexarm_env.physics.integrator.work import unpack, work_size
+from flexarm_env.physics.model import System, scheme
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.scenes import named, reference
 from flexarm_env.settings import Settings

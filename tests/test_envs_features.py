@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flexarm_env import arms
-from flexarm_env.kernels.program import GOAL
+from flexarm_env.tasks.program import GOAL
 from tests.env_tools import assert_same, episode, rich
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"

@@ -13,14 +13,14 @@ import pytest
 
 from flexarm_env import simulate
 from flexarm_env.arms import named as named_arm
-from flexarm_env.kernels.lanes import EIGHT, SINGLE
-from flexarm_env.kernels.newmark import advance
-from flexarm_env.kernels.restart import restart
-from flexarm_env.kernels.switching import switch
-from flexarm_env.kernels.work import unpack, work_size
-from flexarm_env.mechanics.exact_beam import build
-from flexarm_env.model import scheme
+from flexarm_env.compiler.lanes import EIGHT, SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.exact.build import build
+from flexarm_env.physics.integrator.start import restart
+from flexarm_env.physics.integrator.step import advance
+from flexarm_env.physics.integrator.switching import switch
+from flexarm_env.physics.integrator.work import unpack, work_size
+from flexarm_env.physics.model import scheme
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.scenes import named, read_trajectory, reference
 from flexarm_env.settings import Settings

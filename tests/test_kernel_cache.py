@@ -15,8 +15,9 @@ import pytest
 from numba import config
 from numba.core import caching
 
-from flexarm_env.kernels import cache, jit
-from flexarm_env.kernels.cache import KernelCache, Shelf
+from flexarm_env.compiler import cache
+from flexarm_env.compiler import decorator as jit
+from flexarm_env.compiler.cache import KernelCache, Shelf
 
 ROOT = Path(__file__).parents[1]
 
@@ -129,7 +130,7 @@ def test_without_a_cache_it_runs(trouble: str, monkeypatch: pytest.MonkeyPatch, 
 @compiled_only
 def test_an_edited_source_is_compiled_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A kernel outside the package, whose own file changes."""
-    lines = "import sys; from flexarm_env.kernels.jit import kernel\n@kernel\ndef f(x):\n    return x + {}\n"
+    lines = "import sys; from flexarm_env.compiler.decorator import kernel\n@kernel\ndef f(x):\n    return x + {}\n"
     lines += "print(f(1.0), sum(f._cache_hits.values()))"
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
     script, told = tmp_path / "script.py", []

@@ -13,8 +13,8 @@ from numba import config
 from numba.core.caching import NullCache
 from numba.core.registry import CPUDispatcher
 
-from flexarm_env.kernels.jit import kernel
-from flexarm_env.kernels.parts import KernelDispatcher, PartMarker
+from flexarm_env.compiler.decorator import kernel
+from flexarm_env.compiler.whole import KernelDispatcher, PartMarker
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -73,7 +73,7 @@ def test_from_the_disk(tmp_path: Path) -> None:
 FOREIGN = """
 import sys
 import numba
-from flexarm_env.kernels.jit import kernel
+from flexarm_env.compiler.decorator import kernel
 
 @numba.njit
 def plain(x, y):

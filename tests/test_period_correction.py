@@ -11,11 +11,11 @@ import pytest
 
 from benchmarks.stability_cases import cases, scene_of
 from flexarm_env import scenes
-from flexarm_env.kernels.equations import equations
-from flexarm_env.kernels.exact_inertia import inertia
-from flexarm_env.kernels.lanes import SINGLE
+from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.linear import linearize, modes
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.equations import equations
+from flexarm_env.physics.exact.inertia import inertia
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation, simulate

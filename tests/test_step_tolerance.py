@@ -11,7 +11,7 @@ import pytest
 from benchmarks.fitted_steps import run
 from benchmarks.work_precision import scene_named
 from flexarm_env.batch import Batch
-from flexarm_env.kernels.adaptive import FITS
+from flexarm_env.runtime.fitted import FITS
 from flexarm_env.simulation import simulate
 from tests.env_tools import assert_pair_same, assert_same, pair
 

@@ -58,5 +58,5 @@ def test_vectors() -> None:
 
 def test_lanes_are_refused() -> None:
     """Python's numbers stand for one arm: a kernel that is called on eight says so instead of mixing them."""
-    run = uncompiled("import numpy as np; from flexarm_env.kernels.lanes import *; load(EIGHT, np.arange(16.0), 1)")
+    run = uncompiled("import numpy as np; from flexarm_env.compiler.lanes import *; load(EIGHT, np.arange(16.0), 1)")
     assert run.returncode == 1 and "8 lanes: there is only one where compilation is disabled" in run.stderr

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from numba import config
 
-from flexarm_env.kernels import jit, waiting
+from flexarm_env.compiler import decorator as jit
+from flexarm_env.compiler import waiting
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 

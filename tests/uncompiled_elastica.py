@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from numba import config
 
-from flexarm_env.kernels import elastica as kernels
-from flexarm_env.kernels.lanes import SINGLE
-from flexarm_env.mechanics.elastica import build, physical
+from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.elastica import equations as kernels
+from flexarm_env.physics.elastica.build import build, physical
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant

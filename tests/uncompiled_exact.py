@@ -12,11 +12,11 @@ import pytest
 from numba import config
 from numpy.polynomial import legendre
 
-from flexarm_env.kernels import exact_beam as kernels
-from flexarm_env.kernels.exact_tables import interior, tables
-from flexarm_env.kernels.lanes import SINGLE
-from flexarm_env.mechanics.exact_beam import build, factor_size
+from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.exact import equations as kernels
+from flexarm_env.physics.exact.build import build, factor_size
+from flexarm_env.physics.exact.tables import interior, tables
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant

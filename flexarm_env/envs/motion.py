@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from .. import scenes, time_functions
 from .. import validation as check
 from ..batch import CLIP, View, scene_gauges
-from ..model import DIVERGED, OK
+from ..physics.model import DIVERGED, OK
 from ..scene import Motion, Scene
 from ..settings import Settings
 from ..simulation import Simulation

@@ -11,19 +11,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import (
-    IN_RANGE,
-    MODE,
-    OVER,
-    REASON,
-    REASONS,
-    REWARD,
-    RUNNING,
-    STATUS_WORDS,
-    SUCCESS,
-    TRUNCATED,
-    View,
-)
+from ..batch import IN_RANGE, MODE, OVER, REASON, REASONS, REWARD, RUNNING, STATUS_WORDS, SUCCESS, TRUNCATED, View
 from .motion import Guide
 from .options import Plan, plan
 from .resets import begin, follow, guide_of, wishes

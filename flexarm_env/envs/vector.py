@@ -16,18 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import (
-    FRESH,
-    IN_RANGE,
-    REASON,
-    REASONS,
-    RUNNING,
-    STATUS_WORDS,
-    SUCCESS,
-    OneAtATime,
-    View,
-    one_at_a_time,
-)
+from ..batch import FRESH, IN_RANGE, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS, OneAtATime, View, one_at_a_time
 from .motion import Guide, is_table
 from .options import Plan, plan
 from .resets import Wishes, begin, follow, guide_of, wishes

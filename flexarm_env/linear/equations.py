@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.equations import equations
-from ..kernels.floating_body import LINK, ROWS, SIZE, START
-from ..kernels.lanes import SINGLE
-from ..kernels.protocol import size
-from ..kernels.rollout import observe_arm
-from ..mechanics.assembly import assemble, physical
-from ..model import FloatingFrame
+from ..compiler.dispatch import size
+from ..compiler.lanes import SINGLE
+from ..physics.assembly import assemble, physical
+from ..physics.equations import equations
+from ..physics.floating.body import LINK, ROWS, SIZE, START
+from ..physics.model import FloatingFrame
+from ..runtime.record import observe_arm
 from ..simulation import Simulation, room_for_points
 
 Array = NDArray[np.float64]
@@ -172,7 +172,7 @@ class Equations:
         return r
 
     def status(self, q: Array) -> int:
-        """Whether the model holds there: a status code of `flexarm_env.model`."""
+        """Whether the model holds there: a status code of `flexarm_env.physics.model`."""
         zero = np.zeros(self.n)
         return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), 0, zero.copy())
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..model import OK
+from ..physics.model import OK
 from ..scene import JointTorque, Load, Motion, Scene
 from ..simulation import Simulation
 from ..time_functions import constant

@@ -1,6 +1,6 @@
 """The derivative of what the solver does in a period: tangents of each of its steps at their solution.
 
-A step (`kernels.newmark`) solves generalized-alpha's equations for q with the constraints on q; with multipliers it
+A step (`integrator.step`) solves generalized-alpha's equations for q with the constraints on q; with multipliers it
 then takes out of v and of a what lies across the constraints. A step whose period is corrected also depends on how the
 iteration matrix changes: there the derivative is one of differences.
 """
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..kernels.lanes import SINGLE
-from ..kernels.newmark import advance
-from ..kernels.restart import restart
-from ..kernels.work import Work
-from ..model import MESSAGE, OK, Drive, Scheme
+from ..compiler.lanes import SINGLE
+from ..physics.integrator.start import restart
+from ..physics.integrator.step import advance
+from ..physics.integrator.work import Work
+from ..physics.model import MESSAGE, OK, Drive, Scheme
 from ..simulation import Simulation
 from .equations import Derivatives, Equations, Point, Reduced, Rows, slopes
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..kernels.lanes import SINGLE
-from ..kernels.restart import restart
-from ..kernels.work import Work, unpack
+from ..compiler.lanes import SINGLE
+from ..physics.integrator.start import restart
+from ..physics.integrator.work import Work, unpack
 from ..scene import Scene
 from ..simulation import Simulation, uncompiled
 from ..trajectory import link_deflection

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexarm_env.kernels.lanes import SINGLE
-from flexarm_env.kernels.protocol import REGISTRY
+from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.protocol import REGISTRY
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant
@@ -261,7 +261,12 @@ def test_paths_and_ports(pair: tuple[Kernel, Oracle], rng: np.random.Generator) 
 @pytest.mark.parametrize("C", [1e12, 30.0])
 def test_element_matrices(C: float) -> None:
     """Eqs. [44], [45], [52], (1.2): closed forms at mu = 1, and integrals of independently derived fields at any mu."""
-    from flexarm_env.mechanics.beam_element import consistent_mass, coupling_matrix, geometric_matrix, linear_stiffness
+    from flexarm_env.physics.floating.beam_element import (
+        consistent_mass,
+        coupling_matrix,
+        geometric_matrix,
+        linear_stiffness,
+    )
 
     section, length = Section(2.0, 50.0, C, 0.7, 0.03), 1.3
     points, weights = np.polynomial.legendre.leggauss(6)

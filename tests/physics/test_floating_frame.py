@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from benchmarks.physics_figures import center_of_mass, known_path
 from flexarm_env.comparison import tip_error
-from flexarm_env.kernels.lanes import SINGLE
-from flexarm_env.kernels.protocol import REGISTRY
+from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm, Link, Payload, Section
+from flexarm_env.physics.protocol import REGISTRY
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.scenes import named, reference
 from flexarm_env.simulation import Simulation, simulate

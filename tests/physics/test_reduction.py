@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from flexarm_env import simulate
-from flexarm_env.kernels.floating_frame import energy
-from flexarm_env.kernels.lanes import SINGLE
+from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.linear import modes as frequencies
-from flexarm_env.mechanics.floating_chain import MARGIN_LOST, MODAL_BOUND
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.floating.build import MARGIN_LOST, MODAL_BOUND
+from flexarm_env.physics.floating.equations import energy
 from flexarm_env.scene import JointTorque, Scene
 from flexarm_env.scenes import named
 from flexarm_env.simulation import Simulation

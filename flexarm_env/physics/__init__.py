@@ -1,0 +1,9 @@
+"""How an arm moves: each formulation's assembly (NumPy) beside its compiled equations, and the integrator of all."""
+
+from .elastica import equations as _elastica
+from .exact import equations as _exact
+from .floating import equations as _floating
+
+__all__: list[str] = []
+FORMULATIONS = (_elastica, _exact, _floating)
+"""Importing them registers them (`protocol.register`)."""

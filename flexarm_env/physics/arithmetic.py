@@ -1,0 +1,65 @@
+"""Functions of lanes that the tasks need, in the arithmetic that gives a batch and a single arm the same bits."""
+
+from __future__ import annotations
+
+import math
+
+from ..compiler.decorator import kernel
+from ..compiler.lanes import absolute, select_lt, square_root, store
+
+
+@kernel
+def smaller(x, y):  # type: ignore[no-untyped-def]
+    """The smaller of x and y; y where x is NaN."""
+    return select_lt(x, y, x, y)
+
+
+@kernel
+def clip(x, bound):  # type: ignore[no-untyped-def]
+    """x within +-bound."""
+    return select_lt(x, -bound, -bound, select_lt(bound, x, bound, x))
+
+
+@kernel
+def decay(x):  # type: ignore[no-untyped-def]
+    """exp(-x) for x >= 0, within 1e-11; 0 in effect from 60 on."""
+    y = smaller(x, 60.0) * (-1.0 / 1024.0)
+    z = y * (1.0 / 5040.0) + 1.0 / 720.0
+    z = z * y + 1.0 / 120.0
+    z = z * y + 1.0 / 24.0
+    z = z * y + 1.0 / 6.0
+    z = z * y + 0.5
+    z = z * y + 1.0
+    z = z * y + 1.0
+    for _ in range(10):
+        z = z * z
+    return z
+
+
+_ATAN = tuple((-1.0) ** k / (2 * k + 1) for k in range(12))
+_EIGHTH = math.sqrt(2.0) - 1.0  # tan(pi/8)
+
+
+@kernel
+def arctangent(y, x):  # type: ignore[no-untyped-def]
+    """Angle of the point (x, y) in (-pi, pi], within 1e-15; 0 at the origin."""
+    a, b = absolute(y), absolute(x)
+    low, high = select_lt(a, b, a, b), select_lt(a, b, b, a)
+    t = low / select_lt(high, 1e-300, 1e-300, high)
+    far = select_lt(t, _EIGHTH, 0.0, math.pi / 4)
+    t = select_lt(t, _EIGHTH, t, (t - 1.0) / (t + 1.0))
+    t = t / (square_root(t * t + 1.0) + 1.0)  # half the angle
+    z = t * t
+    p = z * _ATAN[11] + _ATAN[10]
+    for k in range(9, -1, -1):
+        p = p * z + _ATAN[k]
+    angle = t * p * 2.0 + far
+    angle = select_lt(a, b, angle, math.pi / 2 - angle)
+    angle = select_lt(x, 0.0, math.pi - angle, angle)
+    return select_lt(y, 0.0, -angle, angle)
+
+
+@kernel
+def put(live, array, k, value, old):  # type: ignore[no-untyped-def]
+    """array[k] <- value where live, old elsewhere."""
+    store(array, k, select_lt(0.5, live, value, old))

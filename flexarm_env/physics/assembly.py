@@ -1,0 +1,76 @@
+"""Scene and settings to System and Drive: which formulation assembles, and what is driven by functions of time."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from .. import validation as check
+from ..scene import JointTorque, Scene
+from ..settings import Settings
+from ..time_functions import TimeFunction
+from .model import Drive, Elastica, System
+
+_BUILDERS = {
+    "floating_frame": "floating.build",
+    "geometrically_exact": "exact.build",
+    "elastica": "elastica.build",
+}
+
+
+def assemble(scene: Scene, settings: Settings) -> System:
+    """The scene's System in the formulation that the settings name.
+
+    Raises:
+        ValueError: the arm has drag (`mass_damping`) where no frame a link is there for it.
+    """
+    drag, segments = scene.arm.mass_damping, settings.segments
+    if drag > 0.0 and (settings.formulation != "floating_frame" or segments not in (None, 1)):
+        given = settings.formulation if segments is None else f"floating_frame in {segments} segments a link"
+        raise check.InvalidValue(
+            "mass_damping", drag, f"must be 0 under {given}: it is drag relative to a link's frame, which one floating "
+            "frame a link has (segments=1, or modes alone); tau_d damps under every formulation"
+        )  # fmt: skip
+    module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
+    system: System = module.build(scene, settings)
+    return system
+
+
+def physical(model: Any) -> Any:
+    """The model with the inertia that the arm has: without what makes up for the integrator's longer period."""
+    if isinstance(model, Elastica):
+        from .elastica.build import physical as without_correction
+
+        return without_correction(model)
+    return model
+
+
+def drive(scene: Scene, system: System) -> Drive:
+    """The scene's motions and loads for the kernels; an empty Drive where there are none: one kernel fits all."""
+    functions: list[TimeFunction] = []
+    terms: list[tuple[int, int]] = []
+
+    def add(entry: int, function: TimeFunction | None) -> None:
+        if function is not None:
+            terms.append((entry, len(functions)))
+            functions.append(function)
+
+    point = 0
+    for load in scene.loads:
+        if isinstance(load, JointTorque):
+            add(load.joint, load.function)
+        else:
+            first_entry = scene.arm.n_links + 3 * point
+            for k, function in enumerate((load.force_x, load.force_y, load.torque)):
+                add(first_entry + k, function)
+            point += 1
+    terms.sort(key=lambda term: term[0])
+    inputs = np.array(terms, np.int64).reshape(-1, 2)
+    known = np.array([system.coordinates[motion.coordinate] for motion in scene.motions], np.int64)
+    motions = np.arange(len(functions), len(functions) + len(scene.motions), dtype=np.int64)
+    functions += [motion.function for motion in scene.motions]
+    pieces = np.concatenate([function.pieces for function in functions] or [np.zeros((1, 8))])
+    first = np.cumsum([0] + [len(function.pieces) for function in functions]).astype(np.int64)
+    return Drive(np.ascontiguousarray(pieces), first, inputs, known, motions)

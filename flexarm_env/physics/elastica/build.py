@@ -1,0 +1,302 @@
+"""The elastica: a slender chain without stretch and shear, its geometry exact (docs: theory, section "Elastica").
+
+The unknowns of a link are the tangent angles phi_l at n nodes; the unit tangent is interpolated, so that
+r(s) = r_root + sum_l S_l(s) (cos phi_l, sin phi_l) with S_l the integral of the Lagrange polynomial l_l. The chain of
+all links then has the equations of a pendulum of nodes,
+
+    sum_j [P_ij cos(phi_i - phi_j) + R_ij] phi_j'' + P_ij sin(phi_i - phi_j) phi_j'^2 + K_ij (phi_j + tau_d phi_j')
+        + b_i (a_root - g) . (-sin phi_i, cos phi_i) = generalised loads
+
+with the constant matrices of :class:`Chain`. Nodes are Lobatto's where another link follows (one lies at the tip, where
+the next link hangs) and Radau's on the last link (one at the root, none at the tip).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from flexarm_env.parameters import Arm, Link
+from flexarm_env.physics.model import Elastica, System
+from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.settings import Settings
+
+Array = NDArray[np.float64]
+
+UNROLLED = 12
+"""Chains of at most this many nodes in all get kernels of their own, with their sizes compiled in."""
+
+HEAVIER = 1.0 / 60.0
+"""Share of a mode's inertia that is added, over (omega h)^4: see `phase_correction`."""
+
+
+def nodes(n: int, tip: bool) -> Array:
+    """n nodes on [-1, 1], the first at -1: Lobatto's with the last at +1 (``tip``), otherwise Radau's."""
+    basis = np.zeros(n + 1)
+    if tip:
+        basis[n - 1] = 1.0
+        inner = legendre.legroots(legendre.legder(basis[:n]))
+        return np.concatenate([[-1.0], np.sort(inner.real), [1.0]])
+    basis[n - 1 :] = 1.0
+    roots: Array = np.sort(legendre.legroots(basis).real)
+    roots[0] = -1.0
+    return roots
+
+
+@dataclass(frozen=True)
+class Line:
+    """One link of n nodes: its interpolation and its own matrices, SI. `at` are nodes on [-1, 1]."""
+
+    length: float
+    at: Array  # (n,)
+    coefficients: Array  # (n, n): column l holds the Legendre coefficients of l_l
+
+    @classmethod
+    def of(cls, length: float, n: int, tip: bool) -> Line:
+        """The interpolation of a link; ``tip``: a node at its tip."""
+        at = nodes(n, tip)
+        return cls(length, at, np.asarray(np.linalg.inv(legendre.legvander(at, n - 1))))
+
+    def _position(self, s: Array) -> Array:
+        return 2.0 * np.asarray(s) / self.length - 1.0
+
+    def lagrange(self, s: Array) -> Array:
+        """l_l(s), shape (len(s), n), s in m from the root."""
+        return legendre.legvander(self._position(s), self.at.size - 1) @ self.coefficients
+
+    def slope(self, s: Array) -> Array:
+        """l_l'(s), 1/m, shape (len(s), n)."""
+        rate = legendre.legder(self.coefficients, axis=0)
+        values = legendre.legvander(self._position(s), max(self.at.size - 2, 0)) @ rate
+        return values * (2.0 / self.length)
+
+    def integral(self, s: Array) -> Array:
+        """S_l(s) = int_0^s l_l, m, shape (len(s), n)."""
+        primitive = legendre.legint(self.coefficients, lbnd=-1.0, axis=0)
+        return legendre.legvander(self._position(s), self.at.size) @ primitive * (0.5 * self.length)
+
+    def quadrature(self) -> tuple[Array, Array]:
+        """Gauss points and weights, m, exact for all matrices of the link."""
+        x, weights = legendre.leggauss(self.at.size + 1)
+        return 0.5 * self.length * (x + 1.0), 0.5 * self.length * weights
+
+    def matrix(self, table: Array) -> Array:
+        """int table table' ds for a table at the quadrature's points."""
+        return (table.T * self.quadrature()[1]) @ table
+
+    @property
+    def tip_weights(self) -> Array:
+        """w_l = S_l(L), m."""
+        return np.asarray(self.integral(np.array([self.length]))[0])
+
+    @property
+    def tip_angle(self) -> Array:
+        """l_l(L)."""
+        return np.asarray(self.lagrange(np.array([self.length]))[0])
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Constant matrices of a chain of N links with n nodes each, payload left out; SI, numbered from root to tip."""
+
+    lines: tuple[Line, ...]
+    P: Array  # (Nn, Nn) kg m^2: masses, 1/2 sum P_ij e_i'.e_j'
+    R: Array  # (N, n, n) kg m^2: rotary inertia of sections, hub and elbows, lumped at the nodes
+    K: Array  # (N, n, n) N m: bending stiffness
+    b: Array  # (Nn,) kg m: first moments, the centre of mass is r_root + sum b_j e_j / mass
+    w: Array  # (Nn,) m: the tip of the last link is r_root + sum w_j e_j
+    mass: float  # kg
+
+    @property
+    def n(self) -> int:
+        """Nodes of a link."""
+        return self.lines[0].at.size
+
+    def arm_to(self, link: int, s: float) -> Array:
+        """Weights (Nn,) in m with which the unit tangents add up to the point at s on a link."""
+        n, weights = self.n, np.zeros(self.w.size)
+        for k in range(link):
+            weights[k * n : (k + 1) * n] = self.lines[k].tip_weights
+        weights[link * n : (link + 1) * n] = self.lines[link].integral(np.array([s]))[0]
+        return weights
+
+    def angle_at(self, link: int, s: float) -> Array:
+        """Weights (Nn,) of the nodes' angles in the section angle at s on a link."""
+        n, weights = self.n, np.zeros(self.w.size)
+        weights[link * n : (link + 1) * n] = self.lines[link].lagrange(np.array([s]))[0]
+        return weights
+
+
+def chain(arm: Arm, n: int) -> Chain:
+    """The matrices of an arm, mechanics of docs/theory.md, with n nodes a link."""
+    count = arm.n_links
+    lines = tuple(Line.of(link.length, n, k < count - 1) for k, link in enumerate(arm.links))
+    total = count * n
+    P, R, K = np.zeros((total, total)), np.zeros((count, n, n)), np.zeros((count, n, n))
+    b, w = np.zeros(total), np.zeros(total)
+    beyond = 0.0  # mass that hangs on the link's tip
+    for k in reversed(range(count)):
+        link, line, own = arm.links[k], lines[k], slice(k * n, (k + 1) * n)
+        s, weights = line.quadrature()
+        if k < count - 1:
+            beyond += arm.elbow(k + 1).mass
+        w[own] = line.tip_weights
+        b[own] = link.section.m * (weights @ line.integral(s)) + beyond * w[own]
+        P[own, own] = link.section.m * line.matrix(line.integral(s)) + beyond * np.outer(w[own], w[own])
+        R[k] = _rotary(arm, k, line, link)
+        K[k] = link.section.EI * line.matrix(line.slope(s))
+        beyond += link.mass
+    for k in range(count):
+        own, later = slice(k * n, (k + 1) * n), slice((k + 1) * n, total)
+        P[own, later] = np.outer(w[own], b[later])
+        P[later, own] = P[own, later].T
+    return Chain(lines, P, R, K, b, w, beyond)
+
+
+def _rotary(arm: Arm, k: int, line: Line, link: Link) -> Array:
+    """Rotary inertia at the nodes of link k: sections by the nodes' own quadrature, hub or elbows' halves at its ends.
+
+    That is exact for Radau's nodes; of Lobatto's it is the usual lumping, which errs in the highest polynomial alone.
+    """
+    R = link.section.J * line.tip_weights
+    R[0] += arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
+    if k < arm.n_links - 1:
+        R[-1] += arm.elbow(k + 1).inertia_left
+    return np.diag(R)
+
+
+def phase_correction(parts: Chain, payload: float, h: float, settings: Settings) -> Array:
+    """What to take from the rotary inertia for steps of h, (N, n, n) kg m^2 (docs: theory, section "Elastica").
+
+    The integrator makes a period longer by the share kappa (omega h)^2; with the inertia M - 2 kappa h^2 K it would
+    not. That holds for the modes that the step resolves. The others, of which the kinks and centrifugal forces of an
+    arm that swings would make noise of ever more energy, are made heavier: none keeps an omega h much above
+    sqrt(120 kappa), 3.2 for trapezoidal steps. With M of one link, what hangs on its tip included,
+
+        C = M - (M + h^4 / 60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
+
+    has no part in rigid motion, momentum or statics.
+    """
+    n, C = parts.n, np.zeros_like(parts.R)
+    lengthening = 2.0 * settings.period_error * h * h
+    for k in range(len(parts.lines)):
+        own = slice(k * n, (k + 1) * n)
+        M = parts.P[own, own] + parts.R[k] + payload * np.outer(parts.w[own], parts.w[own])
+        K = parts.K[k]
+        heavier = HEAVIER * h**4 * K @ np.linalg.solve(M, K)
+        C[k] = (lengthening * K - heavier) @ np.linalg.solve(M + lengthening * K, M)
+    return np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
+
+
+def physical(model: Elastica) -> Elastica:
+    """The model with the inertia that the links have, for all that is not a step: frequencies, linear equations."""
+    m = size(model.links) * size(model.nodes)
+    count = m * size(model.nodes)
+    inertia, correction = m * m, m * m + 2 * count + 4 * m + 5
+    data = model.data.copy()
+    data[inertia : inertia + count] += data[correction : correction + count]
+    data[correction : correction + count] = 0.0
+    return model._replace(data=data)
+
+
+def size(tag_or_number: int | tuple[int, ...]) -> int:
+    """The number that a size field stands for."""
+    return tag_or_number if isinstance(tag_or_number, int) else len(tag_or_number)
+
+
+def _end(chain_: Chain, load: PointLoad) -> tuple[Array, Array]:
+    """Position and angle weights of the point that a load acts on."""
+    s = 0.0 if load.end == "root" else chain_.lines[load.link].length
+    return chain_.arm_to(load.link, s), chain_.angle_at(load.link, s)
+
+
+def _flat(*items: Any) -> Array:
+    """All numbers of the items in one array."""
+    return np.concatenate([np.zeros(0), *(np.asarray(item, dtype=np.float64).ravel() for item in items)])
+
+
+def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
+    """n as a Model's size field: a compile-time constant or a number (see physics/protocol.py)."""
+    return (0,) * n if compiled_in else n
+
+
+def build(scene: Scene, settings: Settings, points: int = 12) -> System:
+    """Model, parameters and initial state of a scene as a chain of elasticas with ``settings.nodes`` angles a link.
+
+    A small chain that nothing drives but its inputs (an environment's arm) gets a kernel written out for its sizes and
+    for what it has, payload and damping; all others share one kernel with everything in it, where a pinned root has
+    fixed coordinates. Notes: "stretch_and_shear", what leaving them out may cost (`slenderness.py`).
+    ``points``: intervals a link into which the shape (for drawing) is divided.
+    """
+    from flexarm_env.physics.elastica.slenderness import stretch_and_shear
+
+    assert settings.nodes is not None
+    arm, n = scene.arm, settings.nodes
+    parts = chain(arm, n)
+    count, m = arm.n_links, arm.n_links * n
+    own = m <= UNROLLED and not scene.motions and not scene.loads
+    movable = [scene.root == "free" or scene.motion_of(name) is not None for name in ("root_x", "root_y")]
+    has_root = any(movable) or not own
+    rows = m + (2 if has_root else 0)
+    fixed = [joint * n for joint in scene.rigid_joints]
+    fixed += [m + i for i in range(2) if has_root and not movable[i]]
+    ends = [weights for load in scene.loads if isinstance(load, PointLoad) for weights in _end(parts, load)]
+    tips = np.concatenate([line.tip_angle for line in parts.lines])
+    stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
+    correction = np.zeros_like(parts.R)
+    if settings.dt is not None:
+        correction = phase_correction(parts, arm.payload.mass, settings.dt, settings)
+    beta = np.zeros(m)
+    if scene.root == "free":
+        beta = (parts.b + arm.payload.mass * parts.w) / (parts.mass + arm.payload.mass)
+    numbers = [parts.mass, *scene.position, *(scene.gravity or (0.0, 0.0))]
+    model = Elastica(
+        n=tag(rows, own),
+        n_factor=tag(rows * rows, own),
+        n_inputs=tag(count + 3 * (len(ends) // 2), own),
+        fixed=np.array(fixed, dtype=np.int64),
+        algebraic=None,
+        weight=np.concatenate([np.ones(m), np.full(rows - m, 1.0 / arm.total_length)]),
+        predictor=(1.0, 10.0),
+        correction=None,
+        links=tag(count, own),
+        nodes=tag(n, own),
+        scratch=(0,) * (m if own else 48 * -(-m // 48)),
+        root=(0,) if has_root else None,
+        gravity=None if own and scene.gravity is None else (0,),
+        payload=None if own and not arm.payload.mass else (0,),
+        payload_turns=None if own and not arm.payload.inertia else (0,),
+        damping=None if own and not arm.tau_d else (0,),
+        data=_flat(parts.P, parts.R - correction, parts.K, parts.b, parts.w, tips, beta, numbers, correction, stations),
+        loads=None if own else _flat(*ends),
+    )
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")
+    angles = np.repeat(scene.angles, n)
+    centre = scene.position + np.array([np.cos(angles), np.sin(angles)]) @ beta
+    q0 = np.concatenate([angles, centre if has_root else ()]).astype(np.float64)
+    for k in range(1, count):
+        q0[k * n] = scene.angles[k] - scene.angles[k - 1]
+    notes = {"stretch_and_shear": stretch_and_shear(scene, parts)}
+    return System(model, par, q0, np.zeros(rows), coordinates, names, notes)
+
+
+def _stations(length: float, points: int, link: int) -> Array:
+    """Where the shape is drawn: ends of a link's intervals, a joint once."""
+    s: Array = np.linspace(0.0, length, points + 1)
+    return s if link == 0 else s[1:]
+
+
+def _names(count: int, n: int, has_root: bool, point: str) -> tuple[tuple[str, ...], dict[str, int]]:
+    names = [f"phi{k}_{i}" for k in range(count) for i in range(n)]
+    coordinates = {f"joint{k}": k * n for k in range(count)}
+    for k in range(count):
+        names[k * n] = f"joint{k}"
+    if has_root:
+        coordinates |= {f"{point}_x": count * n, f"{point}_y": count * n + 1}
+        names += [f"{point}_x", f"{point}_y"]
+    return tuple(names), coordinates

@@ -1,0 +1,336 @@
+"""The elastica's equations of motion and their tangent (model: `flexarm_env.model.Elastica`).
+
+With e_j = (cos phi_j, sin phi_j), second rate e_j'', the inertia force on node i is (-sin phi_i, cos phi_i) . A_i,
+A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads: no sine of a difference is needed. Its derivative by node j is
+(-sin phi_i, cos phi_i) . P_ij d e_j'', by node i itself also -e_i . A_i. The payload adds m_p w w' to P, m_p w to b and
+J_p l(L) l(L)' to the last link's R. Where the root can move it is at x - sum_j beta_j e_j, with x the last two rows:
+beta = 0 where it is prescribed; in free flight x is the centre of mass, so that steps keep momentum to round-off.
+"""
+
+from __future__ import annotations
+
+from ...compiler.decorator import kernel
+from ...compiler.dispatch import size
+from ...compiler.lanes import load, sincos, splat, store
+from ...compiler.stack import stack
+from ...compiler.traced import aligned_frame
+from ...compiler.unroll import unrolled
+from ..model import Elastica
+from ..protocol import register
+from .layout import absolute, offsets, weighted
+from .output import dissipation, energy, link_poses, out_of_range, ports, shape
+
+
+@kernel
+def _frame_acceleration(lane, model, a, ex, ey):  # type: ignore[no-untyped-def]
+    """Acceleration of the root less gravity."""
+    D = model.data
+    _, _, _, _, _, at_beta, at_one = offsets(model)
+    x, y = splat(lane, 0.0), splat(lane, 0.0)
+    if model.root is not None:
+        m = size(model.links) * size(model.nodes)
+        x = load(lane, a, m) - weighted(lane, D, at_beta, ex, m)
+        y = load(lane, a, m + 1) - weighted(lane, D, at_beta, ey, m)
+    if model.gravity is not None:
+        x, y = x - D[at_one + 3], y - D[at_one + 4]
+    return x, y
+
+
+@kernel
+def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+    """r and, unless cm = 0, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
+    aligned_frame(lane)
+    y = stack(lane, model.scratch)
+    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
+    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
+    fx, fy = stack(lane, model.scratch), stack(lane, model.scratch)
+    _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r)
+    if cm != 0.0:
+        _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S)
+
+
+@unrolled
+@kernel
+def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: ignore[no-untyped-def]
+    """r, and on the way: nodes' rates y, e_j = (c, s), e_j'' = (ex, ey), A_i = (fx, fy)."""
+    D = model.data
+    at_R, at_K, at_b, at_w, _, at_beta, at_one = offsets(model)
+    n, links = size(model.nodes), size(model.links)
+    m = n * links
+    payload, stiffness, tau_d = load(lane, par, 0), load(lane, par, 2), load(lane, par, 3)
+    x, z = stack(lane, model.scratch), stack(lane, model.scratch)
+    absolute(lane, model, q, x)
+    absolute(lane, model, v, y)
+    absolute(lane, model, a, z)
+    for i in range(m):
+        angle, rate, second = load(lane, x, i), load(lane, y, i), load(lane, z, i)
+        sine, cosine = sincos(angle)
+        square = rate * rate
+        ax, ay = -(sine * second + cosine * square), cosine * second - sine * square
+        store(c, i, cosine)
+        store(s, i, sine)
+        store(ex, i, ax)
+        store(ey, i, ay)
+        if model.damping is not None:
+            angle = angle + rate * tau_d
+        store(x, i, angle * stiffness)
+    frame_x, frame_y = _frame_acceleration(lane, model, a, ex, ey)
+    tip_x, tip_y = splat(lane, 0.0), splat(lane, 0.0)
+    if model.payload is not None:
+        tip_x = (weighted(lane, D, at_w, ex, m) + frame_x) * payload
+        tip_y = (weighted(lane, D, at_w, ey, m) + frame_y) * payload
+    for i in range(m):
+        fxi, fyi = load(lane, ex, 0) * D[i * m], load(lane, ey, 0) * D[i * m]
+        for j in range(1, m):
+            fxi = fxi + load(lane, ex, j) * D[i * m + j]
+            fyi = fyi + load(lane, ey, j) * D[i * m + j]
+        if model.root is not None or model.gravity is not None:
+            fxi, fyi = fxi + frame_x * D[at_b + i], fyi + frame_y * D[at_b + i]
+        if model.payload is not None:
+            fxi, fyi = fxi + tip_x * D[at_w + i], fyi + tip_y * D[at_w + i]
+        store(fx, i, fxi)
+        store(fy, i, fyi)
+    _less_forces(lane, model, model.loads, u, fx, fy)
+    if model.root is not None:  # momentum of the whole chain
+        store(r, m, frame_x * D[at_one] + weighted(lane, D, at_b, ex, m) + tip_x)
+        store(r, m + 1, frame_y * D[at_one] + weighted(lane, D, at_b, ey, m) + tip_y)
+        _less_total(lane, model, model.loads, u, r)
+        for i in range(m):
+            store(fx, i, load(lane, fx, i) - load(lane, r, m) * D[at_beta + i])
+            store(fy, i, load(lane, fy, i) - load(lane, r, m + 1) * D[at_beta + i])
+    for k in range(links):
+        for i in range(k * n, k * n + n):
+            total = load(lane, z, k * n) * D[at_R + i * n]
+            for j in range(1, n):
+                total = total + load(lane, z, k * n + j) * D[at_R + i * n + j]
+            for j in range(n):
+                total = total + load(lane, x, k * n + j) * D[at_K + i * n + j]
+            store(r, i, total + (load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)))
+    _less_torques(lane, model, model.loads, u, r)
+    _payload_turns(lane, model, load(lane, par, 1), z, r)
+    for k in range(links - 1, 0, -1):  # from angles to coordinates, see _to_relative
+        store(r, k * n - 1, load(lane, r, k * n - 1) + load(lane, r, k * n))
+    for k in range(links):
+        store(r, k * n, load(lane, r, k * n) - load(lane, u, k))
+
+
+@unrolled
+@kernel
+def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type: ignore[no-untyped-def]
+    """The matrix of `assemble`; ex, ey become the weighted derivative of e''."""
+    D = model.data
+    at_R, at_K, at_b, at_w, _, at_beta, at_one = offsets(model)
+    n, links, rows = size(model.nodes), size(model.links), size(model.n)
+    m = n * links
+    payload = load(lane, par, 0)
+    slope = load(lane, par, 2) * ck
+    if model.damping is not None:
+        slope = load(lane, par, 2) * (load(lane, par, 3) * cc + ck)
+    for i in range(m):
+        cosine, sine, ax, ay = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
+        twice = load(lane, y, i) * (2.0 * cc)
+        store(ex, i, -(sine * cm + cosine * twice + ay * ck))
+        store(ey, i, cosine * cm - sine * twice + ax * ck)
+    mass = payload + D[at_one]
+    for i in range(m):
+        share = payload * D[at_w + i]
+        moment = share + D[at_b + i]
+        ci, si, dxi, dyi = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
+        k = i // n
+        for j in range(i):
+            p = splat(lane, D[i * m + j])
+            if model.payload is not None:
+                p = share * D[at_w + j] + D[i * m + j]
+            if model.root is not None:
+                rest = payload * D[at_w + j] + D[at_b + j] - mass * D[at_beta + j]
+                p = p - (moment * D[at_beta + j] + rest * D[at_beta + i])
+            lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
+            upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
+            if j >= k * n:
+                bend = slope * D[at_K + i * n + j - k * n] + cm * D[at_R + i * n + j - k * n]
+                lower, upper = lower + bend, upper + bend
+            store(S, i * rows + j, lower)
+            store(S, j * rows + i, upper)
+        p = splat(lane, D[i * m + i])
+        if model.payload is not None:
+            p = share * D[at_w + i] + D[i * m + i]
+        if model.root is not None:
+            p = p - (moment + (moment - mass * D[at_beta + i])) * D[at_beta + i]
+        own = p * (ci * dyi - si * dxi) + (slope * D[at_K + i * n + i - k * n] + cm * D[at_R + i * n + i - k * n])
+        store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
+    _payload_turns_tangent(lane, model, load(lane, par, 1), cm, S)
+    _root_tangent(lane, model, payload, c, s, ex, ey, cm, S)
+    _to_relative(lane, model, S)
+
+
+@kernel
+def _less_forces(lane, model, loads, u, fx, fy):  # type: ignore[no-untyped-def]
+    """A_i <- A_i less the forces of the point loads times their arms."""
+    if loads is not None:
+        links = size(model.links)
+        m = links * size(model.nodes)
+        for f in range((size(model.n_inputs) - links) // 3):
+            force_x, force_y = load(lane, u, links + 3 * f), load(lane, u, links + 3 * f + 1)
+            for i in range(m):
+                store(fx, i, load(lane, fx, i) - force_x * loads[2 * f * m + i])
+                store(fy, i, load(lane, fy, i) - force_y * loads[2 * f * m + i])
+
+
+@kernel
+def _less_torques(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
+    """r_i <- r_i less the torques of the point loads."""
+    if loads is not None:
+        links = size(model.links)
+        m = links * size(model.nodes)
+        for f in range((size(model.n_inputs) - links) // 3):
+            torque = load(lane, u, links + 3 * f + 2)
+            for i in range(m):
+                store(r, i, load(lane, r, i) - torque * loads[(2 * f + 1) * m + i])
+
+
+@kernel
+def _payload_turns(lane, model, inertia, z, r):  # type: ignore[no-untyped-def]
+    """Rotary inertia of the payload, on the last link's angles."""
+    D = model.data
+    at_tips = offsets(model)[4]
+    if model.payload_turns is not None:
+        n, m = size(model.nodes), size(model.links) * size(model.nodes)
+        moment = splat(lane, 0.0)
+        for j in range(m - n, m):
+            moment = moment + load(lane, z, j) * D[at_tips + j]
+        moment = moment * inertia
+        for i in range(m - n, m):
+            store(r, i, load(lane, r, i) + moment * D[at_tips + i])
+
+
+@kernel
+def _payload_turns_tangent(lane, model, inertia, cm, S):  # type: ignore[no-untyped-def]
+    D = model.data
+    at_tips = offsets(model)[4]
+    if model.payload_turns is not None:
+        n, m, rows = size(model.nodes), size(model.links) * size(model.nodes), size(model.n)
+        for i in range(m - n, m):
+            share = inertia * (cm * D[at_tips + i])
+            for j in range(m - n, m):
+                store(S, i * rows + j, load(lane, S, i * rows + j) + share * D[at_tips + j])
+
+
+@kernel
+def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):  # type: ignore[no-untyped-def]
+    """Rows and columns of the root, or of the centre of mass (where little or nothing is left of `moment`)."""
+    D = model.data
+    _, _, at_b, at_w, _, at_beta, at_one = offsets(model)
+    if model.root is not None:
+        m, rows = size(model.links) * size(model.nodes), size(model.n)
+        for j in range(m):
+            moment = payload * D[at_w + j] + D[at_b + j] - (payload + D[at_one]) * D[at_beta + j]
+            store(S, m * rows + j, moment * load(lane, dx, j))
+            store(S, (m + 1) * rows + j, moment * load(lane, dy, j))
+            store(S, j * rows + m, moment * load(lane, s, j) * -cm)
+            store(S, j * rows + m + 1, moment * load(lane, c, j) * cm)
+        mass = (payload + D[at_one]) * cm
+        store(S, m * rows + m, mass)
+        store(S, m * rows + m + 1, splat(lane, 0.0))
+        store(S, (m + 1) * rows + m, splat(lane, 0.0))
+        store(S, (m + 1) * rows + m + 1, mass)
+
+
+@kernel
+def _less_total(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
+    """The root's rows less all forces."""
+    if loads is not None:
+        links = size(model.links)
+        m = links * size(model.nodes)
+        for f in range((size(model.n_inputs) - links) // 3):
+            store(r, m, load(lane, r, m) - load(lane, u, links + 3 * f))
+            store(r, m + 1, load(lane, r, m + 1) - load(lane, u, links + 3 * f + 1))
+
+
+@kernel
+def _to_relative(lane, model, S):  # type: ignore[no-untyped-def]
+    """From the nodes' angles to the coordinates: what acts on a link's root acts on the tip before it as well."""
+    n, rows = size(model.nodes), size(model.n)
+    for k in range(size(model.links) - 1, 0, -1):
+        for j in range(rows):
+            o = j * rows + k * n
+            store(S, o - 1, load(lane, S, o - 1) + load(lane, S, o))
+        for j in range(rows):
+            o = k * n * rows + j
+            store(S, o - rows, load(lane, S, o - rows) + load(lane, S, o))
+
+
+@kernel
+def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-untyped-def]
+    """No constraint is left: joints are coordinates."""
+
+
+@kernel
+def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
+    """Row and column k <- those of the identity."""
+    rows = size(model.n)
+    for j in range(rows):
+        store(S, k * rows + j, splat(lane, 0.0))
+        store(S, j * rows + k, splat(lane, 0.0))
+    store(S, k * rows + k, splat(lane, 1.0))
+
+
+@unrolled
+@kernel
+def _factor(lane, model, S):  # type: ignore[no-untyped-def]
+    """S <- L U without pivoting, the diagonal inverted: cm M, positive definite, outweighs the rest."""
+    rows = size(model.n)
+    for k in range(rows):
+        inverse = 1.0 / load(lane, S, k * rows + k)
+        store(S, k * rows + k, inverse)
+        for i in range(k + 1, rows):
+            f = load(lane, S, i * rows + k) * inverse
+            store(S, i * rows + k, f)
+            for j in range(k + 1, rows):
+                store(S, i * rows + j, load(lane, S, i * rows + j) - f * load(lane, S, k * rows + j))
+
+
+@unrolled
+@kernel
+def _solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+    """x <- S^-1 x with the factors of `_factor`."""
+    rows = size(model.n)
+    for i in range(1, rows):
+        total = load(lane, x, i)
+        for j in range(i):
+            total = total - load(lane, S, i * rows + j) * load(lane, x, j)
+        store(x, i, total)
+    for i in range(rows - 1, -1, -1):
+        total = load(lane, x, i)
+        for j in range(i + 1, rows):
+            total = total - load(lane, S, i * rows + j) * load(lane, x, j)
+        store(x, i, total * load(lane, S, i * rows + i))
+
+
+@kernel
+def factor(lane, model, S):  # type: ignore[no-untyped-def]
+    """See _factor."""
+    aligned_frame(lane)
+    _factor(lane, model, S)
+
+
+@kernel
+def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+    """See _solve."""
+    aligned_frame(lane)
+    _solve(lane, model, S, x)
+
+
+register(
+    Elastica,
+    assemble=assemble,
+    constrain=constrain,
+    pin=pin,
+    factor=factor,
+    solve=solve,
+    ports=ports,
+    dissipation=dissipation,
+    energy=energy,
+    link_poses=link_poses,
+    out_of_range=out_of_range,
+    shape=shape,
+)

@@ -1,0 +1,381 @@
+"""One geometrically exact element: forces, tangent, condensation, energy, for each polynomial order; traced.
+
+An element of order p and length l joins two vertices (x, y, psi). Between them it has p - 1 interior functions whose
+derivatives are the Legendre polynomials P_1 ... P_{p-1} (scaled to a largest value of 1 at the Gauss points) and which
+vanish at both ends: together with the linear functions they span what p + 1 Lagrange nodes span, but their amplitudes,
+the interior coordinates, make bending stiffness diagonal and the sums below short.
+
+With d = l r' (twice the derivative on [-1, 1]), (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y) the
+strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = (l psi')/l, and with p Gauss points of weights w the energy is
+
+    sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l psi')^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l.
+
+Inertia: ml = m l/2, jl = J l/2. Arrays of coordinates begin at the left vertex, then interior, then right one; lists of
+an axis hold left, right, interior. All of this runs when a kernel is compiled (see traced.py): what is left of it are
+the operations on values.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...compiler.lanes import load, sincos, splat, store
+from ...compiler.traced import traced
+from .tables import Tables, tables
+
+X, Y, T = range(3)
+VERTEX = 12
+"""What is known of a vertex: x, y, psi, their rates, their accelerations (less gravity), the forces on them so far."""
+POINT = 6
+"""What is known of a Gauss point: c, s, g1, g2, n1, n2 (resultants, with the point's weight)."""
+
+
+class Sums:
+    """Sums of values with known coefficients, each written once: what is a multiple of another sum is not repeated."""
+
+    def __init__(self) -> None:
+        self.known: dict[Any, Any] = {}
+
+    def __call__(self, coefficients: Any, values: Any, factor: float = 1.0, unit: Any = None) -> Any:
+        """factor * unit * sum of coefficient * value; 0.0 where all coefficients vanish. `unit`: a scalar symbol."""
+        terms = [(float(c), v) for c, v in zip(coefficients, values, strict=True) if abs(c) > 1e-14]
+        if not terms:
+            return 0.0
+        first = terms[0][0]
+        ratios = [_near_one(c / first) for c, _ in terms]
+        key = tuple((ratio, id(v)) for ratio, (_, v) in zip(ratios, terms, strict=True))
+        if key not in self.known:
+            total = terms[0][1]
+            for ratio, (_, v) in zip(ratios[1:], terms[1:], strict=True):
+                total = total + v if ratio == 1.0 else total - v if ratio == -1.0 else total + v * ratio
+            self.known[key] = total, terms  # the terms live on, so that their ids stay theirs
+        if unit is not None:
+            return self.known[key][0] * (unit * (first * factor))
+        return _times(self.known[key][0], first * factor)
+
+
+def _near_one(ratio: float) -> float:
+    return round(ratio) if abs(abs(ratio) - 1.0) < 1e-14 else ratio
+
+
+def _times(value: Any, factor: float) -> Any:
+    factor = _near_one(factor)
+    return value if factor == 1.0 else -value if factor == -1.0 else value * factor
+
+
+def _at(node: int, order: int) -> int:
+    """Where the coordinates of the left (0), right (1) or an interior (2 ...) node begin."""
+    return (0, 3 * order)[node] if node < 2 else 3 * (node - 1)
+
+
+def _axis(lane: Any, x: Any, order: int, axis: int) -> list[Any]:
+    return [load(lane, x, _at(node, order) + axis) for node in range(order + 1)]
+
+
+def _slopes(sums: Sums, t: Tables, nodes: list[Any]) -> tuple[Any, list[Any]]:
+    """Right less left value, and d (slope times l) at the Gauss points."""
+    span = nodes[1] - nodes[0]
+    return span, [sums(column, [span, *nodes[2:]]) for column in t.slope.T]
+
+
+def _values(sums: Sums, t: Tables, nodes: list[Any], span: Any) -> list[Any]:
+    """The coordinate at the Gauss points: even and odd functions apart, since points come in pairs."""
+    middle = (nodes[0] + nodes[1]) * 0.5
+    values = []
+    for v in t.value.T:
+        even = sums([1.0, *v[2::2]], [middle, *nodes[2::2]])
+        odd = sums([0.5 * (v[1] - v[0]), *v[3::2]], [span, *nodes[3::2]])
+        values.append(even if isinstance(odd, float) and odd == 0.0 else even + odd)
+    return values
+
+
+def _momenta(sums: Sums, t: Tables, nodes: list[Any], unit: Any) -> tuple[list[Any], Any, Any]:
+    """Consistent mass times the coordinates of an axis: of the interior functions; of both vertices, their mean and
+    half their difference. `unit`: mass over length times half the length."""
+    m = t.mass
+    both, across = nodes[0] + nodes[1], nodes[1] - nodes[0]
+    even, odd = [both, *nodes[2::2]], [across, *nodes[3::2]]
+    inner = range(2, len(nodes))
+    rows = [sums([m[n, int(n % 2)], *m[n, 2 + n % 2 :: 2]], odd if n % 2 else even, 1.0, unit) for n in inner]
+    mean = sums([0.5 * (m[0, 0] + m[0, 1]), *m[0, 2::2]], even, 1.0, unit)
+    return rows, mean, sums([0.5 * (m[1, 1] - m[0, 1]), *m[1, 3::2]], odd, 1.0, unit)
+
+
+@traced(lambda p: 6)
+def momentum(lane, order, a, left, ml, jl, r):  # type: ignore[no-untyped-def]
+    """Write the left vertex's and the interior rows of r = M a. `left`: x, y, psi of a there and r so far; returns the
+    same of the right vertex."""
+    p, sums = len(order), Sums()
+    t = tables(p)
+    ends, rest = [], []
+    for k, unit in ((X, ml), (Y, ml), (T, jl)):
+        nodes = [left[k], *[load(lane, a, _at(n, p) + k) for n in range(1, p + 1)]]
+        rows, mean, half = _momenta(sums, t, nodes, unit)
+        store(r, k, left[3 + k] + (mean - half))
+        for n, row in enumerate(rows, 2):
+            store(r, _at(n, p) + k, row)
+        ends.append(nodes[1])
+        rest.append(mean + half)
+    return [*ends, *rest]
+
+
+@traced(lambda p: 0)
+def turns(lane, order, q, turn, circle):  # type: ignore[no-untyped-def]
+    """circle <- sine and cosine of psi at each Gauss point; `turn`: psi at the left."""
+    p, sums = len(order), Sums()
+    t = tables(p)
+    nodes = [turn, *[load(lane, q, _at(n, p) + T) for n in range(1, p + 1)]]
+    for g, angle in enumerate(_values(sums, t, nodes, nodes[1] - nodes[0])):
+        s, c = sincos(angle)
+        store(circle, 2 * g, s)
+        store(circle, 2 * g + 1, c)
+
+
+@traced(lambda p: VERTEX + POINT * p)
+def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, jl, tau, r, circle):  # type: ignore[no-untyped-def]
+    """Write the left vertex's and the interior rows of r; return VERTEX of the right vertex and POINT of each point."""
+    p, sums = len(order), Sums()
+    t = tables(p)
+    here, nodes = range(p), range(p + 1)
+    place = [[load(lane, q, _at(n, p) + k) for n in nodes[1:]] for k in (X, Y, T)]
+    place = [[left[k], *place[k]] for k in (X, Y, T)]
+    inertia = [[load(lane, a, _at(n, p) + k) for n in nodes[1:]] for k in (X, Y, T)]
+    inertia = [[left[6 + k], *inertia[k]] for k in (X, Y, T)]
+    if gravity is not None:
+        for k in (X, Y):
+            inertia[k][1] = inertia[k][1] - gravity[k]
+    zero = splat(lane, 0.0)
+    rate = [[zero] * (p + 1)] * 3
+    if damped is not None:
+        rate = [[left[3 + k], *[load(lane, v, _at(n, p) + k) for n in nodes[1:]]] for k in (X, Y, T)]
+        ux, uy = (_slopes(sums, t, rate[k])[1] for k in (X, Y))
+        turning = rate[T][1] - rate[T][0]
+        omega = _values(sums, t, rate[T], turning)
+    dx, dy = (_slopes(sums, t, place[k])[1] for k in (X, Y))
+    turn = place[T][1] - place[T][0]
+    points, fx, fy, moment = [], [], [], []
+    for g in here:
+        s, c = load(lane, circle, 2 * g), load(lane, circle, 2 * g + 1)
+        g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
+        e1, e2 = g1 - length, g2
+        if damped is not None:
+            e1 = e1 + tau * ((c * ux[g] + s * uy[g]) + g2 * omega[g])
+            e2 = e2 + tau * ((c * uy[g] - s * ux[g]) - g1 * omega[g])
+        w = float(t.weights[g])
+        n1, n2 = e1 * _times(k1, w), e2 * _times(k2, w)
+        fx.append(c * n1 - s * n2)
+        fy.append(s * n1 + c * n2)
+        moment.append(n1 * g2 - n2 * g1)
+        points += [c, s, g1, g2, n1, n2]
+    bent = [turn, *place[T][2:]]
+    if damped is not None:
+        bent = [x + tau * y for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
+    force = []
+    for k, unit in ((X, ml), (Y, ml), (T, jl)):
+        rows, mean, half = _momenta(sums, t, inertia[k], unit)
+        if k != T:
+            pull = [sums(row, fx if k == X else fy) for row in t.slope]
+        else:
+            pull = [x * (kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
+            mean = mean + sums([0.5] * p, moment)
+            half = half + sums(0.5 * (t.value[1] - t.value[0]), moment) if p > 1 else half
+            rows = [row + sums(t.value[n], moment) for n, row in enumerate(rows, 2)]
+        half = half + pull[0]
+        force.append([mean - half, mean + half, *[row + x for row, x in zip(rows, pull[1:], strict=True)]])
+    for k in (X, Y, T):
+        store(r, k, left[9 + k] + force[k][0])
+        for n in nodes[2:]:
+            store(r, _at(n, p) + k, force[k][n])
+    return [x[k][1] for x in (place, rate, inertia, force) for k in (X, Y, T)] + points
+
+
+@traced(lambda p: 0)
+def tangent(lane, order, damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S):  # type: ignore[no-untyped-def]
+    """S <- factors of the interior with their couplings to both vertices, then the matrix condensed to these.
+
+    cm M + cc D + ck K. Of each interior coordinate: inverse pivot, couplings over it to later ones and to the vertices;
+    then LL (xx xy xt yy yt tt), LR (row by row), RR. An entry of the tangent is written where it is needed first:
+    there are more of them than registers.
+    """
+    p, sums = len(order), Sums()
+    t = tables(p)
+    share = ck if damped is None else tau * cc + ck
+    k1, k2, kb = k1 * share, k2 * share, kb * share
+    h = [[] for _ in range(6)]  # by d_x, d_y, psi: xx xy yy xt yt tt
+    for g in range(p):
+        c, s, g1, g2, n1, n2 = points[POINT * g : POINT * (g + 1)]
+        w = float(t.weights[g])
+        j1, j2, both = _times(k1, w), _times(k2, w), _times(k1 + k2, w)
+        part = c * _times(k1 - k2, w)
+        hxx = part * c + j2
+        across, along = g2 * j1 - n2 * ck, g1 * j2 - n1 * ck
+        entries = (
+            hxx, part * s, both - hxx, c * across + s * along, s * across - c * along, g2 * across + g1 * along
+        )  # fmt: skip
+        for kind, entry in zip(h, entries, strict=True):
+            kind.append(entry)
+    cml, cjl = ml * cm, jl * cm
+
+    def slope(node: int) -> Any:
+        return -t.slope[0] if node == 0 else t.slope[max(node - 1, 0)]
+
+    def entry(one: tuple[int, int], two: tuple[int, int]) -> Any:
+        """Entry of the tangent for two coordinates (node, axis)."""
+        (n1, a1), (n2, a2) = (one, two) if one[1] <= two[1] else (two, one)
+        mass = float(t.mass[n1, n2])
+        if a2 != T:
+            value = sums(slope(n1) * slope(n2), h[a1 + a2])
+            return value + cml * mass if a1 == a2 and mass else value
+        if a1 != T:
+            return sums(slope(n1) * t.value[n2], h[3 + a1])
+        value = sums(t.value[n1] * t.value[n2], h[5])
+        bend = float((t.weights * slope(n1) * slope(n2)).sum())
+        if abs(bend) < 1e-13:
+            return value + cjl * mass if mass else value
+        return value + (kb * bend + cjl * mass if mass else kb * bend)
+
+    inner = [(n, k) for n in range(2, p + 1) for k in (X, Y, T)]
+    outer = [(n, k) for n in (0, 1) for k in (X, Y, T)]
+    rows, ratios = [], []
+    at = 0
+    for m, pivot in enumerate(inner):
+        row = {}
+        for name in [*inner[m:], *outer]:
+            value = entry(pivot, name)
+            for earlier, ratio in zip(rows, ratios, strict=True):
+                value = value - ratio[pivot] * earlier[name]
+            row[name] = value
+        inverse = 1.0 / row[pivot]
+        store(S, at, inverse)
+        ratio = {}
+        for name in [*inner[m + 1 :], *outer]:
+            at += 1
+            ratio[name] = row[name] * inverse
+            store(S, at, ratio[name])
+        at += 1
+        rows.append(row)
+        ratios.append(ratio)
+    lefts, rights = outer[:3], outer[3:]
+    pairs = [(lefts[i], lefts[j]) for i in range(3) for j in range(i, 3)]
+    pairs += [(i, j) for i in lefts for j in rights]
+    pairs += [(rights[i], rights[j]) for i in range(3) for j in range(i, 3)]
+    for one, two in pairs:
+        value = entry(one, two)
+        for row, ratio in zip(rows, ratios, strict=True):
+            value = value - row[one] * ratio[two]
+        store(S, at, value)
+        at += 1
+
+
+def _starts(inner: int) -> list[int]:
+    """Where the numbers of each interior coordinate begin in S, and where they end."""
+    starts = [0]
+    for m in range(inner):
+        starts.append(starts[-1] + inner - m + 6)
+    return starts
+
+
+@traced(lambda p: 6)
+def forward(lane, order, S, x):  # type: ignore[no-untyped-def]
+    """Reduce the interior entries of x; return what they take from those of the left and the right vertex."""
+    n = 3 * (len(order) - 1)
+    starts = _starts(n)
+    inside = [load(lane, x, 3 + k) for k in range(n)]
+    taken = [None] * 6
+    for m in range(n):
+        for k in range(m + 1, n):
+            inside[k] = inside[k] - load(lane, S, starts[m] + k - m) * inside[m]
+        for k in range(6):
+            product = load(lane, S, starts[m] + n - m + k) * inside[m]
+            taken[k] = product if m == 0 else taken[k] + product
+        store(x, 3 + m, inside[m])
+    return [splat(lane, 0.0) for _ in taken] if n == 0 else taken
+
+
+@traced(lambda p: 0)
+def backward(lane, order, S, x, left, right):  # type: ignore[no-untyped-def]
+    """Interior entries of x from the reduced ones and those of the vertices."""
+    n = 3 * (len(order) - 1)
+    starts = _starts(n)
+    solved = {}
+    for m in reversed(range(n)):
+        value = load(lane, x, 3 + m) * load(lane, S, starts[m])
+        for k, y in enumerate([*left, *right]):
+            value = value - load(lane, S, starts[m] + n - m + k) * y
+        for k in range(m + 1, n):
+            value = value - load(lane, S, starts[m] + k - m) * solved[k]
+        solved[m] = value
+        store(x, 3 + m, value)
+
+
+@traced(lambda p: 5)
+def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):  # type: ignore[no-untyped-def]
+    """(kinetic, strain energy, power lost per tau_d, mass moments x, y); `turn`, `spin`: the left psi, its rate."""
+    p, sums = len(order), Sums()
+    t = tables(p)
+    place, rate = ([_axis(lane, x, p, k) for k in (X, Y, T)] for x in (q, v))
+    place[T][0], rate[T][0] = turn, spin
+    (_, dx), (_, dy), (turned, bend) = (_slopes(sums, t, nodes) for nodes in place)
+    (_, ux), (_, uy), (turning, bending) = (_slopes(sums, t, nodes) for nodes in rate)
+    angle, omega = _values(sums, t, place[T], turned), _values(sums, t, rate[T], turning)
+    strain, lost = splat(lane, 0.0), splat(lane, 0.0)
+    for g in range(p):
+        s, c = sincos(angle[g])
+        g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
+        r1 = (c * ux[g] + s * uy[g]) + g2 * omega[g]
+        r2 = (c * uy[g] - s * ux[g]) - g1 * omega[g]
+        e1, w = g1 - length, float(t.weights[g])
+        strain = strain + ((e1 * e1) * k1 + (g2 * g2) * k2 + (bend[g] * bend[g]) * kb) * (0.5 * w)
+        lost = lost + ((r1 * r1) * k1 + (r2 * r2) * k2 + (bending[g] * bending[g]) * kb) * w
+    squares, moments = [], []
+    for k in (X, Y, T):
+        total = splat(lane, 0.0)
+        for n in range(p + 1):
+            total = total + rate[k][n] * sums(t.mass[n], rate[k])
+        squares.append(total)
+        moments.append(sums(t.mass[0] + t.mass[1], place[k]))
+    kinetic = (squares[X] + squares[Y]) * (ml * 0.5) + squares[T] * (jl * 0.5)
+    return [kinetic, strain, lost, moments[X] * ml, moments[Y] * ml]
+
+
+def _small_turn(w: Any) -> tuple[Any, Any]:
+    """Sine and cosine of a small angle to its sixth power."""
+    z = w * w
+    return w + w * (z * (z * (1.0 / 120.0) - 1.0 / 6.0)), z * (z * (1.0 / 24.0 - z * (1.0 / 720.0)) - 0.5) + 1.0
+
+
+@traced(lambda p: 0)
+def turn_pair(lane, order, x, w):  # type: ignore[no-untyped-def]
+    """Turn the vector at the beginning of x by a small angle w."""
+    s, c = _small_turn(w)
+    ahead, aside = load(lane, x, 0), load(lane, x, 1)
+    store(x, 0, c * ahead - s * aside)
+    store(x, 1, s * ahead + c * aside)
+
+
+@traced(lambda p: 2)
+def carry(lane, order, start, q, turn, new_turn, x, y):  # type: ignore[no-untyped-def]
+    """Interior and right positions in q from the left one (x, y) and the angles in q, with the strains of `start`.
+
+    d turns with psi at each Gauss point; sine and cosine of that turn to its sixth power, which is plenty for a guess.
+    `turn`, `new_turn`: psi at the left. Returns the right position.
+    """
+    p, sums = len(order), Sums()
+    t = tables(p)
+    old, new = ([load(lane, z, _at(n, p) + T) for n in range(1, p + 1)] for z in (start, q))
+    turns = [b - a for a, b in zip([turn, *old], [new_turn, *new], strict=True)]
+    angle = _values(sums, t, turns, turns[1] - turns[0])
+    dx, dy = (_slopes(sums, t, _axis(lane, start, p, k))[1] for k in (X, Y))
+    moved = ([], [])
+    for g in range(p):
+        s, c = _small_turn(angle[g])
+        moved[X].append(c * dx[g] - s * dy[g])
+        moved[Y].append(s * dx[g] + c * dy[g])
+    ends = []
+    for k, first in ((X, x), (Y, y)):
+        parts = [sums(t.weights * t.slope[i], moved[k], 1.0 / float(t.norm[i])) for i in range(p)]
+        for n in range(2, p + 1):
+            store(q, _at(n, p) + k, parts[n - 1])
+        ends.append(first + parts[0])
+        store(q, _at(1, p) + k, ends[k])
+    return ends

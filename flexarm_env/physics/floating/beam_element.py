@@ -1,0 +1,92 @@
+"""The paper's two-node planar Timoshenko element: shape functions [41], stiffness [44], [45], mass [52].
+
+Nodal coordinates (u1, v1, phi1, u2, v2, phi2) in the body frame, length l, shear factor
+mu = 1 / (1 + 12 EI / (C l^2)); mu = 1 is Euler-Bernoulli.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...parameters import Section
+
+Array = NDArray[np.float64]
+
+BENDING = np.array([1, 2, 4, 5])
+"""Entries of the element's coordinates that bend it: v1, phi1, v2, phi2."""
+
+_GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(4)
+QUADRATURE = (0.5 * (1.0 + _GAUSS_X), 0.5 * _GAUSS_W)
+"""Points xi in (0, 1) and weights; four integrate every product of shape functions exactly."""
+
+
+def shear_factor(section: Section, length: float) -> float:
+    """mu of eq. [41], dimensionless."""
+    return float(1.0 / (1.0 + 12.0 * section.EI / (section.C * length**2)))
+
+
+def shape_functions(xi: float, length: float, mu: float) -> Array:
+    """Rows u, v (m) and phi (rad) of eq. [41] at xi = x/l, shape (3, 6)."""
+    eta, half = 1.0 - xi, 0.5 * length
+    return np.array(
+        [
+            [eta, 0, 0, xi, 0, 0],
+            [
+                0, eta * (1 + mu * xi * (eta - xi)), half * xi * eta * (1 + mu * (eta - xi)),
+                0, xi * (1 - mu * eta * (eta - xi)), -half * xi * eta * (1 - mu * (eta - xi)),
+            ],
+            [
+                0, -6 * mu * xi * eta / length, eta * (1 - 3 * mu * xi),
+                0, 6 * mu * xi * eta / length, xi * (1 - 3 * mu * eta),
+            ],
+        ]
+    )  # fmt: skip
+
+
+def linear_stiffness(section: Section, length: float) -> Array:
+    """Axial and bending stiffness, eq. [44], shape (6, 6)."""
+    mu, l = shear_factor(section, length), length
+    stiffness = np.zeros((6, 6))
+    stiffness[np.ix_([0, 3], [0, 3])] = section.EA / l * np.array([[1, -1], [-1, 1]])
+    a, b = 12 * mu / l**2, 6 * mu / l
+    stiffness[np.ix_(BENDING, BENDING)] = (section.EI / l) * np.array(
+        [[a, b, -a, b], [b, 1 + 3 * mu, -b, 3 * mu - 1], [-a, -b, a, -b], [b, 3 * mu - 1, -b, 1 + 3 * mu]]
+    )
+    return stiffness
+
+
+def geometric_matrix(section: Section, length: float) -> Array:
+    """G of the geometric stiffness P G, eq. [45], on (v1, phi1, v2, phi2), shape (4, 4), 1/m; w'Gw = int v'^2 dx."""
+    mu, l = shear_factor(section, length), length
+    a, b = 60 + 12 * mu**2, 6 * mu**2 * l
+    c, d = (5 + 3 * mu**2) * l**2, (-5 + 3 * mu**2) * l**2
+    return np.array([[a, b, -a, b], [b, c, -b, d], [-a, -b, a, -b], [b, d, -b, c]]) / (60 * l)
+
+
+def coupling_matrix(section: Section, length: float) -> Array:
+    """H of von Karman's energy EA / 2l (u2 - u1 + w'Hw / 2)^2 on (v1, phi1, v2, phi2), shape (4, 4), 1/m.
+
+    Such that the energy's derivative is the exact beam's force along the frame: its stretch is u' + phi v' - phi^2 / 2
+    to second order, along the section's normal, and its shear force Q = C gamma turns with the section, which takes
+    Q phi from the axial force. Hence w'Hw = int v'^2 - gamma^2 - 2 (Q / EA) phi dx with the shear strain
+    gamma = v' - phi, which is constant in the element (docs: theory, eq. 1.2). G of [45] in its place takes the stretch
+    along the tangent, which is wrong by gamma^2 / 2 on however fine a mesh.
+    """
+    mu, l = shear_factor(section, length), length
+    shear_force = 12.0 * mu * section.EI / l**2 * np.array([-1.0 / l, -0.5, 1.0 / l, -0.5])
+    gamma = shear_force / section.C
+    mean_phi = np.array([-mu / l, 0.5 * (1.0 - mu), mu / l, 0.5 * (1.0 - mu)])
+    turned = np.outer(shear_force / section.EA, mean_phi)
+    return geometric_matrix(section, l) - l * (np.outer(gamma, gamma) + turned + turned.T)
+
+
+def consistent_mass(section: Section, length: float) -> Array:
+    """Consistent mass with rotary inertia, eq. [52] by quadrature, shape (6, 6)."""
+    mu = shear_factor(section, length)
+    mass = np.zeros((6, 6))
+    for xi, weight in zip(*QUADRATURE, strict=True):
+        n_u, n_v, n_phi = shape_functions(xi, length, mu)
+        translational = np.outer(n_u, n_u) + np.outer(n_v, n_v)
+        mass += weight * length * (section.m * translational + section.J * np.outer(n_phi, n_phi))
+    return mass

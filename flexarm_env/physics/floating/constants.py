@@ -1,0 +1,153 @@
+"""A link (or a piece of one) as a floating-frame body: frame R, theta and elastic coordinates q, eqs. [20]-[27].
+
+The frame is clamped to the body's first node, so that node's (u, v, phi) vanish and the frame angle is the
+root section's. All inertia enters through constants that are computed here once; the kernels do the rest.
+A body reduced to bending modes has the same constants plus those of its foreshortening (`reduction.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...parameters import Section
+from .beam_element import (
+    BENDING,
+    QUADRATURE,
+    consistent_mass,
+    coupling_matrix,
+    geometric_matrix,
+    linear_stiffness,
+    shape_functions,
+    shear_factor,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Body:
+    """Constants of one body with n elastic coordinates, in its own frame, SI.
+
+    With s_bar(q) = S0 + S_bar q - e1 q'D0 q / 2 and I(q) = I0 + 2 c_u'q + q'G q its kinetic energy is
+    1/2 m_t |R'|^2 + R''A (w S~ s_bar + s_bar') + 1/2 w^2 I + w (c + B q)'q' + 1/2 q''M_ff q'  (docs: theory, eq. 2.3).
+    """
+
+    length: float
+    mass: float  # m_t, kg
+    s0: float  # S0, first moment along the axis, kg m
+    i0: float  # I0, kg m^2
+    s_bar: Array  # (2, n) kg
+    g: Array  # (n, n) kg: M_uv, less the foreshortening term D for modes
+    m_ff: Array  # (n, n) kg: elastic mass matrix, rotary inertia included
+    b: Array  # (n, n) kg, skew
+    c_u: Array  # (n,) kg m
+    c: Array  # (n,) kg m
+    k_axial: Array  # (n, n) N/m: linear stiffness [44], stretching part
+    k_bend: Array  # (n, n) N/m: bending part
+    d0: Array  # (n, n) kg: foreshortening in the first moment, zero for finite elements
+    tip: Array  # (3, n) u, v, phi at the tip
+    tip_h: Array  # (n, n) 1/m: foreshortening of the tip, u -= q'H q / 2; zero for finite elements
+    element_ea: Array = field(default_factory=lambda: np.zeros(0))  # EA / l of each element, N/m
+    element_g: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))  # 1/m: G of [45]; H for von Karman
+    shapes: Array = field(default_factory=lambda: np.zeros((0, 3, 0)))  # u, v, phi at drawing stations, (s, 3, n)
+    stations: Array = field(default_factory=lambda: np.zeros(0))  # x of those stations, m
+    station_h: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))  # foreshortening there, (s, n, n)
+
+    @property
+    def n(self) -> int:
+        """Number of elastic coordinates."""
+        return self.c.size
+
+    def add_tip_mass(self, mass: float, inertia: float) -> None:
+        """Lump a mass (kg) and an inertia (kg m^2) at the tip: payload, elbow (theory, eq. 2.6)."""
+        n_u, n_v, n_phi = self.tip
+        length = self.length
+        self.s_bar += mass * np.array([n_u, n_v])
+        m_uv = mass * (np.outer(n_u, n_u) + np.outer(n_v, n_v))
+        self.g += m_uv - mass * length * self.tip_h
+        self.m_ff += m_uv + inertia * np.outer(n_phi, n_phi)
+        self.b += mass * (np.outer(n_v, n_u) - np.outer(n_u, n_v))
+        self.c_u += mass * length * n_u
+        self.c += mass * length * n_v + inertia * n_phi
+        self.d0 += mass * self.tip_h
+        self.mass += mass
+        self.s0 += mass * length
+        self.i0 += mass * length**2 + inertia
+
+    def add_root_inertia(self, inertia: float) -> None:
+        """Lump an inertia (kg m^2) at the root section, which the clamped frame follows."""
+        self.i0 += inertia
+
+
+def finite_element_body(section: Section, length: float, elements: int, coupling: str) -> Body:
+    """A uniform body of equal elements, first node clamped to the frame; n = 3 elements. coupling: of COUPLINGS."""
+    l = length / elements
+    n_all = 3 * (elements + 1)
+    mu = shear_factor(section, l)
+    k_axial, k_bend = np.zeros((n_all, n_all)), np.zeros((n_all, n_all))
+    k = linear_stiffness(section, l)
+    bend = np.zeros((6, 6))
+    bend[np.ix_(BENDING, BENDING)] = k[np.ix_(BENDING, BENDING)]
+    mass = np.zeros((n_all, n_all))
+    m_uv = np.zeros((n_all, n_all))
+    b = np.zeros((n_all, n_all))
+    s_bar = np.zeros((2, n_all))
+    c_u, c = np.zeros(n_all), np.zeros(n_all)
+    for e in range(elements):
+        at = slice(3 * e, 3 * e + 6)
+        k_axial[at, at] += k - bend
+        k_bend[at, at] += bend
+        mass[at, at] += consistent_mass(section, l)
+        for xi, weight in zip(*QUADRATURE, strict=True):
+            n_u, n_v, n_phi = shape_functions(xi, l, mu)
+            dm, x = section.m * weight * l, (e + xi) * l
+            m_uv[at, at] += dm * (np.outer(n_u, n_u) + np.outer(n_v, n_v))
+            # q'B q' = dm r'S~ r' with S~ = [[0, -1], [1, 0]]
+            b[at, at] += dm * (np.outer(n_v, n_u) - np.outer(n_u, n_v))
+            s_bar[:, at] += dm * np.array([n_u, n_v])
+            c_u[at] += dm * x * n_u
+            c[at] += dm * x * n_v + section.J * weight * l * n_phi
+    free = slice(3, n_all)
+    n = n_all - 3
+    tip = np.zeros((3, n))
+    tip[:, n - 3 :] = np.eye(3)
+    shapes, stations = _drawing_stations(l, elements, mu)
+    element_g = (coupling_matrix if coupling == "von_karman" else geometric_matrix)(section, l)
+    return Body(
+        length=length,
+        mass=section.m * length,
+        s0=0.5 * section.m * length**2,
+        i0=section.m * length**3 / 3 + section.J * length,
+        s_bar=s_bar[:, free],
+        g=m_uv[free, free].copy(),
+        m_ff=mass[free, free],
+        b=b[free, free],
+        c_u=c_u[free],
+        c=c[free],
+        k_axial=k_axial[free, free],
+        k_bend=k_bend[free, free],
+        d0=np.zeros((n, n)),
+        tip=tip,
+        tip_h=np.zeros((n, n)),
+        element_ea=np.full(elements, section.EA / l),
+        element_g=np.tile(element_g, (elements, 1, 1)),
+        shapes=shapes,
+        stations=stations,
+        station_h=np.zeros((stations.size, n, n)),
+    )
+
+
+def _drawing_stations(l: float, elements: int, mu: float) -> tuple[Array, Array]:
+    """Shape functions at eight points of each element, the body's own coordinates only."""
+    n = 3 * elements
+    rows, places = [], []
+    for e in range(elements):
+        for xi in np.arange(1, 9) / 8:
+            full = np.zeros((3, n + 3))
+            full[:, 3 * e : 3 * e + 6] = shape_functions(float(xi), l, mu)
+            rows.append(full[:, 3:])
+            places.append((e + xi) * l)
+    return np.array(rows), np.array(places)

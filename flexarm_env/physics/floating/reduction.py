@@ -1,0 +1,133 @@
+"""Reduction of a link, or a piece of one, to a few bending modes with foreshortening: the paper's substructuring.
+
+The shape is s = (x - p'H(x)p / 2, v(x)'p), its sections turn by phi(x)'p, and p'H(x)p = int_0^x v'^2 - (v' - phi)^2:
+the axis along the section's normal keeps its length, as the exact beam's does. Modes are those of the clamped link
+with what it carries lumped at its tip (docs: theory, section 4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...parameters import Link, Payload
+from .beam_element import BENDING, QUADRATURE, consistent_mass, linear_stiffness, shape_functions, shear_factor
+from .constants import Body
+
+Array = NDArray[np.float64]
+
+MESH = 32
+"""Elements of the mesh that the modes are taken from; the fourth frequency is then within 1e-5 of the exact one."""
+
+
+def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tuple[Array, Array]:
+    """Lowest n bending modes of a clamped link with a mass (kg) and inertia (kg m^2) at its tip.
+
+    Returns frequencies (n,) in rad/s and nodal shapes (2 (MESH + 1), n): v, phi of each node, mass-normalised.
+    """
+    from scipy.linalg import eigh
+
+    l = link.length / MESH
+    size = 2 * (MESH + 1)
+    stiffness, mass = np.zeros((size, size)), np.zeros((size, size))
+    k, m = linear_stiffness(link.section, l), consistent_mass(link.section, l)
+    for e in range(MESH):
+        at = slice(2 * e, 2 * e + 4)
+        stiffness[at, at] += k[np.ix_(BENDING, BENDING)]
+        mass[at, at] += m[np.ix_(BENDING, BENDING)]
+    mass[-2, -2] += tip_mass
+    mass[-1, -1] += tip_inertia
+    squares, vectors = eigh(stiffness[2:, 2:], mass[2:, 2:], subset_by_index=[0, n - 1])
+    shapes = np.zeros((size, n))
+    shapes[2:] = vectors * np.sign(vectors[-2])  # tip deflection positive
+    return np.sqrt(squares), shapes
+
+
+def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float) -> Body:
+    """A link reduced to n modes; the tip mass and inertia shape the modes but are not part of the body's inertia."""
+    section, length = link.section, link.length
+    frequencies, nodal = clamped_modes(link, n, tip_mass, tip_inertia)
+    l = length / MESH
+    mu = shear_factor(section, l)
+    m_uv, m_ff, d, d0 = (np.zeros((n, n)) for _ in range(4))
+    s_bar, c = np.zeros((2, n)), np.zeros(n)
+    h = np.zeros((n, n))
+    stations, shapes, station_h = [], [], []
+    for e in range(MESH):
+        w = nodal[2 * e : 2 * e + 4]
+        for xi, weight in zip(*QUADRATURE, strict=True):
+            _, n_v, n_phi = shape_functions(xi, l, mu)
+            v, phi, slope = n_v[BENDING] @ w, n_phi[BENDING] @ w, _slope(xi, l, mu) @ w
+            dx, x = weight * l, (e + xi) * l
+            m_uv += section.m * dx * np.outer(v, v)
+            m_ff += dx * (section.m * np.outer(v, v) + section.J * np.outer(phi, phi))
+            s_bar[1] += section.m * dx * v
+            c += dx * (section.m * x * v + section.J * phi)
+            stretch = dx * (np.outer(slope, slope) - np.outer(slope - phi, slope - phi))
+            h += stretch
+            d0 += section.m * (length - x) * stretch  # int m H dx, by parts
+            d += 0.5 * section.m * (length**2 - x**2) * stretch  # int m x H dx, by parts
+        stations.append((e + 1) * l)
+        shapes.append(np.array([np.zeros(n), nodal[2 * e + 2], nodal[2 * e + 3]]))
+        station_h.append(h.copy())
+    k = np.diag(frequencies**2)
+    return Body(
+        length=length,
+        mass=section.m * length,
+        s0=0.5 * section.m * length**2,
+        i0=section.m * length**3 / 3 + section.J * length,
+        s_bar=s_bar,
+        g=m_uv - d,
+        m_ff=m_ff,
+        b=np.zeros((n, n)),
+        c_u=np.zeros(n),
+        c=c,
+        k_axial=np.zeros((n, n)),
+        k_bend=k,
+        d0=d0,
+        tip=np.array([np.zeros(n), nodal[-2], nodal[-1]]),
+        tip_h=h,
+        shapes=np.array(shapes),
+        stations=np.array(stations),
+        station_h=np.array(station_h),
+    )
+
+
+def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, held: bool) -> list[float]:
+    """How far the mass matrix of a straight link is from indefinite, body by body: the inertia (kg m^2) of a body's
+    angle that is left when all that the link's other bodies, their modes and, where it moves, the root can do gives way
+    to a torque there. bodies: rigidly joined, root to tip. held: the root's angle is prescribed."""
+    size = 2 + sum(body.n for body in bodies)  # the root's y and angle, the modes of all
+    mass, angles = np.zeros((size, size)), []
+    across, turn = np.eye(2, size)  # y and angle of a body's root in these coordinates
+    first = 2
+    for k, body in enumerate(bodies):
+        modes = np.eye(body.n, size, first)
+        own = np.vstack([across, turn, modes])
+        angles.append(turn)
+        inertia = np.zeros((body.n + 2, body.n + 2))
+        inertia[0, 0], inertia[1, 1], inertia[2:, 2:] = body.mass, body.i0, body.m_ff
+        inertia[0, 1:] = inertia[1:, 0] = [body.s0, *body.s_bar[1]]
+        inertia[1, 2:] = inertia[2:, 1] = body.c
+        mass += own.T @ inertia @ own
+        across, turn = across + body.length * turn + body.tip[1] @ modes, turn + body.tip[2] @ modes
+        if k + 1 == len(bodies):
+            mass += payload.mass * np.outer(across, across) + payload.inertia * np.outer(turn, turn)
+        first += body.n
+    free = [k for k in range(size) if k > 1 or (k == 0 and root_moves) or (k == 1 and not held)]
+    compliance = [row[free] @ np.linalg.solve(mass[np.ix_(free, free)], row[free]) for row in np.array(angles)]
+    return [1.0 / value if value > 0.0 else np.inf for value in compliance]
+
+
+def _slope(xi: float, l: float, mu: float) -> Array:
+    """dv/dx of the element's shape function [41] on (v1, phi1, v2, phi2)."""
+    eta = 1.0 - xi
+    # d/dxi of eta (1 + mu xi (eta - xi)) etc.; d(xi eta)/dxi = eta - xi, d(eta - xi)/dxi = -2
+    p, q = xi * eta, eta - xi
+    v1 = (-1 - mu * xi * q + eta * mu * (q - 2 * xi)) / l
+    phi1 = 0.5 * (q * (1 + mu * q) - 2 * mu * p)
+    v2 = (1 - mu * eta * q + xi * mu * (q + 2 * eta)) / l
+    phi2 = -0.5 * (q * (1 - mu * q) + 2 * mu * p)
+    return np.array([v1, phi1, v2, phi2])

@@ -1,0 +1,85 @@
+"""Strain gauges: the curvature of a link at a place, as a linear function of the state, in every formulation.
+
+Floating-frame bodies resolve it as the mean curvature between two drawing stations; the others give it at the point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from ..scene import Scene
+from ..settings import Settings
+from .elastica import build as elastica
+from .floating import build as floating_chain
+from .model import System
+
+Array = NDArray[np.float64]
+
+
+def curvature_rows(scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, float]]) -> Array:
+    """(G, n): curvature (1/m) = row . q at each (link, place), place from 0 (root) to 1 (tip)."""
+    rows = {
+        "elastica": _elastica,
+        "geometrically_exact": _exact,
+        "floating_frame": _floating,
+    }[settings.formulation]
+    table = [rows(scene, settings, system, link, place * scene.arm.links[link].length) for link, place in places]
+    return np.array(table).reshape(len(places), len(system.q0))
+
+
+def _elastica(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
+    assert settings.nodes is not None
+    n, row = settings.nodes, np.zeros(len(system.q0))
+    line = elastica.chain(scene.arm, n).lines[link]
+    row[link * n : (link + 1) * n] = line.slope(np.array([s]))[0]
+    if link > 0:  # the first node's angle is that of the tip before it, and the joint's on top
+        row[link * n - 1] += row[link * n]
+    return row
+
+
+def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
+    """Vertices' angles and interior amplitudes, whose slopes are Legendre polynomials (`physics.exact.tables`)."""
+    assert settings.elements is not None and settings.order is not None
+    elements, order, names = settings.elements, settings.order, list(system.names)
+    length = scene.arm.links[link].length / elements
+    e = min(int(s / length), elements - 1)
+    xi = 2.0 * (s / length - e) - 1.0
+    row = np.zeros(len(names))
+    row[names.index(f"link{link}.psi{e + 1}")] = 1.0 / length
+    if e > 0:
+        row[names.index(f"link{link}.psi{e}")] = -1.0 / length
+    elif link == 0:
+        row[names.index("joint0")] = -1.0 / length
+    else:
+        row[names.index(f"link{link - 1}.psi{elements}")] = -1.0 / length
+        row[names.index(f"joint{link}")] = -1.0 / length
+    points = legendre.leggauss(order)[0]
+    for j in range(1, order):
+        polynomial = np.eye(order + 1)[j]
+        values = legendre.legval(points, polynomial)
+        scale = values[np.argmax(np.abs(values).round(12))]
+        row[names.index(f"link{link}.psi{e}.{j}")] = legendre.legval(xi, polynomial) / scale / length
+    return row
+
+
+def _floating(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
+    bodies, links = floating_chain._bodies(scene.arm, settings)
+    names, row = list(system.names), np.zeros(len(system.q0))
+    own = [b for b, k in enumerate(links) if k == link]
+    start = 0.0
+    for b in own:
+        body = bodies[b]
+        if s <= start + body.length * (1.0 + 1e-12) or b == own[-1]:
+            x = np.concatenate([[0.0], body.stations]) if body.stations[0] > 0.0 else body.stations
+            angles = body.shapes[:, 2] if body.stations[0] <= 0.0 else np.vstack([np.zeros(body.n), body.shapes[:, 2]])
+            i = int(np.clip(np.searchsorted(x, s - start) - 1, 0, len(x) - 2))
+            slope = (angles[i + 1] - angles[i]) / (x[i + 1] - x[i])
+            for k in range(body.n):
+                row[names.index(f"body{b}.q{k}")] = slope[k]
+            break
+        start += body.length
+    return row

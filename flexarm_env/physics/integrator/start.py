@@ -1,0 +1,248 @@
+"""A consistent start at t+: velocities, accelerations and multipliers where a load or a motion may have jumped."""
+
+from __future__ import annotations
+
+from ...compiler.arrays import bare
+from ...compiler.decorator import kernel
+from ...compiler.dispatch import size
+from ...compiler.lanes import load, splat, store
+from ..protocol import assemble, constrain, dissipation, factor, solve
+from .drive import set_inputs, set_motions
+from .work import move_multipliers, note_reactions, set_known, take_out_known, unpack
+
+_SMALL = 1e-3
+"""Share of a velocity at which the damping of all of it is asked for, so that forces of its square do not count."""
+
+
+@kernel
+def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):  # type: ignore[no-untyped-def]
+    """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
+
+    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known; what damping ends of that before a step
+    could see it is taken out (`_pass_layer`), and its forces' part of the accelerations is in those kept; work and loss
+    of the impulses go to the books. A fresh start then has M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink
+    within a run (not fresh, with a drive) what the residual at t+ asks for is added to accelerations and multipliers,
+
+        (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,    three times,
+
+    and b keeps its distance from a. Where the step resolves the motion that is M da = -r, to third order; solved with M
+    alone, the stress of strains and strain rates too stiff for the step would make accelerations large. h: a step.
+    """
+    _restart(lane, bare(model), drive, bare(par), unpack(lane, model, bare(flat), n_motions), t, h, fresh)
+
+
+@kernel
+def _keep(n, algebraic, w):  # type: ignore[no-untyped-def]
+    """Accelerations and multipliers to q0, which is free between steps; to b its distance from a."""
+    for k in range(n):
+        w.q0[k] = w.a[k]
+        w.b[k] -= w.a[k]
+    if algebraic is not None:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
+            w.q0[k] = w.q[k]
+
+
+@kernel
+def _take_multipliers(drive, algebraic, w, fresh):  # type: ignore[no-untyped-def]
+    """Multipliers from where the accelerations were solved for: the new ones, or what is added to those kept."""
+    if drive is not None:
+        if not fresh:
+            if algebraic is not None:
+                for i in range(algebraic.shape[0]):
+                    k = algebraic[i]
+                    w.a[k] += w.q[k]
+    move_multipliers(algebraic, w.q, w.a, False)
+
+
+@kernel
+def _set_b(lane, n, drive, w, fresh):  # type: ignore[no-untyped-def]
+    """b = a, or at the distance that was kept; prescribed coordinates have none."""
+    if drive is not None:
+        if not fresh:
+            for i in range(drive.known.shape[0]):
+                k = drive.known[i]
+                if k >= 0:
+                    w.b[k] = 0.0
+            for k in range(n):
+                w.b[k] += w.a[k]
+            return
+    for k in range(n):
+        store(w.b, k, load(lane, w.a, k))
+
+
+@kernel
+def _solve(lane, model, drive, w, matrix):  # type: ignore[no-untyped-def]
+    """r <- S^-1 r without the known rows; `matrix`: S is new."""
+    take_out_known(lane, model, drive, w.r, w.S, matrix)
+    if matrix:
+        factor(lane, model, w.S)
+        w.counts[1] += 1.0
+    solve(lane, model, w.S, w.r)
+
+
+@kernel
+def _less(n, r, start, scale):  # type: ignore[no-untyped-def]
+    """r <- (r - start) scale."""
+    for k in range(n):
+        r[k] = (r[k] - start[k]) * scale
+
+
+@kernel
+def _book_impulse(drive, w, share, scale):  # type: ignore[no-untyped-def]
+    """Book the work of the impulses in `reaction`, times `scale`: the velocity there is a share of that before the jump
+    and the rest of that after it."""
+    for i in range(drive.known.shape[0]):
+        k, speed = drive.known[i], w.psi[3 * i + 1]
+        before = w.v0[k] if k >= 0 else w.psi0[3 * i + 1]
+        w.books[0] += (speed + share * (before - speed)) * w.reaction[i] * scale
+
+
+@kernel
+def _jumps(drive, w):  # type: ignore[no-untyped-def]
+    """Whether a prescribed velocity jumps, by more than round-off."""
+    for i in range(drive.known.shape[0]):
+        k, after = drive.known[i], w.psi[3 * i + 1]
+        before = w.v0[k] if k >= 0 else w.psi0[3 * i + 1]
+        if abs(after - before) > 1e-12 * (abs(after) + abs(before)):
+            return True
+    return False
+
+
+@kernel
+def _jump(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untyped-def]
+    """v <- v + dv, a0: dv with the impulses in its rows of multipliers."""
+    n = size(model.n)
+    for k in range(n):
+        w.v0[k] = w.v[k]
+        w.v[k], w.a[k], w.a0[k] = 0.0, 0.0, 0.0
+    for i in range(drive.known.shape[0]):
+        k = drive.known[i]
+        if k >= 0:
+            w.a0[k] = w.psi[3 * i + 1] - w.v0[k]
+    for turn in range(3):  # the forces at rest, to be subtracted: what is left is inertia; dv; its impulses
+        move_multipliers(model.algebraic, w.q, w.a, False)
+        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if turn == 1 else 0.0, 0.0, 0.0, w.r, w.S)
+        if turn == 0:
+            for k in range(n):
+                w.b0[k] = w.r[k]
+        else:
+            _less(n, w.r, w.b0, 1.0)
+        if turn == 1:
+            for k in range(n):
+                w.v[k] = w.v0[k] + w.a0[k]
+            constrain(lane, model, w.psi, w.q, w.v, w.a, 1, 1.0, w.r)
+            _solve(lane, model, drive, w, True)
+            for k in range(n):
+                w.v[k] = 0.0
+                w.a0[k] -= w.r[k]
+        for k in range(n):
+            w.a[k] = w.a0[k]
+        if turn == 0:
+            move_multipliers(model.algebraic, w.a, w.a, True)
+    note_reactions(drive.known, model.algebraic, w.r, w.a0, w.reaction)
+    _book_impulse(drive, w, 0.5, 1.0)  # impulse times mean velocity is the kinetic energy it brings
+    if _jumps(drive, w):
+        _pass_layer(lane, model, drive, par, w, h, fresh)
+    for k in range(n):
+        w.v[k] = w.v0[k] + w.a0[k]
+    move_multipliers(model.algebraic, w.v, w.v, True)
+
+
+@kernel
+def _pass_layer(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untyped-def]
+    """Take out of dv what damping ends before a step of h could see it.
+
+    Damping does not let the velocity jump within the material: it spreads what M alone leaves next to a prescribed
+    coordinate, in a time that a step may be too long for. There the step would meet forces C dv that last for a small
+    part of it as if they lasted for half of it, and so would its books. With s = (M + h/2 C)^-1 M, where nothing
+    prescribed moves and Phi_q s = 0, dv loses
+
+        e = (1 - s)^3 (1 + 3 s) dv:    all that damping ends within the step, h^3 of what the step resolves, and nothing
+                                       without damping. (1 - s) x solves (M + h/2 C) y + Phi_q^T mu = h/2 C x.
+
+    The impulse of damping is h/2 C (g - e), g having one factor (1 - s) less; it acts at the velocities after the jump
+    where they are prescribed. M^-1 C (dv - e), the jump of the accelerations (kept in q0) with that of the multipliers,
+    is a sum of the same solutions.
+    """
+    n, part = size(model.n), 0.5 * h * _SMALL
+    for k in range(n):
+        w.v[k], w.a[k] = part * w.a0[k], 0.0
+    move_multipliers(model.algebraic, w.q, w.a, False)
+    for turn in range(5):
+        move_multipliers(model.algebraic, w.v, w.v, True)
+        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if turn == 0 else 0.0, 0.5 * h, 0.0, w.r, w.S)
+        if turn == 4:
+            _less(n, w.r, w.b0, 1.0)
+            note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
+            _book_impulse(drive, w, 0.0, 1.0 / _SMALL)
+            return
+        _less(n, w.r, w.b0, 1.0 / _SMALL)
+        move_multipliers(model.algebraic, w.r, w.r, True)
+        _solve(lane, model, drive, w, turn == 0)
+        if not fresh:
+            share = -3.0 if turn == 1 else 1.0
+            for k in range(n):
+                w.q0[k] -= 2.0 * share / h * w.r[k]
+        if turn < 3:
+            for k in range(n):
+                w.v[k] = 4.0 * w.v[k] - 3.0 * part * w.r[k] if turn == 1 else part * w.r[k]
+        else:
+            _lose(lane, model, par, w, h)
+            for k in range(n):
+                w.v[k] -= part * w.r[k]
+                w.a[k] = -_SMALL * w.r[k]
+                w.a0[k] -= w.r[k]
+            move_multipliers(model.algebraic, w.q, w.a, False)
+
+
+@kernel
+def _lose(lane, model, par, w, h):  # type: ignore[no-untyped-def]
+    """Book what damping takes in the layer: its impulse h/2 C z, z = g - e, times the mean of the velocities before
+    and after it. z C x is a quarter of the difference of the powers of z + x and z - x."""
+    n, scale = size(model.n), 2.0 / (h * _SMALL)
+    for turn in range(2):
+        sign = 1.0 - 2.0 * turn
+        for k in range(n):
+            mean = w.v0[k] + w.a0[k] - 0.5 * w.r[k]
+            w.a[k] = w.v[k] * scale - w.r[k] + sign * mean
+        move_multipliers(model.algebraic, w.a, w.a, True)
+        w.books[1] += sign * 0.125 * h * dissipation(lane, model, par, w.q, w.a)
+
+
+@kernel
+def _restart(lane, model, drive, par, w, t, h, fresh):  # type: ignore[no-untyped-def]
+    """`restart` on bare arrays."""
+    n = size(model.n)
+    passes, half = 1, 0.0
+    if drive is not None:
+        if not fresh:
+            _keep(n, model.algebraic, w)
+            passes, half = 3, 0.5 * h
+        for i in range(w.psi.shape[0]):
+            w.psi0[i] = w.psi[i]
+        set_inputs(drive, w.u, t, t + 1e-6 * h)
+        set_motions(drive, w.psi, t, t + 1e-6 * h)
+        _jump(lane, model, drive, par, w, h, fresh)
+    for k in range(n):
+        store(w.a, k, splat(lane, 0.0))
+    move_multipliers(model.algebraic, w.q, w.a, False)
+    if drive is not None:
+        if not fresh:
+            for k in range(n):
+                w.a[k] = w.q0[k]
+            move_multipliers(model.algebraic, w.q, w.q0, False)
+            move_multipliers(model.algebraic, w.a, w.a, True)
+        set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
+    for turn in range(passes):
+        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if turn == 0 else 0.0, half, half * half, w.r, w.S)
+        constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
+        _solve(lane, model, drive, w, turn == 0)
+        for k in range(n):
+            store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
+        _take_multipliers(drive, model.algebraic, w, fresh)
+        move_multipliers(model.algebraic, w.a, w.a, True)
+    _set_b(lane, n, drive, w, fresh)
+    if drive is not None:
+        assemble(lane, model, par, w.q, w.v, w.a, w.u, 0.0, half, half * half, w.r, w.S)
+        note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)

@@ -1,0 +1,212 @@
+"""The contract between the mechanics that assemble a model and the kernels that move it.
+
+A Model is a NamedTuple of arrays and numbers, never written after assembly; each formulation has its own
+(`FloatingFrame`, `ExactBeam`, `Elastica`). The state is q, v, a (accelerations) and b (the integrator's auxiliary
+acceleration), float64, one entry a row of the system. `physics/protocol.py` says what a Model must hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+OK, NEWTON_FAILED, DIVERGED, OUT_OF_RANGE, NOT_FINITE, TIMED_OUT = range(6)
+STATUS = ("ok", "newton_failed", "diverged", "out_of_range", "not_finite", "timed_out")
+"""Status words of an arm, in the order of their codes."""
+
+MESSAGE = (
+    "finished",
+    "Newton's iteration did not converge at t = {t:.6g} s although the step {h:.3g} s was halved {halvings} times; "
+    "take a smaller dt or a smaller rho_inf, or look for a load that is too large",
+    "the solution diverged at t = {t:.6g} s: a floating body's tip deflects by more than its length, or energy "
+    "appeared from nowhere; take more segments, coupling='von_karman', a smaller dt, or a smaller rho_inf (1 keeps for "
+    "ever what a jump of a velocity leaves in vibrations that the steps do not resolve)",
+    "the deflection at t = {t:.6g} s is beyond the range of the reduction to modes ({bound:.0%} of the length of a "
+    "link or segment, less where its root has hardly any inertia); take more segments beside modes, the full model "
+    "(segments, elements) or formulation='geometrically_exact'",
+    "a value that is not finite appeared at t = {t:.6g} s",
+    "the time allowed for the run was used up at t = {t:.6g} s",
+)
+"""Sentences of the status codes."""
+
+LINEAR, PAPER, VON_KARMAN = range(3)
+COUPLINGS = {"linear": LINEAR, "paper": PAPER, "von_karman": VON_KARMAN}
+
+PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D = range(4)
+"""Entries of an arm's own parameters `par` (kg, kg m^2, factor on EI, s): what may differ between arms of a batch."""
+
+
+class Scheme(NamedTuple):
+    """Generalized-alpha or Newmark: its coefficients, and the limits of its Newton iteration (theory, section 6)."""
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+    tolerance: float  # of a Newton increment, weighted by the Model's `weight`
+    max_iterations: int
+    max_halvings: int
+    modified: int | None  # 1: modified Newton
+
+
+def scheme(
+    rho_inf: float | None,
+    newmark: tuple[float, float] | None = None,
+    tolerance: float = 1e-10,
+    max_iterations: int = 20,
+    max_halvings: int = 8,
+    modified: bool = False,
+) -> Scheme:
+    """Coefficients from the spectral radius rho_inf (Arnold & Bruels 2007), or Newmark's (beta, gamma), eq. [66]."""
+    if newmark is not None:
+        alpha_m = alpha_f = 0.0
+        beta, gamma = newmark
+    else:
+        assert rho_inf is not None
+        alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
+        gamma = 0.5 + alpha_f - alpha_m
+        beta = 0.25 * (gamma + 0.5) ** 2
+    limits = (float(tolerance), int(max_iterations), int(max_halvings))
+    return Scheme(float(alpha_m), float(alpha_f), float(beta), float(gamma), *limits, 1 if modified else None)
+
+
+class Drive(NamedTuple):
+    """Time functions of a scene. Row f of `first` says where function f's pieces begin.
+
+    pieces      float64 (n_pieces, 8): t0, c0..c3, A, w, p; value = sum c_k s^k + A sin(w s + p), s = t - t0
+    first       int64 (n_functions + 1,)
+    inputs      int64 (n_terms, 2): entry of u and the function that adds to it; terms of one entry follow each
+                other; an entry with no term is set from outside (an action)
+    known       int64 (n_motions,): the prescribed coordinate, or -1 - j where multiplier j prescribes it
+    motions     int64 (n_motions,): function of each prescribed coordinate
+    """
+
+    pieces: np.ndarray
+    first: np.ndarray
+    inputs: np.ndarray
+    known: np.ndarray
+    motions: np.ndarray
+
+
+class FloatingFrame(NamedTuple):
+    """B bodies in a chain. Few arrays, because each one passed to a kernel costs time to compile and to call.
+
+    table  int64 (B, 8), a row a body: first row in the system; elastic coordinates n; link; multipliers of the joint
+           behind it (0, 2 hinge, 3 with angle); motion that prescribes that joint's angle (-1: rigid); elements
+           (0: reduced to modes); drawing stations; start of its block in `data`
+    data   float64: block by block
+             length, mass m_t, S0, I0, angle of the rigid joint behind it, inertia
+             about the root that foreshortening may take (inf: as much as it likes)  6
+             S_bar (2 n), c_u (n), c (n), tip u, v, phi (3 n)                         7 n
+             G, M_ff, B, K_axial, K_bend, D0, tip H, each (n, n) by rows              7 n^2
+             per element: EA / l, then G of eq. [45] (4, 4)                           17
+             per drawing station: x, u (n), v (n), H (n, n)                           1 + 2 n + n^2
+           with names and units as in `physics.floating.constants.Body`
+    loads  int64 (n_loads, 2): body and end (0 root, 1 tip) of each point load
+    """
+
+    n: int
+    n_factor: int
+    n_inputs: int
+    fixed: np.ndarray
+    algebraic: np.ndarray
+    weight: np.ndarray
+    predictor: float
+    correction: None
+    half: int  # half width of the band
+    coupling: int
+    mass_damping: float  # 1/s
+    gravity: np.ndarray  # (2,) m/s^2
+    n_links: int
+    bound: float  # largest tip deflection of a reduced link over its length
+    table: np.ndarray
+    data: np.ndarray
+    loads: np.ndarray
+
+
+class ExactBeam(NamedTuple):
+    """N links of equal numbers of geometrically exact elements, a link's vertices shared with its neighbours.
+
+    order     tuple of p zeros: polynomial order, a compile-time constant
+    sections  float64 (N, 6): EA / 2l, C / 2l, EI / 2l, l, m l / 2, J l / 2 of each link's elements of length l
+    elbows    float64 (N - 1, 3): mass (kg), inertia left, inertia right (kg m^2)
+    damped    (0,) where tau_d > 0, otherwise None; gravity float64 (2,) m/s^2 or None; loads int64 or None: absent
+              features are compiled out
+    """
+
+    n: int
+    n_factor: int
+    n_inputs: int
+    fixed: np.ndarray
+    algebraic: None
+    weight: np.ndarray
+    predictor: float | None
+    correction: float | None
+    order: tuple[int, ...]
+    links: int
+    elements: int
+    sections: np.ndarray
+    elbows: np.ndarray
+    hub_inertia: float
+    damped: tuple[int, ...] | None
+    gravity: np.ndarray | None
+    loads: np.ndarray | None
+
+
+class Elastica(NamedTuple):
+    """A chain of N links with k nodes each: m = N k tangent angles, numbered from root to tip. SI.
+
+    Rows: angles of the nodes (the first of each link the joint's, relative), then x, y where the root can move: the
+    root's where it is prescribed, the centre of mass's in free flight.
+    Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size. One array holds
+    all constants, because each array passed to a kernel costs time to compile and to call:
+
+    data   P (m, m) kg m^2: masses but the payload's; R (N, k, k) kg m^2: rotary inertia, of hub and elbows too, less C;
+           K (N, k, k) N m: bending stiffness; b (m,) kg m: first moments, sum b_j e_j = mass (centre - root);
+           w (m,) m: sum w_j e_j = tip of the last link - root, and of each link: its tip - its root;
+           tips (m,): weights of a link's angles in its tip's angle; beta (m,) m: root = last rows - sum beta_j e_j;
+           then mass (payload left out), x and y of a root that cannot move, gravity x and y; C (N, k, k) kg m^2:
+           correction of the integrator's period; then a row of m for each point drawn: sum of weights times e_j =
+           point - root
+    loads  likewise for each point load, then the weights of the angles in the angle there, (n_loads, 2, m), or None
+    """
+
+    n: int | tuple[int, ...]
+    n_factor: int | tuple[int, ...]
+    n_inputs: int | tuple[int, ...]
+    fixed: np.ndarray
+    algebraic: None
+    weight: np.ndarray
+    predictor: tuple[float, float]
+    correction: None
+    links: int | tuple[int, ...]  # N
+    nodes: int | tuple[int, ...]  # k
+    scratch: tuple[int, ...]  # at least N k zeros: room on the stack
+    root: tuple[int, ...] | None  # a tag where the root's position is among the rows
+    gravity: tuple[int, ...] | None  # a tag where there is gravity
+    payload: tuple[int, ...] | None  # a tag where there is a payload; without it its mass in `par` is not read
+    payload_turns: tuple[int, ...] | None  # likewise for its rotary inertia
+    damping: tuple[int, ...] | None  # likewise for tau_d
+    data: np.ndarray
+    loads: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class System:
+    """An assembled scene: its Model, the arm's own parameters, the start, and where coordinates stand.
+
+    par  (4,): see PAYLOAD_MASS ... TAU_D. q0, v0 (n,): state at t = 0. coordinates: row of "joint0" ...,
+    "root_x", "root_y" (a negative entry -1 - j: prescribed by multiplier j). names (n,): of the rows.
+    notes: figures that a formulation reports about its own limits, as fractions of the arm's length.
+    """
+
+    model: Any
+    par: NDArray[np.float64]
+    q0: NDArray[np.float64]
+    v0: NDArray[np.float64]
+    coordinates: dict[str, int]
+    names: tuple[str, ...]
+    notes: dict[str, float]

@@ -1,0 +1,70 @@
+"""What a formulation provides to the integrator, chosen by the type of its Model when a kernel is compiled.
+
+A formulation's Model is a NamedTuple of arrays and numbers, never written after assembly. Every Model has
+
+    n          int, or a tuple of n zeros where n is to be a compile-time constant: rows of the system
+    n_factor   likewise: float64 entries per arm that the iteration matrix and its factors need
+    n_inputs   likewise: entries of u (joint torques first, then force x, force y, torque of each point load)
+    fixed      int64 (n_fixed,), may be empty: coordinates that never move (a ground pin)
+    algebraic  int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
+    weight     float64 (n,): one over the size that matters of each coordinate (1/L for lengths, 1 for angles)
+    predictor  float: 1 starts Newton from the last acceleration, 0 from none; (that, kappa): the first increment is
+               trusted to leave an error of kappa times its square; None: from none, then `predict`
+    correction float: twice the share kappa of (omega h)^2 by which the integrator makes a period longer, which steps
+               are then corrected for (`period`); None: they are not
+
+and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes, `par` the arm's own parameters):
+
+    predict(lane, model, start, q)   only where predictor is None: a better q than the given one to start Newton from;
+        its first increment is then trusted to leave an error of 10 times its square
+    assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S)
+        r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and  S = cm dr/da + cc dr/dv + ck dr/dq, eqs. [64]-[78];
+        rows of multipliers belong to `constrain`, except that columns of multipliers are scaled by cm;
+        cm = 0 asks for the residual alone and must leave S as it is
+    inertia(lane, model, par, a, r)  only where correction is not None: r = M a, M being constant
+    turn(lane, model, start, q, share, x)   likewise: turn each vector in x by a share of what the body there turns by
+        from start to q
+    constrain(lane, model, psi, q, v, a, level, scale, r)
+        the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
+    pin(lane, model, S, k)           replace row and column k of S by those of the identity
+    factor(lane, model, S)           factor S in place
+    solve(lane, model, S, x)         x <- S^-1 x in place
+    ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
+    dissipation(lane, model, par, q, v)  power lost in material damping, W
+    energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
+    link_poses(lane, model, par, q, v, out)   12 numbers a link: root x, y, angle and rates, tip x, y, angle and rates
+    out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
+    shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
+"""
+
+from __future__ import annotations
+
+from ..compiler.decorator import kernel
+from ..compiler.dispatch import Family
+
+
+@kernel
+def _no_guess(lane, model, start, q):  # type: ignore[no-untyped-def]
+    """`predict` of a formulation that has none."""
+
+
+FORMULATIONS = Family("model", predict=_no_guess)
+"""Each formulation's functions, by the class of its Model."""
+
+register = FORMULATIONS.register
+REGISTRY = FORMULATIONS.members
+
+assemble = FORMULATIONS.function("assemble", "lane, model, par, q, v, a, u, cm, cc, ck, r, S")
+inertia = FORMULATIONS.function("inertia", "lane, model, par, a, r")
+turn = FORMULATIONS.function("turn", "lane, model, start, q, share, x")
+predict = FORMULATIONS.function("predict", "lane, model, start, q")
+constrain = FORMULATIONS.function("constrain", "lane, model, psi, q, v, a, level, scale, r")
+pin = FORMULATIONS.function("pin", "lane, model, S, k")
+factor = FORMULATIONS.function("factor", "lane, model, S")
+solve = FORMULATIONS.function("solve", "lane, model, S, x")
+ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
+dissipation = FORMULATIONS.function("dissipation", "lane, model, par, q, v")
+energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
+link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")
+out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
+shape = FORMULATIONS.function("shape", "model, q, points")

@@ -1,0 +1,233 @@
+"""One control period of a batch of arms: everything between an action and an observation.
+
+A `Program` holds all of it, reached by one address (`address.py`). Arms stand in groups of L = len(lane); row g of
+`block` belongs to arms g L ... g L + L - 1 and holds, with lanes inside, the sections of `Layout`. Per arm, not in
+lanes: action, observation, reward, flags, and the stream of random numbers.
+
+A lane whose Newton iteration fails is put back to where the period began and reported: the caller repeats that arm
+alone, where steps can be halved; its neighbours have gone on, untouched.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..compiler.decorator import kernel
+from ..compiler.dispatch import size
+from ..compiler.entry import follow
+from ..compiler.lanes import absolute, load, select_lt, splat, store
+from ..compiler.stack import stack
+from ..physics.arithmetic import put
+from ..physics.integrator.keeping import keep, put_back
+from ..physics.integrator.work import unpack
+from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
+from ..physics.protocol import energy, link_poses, out_of_range
+from ..tasks.program import (
+    ACTION_NOT_FINITE,
+    DEFLECTION,
+    ENERGIES,
+    ERROR,
+    FRESH,
+    FRICTION,
+    GOAL,
+    GUIDED,
+    IN_RANGE,
+    JOINT_LIMIT,
+    LIMIT,
+    MODE,
+    OVER,
+    REASON,
+    RETRY,
+    REWARD,
+    RUNNING,
+    STEP,
+    SUCCESS,
+    TRUNCATED,
+)
+from ..tasks.task import judge, observe
+from ..tasks.track import look_ahead, move_targets
+from .fitted import move
+from .sensors import read_gauges, sense
+
+_PAIR = (0, 0)
+
+
+@kernel
+def step(address, first, last):  # type: ignore[no-untyped-def]
+    """One control period of groups first ... last - 1; returns how many arms want the caller's attention."""
+    p = follow(address)
+    count = 0
+    for g in range(first, last):
+        block = p.block[g * p.layout.row : (g + 1) * p.layout.row]
+        count += _period(p.lane, p, g, block, unpack(p.lane, p.model, block, 0))
+    return count
+
+
+@kernel
+def _period(lane, p, g, block, w):  # type: ignore[no-untyped-def]
+    """One control period of group g; returns how many of its arms have ended, are guided, or must be repeated alone."""
+    task, layout, model = p.task, p.layout, p.model
+    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
+    record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
+    seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
+    saved = block[layout.saved : layout.end]
+    _read_actions(lane, task, p.n, p.action, g, action, record, w.flag)
+    keep(lane, size(model.n), w, record, saved)
+    best = block[layout.end : layout.row]
+    move(lane, p, p.models, par, poses, record, action, saved, best, block, w)
+    link_poses(lane, model, par, w.q, w.v, poses)
+    move_targets(lane, p.reference, task, p.period, record)
+    observe(lane, task, poses, record, seen)
+    look_ahead(len(lane), p.reference, task, p.period, False, poses, record, seen)
+    read_gauges(lane, p.sensors, p.entries, model, w.q, seen)
+    live = _live(lane, p.entries, w.flag, seen)
+    pair = stack(lane, _PAIR)
+    reward, past = judge(lane, task, poses, action, record, live, info)
+    store(pair, 0, reward)
+    store(pair, 1, past)
+    _note(lane, task, p.actuator, p.estimate, record, w.u, live, info)
+    inside = select_lt(out_of_range(lane, model, par, w.q), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+    put(live, info, tail_of(task) + IN_RANGE, inside, load(lane, info, tail_of(task) + IN_RANGE))
+    note_energies(lane, p.books, task, model, par, record, w, live, info)
+    return _close(lane, p, g, w, record, seen, info, saved, pair)
+
+
+@kernel
+def _read_actions(lane, task, n, actions, g, action, record, flag):  # type: ignore[no-untyped-def]
+    """Clipped actions in lanes; flag: OK for an arm to be moved, another code for one to be left alone."""
+    lanes, n_joints = len(lane), size(task.links)
+    for i in range(lanes):
+        arm = g * lanes + i
+        code = float(RETRY)
+        if arm < n:
+            if record[MODE * lanes + i] == RUNNING:
+                code = float(OK)
+            for k in range(n_joints):
+                a = float(actions[arm * n_joints + k])
+                if not math.isfinite(a):
+                    a = 0.0
+                    if code == OK:
+                        code = float(ACTION_NOT_FINITE)
+                action[k * lanes + i] = min(1.0, max(-1.0, a))
+        flag[i] = code
+
+
+@kernel
+def _live(lane, entries, flag, seen):  # type: ignore[no-untyped-def]
+    """1 where an arm was moved and is sound; what is not finite is flagged."""
+    code = load(lane, flag, 0)
+    for k in range(entries):
+        finite = select_lt(absolute(load(lane, seen, k)), np.inf, splat(lane, 0.0), splat(lane, float(NOT_FINITE)))
+        code = select_lt(code, 0.5, finite, code)
+    store(flag, 0, code)
+    return select_lt(code, 0.5, splat(lane, 1.0), splat(lane, 0.0))
+
+
+@kernel
+def tail_of(task):  # type: ignore[no-untyped-def]
+    """First entry of the tail of info."""
+    return DEFLECTION + 2 * size(task.links) + size(task.targets) + size(task.terms)
+
+
+@kernel
+def _note(lane, task, actuator, estimate, record, u, live, info):  # type: ignore[no-untyped-def]
+    """Torques, error estimate and no reason into info."""
+    n, tail = size(task.links), tail_of(task)
+    torques = DEFLECTION + n + size(task.targets)
+    for k in range(n):
+        torque = load(lane, u, k)
+        if actuator is not None:
+            torque = load(lane, record, GOAL + n + k)
+        put(live, info, torques + k, torque, load(lane, info, torques + k))
+    put(live, info, tail + ERROR, splat(lane, estimate), load(lane, info, tail + ERROR))
+    put(live, info, tail + REASON, splat(lane, 0.0), load(lane, info, tail + REASON))
+
+
+@kernel
+def note_energies(lane, books, task, model, par, record, w, live, info):  # type: ignore[no-untyped-def]
+    """Energies into info; friction's loss is dissipation, and no work of the motors."""
+    if books is not None:
+        kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)
+        friction = load(lane, record, FRICTION)
+        first = tail_of(task) + ENERGIES
+        put(live, info, first, kinetic, load(lane, info, first))
+        put(live, info, first + 1, strain, load(lane, info, first + 1))
+        put(live, info, first + 2, gravity, load(lane, info, first + 2))
+        put(live, info, first + 3, load(lane, w.books, 1) + friction, load(lane, info, first + 3))
+        put(live, info, first + 4, load(lane, w.books, 0) + friction, load(lane, info, first + 4))
+
+
+@kernel
+def _close(lane, p, g, w, record, seen, info, saved, pair):  # type: ignore[no-untyped-def]
+    """Arm by arm: what the caller sees; returns how many arms have ended, are guided, or must be repeated alone.
+
+    pair: reward and 1 where a joint is past its limits, in lanes.
+    """
+    lanes = len(lane)
+    n, reason_at = size(p.model.n), (tail_of(p.task) + REASON) * lanes
+    count = 0
+    for i in range(lanes):
+        arm = g * lanes + i
+        if arm >= p.n:
+            continue
+        mode, reason = record[MODE * lanes + i], w.flag[i]
+        if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
+            if reason == ACTION_NOT_FINITE:
+                put_back(lanes, i, n, w, saved, record)
+            elif reason == OK and pair[lanes + i] > 0.5:
+                reason = float(JOINT_LIMIT)
+            count += settle(lanes, p, arm, pair[i], reason, record, seen, info)
+            continue
+        put_back(lanes, i, n, w, saved, record)
+        if mode == RUNNING:
+            info[reason_at + i] = float(RETRY)
+            count += 1
+        elif mode == FRESH:
+            record[MODE * lanes + i] = float(RUNNING)
+        elif mode == GUIDED:
+            count += 1
+    show(lane, g, p.block.shape[0] // p.layout.row, info, p.table)
+    return count
+
+
+@kernel
+def show(lane, g, groups, info, table):  # type: ignore[no-untyped-def]
+    """The info of group g into the caller's table."""
+    column = table[g * len(lane) :]
+    for k in range(info.shape[0] // len(lane)):
+        store(column, k * groups, load(lane, info, k))
+
+
+@kernel
+def settle(lanes, p, arm, reward, reason, record, seen, info):  # type: ignore[no-untyped-def]
+    """The outcome of one arm's period into the arrays that the caller reads; returns 1 where its episode has ended."""
+    task, i = p.task, arm % lanes
+    n_terms, tail = size(task.terms), tail_of(task)
+    if reason == OK or reason == JOINT_LIMIT:
+        sense(lanes, p.sensors, p.entries, p.stream, arm, record, seen, p.observation, False)
+    else:
+        info[SUCCESS * lanes + i] = 0.0
+        for k in range(tail - n_terms, tail):
+            info[k * lanes + i] = 0.0
+        reward = 0.0
+    if reason == OUT_OF_RANGE:
+        info[(tail + IN_RANGE) * lanes + i] = 0.0
+    lost = 0.0
+    if reason != OK:
+        lost = -task.weights[n_terms - 1]
+    info[(tail - 1) * lanes + i] = lost
+    info[(tail + REASON) * lanes + i] = reason
+    steps = record[STEP * lanes + i] + 1.0
+    record[STEP * lanes + i] = steps
+    over = steps > record[LIMIT * lanes + i] - 0.5
+    info[(tail + REWARD) * lanes + i] = reward + lost
+    info[(tail + TRUNCATED) * lanes + i] = 1.0 if over else 0.0
+    p.reward[arm] = reward + lost
+    p.terminated[arm] = np.uint8(reason != OK)
+    p.truncated[arm] = np.uint8(over)
+    if over or reason != OK:
+        record[MODE * lanes + i] = float(OVER)
+        return 1
+    return 0

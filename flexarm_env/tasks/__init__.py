@@ -1,0 +1,1 @@
+"""What is asked of an arm: targets, observations, rewards, moving targets."""

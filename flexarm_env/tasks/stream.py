@@ -1,0 +1,18 @@
+"""The arms' streams of random numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiler.decorator import kernel
+
+
+@kernel
+def uniform(stream, arm):  # type: ignore[no-untyped-def]
+    """The next number of an arm's stream, in [0, 1): SplitMix64 (Steele, Lea & Flood 2014)."""
+    z = stream[arm] + np.uint64(0x9E3779B97F4A7C15)
+    stream[arm] = z
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return float(z >> np.uint64(11)) * 1.1102230246251565e-16
