@@ -248,7 +248,7 @@ class Batch:
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
         self._begin = entry(starts.begin, self._placed, 0, 0)
         self._witness: Any = None
-        self._native = native(environment.step, self._placed, 0, 0)
+        self._native = native(environment.step, self._placed, 0, 0) if self.threads > 1 else 0
         self._crew = Crew(self.threads - 1)
         self._alone: Batch | None = None
         for i in range(self.groups * lanes):

@@ -1,1 +1,35 @@
 """A compiler of kernels: what the physics says of it is a dozen words (docs: compiler)."""
+
+from .arrays import bare, stack
+from .crew import Crew, OneAtATime, holders, one_at_a_time
+from .decorator import kernel
+from .dispatch import NONE, NUMBER, TUPLE, Family, by_kind, size
+from .entry import Placed, entry, follow, native
+from .lanes import (
+    EIGHT,
+    SINGLE,
+    WIDEST,
+    absolute,
+    largest,
+    load,
+    maximum,
+    round_even,
+    select_lt,
+    sincos,
+    splat,
+    square_root,
+    store,
+)
+from .private import MODE, WHY, selfcheck
+from .trace import aligned_frame, traced, unrolled
+
+__all__ = [
+    "kernel",
+    "SINGLE", "EIGHT", "WIDEST", "load", "store", "splat",
+    "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
+    "bare", "stack", "unrolled", "traced", "aligned_frame",
+    "Family", "by_kind", "size", "NONE", "NUMBER", "TUPLE",
+    "Placed", "entry", "follow", "native",
+    "Crew", "OneAtATime", "one_at_a_time", "holders",
+    "MODE", "WHY", "selfcheck",
+]  # fmt: skip

@@ -1,10 +1,13 @@
-"""Arrays without reference counts, for the inside of a compiled function.
+"""Arrays without reference counts, for the inside of a compiled function, and room for them on the stack.
 
 Numba counts references to every array that is taken out of a tuple, with an atomic increment and decrement that the
 optimiser cannot always pair off: hundreds of calls in a step. `bare(x)` makes of an array, or of each array in a
 named tuple, a pointer and a length (one-dimensional arrays only). The caller's arrays live as long as its call, so
 nothing is lost. A bare array has `a[i]`, `a[i] = x`, `a[start:stop]`, `a.shape`, and works with `load` and `store` of
 `lanes.py`; an index is not negative and not checked.
+
+`stack(lane, sizes)` gives a bare array of `len(sizes)` lanes, not initialised, that lives as long as the call. Where
+the compiler can follow every index into it, it becomes registers.
 """
 
 from __future__ import annotations
@@ -12,11 +15,18 @@ from __future__ import annotations
 import operator
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import config, types
 from numba.core import cgutils
-from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, lower_getattr, models, register_model
+from numba.extending import (
+    intrinsic,
+    lower_builtin,
+    make_attribute_wrapper,
+    models,
+    register_model,
+    type_callable,
+)
 
 _INDEX = ir.IntType(64)
 
@@ -32,7 +42,11 @@ class BareType(types.Type):  # type: ignore[misc]
 @register_model(BareType)
 class _BareModel(models.StructModel):  # type: ignore[misc]
     def __init__(self, manager: Any, fe_type: BareType) -> None:
-        super().__init__(manager, fe_type, [("data", types.CPointer(fe_type.dtype)), ("size", types.intp)])
+        members = [("data", types.CPointer(fe_type.dtype)), ("shape", types.UniTuple(types.intp, 1))]
+        super().__init__(manager, fe_type, members)
+
+
+make_attribute_wrapper(BareType, "shape", "shape")
 
 
 def bare_type(kind: Any) -> Any:
@@ -45,8 +59,15 @@ def bare_type(kind: Any) -> Any:
 
 
 def struct(context: Any, builder: Any, kind: BareType, value: Any = None) -> Any:
-    """A bare array's members `data` and `size`; without a value, those of a new one."""
+    """A bare array's members `data` and `shape`; without a value, those of a new one."""
     return cgutils.create_struct_proxy(kind)(context, builder, value)
+
+
+def _made(context: Any, builder: Any, kind: BareType, data: Any, size: Any) -> Any:
+    """A bare array of `size` numbers at `data`."""
+    array = struct(context, builder, kind)
+    array.data, array.shape = data, context.make_tuple(builder, types.UniTuple(types.intp, 1), [size])
+    return array._getvalue()
 
 
 def pointer(context: Any, builder: Any, kind: Any, array: Any) -> Any:
@@ -60,9 +81,7 @@ def _convert(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     target = bare_type(kind)
     if isinstance(target, BareType) and target != kind:
         array = context.make_array(kind)(context, builder, value)
-        result = struct(context, builder, target)
-        result.data, result.size = array.data, array.nitems
-        return result._getvalue()
+        return _made(context, builder, target, array.data, array.nitems)
     if isinstance(kind, types.BaseNamedTuple):
         parts = [_convert(context, builder, k, builder.extract_value(value, i)) for i, k in enumerate(kind)]
         return context.make_tuple(builder, target, parts)
@@ -87,38 +106,34 @@ def _as_it_is(x: Any) -> Any:
 bare = _as_it_is if config.DISABLE_JIT else _bare
 
 
-@infer_global(operator.getitem)
-class _GetItem(AbstractTemplate):  # type: ignore[misc]
-    def generic(self, args: Any, kws: Any) -> Any:
-        array, i = args
+@type_callable(operator.getitem)  # type: ignore[untyped-decorator]
+def _type_get(context: Any) -> Any:
+    def typer(array: Any, i: Any) -> Any:
         if isinstance(array, BareType) and isinstance(i, types.Integer):
-            return signature(array.dtype, array, types.intp)
+            return array.dtype(array, types.intp)
         if isinstance(array, BareType) and isinstance(i, types.SliceType) and not i.has_step:
-            return signature(array, array, i)
+            return array(array, i)
         return None
 
+    return typer
 
-@infer_global(operator.setitem)
-class _SetItem(AbstractTemplate):  # type: ignore[misc]
-    def generic(self, args: Any, kws: Any) -> Any:
-        array, i, _ = args
+
+@type_callable(operator.setitem)  # type: ignore[untyped-decorator]
+def _type_set(context: Any) -> Any:
+    def typer(array: Any, i: Any, value: Any) -> Any:
         if isinstance(array, BareType) and isinstance(i, types.Integer):
-            return signature(types.void, array, types.intp, array.dtype)
+            return types.void(array, types.intp, array.dtype)
         return None
 
-
-@infer_global(len)
-class _Length(AbstractTemplate):  # type: ignore[misc]
-    def generic(self, args: Any, kws: Any) -> Any:
-        return signature(types.intp, *args) if isinstance(args[0], BareType) else None
+    return typer
 
 
-@infer_getattr
-class _Attributes(AttributeTemplate):  # type: ignore[misc]
-    key = BareType
+@type_callable(len)  # type: ignore[untyped-decorator]
+def _type_length(context: Any) -> Any:
+    def typer(array: Any) -> Any:
+        return types.intp if isinstance(array, BareType) else None
 
-    def resolve_shape(self, array: Any) -> Any:
-        return types.UniTuple(types.intp, 1)
+    return typer
 
 
 @lower_builtin(operator.getitem, BareType, types.Integer)  # type: ignore[untyped-decorator]
@@ -135,20 +150,36 @@ def _set(context: Any, builder: Any, signature: Any, args: Any) -> Any:
 
 @lower_builtin(operator.getitem, BareType, types.SliceType)  # type: ignore[untyped-decorator]
 def _part(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    whole = struct(context, builder, signature.args[0], args[0])
     part = context.make_helper(builder, signature.args[1], args[1])
-    stop = builder.select(builder.icmp_signed("<", part.stop, whole.size), part.stop, whole.size)
-    result = struct(context, builder, signature.return_type)
-    result.data = builder.gep(whole.data, [part.start], inbounds=True)
-    result.size = builder.sub(stop, part.start)
-    return result._getvalue()
+    whole, size = struct(context, builder, signature.args[0], args[0]), _size(context, builder, signature, args)
+    stop = builder.select(builder.icmp_signed("<", part.stop, size), part.stop, size)
+    first = builder.gep(whole.data, [part.start], inbounds=True)
+    return _made(context, builder, signature.return_type, first, builder.sub(stop, part.start))
 
 
 @lower_builtin(len, BareType)  # type: ignore[untyped-decorator]
 def _size(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    return struct(context, builder, signature.args[0], args[0]).size
+    return builder.extract_value(struct(context, builder, signature.args[0], args[0]).shape, 0)
 
 
-@lower_getattr(BareType, "shape")  # type: ignore[untyped-decorator]
-def _shape(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    return context.make_tuple(builder, types.UniTuple(types.intp, 1), [struct(context, builder, kind, value).size])
+@intrinsic  # type: ignore[untyped-decorator]
+def _stack(typingctx: Any, lane: Any, sizes: Any) -> Any:
+    """A bare float64 array for `len(sizes)` values per lane of the tag `lane`; both are tuples of zeros."""
+    length = len(lane) * len(sizes)
+    kind = BareType(types.float64)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        with builder.goto_entry_block():
+            room = builder.alloca(ir.ArrayType(ir.DoubleType(), length))
+            room.align = 64
+        data = builder.bitcast(room, ir.DoubleType().as_pointer())
+        return _made(context, builder, kind, data, ir.Constant(_INDEX, length))
+
+    return kind(lane, sizes), codegen
+
+
+def _py_stack(lane: tuple[int, ...], sizes: tuple[int, ...]) -> np.ndarray:
+    return np.full(len(lane) * len(sizes), np.nan)
+
+
+stack = _py_stack if config.DISABLE_JIT else _stack

@@ -1,6 +1,7 @@
 """Functions that are chosen when a kernel is compiled: by the class of an argument, or by what kind of value it is.
 
-They are typed and lowered as a direct call of the chosen kernel: an overload would be one more library to compile.
+Whole, they are typed and lowered as a direct call of the chosen kernel; plain, they are overloads, each of which is one
+more library to compile.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import config, types
-from numba.core.typing.templates import AbstractTemplate, infer_global
-from numba.extending import lower_builtin
+from numba.extending import overload
 
-from .decorator import kernel
+from .decorator import OPTIONS, kernel
+from .private import MODE
 
 NONE, NUMBER, TUPLE = "none", "number", "tuple"
 """Kinds of value that `by_kind` tells apart."""
@@ -41,8 +42,8 @@ class Family:
         def function(*args: Any) -> Any:
             return self.members[type(args[place])][name](*args)
 
-        _take_name(function, name, sys._getframe(1).f_globals)
-        _lower_as_call(function, lambda kinds: self.members[kinds[place].instance_class][name])
+        take_name(function, name, sys._getframe(1).f_globals)
+        call_chosen(function, lambda kinds: self.members[kinds[place].instance_class][name])
         return function
 
 
@@ -62,8 +63,8 @@ def by_kind(argument: str, arguments: str) -> Callable[[Callable[[str], Any]], C
             return choose(TUPLE if isinstance(kind, types.BaseTuple) else NUMBER)
 
         function.__doc__ = choose.__doc__
-        _take_name(function, choose.__name__, sys._getframe(1).f_globals)
-        _lower_as_call(function, chosen)
+        take_name(function, choose.__name__, sys._getframe(1).f_globals)
+        call_chosen(function, chosen)
         return function
 
     return decorate
@@ -73,27 +74,31 @@ def _place(arguments: str, argument: str) -> int:
     return [word.strip() for word in arguments.split(",")].index(argument)
 
 
-def _take_name(function: Any, name: str, scope: dict[str, Any]) -> None:
+def take_name(function: Any, name: str, scope: dict[str, Any]) -> None:
     """Name and module of the caller's, where Numba looks for it."""
     function.__name__ = function.__qualname__ = name
     function.__module__ = scope["__name__"]
     scope[name] = function
 
 
-def _lower_as_call(function: Any, chosen: Callable[[Any], Any]) -> None:
-    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+def call_chosen(function: Any, chosen: Callable[[Any], Any]) -> None:
+    """Have compiled code that calls `function` call what `chosen` gives for the arguments' Numba types."""
+    if config.DISABLE_JIT:
+        return
+    if MODE == "whole":
+        from .whole import lower_as_call
+
+        lower_as_call(function, chosen)
         return
 
-    @infer_global(function)
-    class _Template(AbstractTemplate):  # type: ignore[misc]
-        def generic(self, args: Any, kws: Any) -> Any:
-            return types.Dispatcher(chosen(args)).get_call_type(self.context, args, kws)
+    @overload(function, jit_options=OPTIONS)  # type: ignore[untyped-decorator]
+    def _typed(*kinds: Any) -> Any:
+        target = chosen(kinds)
 
-    @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
-    def _lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        call = context.get_function(types.Dispatcher(chosen(signature.args)), signature)
-        context.add_linking_libs(getattr(call, "libs", ()))
-        return call(builder, args)
+        def call(*kinds: Any) -> Any:  # Numba wants the same names here and there
+            return target(*kinds)
+
+        return call
 
 
 @kernel

@@ -2,22 +2,27 @@
 
 Handing a NamedTuple of twenty arrays to a compiled function takes microseconds, more than a control period of a small
 arm. `Placed` writes the unpacked tuple, its arrays bare, into a buffer once; `follow` reads it back inside compiled
-code. The Python side keeps buffer and arrays alive and calls the compiled function through `entry`, which skips the
-dispatcher's look at the types.
+code. The Python side keeps buffer and arrays alive and calls the compiled function through `entry`: whole, that skips
+the dispatcher's look at the types; plain, the address brings its type along, and threads call a C function.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import config, typeof, types
-from numba.extending import NativeValue, intrinsic, models, register_model, unbox
+from numba import cfunc, config, typeof, types
+from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
 
 from .arrays import bare, bare_type
 from .decorator import kernel
+from .private import MODE
+
+FAILED = -1
+"""What the machine code at an address is taken to have returned where it has raised an error."""
 
 
 class Address(types.Type):  # type: ignore[misc]
@@ -39,6 +44,21 @@ def _unbox_address(typ: Any, obj: Any, c: Any) -> Any:
     return NativeValue(c.pyapi.long_as_longlong(obj))
 
 
+class PlainAddress:
+    """An address for Numba's dispatcher, which has to be told its type."""
+
+    def __init__(self, word: int, kind: Address) -> None:
+        self._word, self.kind = word, kind
+
+    def __index__(self) -> int:
+        return self._word
+
+
+@typeof_impl.register(PlainAddress)  # type: ignore[untyped-decorator]
+def _typeof_address(address: PlainAddress, c: Any) -> Address:
+    return address.kind
+
+
 def _unowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """The value, its arrays of more dimensions (which `bare` leaves) without an owner whose references are counted."""
     if isinstance(kind, types.Array):
@@ -54,16 +74,21 @@ def _unowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _write(typingctx: Any, buffer: Any, value: Any) -> Any:
+def _write(typingctx: Any, buffer: Any, value: Any, places: Any) -> Any:
+    """Write a value into a buffer and where each of its parts begins, in bytes, into places; the value's size."""
+
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = signature.args[1]
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        kind, word, slot = signature.args[1], ir.IntType(64), ir.IntType(32)
+        data, found = (context.make_array(signature.args[k])(context, builder, args[k]).data for k in (0, 2))
         target = builder.bitcast(data, context.get_value_type(kind).as_pointer())
         builder.store(_unowned(context, builder, kind, args[1]), target, align=8)
-        size = context.get_abi_sizeof(context.get_value_type(kind))
-        return ir.Constant(ir.IntType(64), size)
+        begin = builder.ptrtoint(target, word)
+        for i in range(len(kind)):
+            part = builder.ptrtoint(builder.gep(target, [slot(0), slot(i)]), word)
+            builder.store(builder.sub(part, begin), builder.gep(found, [word(i)]))
+        return ir.Constant(word, context.get_abi_sizeof(context.get_value_type(kind)))
 
-    return types.int64(buffer, value), codegen
+    return types.int64(buffer, value, places), codegen
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -82,8 +107,8 @@ if config.DISABLE_JIT:
 
 
 @kernel
-def _place(buffer, value):  # type: ignore[no-untyped-def]
-    return _write(buffer, bare(value))
+def _place(buffer, value, places):  # type: ignore[no-untyped-def]
+    return _write(buffer, bare(value), places)
 
 
 class Placed:
@@ -97,12 +122,13 @@ class Placed:
         self.address: Any = value
         if config.DISABLE_JIT:
             return
-        self._buffer = np.zeros(8192, np.uint64)
-        used = _place(self._buffer, value)
+        self._buffer, places = np.zeros(8192, np.uint64), np.zeros(len(value), np.int64)
+        used = _place(self._buffer, value, places)
         assert used <= self._buffer.nbytes
-        self.address = int(self._buffer.ctypes.data)
         self.kind = Address(bare_type(typeof(value)))
-        self._words: dict[str, int] = {}
+        word = int(self._buffer.ctypes.data)
+        self.address = word if MODE == "whole" else PlainAddress(word, self.kind)
+        self._words = dict(zip(value._fields, (places // self._buffer.itemsize).tolist(), strict=True))
         self._held: dict[str, Any] = {}
 
     def replace(self, name: str, array: Any) -> None:
@@ -110,30 +136,51 @@ class Placed:
         if config.DISABLE_JIT:
             self.address = self.value = self.value._replace(**{name: array.reshape(-1)})
             return
-        if name not in self._words:  # the one word of the buffer that holds the old array's address
-            (word,) = np.flatnonzero(self._buffer == getattr(self.value, name).ctypes.data)
-            self._words[name] = int(word)
         self._held[name] = array
-        self._buffer[self._words[name]] = array.__array_interface__["data"][0]
+        self._buffer[self._words[name]] = array.__array_interface__["data"][0]  # a bare array begins with its address
 
 
 def entry(function: Any, placed: Placed, *arguments: Any) -> Callable[..., Any]:
     """The compiled form of `function(address, *arguments)`; later calls must bring the same types (nothing checks)."""
-    if config.DISABLE_JIT:
+    if config.DISABLE_JIT or MODE == "plain":
         return function  # type: ignore[no-any-return]
-    compiled: Callable[..., Any] = _form(function, placed, arguments).entry_point
-    return compiled
+    return _form(function, placed, arguments)[0]
 
 
 def native(function: Any, placed: Placed, *arguments: Any) -> int:
-    """Where the machine code of the same function begins; 0 where nothing is compiled."""
+    """Where the machine code of the same function of whole numbers begins; 0 where nothing is compiled."""
     if config.DISABLE_JIT:
         return 0
-    form = _form(function, placed, arguments)
-    return int(form.library.get_pointer_to_function(form.fndesc.llvm_func_name))
+    if MODE == "plain":
+        return _c_function(function, placed.kind, len(arguments))
+    return _form(function, placed, arguments)[1]
 
 
-def _form(function: Any, placed: Placed, arguments: tuple[Any, ...]) -> Any:
-    signature = (placed.kind, *(typeof(argument) for argument in arguments))
-    function.compile(signature)
-    return function.overloads[signature]
+def _form(function: Any, placed: Placed, arguments: tuple[Any, ...]) -> tuple[Callable[..., Any], int]:
+    from .whole import form
+
+    return form(function, (placed.kind, *(typeof(argument) for argument in arguments)))
+
+
+@cache
+def _c_function(function: Any, kind: Address, count: int) -> int:
+    """The address of a C function of whole numbers that calls function(address, first, last)."""
+    assert count == 2
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def address(typingctx: Any, word: Any) -> Any:
+        return kind(types.int64), lambda context, builder, signature, args: args[0]
+
+    def guarded(word, first, last):  # type: ignore[no-untyped-def]
+        try:
+            return function(address(word), first, last)
+        except Exception:
+            return FAILED
+
+    made = cfunc(types.int64(types.int64, types.int64, types.int64), error_model="numpy")(guarded)
+    _kept.append(made)
+    return int(made.address)
+
+
+_kept: list[Any] = []
+"""C functions live as long as the process."""

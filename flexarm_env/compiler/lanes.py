@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import config, types
-from numba.core import cgutils
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 from .arrays import pointer
@@ -57,7 +56,8 @@ def _width(numba_type: Any) -> int:
     return numba_type.count if isinstance(numba_type, LanesType) else 1
 
 
-def _lane_type(count: int) -> Any:
+def lane_type(count: int) -> Any:
+    """The type of what `count` lanes hold."""
     return types.float64 if count == 1 else LanesType(count)
 
 
@@ -175,7 +175,7 @@ def _load(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.load(_pointer(context, builder, signature.args[1], args[1], args[2], count), align=8)
 
-    return _lane_type(count)(lane, array, types.intp), codegen
+    return lane_type(count)(lane, array, types.intp), codegen
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -195,7 +195,7 @@ def _splat(typingctx: Any, lane: Any, x: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return broadcast(builder, args[1], count)
 
-    return _lane_type(count)(lane, types.float64), codegen
+    return lane_type(count)(lane, types.float64), codegen
 
 
 load, store, splat = _either(_py_load, _load), _either(_py_store, _store), _either(_py_splat, _splat)
@@ -238,7 +238,7 @@ def _select_lt(typingctx: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
         return builder.select(builder.fcmp_ordered("<", a_, b_), x_, y_)
 
     arguments = [kind if isinstance(kind, LanesType) else types.float64 for kind in (a, b, x, y)]
-    return _lane_type(count)(*arguments), codegen
+    return lane_type(count)(*arguments), codegen
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -254,7 +254,7 @@ def _largest(typingctx: Any, x: Any) -> Any:
             result = builder.select(builder.fcmp_ordered("<", result, entry), entry, result)
         return result
 
-    return types.float64(_lane_type(count)), codegen
+    return types.float64(lane_type(count)), codegen
 
 
 def _unary(name: str) -> Any:
@@ -265,9 +265,9 @@ def _unary(name: str) -> Any:
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             kind = ir.FunctionType(_vector(count), [_vector(count)])
-            return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"{name}.{suffix}"), args)
+            return builder.call(builder.module.declare_intrinsic(f"{name}.{suffix}", (), kind), args)
 
-        return _lane_type(count)(_lane_type(count)), codegen
+        return lane_type(count)(lane_type(count)), codegen
 
     return function
 
@@ -307,7 +307,7 @@ def turned(builder: Any, t: Any, s: Any, c: Any, count: int) -> tuple[Any, Any]:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _turn(typingctx: Any, t: Any, s: Any, c: Any) -> Any:
-    kind = _lane_type(max(_width(x) for x in (t, s, c)))
+    kind = lane_type(max(_width(x) for x in (t, s, c)))
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         t, s, c = args

@@ -9,9 +9,12 @@ anybody's, are compiled as Numba always does: they may be called from elsewhere.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
 
+from llvmlite import ir
+from numba import types
 from numba.core import sigutils
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -20,6 +23,8 @@ from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.targetconfig import ConfigStack
 from numba.core.typed_passes import NopythonTypeInference
+from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.extending import lower_builtin
 
 from .cache import KernelCache
 from .waiting import announced
@@ -131,3 +136,39 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             self.targetctx.insert_user_function(marker, made.fndesc, [made.library])
             self.overloads[args] = made._replace(entry_point=marker)
             return marker
+
+
+def form(function: Any, kinds: tuple[Any, ...]) -> tuple[Callable[..., Any], int]:
+    """The compiled form for argument types: what Python calls without a look at the types, and its address."""
+    function.compile(kinds)
+    made = function.overloads[kinds]
+    return made.entry_point, int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
+
+
+def call_native(builder: Any, function: Any, args: list[Any], failed: int) -> Any:
+    """The call of a form's address with whole numbers, by Numba's calling convention; `failed` where it raises."""
+    word, status, error = ir.IntType(64), ir.IntType(32), ir.IntType(8).as_pointer()
+    kind = ir.FunctionType(status, [word.as_pointer(), error.as_pointer(), *[word for _ in args]])
+    result, raised = builder.alloca(word), builder.alloca(error)
+    code = builder.call(builder.inttoptr(function, kind.as_pointer()), [result, raised, *args])
+    fine = builder.icmp_signed("==", code, status(0))
+    return builder.select(fine, builder.load(result), word(failed))
+
+
+def lower_as_call(function: Any, chosen: Callable[[Any], Any]) -> None:
+    """Type and lower calls of `function` as calls of what `chosen` gives for the arguments' types."""
+
+    def _type(context: Any, kinds: Any) -> Any:
+        target = chosen(kinds)
+        return types.Dispatcher(target) if isinstance(target, CPUDispatcher) else context.resolve_value_type(target)
+
+    @infer_global(function)
+    class _Template(AbstractTemplate):  # type: ignore[misc]
+        def generic(self, args: Any, kws: Any) -> Any:
+            return _type(self.context, args).get_call_type(self.context, args, kws)
+
+    @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
+    def _lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        call = context.get_function(_type(context.typing_context, signature.args), signature)
+        context.add_linking_libs(getattr(call, "libs", ()))
+        return call(builder, args)

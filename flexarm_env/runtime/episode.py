@@ -14,11 +14,11 @@ import math
 
 import numpy as np
 
+from ..compiler.arrays import stack
 from ..compiler.decorator import kernel
 from ..compiler.dispatch import size
 from ..compiler.entry import follow
 from ..compiler.lanes import absolute, load, select_lt, splat, store
-from ..compiler.stack import stack
 from ..physics.arithmetic import put
 from ..physics.integrator.keeping import keep, put_back
 from ..physics.integrator.work import unpack

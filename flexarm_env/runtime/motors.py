@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..compiler.arrays import stack
 from ..compiler.decorator import kernel
 from ..compiler.dispatch import TUPLE, by_kind, size
 from ..compiler.lanes import load, square_root, store
-from ..compiler.stack import stack
 from ..physics.arithmetic import clip
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance

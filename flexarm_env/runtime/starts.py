@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from ..compiler.arrays import stack
 from ..compiler.decorator import kernel
 from ..compiler.dispatch import size
 from ..compiler.entry import follow
 from ..compiler.lanes import load, splat, store
-from ..compiler.stack import stack
 from ..physics.integrator.work import unpack
 from ..physics.model import OK
 from ..physics.protocol import link_poses

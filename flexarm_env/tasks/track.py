@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from ..compiler.arrays import stack
 from ..compiler.decorator import kernel
 from ..compiler.dispatch import size
-from ..compiler.stack import stack
 from ..physics.arithmetic import clip
 from .program import CLIP, GOAL, MODE, PATH, RUNNING, STEP, TARGET, TARGET_RATE
 from .stream import uniform

@@ -9,12 +9,11 @@ beta = 0 where it is prescribed; in free flight x is the centre of mass, so that
 
 from __future__ import annotations
 
+from ...compiler.arrays import stack
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.stack import stack
-from ...compiler.traced import aligned_frame
-from ...compiler.unroll import unrolled
+from ...compiler.trace import aligned_frame, unrolled
 from ..model import Elastica
 from ..protocol import register
 from .layout import absolute, offsets, weighted

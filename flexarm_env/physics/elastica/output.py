@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ...compiler.arrays import stack
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.stack import stack
 from .layout import absolute, offsets, weighted
 
 

@@ -11,7 +11,7 @@ strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = (l psi')/l, and with p
     sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l psi')^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l.
 
 Inertia: ml = m l/2, jl = J l/2. Arrays of coordinates begin at the left vertex, then interior, then right one; lists of
-an axis hold left, right, interior. All of this runs when a kernel is compiled (see traced.py): what is left of it are
+an axis hold left, right, interior. All of this runs when a kernel is compiled (see trace.py): what is left of it are
 the operations on values.
 """
 
@@ -20,7 +20,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.traced import traced
+from ...compiler.trace import traced
 from .tables import Tables, tables
 
 X, Y, T = range(3)

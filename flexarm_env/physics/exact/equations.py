@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from ...compiler.decorator import kernel
 from ...compiler.lanes import load, splat, store
-from ...compiler.traced import aligned_frame
+from ...compiler.trace import aligned_frame
 from ..model import ExactBeam
 from ..protocol import register
 from .element import VERTEX, backward, forces, forward, tangent, turns

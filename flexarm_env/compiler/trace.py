@@ -1,0 +1,295 @@
+"""Straight-line code: Python that runs once, when the kernel that calls it is compiled.
+
+A function is given symbols in place of the numbers and arrays of run time; each operation on a symbol writes one
+instruction into the calling kernel. Loops, tables, lists and dicts are gone by then, indices are constants, rooms on
+the stack are registers, and nothing but the operations is left to compile. Such a function reads and writes arrays by
+`load` and `store` (lanes.py) at indices known beforehand, and branches on no symbol; kernels and functions of its own
+module that it calls are traced with it. Tuples of zeros (lane tags, sizes) and None stand for themselves.
+
+`@unrolled` is for a kernel with loops over the Model's size `n`: where that is a tag, a tuple of zeros, it is traced;
+where it is a number, the same source is compiled as it stands. `@traced` is for functions that are Python at compile
+time throughout. Same operations in the same order, hence the same bits; where compilation is disabled both run on
+plain numbers.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import types as python
+from collections.abc import Callable, Hashable, Iterator
+from typing import Any
+
+from llvmlite import ir
+from numba import config, types
+from numba.extending import intrinsic, is_jitted
+
+from . import lanes
+from .arrays import BareType, pointer, stack
+from .dispatch import call_chosen, size, take_name
+
+_DOUBLE = ir.DoubleType()
+_SOURCES: dict[Any, Any] = {}
+"""What stands for a traced function in kernels, and the function."""
+
+
+class Value:
+    """A float64 (count 1) or a vector of lanes that exists at run time."""
+
+    def __init__(self, builder: Any, value: Any, count: int) -> None:
+        self.builder, self.value, self.count = builder, value, count
+
+    def wide(self, count: int) -> Any:
+        """The same in `count` lanes."""
+        return self.value if self.count == count else lanes.broadcast(self.builder, self.value, count)
+
+    def like(self, value: Any, count: int) -> Value:
+        """A new value."""
+        return Value(self.builder, value, count)
+
+    def other(self, x: Any) -> Value:
+        """x as a Value."""
+        return x if isinstance(x, Value) else Value(self.builder, ir.Constant(_DOUBLE, float(x)), 1)
+
+    def _binary(self, instruction: str, a: Any, b: Any) -> Value:
+        a, b = self.other(a), self.other(b)
+        count = max(a.count, b.count)
+        return self.like(getattr(self.builder, instruction)(a.wide(count), b.wide(count)), count)
+
+    def __add__(self, x: Any) -> Value:
+        return self._binary("fadd", self, x)
+
+    def __radd__(self, x: Any) -> Value:
+        return self._binary("fadd", x, self)
+
+    def __sub__(self, x: Any) -> Value:
+        return self._binary("fsub", self, x)
+
+    def __rsub__(self, x: Any) -> Value:
+        return self._binary("fsub", x, self)
+
+    def __mul__(self, x: Any) -> Value:
+        return self._binary("fmul", self, x)
+
+    def __rmul__(self, x: Any) -> Value:
+        return self._binary("fmul", x, self)
+
+    def __truediv__(self, x: Any) -> Value:
+        return self._binary("fdiv", self, x)
+
+    def __rtruediv__(self, x: Any) -> Value:
+        return self._binary("fdiv", x, self)
+
+    def __neg__(self) -> Value:
+        return self.like(self.builder.fneg(self.value), self.count)
+
+    def __bool__(self) -> bool:
+        raise TypeError("a value is not known when the kernel is written out: no branch may depend on it")
+
+    def call(self, name: str) -> Value:
+        """An LLVM intrinsic of one argument."""
+        kind = _DOUBLE if self.count == 1 else ir.VectorType(_DOUBLE, self.count)
+        suffix = "f64" if self.count == 1 else f"v{self.count}f64"
+        function = self.builder.module.declare_intrinsic(f"llvm.{name}.{suffix}", (), ir.FunctionType(kind, [kind]))
+        return self.like(self.builder.call(function, [self.value]), self.count)
+
+
+class Slots:
+    """An array at run time: `slots[k]` is its k-th number, k known at compile time."""
+
+    def __init__(self, builder: Any, data: Any) -> None:
+        self.builder, self.data = builder, data
+
+    def address(self, k: int, count: int) -> Any:
+        """Where element k of `count` lanes lies."""
+        first = self.builder.gep(self.data, [ir.Constant(ir.IntType(64), k * count)], inbounds=True)
+        return first if count == 1 else self.builder.bitcast(first, ir.VectorType(_DOUBLE, count).as_pointer())
+
+    def __getitem__(self, k: int) -> Value:
+        return self.get(k, 1)
+
+    def get(self, k: int, count: int) -> Value:
+        """Element k of `count` lanes."""
+        return Value(self.builder, self.builder.load(self.address(k, count), align=8), count)
+
+    def put(self, k: int, value: Value, count: int) -> None:
+        """Write element k."""
+        self.builder.store(value.wide(count), self.address(k, count), align=8)
+
+
+class _Tracer:
+    """What the functions of lanes.py are on symbols, for one count of lanes."""
+
+    def __init__(self, builder: Any, count: int) -> None:
+        self.builder, self.count = builder, count
+        self.words: dict[Any, Any] = {
+            lanes.load: self.load,
+            lanes.store: self.store,
+            lanes.splat: lambda lane, x: self.value(x),
+            lanes.select_lt: self.select_lt,
+            lanes.absolute: lambda x: x.call("fabs"),
+            lanes.square_root: lambda x: x.call("sqrt"),
+            lanes.turn: self.turn,
+            lanes.round_even: lambda x: x.call("rint"),
+            stack: lambda lane, sizes: [None] * len(sizes),
+            size: size,
+        }
+
+    def value(self, x: Any) -> Value:
+        return x if isinstance(x, Value) else Value(self.builder, ir.Constant(_DOUBLE, float(x)), 1)
+
+    def load(self, lane: Any, array: Any, k: int) -> Value:
+        return array.get(k, self.count) if isinstance(array, Slots) else array[k]
+
+    def store(self, array: Any, k: int, value: Any) -> None:
+        if isinstance(array, Slots):
+            array.put(k, self.value(value), self.count)
+        else:
+            array[k] = self.value(value)
+
+    def turn(self, t: Value, s: Value, c: Value) -> tuple[Value, ...]:
+        pair = lanes.turned(self.builder, t.value, s.value, c.value, t.count)
+        return tuple(Value(self.builder, x, t.count) for x in pair)
+
+    def select_lt(self, a: Any, b: Any, x: Any, y: Any) -> Value:
+        a, b, x, y = (self.value(item) for item in (a, b, x, y))
+        count = max(item.count for item in (a, b, x, y))
+        less = self.builder.fcmp_ordered("<", a.wide(count), b.wide(count))
+        return Value(self.builder, self.builder.select(less, x.wide(count), y.wide(count)), count)
+
+    def on_symbols(self, function: Any) -> Any:
+        """The function, and all that is traced with it, with the functions of lanes.py replaced."""
+        if function in self.words:
+            return self.words[function]
+        source = _SOURCES.get(function, function)
+        source = getattr(source, "py_func", source)
+        scope = dict(source.__globals__)
+        copy = python.FunctionType(source.__code__, scope, source.__name__, source.__defaults__, source.__closure__)
+        self.words[function] = copy
+        for name in _names(source.__code__):
+            if self._goes_with(scope.get(name), source.__module__):
+                scope[name] = self.on_symbols(scope[name])
+        return copy
+
+    def _goes_with(self, item: Any, module: str) -> bool:
+        if not callable(item) or not isinstance(item, Hashable):
+            return False
+        own = isinstance(item, python.FunctionType) and item.__module__ == module
+        return own or item in self.words or item in _SOURCES or is_jitted(item)
+
+    def symbol(self, context: Any, kind: Any, value: Any) -> Any:
+        """What stands for an argument of a Numba type."""
+        if isinstance(kind, types.BaseTuple):
+            if all(isinstance(k, types.Integer) for k in kind):
+                return (0,) * len(kind)
+            parts = [self.symbol(context, k, self.builder.extract_value(value, i)) for i, k in enumerate(kind)]
+            named = isinstance(kind, types.BaseNamedTuple)
+            return python.SimpleNamespace(**dict(zip(kind.fields, parts, strict=True))) if named else tuple(parts)
+        if isinstance(kind, BareType | types.Array):
+            known = kind.dtype == types.float64
+            return Slots(self.builder, pointer(context, self.builder, kind, value)) if known else None
+        if isinstance(kind, types.Float):
+            return Value(self.builder, value, 1)
+        if isinstance(kind, lanes.LanesType):
+            return Value(self.builder, value, kind.count)
+        return None
+
+
+def _names(code: Any) -> Iterator[str]:
+    """Global names that a function's code, and what is defined within it, may look up."""
+    yield from code.co_names
+    for inner in code.co_consts:
+        if isinstance(inner, python.CodeType):
+            yield from _names(inner)
+
+
+def _straight(function: Any, lane: int, result: Callable[[Any, int], Any]) -> Any:
+    """The intrinsic that traces a function. lane: place of that argument; result: its type from kinds and lanes."""
+
+    def typed(typingctx: Any, *kinds: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            count = len(signature.args[lane])
+            tracer = _Tracer(builder, count)
+            symbols = [tracer.symbol(context, k, x) for k, x in zip(signature.args, args, strict=True)]
+            values = tracer.on_symbols(function)(*symbols)
+            if signature.return_type == types.void:
+                return context.get_dummy_value()
+            return context.make_tuple(builder, signature.return_type, [x.wide(count) for x in values])
+
+        return result(kinds, len(kinds[lane]))(*kinds), codegen
+
+    source = getattr(function, "py_func", function)
+    typed.__name__ = typed.__qualname__ = source.__name__
+    typed.__module__, typed.__doc__ = source.__module__, source.__doc__
+    first = inspect.Parameter("typingctx", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    parameters = (first, *inspect.signature(source).parameters.values())
+    typed.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # which Numba goes by
+    made = intrinsic(typed)
+    _SOURCES[made] = function
+    return made
+
+
+def traced(results: Callable[[int], int]) -> Callable[[Any], Any]:
+    """`results(p)`: how many lanes a function with an argument `order` of p zeros returns, in a tuple; 0: nothing."""
+
+    def decorate(function: Any) -> Any:
+        if config.DISABLE_JIT:
+            return function
+        names = list(inspect.signature(function).parameters)
+        order = names.index("order")
+
+        def result(kinds: Any, count: int) -> Any:
+            n = results(len(kinds[order]))
+            return types.UniTuple(lanes.lane_type(count), n) if n else types.void
+
+        return _straight(function, names.index("lane"), result)
+
+    return decorate
+
+
+def unrolled(function: Any) -> Any:
+    """Straight-line code of a kernel that returns nothing and has arguments `lane` and `model`, sizes permitting."""
+    if config.DISABLE_JIT:
+        return function
+    names = list(inspect.signature(function.py_func).parameters)
+    model = names.index("model")
+    straight = _straight(function, names.index("lane"), lambda kinds, count: types.void)
+
+    def chosen(kinds: Any) -> Any:
+        n = kinds[model][kinds[model].fields.index("n")]
+        return straight if isinstance(n, types.BaseTuple) else function
+
+    def stand_in(*args: Any) -> None:
+        function(*args)
+
+    name = f"{function.py_func.__name__}_unrolled"
+    take_name(stand_in, name, vars(sys.modules[function.py_func.__module__]))
+    call_chosen(stand_in, chosen)
+    _SOURCES[stand_in] = function
+    return stand_in
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _aligned_frame(typingctx: Any, lane: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        if len(lane) > 1:
+            with builder.goto_entry_block():
+                room = builder.alloca(ir.VectorType(ir.DoubleType(), 8))
+                room.align = 64
+            kind = ir.FunctionType(ir.VoidType(), [room.type])
+            builder.asm(kind, "", "r", [room], side_effect=True)
+        return context.get_dummy_value()
+
+    return types.void(lane), codegen
+
+
+def _no_frame(lane: tuple[int, ...]) -> None:
+    """Begin the calling function's stack frame on a multiple of 64 bytes, where it keeps vectors of lanes.
+
+    Left to itself the compiler aligns the frame to 16 bytes, and each vector that does not fit into the registers is
+    written to and read from two cache lines.
+    """
+
+
+_aligned_frame.__doc__ = _no_frame.__doc__
+aligned_frame = _no_frame if config.DISABLE_JIT else _aligned_frame
