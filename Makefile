@@ -21,7 +21,7 @@ READY_RAY := $(VENV_RAY)/.ready
 PIP_INSTALL := $(PY) -m pip install --disable-pip-version-check --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-bench setup-ray demo ray-demo ray-test test test-slow lint format types architecture docs build clean distclean
+.PHONY: help setup setup-bench setup-ray demo ray-demo ray-test test test-slow test-versions lint format types architecture docs build clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 15
@@ -81,6 +81,9 @@ test-slow: $(READY) ## the slow tests alone
 ray-test: $(READY_RAY) ## the tests of training on Ray, which no other lane runs
 	$(PY_RAY) -m pytest tests/ray $(PYTEST_ARGS)
 
+test-versions: $(READY) ## the oldest and newest releases that pyproject.toml allows, in .venv-versions: smoke and bits
+	$(PY) -m tests.versions
+
 lint: $(READY) ## ruff: rules and format of imports
 	$(PY) -m ruff check .
 
@@ -100,9 +103,9 @@ build: $(READY) ## wheel and source distribution, in dist/
 	$(PY) -m build --no-isolation
 
 # ---------------------------------------------------------------- clean up
-clean: ## remove caches and builds; leave .venv, .venv-ray and runs/
+clean: ## remove caches and builds; leave the environments and runs/
 	rm -rf build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find . -path ./$(VENV) -prune -o -path ./$(VENV_RAY) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
+	find . -path ./$(VENV) -prune -o -path ./$(VENV_RAY) -prune -o -path ./.venv-versions -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
 
-distclean: clean ## remove .venv, .venv-ray and runs/ too
-	rm -rf $(VENV) $(VENV_RAY) runs
+distclean: clean ## remove .venv, .venv-ray, .venv-versions and runs/ too
+	rm -rf $(VENV) $(VENV_RAY) .venv-versions runs

@@ -50,7 +50,7 @@ ROOMS: dict[str, set[str]] = {
     "plotting": {*_PHYSICS, "comparison"},
     "recording": {*_DESCRIPTION, "trajectory", "envs"},
     "sb3": {*_DESCRIPTION, "envs"},
-    "cli": {*_PUBLIC, "data"},
+    "cli": {*_PUBLIC, "data", "compiler"},
     "__main__": {"cli"},
     "__init__": {*_PHYSICS, "control", "envs"},
 }

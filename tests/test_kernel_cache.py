@@ -18,6 +18,7 @@ from numba.core import caching
 from flexarm_env.compiler import cache
 from flexarm_env.compiler import decorator as jit
 from flexarm_env.compiler.cache import KernelCache, Shelf
+from flexarm_env.compiler.private import MODE
 
 ROOT = Path(__file__).parents[1]
 
@@ -92,7 +93,7 @@ def full(*_: Any) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-compiled_only = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+compiled_only = pytest.mark.skipif(bool(config.DISABLE_JIT) or MODE == "plain", reason="nothing is kept")
 
 
 @compiled_only

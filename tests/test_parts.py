@@ -14,9 +14,12 @@ from numba.core.caching import NullCache
 from numba.core.registry import CPUDispatcher
 
 from flexarm_env.compiler.decorator import kernel
+from flexarm_env.compiler.private import MODE
 from flexarm_env.compiler.whole import KernelDispatcher, PartMarker
 
-pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+pytestmark = pytest.mark.skipif(
+    bool(config.DISABLE_JIT) or MODE == "plain", reason="nothing is compiled, or nothing in parts"
+)
 
 
 def _square(x):  # type: ignore[no-untyped-def]

@@ -97,10 +97,12 @@ def _scenes(formulation: str | None) -> Iterator[Use]:
 def cache_report(said: list[str]) -> dict[str, Any]:
     """The folder of compiled code, whether it can be written to, and a sentence where it cannot; said: warnings."""
     from flexarm_env import simulation
+    from flexarm_env.compiler import MODE
 
     path = getattr(getattr(vars(simulation)["advance"], "stats", None), "cache_path", None)
     if path is None:
-        return {"cache_folder": "none (compilation is switched off)", "cache_writable": False}
+        why = "compilation is switched off" if MODE == "whole" else "the plain compiler keeps nothing"
+        return {"cache_folder": f"none ({why})", "cache_writable": False}
     trouble = next((text for text in said if "compiled code cannot be kept" in text), "") or _trouble(Path(path))
     values: dict[str, Any] = {"cache_folder": path, "cache_writable": not trouble}
     return values | ({"cache": trouble.removeprefix("flexarm_env: ")} if trouble else {})

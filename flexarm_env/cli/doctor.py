@@ -38,6 +38,9 @@ def run(args: argparse.Namespace) -> int:
         values |= {"self_test": f"not run: {', '.join(missing)} missing"}
         show(values, args.json)
         return FAILED
+    from flexarm_env.compiler import WHY
+
+    values |= {"compiler": WHY}
     tested, good = _self_test()
     show(values | tested, args.json)
     return DONE if good else FAILED

@@ -132,7 +132,7 @@ class _Tracer:
             lanes.turn: self.turn,
             lanes.round_even: lambda x: x.call("rint"),
             stack: lambda lane, sizes: [None] * len(sizes),
-            size: size,
+            size: lambda n: len(n) if isinstance(n, tuple) else n,
         }
 
     def value(self, x: Any) -> Value:

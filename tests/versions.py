@@ -1,0 +1,136 @@
+"""The oldest and the newest releases of what the package needs, as pyproject.toml allows them: do they work, same bits?
+
+`make test-versions` runs `python -m tests.versions`: for each Python from 3.11 on that the machine has, an environment
+of the lower bounds and one of the newest releases under .venv-versions/; in each a few arms are moved, whole and plain:
+a single environment must equal the vector one, and whole must equal plain, bit for bit; all environments must agree
+within 1e-12 of each case's largest number. The exit code is 1 where something fails.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / ".venv-versions"
+NEEDED = ("numba", "numpy", "scipy", "gymnasium")
+PYTHONS = ("python3.11", "python3.12", "python3.13", "python3.14")
+TOLERANCE = 1e-12
+
+
+def bounds() -> dict[str, tuple[str, str]]:
+    """Package: its lowest version and its whole requirement."""
+    with open(ROOT / "pyproject.toml", "rb") as file:
+        wanted = tomllib.load(file)["project"]["dependencies"]
+    found = {}
+    for text in wanted:
+        match = re.match(r"([a-z0-9_-]+)>=([0-9.]+)", text)
+        if match and match[1] in NEEDED:
+            found[match[1]] = (match[2], text)
+    assert set(found) == set(NEEDED), f"pyproject.toml gives no lower bound of {set(NEEDED) - set(found)}"
+    return found
+
+
+def environment(python: str, age: str) -> Path:
+    """The interpreter of an environment; made where there is none of the same requirements."""
+    wanted = [f"{name}=={low}" if age == "oldest" else text for name, (low, text) in bounds().items()]
+    folder = FOLDER / f"{python}-{age}"
+    inside, stamp = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python"), folder / "requirements.txt"
+    if not stamp.exists() or stamp.read_text() != "\n".join(wanted):
+        shutil.rmtree(folder, ignore_errors=True)
+        subprocess.run([python, "-m", "venv", folder], check=True)
+        pip = [inside, "-m", "pip", "install", "--disable-pip-version-check", "--quiet", "--only-binary", ":all:"]
+        subprocess.run([*pip, *wanted], check=True)
+        stamp.write_text("\n".join(wanted))
+    return inside
+
+
+def moved(path: str) -> None:
+    """Move arms in this environment; numbers of every case to a file. Single and vector must agree bit for bit."""
+    import gymnasium as gym
+    import numpy as np
+
+    import flexarm_env  # noqa: F401  (registers the environments)
+    from flexarm_env import compiler
+    from flexarm_env.scenes import named
+    from flexarm_env.simulation import simulate
+
+    assert os.environ.get(compiler.private.VARIABLE, "whole") == compiler.MODE, compiler.WHY
+    versions = ", ".join(f"{name} {__import__(name).__version__}" for name in NEEDED)
+    print(f"Python {sys.version.split()[0]}, {versions}, {compiler.MODE}", flush=True)
+    found = {}
+    cases = (("FlexibleArm-v0", {}), ("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact", "elements": 2}))
+    for name, options in cases:
+        count, seen = 16, []
+        many = gym.make_vec(name, num_envs=count, threads=2, vectorization_mode="vector_entry_point", **options)
+        seen.append(many.reset(seed=3)[0])
+        action = np.random.default_rng(5).uniform(-1.0, 1.0, (10, count, many.single_action_space.shape[0]))
+        action = action.astype(np.float32)
+        for one in action:
+            observation, reward, *_ = many.step(one)
+            seen += [observation.copy(), reward.copy()[:, None]]
+        many.close()
+        for i in (0, 11):
+            single = gym.make(name, **options)
+            alone = [single.reset(seed=3 + i)[0]]
+            for one in action:
+                observation, reward, *_ = single.step(one[i])
+                alone += [observation, np.array([reward])]
+            for mine, theirs in zip(alone, seen, strict=True):
+                assert np.array_equal(mine, theirs[i]), f"{name}: arm {i} of the vector is not the single one"
+        found[name] = np.concatenate([part.astype(np.float64).ravel() for part in seen])
+    for formulation, options in (("elastica", {"nodes": 4}), ("floating_frame", {"segments": 2})):
+        run = simulate(named("two_link_motion"), formulation, dt=0.05, duration=1.0, estimate_error=False, **options)
+        found[f"two_link_motion, {formulation}"] = np.concatenate([np.ravel(x) for x in (run.tip, run.q, run.energy)])
+    np.savez(path, **found)
+
+
+def compared(files: dict[str, Path], python: Path) -> bool:
+    """Whether the files' numbers agree; run by an environment, which has NumPy."""
+    named = {word: str(path) for word, path in files.items()}
+    lines = f"from tests.versions import agree; import sys; sys.exit(not agree({named}))"
+    return subprocess.run([python, "-c", lines], cwd=ROOT, check=False).returncode == 0
+
+
+def agree(files: dict[str, str]) -> bool:
+    """Whether whole equals plain to the last bit, and all agree within TOLERANCE; says how far they are apart."""
+    import numpy as np
+
+    kept = {word: np.load(path) for word, path in files.items()}
+    first, good = next(iter(kept.values())), True
+    for word, numbers in kept.items():
+        far = max(float(np.max(np.abs(numbers[k] - first[k])) / np.max(np.abs(first[k]))) for k in first.files)
+        whole = kept[word.replace("plain", "whole")]
+        same = all(np.array_equal(numbers[k], whole[k]) for k in first.files)
+        print(f"{word}: {far:.1e} from the first{'' if same else '; NOT the bits of whole'}")
+        good = good and same and far <= TOLERANCE
+    return good
+
+
+def main() -> int:
+    """All environments; 1 where one fails."""
+    files, inside, good = {}, Path(sys.executable), True
+    for python in filter(shutil.which, PYTHONS):
+        for age in ("oldest", "newest"):
+            inside = environment(python, age)
+            for mode in ("whole", "plain"):
+                word = f"{python} {age} {mode}"
+                files[word] = FOLDER / f"{word.replace(' ', '-')}.npz"
+                files[word].unlink(missing_ok=True)
+                own = {"FLEXARM_COMPILER": mode, "NUMBA_CACHE_DIR": str(FOLDER / "cache")}
+                command = [inside, "-c", f"from tests.versions import moved; moved({str(files[word])!r})"]
+                run = subprocess.run(command, cwd=ROOT, env=os.environ | own, check=False)
+                if run.returncode:
+                    print(f"{word}: FAILED")
+                    del files[word]
+                    good = False
+    return 0 if good and compared(files, inside) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
