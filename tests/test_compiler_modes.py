@@ -13,6 +13,7 @@ import pytest
 from numba import config
 
 from flexarm_env.compiler import private
+from tests.test_parts import FOREIGN
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOM = ROOT / "flexarm_env" / "compiler"
@@ -228,6 +229,12 @@ def test_plain_keeps_nothing_that_could_be_stale(tmp_path: Path) -> None:
         own = f"import sys; sys.dont_write_bytecode = True; sys.path.insert(0, {str(tmp_path)!r})\n"
         assert float(run(own + lines, "plain", tmp_path).stdout) == 1.0 + float(added)
     assert not list(tmp_path.rglob("*.nb?"))
+
+
+def test_plain_works_with_foreign_functions(tmp_path: Path) -> None:
+    """Somebody's own compiled functions, called from a plain kernel first."""
+    said = run(f"import sys; sys.argv.append('kernel')\n{FOREIGN}", "plain", tmp_path).stdout.split()
+    assert said[:10] == ["18.0", "19.0", "4.0", "8.0", "6.0"] * 2
 
 
 ARMS = """
