@@ -52,6 +52,9 @@ FEATURES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 """Keywords of FlexibleArm-v0 (or of another `id`) with the feature, and without."""
 
+COMPILED = ("physics", "runtime", "tasks")
+"""Rooms whose branches on a feature's absence are cut."""
+
 CUT = (
     "gravity", "damping", "damped", "payload", "payload_turns", "controller", "actuator", "sensors", "reference",
     "books", "root", "loads", "drive", "algebraic",
@@ -177,7 +180,7 @@ def absent() -> dict[str, float]:
             folder = Path(name).resolve() / kind
             shutil.copytree(package, folder / "flexarm_env", ignore=shutil.ignore_patterns("__pycache__"))
             if kind == "cut":
-                for path in (folder / "flexarm_env" / "kernels").glob("*.py"):
+                for path in (path for room in COMPILED for path in (folder / "flexarm_env" / room).rglob("*.py")):
                     tree = _Prune().visit(_Cut().visit(ast.parse(path.read_text(encoding="utf-8"))))
                     path.write_text(ast.unparse(ast.fix_missing_locations(tree)), encoding="utf-8")
             counts[kind] = _instructions(folder)

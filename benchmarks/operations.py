@@ -129,7 +129,7 @@ def _prepare() -> None:
 
     replaced = {"square_root": square_root, "stack": room, "round_even": lambda x: Counted(float(np.rint(float(x))))}
     for name, module in list(sys.modules.items()):
-        if name.startswith("flexarm_env.kernels"):
+        if name.startswith("flexarm_env.physics"):
             for key, value in replaced.items():
                 if hasattr(module, key) and callable(getattr(module, key)):
                     setattr(module, key, value)
