@@ -100,7 +100,7 @@ FORBIDDEN_TEXT = re.compile(
 
 # -------------------------------------------------------------------- the walk
 def room_of(module: str) -> str:
-    """`flexarm_env.mechanics.joints` -> `mechanics`; the package itself -> `__init__`."""
+    """`flexarm_env.physics.model` -> `physics`; the package itself -> `__init__`."""
     parts = module.split(".")
     return parts[1] if len(parts) > 1 else "__init__"
 
