@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes", "toml_text"}
+_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
@@ -27,13 +27,12 @@ _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting",
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
-    "toml_text": {"validation"},
     "parameters": {"validation"},
     "settings": {"validation"},
     "time_functions": {"validation"},
-    "arms": {"validation", "parameters", "toml_text"},
-    "scene": {"validation", "parameters", "settings", "time_functions", "arms", "toml_text"},
-    "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms", "toml_text"},
+    "arms": {"validation", "parameters"},
+    "scene": {"validation", "parameters", "settings", "time_functions", "arms"},
+    "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms"},
     "data": set(),
     "compiler": set(),
     "physics": {*_DESCRIPTION, "compiler"},

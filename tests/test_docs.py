@@ -63,7 +63,7 @@ def test_every_page_has_code() -> None:
 
 
 # ----------------------------------------------------------------- the API
-INSIDE = {"compiler", "physics", "runtime", "tasks", "batch", "toml_text", "cli", "data", "__main__", "__init__"}
+INSIDE = {"compiler", "physics", "runtime", "tasks", "batch", "cli", "data", "__main__", "__init__"}
 """Rooms that are not for use from outside."""
 
 

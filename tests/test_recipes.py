@@ -48,7 +48,7 @@ def test_recipe(name: str, uncompiled: str, tmp_path: Path) -> None:
     assert len(changed) <= 3 and all(f"`{file}`" in text for file in changed)
     script = tmp_path / "own.py"
     script.write_text("\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL)), "utf-8")
-    environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": uncompiled, "PYTHONWARNINGS": "ignore"}
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": uncompiled}
     done = subprocess.run(
         [sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexarm_env import arms, scenes, toml_text
+from flexarm_env import arms, scenes
 from flexarm_env import time_functions as tf
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene, toml
 from tests.scene_tools import ONE, TWO, scene
@@ -219,13 +219,6 @@ def test_example_files() -> None:
         assert Scene.from_toml(s.to_toml()) == s
         s.settings()
     assert scenes.resolve(ROOT / "configs/scenes/three_link_swing.toml").arm.n_links == 3
-
-
-def test_toml_text_of_odd_values() -> None:
-    table = {"a b": 1, "t": {"x": True, "s": 'é"\n'}, "e": [], "n": [[1, 2], [3]], "big": list(range(60))}
-    assert toml_text.read(toml_text.write(table))[0] == table
-    with pytest.raises(TypeError):
-        toml_text.write({"a": None})
 
 
 def test_the_documented_file_is_a_scene() -> None:
