@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from agents import config, episodes, export_policy, policies, statistics, train_ppo
+from agents import config, episodes, export_policy, policies, train_ppo
 from agents import evaluate as judging
 from agents.arguments import parse
 from agents.runs import read_run, write_whole
@@ -344,15 +344,6 @@ def test_vibration_and_overshoot():
     assert vibration == pytest.approx([half, 0.0], abs=1e-9)
     misses = np.array([[[0.5]], [[0.1]], [[-0.05]], [[0.0]]])
     assert episodes._overshoot(misses) == pytest.approx([0.1])
-
-
-def test_bootstrap_intervals_cover():
-    rng = np.random.default_rng(0)
-    hits = sum(
-        low <= 2.0 <= high
-        for low, high in (statistics.bootstrap(rng.normal(2.0, 1.0, 60), np.mean, seed=k) for k in range(60))
-    )
-    assert hits >= 52
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path):
