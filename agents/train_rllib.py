@@ -174,7 +174,7 @@ class Run:
 
             self._board = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps)
         if arguments.progress:
-            from tqdm import tqdm  # type: ignore[import-untyped]
+            from tqdm import tqdm
 
             total = self.config.n_timesteps
             self._bar = tqdm(total=total, initial=self.steps, unit="step", unit_scale=True, mininterval=0.5)

@@ -135,7 +135,7 @@ class _Cut(ast.NodeTransformer):
         self.generic_visit(node)
         name = getattr(node.left, "attr", getattr(node.left, "id", None))
         alone = len(node.ops) == 1 and isinstance(node.comparators[0], ast.Constant)
-        if alone and node.comparators[0].value is None and name in CUT:  # type: ignore[attr-defined]
+        if alone and node.comparators[0].value is None and name in CUT:
             return ast.Constant(isinstance(node.ops[0], ast.Is))
         return node
 

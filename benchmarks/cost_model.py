@@ -36,7 +36,7 @@ CHAINS = 12
 
 
 @kernel
-def _chains(lane, x, count):  # type: ignore[no-untyped-def]
+def _chains(lane, x, count):
     """`count` times: each of 12 numbers (of each lane) multiplied, then added to; 24 operations."""
     a0, a1, a2 = load(lane, x, 0), load(lane, x, 1), load(lane, x, 2)
     a3, a4, a5 = load(lane, x, 3), load(lane, x, 4), load(lane, x, 5)

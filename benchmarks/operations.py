@@ -72,9 +72,9 @@ class Counted:
         return self.x >= float(other)
 
     def __eq__(self, other: object) -> bool:
-        return self.x == float(other)  # type: ignore[arg-type]
+        return self.x == float(other)
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
     def cos(self) -> Counted:
         """What np.cos calls; counted as our own sine and cosine are."""

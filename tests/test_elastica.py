@@ -426,7 +426,7 @@ def test_lanes_and_single_give_the_same_bits() -> None:
 
 
 @kernel
-def both_of(lane, x, s, c):  # type: ignore[no-untyped-def]
+def both_of(lane, x, s, c):
     for i in range(x.size // len(lane)):
         sine, cosine = sincos(load(lane, x, i))
         store(s, i, sine)

@@ -329,7 +329,7 @@ def test_our_arms_equal_single_ones_bit_for_bit(env_id: str) -> None:
     rng = np.random.default_rng(1)
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
     for k in range(1, 32):
-        actions = rng.uniform(-1.0, 1.0, (3, *ours.action_space.shape)).astype(np.float32)  # type: ignore[misc]
+        actions = rng.uniform(-1.0, 1.0, (3, *ours.action_space.shape)).astype(np.float32)
         a, b = ours.step(actions), theirs.step(actions)
         for mine, other in zip(a[:3], b[:3], strict=True):
             assert mine.dtype == other.dtype

@@ -200,7 +200,7 @@ def test_round_off_is_no_kink() -> None:
 )
 def test_a_refusal_names_the_row(make: object, message: str) -> None:
     with pytest.raises(ValueError) as caught:
-        make()  # type: ignore[operator]
+        make()
     assert message in str(caught.value)
 
 
