@@ -11,21 +11,17 @@ learners likewise. They take turns; times are medians over iterations, the first
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import os
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import command, describe_machine, publish, told
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results"
 ENV = "FlexibleArm-v0"
 WARM = 2
 MINIBATCH, EPOCHS = 1024, 10
@@ -249,7 +245,7 @@ def medians(rows: list[Row]) -> Row:
 def page(content: dict[str, Any]) -> str:
     """docs/results/ray.md."""
     found, cost, machine = content["found"], content["costs"], content["machine"]
-    facts = " · ".join(f"{k}: {v}" for k, v in machine.items())
+    facts = told(machine)
     lines = [
         "# Training on Ray", "",
         "Environment steps a second of PPO on FlexibleArm-v0, rollouts and updates together, and what an iteration's",
@@ -340,11 +336,7 @@ def _paper(cost: Row, bare_us: float) -> list[str]:
 
 def main() -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--iterations", type=int, default=8, help="of a turn that are measured")
-    parser.add_argument("--rounds", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    arguments = parser.parse_args()
+    arguments = command(__doc__, iterations=8, rounds=2).parse_args()
     load = os.getloadavg()[0]
     from agents.rllib import cluster, setup
 
@@ -370,10 +362,7 @@ def main() -> None:
         "machine": describe_machine("ray", "torch"), "load_average": load, "env": ENV, "bare_us": bare(config),
         "found": found, "costs": costs(found),
     }  # fmt: skip
-    write_text(arguments.out / "ray.json", json.dumps(content, indent=1) + "\n")
-    text = page(content)
-    write_text(arguments.out / "ray.md", text)
-    print(text)
+    publish("ray", arguments.out, content, page(content))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.machine import write_text
+from benchmarks.machine import table, write_text
 from benchmarks.work_precision import front
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,10 +35,9 @@ CASES = {
 ENVS = {"FlexibleArm-v0": "slew of one link", "TwoLinkFlexArm-v0": "reach of two links"}
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table; the first column to the left, numbers to the right."""
-    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+def lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table as text."""
+    return "\n".join(table(" | ".join(head), rows, numbers=True)) + "\n"
 
 
 def measured(content: Mapping[str, Any], page: str) -> str:
@@ -56,7 +55,7 @@ def accuracy(contents: Mapping[str, Any]) -> str:
     found = {(row["scene"], row["case"]): row for row in content["rows"]}
     rows = [[f"`{scene}`", *(_error(found.get((scene, case))) for case in CASES)] for scene in scenes]
     text = "Largest distance of the tip from the converged solution over a whole run, in % of the arm's length.\n\n"
-    return text + table(["scene", *CASES.values()], rows) + measured(content, "agreement.md")
+    return text + lines(["scene", *CASES.values()], rows) + measured(content, "agreement.md")
 
 
 def _error(row: Mapping[str, Any] | None) -> str:
@@ -93,7 +92,7 @@ def _controlled(part: Mapping[str, Any]) -> str:
     head = ["policy", "success", "settling, s", "residual vibration, mm", "overshoot, %"]
     kind = ", payload and stiffness drawn at random" if part.get("randomized") else ""
     what = f"`{part['env']}`, {ENVS.get(part['env'], '')}{kind}"
-    return f"{what}: medians of {part['episodes']} episodes.\n\n{table(head, rows)}"
+    return f"{what}: medians of {part['episodes']} episodes.\n\n{lines(head, rows)}"
 
 
 def speed(contents: Mapping[str, Any]) -> str:
@@ -146,7 +145,7 @@ def steps_a_second(content: Mapping[str, Any]) -> str:
     rows += [[f"*{row['case']}*", *(_at(row, case) for case in ("single", "vector", ""))] for row in others]
     head = ["environment", "one", f"{most}, one thread", f"{most}, {threads} threads"]
     text = f"Environment steps a second; `Pendulum-v1` of Gymnasium, at {yardstick:,.0f}, is the yardstick.\n\n"
-    return text + table(head, rows) + measured(content, "throughput.md")
+    return text + lines(head, rows) + measured(content, "throughput.md")
 
 
 def _at(row: Mapping[str, Any], api: str) -> str:
