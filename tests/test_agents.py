@@ -12,8 +12,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import load_env_creator
 
 pytest.importorskip("stable_baselines3")
 
@@ -22,6 +24,7 @@ from agents import evaluate as judging
 from agents.arguments import parse
 from agents.runs import read_run, write_whole
 from flexarm_env import control
+from flexarm_env.envs.options import plan
 
 ROOT = Path(__file__).resolve().parents[1]
 ENV = "FlexibleArm-v0"
@@ -181,7 +184,7 @@ def test_committed_configs_can_be_read(path: Path):
     for env_id in ids:
         chosen = config.load(path, path.parent.name, env_id)
         assert chosen.n_timesteps > 0
-        episodes.make_episodes(env_id, 1, **chosen.env_kwargs).close()
+        plan(load_env_creator(gym.spec(env_id).entry_point).kind, **chosen.env_kwargs)  # compiles nothing
 
 
 # ------------------------------------------------------------------ export and judging
