@@ -259,7 +259,7 @@ def test_closing_ends_the_threads() -> None:
 @pytest.mark.parametrize("rounds", [1, 300])
 def test_threads_that_fall_asleep_are_woken(rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each side sleeps at nearly every turn: no task is lost, none is done twice."""
-    monkeypatch.setattr("flexarm_env.threads.ROUNDS", rounds)
+    monkeypatch.setattr("flexarm_env.compiler.crew.ROUNDS", rounds)
     alone, env = (gym.make_vec("FlexibleArm-v0", num_envs=64, threads=n) for n in (1, 3))
     for a, b in zip(rollout(alone, 400), rollout(env, 400), strict=True):
         assert_same(a[0], b[0])
@@ -270,7 +270,7 @@ def test_threads_that_fall_asleep_are_woken(rounds: int, monkeypatch: pytest.Mon
 @pytest.mark.parametrize("rounds", [1, 100_000])
 def test_an_interrupted_step_leaves_nothing_behind(rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C at any moment: no thread still writes, and later steps wait for their own results."""
-    monkeypatch.setattr("flexarm_env.threads.ROUNDS", rounds)
+    monkeypatch.setattr("flexarm_env.compiler.crew.ROUNDS", rounds)
     env = gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2)
     expected = [o[0] for o in rollout(env)]
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
