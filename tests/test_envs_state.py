@@ -6,8 +6,6 @@ import copy
 import multiprocessing
 import pickle
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +16,7 @@ import numpy as np
 import pytest
 
 from tests.env_tools import IDS, RANDOM, assert_same, pair, rich
+from tests.processes import python
 
 LIVELY: dict[str, Any] = {
     "randomization": RANDOM,
@@ -292,7 +291,7 @@ def test_the_interpreter_ends_without_a_word() -> None:
     code = "import logging\nlogging.getLogger('flexarm_env').setLevel('ERROR')  # it may have to compile\n"
     code += "import gymnasium as gym, flexarm_env\nenv = gym.make_vec('FlexibleArm-v0', num_envs=64, threads=2)\n"
     code += "env.reset(seed=0)\nenv.step(env.action_space.sample())\nimport sys\nsys.modules['keep'] = env\n"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=240, check=True)
+    done = python("-c", code)
     assert done.stdout + done.stderr == ""
 
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +11,7 @@ import pytest
 from benchmarks import readme_tables
 from flexarm_env.cli.parser import SCRIPTS, build_parser
 from flexarm_env.scenes import names
+from tests.processes import python
 from tests.test_docs import script_of
 
 ROOT = Path(__file__).parents[1]
@@ -24,12 +22,7 @@ def test_code_runs_as_printed(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     script = script_of(TEXT)
     assert script.count("import") >= 8
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
+    lines = python("-c", script, cwd=tmp_path).stdout.splitlines()
     assert lines[1].startswith("ok 0.07"), "a smooth slew that bends the strip by 7 %"
     assert float(lines[2].split()[-1]) < 1.0, "a closed loop that is stable"
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.processes import python
 from tests.test_architecture import PACKAGE, ROOT
 
 SECTION = (ROOT / "docs" / "architecture.md").read_text("utf-8").partition("\n## What a change touches\n")[2]
@@ -48,8 +46,4 @@ def test_recipe(name: str, uncompiled: str, tmp_path: Path) -> None:
     assert len(changed) <= 3 and all(f"`{file}`" in text for file in changed)
     script = tmp_path / "own.py"
     script.write_text("\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL)), "utf-8")
-    environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": uncompiled}
-    done = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    python(script, cwd=tmp_path, PYTHONPATH=str(tmp_path), NUMBA_DISABLE_JIT=uncompiled)

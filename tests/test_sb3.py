@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,6 +19,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
 
 from flexarm_env.sb3 import GymnasiumVecEnv, make_sb3_vec
+from tests.processes import python
 
 LAST = 5
 
@@ -362,10 +361,10 @@ def test_learning_on_our_arms(algorithm: Any) -> None:
 # --------------------------------------------------------------------- imports
 def test_the_package_itself_does_not_load_it() -> None:
     code = "import flexarm_env, sys; assert not {'stable_baselines3', 'torch'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+    python("-c", code)
 
 
 def test_a_missing_library_is_named() -> None:
     code = "import sys; sys.modules['stable_baselines3'] = None; import flexarm_env.sb3"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
-    assert "flexarm_env.sb3 needs stable-baselines3: pip install stable-baselines3 (the extra" in done.stderr
+    told = python("-c", code, code=1).stderr
+    assert "flexarm_env.sb3 needs stable-baselines3: pip install stable-baselines3 (the extra" in told
