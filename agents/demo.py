@@ -8,7 +8,6 @@ the first one stopped (--fresh begins anew).
 
 from __future__ import annotations
 
-import shutil
 import sys
 import time
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from agents.arguments import parse
-from agents.runs import fail, read_run, versions, write_text
+from agents.runs import fail, own_folder, read_run, report
 
 SCENES = ("robot_arm_motion", "robot_arm_motion_smooth")
 FORMULATIONS: tuple[tuple[str, str, dict[str, Any]], ...] = (
@@ -150,11 +149,7 @@ def judge(out: Path) -> list[str]:
 def main() -> int:
     """Run the demonstration."""
     arguments = parse(Arguments, "python -m agents.demo", __doc__)
-    out = arguments.out
-    if arguments.fresh and out.exists():
-        shutil.rmtree(out)
-    out.mkdir(parents=True, exist_ok=True)
-    clock = time.perf_counter()
+    out, clock = own_folder(arguments.out, arguments.fresh), time.perf_counter()
     try:
         say("1/3 replaying scenes (the first call compiles, which takes a minute or two; later ones do not)")
         lines = replay(out)
@@ -164,12 +159,7 @@ def main() -> int:
         lines += judge(out)
     except ValueError as error:
         return fail(error)
-    made = " · ".join(f"{name} {version}" for name, version in versions().items())
-    spent = f"{time.strftime('%Y-%m-%d')}, {time.perf_counter() - clock:.0f} s in all"
-    head = ["# Demonstration", "", f"{spent} · {made}", ""]
-    write_text(out / "report.md", "\n".join(head + lines) + "\n")
-    say("\n".join(lines))
-    say(f"The report: {out / 'report.md'}")
+    report(out, "Demonstration", clock, lines)
     return 0
 
 

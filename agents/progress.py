@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents import episodes
-from agents.runs import write_text
+from agents.runs import broken_off, fail, write_text
 
 COLUMNS = (
     "steps", "success_rate", "settling_mean", "settling_median", "return_mean", "train_return", "std", "learning_rate",
@@ -110,3 +111,17 @@ def describe(progress: Progress) -> str:
         s = progress.solved
         text += f"; solved after {s['steps']:.0f} steps, {s['wall_s']:.0f} s ({s['cpu_s']:.0f} s CPU)"
     return text
+
+
+def training_program(program: str, train: Callable[[Any], Any], arguments: Any) -> int:
+    """Train, and print what it came to, or in a sentence what went wrong; the exit code."""
+    try:
+        progress = train(arguments)
+    except ValueError as error:
+        return fail(error)
+    except KeyboardInterrupt:
+        return broken_off(arguments.folder, program)
+    except OSError as error:
+        return broken_off(arguments.folder, program, error)
+    print(f"{arguments.folder}: {describe(progress)}")
+    return 0

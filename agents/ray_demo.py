@@ -8,14 +8,13 @@ the first one stopped (--fresh begins anew). The exit code is 1 where the task i
 
 from __future__ import annotations
 
-import shutil
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from agents.arguments import parse
-from agents.runs import fail, read_run, versions, write_text
+from agents.runs import fail, own_folder, read_run, report
 
 ENV = "FlexibleArm-v0"
 SOLVED = 0.95
@@ -76,11 +75,7 @@ def judge(out: Path) -> tuple[float, list[str]]:
 def main() -> int:
     """Run the demonstration."""
     arguments = parse(Arguments, "python -m agents.ray_demo", __doc__)
-    out = arguments.out
-    if arguments.fresh and out.exists():
-        shutil.rmtree(out)
-    out.mkdir(parents=True, exist_ok=True)
-    clock = time.perf_counter()
+    out, clock = own_folder(arguments.out, arguments.fresh), time.perf_counter()
     try:
         print(f"1/2 training PPO of RLlib on {ENV}, {arguments.runners} runners, {arguments.steps} steps", flush=True)
         note = train(arguments)
@@ -88,16 +83,10 @@ def main() -> int:
         success, judged = judge(out)
     except ValueError as error:
         return fail(error)
-    made = " · ".join(f"{name} {version}" for name, version in versions().items())
-    spent = f"{time.strftime('%Y-%m-%d')}, {time.perf_counter() - clock:.0f} s in all"
-    lines = [
-        "# Training on Ray", "", f"{spent} · {made}", "",
+    report(out, "Training on Ray", clock, [
         f"PPO of RLlib on {ENV}, {arguments.runners} runners: {note}.", "",
         "![learning curve](ppo/learning_curve.png)", "", *judged,
-    ]  # fmt: skip
-    write_text(out / "report.md", "\n".join(lines) + "\n")
-    print("\n".join(lines))
-    print(f"The report: {out / 'report.md'}")
+    ])  # fmt: skip
     if success < SOLVED:
         return fail(f"not solved: {success:.0%} of the episodes succeed, {SOLVED:.0%} are asked for") - 1
     return 0

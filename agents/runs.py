@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import platform
+import shutil
 import sys
+import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 INTERRUPTED = 130
 PACKAGES = ("flexarm_env", "numpy", "scipy", "numba", "gymnasium", "stable_baselines3", "torch", "ray")
@@ -83,6 +88,22 @@ def broken_off(folder: Path, command: str, error: OSError | None = None) -> int:
     return fail(f"{where}: {error.strerror or error}; what was written before is whole; when that is mended, {then}")
 
 
+def report(folder: Path, title: str, began: float, lines: list[str]) -> None:
+    """Write report.md of what began at `began` (time.perf_counter), and print its lines."""
+    made = " · ".join(f"{name} {version}" for name, version in versions().items())
+    spent = f"{time.strftime('%Y-%m-%d')}, {time.perf_counter() - began:.0f} s in all"
+    write_text(folder / "report.md", "\n".join([f"# {title}", "", f"{spent} · {made}", "", *lines]) + "\n")
+    print("\n".join([*lines, f"The report: {folder / 'report.md'}"]), flush=True)
+
+
+def own_folder(folder: Path, fresh: bool) -> Path:
+    """The folder, made where it is not there; empty where it is to be begun anew."""
+    if fresh and folder.exists():
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
 def fail(sentence: object) -> int:
     """Print what is wrong, in one line, on standard error; the exit code 2."""
     sys.stderr.write(f"{' '.join(str(sentence).split())}\n")
@@ -90,6 +111,32 @@ def fail(sentence: object) -> int:
 
 
 # ------------------------------------------------------------------ run folders
+def resumed(arguments: T, *kept: str, algorithm: str | None = None) -> T:
+    """The arguments that a run was started with, those named in `kept` as they are given now.
+
+    arguments: of a training program, with `out` or `folder`. ValueError where the run has finished, or is another's.
+    """
+    given: Any = arguments
+    record = read_run(given.folder)
+    if algorithm is not None and record["algorithm"] != algorithm:
+        raise ValueError(f"{given.folder}: a run of {record['algorithm']}, not of {algorithm}")
+    if record.get("finished"):
+        raise ValueError(f"{given.folder}: that run has finished; there is nothing to resume")
+    known = {f.name for f in dataclasses.fields(given)}
+    values = {k: v for k, v in record["arguments"].items() if k in known}
+    values |= {"config": given.folder / "config.yml", "out": given.folder, "resume": True}
+    return type(arguments)(**values | {name: getattr(given, name) for name in kept})
+
+
+def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], layout: Any, **more: Any) -> dict[str, Any]:
+    """What run.json says of a run at its start."""
+    given = {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()}
+    return {
+        "algorithm": algorithm, "env_id": arguments.env, "env_kwargs": env_kwargs, "layout": layout,
+        "seed": arguments.seed, "arguments": given, "versions": versions(), "finished": False, **more,
+    }  # fmt: skip
+
+
 def read_run(run: Path) -> dict[str, Any]:
     """The record (run.json) of a run folder. ValueError with a sentence where there is none."""
     if not run.is_dir():

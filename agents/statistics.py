@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from agents.episodes import Episodes
 
@@ -17,11 +18,13 @@ LEVEL = 0.95
 
 
 def bootstrap(values: Array, statistic: Callable[..., Any], seed: int = 0) -> tuple[float, float]:
-    """Percentile bootstrap interval of a statistic (called with axis=1) of the values (n,)."""
-    rng = np.random.default_rng(seed)
-    drawn = values[rng.integers(0, len(values), (RESAMPLES, len(values)))]
-    low, high = np.quantile(statistic(drawn, axis=1), [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
-    return float(low), float(high)
+    """Percentile bootstrap interval of a statistic (called with an axis) of the values (n,)."""
+    if len(values) == 1:  # which SciPy refuses
+        return float(values[0]), float(values[0])
+    found = stats.bootstrap(
+        (values,), statistic, n_resamples=RESAMPLES, confidence_level=LEVEL, method="percentile", random_state=seed
+    ).confidence_interval
+    return float(found.low), float(found.high)
 
 
 QUANTITIES: dict[str, tuple[str, Callable[..., Any], Callable[[Episodes], Array]]] = {

@@ -23,7 +23,8 @@ from typing import Any
 from agents import config as configs
 from agents import episodes
 from agents.arguments import parse
-from agents.runs import broken_off, fail, read_run, versions, write_json, write_text
+from agents.progress import training_program
+from agents.runs import new_record, resumed, write_json, write_text
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def train(arguments: Arguments) -> Any:
     """Train, and return what it came to (`agents.training.Progress`). ValueError with a sentence for what is wrong."""
     folder = arguments.folder
     if arguments.resume:
-        arguments = _resumed(arguments)
+        arguments = resumed(arguments, "progress")
     elif (folder / "run.json").exists():
         raise ValueError(f"{folder}: holds a run already; go on with it by --resume, or choose another --out")
     config = _resolved(arguments)
@@ -94,16 +95,7 @@ def train(arguments: Arguments) -> Any:
     setup = Setup.of(eval_env)
     env = make_sb3_vec(arguments.env, config.n_envs, seed=arguments.seed, normalize=config.normalize or False, **kwargs)
     algorithm = configs.algorithm_class(config.algorithm)
-    record: dict[str, Any] = {
-        "algorithm": config.algorithm,
-        "env_id": arguments.env,
-        "env_kwargs": kwargs,
-        "layout": setup.layout,
-        "seed": arguments.seed,
-        "arguments": {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()},
-        "versions": versions(),
-        "finished": False,
-    }
+    record = new_record(arguments, config.algorithm, kwargs, setup.layout)
     if arguments.resume and training.checkpoints(folder):
         model, progress = training.restore(folder, algorithm, env)
     else:
@@ -147,18 +139,6 @@ def _resolved(arguments: Arguments) -> configs.Config:
     return config
 
 
-def _resumed(arguments: Arguments) -> Arguments:
-    """The arguments that the run was started with."""
-    record = read_run(arguments.folder)
-    if record.get("finished"):
-        raise ValueError(f"{arguments.folder}: that run has finished; there is nothing to resume")
-    known = {f.name for f in dataclasses.fields(Arguments)}
-    values = {k: v for k, v in record["arguments"].items() if k in known}
-    values |= {"config": arguments.folder / "config.yml", "out": arguments.folder, "resume": True}
-    values |= {"progress": arguments.progress}
-    return Arguments(**values)
-
-
 def _log(model: Any, folder: Path, arguments: Arguments) -> None:
     """Where Stable-Baselines3 writes its own curves."""
     from importlib.util import find_spec
@@ -172,18 +152,7 @@ def _log(model: Any, folder: Path, arguments: Arguments) -> None:
 def main() -> int:
     """Run the command."""
     arguments = parse(Arguments, "python -m agents.train_ppo", __doc__)
-    try:
-        progress = train(arguments)
-    except ValueError as error:
-        return fail(error)
-    except KeyboardInterrupt:
-        return broken_off(arguments.folder, "python -m agents.train_ppo")
-    except OSError as error:
-        return broken_off(arguments.folder, "python -m agents.train_ppo", error)
-    from agents.training import describe
-
-    print(f"{arguments.folder}: {describe(progress)}")
-    return 0
+    return training_program("python -m agents.train_ppo", train, arguments)
 
 
 if __name__ == "__main__":

@@ -29,9 +29,9 @@ from typing import Any
 from agents import config as configs
 from agents import episodes
 from agents.arguments import parse
-from agents.progress import Progress, after, describe, write_curve
+from agents.progress import Progress, after, training_program, write_curve
 from agents.rllib import cluster, setup
-from agents.runs import broken_off, checkpoints, fail, read_run, versions, write_json, write_text, write_whole
+from agents.runs import checkpoints, fail, new_record, resumed, write_json, write_text, write_whole
 
 FAILED = 1
 
@@ -102,7 +102,7 @@ def train(arguments: Arguments) -> Progress:
     """Train, and return what it came to. ValueError with a sentence for what is wrong."""
     folder = arguments.folder
     if arguments.resume:
-        arguments = _resumed(arguments)
+        arguments = resumed(arguments, *PROCESSES, algorithm="rllib_ppo")
     elif (folder / "run.json").exists():
         raise ValueError(f"{folder}: holds a run already; go on with it by --resume, or choose another --out")
     _check(arguments)
@@ -144,17 +144,7 @@ class Run:
 
         self.arguments, self.config, self.algorithm, self.eval_env = arguments, config, algorithm, eval_env
         self.folder, self.state, self.steps, self.workers_cpu = arguments.folder, Progress(), 0, 0.0
-        self.record: dict[str, Any] = {
-            "algorithm": "rllib_ppo",
-            "env_id": arguments.env,
-            "env_kwargs": kwargs,
-            "layout": Setup.of(eval_env).layout,
-            "seed": arguments.seed,
-            "arguments": {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()},
-            "versions": versions(),
-            "finished": False,
-            "runners": self._places(),
-        }
+        self.record = new_record(arguments, "rllib_ppo", kwargs, Setup.of(eval_env).layout, runners=self._places())
         self.meta = {k: self.record[k] for k in ("env_id", "env_kwargs", "layout", "seed", "algorithm", "versions")}
         self._board: Any = None
         self._bar: Any = None
@@ -174,7 +164,7 @@ class Run:
 
             self._board = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps)
         if arguments.progress:
-            from tqdm import tqdm  # type: ignore[import-untyped]
+            from tqdm import tqdm
 
             total = self.config.n_timesteps
             self._bar = tqdm(total=total, initial=self.steps, unit="step", unit_scale=True, mininterval=0.5)
@@ -354,39 +344,17 @@ def _check(arguments: Arguments) -> None:
         raise ValueError(f"env_kwargs.autoreset_mode = {mode!r}: must be 'NextStep', which is what RLlib takes")
 
 
-def _resumed(arguments: Arguments) -> Arguments:
-    """The arguments that the run was started with, on the processes asked for now."""
-    record = read_run(arguments.folder)
-    if record["algorithm"] != "rllib_ppo":
-        raise ValueError(f"{arguments.folder}: a run of {record['algorithm']}, not of RLlib")
-    if record.get("finished"):
-        raise ValueError(f"{arguments.folder}: that run has finished; there is nothing to resume")
-    known = {f.name for f in dataclasses.fields(Arguments)}
-    values = {k: v for k, v in record["arguments"].items() if k in known}
-    values |= {"config": arguments.folder / "config.yml", "out": arguments.folder, "resume": True}
-    values |= {name: getattr(arguments, name) for name in PROCESSES}
-    return Arguments(**values)
-
-
 def main() -> int:
     """Run the command."""
     arguments = parse(Arguments, "python -m agents.train_rllib", __doc__)
-    again = f"go on with: python -m agents.train_rllib --out {arguments.folder} --resume"
     try:
-        progress = train(arguments)
-    except ValueError as error:
-        return fail(error)
-    except KeyboardInterrupt:
-        return broken_off(arguments.folder, "python -m agents.train_rllib")
-    except OSError as error:
-        return broken_off(arguments.folder, "python -m agents.train_rllib", error)
+        return training_program("python -m agents.train_rllib", train, arguments)
     except Exception as error:
         if not type(error).__module__.startswith("ray."):
             raise
+        again = f"go on with: python -m agents.train_rllib --out {arguments.folder} --resume"
         fail(f"Ray lost a process that the run cannot do without ({type(error).__name__}); {again}")
         return FAILED
-    print(f"{arguments.folder}: {describe(progress)}")
-    return 0
 
 
 if __name__ == "__main__":

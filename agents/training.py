@@ -59,7 +59,7 @@ class Watch(BaseCallback):
         self._next_evaluation = after(self.num_timesteps - 1, self.evaluate_every)
         self._next_checkpoint = after(self.num_timesteps, self.checkpoint_every)
         if self.show:
-            from tqdm import tqdm  # type: ignore[import-untyped]
+            from tqdm import tqdm
 
             self._bar = tqdm(
                 total=self.total, initial=self.num_timesteps, unit="step", unit_scale=True, mininterval=0.5

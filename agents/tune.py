@@ -15,8 +15,6 @@ that are unstable, and settle in a limit cycle that flips the elbow's torque in 
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import sys
 import time
 import tomllib
@@ -29,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import episodes
+from agents.arguments import parse
 from agents.runs import fail, write_text
 from flexarm_env import control
 from flexarm_env.control.arm_model import arm_model
@@ -63,10 +62,15 @@ class Arguments:
     """What `python -m agents.tune` takes.
 
     Args:
-        env: id of the environment. controllers: names, separated by commas. samples: of the random search.
-        refinements: evaluations of Nelder-Mead. episodes: an evaluation runs. seed: of the search.
+        env: id of the environment.
+        controllers: names, separated by commas.
+        samples: of the random search.
+        refinements: evaluations of Nelder-Mead.
+        episodes: an evaluation runs.
+        seed: of the search.
         margin: by which all PD gains can be raised before the linear loop is unstable; 0: no such rule.
-        out: file of the gains. dry: print what is found, write nothing.
+        out: file of the gains.
+        dry: print what is found, write nothing.
     """
 
     env: str
@@ -180,7 +184,7 @@ def text_of(tables: dict[str, Any], env_id: str, margin: float) -> str:
 
 def main() -> int:
     """Run the command."""
-    arguments = parse()
+    arguments = parse(Arguments, "python -m agents.tune", __doc__)
     chosen = arguments.controllers.split(",")
     for name in chosen:
         if name not in control.NAMES:
@@ -202,22 +206,6 @@ def main() -> int:
         if not arguments.dry:
             write_text(path, text_of(tables, arguments.env, arguments.margin))
     return 0
-
-
-def parse() -> Arguments:
-    """Arguments from the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m agents.tune", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    for field in dataclasses.fields(Arguments):
-        if field.type == "bool":
-            parser.add_argument(f"--{field.name}", action="store_true")
-        else:
-            kind = {"int": int, "float": float}.get(str(field.type), str)
-            required = field.default is dataclasses.MISSING
-            default = None if required else field.default
-            parser.add_argument(f"--{field.name}", type=kind, required=required, default=default)
-    return Arguments(**vars(parser.parse_args()))
 
 
 if __name__ == "__main__":

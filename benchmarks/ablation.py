@@ -9,7 +9,6 @@ as they are and from a copy whose lines for these features are cut out, and call
 
 from __future__ import annotations
 
-import argparse
 import ast
 import dataclasses
 import json
@@ -26,11 +25,10 @@ from typing import Any
 import gymnasium as gym
 
 import flexarm_env
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import command, describe_machine, publish, table, told
 from flexarm_env import arms, scenes, simulate
 from flexarm_env.parameters import Payload
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results"
 STRIP = arms.resolve("strip")
 BARE = dataclasses.replace(STRIP, tau_d=0.0, payload=Payload())
 NOISE = {"noise": {"hub_rate": 1e-2, "tip_deflection": 1e-4}, "delay": 0.02}
@@ -51,6 +49,9 @@ FEATURES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "second link (TwoLinkFlexArm-v0)": ({"id": "TwoLinkFlexArm-v0"}, {}),
 }
 """Keywords of FlexibleArm-v0 (or of another `id`) with the feature, and without."""
+
+COMPILED = ("physics", "runtime", "tasks")
+"""Rooms whose branches on a feature's absence are cut."""
 
 CUT = (
     "gravity", "damping", "damped", "payload", "payload_turns", "controller", "actuator", "sensors", "reference",
@@ -132,7 +133,7 @@ class _Cut(ast.NodeTransformer):
         self.generic_visit(node)
         name = getattr(node.left, "attr", getattr(node.left, "id", None))
         alone = len(node.ops) == 1 and isinstance(node.comparators[0], ast.Constant)
-        if alone and node.comparators[0].value is None and name in CUT:  # type: ignore[attr-defined]
+        if alone and node.comparators[0].value is None and name in CUT:
             return ast.Constant(isinstance(node.ops[0], ast.Is))
         return node
 
@@ -177,35 +178,30 @@ def absent() -> dict[str, float]:
             folder = Path(name).resolve() / kind
             shutil.copytree(package, folder / "flexarm_env", ignore=shutil.ignore_patterns("__pycache__"))
             if kind == "cut":
-                for path in (folder / "flexarm_env" / "kernels").glob("*.py"):
+                for path in (path for room in COMPILED for path in (folder / "flexarm_env" / room).rglob("*.py")):
                     tree = _Prune().visit(_Cut().visit(ast.parse(path.read_text(encoding="utf-8"))))
                     path.write_text(ast.unparse(ast.fix_missing_locations(tree)), encoding="utf-8")
             counts[kind] = _instructions(folder)
     return counts
 
 
-def table(results: dict[str, Any]) -> str:
+def page(results: dict[str, Any]) -> str:
     """The results as Markdown."""
     lines = [
-        "# What features cost",
-        "",
+        "# What features cost", "",
         "A control period of `FlexibleArm-v0` at its defaults with and without a feature, us an arm (best of several",
         "rounds in turn): a single environment through `gymnasium.make`, and 64 arms on one thread. Written by",
-        "`python -m benchmarks.ablation`.",
-        "",
-        " · ".join(f"{k}: {v}" for k, v in results["machine"].items()),
-        "",
-        "| feature | single: without | with | more | 64 arms: without | with | more |",
-        "|---|---|---|---|---|---|---|",
-    ]
+        "`python -m benchmarks.ablation`.", "", told(results["machine"]), "",
+    ]  # fmt: skip
+    rows = []
     for row in results["present"]:
-        cells = []
+        rows.append([row["feature"]])
         for label in ("single", "vector"):
             a, b = row[label]["without"], row[label]["with"]
-            cells += [f"{a:.2f}", f"{b:.2f}", f"{100 * (b / a - 1):+.0f} %"]
-        lines.append(f"| {row['feature']} | " + " | ".join(cells) + " |")
-    lines += ["", "| replay of robot_arm_motion, floating frame | CPU, ms |", "|---|---|"]
-    lines += [f"| {row['feature']} | {row['ms']:.1f} |" for row in results["scenes"]]
+            rows[-1] += [f"{a:.2f}", f"{b:.2f}", f"{100 * (b / a - 1):+.0f} %"]
+    lines += table("feature | single: without | with | more | 64 arms: without | with | more", rows)
+    replays = [(row["feature"], f"{row['ms']:.1f}") for row in results["scenes"]]
+    lines += ["", *table("replay of robot_arm_motion, floating frame | CPU, ms", replays)]
     if results["absent"]:
         whole, cut = results["absent"]["whole"], results["absent"]["cut"]
         lines += [
@@ -220,16 +216,11 @@ def table(results: dict[str, Any]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
-    options = parser.parse_args(arguments)
+    options = command(__doc__, rounds=7).parse_args(arguments)
     results: dict[str, Any] = {"machine": describe_machine(), "scenes": scenes_present()}
     results["present"] = present(options.rounds)
     results["absent"] = absent()
-    write_text(options.out / "ablation.json", json.dumps(results, indent=1) + "\n")
-    write_text(options.out / "ablation.md", table(results))
-    print(table(results))
+    publish("ablation", options.out, results, page(results))
 
 
 if __name__ == "__main__":

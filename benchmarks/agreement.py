@@ -5,22 +5,19 @@ python -m benchmarks.agreement [--out FOLDER]
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks import exudyn_peer
 from benchmarks.converged import FOLDER as CONVERGED
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import command, describe_machine, publish, table, told
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results"
 EXACT = "geometrically_exact"
 CASES: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("floating frame, 5 segments x 1", "floating_frame", {"segments": 5, "elements": 1}),
@@ -120,8 +117,7 @@ def required(rows: list[dict[str, Any]]) -> list[str]:
     """Lines on what quadratic elements reach, with the runs of 5 elements at 0.005 s beside those that it takes."""
     lines = [
         "", "## Quadratic elements against what is asked of them", "",
-        "| scene | asked, m | 5 elements, 0.005 s: tip error, m | what it takes | tip error, m | why |",
-        "|---|---|---|---|---|---|",
+        *table("scene | asked, m | 5 elements, 0.005 s: tip error, m | what it takes | tip error, m | why"),
     ]  # fmt: skip
     for name, (bound, elements, why) in REQUIRED.items():
 
@@ -154,8 +150,7 @@ def corrected(rows: list[dict[str, Any]]) -> list[str]:
         "", "## The period corrected", "",
         "The exact beam, quadratic elements, rho_inf 0.7, at steps that are the limit and not the mesh, without and "
         "with `period_correction`.", "",
-        "| scene | elements, step | tip error, % of L: plain | corrected | ratio | CPU, ms: plain | corrected |",
-        "|---|---|---|---|---|---|---|",
+        *table("scene | elements, step | tip error, % of L: plain | corrected | ratio | CPU, ms: plain | corrected"),
     ]  # fmt: skip
     for plain, better in zip(rows[::2], rows[1::2], strict=True):
         errors, times = ([row[key] for row in (plain, better)] for key in ("max_tip_error_percent", "cpu_seconds"))
@@ -177,7 +172,7 @@ def checked(index: dict[str, Any]) -> list[str]:
         "package (`tests/oracle_exact.py`, extrapolated from two grids; in brackets how far that went), and Exudyn "
         "with 40 quadratic elements at 1/800 s. All in % of the arm's length. Scenes whose drive jumps are known less "
         "well than smooth ones: fronts and kinks lower the order of every method.", "",
-        "| scene | elements | step, s | own study | finite differences | Exudyn |", "|---|---|---|---|---|---|",
+        *table("scene | elements | step, s | own study | finite differences | Exudyn"),
     ]  # fmt: skip
     for name, entry in index.items():
         share, check = 100.0 / entry["length"], entry.get("cross_check", {})
@@ -191,7 +186,7 @@ def checked(index: dict[str, Any]) -> list[str]:
     return [*lines, "", "`spin_up` has known answers instead: its lag and stretch ([physics](physics.md))."]
 
 
-def table(rows: list[dict[str, Any]], pairs: list[dict[str, Any]], machine: dict[str, str]) -> str:
+def page(rows: list[dict[str, Any]], pairs: list[dict[str, Any]], machine: dict[str, str]) -> str:
     """Markdown of all rows, scene by scene."""
     index = json.loads((CONVERGED / "converged.json").read_text())
     lines = [
@@ -200,13 +195,9 @@ def table(rows: list[dict[str, Any]], pairs: list[dict[str, Any]], machine: dict
         "Largest distance of the tip from the converged solution over the whole run, in % of the arm's length; CPU",
         "time of the run (compiled, one core); energy that appeared or went, over the drives' gross work. Written by",
         "`python -m benchmarks.agreement`; the converged solutions by `python -m benchmarks.converged`, whose own",
-        "study gives the uncertainty in the last column.",
-        "",
-        " · ".join(f"{k}: {v}" for k, v in machine.items()),
-        "",
-        "| scene | formulation | step, s | tip error, % of L | CPU, ms | energy | reference known to, % of L |",
-        "|---|---|---|---|---|---|---|",
-    ]
+        "study gives the uncertainty in the last column.", "", told(machine), "",
+        *table("scene | formulation | step, s | tip error, % of L | CPU, ms | energy | reference known to, % of L"),
+    ]  # fmt: skip
     for row in rows:
         known = 100.0 * index[row["scene"]]["tip_error_estimate"] / index[row["scene"]]["length"]
         if row["status"] == "ok":
@@ -220,9 +211,7 @@ def table(rows: list[dict[str, Any]], pairs: list[dict[str, Any]], machine: dict
 
 def main(arguments: list[str] | None = None) -> None:
     """Run everything and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
-    options = parser.parse_args(arguments)
+    options = command(__doc__).parse_args(arguments)
     rows = []
     for name in names():
         for label, formulation, settings in CASES:
@@ -239,8 +228,7 @@ def main(arguments: list[str] | None = None) -> None:
             )
     machine, pairs = describe_machine("exudyn"), corrections()
     content = {"machine": machine, "rows": rows, "corrected": pairs}
-    write_text(options.out / "agreement.json", json.dumps(content, indent=1) + "\n")
-    write_text(options.out / "agreement.md", table(rows, pairs, machine))
+    publish("agreement", options.out, content, page(rows, pairs, machine))
 
 
 if __name__ == "__main__":

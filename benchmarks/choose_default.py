@@ -187,7 +187,7 @@ def take_times(env_id: str, rows: list[Candidate], rounds: int = 7) -> None:
 def measure(env_id: str, episodes: int) -> tuple[list[Candidate], dict[str, float]]:
     """All candidates of an environment, its defaults among them; how far the reference is from coarser ones, % of L."""
     joints = 1 if env_id == IDS[0] else 2
-    own = gym.make(env_id).unwrapped.plan  # type: ignore[attr-defined]
+    own = gym.make(env_id).unwrapped.plan
     actions = actions_of(env_id, episodes, joints)
     exact, _ = tips(env_id, actions, EXACT)
 

@@ -8,19 +8,17 @@ multiplications that depend on nothing but themselves, and so are steps of 5 ms,
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import command, describe_machine, publish, table, told
 from benchmarks.operations import CASES, STEP
 from flexarm_env import arms
 from flexarm_env.batch import standing_scene
@@ -30,13 +28,12 @@ from flexarm_env.physics.integrator.step import advance
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results"
 CHAINS = 12
 """Independent chains: more than two units with four cycles of latency need."""
 
 
 @kernel
-def _chains(lane, x, count):  # type: ignore[no-untyped-def]
+def _chains(lane, x, count):
     """`count` times: each of 12 numbers (of each lane) multiplied, then added to; 24 operations."""
     a0, a1, a2 = load(lane, x, 0), load(lane, x, 1), load(lane, x, 2)
     a3, a4, a5 = load(lane, x, 3), load(lane, x, 4), load(lane, x, 5)
@@ -116,7 +113,7 @@ def counted() -> dict[str, dict[str, float]]:
     return dict(json.loads(done.stdout))
 
 
-def table(results: dict[str, Any]) -> str:
+def page(results: dict[str, Any]) -> str:
     """The results as Markdown."""
     one, eight = results["ceiling"]["1"] / 1e9, results["ceiling"]["8"] / 1e9
     lines = [
@@ -128,13 +125,10 @@ def table(results: dict[str, Any]) -> str:
         "chains of additions and multiplications), the time measured, and the ratio. A division counts as one",
         "operation but takes longer than an addition; in lanes the state of eight arms passes through the",
         "first-level cache (bytes an arm in the last column). Written by `python -m benchmarks.cost_model`.",
-        "",
-        " · ".join(f"{k}: {v}" for k, v in results["machine"].items()),
-        "",
-        "| case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio | ceiling in lanes, "
-        "us | an arm in lanes, us | ratio | bytes |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
+        "", told(results["machine"]), "",
+        *table("case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio "
+               "| ceiling in lanes, us | an arm in lanes, us | ratio | bytes"),
+    ]  # fmt: skip
     for r in results["rows"]:
         scalar, lanes = r["operations"] / one / 1e3, r["operations"] / eight / 1e3
         wide = "– | – | –"
@@ -149,9 +143,7 @@ def table(results: dict[str, Any]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Count, measure and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
-    options = parser.parse_args(arguments)
+    options = command(__doc__).parse_args(arguments)
     counts, rows = counted(), []
     for name, case in CASES.items():
         laneless = case[1] == "floating_frame"
@@ -159,9 +151,7 @@ def main(arguments: list[str] | None = None) -> None:
         rows.append(row | {"lane_us": None if laneless else 1e6 * step_time(*case, EIGHT)})
         print(json.dumps(rows[-1]), flush=True)
     results = {"machine": describe_machine(), "ceiling": {"1": ceiling(SINGLE), "8": ceiling(EIGHT)}, "rows": rows}
-    write_text(options.out / "cost_model.json", json.dumps(results, indent=1) + "\n")
-    write_text(options.out / "cost_model.md", table(results))
-    print(table(results))
+    publish("cost_model", options.out, results, page(results))
 
 
 if __name__ == "__main__":

@@ -81,13 +81,13 @@ def _simulator(scene: Scene, rod: Any, before: float) -> Any:
     """The rod with the scene's support, motion and loads, ready to run; before: that its first node is the root, m."""
     import elastica
 
-    class Simulator(elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing):  # type: ignore[misc]
+    class Simulator(elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing):
         """What the scene needs."""
 
     motion = scene.motion_of("joint0")
     start = np.array([*scene.position, 0.0])
 
-    class Root(elastica.ConstraintBase):  # type: ignore[misc]
+    class Root(elastica.ConstraintBase):
         """The first node pinned; or it and the first element turned about the root by the motion."""
 
         def constrain_values(self, system: Any, time: float) -> None:
@@ -112,7 +112,7 @@ def _simulator(scene: Scene, rod: Any, before: float) -> Any:
             parts = (load.force_x, load.force_y, load.torque)
             loads += [(k, function) for k, function in enumerate(parts) if function is not None]
 
-    class Loads(elastica.NoForces):  # type: ignore[misc]
+    class Loads(elastica.NoForces):
         """Forces on the first node, torque on the first element."""
 
         def apply_forces(self, system: Any, time: float = 0.0) -> None:

@@ -19,7 +19,7 @@ from flexarm_env import arms
 
 def stepper(elements: int, n_steps: int, period: float = 0.02) -> Callable[[int], int]:
     """A function of a count that makes so many control periods under random torque and returns that count."""
-    sys.exudynFast = True  # type: ignore[attr-defined]  # its module without range checks
+    sys.exudynFast = True  # its module without range checks
     import exudyn as exu
     from exudyn import itemInterface
 

@@ -9,19 +9,17 @@ compiled control period of one arm, the least of five rounds.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import command, describe_machine, publish, table, told
 from flexarm_env import arms
 from flexarm_env.batch import Batch, standing_scene
 from flexarm_env.envs.options import DEFAULT_OPTIONS
@@ -29,7 +27,6 @@ from flexarm_env.simulation import Simulation
 
 Array = NDArray[np.float64]
 
-ROOT = Path(__file__).parents[1]
 PERIOD = 0.02
 FINE = 256
 MOTIONS = {
@@ -141,7 +138,7 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
     return lines
 
 
-def markdown(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
+def page(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
     """The page of the results."""
     lines = [
         "# Steps fitted to a tolerance", "",
@@ -149,12 +146,12 @@ def markdown(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
         "longest step, and each arm takes in each control period as short ones as it needs "
         "([theory](../theory.md), section 6). Errors of a control period, and what is tolerated, in % of the arm's "
         "length.", "",
-        " · ".join(f"{key}: {value}" for key, value in machine.items()), "", *saved(rows),
+        told(machine), "", *saved(rows),
     ]  # fmt: skip
     for motion, what in MOTIONS.items():
         lines += ["", f"## {motion[0].upper() + motion[1:]}", "", f"{what[0].upper() + what[1:]}.", "",
-                  "| formulation | step, ms | tolerance | largest error | rms | steps a period | CPU, µs a period |",
-                  "|---|---|---|---|---|---|---|"]  # fmt: skip
+                  *table("formulation | step, ms | tolerance | largest error | rms | steps a period "
+                         "| CPU, µs a period")]  # fmt: skip
         for row in rows:
             if row["motion"] != motion:
                 continue
@@ -170,10 +167,7 @@ def markdown(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run all, write the results; 1 where a fitted period added more than it was allowed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--periods", type=int, default=400)
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
-    options = parser.parse_args(arguments)
+    options = command(__doc__, periods=400).parse_args(arguments)
     rows = []
     for motion in MOTIONS:
         for formulation, ways in WAYS.items():
@@ -181,8 +175,7 @@ def main(arguments: list[str] | None = None) -> int:
                 rows.append(run(motion, formulation, way, options.periods))
                 print(json.dumps(rows[-1]), flush=True)
     machine = describe_machine()
-    write_text(options.out / "fitted_steps.json", json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
-    write_text(options.out / "fitted_steps.md", markdown(rows, machine))
+    publish("fitted_steps", options.out, {"machine": machine, "rows": rows}, page(rows, machine))
     above = [row for row in rows if row["largest"] > row["options"].get("step_tolerance", np.inf)]
     for row in above:
         print("above its tolerance:", json.dumps(row))

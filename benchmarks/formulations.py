@@ -10,16 +10,13 @@ should be.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks import formulation_runs as runs
-from benchmarks.machine import folders, write_results
+from benchmarks.machine import command, judged, table, told
 from flexarm_env.scenes import named
-
-DOCS = Path(__file__).parents[1] / "docs"
 
 
 def row_at(rows: list[dict[str, Any]], dt: float) -> dict[str, Any]:
@@ -71,8 +68,7 @@ def verdicts(found: dict[str, Any]) -> dict[str, bool]:
 
 def energy_table(rows: list[dict[str, Any]]) -> list[str]:
     """Wobble and drift, a row a step."""
-    lines = ["| step, s | tolerance | wobble | drift | largest wobble of a tenth of the run over the first's |"]
-    lines += ["|---|---|---|---|---|"]
+    lines = table("step, s | tolerance | wobble | drift | largest wobble of a tenth of the run over the first's")
     for row in rows:
         growth = max(row["wobble_of_tenths"]) / row["wobble_of_tenths"][0]
         lines.append(
@@ -86,11 +82,11 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
     orders, strips, reduction = found["exact_orders"], found["strips"], found["reduction"]
     lines = [
         "# Exact beam, elastica, modes", "", "Written by `python -m benchmarks.formulations`.", "",
-        " · ".join(f"{k}: {v}" for k, v in machine.items()), "", "| what | holds |", "|---|---|",
-        *(f"| {what} | {'yes' if holds else '**no**'} |" for what, holds in found["verdicts"].items()), "",
+        told(machine), "",
+        *table("what | holds", [(k, "yes" if holds else "**no**") for k, holds in found["verdicts"].items()]), "",
         "## Exact beam: order", "",
-        "| elements of order | measured order in the tip's position |", "|---|---|",
-        *(f"| {p} | {row['order']:.2f} |" for p, row in orders["mesh"].items()), "",
+        *table("elements of order | measured order in the tip's position",
+               [(p, f"{row['order']:.2f}") for p, row in orders["mesh"].items()]), "",
         f"In time: {orders['time_order']:.3f}.", "", "![orders](../figures/exact_orders.png)", "",
         "## Exact beam: free flight", "",
         f"`flying_rod`, 5 quadratic elements, step 0.005 s: the centre of mass is at most "
@@ -103,8 +99,7 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
         "## Elastica on strips", "",
         "Strips of 1 m (EI 7, EA 7.2e6, C 2.3e6 N, m 0.277 kg/m), hub 0.05 kg m^2, payload 0.2 kg, undamped, 4 s: "
         "largest tip error in % of L against 6 cubic exact elements at 0.125 ms; worst of the seeds.", "",
-        "| arm, torque | largest deflection, % of a link | 6 nodes, 2.5 ms | 10 nodes, 5 ms | 10 nodes, 1.25 ms |",
-        "|---|---|---|---|---|",
+        *table("arm, torque | largest deflection, % of a link | 6 nodes, 2.5 ms | 10 nodes, 5 ms | 10 nodes, 1.25 ms"),
     ]  # fmt: skip
     for key, row in strips.items():
         if isinstance(row, dict):
@@ -140,7 +135,7 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, draw, write; 1 where something does not hold."""
-    options = folders(__doc__, arguments, DOCS)
+    options = command(__doc__).parse_args(arguments)
     found: dict[str, Any] = {
         "exact_orders": runs.exact_orders(options.figures),
         "center_of_mass": runs.center_of_mass(),
@@ -151,7 +146,7 @@ def main(arguments: list[str] | None = None) -> int:
         "reduction": runs.reduction(options.figures),
     }
     found["verdicts"] = verdicts(found)
-    return write_results("formulations", options.out, found, page)
+    return judged("formulations", options.out, found, page)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What every results file says of the machine it was made on, and files written whole or not at all."""
+"""One way to run a benchmark, to describe the machine, and to write a page and its numbers, whole or not at all."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 
 from benchmarks.running import cores
 
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 PACKAGES = ("flexarm-env", "numpy", "numba", "gymnasium")
 
 
@@ -55,22 +56,41 @@ def write_text(path: Path, text: str) -> None:
     part.replace(path)
 
 
-def write_results(
+def told(machine: Mapping[str, Any]) -> str:
+    """The machine's facts in a line."""
+    return " · ".join(f"{key}: {fact}" for key, fact in machine.items())
+
+
+def table(columns: str, rows: Iterable[Iterable[object]] = (), numbers: bool = False) -> list[str]:
+    """Lines of a Markdown table; columns: their heads between bars; numbers: all but the first to the right."""
+    rule = "|---|" + ("---:|" if numbers else "---|") * columns.count(" | ")
+    return [f"| {columns} |", rule, *("| " + " | ".join(map(str, row)) + " |" for row in rows)]
+
+
+def command(description: str | None, **numbers: int) -> argparse.ArgumentParser:
+    """A parser with whole numbers, by their defaults, and folders for what is found, below docs/."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, value in numbers.items():
+        parser.add_argument(f"--{name}", type=int, default=value)
+    parser.add_argument("--out", type=Path, default=DOCS / "results", help="folder of the results")
+    parser.add_argument("--figures", type=Path, default=DOCS / "figures", help="folder of the figures")
+    return parser
+
+
+def publish(name: str, folder: Path, content: Mapping[str, Any], page: str) -> None:
+    """Write NAME.json and NAME.md, and print the page."""
+    write_text(folder / f"{name}.json", json.dumps(content, indent=1) + "\n")
+    write_text(folder / f"{name}.md", page)
+    print(page)
+
+
+def judged(
     name: str, folder: Path, found: dict[str, Any], page: Callable[[dict[str, Any], dict[str, str]], str]
 ) -> int:
-    """Write NAME.json and NAME.md (`page` of what was found and of the machine), and print what holds of
-    found["verdicts"]; the exit code is 1 where something does not."""
+    """Publish (`page` of what was found and of the machine), and print what holds of found["verdicts"]; the exit code
+    is 1 where something does not."""
+    machine = describe_machine()
+    publish(name, folder, {"machine": machine, **found}, page(found, machine))
     for what, holds in found["verdicts"].items():
         print(f"{'ok ' if holds else 'NO '} {what}")
-    machine = describe_machine()
-    write_text(folder / f"{name}.json", json.dumps({"machine": machine, **found}, indent=1) + "\n")
-    write_text(folder / f"{name}.md", page(found, machine))
     return 0 if all(found["verdicts"].values()) else 1
-
-
-def folders(description: str | None, arguments: list[str] | None, docs: Path) -> argparse.Namespace:
-    """Where a benchmark is told to leave its results (`out`) and figures (`figures`); below docs/ where it is not."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=docs / "results", help="folder of the results")
-    parser.add_argument("--figures", type=Path, default=docs / "figures", help="folder of the figures")
-    return parser.parse_args(arguments)

@@ -72,9 +72,9 @@ class Counted:
         return self.x >= float(other)
 
     def __eq__(self, other: object) -> bool:
-        return self.x == float(other)  # type: ignore[arg-type]
+        return self.x == float(other)
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
     def cos(self) -> Counted:
         """What np.cos calls; counted as our own sine and cosine are."""
@@ -129,7 +129,7 @@ def _prepare() -> None:
 
     replaced = {"square_root": square_root, "stack": room, "round_even": lambda x: Counted(float(np.rint(float(x))))}
     for name, module in list(sys.modules.items()):
-        if name.startswith("flexarm_env.kernels"):
+        if name.startswith("flexarm_env.physics"):
             for key, value in replaced.items():
                 if hasattr(module, key) and callable(getattr(module, key)):
                     setattr(module, key, value)

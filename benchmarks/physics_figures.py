@@ -16,13 +16,12 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from benchmarks.machine import folders, write_results
+from benchmarks.machine import command, judged, table, told
 from flexarm_env.plotting import COLORS, FAINT, plot_trajectory, styled_figure
 from flexarm_env.scenes import named, names, reference, reference_names
 from flexarm_env.simulation import Trajectory, simulate
 
 Array = NDArray[np.float64]
-DOCS = Path(__file__).parents[1] / "docs"
 FLIGHTS: dict[str, dict[str, Any]] = {
     "flying_rod": {"segments": 4, "steps": [0.0125 / 2**k for k in range(5)], "long": 0.003125},
     "two_link_free_flight": {"segments": 2, "steps": [0.00125 / 2**k for k in range(5)], "long": 0.000625},
@@ -205,8 +204,8 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
     spin = found["spin_up"]
     lines = [
         "# Known answers", "", "Written by `python -m benchmarks.physics_figures`.", "",
-        " · ".join(f"{k}: {v}" for k, v in machine.items()), "", "| what | holds |", "|---|---|",
-        *(f"| {what} | {'yes' if holds else '**no**'} |" for what, holds in found["verdicts"].items()), "",
+        told(machine), "",
+        *table("what | holds", [(k, "yes" if holds else "**no**") for k, holds in found["verdicts"].items()]), "",
         "## Spin-up past the first frequency", "",
         "| coupling | deepest lag, m | at, s | steady stretch, m | status |", "|---|---|---|---|---|",
     ]  # fmt: skip
@@ -234,7 +233,7 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, draw, write; 1 where something does not hold."""
-    options = folders(__doc__, arguments, DOCS)
+    options = command(__doc__).parse_args(arguments)
     found: dict[str, Any] = {
         "spin_up": spin_up(options.figures),
         "free_flight": {name: free_flight(name, options.figures) for name in FLIGHTS},
@@ -242,7 +241,7 @@ def main(arguments: list[str] | None = None) -> int:
         "scenes": scenes(options.figures),
     }
     found["verdicts"] = verdicts(found)
-    return write_results("physics", options.out, found, page)
+    return judged("physics", options.out, found, page)
 
 
 if __name__ == "__main__":

@@ -11,24 +11,19 @@ learners likewise. They take turns; times are medians over iterations, the first
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import os
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import command, describe_machine, publish, told
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results"
 ENV = "FlexibleArm-v0"
 WARM = 2
-MINIBATCH, EPOCHS = 1024, 10
 ARRANGEMENTS: dict[str, dict[str, Any]] = {
     "native, in the training process": {"runners": 0, "native": True},
     "native, 1 runner": {"runners": 1, "native": True},
@@ -200,45 +195,6 @@ def bare(config: Any, n: int = 64, repeats: int = 400) -> float:
     return float(np.median(times)) / n * 1e6
 
 
-# ------------------------------------------------------------------ on paper
-def costs(found: dict[str, Row]) -> Row:
-    """What an environment step costs where, in microseconds, and an iteration beside its steps, in seconds.
-
-    collect: in the training process, to receive it; it and fixed from two runners with 8192 and with 32768 steps.
-    together: what each update of a minibatch takes longer where learners agree on it.
-    """
-    one, two, four = (found[f"native, {k}"] for k in ("1 runner", "2 runners", "2 runners, 4 times the environments"))
-    inside = {name: sum(row[part] for part in PARTS) for name, row in (("two", two), ("four", four))}
-    waiting = [row["sampling"] - inside[name] for name, row in (("two", two), ("four", four))]
-    updates = two["steps"] / MINIBATCH * EPOCHS
-    together = max(0.0, found["native, 2 runners, 2 learners"]["learning"] - two["learning"] / 2) / updates
-    collect = max(0.0, (waiting[1] - waiting[0]) / (four["steps"] - two["steps"]))
-    return {
-        "sample_us": inside["four"] / (four["steps"] / 2) * 1e6,
-        "collect_us": collect * 1e6,
-        "learn_us": four["learning"] / four["steps"] * 1e6,
-        "fixed_s": max(0.0, waiting[0] - collect * two["steps"]) + two.get("weights", 0.0),
-        "per_runner_s": max(0.0, two.get("weights", 0.0) - one.get("weights", 0.0)),
-        "together_ms": together * 1e3,
-    }
-
-
-def rate(cost: Row, runners: int, learners: int, each: int) -> float:
-    """Environment steps a second of synchronous PPO whose runners take `each` steps an iteration."""
-    steps = runners * each
-    agreeing = cost["together_ms"] * 1e3 * EPOCHS / MINIBATCH if learners > 1 else 0.0
-    learning = steps * (cost["learn_us"] + agreeing) / max(1, learners)
-    seconds = (each * cost["sample_us"] + steps * cost["collect_us"] + learning) * 1e-6
-    return steps / (seconds + cost["fixed_s"] + runners * cost["per_runner_s"])
-
-
-def best(cost: Row, cores: int, each: int) -> tuple[float, int, int]:
-    """The best division of cores into runners and learners: steps/s, runners, learners."""
-    options = [(rate(cost, cores - k, k, each), cores - k, k) for k in sorted({*range(1, min(cores, 100)),
-               *(round(cores * s / 200) for s in range(1, 199))}) if 1 <= k < cores]  # fmt: skip
-    return max(options)
-
-
 # ------------------------------------------------------------------ the page
 def medians(rows: list[Row]) -> Row:
     """Of each part, with the rate."""
@@ -248,8 +204,8 @@ def medians(rows: list[Row]) -> Row:
 
 def page(content: dict[str, Any]) -> str:
     """docs/results/ray.md."""
-    found, cost, machine = content["found"], content["costs"], content["machine"]
-    facts = " · ".join(f"{k}: {v}" for k, v in machine.items())
+    found, machine = content["found"], content["machine"]
+    facts = told(machine)
     lines = [
         "# Training on Ray", "",
         "Environment steps a second of PPO on FlexibleArm-v0, rollouts and updates together, and what an iteration's",
@@ -264,7 +220,7 @@ def page(content: dict[str, Any]) -> str:
         cells = (row["steps"], row["steps_per_second"], row["steps"] / row["sampling"])
         cells += tuple(1e3 * row[part] for part in ("iteration", "sampling", "learning"))
         lines.append(f"| {name} | " + " | ".join(f"{cell:,.0f}" for cell in cells) + " |")
-    lines += [*_share(found, content["bare_us"]), *_paper(cost, content["bare_us"])]
+    lines += [*_share(found, content["bare_us"])]
     return "\n".join(lines) + "\n"
 
 
@@ -297,54 +253,9 @@ def _share(found: dict[str, Row], bare_us: float) -> list[str]:
     ]  # fmt: skip
 
 
-def _paper(cost: Row, bare_us: float) -> list[str]:
-    """What a large cluster would give."""
-    lines = [
-        "", "## A cluster of 1000 cores, on paper", "",
-        "Synchronous PPO waits twice: for the slowest runner, and for the learners. With R runners that take m steps",
-        "each and L learners, an iteration lasts", "",
-        f"    m sample + R m collect + R m (learn + {EPOCHS} agree / {MINIBATCH}) / L + fixed + R runner", "",
-        "with costs measured above (two runners, 8192 and 32768 steps an iteration):", "",
-        "| sample, µs/step | learn, µs/step | agree, ms an update | collect, µs/step | fixed, ms | runner, ms |",
-        "|---:|---:|---:|---:|---:|---:|",
-        f"| {cost['sample_us']:.1f} | {cost['learn_us']:.1f} | {cost['together_ms']:.1f} | {cost['collect_us']:.2f} "
-        f"| {1e3 * cost['fixed_s']:.0f} | {1e3 * cost['per_runner_s']:.1f} |", "",
-        "Divided best between runners and learners, with 8192 steps a runner and minibatches of",
-        f"{MINIBATCH} in each learner:", "",
-        "| cores | runners | learners | steps/s | of as many single cores |", "|---:|---:|---:|---:|---:|",
-    ]  # fmt: skip
-    for cores in (2, 4, 16, 64, 250, 1000):
-        speed, runners, learners = best(cost, cores, 8192)
-        ideal = cores * 1e6 / (cost["sample_us"] + cost["learn_us"])
-        lines.append(f"| {cores} | {runners} | {learners} | {speed:,.0f} | {speed / ideal:.0%} |")
-    together, compute = cost["together_ms"], cost["learn_us"] * MINIBATCH / EPOCHS * 1e-3
-    limit = f"{1e6 / cost['collect_us']:,.0f}" if cost["collect_us"] > 0 else "too many to be measured here"
-    return [
-        *lines, "", "Where it stops scaling:", "",
-        f"- **At the learners, at once.** A step costs {cost['learn_us'] / cost['sample_us']:.1f} times as much to",
-        "  learn from as to sample, so most cores have to be learners; and learners must agree on every update, which",
-        f"  takes {together:.1f} ms here; one computes a minibatch of {MINIBATCH} in {compute:.1f} ms.",
-        "  For so small a network two learners are slower than the training process alone. Larger minibatches and",
-        "  fewer epochs move this limit; so does a GPU.",
-        f"- **At the training process.** All episodes pass through it: {cost['collect_us']:.2f} µs a step are a",
-        f"  ceiling of {limit} steps/s, whatever the number of runners; messages to each of them come on top.",
-        "- **At the batch.** 1000 runners of 8192 steps are 8 million steps an update, ten times what the whole",
-        "  training of this task takes. Beyond some tens of runners the time to a trained policy no longer falls; many",
-        "  cores are better spent on sweeps (`agents.sweep`), whose trials share nothing.",
-        "- **Not at the environments**, which are "
-        f"{bare_us / (cost['sample_us'] + cost['learn_us']):.1%} of a step's cost.",
-        "", "All of it was measured on one machine, on which runners and the training process share two cores: what a",
-        "network between nodes costs is not in the figures.",
-    ]  # fmt: skip
-
-
 def main() -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--iterations", type=int, default=8, help="of a turn that are measured")
-    parser.add_argument("--rounds", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    arguments = parser.parse_args()
+    arguments = command(__doc__, iterations=8, rounds=2).parse_args()
     load = os.getloadavg()[0]
     from agents.rllib import cluster, setup
 
@@ -368,12 +279,9 @@ def main() -> None:
     found = {name: medians(each) for name, each in rows.items()}
     content = {
         "machine": describe_machine("ray", "torch"), "load_average": load, "env": ENV, "bare_us": bare(config),
-        "found": found, "costs": costs(found),
+        "found": found,
     }  # fmt: skip
-    write_text(arguments.out / "ray.json", json.dumps(content, indent=1) + "\n")
-    text = page(content)
-    write_text(arguments.out / "ray.md", text)
-    print(text)
+    publish("ray", arguments.out, content, page(content))
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ import numpy as np
 
 from benchmarks import exudyn_peer
 from benchmarks.long_runs import LONG, long_run, table_of_long_runs
-from benchmarks.machine import cpu_seconds, describe_machine, write_text
+from benchmarks.machine import cpu_seconds, describe_machine, told, write_text
 from benchmarks.running import cores, run_all
 from benchmarks.stability_cases import MAIN, Case, cases, reference_of, scene_of
 from benchmarks.stability_figures import maps
@@ -234,7 +234,7 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
     lines = [
         "# Stability under stress", "",
         "Written by `python -m benchmarks.stability`, whose docstring says what the words mean.", "",
-        " · ".join(f"{k}: {v}" for k, v in machine.items()) + f" · {seconds:.0f} s by the clock "
+        told(machine) + f" · {seconds:.0f} s by the clock "
         f"and {cpu_seconds():.0f} s of processor time for what was not kept from before; cases "
         f"{found['case_seconds']:.0f} s in all", "",
         f"{found['cases']} cases. Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; "

@@ -10,8 +10,6 @@ round counts, for others may share the machine. `Pendulum-v1` is the yardstick. 
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import subprocess
 import sys
@@ -20,9 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import rates
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import command, describe_machine, publish, table, told
 
-DOCS = Path(__file__).parents[1] / "docs"
 SIZES = (1, 16, 256, 1024, 4096)
 FORMULATIONS = ("elastica", "geometrically_exact", "floating_frame")
 
@@ -78,7 +75,7 @@ def memory(env_id: str) -> dict[str, float]:
     return {"resident_64_mb": few, "resident_4096_mb": many, "state_bytes": state}
 
 
-def table(results: dict[str, Any]) -> str:
+def page(results: dict[str, Any]) -> str:
     """The results as Markdown."""
     rows = results["rates"]
     pendulum = next(r["steps_per_second"] for r in rows if r["case"] == "Pendulum-v1")
@@ -88,27 +85,20 @@ def table(results: dict[str, Any]) -> str:
         'Environment steps a second, compiled, `info_level="standard"`, random actions; ratios to `Pendulum-v1` of',
         "the same run. Written by `python -m benchmarks.throughput`. The settings of each formulation are the cheapest",
         "that keep the tip within 0.5 % of L for 99 % of episodes (see `default_settings.md`).",
-        "",
-        " · ".join(f"{k}: {v}" for k, v in results["machine"].items()),
-        "",
-        "| case | formulation | environments | threads | steps/s | / Pendulum-v1 |",
-        "|---|---|---|---|---|---|",
-    ]
+        "", told(results["machine"]), "",
+        *table("case | formulation | environments | threads | steps/s | / Pendulum-v1"),
+    ]  # fmt: skip
     for r in rows:
         name = r["case"] if "formulation" not in r else r["id"]
         lines.append(
             f"| {name} ({r['api']}) | {r.get('formulation', '–')} | {r['n_envs']} | {r['threads']} "
             f"| {r['steps_per_second']:,.0f} | {r['steps_per_second'] / pendulum:.2f} |"
         )
-    lines += ["", "| formulation | settings |", "|---|---|"]
     settings = {r["formulation"]: r["settings"] for r in rows if "formulation" in r}
-    lines += [f"| {name} | {', '.join(f'{k} {v}' for k, v in chosen.items())} |" for name, chosen in settings.items()]
-    lines += [
-        "",
-        "| | import, s | first step, empty cache, s | first step, cached, s | resident, 64, MB | resident, 4096, MB "
-        "| state an arm, bytes |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    chosen = [(name, ", ".join(f"{k} {v}" for k, v in own.items())) for name, own in settings.items()]
+    lines += ["", *table("formulation | settings", chosen), ""]
+    lines += table("environment | import, s | first step, empty cache, s | first step, cached, s | resident, 64, MB "
+                   "| resident, 4096, MB | state an arm, bytes")  # fmt: skip
     for env_id, facts in results["starts"].items():
         m = results["memory"][env_id]
         lines.append(
@@ -183,11 +173,9 @@ def figure(results: dict[str, Any], path: Path) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure and write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=5)
+    parser = command(__doc__, rounds=5)
     parser.add_argument("--seconds", type=float, default=0.5, help="of one case in one round")
     parser.add_argument("--quick", action="store_true", help="two sizes, one formulation, no start-up and memory")
-    parser.add_argument("--out", type=Path, default=DOCS, help="folder of results/ and figures/")
     options = parser.parse_args(arguments)
     sizes, formulations = ((16, 1024), FORMULATIONS[:1]) if options.quick else (SIZES, FORMULATIONS)
     cases = [rates.single("Pendulum-v1", "Pendulum-v1")]
@@ -202,10 +190,8 @@ def main(arguments: list[str] | None = None) -> None:
         "starts": {} if options.quick else {env_id: starts(env_id) for env_id in rates.IDS},
         "memory": {} if options.quick else {env_id: memory(env_id) for env_id in rates.IDS},
     }
-    write_text(options.out / "results" / "throughput.json", json.dumps(results, indent=1) + "\n")
-    write_text(options.out / "results" / "throughput.md", table(results))
-    figure(results, options.out / "figures" / "throughput.png")
-    print(table(results))
+    publish("throughput", options.out, results, page(results))
+    figure(results, options.figures / "throughput.png")
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from benchmarks import elastica_peer, exudyn_peer
 from benchmarks.converged import FOLDER as CONVERGED
 from benchmarks.long_runs import torques
-from benchmarks.machine import cpu_seconds, describe_machine, write_text
+from benchmarks.machine import cpu_seconds, describe_machine, told, write_text
 from benchmarks.running import run_all
 from benchmarks.work_precision_figures import PEERS, scene_figure, summary_figure
 from flexarm_env import arms
@@ -229,7 +229,7 @@ def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: f
         "# Run time against error", "",
         "Written by `python -m benchmarks.work_precision`, whose docstring says how. Error: largest distance of the "
         "tip from the converged solution, in % of the arm's length. CPU: ms per simulated second, one core, compiled.",
-        "", " · ".join(f"{k}: {v}" for k, v in machine.items())
+        "", told(machine)
         + f" · {len(rows)} runs, {seconds:.0f} s by the clock and {cpu:.0f} s of processor time, with compilation, for "
         "what was not kept from before", "",
         "![fronts of all scenes](../figures/work_precision.png)", "",

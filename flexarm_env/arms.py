@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from flexarm_env import toml_text
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 
@@ -61,12 +61,30 @@ def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str]
     return from_toml(path)
 
 
+def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
+    """The table of a TOML file, or of a text, and the file's path (None for a text).
+
+    A string with a line break is a text, and so is one with an equals sign that does not end in ``.toml``.
+    Raises OSError for a file that cannot be read and ValueError for what is no TOML.
+    """
+    path = None
+    try:
+        if isinstance(source, str) and ("\n" in source or ("=" in source and not source.endswith(".toml"))):
+            content = source
+        else:
+            path = Path(source)
+            content = path.read_text(encoding="utf-8")
+        return tomllib.loads(content.removeprefix("\ufeff")), path  # some editors put a byte order mark before a text
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path or 'text'}: not a TOML file: {error}") from None
+
+
 def from_toml(source: str | os.PathLike[str]) -> Arm:
     """The arm in a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
 
     Raises ValueError that names the file, the key path, the value and what is allowed, OSError for no such file.
     """
-    table, path = toml_text.read(source)
+    table, path = read_toml(source)
     with check.in_file(path):
         if set(table) == {"arm"}:
             with check.under("arm"):
@@ -76,7 +94,9 @@ def from_toml(source: str | os.PathLike[str]) -> Arm:
 
 def to_toml(arm: Arm) -> str:
     """TOML text of an arm; :func:`from_toml` reads it back to an equal arm."""
-    return toml_text.write(to_table(arm))
+    import tomli_w
+
+    return tomli_w.dumps(to_table(arm))
 
 
 def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm:

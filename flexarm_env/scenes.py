@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flexarm_env import time_functions, toml_text
+from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
 from flexarm_env.scene import Scene, toml
 
@@ -174,4 +174,4 @@ def _columns(header: tuple[str, ...], lines: list[list[str]]) -> dict[str, np.nd
 @cache
 def _references() -> dict[str, Any]:
     text = (resources.files("flexarm_env") / "data" / "references" / "references.toml").read_text("utf-8")
-    return toml_text.read(text)[0]
+    return arms.read_toml(text)[0]

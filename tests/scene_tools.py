@@ -12,4 +12,4 @@ TWO = Arm("two", (Link(5.0, SECTION), Link(5.0, SECTION)))
 
 def scene(arm: Arm = ONE, **changes: object) -> Scene:
     """A scene of 2 s in steps of 0.01 s in which nothing happens, but for the changes."""
-    return Scene("s", arm, **{"duration": 2.0, "dt": 0.01, **changes})  # type: ignore[arg-type]
+    return Scene("s", arm, **{"duration": 2.0, "dt": 0.01, **changes})

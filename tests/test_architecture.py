@@ -1,7 +1,7 @@
 """The house's rules, held by a walk over the syntax trees.
 
 ROOMS says which room of the package may import which. A room is a module or a subpackage directly under
-`flexarm_env`; a new one has to be declared here. Every rule is also tried on a source that breaks it.
+`flexarm_env`; a new one has to be declared here.
 """
 
 from __future__ import annotations
@@ -13,13 +13,11 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes", "toml_text"}
+_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
@@ -27,13 +25,12 @@ _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting",
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
-    "toml_text": {"validation"},
     "parameters": {"validation"},
     "settings": {"validation"},
     "time_functions": {"validation"},
-    "arms": {"validation", "parameters", "toml_text"},
-    "scene": {"validation", "parameters", "settings", "time_functions", "arms", "toml_text"},
-    "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms", "toml_text"},
+    "arms": {"validation", "parameters"},
+    "scene": {"validation", "parameters", "settings", "time_functions", "arms"},
+    "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms"},
     "data": set(),
     "compiler": set(),
     "physics": {*_DESCRIPTION, "compiler"},
@@ -100,7 +97,7 @@ FORBIDDEN_TEXT = re.compile(
 
 # -------------------------------------------------------------------- the walk
 def room_of(module: str) -> str:
-    """`flexarm_env.mechanics.joints` -> `mechanics`; the package itself -> `__init__`."""
+    """`flexarm_env.physics.model` -> `physics`; the package itself -> `__init__`."""
     parts = module.split(".")
     return parts[1] if len(parts) > 1 else "__init__"
 
@@ -300,50 +297,3 @@ def heavy_after(statement: str) -> set[str]:
 
 def test_importing_the_package_is_light() -> None:
     assert heavy_after(f"import {PACKAGE}") == set()
-
-
-# --------------------------------------------------- the rules can be broken
-def test_a_heavy_import_is_seen() -> None:
-    assert heavy_after("import scipy.linalg") == {"scipy"}
-    assert heavy_after("import numba") == set()
-
-
-@pytest.mark.parametrize(
-    ("module", "source", "words"),
-    [
-        ("flexarm_env.envs.task", "from flexarm_env.runtime.record import advance", "may not import 'runtime'"),
-        ("flexarm_env.envs.task", "from ..tasks import joints", "may not import 'tasks'"),
-        ("flexarm_env.envs.task", "def f():\n    from flexarm_env import runtime", "may not import 'runtime'"),
-        ("flexarm_env.parameters", "from .scene import Scene", "may not import 'scene'"),
-        ("flexarm_env.compiler.lanes", "import flexarm_env.physics.assembly", "may not import 'physics'"),
-        ("flexarm_env.physics.integrator.step", "from ... import simulation", "may not import 'simulation'"),
-        ("flexarm_env.physics.joints", "from flexarm_env import simulate", "may not import '__init__'"),
-        ("flexarm_env.simulation", "def f():\n    import torch.nn", "may not import torch"),
-        ("flexarm_env.envs.single", "import stable_baselines3", "may not import stable_baselines3"),
-        ("flexarm_env.physics.joints", "from numba import njit", "may not import numba"),
-        ("flexarm_env.cli", "from agents import demo", "may not import 'agents'"),
-        ("flexarm_env.attic", "x = 1", "not declared in ROOMS"),
-    ],
-)
-def test_a_wrong_import_is_seen(module: str, source: str, words: str) -> None:
-    faults = package_faults(source, module, False, set(ROOMS))
-    assert len(faults) == 1
-    assert words in faults[0]
-
-
-def test_relative_imports_of_a_package_are_resolved() -> None:
-    assert package_faults("from . import runtime", PACKAGE, True, set(ROOMS)) == [
-        "flexarm_env:1: '__init__' may not import 'runtime'"
-    ]
-    assert package_faults("from .task import f", "flexarm_env.envs", True, set(ROOMS)) == []
-    assert package_faults("from ..simulation import f\nimport pygame", "flexarm_env.envs", True, set(ROOMS)) == []
-
-
-def test_other_broken_rules_are_seen() -> None:
-    assert outside_faults("from flexarm_env.compiler import decorator", "agents.demo", set(ROOMS))
-    assert not outside_faults("import flexarm_env\nfrom flexarm_env.sb3 import f", "agents.demo", set(ROOMS))
-    assert keyword_faults("@njit(fastmath=True)\ndef f(): ...", "m")
-    assert not keyword_faults("@njit(fastmath=False)\ndef f(): ...", "m")
-    assert text_faults("see https://py" + "pi.org/x", "a.md")
-    assert text_faults("open('/ho" + "me/me/arm.toml')", "a.py")
-    assert not text_faults("work/precision, a/home/b and https://example.org/home/x", "a.md")

@@ -129,7 +129,7 @@ def test_resolve(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match=r'^arm = .*must be one of "de_luca_siciliano", .*or a .toml file'):
             arms.resolve(wrong)
     with pytest.raises(ValueError, match=r"^arm = 3: must be a name, a TOML file or an Arm"):
-        arms.resolve(3)  # type: ignore[arg-type]
+        arms.resolve(3)
     with pytest.raises(ValueError, match=r"^arm = 'stripe': must be one of"):
         arms.named("stripe")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -20,6 +19,7 @@ from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 from tests.cli_tools import refused
+from tests.processes import python
 
 COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "bench", "compile", "doctor")
 SHORT = ["replay", "robot_arm_motion", "--segments", "2", "--duration", "0.5"]
@@ -33,10 +33,7 @@ def values_of(text: str) -> dict[str, str]:
 # ------------------------------------------------------------------- help
 @pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
 def test_help_teaches(command: tuple[str, ...]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "flexarm_env", *command, "--help"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0
+    done = python("-m", "flexarm_env", *command, "--help")
     assert done.stderr == ""
     assert "flexarm " in done.stdout
 
@@ -57,8 +54,7 @@ def test_help_loads_nothing_heavy() -> None:
         "import sys\nfrom flexarm_env.cli.parser import build_parser\nbuild_parser()\n"
         "print([m for m in ('numba', 'scipy', 'matplotlib', 'torch', 'pygame') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert python("-c", code).stdout.strip() == "[]"
 
 
 def test_no_command_shows_the_overview(capsys: pytest.CaptureFixture[str]) -> None:
@@ -310,9 +306,8 @@ def test_doctor_says_why_compiled_code_is_not_kept(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.slow  # a minute or two where nothing has been compiled yet
 def test_compile_leaves_nothing_to_be_compiled(tmp_path: Path) -> None:
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    flexarm = [sys.executable, "-m", "flexarm_env"]
-    done = subprocess.run([*flexarm, "compile", "--json"], env=environment, capture_output=True, text=True, check=True)
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = python("-m", "flexarm_env", "compile", "--json", **cache)
     assert json.loads(done.stdout)["cache_writable"] is True
     kept = {path.name for path in tmp_path.rglob("*.nbc")}
     assert kept
@@ -323,8 +318,7 @@ def test_compile_leaves_nothing_to_be_compiled(tmp_path: Path) -> None:
         "simulate(named('robot_arm_motion'), duration=0.2); linear.linearize(named('robot_arm_motion'))",
     )
     for command in (["-c", "\n".join(lines)], ["-m", "flexarm_env", "replay", "flying_rod", "--duration", "0.1"]):
-        done = subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True, check=True)
-        assert done.stderr == "", "compiled after all"
+        assert python(*command, **cache).stderr == "", "compiled after all"
     assert {path.name for path in tmp_path.rglob("*.nbc")} == kept
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ import pytest
 from flexarm_env.cli import checkout, main, play
 from flexarm_env.recording import EpisodeRecorder, frames, load_episodes, replay, save_episodes, to_minari
 from tests.cli_tools import refused
+from tests.processes import python
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = ["play", "--policy", "pd", "--env-kwargs", '{"duration": 0.2}']
@@ -203,12 +203,7 @@ def test_scripts_are_given_all_flags(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_script_runs_from_any_folder(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "flexarm_env", "bench", "converged", "-h"],
-        cwd=tmp_path, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "--scene" in done.stdout
+    assert "--scene" in python("-m", "flexarm_env", "bench", "converged", "-h", cwd=tmp_path).stdout
 
 
 def test_help_of_a_script_shows_its_flags(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.processes import python
 from tests.test_architecture import PACKAGE, ROOMS, ROOT, python_files
 
 DOCS = ROOT / "docs"
@@ -49,12 +47,7 @@ def test_code_runs_as_printed(page: str, tmp_path: Path) -> None:
     text = (DOCS / page).read_text("utf-8")
     if page in TRAINING:
         pytest.importorskip("stable_baselines3")
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"}
-    done = subprocess.run(
-        [sys.executable, "-c", script_of(text)], cwd=tmp_path, env=environment, capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
+    python("-c", script_of(text), cwd=tmp_path, PYTHONWARNINGS="ignore")
 
 
 def test_every_page_has_code() -> None:
@@ -63,7 +56,7 @@ def test_every_page_has_code() -> None:
 
 
 # ----------------------------------------------------------------- the API
-INSIDE = {"compiler", "physics", "runtime", "tasks", "batch", "toml_text", "cli", "data", "__main__", "__init__"}
+INSIDE = {"compiler", "physics", "runtime", "tasks", "batch", "cli", "data", "__main__", "__init__"}
 """Rooms that are not for use from outside."""
 
 
@@ -118,11 +111,7 @@ def test_equations_that_the_code_cites_are_there() -> None:
 @pytest.mark.slow
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("furo")
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(tmp_path)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)}
-    )
-    assert done.returncode == 0, done.stderr
+    python("-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", DOCS, tmp_path)
     assert "flexarm_env.simulation.simulate" in (tmp_path / "api" / "simulate.html").read_text("utf-8")
     theory = (tmp_path / "theory.html").read_text("utf-8")
     assert theory.count("\\tag{") >= 15

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +25,7 @@ from flexarm_env.scenes import named, reference
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import TimeFunction, constant, pulse, sine
 from flexarm_env.trajectory import Trajectory
+from tests.processes import uncompiled_tests
 
 from .oracle_elastica import Oracle, oracle_nodes
 
@@ -71,11 +69,7 @@ class Runner:
 
 def test_uncompiled() -> None:
     """Residual, tangent, energies and output against the oracle, for chains and features (`uncompiled_elastica.py`)."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / "uncompiled_elastica.py")]
-    done = subprocess.run(command, cwd=HERE.parent, env=environment, capture_output=True, text=True, timeout=900)
-    assert done.returncode == 0, done.stdout[-4000:]
-    assert "skipped" not in done.stdout
+    uncompiled_tests("uncompiled_elastica.py")
 
 
 # ----------------------------------------------------------------------------- tables and known answers
@@ -426,7 +420,7 @@ def test_lanes_and_single_give_the_same_bits() -> None:
 
 
 @kernel
-def both_of(lane, x, s, c):  # type: ignore[no-untyped-def]
+def both_of(lane, x, s, c):
     for i in range(x.size // len(lane)):
         sine, cosine = sincos(load(lane, x, i))
         store(s, i, sine)

@@ -6,8 +6,6 @@ import copy
 import multiprocessing
 import pickle
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +16,7 @@ import numpy as np
 import pytest
 
 from tests.env_tools import IDS, RANDOM, assert_same, pair, rich
+from tests.processes import python
 
 LIVELY: dict[str, Any] = {
     "randomization": RANDOM,
@@ -259,7 +258,7 @@ def test_closing_ends_the_threads() -> None:
 @pytest.mark.parametrize("rounds", [1, 300])
 def test_threads_that_fall_asleep_are_woken(rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each side sleeps at nearly every turn: no task is lost, none is done twice."""
-    monkeypatch.setattr("flexarm_env.threads.ROUNDS", rounds)
+    monkeypatch.setattr("flexarm_env.compiler.crew.ROUNDS", rounds)
     alone, env = (gym.make_vec("FlexibleArm-v0", num_envs=64, threads=n) for n in (1, 3))
     for a, b in zip(rollout(alone, 400), rollout(env, 400), strict=True):
         assert_same(a[0], b[0])
@@ -270,7 +269,7 @@ def test_threads_that_fall_asleep_are_woken(rounds: int, monkeypatch: pytest.Mon
 @pytest.mark.parametrize("rounds", [1, 100_000])
 def test_an_interrupted_step_leaves_nothing_behind(rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C at any moment: no thread still writes, and later steps wait for their own results."""
-    monkeypatch.setattr("flexarm_env.threads.ROUNDS", rounds)
+    monkeypatch.setattr("flexarm_env.compiler.crew.ROUNDS", rounds)
     env = gym.make_vec("FlexibleArm-v0", num_envs=64, threads=2)
     expected = [o[0] for o in rollout(env)]
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
@@ -292,7 +291,7 @@ def test_the_interpreter_ends_without_a_word() -> None:
     code = "import logging\nlogging.getLogger('flexarm_env').setLevel('ERROR')  # it may have to compile\n"
     code += "import gymnasium as gym, flexarm_env\nenv = gym.make_vec('FlexibleArm-v0', num_envs=64, threads=2)\n"
     code += "env.reset(seed=0)\nenv.step(env.action_space.sample())\nimport sys\nsys.modules['keep'] = env\n"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=240, check=True)
+    done = python("-c", code)
     assert done.stdout + done.stderr == ""
 
 

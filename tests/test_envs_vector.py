@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from typing import Any
 
 import gymnasium as gym
@@ -13,6 +11,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from tests.env_tools import IDS, RANDOM, assert_pair_same, assert_same, pair, rich
+from tests.processes import python
 
 MODES = ("NextStep", "SameStep", "Disabled")
 
@@ -118,9 +117,7 @@ print("done")
 
 def test_two_python_threads_in_one_environment_are_told() -> None:
     """They used to wait for each other for ever: the crew of threads inside serves one caller."""
-    done = subprocess.run([sys.executable, "-c", TWO_THREADS], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == "done\n"
+    assert python("-c", TWO_THREADS, timeout=120).stdout == "done\n"
 
 
 def test_seeds() -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +23,7 @@ from flexarm_env.scenes import named, read_trajectory, reference
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import pulse, sine
+from tests.processes import uncompiled_tests
 
 from .oracle_exact import tips
 
@@ -49,11 +47,7 @@ def exact(scene: Scene, **options: Any) -> Any:
 
 def test_uncompiled() -> None:
     """Tangent, mass, energy, damping, statics and frequencies, for every order (`uncompiled_exact.py`)."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / "uncompiled_exact.py")]
-    done = subprocess.run(command, cwd=HERE.parent, env=environment, capture_output=True, text=True, timeout=900)
-    assert done.returncode == 0, done.stdout[-4000:]
-    assert "skipped" not in done.stdout
+    uncompiled_tests("uncompiled_exact.py")
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import pytest
 
 from tests import feature_matrix as matrix
@@ -47,10 +45,3 @@ def test_damping_ratio_about_a_bent_posture(posture: str, method: str) -> None:
     wanted = matrix.ratio(posture, 1e-3, "exact, fine")
     assert wanted > 1e-4
     assert matrix.ratio(posture, 1e-3, method) == pytest.approx(wanted, rel=matrix.RATIO)
-
-
-def test_cells_name_every_feature() -> None:
-    assert {feature for cell in SINGLE + PAIRS for feature in cell} == set(matrix.FEATURES)
-    assert len(set(SINGLE + PAIRS)) == len(SINGLE) + len(PAIRS) and set(CORE) <= set(SINGLE + PAIRS)
-    for first, second in itertools.pairwise(PAIRS):
-        assert set(first) != set(second)

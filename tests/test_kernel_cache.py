@@ -85,7 +85,7 @@ def test_what_lies_beside_the_sources_is_read_too(tmp_path: Path) -> None:
     assert [path.parent.name for path in tmp_path.rglob("*.nbc")].count("home") == 1
 
 
-def twice(x):  # type: ignore[no-untyped-def]
+def twice(x):
     return 2.0 * x
 
 

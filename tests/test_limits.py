@@ -60,7 +60,7 @@ def test_an_environment_has_limits(arguments: dict[str, Any], words: str) -> Non
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_start_is_where_angles_can_be_told_apart(env_id: str) -> None:
     env = gym.make(env_id, joint_limits=None)
-    joints = env.action_space.shape[0]  # type: ignore[index]
+    joints = env.action_space.shape[0]
     for wrong in (1e18, -1e18, float("nan"), float("inf")):
         for options in [{"start": [wrong] * joints}] + ([{"target": wrong}] if joints == 1 else []):
             with pytest.raises(ValueError, match=r"options\.\w+.* = .*: must be a finite number, at least -1e\+06"):
@@ -82,7 +82,7 @@ def test_returns_from_compiled_code_change_no_bits(monkeypatch: pytest.MonkeyPat
     runs = []
     for chunks in (1, 3, 10**6):
         monkeypatch.setattr(simulation, "CHUNKS", chunks)
-        runs.append(simulate(scene, "elastica", **options))  # type: ignore[arg-type]
+        runs.append(simulate(scene, "elastica", **options))
     for run in runs[1:]:
         for name in ("t", "q", "v", "kinetic", "work", "dissipated", "shapes"):
             np.testing.assert_array_equal(getattr(run, name), getattr(runs[0], name))

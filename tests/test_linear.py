@@ -549,8 +549,8 @@ def test_bad_input_names_itself() -> None:
     with pytest.raises(ValueError, match="n = 0: must be"):
         modes(scene, 0)
     with pytest.raises(ValueError, match="hold_joints = 1: must be True or False"):
-        static_equilibrium(scene, hold_joints=1)  # type: ignore[arg-type]
+        static_equilibrium(scene, hold_joints=1)
     with pytest.raises(ValueError, match="require_stable = 1: must be True, False or None"):
-        static_equilibrium(scene, require_stable=1)  # type: ignore[arg-type]
+        static_equilibrium(scene, require_stable=1)
     with pytest.raises(ValueError, match="order"):
         modes(scene, formulation="elastica", order=2)

@@ -44,9 +44,9 @@ def test_derived_quantities() -> None:
 def test_values_are_floats_and_sequences_tuples() -> None:
     arm = Arm(
         "a",
-        [LINK, LINK],  # type: ignore[arg-type]
-        torque_limits=[1, np.float32(2)],  # type: ignore[arg-type]
-        joint_limits=[None, (np.int64(-1), 2)],  # type: ignore[arg-type]
+        [LINK, LINK],
+        torque_limits=[1, np.float32(2)],
+        joint_limits=[None, (np.int64(-1), 2)],
     )
     assert arm.links == (LINK, LINK)
     assert arm.torque_limits == (1.0, 2.0)
@@ -64,13 +64,13 @@ def test_hashable_immutable_and_copied_equal() -> None:
     assert pickle.loads(pickle.dumps(arm)) == arm
     assert copy.deepcopy(arm) == arm
     with pytest.raises(dataclasses.FrozenInstanceError):
-        arm.tau_d = 1.0  # type: ignore[misc]
+        arm.tau_d = 1.0
 
 
 @pytest.mark.parametrize("bad", [-1.0, 0.0, math.nan, math.inf, True, "1000", None, 1j])
 def test_a_stiffness_must_be_positive(bad: object) -> None:
     with pytest.raises(ValueError) as caught:
-        Section(EI=bad, EA=1.0, C=1.0, m=1.0)  # type: ignore[arg-type]
+        Section(EI=bad, EA=1.0, C=1.0, m=1.0)
     assert str(caught.value) == f"section.EI = {bad!r}: must be a positive number (N m^2)"
 
 
@@ -110,7 +110,7 @@ def test_a_stiffness_must_be_positive(bad: object) -> None:
 )
 def test_a_refusal_names_key_value_and_what_is_allowed(make: object, message: str) -> None:
     with pytest.raises(ValueError) as caught:
-        make()  # type: ignore[operator]
+        make()
     assert str(caught.value) == message
 
 

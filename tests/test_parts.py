@@ -22,18 +22,18 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def _square(x):  # type: ignore[no-untyped-def]
+def _square(x):
     return x * x + 1.0
 
 
-def _sum(x):  # type: ignore[no-untyped-def]
+def _sum(x):
     total = 0.0
     for k in range(x.shape[0]):
         total += _inner(x[k])
     return total
 
 
-def _both(x):  # type: ignore[no-untyped-def]
+def _both(x):
     return _middle(x) + np.sum(x)
 
 
@@ -42,7 +42,7 @@ _inner, _middle, _outer = kernel(_square), kernel(_sum), kernel(_both)
 
 def _whole(function: object) -> list[bool]:
     """For each compiled form, whether it can be run (and was optimised)."""
-    forms = function.overloads.values()  # type: ignore[attr-defined]
+    forms = function.overloads.values()
     return [not isinstance(form.entry_point, PartMarker) for form in forms]
 
 

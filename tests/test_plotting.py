@@ -68,7 +68,7 @@ def test_labels_do_not_cover_each_other(runs: dict[str, Trajectory], drawn: list
     for run in runs.values():
         plotting.plot_trajectory(run, tmp_path / "run.png")
     for figure in drawn:
-        renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+        renderer = figure.canvas.get_renderer()
         for axes in figure.axes:
             boxes = [text.get_window_extent(renderer) for text in axes.texts]
             for i, box in enumerate(boxes):

@@ -1,9 +1,6 @@
-"""The trained policies that come with the package, and what the page of results says of them."""
+"""The trained policies that come with the package."""
 
 from __future__ import annotations
-
-import json
-from pathlib import Path
 
 import gymnasium as gym
 import pytest
@@ -11,7 +8,6 @@ import pytest
 import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env import control
 
-ROOT = Path(__file__).resolve().parents[1]
 NAMES = control.policy_names()
 LEFT_OUT = ("duration", "reward", "randomization")
 """Keywords of the environment that hold in training alone."""
@@ -35,15 +31,6 @@ def test_packaged_policies_reach_their_targets(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_packaged_policies_fit_the_environments(name):
-    policy = control.load_policy(name)
-    kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in LEFT_OUT}
-    env = gym.make(policy.meta["env_id"], **kwargs)
-    policy.check(control.Setup.of(env))
-    env.close()
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_packaged_policies_equal_their_models(name):
     pytest.importorskip("stable_baselines3")
     from agents import export_policy, families
@@ -56,9 +43,3 @@ def test_packaged_policies_equal_their_models(name):
     assert (best / "policy.npz").read_bytes() == (families.PACKAGED / name / "policy.npz").read_bytes()
     model, normaliser = load_model(best, read_run(best)["algorithm"])
     assert export_policy.difference(control.load_policy(name), model, normaliser) < 1e-5
-
-
-def test_what_was_asked_for_holds_on_the_page():
-    content = json.loads((ROOT / "docs" / "results" / "control.json").read_text("utf-8"))
-    assert len(content["checks"]) >= 13
-    assert not [row["what"] for row in content["checks"] if not row["holds"]]

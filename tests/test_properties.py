@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
@@ -187,21 +187,10 @@ PROPERTIES: dict[str, tuple[Callable[..., None], dict[str, st.SearchStrategy[Any
     "agreement": (small_deflections_agree, {"arm": arms(1), "share": shares}),
     "units": (units_do_not_matter, {"arm": arms(), "share": shares, "method": methods}),
 }  # fmt: skip
-QUIET = [HealthCheck.too_slow, HealthCheck.data_too_large]
 
 
 @pytest.mark.parametrize("name", PROPERTIES)
-def test_property(name: str) -> None:
+@pytest.mark.parametrize("draws", [6, pytest.param(150, marks=pytest.mark.slow)])
+def test_property(name: str, draws: int) -> None:
     check, drawn = PROPERTIES[name]
-    settings(max_examples=6, deadline=None, derandomize=True, database=None, suppress_health_check=QUIET)(
-        given(**drawn)(check)
-    )()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", PROPERTIES)
-def test_property_over_many_draws(name: str) -> None:
-    check, drawn = PROPERTIES[name]
-    settings(max_examples=150, deadline=None, derandomize=True, database=None, suppress_health_check=QUIET)(
-        given(**drawn)(check)
-    )()
+    settings(max_examples=draws)(given(**drawn)(check))()

@@ -105,7 +105,7 @@ def test_pictures_of_an_episode(three: tuple[list[Episode], list[Any]], tmp_path
 
 def test_what_cannot_be_recorded_is_said(three: tuple[list[Episode], list[Any]], tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="must be a single environment"):
-        EpisodeRecorder(gym.make("CartPole-v1"))  # type: ignore[arg-type]
+        EpisodeRecorder(gym.make("CartPole-v1"))
     with pytest.raises(ValueError, match="record below RescaleObservation"):
         box = (np.full(6, -1.0, np.float32), np.full(6, 1.0, np.float32))
         EpisodeRecorder(gym.wrappers.RescaleObservation(gym.make(ENV), *box))

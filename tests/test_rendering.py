@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import logging
 import pickle
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ import pygame
 
 from flexarm_env.envs import drawing, rendering
 from flexarm_env.envs.rendering import Renderer, rigid_arm
+from tests.processes import python
 
 Picture = NDArray[np.uint8]
 
@@ -225,7 +225,7 @@ points = np.array([[0.0, 0.0], [1.0, 0.0]])
 assert r.frame([points], np.zeros((1, 12)), None, 0.0).shape == (640, 640, 3)
 assert not pygame.display.get_init() and "SDL_VIDEODRIVER" not in os.environ
 """
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+    python("-c", code)
 
 
 def test_missing_pygame_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -303,10 +303,7 @@ def test_a_film_that_finds_no_room_is_a_sentence(ending: str, tmp_path: Path) ->
     pytest.importorskip("resource")
     pytest.importorskip("imageio_ffmpeg")
     film = tmp_path / f"film{ending}"
-    done = subprocess.run(
-        [sys.executable, "-c", CROWDED, str(film)], capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 2, done.stderr
+    done = python("-c", CROWDED, film, code=2)
     assert done.stderr.startswith(f"flexarm play: {film}: the film could not be written: ")
     assert done.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,6 +19,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
 
 from flexarm_env.sb3 import GymnasiumVecEnv, make_sb3_vec
+from tests.processes import python
 
 LAST = 5
 
@@ -329,7 +328,7 @@ def test_our_arms_equal_single_ones_bit_for_bit(env_id: str) -> None:
     rng = np.random.default_rng(1)
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
     for k in range(1, 32):
-        actions = rng.uniform(-1.0, 1.0, (3, *ours.action_space.shape)).astype(np.float32)  # type: ignore[misc]
+        actions = rng.uniform(-1.0, 1.0, (3, *ours.action_space.shape)).astype(np.float32)
         a, b = ours.step(actions), theirs.step(actions)
         for mine, other in zip(a[:3], b[:3], strict=True):
             assert mine.dtype == other.dtype
@@ -362,10 +361,10 @@ def test_learning_on_our_arms(algorithm: Any) -> None:
 # --------------------------------------------------------------------- imports
 def test_the_package_itself_does_not_load_it() -> None:
     code = "import flexarm_env, sys; assert not {'stable_baselines3', 'torch'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+    python("-c", code)
 
 
 def test_a_missing_library_is_named() -> None:
     code = "import sys; sys.modules['stable_baselines3'] = None; import flexarm_env.sb3"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
-    assert "flexarm_env.sb3 needs stable-baselines3: pip install stable-baselines3 (the extra" in done.stderr
+    told = python("-c", code, code=1).stderr
+    assert "flexarm_env.sb3 needs stable-baselines3: pip install stable-baselines3 (the extra" in told

@@ -113,7 +113,7 @@ def test_an_unknown_scene_is_refused() -> None:
     with pytest.raises(ValueError, match=r"must be a name or a .toml file that exists"):
         scenes.resolve("nowhere.toml")
     with pytest.raises(ValueError, match=r"scene = 3: must be a name"):
-        scenes.resolve(3)  # type: ignore[arg-type]
+        scenes.resolve(3)
 
 
 def test_resolve_takes_scenes_names_and_files(tmp_path: Path) -> None:
@@ -205,7 +205,7 @@ def test_joints_that_are_rigid() -> None:
 @pytest.mark.parametrize("name", ["joint", "joint-1", "joint01", "root", "tip", 0, "joint1 "])
 def test_a_coordinate_must_exist(name: object) -> None:
     with pytest.raises(ValueError, match=r'^coordinate = .*must be "joint0", "joint1"'):
-        Motion(name, tf.constant(0.0))  # type: ignore[arg-type]
+        Motion(name, tf.constant(0.0))
 
 
 def test_parts_refuse_what_they_must() -> None:
@@ -218,7 +218,7 @@ def test_parts_refuse_what_they_must() -> None:
     with pytest.raises(ValueError, match=r"joint = -1: must be a whole number, at least 0"):
         JointTorque(-1, tf.constant(1.0))
     with pytest.raises(ValueError, match=r"function = 3.0: must be a TimeFunction"):
-        JointTorque(0, 3.0)  # type: ignore[arg-type]
+        JointTorque(0, 3.0)
 
 
 def test_the_joint_angle_of_a_motion_is_relative() -> None:

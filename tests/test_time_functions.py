@@ -5,8 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ import pytest
 
 from flexarm_env import time_functions as tf
 from flexarm_env.time_functions import TimeFunction
+from tests.processes import python
 
 RNG = np.random.default_rng(3)
 KNOTS = np.sort(RNG.uniform(0.0, 5.0, 9))
@@ -200,7 +199,7 @@ def test_round_off_is_no_kink() -> None:
 )
 def test_a_refusal_names_the_row(make: object, message: str) -> None:
     with pytest.raises(ValueError) as caught:
-        make()  # type: ignore[operator]
+        make()
     assert message in str(caught.value)
 
 
@@ -251,5 +250,4 @@ def test_a_motion_must_not_jump() -> None:
 
 def test_importing_needs_no_scipy() -> None:
     code = "import sys, flexarm_env.scenes as s; s.named('spin_up'); print('scipy.interpolate' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout.strip() == "False"
+    assert python("-c", code).stdout.strip() == "False"

@@ -158,9 +158,9 @@ def test_arguments_are_numbers_of_any_kind_or_refused() -> None:
     assert run.t[-1] == 0.25
     for name in ("duration", "sample", "error_limit", "time_limit"):
         with pytest.raises(ValueError, match=rf"^{name} = -1: must be a positive number"):
-            simulate(scene, **{name: -1})  # type: ignore[arg-type]
+            simulate(scene, **{name: -1})
     with pytest.raises(ValueError, match=r"^scene = 'robot_arm_motion': must be a Scene, such as"):
-        simulate("robot_arm_motion")  # type: ignore[arg-type]
+        simulate("robot_arm_motion")
 
 
 # ------------------------------------------------------ against a reference

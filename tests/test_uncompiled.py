@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -15,6 +11,7 @@ import pytest
 from numba import config
 
 import flexarm_env  # noqa: F401  (registers the ids)
+from tests.processes import python
 
 CASES: list[tuple[str, int, dict[str, Any]]] = [
     ("FlexibleArm-v0", 4, {}),
@@ -37,20 +34,12 @@ def stepped(name: str, count: int, options: dict[str, Any], mode: str | None = N
     return found
 
 
-def uncompiled(lines: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", lines], cwd=Path(__file__).parents[1],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-
-
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="compares compiled with uncompiled")
 def test_vectors() -> None:
     """Each is what its single environments are, and the first what it is when compiled."""
     lines = "import json; from tests.test_uncompiled import CASES, stepped"
-    run = uncompiled(f"{lines}; print(json.dumps([[stepped(*case), stepped(*case, 'sync')] for case in CASES]))")
-    assert run.returncode == 0, run.stderr
-    results = json.loads(run.stdout)
+    lines += "; print(json.dumps([[stepped(*case), stepped(*case, 'sync')] for case in CASES]))"
+    results = json.loads(python("-W", "ignore", "-c", lines, NUMBA_DISABLE_JIT="1").stdout)
     for case, (vector, singles) in zip(CASES, results, strict=True):
         assert vector == singles, case
     np.testing.assert_allclose(results[0][0], stepped(*CASES[0]), rtol=0.0, atol=1e-12)
@@ -58,5 +47,6 @@ def test_vectors() -> None:
 
 def test_lanes_are_refused() -> None:
     """Python's numbers stand for one arm: a kernel that is called on eight says so instead of mixing them."""
-    run = uncompiled("import numpy as np; from flexarm_env.compiler.lanes import *; load(EIGHT, np.arange(16.0), 1)")
-    assert run.returncode == 1 and "8 lanes: there is only one where compilation is disabled" in run.stderr
+    lines = "import numpy as np; from flexarm_env.compiler.lanes import *; load(EIGHT, np.arange(16.0), 1)"
+    run = python("-c", lines, code=1, NUMBA_DISABLE_JIT="1")
+    assert "8 lanes: there is only one where compilation is disabled" in run.stderr

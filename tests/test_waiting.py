@@ -15,11 +15,11 @@ from flexarm_env.compiler import waiting
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
 
-def _half(x):  # type: ignore[no-untyped-def]
+def _half(x):
     return 0.5 * x
 
 
-def _third(x):  # type: ignore[no-untyped-def]
+def _third(x):
     return x / 3.0
 
 

@@ -19,21 +19,23 @@ HERE = Path(__file__).resolve().parent
 # name: (x, y, width, height, colour, lines); y upwards
 BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "describe": (0.0, 3.1, 2.5, 1.15, COLORS[0], ("parameters, arms", "scene, scenes", "time_functions, settings")),
-    "mechanics": (3.2, 3.1, 2.2, 1.15, COLORS[2], ("mechanics", "NumPy, once per model")),
-    "model": (6.1, 3.1, 1.6, 1.15, COLORS[4], ("model", "arrays, the contract")),
-    "kernels": (8.4, 3.1, 2.2, 1.15, COLORS[1], ("kernels", "compiled, every step")),
-    "simulation": (6.1, 1.4, 1.6, 0.95, COLORS[0], ("simulation", "one arm, a scene")),
-    "batch": (8.4, 1.4, 2.2, 0.95, COLORS[0], ("batch, threads", "many arms, a call")),
-    "linear": (3.2, 1.4, 2.2, 0.95, COLORS[2], ("linear", "A, B, modes, equilibria")),
+    "physics": (3.2, 3.1, 3.3, 1.15, COLORS[2], ("physics", "floating · exact · elastica", "integrator")),
+    "compiler": (3.2, 4.7, 7.4, 0.55, COLORS[4], ("compiler",)),
+    "tasks": (7.2, 3.1, 1.4, 1.15, COLORS[1], ("tasks", "see, judge")),
+    "runtime": (9.2, 3.1, 1.4, 1.15, COLORS[1], ("runtime", "an episode")),
+    "simulation": (5.9, 1.4, 2.2, 0.95, COLORS[0], ("simulation", "one arm, a scene")),
+    "batch": (8.7, 1.4, 1.9, 0.95, COLORS[0], ("batch", "many arms, a call")),
+    "linear": (3.2, 1.4, 2.1, 0.95, COLORS[2], ("linear", "A, B, modes, rest")),
     "control": (0.0, 1.4, 2.5, 0.95, COLORS[3], ("control", "PD ... LQR, trained policies")),
-    "envs": (3.2, -0.3, 7.4, 0.95, COLORS[3], ("envs", "tasks; single and vector environment; pictures and films")),
+    "envs": (3.2, -0.3, 7.4, 0.95, COLORS[3], ("envs", "single and vector environment; pictures and films")),
     "users": (0.0, -0.3, 2.5, 0.95, COLORS[5], ("cli, plotting, recording, sb3", "agents/, benchmarks/")),
 }  # fmt: skip
 ARROWS = (
-    ("describe", "mechanics", "right"), ("mechanics", "model", "right"), ("model", "kernels", "right"),
-    ("model", "simulation", "down"), ("kernels", "batch", "down"), ("simulation", "linear", "left"),
-    ("batch", "envs", "down"), ("simulation", "envs", "down"), ("linear", "envs", "down"),
-    ("linear", "control", "left"), ("control", "users", "down"), ("envs", "users", "left"),
+    ("compiler", "physics", "down"), ("compiler", "tasks", "down"), ("compiler", "runtime", "down"),
+    ("describe", "physics", "right"), ("physics", "tasks", "right"), ("tasks", "runtime", "right"),
+    ("physics", "simulation", "down"), ("runtime", "batch", "down"), ("simulation", "linear", "left"),
+    ("simulation", "batch", "right"), ("batch", "envs", "down"), ("simulation", "envs", "down"),
+    ("linear", "envs", "down"), ("linear", "control", "left"), ("control", "users", "down"), ("envs", "users", "left"),
 )  # fmt: skip
 
 
@@ -41,9 +43,9 @@ def main() -> None:
     """Draw it."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "architecture.svg"
     mpl.rcParams["svg.fonttype"] = "none"
-    with styled_figure(path, 9.6, 4.6) as figure:
+    with styled_figure(path, 9.6, 5.5) as figure:
         axes: Any = figure.add_subplot()
-        axes.set(xlim=(-0.1, 10.7), ylim=(-0.35, 4.4))
+        axes.set(xlim=(-0.1, 10.7), ylim=(-0.35, 5.3))
         axes.set_axis_off()
         for x, y, width, height, color, lines in BOXES.values():
             axes.add_patch(_box(x, y, width, height, color))

@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from flexarm_env import arms, time_functions, toml_text
+from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.scene.definition import JointTorque, Load, Motion, PointLoad, Scene
@@ -23,7 +23,7 @@ _FORCES = ("force_x", "force_y", "torque")
 
 def read_scene(source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:
     """See :meth:`Scene.from_toml`. A parameter set ``S`` replaces keys of the scene and names it ``NAME@S``."""
-    table, path = toml_text.read(source)
+    table, path = arms.read_toml(source)
     with check.in_file(path):
         return _read(table, path, parameter_set)
 
@@ -51,7 +51,7 @@ def _read(table: dict[str, Any], path: Path | None, parameter_set: str | None) -
 
 def parameter_sets(source: str | os.PathLike[str]) -> tuple[str, ...]:
     """Names of the parameter sets in a TOML file or text."""
-    table, _ = toml_text.read(source)
+    table, _ = arms.read_toml(source)
     return tuple(check.table_of("parameter_sets", table.get("parameter_sets", {})))
 
 
@@ -113,6 +113,8 @@ def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
 
 def scene_text(scene: Scene) -> str:
     """See :meth:`Scene.to_toml`."""
+    import tomli_w
+
     table: dict[str, Any] = {"name": scene.name}
     table |= {key: getattr(scene, key) for key in _OPTIONAL_TEXT if getattr(scene, key)}
     table |= {key: getattr(scene, key) for key in ("duration", "dt", "sample", "root", "position", "angles")}
@@ -127,7 +129,7 @@ def scene_text(scene: Scene) -> str:
     ]
     table["loads"] = [_load_table(load) for load in scene.loads]
     table["arm"] = arms.to_table(scene.arm)
-    return toml_text.write({key: value for key, value in table.items() if value != []})
+    return tomli_w.dumps({key: value for key, value in table.items() if value != []})
 
 
 def _load_table(load: Load) -> dict[str, Any]:
