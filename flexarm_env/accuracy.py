@@ -3,7 +3,8 @@
 The error has these parts, each a fraction of the arm's length:
 
     time_step   half the distance of the tip from a companion run of twice the step (a third is what a method of second
-                order leaves; the rest is for safety)
+                order leaves; the rest is for safety); all of that from an eighth of the step where the step does not
+                resolve the slowest vibration, or its decay
     mesh        half the distance between that companion and another of twice the step and half the mesh; all of it
                 where the other mesh is the finer one
     energy      five times the energy that appeared from nowhere, or half of what the scheme dissipated, as a share of
@@ -103,6 +104,24 @@ def other_mesh(settings: Settings) -> tuple[Settings, float]:
     return settings.replace(segments=-(-settings.segments // 2), **changes), HALF
 
 
+COARSE, FINER = 0.5, 0.125
+"""Step times the rate of the slowest vibration above which runs of h and 2 h may be wrong alike; h then is compared
+with so much of it."""
+
+
+def slowest_rate(scene: Scene) -> float:
+    """Rate (1/s) of the arm's slowest vibration or, where that is overdamped, of its faster decay; root held, straight.
+
+    From the frequency of a beam of the arm's length and least stiffness, all that it carries at its tip (Rayleigh).
+    """
+    arm = scene.arm
+    stiffness = min(link.section.EI for link in arm.links)
+    beam = sum(link.mass for link in arm.links)
+    carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
+    square = 3.0 * stiffness / ((carried + 33.0 / 140.0 * beam) * arm.total_length**3)
+    return max(math.sqrt(square), arm.tau_d * square)
+
+
 def count_steps(scene: Scene, end: float, sample: float, dt: float) -> int:
     """Steps of a run that lands on every sample and kink."""
     counts = max(1, math.ceil(end / sample * (1.0 - 1e-9)))
@@ -158,6 +177,8 @@ def estimate(
         doubled, wide = settings, sample
         companion = mine
         time_step = 2.0 * distance(mine, run(scene, settings.replace(dt=0.5 * dt), sample))
+    if dt * slowest_rate(scene) > COARSE:
+        time_step = max(time_step, distance(mine, run(scene, settings.replace(dt=FINER * dt), sample)))
     other, factor = other_mesh(doubled)
     base = run(bare, doubled, wide) if drag else companion
     mesh = factor * distance(base, run(bare, other, wide))

@@ -165,7 +165,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "segments": ("floating_frame", {"segments": 8}),
     "modes in segments": ("floating_frame", {"segments": 5, "modes": 2}),
     "modes": ("floating_frame", {"modes": 3}),
-    "exact, fine": ("geometrically_exact", {"elements": 24}),
+    "exact, fine": ("geometrically_exact", {"elements": 12}),
     "paper": ("floating_frame", {"segments": 8, "coupling": "paper"}),
     "linear": ("floating_frame", {"segments": 8, "coupling": "linear"}),
 }
@@ -276,6 +276,7 @@ POSTURES: dict[str, dict[str, Any]] = {
 """What bends an arm whose joints are held, for its damping ratios."""
 
 
+@cache
 def ratio(posture: str, tau_d: float, method: str) -> float:
     """Damping ratio of the first mode about a bent posture, joints held."""
     scene = Draft(SMALL if method.startswith("modes") else LARGE, tau_d=tau_d, drive=False, **POSTURES[posture]).scene()

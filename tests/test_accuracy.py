@@ -11,11 +11,12 @@ import pytest
 
 import flexarm_env
 from flexarm_env.accuracy import Probe, count_steps, distance, energy_part, finer_mesh, other_mesh
-from flexarm_env.parameters import Arm, Link, Section
-from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.parameters import Arm, Link, Payload, Section
+from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.scenes import named, read_trajectory
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
+from flexarm_env.time_functions import ramp
 from flexarm_env.time_functions import steps as stairs
 from flexarm_env.trajectory import Trajectory
 
@@ -138,3 +139,17 @@ def test_energy_that_appears_counts_more() -> None:
     assert energy_part(np.array([0.0, 0.1]), 10.0) == pytest.approx(0.05)
     assert energy_part(np.array([0.0, -0.1]), 10.0) == pytest.approx(0.005)
     assert energy_part(np.array([0.0]), 0.0) == 0.0
+
+
+@pytest.mark.parametrize(("formulation", "zeta"), [("elastica", 5.0), ("geometrically_exact", 1.0)])
+def test_steps_that_resolve_nothing_do_not_pass_for_exact(formulation: str, zeta: float) -> None:
+    """An overdamped link whose hub is turned at once: runs of h and of 2 h are wrong alike."""
+    slow = (2.0 * np.pi) / np.sqrt(3.0 / (0.5 + 33.0 / 140.0))  # period of the first vibration, EI = m = L = 1
+    payload, section = Payload(0.5, 0.005), Section(1.0, 1e6, 4e5, 1.0, 1e-6)
+    arm = Arm("slow", (Link(1.0, section),), payload=payload, tau_d=zeta * slow / np.pi)
+    scene = Scene("turned", arm, duration=3.0 * slow, dt=0.3 * slow, motions=(Motion("joint0", ramp(1.5, 0.5 * slow)),))
+    run = simulate(scene, formulation)
+    fine = simulate(scene, "elastica", dt=0.003 * slow, estimate_error=False)
+    error = float(np.hypot(*(run.tip - fine.tip)[:, :2].T).max())
+    assert error > 0.03
+    assert error / 3.0 < run.error_estimate < 3.0 * error

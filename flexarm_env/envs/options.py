@@ -31,7 +31,7 @@ DEFAULT_FORMULATION = "elastica"
 DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "elastica": {"nodes": 4, "dt": 0.02 / 3.0, "tolerance": 1e-5},
     "geometrically_exact": {"elements": 3, "dt": 0.0025, "tolerance": 1e-6},
-    "floating_frame": {"segments": 5, "dt": 0.004, "tolerance": 1e-6},
+    "floating_frame": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
 }
 """What the environments use where nothing is said; benchmarks/choose_default.py is the reason."""
 
