@@ -50,15 +50,6 @@ def test_damping_ratio_about_a_bent_posture(posture: str, method: str) -> None:
     wanted = matrix.ratio(posture, 1e-3, "exact, fine")
     assert wanted > 1e-4
     assert matrix.ratio(posture, 1e-3, method) == pytest.approx(wanted, rel=matrix.RATIO)
-<<<<<<< HEAD
-=======
-
-
-def test_cells_name_every_feature() -> None:
-    assert {feature for cell in SINGLE + PAIRS for feature in cell} == set(matrix.FEATURES)
-    assert len(set(SINGLE + PAIRS)) == len(SINGLE) + len(PAIRS) and set(CORE) <= set(SINGLE + PAIRS)
-    for first, second in itertools.pairwise(PAIRS):
-        assert set(first) != set(second)
 
 
 def test_segments_on_the_strip_under_full_torque() -> None:
@@ -76,4 +67,3 @@ def test_segments_on_the_strip_under_full_torque() -> None:
     assert np.abs(runs[1].tip_deflection).max() > 0.09
     assert np.hypot(*(runs[0].tip - runs[1].tip)[:, :2].T).max() < 2e-4
     assert runs[0].dissipated[-1] == pytest.approx(runs[1].dissipated[-1], rel=2e-3)
->>>>>>> main
