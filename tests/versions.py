@@ -1,9 +1,9 @@
 """The oldest and the newest releases of what the package needs, as pyproject.toml allows them: do they work, same bits?
 
-`make test-versions` runs `python -m tests.versions`: for each Python from 3.11 on that the machine has, an environment
-of the lower bounds and one of the newest releases under .venv-versions/; in each a few arms are moved, whole and (fewer)
-plain: a single environment must equal the vector one, and whole must equal plain, bit for bit; all environments must
-agree within 1e-12 of each case's largest number. The exit code is 1 where something fails.
+`make test-versions` runs `python -m tests.versions`: for each Python from 3.11 on that the machine has, it makes an
+environment of the lower bounds and one of the newest releases under .venv-versions/, and moves a few arms in each,
+whole and (fewer) plain. A single environment must equal the vector one, and whole must equal plain, bit for bit; all
+must agree within 1e-12 of each case's largest number. The exit code is 1 where something fails.
 """
 
 from __future__ import annotations
