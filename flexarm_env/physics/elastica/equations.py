@@ -18,7 +18,7 @@ from ...compiler.unroll import unrolled
 from ..model import Elastica
 from ..protocol import register
 from .layout import absolute, offsets, weighted
-from .output import dissipation, energy, link_poses, out_of_range, ports, shape
+from .output import damping_work, energy, link_poses, out_of_range, ports, shape
 
 
 @kernel
@@ -328,7 +328,7 @@ register(
     factor=factor,
     solve=solve,
     ports=ports,
-    dissipation=dissipation,
+    damping_work=damping_work,
     energy=energy,
     link_poses=link_poses,
     out_of_range=out_of_range,

@@ -64,30 +64,31 @@ def _load_ports(lane, model, loads, q, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _bending(lane, model, x):  # type: ignore[no-untyped-def]
-    """x' K x over all links; x: angles or rates of the nodes. Differences from the root's keep spins exact."""
+def _bending(lane, model, x, y):  # type: ignore[no-untyped-def]
+    """x' K y over all links; x, y: angles or rates of the nodes. Differences from the root's keep spins exact."""
     D = model.data
     at_K = offsets(model)[1]
     n = size(model.nodes)
     total = splat(lane, 0.0)
     for k in range(size(model.links)):
-        start = load(lane, x, k * n)
+        from_x, from_y = load(lane, x, k * n), load(lane, y, k * n)
         for i in range(1, n):
             row = splat(lane, 0.0)
             for j in range(1, n):
-                row = row + (load(lane, x, k * n + j) - start) * D[at_K + (k * n + i) * n + j]
-            total = total + row * (load(lane, x, k * n + i) - start)
+                row = row + (load(lane, y, k * n + j) - from_y) * D[at_K + (k * n + i) * n + j]
+            total = total + row * (load(lane, x, k * n + i) - from_x)
     return total
 
 
 @kernel
-def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """Power lost in Kelvin-Voigt damping, W."""
+def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
+    """x'C v of Kelvin-Voigt damping, W."""
     if model.damping is None:
         return splat(lane, 0.0)
-    y = stack(lane, model.scratch)
+    y, z = stack(lane, model.scratch), stack(lane, model.scratch)
     absolute(lane, model, v, y)
-    return _bending(lane, model, y) * (load(lane, par, 2) * load(lane, par, 3))
+    absolute(lane, model, x, z)
+    return _bending(lane, model, z, y) * (load(lane, par, 2) * load(lane, par, 3))
 
 
 @kernel
@@ -108,7 +109,7 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     absolute(lane, model, q, x)
     absolute(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
-    strain = _bending(lane, model, x) * (load(lane, par, 2) * 0.5)
+    strain = _bending(lane, model, x, x) * (load(lane, par, 2) * 0.5)
     tip_x, tip_y = weighted(lane, D, at_w, ex, m), weighted(lane, D, at_w, ey, m)
     turn = splat(lane, 0.0)
     for i in range(m - n, m):

@@ -207,8 +207,8 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """Twice Rayleigh's dissipation function, W: what damping takes from the elastic coordinates and the payload."""
+def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
+    """x'C(q) v, W: damping of the elastic coordinates and of the payload (for x = v twice Rayleigh's function)."""
     m = model
     power = 0.0
     last = m.table.shape[0] - 1
@@ -216,28 +216,30 @@ def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
         e, n = m.table[body, START] + 3, m.table[body, SIZE]
         p = m.table[body, BLOCK] + VECTORS
         if par[3] != 0.0:
-            power += par[3] * quadratic(m.data, p + n * (7 + 3 * n), v, v, e, n)
-            power += par[3] * par[2] * quadratic(m.data, p + n * (7 + 4 * n), v, v, e, n)
+            power += par[3] * quadratic(m.data, p + n * (7 + 3 * n), x, v, e, n)
+            power += par[3] * par[2] * quadratic(m.data, p + n * (7 + 4 * n), x, v, e, n)
             if m.coupling == VON_KARMAN:
-                power += par[3] * _coupling_loss(m, body, q, v)
+                power += par[3] * _coupling_loss(m, body, q, v, x)
         if m.mass_damping != 0.0:
-            power += m.mass_damping * quadratic(m.data, p + n * (7 + n), v, v, e, n)
+            power += m.mass_damping * quadratic(m.data, p + n * (7 + n), x, v, e, n)
             if body == last:
-                x, y, turn = tip_rate(m, body, q, v)
-                power += m.mass_damping * (par[0] * (x * x + y * y) + par[1] * turn * turn)
+                vx, vy, turning = tip_rate(m, body, q, v)
+                xx, xy, turned = tip_rate(m, body, q, x)
+                power += m.mass_damping * (par[0] * (vx * xx + vy * xy) + par[1] * turning * turned)
     return power
 
 
 @kernel
-def _coupling_loss(m, body, q, v):  # type: ignore[no-untyped-def]
-    """What the squared rates of von Karman's stretches have beyond those of the linear ones, times EA / l."""
+def _coupling_loss(m, body, q, v, x):  # type: ignore[no-untyped-def]
+    """EA / l times what products of the rates of von Karman's stretches have beyond those of the linear ones."""
     total = 0.0
     for element in range(m.table[body, ELEMENTS]):
         first, g = element_places(m, body, element)
         inner = element > 0
-        linear = v[first + 3] - (v[first] if inner else 0.0)
-        lost = along(bending(v, first, inner), times(m.data, g, bending(q, first, inner)))
-        total += m.data[g - 1] * lost * (2.0 * linear + lost)
+        gw = times(m.data, g, bending(q, first, inner))
+        linear_v, linear_x = v[first + 3] - (v[first] if inner else 0.0), x[first + 3] - (x[first] if inner else 0.0)
+        more_v, more_x = along(bending(v, first, inner), gw), along(bending(x, first, inner), gw)
+        total += m.data[g - 1] * (more_v * (linear_x + more_x) + linear_v * more_x)
     return total
 
 
@@ -366,7 +368,7 @@ register(
     factor=factor,
     solve=solve,
     ports=ports,
-    dissipation=dissipation,
+    damping_work=damping_work,
     energy=energy,
     link_poses=link_poses,
     out_of_range=out_of_range,
