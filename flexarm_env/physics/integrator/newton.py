@@ -70,7 +70,7 @@ def _moved(lane, correction, shift, k, d):  # type: ignore[no-untyped-def]
 
 @kernel
 def _take_multipliers(lane, algebraic, w, active, c_m):  # type: ignore[no-untyped-def]
-    """Increments of the multipliers, which live in q; they do not count towards convergence: theirs is a force's scale."""
+    """Increments of the multipliers, which live in q. They do not count towards convergence: they are forces."""
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
