@@ -155,14 +155,8 @@ class Elastica(NamedTuple):
     Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size. One array holds
     all constants, because each array passed to a kernel costs time to compile and to call:
 
-    data   P (m, m) kg m^2: masses but the payload's; R (N, k, k) kg m^2: rotary inertia, of hub and elbows too, less C;
-           K (N, k, k) N m: bending stiffness; b (m,) kg m: first moments, sum b_j e_j = mass (centre - root);
-           w (m,) m: sum w_j e_j = tip of the last link - root, and of each link: its tip - its root;
-           tips (m,): weights of a link's angles in its tip's angle; beta (m,) m: root = last rows - sum beta_j e_j;
-           then mass (payload left out), x and y of a root that cannot move, gravity x and y; C (N, k, k) kg m^2:
-           correction of the integrator's period; then a row of m for each point drawn: sum of weights times e_j =
-           point - root
-    loads  likewise for each point load, then the weights of the angles in the angle there, (n_loads, 2, m), or None
+    data   float64: `physics.elastica.layout.DATA`
+    loads  float64: for each point load `physics.elastica.layout.LOAD`, or None
     """
 
     n: int | tuple[int, ...]
