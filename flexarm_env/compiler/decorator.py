@@ -9,7 +9,7 @@ import numba
 
 from .whole import KernelDispatcher
 
-OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "forceinline": False}
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -22,4 +22,13 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
         return function
     compiled: Any = KernelDispatcher(function, targetoptions=OPTIONS)
     compiled.enable_caching()
+    return compiled  # type: ignore[no-any-return]
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A kernel that is always written into the kernels that call it: a phase with so many arrays at hand that passing
+    them would cost more than what is saved by having its code once."""
+    if numba.config.DISABLE_JIT:
+        return function
+    compiled: Any = KernelDispatcher(function, targetoptions={**OPTIONS, "forceinline": True})
     return compiled  # type: ignore[no-any-return]

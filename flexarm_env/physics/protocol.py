@@ -42,7 +42,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
 
 from __future__ import annotations
 
-from ..compiler.decorator import kernel
+from ..compiler.decorator import inlined, kernel
 from ..compiler.dispatch import Family, size
 from ..compiler.lanes import load, store
 
@@ -52,7 +52,7 @@ def _no_guess(lane, model, start, q):  # type: ignore[no-untyped-def]
     """`predict` of a formulation that has none."""
 
 
-@kernel
+@inlined
 def _add(lane, model, q, d):  # type: ignore[no-untyped-def]
     """`update` of coordinates that add up."""
     for k in range(size(model.n)):

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiler.decorator import kernel
+from ...compiler.decorator import inlined, kernel
 from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
 from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
 from ..protocol import assemble, constrain, factor, solve, update
@@ -78,7 +78,7 @@ def _take_multipliers(lane, algebraic, w, active, c_m):  # type: ignore[no-untyp
             w.r[k] = 0.0
 
 
-@kernel
+@inlined
 def _correct(lane, model, w, active, slopes):  # type: ignore[no-untyped-def]
     """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
     _take_multipliers(lane, model.algebraic, w, active, slopes.a)
@@ -98,7 +98,7 @@ def _correct(lane, model, w, active, slopes):  # type: ignore[no-untyped-def]
     return largest_of
 
 
-@kernel
+@inlined
 def newton(lane, model, drive, par, w, slopes, h, scheme, plain):  # type: ignore[no-untyped-def]
     """Solve the equations of a step of h; returns lanes that are 1 where that did not succeed, 0 elsewhere.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...compiler.arrays import bare
-from ...compiler.decorator import kernel
+from ...compiler.decorator import inlined, kernel
 from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
 from ...compiler.lanes import largest, load, select_lt, splat, store
 from ..model import NEWTON_FAILED
@@ -45,7 +45,7 @@ def _share(kind: str) -> Any:
     return {TUPLE: _first, NONE: _zero, NUMBER: _itself}[kind]
 
 
-@kernel
+@inlined
 def _predict(lane, model, w, h, scheme):  # type: ignore[no-untyped-def]
     """Where Newton starts, eqs. [66]-[68]: q+, v+, b+ of an acceleration a+; q, v, a, b are kept in q0, v0, a0, b0."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
@@ -110,7 +110,7 @@ def _prescribe(drive, w, t, h):  # type: ignore[no-untyped-def]
         set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
 
 
-@kernel
+@inlined
 def _settle(lane, model, drive, par, algebraic, w):  # type: ignore[no-untyped-def]
     """Take what a step left across the constraints out of velocities, then out of accelerations (theory, section 6).
 
@@ -152,7 +152,7 @@ def _across(lane, model, drive, w, level):  # type: ignore[no-untyped-def]
     solve(lane, model, w.S, w.r)
 
 
-@kernel
+@inlined
 def _react(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
     """Forces that hold the prescribed coordinates at the step's end."""
     if drive is not None:
@@ -182,7 +182,7 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     return advance_bare(lane, bare(model), drive, bare(par), w, t, h, n_steps, scheme, books)
 
 
-@kernel
+@inlined
 def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
     """`advance` on bare arrays."""
     if books is not None:
