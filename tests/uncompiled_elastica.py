@@ -132,7 +132,7 @@ def test_output(case: Any) -> None:
     assert kinetic == pytest.approx(oracle.kinetic(q, v), rel=1e-12)
     assert strain + gravity == pytest.approx(float(np.real(oracle.potential(q))), rel=1e-11)
     lost = float(np.real(oracle.strain(v))) * 2.0 * oracle.arm.tau_d
-    assert kernels.dissipation(SINGLE, s.model, s.par, q, v) == pytest.approx(lost, rel=1e-11)
+    assert kernels.damping_work(SINGLE, s.model, s.par, q, v, v) == pytest.approx(lost, rel=1e-11)
     y = np.full(len(u), np.nan)
     kernels.ports(SINGLE, s.model, s.par, q, y)
     assert y == pytest.approx(np.real(oracle.ports(q)), abs=1e-12)

@@ -172,7 +172,7 @@ def test_mass_is_the_hessian_of_the_kinetic_energy_of_the_fields() -> None:
 def test_damping_takes_the_power_that_it_reports_and_none_from_rigid_motion(order: int) -> None:
     s = system(order, damped=True, heavy=False)
     q, v, a, u = states(s)
-    loss = kernels.dissipation(SINGLE, s.model, s.par, q, v)
+    loss = kernels.damping_work(SINGLE, s.model, s.par, q, v, v)
     assert loss > 0.0
     assert np.isclose(loss, v @ (residual(s, q, v, a, u) - residual(s, q, 0 * v, a, u)), rtol=1e-9)
     spin = np.zeros_like(q)  # the whole chain turns about the origin: positions (interior ones too) and angles
@@ -180,7 +180,7 @@ def test_damping_takes_the_power_that_it_reports_and_none_from_rigid_motion(orde
     spin[0:nodes:3], spin[1:nodes:3] = -q[1:nodes:3], q[0:nodes:3]
     for row in range(0, nodes, 3 * order):
         spin[row + 2] = 1.0
-    assert abs(kernels.dissipation(SINGLE, s.model, s.par, q, spin)) < 1e-12 * loss
+    assert abs(kernels.damping_work(SINGLE, s.model, s.par, q, spin, spin)) < 1e-12 * loss
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])

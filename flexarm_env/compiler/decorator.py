@@ -9,7 +9,7 @@ import numba
 
 from .private import MODE
 
-OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy"}
+OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "forceinline": False}
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -21,10 +21,23 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     if numba.config.DISABLE_JIT:
         return function
+    compiled = _compiled(function, OPTIONS)
+    if MODE != "plain":
+        compiled.enable_caching()
+    return compiled  # type: ignore[no-any-return]
+
+
+def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     if MODE == "plain":
-        return numba.jit(**OPTIONS)(function)  # type: ignore[no-any-return]
+        return numba.jit(**options)(function)
     from .whole import KernelDispatcher
 
-    compiled: Any = KernelDispatcher(function, targetoptions=OPTIONS | {"no_cfunc_wrapper": True})
-    compiled.enable_caching()
-    return compiled  # type: ignore[no-any-return]
+    return KernelDispatcher(function, targetoptions=options | {"no_cfunc_wrapper": True})
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A kernel that is always written into the kernels that call it: a phase with so many arrays at hand that passing
+    them would cost more than what is saved by having its code once."""
+    if numba.config.DISABLE_JIT:
+        return function
+    return _compiled(function, OPTIONS | {"forceinline": True})  # type: ignore[no-any-return]

@@ -20,7 +20,7 @@ from ..compiler.dispatch import size
 from ..compiler.lanes import SINGLE
 from ..physics.assembly import assemble, physical
 from ..physics.equations import equations
-from ..physics.floating.body import LINK, ROWS, SIZE, START
+from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
 from ..physics.model import FloatingFrame
 from ..runtime.record import observe_arm
 from ..simulation import Simulation, room_for_points
@@ -315,8 +315,8 @@ def _dependent(model: object) -> list[int]:
         return []
     rows = []
     for body, behind in zip(model.table[:-1], model.table[1:], strict=True):
-        assert behind[START] == body[START] + 3 + body[SIZE] + body[ROWS]
-        rows += [int(behind[START]) + i for i in range(int(body[ROWS]))]
+        assert behind[START] == body[START] + 3 + body[SIZE] + body[MULTIPLIERS]
+        rows += [int(behind[START]) + i for i in range(int(body[MULTIPLIERS]))]
     return rows
 
 

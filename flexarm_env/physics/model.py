@@ -94,17 +94,8 @@ class Drive(NamedTuple):
 class FloatingFrame(NamedTuple):
     """B bodies in a chain. Few arrays, because each one passed to a kernel costs time to compile and to call.
 
-    table  int64 (B, 8), a row a body: first row in the system; elastic coordinates n; link; multipliers of the joint
-           behind it (0, 2 hinge, 3 with angle); motion that prescribes that joint's angle (-1: rigid); elements
-           (0: reduced to modes); drawing stations; start of its block in `data`
-    data   float64: block by block
-             length, mass m_t, S0, I0, angle of the rigid joint behind it, inertia
-             about the root that foreshortening may take (inf: as much as it likes)  6
-             S_bar (2 n), c_u (n), c (n), tip u, v, phi (3 n)                         7 n
-             G, M_ff, B, K_axial, K_bend, D0, tip H, each (n, n) by rows              7 n^2
-             per element: EA / l, then G of eq. [45] (4, 4)                           17
-             per drawing station: x, u (n), v (n), H (n, n)                           1 + 2 n + n^2
-           with names and units as in `physics.floating.constants.Body`
+    table  int64 (B, 8), a row a body: `physics.floating.layout.ROW`
+    data   float64: block by block, `physics.floating.layout.BODY`, from the constants of `physics.floating.constants`
     loads  int64 (n_loads, 2): body and end (0 root, 1 tip) of each point load
     """
 
@@ -164,14 +155,8 @@ class Elastica(NamedTuple):
     Sizes are numbers, or tuples of zeros of that length where the kernel is compiled for that size. One array holds
     all constants, because each array passed to a kernel costs time to compile and to call:
 
-    data   P (m, m) kg m^2: masses but the payload's; R (N, k, k) kg m^2: rotary inertia, of hub and elbows too, less C;
-           K (N, k, k) N m: bending stiffness; b (m,) kg m: first moments, sum b_j e_j = mass (centre - root);
-           w (m,) m: sum w_j e_j = tip of the last link - root, and of each link: its tip - its root;
-           tips (m,): weights of a link's angles in its tip's angle; beta (m,) m: root = last rows - sum beta_j e_j;
-           then mass (payload left out), x and y of a root that cannot move, gravity x and y; C (N, k, k) kg m^2:
-           correction of the integrator's period; then a row of m for each point drawn: sum of weights times e_j =
-           point - root
-    loads  likewise for each point load, then the weights of the angles in the angle there, (n_loads, 2, m), or None
+    data   float64: `physics.elastica.layout.DATA`
+    loads  float64: for each point load `physics.elastica.layout.LOAD`, or None
     """
 
     n: int | tuple[int, ...]

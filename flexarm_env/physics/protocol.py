@@ -30,7 +30,10 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
-    dissipation(lane, model, par, q, v)  power lost in material damping, W
+    update(lane, model, q, d)        q <- q moved by the increment d: their sum, unless a formulation's coordinates add
+        up otherwise, as rotations do; rows of multipliers in d are zero
+    damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
+        lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
     link_poses(lane, model, par, q, v, out)   12 numbers a link: root x, y, angle and rates, tip x, y, angle and rates
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
@@ -39,8 +42,9 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
 
 from __future__ import annotations
 
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import Family
+from ..compiler.decorator import inlined, kernel
+from ..compiler.dispatch import Family, size
+from ..compiler.lanes import load, store
 
 
 @kernel
@@ -48,7 +52,14 @@ def _no_guess(lane, model, start, q):  # type: ignore[no-untyped-def]
     """`predict` of a formulation that has none."""
 
 
-FORMULATIONS = Family("model", predict=_no_guess)
+@inlined
+def _add(lane, model, q, d):  # type: ignore[no-untyped-def]
+    """`update` of coordinates that add up."""
+    for k in range(size(model.n)):
+        store(q, k, load(lane, q, k) + load(lane, d, k))
+
+
+FORMULATIONS = Family("model", predict=_no_guess, update=_add)
 """Each formulation's functions, by the class of its Model."""
 
 register = FORMULATIONS.register
@@ -63,7 +74,8 @@ pin = FORMULATIONS.function("pin", "lane, model, S, k")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
-dissipation = FORMULATIONS.function("dissipation", "lane, model, par, q, v")
+update = FORMULATIONS.function("update", "lane, model, q, d")
+damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")

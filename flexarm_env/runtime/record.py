@@ -63,7 +63,7 @@ def record(lane, model, drive, par, flat, n_motions, links, span, instants, chun
                 most -= 1
                 before = w.books[0]
                 steps = min(chunk, n_steps - done)
-                span[TIME] = advance_bare(lane, arm, drive, p, x, w, start + done * h, h, steps, scheme, (0,))
+                span[TIME] = advance_bare(lane, arm, drive, p, w, start + done * h, h, steps, scheme, (0,))
                 span[GROSS] += abs(w.books[0] - before)
                 if w.flag[0] != OK:
                     return i

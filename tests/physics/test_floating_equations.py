@@ -157,7 +157,7 @@ def test_energies(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None
 def test_dissipation_is_that_of_the_strain_rates(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None:
     kernel, oracle = pair
     q, v, _, _ = kernel.state(rng)
-    power = kernel.functions["dissipation"](SINGLE, kernel.model, kernel.par, q, v)
+    power = kernel.functions["damping_work"](SINGLE, kernel.model, kernel.par, q, v, v)
     assert power == pytest.approx(2.0 * oracle.dissipation(q, v), rel=1e-12)
 
 
@@ -169,7 +169,7 @@ def test_damping_forces_take_the_dissipated_power(rng: np.random.Generator) -> N
         free = Kernel(replace(scene, arm=replace(scene.arm, mass_damping=0.0, tau_d=0.0)), **mesh)
         state = damped.state(rng)
         taken = state[1] @ (damped.residual(*state) - free.residual(*state))
-        power = damped.functions["dissipation"](SINGLE, damped.model, damped.par, *state[:2])
+        power = damped.functions["damping_work"](SINGLE, damped.model, damped.par, *state[:2], state[1])
         assert taken == pytest.approx(power, rel=1e-10) and power > 0.1
 
 

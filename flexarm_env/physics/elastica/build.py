@@ -14,13 +14,13 @@ the next link hangs) and Radau's on the last link (one at the root, none at the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm, Link
+from flexarm_env.physics.elastica.layout import DATA, LOAD
 from flexarm_env.physics.model import Elastica, System
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
@@ -194,12 +194,10 @@ def phase_correction(parts: Chain, payload: float, h: float, settings: Settings)
 
 def physical(model: Elastica) -> Elastica:
     """The model with the inertia that the links have, for all that is not a step: frequencies, linear equations."""
-    m = size(model.links) * size(model.nodes)
-    count = m * size(model.nodes)
-    inertia, correction = m * m, m * m + 2 * count + 4 * m + 5
     data = model.data.copy()
-    data[inertia : inertia + count] += data[correction : correction + count]
-    data[correction : correction + count] = 0.0
+    parts = DATA.unpack(data, 0, links=size(model.links), nodes=size(model.nodes), points=0)
+    parts["R"] += parts["C"]
+    parts["C"][:] = 0.0
     return model._replace(data=data)
 
 
@@ -208,15 +206,10 @@ def size(tag_or_number: int | tuple[int, ...]) -> int:
     return tag_or_number if isinstance(tag_or_number, int) else len(tag_or_number)
 
 
-def _end(chain_: Chain, load: PointLoad) -> tuple[Array, Array]:
-    """Position and angle weights of the point that a load acts on."""
+def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
+    """The fields of `LOAD`."""
     s = 0.0 if load.end == "root" else chain_.lines[load.link].length
-    return chain_.arm_to(load.link, s), chain_.angle_at(load.link, s)
-
-
-def _flat(*items: Any) -> Array:
-    """All numbers of the items in one array."""
-    return np.concatenate([np.zeros(0), *(np.asarray(item, dtype=np.float64).ravel() for item in items)])
+    return {"arm": chain_.arm_to(load.link, s), "angle": chain_.angle_at(load.link, s)}
 
 
 def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
@@ -244,7 +237,8 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     rows = m + (2 if has_root else 0)
     fixed = [joint * n for joint in scene.rigid_joints]
     fixed += [m + i for i in range(2) if has_root and not movable[i]]
-    ends = [weights for load in scene.loads if isinstance(load, PointLoad) for weights in _end(parts, load)]
+    sizes = {"links": count, "nodes": n}
+    ends = [LOAD.pack(sizes, **_end(parts, load)) for load in scene.loads if isinstance(load, PointLoad)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
     stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
     correction = np.zeros_like(parts.R)
@@ -253,11 +247,15 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     beta = np.zeros(m)
     if scene.root == "free":
         beta = (parts.b + arm.payload.mass * parts.w) / (parts.mass + arm.payload.mass)
-    numbers = [parts.mass, *scene.position, *(scene.gravity or (0.0, 0.0))]
+    data = DATA.pack(
+        {**sizes, "points": len(stations)},
+        P=parts.P, R=parts.R - correction, K=parts.K, b=parts.b, w=parts.w, tips=tips, beta=beta,
+        mass=parts.mass, root=scene.position, gravity=scene.gravity or (0.0, 0.0), C=correction, points=stations,
+    )  # fmt: skip
     model = Elastica(
         n=tag(rows, own),
         n_factor=tag(rows * rows, own),
-        n_inputs=tag(count + 3 * (len(ends) // 2), own),
+        n_inputs=tag(count + 3 * len(ends), own),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.concatenate([np.ones(m), np.full(rows - m, 1.0 / arm.total_length)]),
@@ -271,8 +269,8 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         payload=None if own and not arm.payload.mass else (0,),
         payload_turns=None if own and not arm.payload.inertia else (0,),
         damping=None if own and not arm.tau_d else (0,),
-        data=_flat(parts.P, parts.R - correction, parts.K, parts.b, parts.w, tips, beta, numbers, correction, stations),
-        loads=None if own else _flat(*ends),
+        data=data,
+        loads=None if own else np.concatenate([np.zeros(0), *ends]),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
     names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")

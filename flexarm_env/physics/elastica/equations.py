@@ -16,22 +16,22 @@ from ...compiler.lanes import load, sincos, splat, store
 from ...compiler.trace import aligned_frame, unrolled
 from ..model import Elastica
 from ..protocol import register
-from .layout import absolute, offsets, weighted
-from .output import dissipation, energy, link_poses, out_of_range, ports, shape
+from .layout import constants, load_at, node_angles, weighted
+from .output import damping_work, energy, link_poses, out_of_range, ports, shape
 
 
 @kernel
 def _frame_acceleration(lane, model, a, ex, ey):  # type: ignore[no-untyped-def]
     """Acceleration of the root less gravity."""
     D = model.data
-    _, _, _, _, _, at_beta, at_one = offsets(model)
+    at = constants(model)
     x, y = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
-        x = load(lane, a, m) - weighted(lane, D, at_beta, ex, m)
-        y = load(lane, a, m + 1) - weighted(lane, D, at_beta, ey, m)
+        x = load(lane, a, m) - weighted(lane, D, at.beta, ex, m)
+        y = load(lane, a, m + 1) - weighted(lane, D, at.beta, ey, m)
     if model.gravity is not None:
-        x, y = x - D[at_one + 3], y - D[at_one + 4]
+        x, y = x - D[at.gravity], y - D[at.gravity + 1]
     return x, y
 
 
@@ -53,14 +53,14 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
 def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: ignore[no-untyped-def]
     """r, and on the way: nodes' rates y, e_j = (c, s), e_j'' = (ex, ey), A_i = (fx, fy)."""
     D = model.data
-    at_R, at_K, at_b, at_w, _, at_beta, at_one = offsets(model)
+    at = constants(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     payload, stiffness, tau_d = load(lane, par, 0), load(lane, par, 2), load(lane, par, 3)
     x, z = stack(lane, model.scratch), stack(lane, model.scratch)
-    absolute(lane, model, q, x)
-    absolute(lane, model, v, y)
-    absolute(lane, model, a, z)
+    node_angles(lane, model, q, x)
+    node_angles(lane, model, v, y)
+    node_angles(lane, model, a, z)
     for i in range(m):
         angle, rate, second = load(lane, x, i), load(lane, y, i), load(lane, z, i)
         sine, cosine = sincos(angle)
@@ -76,34 +76,34 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
     frame_x, frame_y = _frame_acceleration(lane, model, a, ex, ey)
     tip_x, tip_y = splat(lane, 0.0), splat(lane, 0.0)
     if model.payload is not None:
-        tip_x = (weighted(lane, D, at_w, ex, m) + frame_x) * payload
-        tip_y = (weighted(lane, D, at_w, ey, m) + frame_y) * payload
+        tip_x = (weighted(lane, D, at.w, ex, m) + frame_x) * payload
+        tip_y = (weighted(lane, D, at.w, ey, m) + frame_y) * payload
     for i in range(m):
-        fxi, fyi = load(lane, ex, 0) * D[i * m], load(lane, ey, 0) * D[i * m]
+        fxi, fyi = load(lane, ex, 0) * D[at.P + i * m], load(lane, ey, 0) * D[at.P + i * m]
         for j in range(1, m):
-            fxi = fxi + load(lane, ex, j) * D[i * m + j]
-            fyi = fyi + load(lane, ey, j) * D[i * m + j]
+            fxi = fxi + load(lane, ex, j) * D[at.P + i * m + j]
+            fyi = fyi + load(lane, ey, j) * D[at.P + i * m + j]
         if model.root is not None or model.gravity is not None:
-            fxi, fyi = fxi + frame_x * D[at_b + i], fyi + frame_y * D[at_b + i]
+            fxi, fyi = fxi + frame_x * D[at.b + i], fyi + frame_y * D[at.b + i]
         if model.payload is not None:
-            fxi, fyi = fxi + tip_x * D[at_w + i], fyi + tip_y * D[at_w + i]
+            fxi, fyi = fxi + tip_x * D[at.w + i], fyi + tip_y * D[at.w + i]
         store(fx, i, fxi)
         store(fy, i, fyi)
     _less_forces(lane, model, model.loads, u, fx, fy)
     if model.root is not None:  # momentum of the whole chain
-        store(r, m, frame_x * D[at_one] + weighted(lane, D, at_b, ex, m) + tip_x)
-        store(r, m + 1, frame_y * D[at_one] + weighted(lane, D, at_b, ey, m) + tip_y)
+        store(r, m, frame_x * D[at.mass] + weighted(lane, D, at.b, ex, m) + tip_x)
+        store(r, m + 1, frame_y * D[at.mass] + weighted(lane, D, at.b, ey, m) + tip_y)
         _less_total(lane, model, model.loads, u, r)
         for i in range(m):
-            store(fx, i, load(lane, fx, i) - load(lane, r, m) * D[at_beta + i])
-            store(fy, i, load(lane, fy, i) - load(lane, r, m + 1) * D[at_beta + i])
+            store(fx, i, load(lane, fx, i) - load(lane, r, m) * D[at.beta + i])
+            store(fy, i, load(lane, fy, i) - load(lane, r, m + 1) * D[at.beta + i])
     for k in range(links):
         for i in range(k * n, k * n + n):
-            total = load(lane, z, k * n) * D[at_R + i * n]
+            total = load(lane, z, k * n) * D[at.R + i * n]
             for j in range(1, n):
-                total = total + load(lane, z, k * n + j) * D[at_R + i * n + j]
+                total = total + load(lane, z, k * n + j) * D[at.R + i * n + j]
             for j in range(n):
-                total = total + load(lane, x, k * n + j) * D[at_K + i * n + j]
+                total = total + load(lane, x, k * n + j) * D[at.K + i * n + j]
             store(r, i, total + (load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)))
     _less_torques(lane, model, model.loads, u, r)
     _payload_turns(lane, model, load(lane, par, 1), z, r)
@@ -118,7 +118,7 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
 def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type: ignore[no-untyped-def]
     """The matrix of `assemble`; ex, ey become the weighted derivative of e''."""
     D = model.data
-    at_R, at_K, at_b, at_w, _, at_beta, at_one = offsets(model)
+    at = constants(model)
     n, links, rows = size(model.nodes), size(model.links), size(model.n)
     m = n * links
     payload = load(lane, par, 0)
@@ -130,32 +130,32 @@ def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type:
         twice = load(lane, y, i) * (2.0 * cc)
         store(ex, i, -(sine * cm + cosine * twice + ay * ck))
         store(ey, i, cosine * cm - sine * twice + ax * ck)
-    mass = payload + D[at_one]
+    mass = payload + D[at.mass]
     for i in range(m):
-        share = payload * D[at_w + i]
-        moment = share + D[at_b + i]
+        share = payload * D[at.w + i]
+        moment = share + D[at.b + i]
         ci, si, dxi, dyi = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         k = i // n
         for j in range(i):
-            p = splat(lane, D[i * m + j])
+            p = splat(lane, D[at.P + i * m + j])
             if model.payload is not None:
-                p = share * D[at_w + j] + D[i * m + j]
+                p = share * D[at.w + j] + D[at.P + i * m + j]
             if model.root is not None:
-                rest = payload * D[at_w + j] + D[at_b + j] - mass * D[at_beta + j]
-                p = p - (moment * D[at_beta + j] + rest * D[at_beta + i])
+                rest = payload * D[at.w + j] + D[at.b + j] - mass * D[at.beta + j]
+                p = p - (moment * D[at.beta + j] + rest * D[at.beta + i])
             lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
             upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
             if j >= k * n:
-                bend = slope * D[at_K + i * n + j - k * n] + cm * D[at_R + i * n + j - k * n]
+                bend = slope * D[at.K + i * n + j - k * n] + cm * D[at.R + i * n + j - k * n]
                 lower, upper = lower + bend, upper + bend
             store(S, i * rows + j, lower)
             store(S, j * rows + i, upper)
-        p = splat(lane, D[i * m + i])
+        p = splat(lane, D[at.P + i * m + i])
         if model.payload is not None:
-            p = share * D[at_w + i] + D[i * m + i]
+            p = share * D[at.w + i] + D[at.P + i * m + i]
         if model.root is not None:
-            p = p - (moment + (moment - mass * D[at_beta + i])) * D[at_beta + i]
-        own = p * (ci * dyi - si * dxi) + (slope * D[at_K + i * n + i - k * n] + cm * D[at_R + i * n + i - k * n])
+            p = p - (moment + (moment - mass * D[at.beta + i])) * D[at.beta + i]
+        own = p * (ci * dyi - si * dxi) + (slope * D[at.K + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
     _payload_turns_tangent(lane, model, load(lane, par, 1), cm, S)
     _root_tangent(lane, model, payload, c, s, ex, ey, cm, S)
@@ -169,10 +169,11 @@ def _less_forces(lane, model, loads, u, fx, fy):  # type: ignore[no-untyped-def]
         links = size(model.links)
         m = links * size(model.nodes)
         for f in range((size(model.n_inputs) - links) // 3):
+            at = load_at(model, f)
             force_x, force_y = load(lane, u, links + 3 * f), load(lane, u, links + 3 * f + 1)
             for i in range(m):
-                store(fx, i, load(lane, fx, i) - force_x * loads[2 * f * m + i])
-                store(fy, i, load(lane, fy, i) - force_y * loads[2 * f * m + i])
+                store(fx, i, load(lane, fx, i) - force_x * loads[at.arm + i])
+                store(fy, i, load(lane, fy, i) - force_y * loads[at.arm + i])
 
 
 @kernel
@@ -182,52 +183,53 @@ def _less_torques(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
         links = size(model.links)
         m = links * size(model.nodes)
         for f in range((size(model.n_inputs) - links) // 3):
+            at = load_at(model, f)
             torque = load(lane, u, links + 3 * f + 2)
             for i in range(m):
-                store(r, i, load(lane, r, i) - torque * loads[(2 * f + 1) * m + i])
+                store(r, i, load(lane, r, i) - torque * loads[at.angle + i])
 
 
 @kernel
 def _payload_turns(lane, model, inertia, z, r):  # type: ignore[no-untyped-def]
     """Rotary inertia of the payload, on the last link's angles."""
     D = model.data
-    at_tips = offsets(model)[4]
+    at = constants(model)
     if model.payload_turns is not None:
         n, m = size(model.nodes), size(model.links) * size(model.nodes)
         moment = splat(lane, 0.0)
         for j in range(m - n, m):
-            moment = moment + load(lane, z, j) * D[at_tips + j]
+            moment = moment + load(lane, z, j) * D[at.tips + j]
         moment = moment * inertia
         for i in range(m - n, m):
-            store(r, i, load(lane, r, i) + moment * D[at_tips + i])
+            store(r, i, load(lane, r, i) + moment * D[at.tips + i])
 
 
 @kernel
 def _payload_turns_tangent(lane, model, inertia, cm, S):  # type: ignore[no-untyped-def]
     D = model.data
-    at_tips = offsets(model)[4]
+    at = constants(model)
     if model.payload_turns is not None:
         n, m, rows = size(model.nodes), size(model.links) * size(model.nodes), size(model.n)
         for i in range(m - n, m):
-            share = inertia * (cm * D[at_tips + i])
+            share = inertia * (cm * D[at.tips + i])
             for j in range(m - n, m):
-                store(S, i * rows + j, load(lane, S, i * rows + j) + share * D[at_tips + j])
+                store(S, i * rows + j, load(lane, S, i * rows + j) + share * D[at.tips + j])
 
 
 @kernel
 def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):  # type: ignore[no-untyped-def]
     """Rows and columns of the root, or of the centre of mass (where little or nothing is left of `moment`)."""
     D = model.data
-    _, _, at_b, at_w, _, at_beta, at_one = offsets(model)
+    at = constants(model)
     if model.root is not None:
         m, rows = size(model.links) * size(model.nodes), size(model.n)
         for j in range(m):
-            moment = payload * D[at_w + j] + D[at_b + j] - (payload + D[at_one]) * D[at_beta + j]
+            moment = payload * D[at.w + j] + D[at.b + j] - (payload + D[at.mass]) * D[at.beta + j]
             store(S, m * rows + j, moment * load(lane, dx, j))
             store(S, (m + 1) * rows + j, moment * load(lane, dy, j))
             store(S, j * rows + m, moment * load(lane, s, j) * -cm)
             store(S, j * rows + m + 1, moment * load(lane, c, j) * cm)
-        mass = (payload + D[at_one]) * cm
+        mass = (payload + D[at.mass]) * cm
         store(S, m * rows + m, mass)
         store(S, m * rows + m + 1, splat(lane, 0.0))
         store(S, (m + 1) * rows + m, splat(lane, 0.0))
@@ -327,7 +329,7 @@ register(
     factor=factor,
     solve=solve,
     ports=ports,
-    dissipation=dissipation,
+    damping_work=damping_work,
     energy=energy,
     link_poses=link_poses,
     out_of_range=out_of_range,

@@ -5,16 +5,44 @@ from __future__ import annotations
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, splat, store
+from ...layout import Field, Layout
+
+DATA = Layout(
+    "Data", "links, nodes, points",
+    Field("P", ("links * nodes", "links * nodes"), "kg m^2", "masses but the payload's"),
+    Field("R", ("links", "nodes", "nodes"), "kg m^2", "rotary inertia, of hub and elbows too, less C"),
+    Field("K", ("links", "nodes", "nodes"), "N m", "bending stiffness"),
+    Field("b", ("links * nodes",), "kg m", "first moments: sum b_j e_j = mass (centre - root)"),
+    Field("w", ("links * nodes",), "m", "sum w_j e_j = tip of the last link - root; link by link, its tip - its root"),
+    Field("tips", ("links * nodes",), "", "weights of a link's angles in its tip's angle"),
+    Field("beta", ("links * nodes",), "m", "root = last rows - sum beta_j e_j"),
+    Field("mass", (), "kg", "payload left out"),
+    Field("root", (2,), "m", "place of a root that cannot move"),
+    Field("gravity", (2,), "m/s^2", ""),
+    Field("C", ("links", "nodes", "nodes"), "kg m^2", "correction of the integrator's period"),
+    Field("points", ("points", "links * nodes"), "m", "of each point drawn: sum of weights times e_j = point - root"),
+)  # fmt: skip
+LOAD = Layout(
+    "Load", "links, nodes",
+    Field("arm", ("links * nodes",), "m", "sum of it times e_j = point of the load - root"),
+    Field("angle", ("links * nodes",), "", "weights of the angles in the angle there"),
+)  # fmt: skip
+_data_at = kernel(DATA.offsets)
+_load_at = kernel(LOAD.offsets)
 
 
 @kernel
-def offsets(model):  # type: ignore[no-untyped-def]
-    """Where R, K, b, w, tips, beta and the single numbers begin in model.data; P begins at 0."""
-    n = size(model.nodes)
-    m = size(model.links) * n
-    R = m * m
-    b = R + 2 * m * n
-    return R, R + m * n, b, b + m, b + 2 * m, b + 3 * m, b + 4 * m
+def constants(model):  # type: ignore[no-untyped-def]
+    """Where the fields of DATA are in model.data."""
+    return _data_at(0, size(model.links), size(model.nodes), 0)
+
+
+@kernel
+def load_at(model, f):  # type: ignore[no-untyped-def]
+    """Where the fields of LOAD are in model.loads for load f."""
+    links, nodes = size(model.links), size(model.nodes)
+    first = _load_at(0, links, nodes)
+    return _load_at(f * first.end, links, nodes)
 
 
 @kernel
@@ -27,7 +55,7 @@ def weighted(lane, weights, first, x, m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def absolute(lane, model, q, x):  # type: ignore[no-untyped-def]
+def node_angles(lane, model, q, x):  # type: ignore[no-untyped-def]
     """x <- angles of the nodes (or their rates) from the coordinates: a joint's is relative to the tip before it."""
     n = size(model.nodes)
     for i in range(n):

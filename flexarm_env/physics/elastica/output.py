@@ -6,14 +6,14 @@ from ...compiler.arrays import stack
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, sincos, splat, store
-from .layout import absolute, offsets, weighted
+from .layout import constants, load_at, node_angles, weighted
 
 
 @kernel
 def _tangents(lane, model, q, v, c, s, ex, ey):  # type: ignore[no-untyped-def]
     """(c, s) <- e_j, (ex, ey) <- e_j'; c, s, ex, ey hold angles and rates on the way."""
-    absolute(lane, model, q, c)
-    absolute(lane, model, v, ex)
+    node_angles(lane, model, q, c)
+    node_angles(lane, model, v, ex)
     for i in range(size(model.links) * size(model.nodes)):
         sine, cosine = sincos(load(lane, c, i))
         rate = load(lane, ex, i)
@@ -27,12 +27,12 @@ def _tangents(lane, model, q, v, c, s, ex, ey):  # type: ignore[no-untyped-def]
 def _root(lane, model, q, c, s):  # type: ignore[no-untyped-def]
     """Position of the root; c, s: cosines and sines of the nodes' angles."""
     D = model.data
-    _, _, _, _, _, at_beta, at_one = offsets(model)
+    at = constants(model)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
-        x = load(lane, q, m) - weighted(lane, D, at_beta, c, m)
-        return x, load(lane, q, m + 1) - weighted(lane, D, at_beta, s, m)
-    return splat(lane, D[at_one + 1]), splat(lane, D[at_one + 2])
+        x = load(lane, q, m) - weighted(lane, D, at.beta, c, m)
+        return x, load(lane, q, m + 1) - weighted(lane, D, at.beta, s, m)
+    return splat(lane, D[at.root]), splat(lane, D[at.root + 1])
 
 
 @kernel
@@ -51,50 +51,52 @@ def _load_ports(lane, model, loads, q, y):  # type: ignore[no-untyped-def]
         links = size(model.links)
         m = links * size(model.nodes)
         x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
-        absolute(lane, model, q, x)
+        node_angles(lane, model, q, x)
         for i in range(m):
             sine, cosine = sincos(load(lane, x, i))
             store(c, i, cosine)
             store(s, i, sine)
         root_x, root_y = _root(lane, model, q, c, s)
         for f in range((size(model.n_inputs) - links) // 3):
-            store(y, links + 3 * f, root_x + weighted(lane, loads, 2 * f * m, c, m))
-            store(y, links + 3 * f + 1, root_y + weighted(lane, loads, 2 * f * m, s, m))
-            store(y, links + 3 * f + 2, weighted(lane, loads, (2 * f + 1) * m, x, m))
+            at = load_at(model, f)
+            store(y, links + 3 * f, root_x + weighted(lane, loads, at.arm, c, m))
+            store(y, links + 3 * f + 1, root_y + weighted(lane, loads, at.arm, s, m))
+            store(y, links + 3 * f + 2, weighted(lane, loads, at.angle, x, m))
 
 
 @kernel
-def _bending(lane, model, x):  # type: ignore[no-untyped-def]
-    """x' K x over all links; x: angles or rates of the nodes. Differences from the root's keep spins exact."""
+def _bending(lane, model, x, y):  # type: ignore[no-untyped-def]
+    """x' K y over all links; x, y: angles or rates of the nodes. Differences from the root's keep spins exact."""
     D = model.data
-    at_K = offsets(model)[1]
+    at = constants(model)
     n = size(model.nodes)
     total = splat(lane, 0.0)
     for k in range(size(model.links)):
-        start = load(lane, x, k * n)
+        from_x, from_y = load(lane, x, k * n), load(lane, y, k * n)
         for i in range(1, n):
             row = splat(lane, 0.0)
             for j in range(1, n):
-                row = row + (load(lane, x, k * n + j) - start) * D[at_K + (k * n + i) * n + j]
-            total = total + row * (load(lane, x, k * n + i) - start)
+                row = row + (load(lane, y, k * n + j) - from_y) * D[at.K + (k * n + i) * n + j]
+            total = total + row * (load(lane, x, k * n + i) - from_x)
     return total
 
 
 @kernel
-def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """Power lost in Kelvin-Voigt damping, W."""
+def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
+    """x'C v of Kelvin-Voigt damping, W."""
     if model.damping is None:
         return splat(lane, 0.0)
-    y = stack(lane, model.scratch)
-    absolute(lane, model, v, y)
-    return _bending(lane, model, y) * (load(lane, par, 2) * load(lane, par, 3))
+    y, z = stack(lane, model.scratch), stack(lane, model.scratch)
+    node_angles(lane, model, v, y)
+    node_angles(lane, model, x, z)
+    return _bending(lane, model, z, y) * (load(lane, par, 2) * load(lane, par, 3))
 
 
 @kernel
 def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     """(kinetic, strain, gravity), J; gravity's is zero where the centre of mass is at the origin."""
     D = model.data
-    at_R, _, at_b, at_w, at_tips, at_beta, at_one = offsets(model)
+    at = constants(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     payload = load(lane, par, 0)
@@ -105,29 +107,29 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
         stack(lane, model.scratch),
         stack(lane, model.scratch),
     )
-    absolute(lane, model, q, x)
-    absolute(lane, model, v, y)
+    node_angles(lane, model, q, x)
+    node_angles(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
-    strain = _bending(lane, model, x) * (load(lane, par, 2) * 0.5)
-    tip_x, tip_y = weighted(lane, D, at_w, ex, m), weighted(lane, D, at_w, ey, m)
+    strain = _bending(lane, model, x, x) * (load(lane, par, 2) * 0.5)
+    tip_x, tip_y = weighted(lane, D, at.w, ex, m), weighted(lane, D, at.w, ey, m)
     turn = splat(lane, 0.0)
     for i in range(m - n, m):
-        turn = turn + load(lane, y, i) * D[at_tips + i]
+        turn = turn + load(lane, y, i) * D[at.tips + i]
     twice = payload * (tip_x * tip_x + tip_y * tip_y) + load(lane, par, 1) * (turn * turn)
     for i in range(m):
         px, py, rate, spin = splat(lane, 0.0), splat(lane, 0.0), load(lane, y, i), splat(lane, 0.0)
         for j in range(n):
-            spin = spin + load(lane, y, i // n * n + j) * D[at_R + i * n + j]
+            spin = spin + load(lane, y, i // n * n + j) * D[at.R + i * n + j]
         for j in range(m):
-            px = px + load(lane, ex, j) * D[i * m + j]
-            py = py + load(lane, ey, j) * D[i * m + j]
+            px = px + load(lane, ex, j) * D[at.P + i * m + j]
+            py = py + load(lane, ey, j) * D[at.P + i * m + j]
         twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + rate * spin)
-    mass = payload + D[at_one]
+    mass = payload + D[at.mass]
     if model.root is not None:
-        vx = load(lane, v, m) - weighted(lane, D, at_beta, ex, m)
-        vy = load(lane, v, m + 1) - weighted(lane, D, at_beta, ey, m)
-        px = payload * tip_x + weighted(lane, D, at_b, ex, m)
-        py = payload * tip_y + weighted(lane, D, at_b, ey, m)
+        vx = load(lane, v, m) - weighted(lane, D, at.beta, ex, m)
+        vy = load(lane, v, m + 1) - weighted(lane, D, at.beta, ey, m)
+        px = payload * tip_x + weighted(lane, D, at.b, ex, m)
+        py = payload * tip_y + weighted(lane, D, at.b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
     return twice * 0.5, strain, _gravity_energy(lane, model, payload, q, c, s)
 
@@ -136,22 +138,22 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 def _gravity_energy(lane, model, payload, q, c, s):  # type: ignore[no-untyped-def]
     """- mass g . centre of mass."""
     D = model.data
-    _, _, at_b, at_w, _, _, at_one = offsets(model)
+    at = constants(model)
     if model.gravity is None:
         return splat(lane, 0.0)
     m = size(model.links) * size(model.nodes)
-    mass = payload + D[at_one]
+    mass = payload + D[at.mass]
     root_x, root_y = _root(lane, model, q, c, s)
-    cx = payload * weighted(lane, D, at_w, c, m) + weighted(lane, D, at_b, c, m) + mass * root_x
-    cy = payload * weighted(lane, D, at_w, s, m) + weighted(lane, D, at_b, s, m) + mass * root_y
-    return -(cx * D[at_one + 3] + cy * D[at_one + 4])
+    cx = payload * weighted(lane, D, at.w, c, m) + weighted(lane, D, at.b, c, m) + mass * root_x
+    cy = payload * weighted(lane, D, at.w, s, m) + weighted(lane, D, at.b, s, m) + mass * root_y
+    return -(cx * D[at.gravity] + cy * D[at.gravity + 1])
 
 
 @kernel
 def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
     """12 numbers a link: root x, y, angle and their rates, tip x, y, angle and their rates."""
     D = model.data
-    _, _, _, at_w, at_tips, at_beta, _ = offsets(model)
+    at = constants(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
@@ -161,14 +163,14 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
         stack(lane, model.scratch),
         stack(lane, model.scratch),
     )
-    absolute(lane, model, q, x)
-    absolute(lane, model, v, y)
+    node_angles(lane, model, q, x)
+    node_angles(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
     px, py = _root(lane, model, q, c, s)
     vx, vy = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
-        vx = load(lane, v, m) - weighted(lane, D, at_beta, ex, m)
-        vy = load(lane, v, m + 1) - weighted(lane, D, at_beta, ey, m)
+        vx = load(lane, v, m) - weighted(lane, D, at.beta, ex, m)
+        vy = load(lane, v, m + 1) - weighted(lane, D, at.beta, ey, m)
     for k in range(links):
         o = 12 * k
         store(out, o, px)
@@ -179,9 +181,9 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
         store(out, o + 5, load(lane, y, k * n))
         angle, rate = splat(lane, 0.0), splat(lane, 0.0)
         for i in range(k * n, k * n + n):
-            px, py = px + load(lane, c, i) * D[at_w + i], py + load(lane, s, i) * D[at_w + i]
-            vx, vy = vx + load(lane, ex, i) * D[at_w + i], vy + load(lane, ey, i) * D[at_w + i]
-            angle, rate = angle + load(lane, x, i) * D[at_tips + i], rate + load(lane, y, i) * D[at_tips + i]
+            px, py = px + load(lane, c, i) * D[at.w + i], py + load(lane, s, i) * D[at.w + i]
+            vx, vy = vx + load(lane, ex, i) * D[at.w + i], vy + load(lane, ey, i) * D[at.w + i]
+            angle, rate = angle + load(lane, x, i) * D[at.tips + i], rate + load(lane, y, i) * D[at.tips + i]
         store(out, o + 6, px)
         store(out, o + 7, py)
         store(out, o + 8, angle)
@@ -202,10 +204,10 @@ def shape(model, q, points):  # type: ignore[no-untyped-def]
     D = model.data
     lane = (0,)
     m = size(model.links) * size(model.nodes)
-    first = offsets(model)[6] + 5 + m * size(model.nodes)
+    first = constants(model).points
     count = min((D.shape[0] - first) // m, points.shape[0])
     c, s = stack(lane, model.scratch), stack(lane, model.scratch)
-    absolute(lane, model, q, c)
+    node_angles(lane, model, q, c)
     for j in range(m):
         s[j], c[j] = sincos(c[j])
     root_x, root_y = _root(lane, model, q, c, s)

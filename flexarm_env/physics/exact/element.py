@@ -308,25 +308,21 @@ def backward(lane, order, S, x, left, right):  # type: ignore[no-untyped-def]
         store(x, 3 + m, value)
 
 
-@traced(lambda p: 5)
+@traced(lambda p: 4)
 def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):  # type: ignore[no-untyped-def]
-    """(kinetic, strain energy, power lost per tau_d, mass moments x, y); `turn`, `spin`: the left psi, its rate."""
+    """(kinetic, strain energy, mass moments x, y); `turn`, `spin`: the left psi, its rate."""
     p, sums = len(order), Sums()
     t = tables(p)
     place, rate = ([_axis(lane, x, p, k) for k in (X, Y, T)] for x in (q, v))
     place[T][0], rate[T][0] = turn, spin
     (_, dx), (_, dy), (turned, bend) = (_slopes(sums, t, nodes) for nodes in place)
-    (_, ux), (_, uy), (turning, bending) = (_slopes(sums, t, nodes) for nodes in rate)
-    angle, omega = _values(sums, t, place[T], turned), _values(sums, t, rate[T], turning)
-    strain, lost = splat(lane, 0.0), splat(lane, 0.0)
+    angle = _values(sums, t, place[T], turned)
+    strain = splat(lane, 0.0)
     for g in range(p):
         s, c = sincos(angle[g])
         g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
-        r1 = (c * ux[g] + s * uy[g]) + g2 * omega[g]
-        r2 = (c * uy[g] - s * ux[g]) - g1 * omega[g]
         e1, w = g1 - length, float(t.weights[g])
         strain = strain + ((e1 * e1) * k1 + (g2 * g2) * k2 + (bend[g] * bend[g]) * kb) * (0.5 * w)
-        lost = lost + ((r1 * r1) * k1 + (r2 * r2) * k2 + (bending[g] * bending[g]) * kb) * w
     squares, moments = [], []
     for k in (X, Y, T):
         total = splat(lane, 0.0)
@@ -335,7 +331,33 @@ def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):  # type:
         squares.append(total)
         moments.append(sums(t.mass[0] + t.mass[1], place[k]))
     kinetic = (squares[X] + squares[Y]) * (ml * 0.5) + squares[T] * (jl * 0.5)
-    return [kinetic, strain, lost, moments[X] * ml, moments[Y] * ml]
+    return [kinetic, strain, moments[X] * ml, moments[Y] * ml]
+
+
+@traced(lambda p: 1)
+def damp(lane, order, q, v, x, turns, k1, k2, kb):  # type: ignore[no-untyped-def]
+    """Work of the damping forces of rates v over rates x, per tau_d; `turns`: the left psi in q, v and x."""
+    p, sums = len(order), Sums()
+    t = tables(p)
+    place, *rates = ([_axis(lane, y, p, k) for k in (X, Y, T)] for y in (q, v, x))
+    place[T][0], rates[0][T][0], rates[1][T][0] = turns
+    (_, dx), (_, dy), (turned, _) = (_slopes(sums, t, nodes) for nodes in place)
+    angle = _values(sums, t, place[T], turned)
+    circle = [sincos(w) for w in angle]
+    strains = []
+    for rate in rates:
+        (_, ux), (_, uy), (turning, bending) = (_slopes(sums, t, nodes) for nodes in rate)
+        omega = _values(sums, t, rate[T], turning)
+        rows = []
+        for g, (s, c) in enumerate(circle):
+            g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
+            r1, r2 = (c * ux[g] + s * uy[g]) + g2 * omega[g], (c * uy[g] - s * ux[g]) - g1 * omega[g]
+            rows.append((r1, r2, bending[g]))
+        strains.append(rows)
+    total = splat(lane, 0.0)
+    for w, one, two in zip(t.weights, *strains, strict=True):
+        total = total + (one[0] * two[0] * k1 + one[1] * two[1] * k2 + one[2] * two[2] * kb) * float(w)
+    return [total]
 
 
 def _small_turn(w: Any) -> tuple[Any, Any]:

@@ -20,7 +20,7 @@ from ..model import ExactBeam
 from ..protocol import register
 from .element import VERTEX, backward, forces, forward, tangent, turns
 from .inertia import inertia, turn
-from .output import dissipation, energy, link_poses, out_of_range, ports, predict, shape
+from .output import damping_work, energy, link_poses, out_of_range, ports, predict, shape
 
 HEAD = 9
 HINGE = 4
@@ -375,7 +375,7 @@ register(
     factor=factor,
     solve=solve,
     ports=ports,
-    dissipation=dissipation,
+    damping_work=damping_work,
     energy=energy,
     link_poses=link_poses,
     out_of_range=out_of_range,

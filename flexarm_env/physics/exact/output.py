@@ -6,7 +6,7 @@ import numpy as np
 
 from ...compiler.decorator import kernel
 from ...compiler.lanes import load, splat, store
-from .element import carry, measure
+from .element import carry, damp, measure
 from .tables import interior
 
 
@@ -43,13 +43,13 @@ def _load_points(lane, loads, links, q, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _totals(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """(kinetic energy, strain energy, power lost per tau_d, first mass moments x, y) of the whole chain."""
+    """(kinetic energy, strain energy, first mass moments x, y) of the whole chain."""
     links, p = model.links, len(model.order)
     deltas = 3 * p * model.elements * links + 3
     stiffness = load(lane, par, 2)
     w = load(lane, v, 2)
     kinetic = (w * w) * (0.5 * model.hub_inertia)
-    strain, lost, mx, my = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+    strain, mx, my = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
     i = 3
     for k in range(links):
         turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
@@ -65,33 +65,48 @@ def _totals(lane, model, par, q, v):  # type: ignore[no-untyped-def]
         for _ in range(model.elements):
             j = (i - 3) * len(lane)
             part = measure(lane, model.order, q[j:], v[j:], turn, spin, k1, k2, kb, length, ml, jl)
-            kinetic, strain, lost = kinetic + part[0], strain + part[1], lost + part[2]
-            mx, my = mx + part[3], my + part[4]
+            kinetic, strain = kinetic + part[0], strain + part[1]
+            mx, my = mx + part[2], my + part[3]
             i += 3 * p
             turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
     mass = load(lane, par, 0)
     vx, vy = load(lane, v, i - 3), load(lane, v, i - 2)
     kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * load(lane, par, 1)) * 0.5
-    return kinetic, strain, lost, mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
+    return kinetic, strain, mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
 
 
 @kernel
-def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """Power lost in the material, W."""
-    return _lost(lane, model.damped, model, par, q, v)
+def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
+    """x'C(q) v of the material, W."""
+    return _damped(lane, model.damped, model, par, q, v, x)
 
 
 @kernel
-def _lost(lane, damped, model, par, q, v):  # type: ignore[no-untyped-def]
+def _damped(lane, damped, model, par, q, v, x):  # type: ignore[no-untyped-def]
     if damped is None:
         return splat(lane, 0.0)
-    return _totals(lane, model, par, q, v)[2] * load(lane, par, 3)
+    links, p = model.links, len(model.order)
+    deltas = 3 * p * model.elements * links + 3
+    total = splat(lane, 0.0)
+    i = 3
+    for k in range(links):
+        turns = load(lane, q, i - 1), load(lane, v, i - 1), load(lane, x, i - 1)
+        if k > 0:
+            d = deltas + k - 1
+            turns = turns[0] + load(lane, q, d), turns[1] + load(lane, v, d), turns[2] + load(lane, x, d)
+        k1, k2, kb = model.sections[6 * k], model.sections[6 * k + 1], load(lane, par, 2) * model.sections[6 * k + 2]
+        for _ in range(model.elements):
+            j = (i - 3) * len(lane)
+            total = total + damp(lane, model.order, q[j:], v[j:], x[j:], turns, k1, k2, kb)[0]
+            i += 3 * p
+            turns = load(lane, q, i - 1), load(lane, v, i - 1), load(lane, x, i - 1)
+    return total * load(lane, par, 3)
 
 
 @kernel
 def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     """(kinetic, strain, gravity) energy, J."""
-    kinetic, strain, _, mx, my = _totals(lane, model, par, q, v)
+    kinetic, strain, mx, my = _totals(lane, model, par, q, v)
     return kinetic, strain, -(mx * _fall(model.gravity, 0) + my * _fall(model.gravity, 1))
 
 

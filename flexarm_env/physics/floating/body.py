@@ -10,13 +10,7 @@ import numpy as np
 
 from ...compiler.decorator import kernel
 from ..model import VON_KARMAN
-
-START, SIZE, LINK, ROWS, ANGLE, ELEMENTS, STATIONS, BLOCK = range(8)  # columns of `table`
-LENGTH, MASS, S0, I0, OFFSET, LIMIT, VECTORS = range(7)  # scalars at the head of a body's block, then its vectors
-
-# Where things stand in a body's block p = table[body, BLOCK], n coordinates (each accessor would be one more function
-# to compile, so the arithmetic is written out): from v = p + VECTORS the vectors S_bar v, c_u v+2n, c v+3n, tip v+4n;
-# from w = v + 7n the matrices G w, M_ff w+nn, B w+2nn, K_axial w+3nn, K_bend w+4nn, D0 w+5nn, tip H w+6nn; elements.
+from .layout import ELEMENTS, OF_ELEMENT, SIZE, START, constants
 
 
 @kernel
@@ -67,55 +61,42 @@ def add_pair_row(S, half, cos, sin, i, k, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def tip_places(m, body):  # type: ignore[no-untyped-def]
-    """Where in `data` a body's u, v, phi at the tip stand, and its tip H."""
-    n = m.table[body, SIZE]
-    vectors = m.table[body, BLOCK] + VECTORS
-    return vectors + 4 * n, vectors + n * (7 + 6 * n)
-
-
-@kernel
 def tip_position(m, body, q):  # type: ignore[no-untyped-def]
     """Tip in the body frame: (s_x, s_y, phi)."""
-    nose, fore = tip_places(m, body)
-    at, n = m.table[body, START] + 3, m.table[body, SIZE]
-    s_x = m.data[m.table[body, BLOCK] + LENGTH] + dot(m.data, nose, q, at, n)
+    d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
+    s_x = d[p.length] + dot(d, p.tip, q, e, n)
     if m.table[body, ELEMENTS] == 0:
-        s_x -= 0.5 * quadratic(m.data, fore, q, q, at, n)
-    return s_x, dot(m.data, nose + n, q, at, n), dot(m.data, nose + 2 * n, q, at, n)
+        s_x -= 0.5 * quadratic(d, p.tip_H, q, q, e, n)
+    return s_x, dot(d, p.tip + n, q, e, n), dot(d, p.tip + 2 * n, q, e, n)
 
 
 @kernel
 def lost_inertia(m, body, payload, q):  # type: ignore[no-untyped-def]
     """What a reduced body's inertia about its root has lost to foreshortening, kg m^2; a payload (kg) at its tip."""
-    d, at, n = m.data, m.table[body, START] + 3, m.table[body, SIZE]
-    p = m.table[body, BLOCK]
-    _, fore = tip_places(m, body)
+    d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
     across = tip_position(m, body, q)[1]
-    own = quadratic(d, p + VECTORS + 7 * n, q, q, at, n)
-    return payload * (d[p + LENGTH] * quadratic(d, fore, q, q, at, n) - across * across) - own
+    own = quadratic(d, p.G, q, q, e, n)
+    return payload * (d[p.length] * quadratic(d, p.tip_H, q, q, e, n) - across * across) - own
 
 
 @kernel
 def tip_rate(m, body, q, v):  # type: ignore[no-untyped-def]
     """Rate of the tip in the body frame."""
-    nose, fore = tip_places(m, body)
-    at, n = m.table[body, START] + 3, m.table[body, SIZE]
-    s_x = dot(m.data, nose, v, at, n)
+    d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
+    s_x = dot(d, p.tip, v, e, n)
     if m.table[body, ELEMENTS] == 0:
-        s_x -= quadratic(m.data, fore, q, v, at, n)
-    return s_x, dot(m.data, nose + n, v, at, n), dot(m.data, nose + 2 * n, v, at, n)
+        s_x -= quadratic(d, p.tip_H, q, v, e, n)
+    return s_x, dot(d, p.tip + n, v, e, n), dot(d, p.tip + 2 * n, v, e, n)
 
 
 @kernel
 def tip_gradient(m, body, q, j):  # type: ignore[no-untyped-def]
     """d(s_x, s_y)/dq_j at the tip."""
-    n = m.table[body, SIZE]
-    nose, fore = tip_places(m, body)
-    x = m.data[nose + j]
+    p, n = constants(m, body), m.table[body, SIZE]
+    x = m.data[p.tip + j]
     if m.table[body, ELEMENTS] == 0:
-        x -= line(m.data, fore, j, q, m.table[body, START] + 3, n)
-    return x, m.data[nose + n + j]
+        x -= line(m.data, p.tip_H, j, q, m.table[body, START] + 3, n)
+    return x, m.data[p.tip + n + j]
 
 
 @kernel
@@ -127,38 +108,36 @@ def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-u
     gx, gy = a[at] - m.gravity[0], a[at + 1] - m.gravity[1]
     ax, ay = cos * gx + sin * gy, cos * gy - sin * gx  # a_R in the body frame
     w, alpha = v[at + 2], a[at + 2]
-    p = m.table[body, BLOCK]
-    s_bar = p + VECTORS
-    c_u, c, g = s_bar + 2 * n, s_bar + 3 * n, s_bar + 7 * n
-    m_ff, b, k_axial, k_bend, d0 = g + n * n, g + 2 * n * n, g + 3 * n * n, g + 4 * n * n, g + 5 * n * n
+    p = constants(m, body)
+    mass = d[p.mass]
     modal = m.table[body, ELEMENTS] == 0
     stiff, damp = par[2], par[3]
 
     # s = s_bar, t its rate, h = grad s q'' + second-order term
-    sx, sy = m.data[m.table[body, BLOCK] + S0] + dot(d, s_bar, q, e, n), dot(d, s_bar + n, q, e, n)
-    tx, ty = dot(d, s_bar, v, e, n), dot(d, s_bar + n, v, e, n)
-    hx, hy = dot(d, s_bar, a, e, n), dot(d, s_bar + n, a, e, n)
+    sx, sy = d[p.S0] + dot(d, p.S_bar, q, e, n), dot(d, p.S_bar + n, q, e, n)
+    tx, ty = dot(d, p.S_bar, v, e, n), dot(d, p.S_bar + n, v, e, n)
+    hx, hy = dot(d, p.S_bar, a, e, n), dot(d, p.S_bar + n, a, e, n)
     if modal:
-        sx -= 0.5 * quadratic(d, d0, q, q, e, n)
-        tx -= quadratic(d, d0, q, v, e, n)
-        hx -= quadratic(d, d0, q, a, e, n) + quadratic(d, d0, v, v, e, n)
-    inertia, spin_rate, lever = m.data[m.table[body, BLOCK] + I0], 0.0, 0.0  # I, (c_u + G q)'q', (c + B q)'q''
+        sx -= 0.5 * quadratic(d, p.D0, q, q, e, n)
+        tx -= quadratic(d, p.D0, q, v, e, n)
+        hx -= quadratic(d, p.D0, q, a, e, n) + quadratic(d, p.D0, v, v, e, n)
+    inertia, spin_rate, lever = d[p.I0], 0.0, 0.0  # I, (c_u + G q)'q', (c + B q)'q''
     for i in range(n):
-        gq = line(d, g, i, q, e, n)
-        inertia += (2.0 * d[c_u + i] + gq) * q[e + i]
-        spin_rate += (d[c_u + i] + gq) * v[e + i]
-        lever += (d[c + i] + line(d, b, i, q, e, n)) * a[e + i]
+        gq = line(d, p.G, i, q, e, n)
+        inertia += (2.0 * d[p.c_u + i] + gq) * q[e + i]
+        spin_rate += (d[p.c_u + i] + gq) * v[e + i]
+        lever += (d[p.c + i] + line(d, p.B, i, q, e, n)) * a[e + i]
 
-    fx = m.data[m.table[body, BLOCK] + MASS] * ax - alpha * sy - w * w * sx - 2.0 * w * ty + hx
-    fy = m.data[m.table[body, BLOCK] + MASS] * ay + alpha * sx - w * w * sy + 2.0 * w * tx + hy
+    fx = mass * ax - alpha * sy - w * w * sx - 2.0 * w * ty + hx
+    fy = mass * ay + alpha * sx - w * w * sy + 2.0 * w * tx + hy
     r[at] += cos * fx - sin * fy
     r[at + 1] += sin * fx + cos * fy
     r[at + 2] += sx * ay - sy * ax + alpha * inertia + lever + 2.0 * w * spin_rate
     if cm != 0.0:
-        add_entry(S, half, at, at, cm * m.data[m.table[body, BLOCK] + MASS])
-        add_entry(S, half, at + 1, at + 1, cm * m.data[m.table[body, BLOCK] + MASS])
+        add_entry(S, half, at, at, cm * mass)
+        add_entry(S, half, at + 1, at + 1, cm * mass)
         # column theta: through acceleration, rate and angle
-        dx, dy = fx - m.data[m.table[body, BLOCK] + MASS] * ax, fy - m.data[m.table[body, BLOCK] + MASS] * ay
+        dx, dy = fx - mass * ax, fy - mass * ay
         add_pair(
             S, half, cos, sin, at, at + 2,
             -cm * sy - cc * (2.0 * w * sx + 2.0 * ty) - ck * dy,
@@ -168,53 +147,55 @@ def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-u
         add_pair_row(S, half, cos, sin, at + 2, at, -cm * sy, cm * sx)
 
     for i in range(n):
-        gs_x, gs_y = d[s_bar + i], d[s_bar + n + i]
+        gs_x, gs_y = d[p.S_bar + i], d[p.S_bar + n + i]
         if modal:
-            gs_x -= line(d, d0, i, q, e, n)
-        gq, cb, bv = d[c_u + i] + line(d, g, i, q, e, n), d[c + i] + line(d, b, i, q, e, n), line(d, b, i, v, e, n)
-        mv = 0.0 if m.mass_damping == 0.0 else m.mass_damping * line(d, m_ff, i, v, e, n)
-        elastic = line(d, k_axial, i, q, e, n) + stiff * line(d, k_bend, i, q, e, n)
+            gs_x -= line(d, p.D0, i, q, e, n)
+        gq, cb = d[p.c_u + i] + line(d, p.G, i, q, e, n), d[p.c + i] + line(d, p.B, i, q, e, n)
+        bv = line(d, p.B, i, v, e, n)
+        mv = 0.0 if m.mass_damping == 0.0 else m.mass_damping * line(d, p.M_ff, i, v, e, n)
+        elastic = line(d, p.K_axial, i, q, e, n) + stiff * line(d, p.K_bend, i, q, e, n)
         if damp != 0.0:
-            elastic += damp * (line(d, k_axial, i, v, e, n) + stiff * line(d, k_bend, i, v, e, n))
+            elastic += damp * (line(d, p.K_axial, i, v, e, n) + stiff * line(d, p.K_bend, i, v, e, n))
         r[e + i] += (
-            gs_x * ax + gs_y * ay + alpha * cb + line(d, m_ff, i, a, e, n) - w * w * gq + 2.0 * w * bv + elastic + mv
+            gs_x * ax + gs_y * ay + alpha * cb + line(d, p.M_ff, i, a, e, n) - w * w * gq + 2.0 * w * bv + elastic + mv
         )
         if cm != 0.0:
-            p, k = 0.0, 0.0  # d(rate of grad s)/dq terms of foreshortening
+            dv, da = 0.0, 0.0  # d(rate of grad s)/dq terms of foreshortening
             if modal:
-                p, k = line(d, d0, i, v, e, n), line(d, d0, i, a, e, n)
+                dv, da = line(d, p.D0, i, v, e, n), line(d, p.D0, i, a, e, n)
             add_pair(
                 S, half, cos, sin, at, e + i,
-                cm * gs_x - cc * (2.0 * w * gs_y + 2.0 * p) - ck * (alpha * gs_y + w * w * gs_x + k),
-                cm * gs_y + cc * 2.0 * w * gs_x + ck * (alpha * gs_x - w * w * gs_y - 2.0 * w * p),
+                cm * gs_x - cc * (2.0 * w * gs_y + 2.0 * dv) - ck * (alpha * gs_y + w * w * gs_x + da),
+                cm * gs_y + cc * 2.0 * w * gs_x + ck * (alpha * gs_x - w * w * gs_y - 2.0 * w * dv),
             )  # fmt: skip
             ba = 0.0  # (B'q'')_i
             for j in range(n):
-                ba += d[b + j * n + i] * a[e + j]
-            add_entry(S, half, at + 2, e + i,
-                 cm * cb + cc * 2.0 * w * gq
-                 + ck * (gs_x * ay - gs_y * ax + 2.0 * alpha * gq + ba + 2.0 * w * line(d, g, i, v, e, n)))  # fmt: skip
+                ba += d[p.B + j * n + i] * a[e + j]
+            gv = line(d, p.G, i, v, e, n)
+            entry = cm * cb + cc * 2.0 * w * gq
+            entry += ck * (gs_x * ay - gs_y * ax + 2.0 * alpha * gq + ba + 2.0 * w * gv)
+            add_entry(S, half, at + 2, e + i, entry)
             add_pair_row(S, half, cos, sin, e + i, at, cm * gs_x, cm * gs_y)
             add_entry(S, half, e + i, at + 2, cm * cb + cc * 2.0 * (bv - w * gq) + ck * (gs_x * ay - gs_y * ax))
             inert = cm + cc * m.mass_damping
             linear = ck + cc * damp
             row = (e + i) * (3 * half + 1) - i + half
             for j in range(n):
-                x = inert * d[m_ff + i * n + j] - ck * w * w * d[g + i * n + j]
-                x += (2.0 * w * cc + alpha * ck) * d[b + i * n + j]
-                x += linear * (d[k_axial + i * n + j] + stiff * d[k_bend + i * n + j])
+                x = inert * d[p.M_ff + i * n + j] - ck * w * w * d[p.G + i * n + j]
+                x += (2.0 * w * cc + alpha * ck) * d[p.B + i * n + j]
+                x += linear * (d[p.K_axial + i * n + j] + stiff * d[p.K_bend + i * n + j])
                 if modal:
-                    x -= ck * ax * d[d0 + i * n + j]
+                    x -= ck * ax * d[p.D0 + i * n + j]
                 S[row + j] += x
 
 
 @kernel
 def element_places(m, body, element):  # type: ignore[no-untyped-def]
     """Row of u of an element's first node (its v, phi and the second node's follow; the clamped root has none), and
-    where in `data` its G stands, EA / l one before."""
-    n = m.table[body, SIZE]
+    where in `data` its EA / l and its G are."""
     first = m.table[body, START] + 3 * element
-    return first, m.table[body, BLOCK] + VECTORS + 7 * n * (1 + n) + 17 * element + 1
+    own = constants(m, body).elements + OF_ELEMENT.end * element
+    return first, own + OF_ELEMENT.stiffness, own + OF_ELEMENT.G
 
 
 @kernel
@@ -248,8 +229,8 @@ def coupling_force(m, body, damp, q, v, cm, cc, ck, r, S):  # type: ignore[no-un
     d, half = m.data, m.half
     full = m.coupling == VON_KARMAN
     for element in range(m.table[body, ELEMENTS]):
-        first, g = element_places(m, body, element)
-        inner, ea = element > 0, d[g - 1]
+        first, stiffness, g = element_places(m, body, element)
+        inner, ea = element > 0, d[stiffness]
         w, rate = bending(q, first, inner), bending(v, first, inner)
         gw, grate = times(d, g, w), times(d, g, rate)
         force = ea * (q[first + 3] - (q[first] if inner else 0.0))  # axial force P
@@ -284,7 +265,7 @@ def coupling_force(m, body, damp, q, v, cm, cc, ck, r, S):  # type: ignore[no-un
 @kernel
 def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
     """A point mass and inertia at a body's tip, exactly."""
-    nose, fore = tip_places(m, body)
+    p = constants(m, body)
     at = m.table[body, START]
     e, n, half = at + 3, m.table[body, SIZE], m.half
     cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
@@ -296,7 +277,7 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
     hx, hy, turn = tip_rate(m, body, q, a)
     modal = m.table[body, ELEMENTS] == 0
     if modal:
-        hx -= quadratic(m.data, fore, v, v, e, n)
+        hx -= quadratic(m.data, p.tip_H, v, v, e, n)
     turn += alpha
     bx = -alpha * sy - w * w * sx - 2.0 * w * ty + hx
     by = alpha * sx - w * w * sy + 2.0 * w * tx + hy
@@ -306,7 +287,7 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
     r[at + 2] += sx * fy - sy * fx + inertia * turn
     for i in range(n):
         x, y = tip_gradient(m, body, q, i)
-        r[e + i] += x * fx + y * fy + inertia * m.data[nose + 2 * n + i] * turn
+        r[e + i] += x * fx + y * fy + inertia * m.data[p.tip + 2 * n + i] * turn
     if cm == 0.0:
         return
     for j in range(3 + n):  # column by column: how the tip's acceleration (mass times) and the lever arms change
@@ -321,13 +302,13 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
             spin = cm
         else:
             px, py = tip_gradient(m, body, q, j - 3)
-            p, k = 0.0, 0.0
+            dv, da = 0.0, 0.0
             if modal:
-                p = line(m.data, fore, j - 3, v, e, n)
-                k = line(m.data, fore, j - 3, a, e, n)
-            dx = cm * px - cc * (2.0 * w * py + 2.0 * p) - ck * (alpha * py + w * w * px + k)
-            dy = cm * py + cc * 2.0 * w * px + ck * (alpha * px - w * w * py - 2.0 * w * p)
-            spin = cm * m.data[nose + 2 * n + j - 3]
+                dv = line(m.data, p.tip_H, j - 3, v, e, n)
+                da = line(m.data, p.tip_H, j - 3, a, e, n)
+            dx = cm * px - cc * (2.0 * w * py + 2.0 * dv) - ck * (alpha * py + w * w * px + da)
+            dy = cm * py + cc * 2.0 * w * px + ck * (alpha * px - w * w * py - 2.0 * w * dv)
+            spin = cm * m.data[p.tip + 2 * n + j - 3]
         dx *= mass
         dy *= mass
         if j == 2:  # the force turns with the frame
@@ -337,37 +318,37 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
         add_entry(S, half, at + 2, at + j, sx * dy - sy * dx + ck * (px * fy - py * fx) + inertia * spin)
         for i in range(n):
             x, y = tip_gradient(m, body, q, i)
-            entry = x * dx + y * dy + inertia * m.data[nose + 2 * n + i] * spin
+            entry = x * dx + y * dy + inertia * m.data[p.tip + 2 * n + i] * spin
             if modal and j >= 3:
-                entry -= ck * fx * m.data[fore + i * n + j - 3]
+                entry -= ck * fx * m.data[p.tip_H + i * n + j - 3]
             add_entry(S, half, e + i, at + j, entry)
 
 
 @kernel
 def payload_drag(m, body, mass, inertia, q, v, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
     """The payload's share of damping that goes with mass: drag on how it moves in the body's frame."""
-    nose, fore = tip_places(m, body)
+    p = constants(m, body)
     e, n, half = m.table[body, START] + 3, m.table[body, SIZE], m.half
     mass, inertia = m.mass_damping * mass, m.mass_damping * inertia
     tx, ty, turn = tip_rate(m, body, q, v)
     modal = m.table[body, ELEMENTS] == 0
     for i in range(n):
         x, y = tip_gradient(m, body, q, i)
-        phi = m.data[nose + 2 * n + i]
+        phi = m.data[p.tip + 2 * n + i]
         r[e + i] += mass * (x * tx + y * ty) + inertia * phi * turn
         if cm != 0.0:
             for j in range(n):
                 px, py = tip_gradient(m, body, q, j)
-                entry = cc * (mass * (x * px + y * py) + inertia * phi * m.data[nose + 2 * n + j])
+                entry = cc * (mass * (x * px + y * py) + inertia * phi * m.data[p.tip + 2 * n + j])
                 if modal:
-                    entry -= ck * mass * (x * line(m.data, fore, j, v, e, n) + tx * m.data[fore + i * n + j])
+                    entry -= ck * mass * (x * line(m.data, p.tip_H, j, v, e, n) + tx * m.data[p.tip_H + i * n + j])
                 add_entry(S, half, e + i, e + j, entry)
 
 
 @kernel
 def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
     """Residual -= what a global force and a moment do at a body's tip; tangent with its curvature."""
-    nose, fore = tip_places(m, body)
+    p = constants(m, body)
     at = m.table[body, START]
     e, n, half = at + 3, m.table[body, SIZE], m.half
     cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
@@ -378,13 +359,13 @@ def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):  # type: ignore[no-unty
     r[at + 2] -= sx * ly - sy * lx + moment
     for i in range(n):
         x, y = tip_gradient(m, body, q, i)
-        r[e + i] -= x * lx + y * ly + m.data[nose + 2 * n + i] * moment
+        r[e + i] -= x * lx + y * ly + m.data[p.tip + 2 * n + i] * moment
         if cm != 0.0:
             turned = ck * (x * ly - y * lx)
             add_entry(S, half, e + i, at + 2, -turned)
             add_entry(S, half, at + 2, e + i, -turned)
             if m.table[body, ELEMENTS] == 0:
                 for j in range(n):
-                    add_entry(S, half, e + i, e + j, ck * lx * m.data[fore + i * n + j])
+                    add_entry(S, half, e + i, e + j, ck * lx * m.data[p.tip_H + i * n + j])
     if cm != 0.0:
         add_entry(S, half, at + 2, at + 2, ck * (sx * lx + sy * ly))

@@ -14,6 +14,7 @@ from ...scene import PointLoad, Scene
 from ...settings import MODAL_BOUND, Settings
 from ..model import COUPLINGS, FloatingFrame, System
 from .constants import Body, finite_element_body
+from .layout import BODY, ELEMENT, ROW, STATION
 from .reduction import inertia_margins, modal_body
 
 MARGIN_LOST = 0.5
@@ -70,16 +71,21 @@ def _limits(scene: Scene, bodies: list[Body], links: list[int], reduced: bool) -
     return [MARGIN_LOST * limit for limit in limits]
 
 
-def _block(body: Body, offset: float, limit: float) -> NDArray[np.float64]:
+def _block(body: Body, offset: float, most_lost: float) -> NDArray[np.float64]:
     """A body's block of `FloatingFrame.data`."""
-    parts: list[NDArray[np.float64]] = [np.array([body.length, body.mass, body.s0, body.i0, offset, limit])]
-    parts += [body.s_bar, body.c_u, body.c, body.tip]
-    parts += [body.g, body.m_ff, body.b, body.k_axial, body.k_bend, body.d0, body.tip_h]
-    for ea, g in zip(body.element_ea, body.element_g, strict=True):
-        parts += [np.array([ea]), g]
-    for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True):
-        parts += [np.array([x]), shape[:2], h]
-    return np.concatenate([np.ravel(part) for part in parts])
+    n = {"n": body.n}
+    elements = [ELEMENT.pack({}, stiffness=ea, G=g) for ea, g in zip(body.element_ea, body.element_g, strict=True)]
+    stations = [
+        STATION.pack(n, x=x, u=shape[0], v=shape[1], H=h)
+        for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
+    ]
+    return BODY.pack(
+        {**n, "elements": len(elements), "stations": len(stations)},
+        length=body.length, mass=body.mass, S0=body.s0, I0=body.i0, offset=offset, most_lost=most_lost,
+        S_bar=body.s_bar, c_u=body.c_u, c=body.c, tip=body.tip,
+        G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
+        elements=elements, stations=stations,
+    )  # fmt: skip
 
 
 def build(scene: Scene, settings: Settings) -> System:
@@ -135,6 +141,13 @@ def build(scene: Scene, settings: Settings) -> System:
     places_of_blocks = np.cumsum([0] + [block.size for block in blocks[:-1]])
     elements = [body.element_ea.size for body in bodies]
     stations = [body.stations.size for body in bodies]
+    table = np.zeros((count, ROW.places.end), np.int64)
+    columns = {
+        "start": start[:-1], "size": sizes, "link": links, "multipliers": rows, "motion": angle,
+        "elements": elements, "stations": stations, "block": places_of_blocks,
+    }  # fmt: skip
+    for name, values in columns.items():
+        table[:, getattr(ROW.places, name)] = values
     model = FloatingFrame(
         n=n,
         n_factor=n * (3 * int(half) + 2),
@@ -150,9 +163,7 @@ def build(scene: Scene, settings: Settings) -> System:
         gravity=np.array(scene.gravity or (0.0, 0.0)),
         n_links=arm.n_links,
         bound=0.0 if settings.modes is None else MODAL_BOUND,
-        table=np.column_stack([start[:-1], sizes, links, rows, angle, elements, stations, places_of_blocks]).astype(
-            np.int64, order="C"
-        ),
+        table=table,
         data=np.concatenate(blocks),
         loads=np.array(places, np.int64).reshape(-1, 2),
     )

@@ -13,21 +13,6 @@ from ..linalg import band_lu, band_lu_solve
 from ..model import DIVERGED, LINEAR, OK, OUT_OF_RANGE, VON_KARMAN, FloatingFrame
 from ..protocol import register
 from .body import (
-    ANGLE,
-    BLOCK,
-    ELEMENTS,
-    I0,
-    LENGTH,
-    LIMIT,
-    LINK,
-    MASS,
-    OFFSET,
-    ROWS,
-    S0,
-    SIZE,
-    START,
-    STATIONS,
-    VECTORS,
     add_entry,
     along,
     bending,
@@ -45,6 +30,7 @@ from .body import (
     tip_position,
     tip_rate,
 )
+from .layout import ELEMENTS, LINK, MOTION, MULTIPLIERS, SIZE, START, STATIONS, constants, station_at
 
 
 @kernel
@@ -52,7 +38,7 @@ def _joint_columns(m, body, q, scale, S):  # type: ignore[no-untyped-def]
     """Phi_q and its transpose for the joint between a body's tip and the next body, both times `scale`."""
     at, nxt, n, half = m.table[body, START], m.table[body + 1, START], m.table[body, SIZE], m.half
     e, lam = at + 3, at + 3 + n
-    p = m.table[body, BLOCK] + VECTORS
+    p = constants(m, body)
     cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
     sx, sy, _ = tip_position(m, body, q)
     for k in range(2):
@@ -64,11 +50,11 @@ def _joint_columns(m, body, q, scale, S):  # type: ignore[no-untyped-def]
         x, y = tip_gradient(m, body, q, i)
         _both(S, half, lam, e + i, scale * (cos * x - sin * y))
         _both(S, half, lam + 1, e + i, scale * (sin * x + cos * y))
-    if m.table[body, ROWS] == 3:
+    if m.table[body, MULTIPLIERS] == 3:
         _both(S, half, lam + 2, at + 2, scale)
         _both(S, half, lam + 2, nxt + 2, -scale)
         for i in range(n):
-            _both(S, half, lam + 2, e + i, scale * m.data[p + 4 * n + 2 * m.table[body, SIZE] + i])
+            _both(S, half, lam + 2, e + i, scale * m.data[p.tip + 2 * n + i])
 
 
 @kernel
@@ -97,9 +83,9 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
         if body < last:
             lam = m.table[body, START] + 3 + m.table[body, SIZE]
             fx, fy, moment = -q[lam], -q[lam + 1], 0.0
-            r[at + 3 + m.table[body, SIZE] + m.table[body, ROWS]] -= q[lam]
-            r[at + 4 + m.table[body, SIZE] + m.table[body, ROWS]] -= q[lam + 1]
-            if m.table[body, ROWS] == 3:
+            r[at + 3 + m.table[body, SIZE] + m.table[body, MULTIPLIERS]] -= q[lam]
+            r[at + 4 + m.table[body, SIZE] + m.table[body, MULTIPLIERS]] -= q[lam + 1]
+            if m.table[body, MULTIPLIERS] == 3:
                 moment -= q[lam + 2]
                 r[m.table[body + 1, START] + 2] -= q[lam + 2]
             if m.table[body + 1, LINK] != m.table[body, LINK]:
@@ -128,7 +114,7 @@ def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-un
     for body in range(m.table.shape[0] - 1):
         at, lam, nxt = m.table[body, START], m.table[body, START] + 3 + m.table[body, SIZE], m.table[body + 1, START]
         e, n = at + 3, m.table[body, SIZE]
-        p = m.table[body, BLOCK] + VECTORS
+        p = constants(m, body)
         cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
         sx, sy, phi = tip_position(m, body, q)
         if level == 0:
@@ -143,18 +129,18 @@ def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-un
             else:
                 hx, hy, second_rate = tip_rate(m, body, q, a)
                 if m.table[body, ELEMENTS] == 0:
-                    hx -= quadratic(m.data, p + n * (7 + 6 * n), v, v, e, n)
+                    hx -= quadratic(m.data, p.tip_H, v, v, e, n)
                 x = hx - a[at + 2] * sy - w * w * sx - 2.0 * w * ty
                 y = hy + a[at + 2] * sx - w * w * sy + 2.0 * w * tx
                 turn = a[at + 2] + second_rate - a[nxt + 2]
                 first, second = a[at] - a[nxt], a[at + 1] - a[nxt + 1]
         r[lam] = scale * (first + cos * x - sin * y)
         r[lam + 1] = scale * (second + sin * x + cos * y)
-        if m.table[body, ROWS] == 3:
-            if m.table[body, ANGLE] >= 0:
-                turn += psi[3 * m.table[body, ANGLE] + level]
+        if m.table[body, MULTIPLIERS] == 3:
+            if m.table[body, MOTION] >= 0:
+                turn += psi[3 * m.table[body, MOTION] + level]
             elif level == 0:
-                turn += m.data[m.table[body, BLOCK] + OFFSET]
+                turn += m.data[p.offset]
             r[lam + 2] = scale * turn
 
 
@@ -207,37 +193,39 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def dissipation(lane, model, par, q, v):  # type: ignore[no-untyped-def]
-    """Twice Rayleigh's dissipation function, W: what damping takes from the elastic coordinates and the payload."""
+def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
+    """x'C(q) v, W: damping of the elastic coordinates and of the payload (for x = v twice Rayleigh's function)."""
     m = model
     power = 0.0
     last = m.table.shape[0] - 1
     for body in range(last + 1):
         e, n = m.table[body, START] + 3, m.table[body, SIZE]
-        p = m.table[body, BLOCK] + VECTORS
+        p = constants(m, body)
         if par[3] != 0.0:
-            power += par[3] * quadratic(m.data, p + n * (7 + 3 * n), v, v, e, n)
-            power += par[3] * par[2] * quadratic(m.data, p + n * (7 + 4 * n), v, v, e, n)
+            power += par[3] * quadratic(m.data, p.K_axial, x, v, e, n)
+            power += par[3] * par[2] * quadratic(m.data, p.K_bend, x, v, e, n)
             if m.coupling == VON_KARMAN:
-                power += par[3] * _coupling_loss(m, body, q, v)
+                power += par[3] * _coupling_loss(m, body, q, v, x)
         if m.mass_damping != 0.0:
-            power += m.mass_damping * quadratic(m.data, p + n * (7 + n), v, v, e, n)
+            power += m.mass_damping * quadratic(m.data, p.M_ff, x, v, e, n)
             if body == last:
-                x, y, turn = tip_rate(m, body, q, v)
-                power += m.mass_damping * (par[0] * (x * x + y * y) + par[1] * turn * turn)
+                vx, vy, turning = tip_rate(m, body, q, v)
+                xx, xy, turned = tip_rate(m, body, q, x)
+                power += m.mass_damping * (par[0] * (vx * xx + vy * xy) + par[1] * turning * turned)
     return power
 
 
 @kernel
-def _coupling_loss(m, body, q, v):  # type: ignore[no-untyped-def]
-    """What the squared rates of von Karman's stretches have beyond those of the linear ones, times EA / l."""
+def _coupling_loss(m, body, q, v, x):  # type: ignore[no-untyped-def]
+    """EA / l times what products of the rates of von Karman's stretches have beyond those of the linear ones."""
     total = 0.0
     for element in range(m.table[body, ELEMENTS]):
-        first, g = element_places(m, body, element)
+        first, stiffness, g = element_places(m, body, element)
         inner = element > 0
-        linear = v[first + 3] - (v[first] if inner else 0.0)
-        lost = along(bending(v, first, inner), times(m.data, g, bending(q, first, inner)))
-        total += m.data[g - 1] * lost * (2.0 * linear + lost)
+        gw = times(m.data, g, bending(q, first, inner))
+        linear_v, linear_x = v[first + 3] - (v[first] if inner else 0.0), x[first + 3] - (x[first] if inner else 0.0)
+        more_v, more_x = along(bending(v, first, inner), gw), along(bending(x, first, inner), gw)
+        total += m.data[stiffness] * (more_v * (linear_x + more_x) + linear_v * more_x)
     return total
 
 
@@ -245,15 +233,15 @@ def _coupling_loss(m, body, q, v):  # type: ignore[no-untyped-def]
 def _coupling_energy(m, body, q):  # type: ignore[no-untyped-def]
     total = 0.0
     for element in range(m.table[body, ELEMENTS]):
-        first, g = element_places(m, body, element)
+        first, stiffness, g = element_places(m, body, element)
         inner = element > 0
         stretch = q[first + 3] - (q[first] if inner else 0.0)
         w = bending(q, first, inner)
         wgw = along(w, times(m.data, g, w))
         if m.coupling == VON_KARMAN:
-            total += 0.5 * m.data[g - 1] * (stretch * wgw + 0.25 * wgw * wgw)
+            total += 0.5 * m.data[stiffness] * (stretch * wgw + 0.25 * wgw * wgw)
         else:
-            total += 0.5 * m.data[g - 1] * stretch * wgw  # q'K(q)q/2 of eq. [43]; the paper's force has no potential
+            total += 0.5 * m.data[stiffness] * stretch * wgw  # q'K(q)q/2 of [43]; the paper's force has no potential
     return total
 
 
@@ -266,27 +254,26 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
     for body in range(last + 1):
         at = m.table[body, START]
         e, n = at + 3, m.table[body, SIZE]
-        p = m.table[body, BLOCK] + VECTORS
+        p = constants(m, body)
         cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
         w = v[at + 2]
-        s_bar, d0 = p, p + n * (7 + 5 * n)
-        sx, sy = m.data[m.table[body, BLOCK] + S0] + dot(m.data, s_bar, q, e, n), dot(m.data, s_bar + n, q, e, n)
-        tx, ty = dot(m.data, s_bar, v, e, n), dot(m.data, s_bar + n, v, e, n)
+        sx, sy = m.data[p.S0] + dot(m.data, p.S_bar, q, e, n), dot(m.data, p.S_bar + n, q, e, n)
+        tx, ty = dot(m.data, p.S_bar, v, e, n), dot(m.data, p.S_bar + n, v, e, n)
         if m.table[body, ELEMENTS] == 0:
-            sx -= 0.5 * quadratic(m.data, d0, q, q, e, n)
-            tx -= quadratic(m.data, d0, q, v, e, n)
+            sx -= 0.5 * quadratic(m.data, p.D0, q, q, e, n)
+            tx -= quadratic(m.data, p.D0, q, v, e, n)
         vx, vy = cos * v[at] + sin * v[at + 1], cos * v[at + 1] - sin * v[at]
-        inertia = m.data[p - VECTORS + I0] + 2.0 * dot(m.data, p + 2 * n, q, e, n)
-        inertia += quadratic(m.data, p + 7 * n, q, q, e, n)
-        kinetic += 0.5 * m.data[p - VECTORS + MASS] * (vx * vx + vy * vy) + vx * (tx - w * sy) + vy * (ty + w * sx)
-        kinetic += 0.5 * w * w * inertia + 0.5 * quadratic(m.data, p + n * (7 + n), v, v, e, n)
-        kinetic += w * (dot(m.data, p + 3 * n, v, e, n) - quadratic(m.data, p + n * (7 + 2 * n), q, v, e, n))
-        strain += 0.5 * quadratic(m.data, p + n * (7 + 3 * n), q, q, e, n)
-        strain += 0.5 * par[2] * quadratic(m.data, p + n * (7 + 4 * n), q, q, e, n)
+        inertia = m.data[p.I0] + 2.0 * dot(m.data, p.c_u, q, e, n)
+        inertia += quadratic(m.data, p.G, q, q, e, n)
+        kinetic += 0.5 * m.data[p.mass] * (vx * vx + vy * vy) + vx * (tx - w * sy) + vy * (ty + w * sx)
+        kinetic += 0.5 * w * w * inertia + 0.5 * quadratic(m.data, p.M_ff, v, v, e, n)
+        kinetic += w * (dot(m.data, p.c, v, e, n) - quadratic(m.data, p.B, q, v, e, n))
+        strain += 0.5 * quadratic(m.data, p.K_axial, q, q, e, n)
+        strain += 0.5 * par[2] * quadratic(m.data, p.K_bend, q, q, e, n)
         if m.coupling != LINEAR:
             strain += _coupling_energy(m, body, q)
-        potential -= m.gravity[0] * (m.data[m.table[body, BLOCK] + MASS] * q[at] + cos * sx - sin * sy)
-        potential -= m.gravity[1] * (m.data[m.table[body, BLOCK] + MASS] * q[at + 1] + sin * sx + cos * sy)
+        potential -= m.gravity[0] * (m.data[p.mass] * q[at] + cos * sx - sin * sy)
+        potential -= m.gravity[1] * (m.data[p.mass] * q[at + 1] + sin * sx + cos * sy)
         if body == last and (par[0] != 0.0 or par[1] != 0.0):
             px, py, _ = tip_position(m, body, q)
             rx, ry, turn = tip_rate(m, body, q, v)
@@ -323,13 +310,13 @@ def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
     deflection, or by an inertia about its root that comes near to where the mass matrix is indefinite."""
     m = model
     for body in range(m.table.shape[0]):
-        p = m.table[body, BLOCK]
-        deflection, length = abs(tip_position(m, body, q)[1]), m.data[p + LENGTH]
+        p = constants(m, body)
+        deflection, length = abs(tip_position(m, body, q)[1]), m.data[p.length]
         if not deflection < length:
             return float(DIVERGED)
         if m.table[body, ELEMENTS] == 0:
             payload = par[0] if body == m.table.shape[0] - 1 else 0.0
-            if deflection > m.bound * length or lost_inertia(m, body, payload, q) > m.data[p + LIMIT]:
+            if deflection > m.bound * length or lost_inertia(m, body, payload, q) > m.data[p.most_lost]:
                 return float(OUT_OF_RANGE)
     return float(OK)
 
@@ -343,16 +330,16 @@ def shape(model, q, points):  # type: ignore[no-untyped-def]
     for body in range(m.table.shape[0]):
         at = m.table[body, START]
         e, n = at + 3, m.table[body, SIZE]
-        p = m.table[body, BLOCK] + VECTORS
+        p = constants(m, body)
         cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
-        d = m.data
-        first = p + 7 * n * (1 + n) + 17 * m.table[body, ELEMENTS]  # stations lie behind the elements: x, u, v, H each
-        for station in range(m.table[body, STATIONS]):
+        d, first = m.data, p.stations
+        for _ in range(m.table[body, STATIONS]):
             if k == points.shape[0]:
                 return k
-            place = first + station * (1 + 2 * n + n * n)
-            x = d[place] + dot(d, place + 1, q, e, n) - 0.5 * quadratic(d, place + 1 + 2 * n, q, q, e, n)
-            y = dot(d, place + 1 + n, q, e, n)
+            own = station_at(first, n)
+            x = d[own.x] + dot(d, own.u, q, e, n) - 0.5 * quadratic(d, own.H, q, q, e, n)
+            y = dot(d, own.v, q, e, n)
+            first = own.end
             points[k, 0], points[k, 1] = q[at] + cos * x - sin * y, q[at + 1] + sin * x + cos * y
             k += 1
     return k
@@ -366,7 +353,7 @@ register(
     factor=factor,
     solve=solve,
     ports=ports,
-    dissipation=dissipation,
+    damping_work=damping_work,
     energy=energy,
     link_poses=link_poses,
     out_of_range=out_of_range,

@@ -37,9 +37,15 @@ def _filtered(lane, model, drive, par, w, c_m, x, y):  # type: ignore[no-untyped
 
 
 @kernel
-def correct_period(lane, model, drive, par, correction, tolerance, w, corrected, active, c_v, c_m, h):  # type: ignore[no-untyped-def]
+def correct_period(lane, model, drive, par, tolerance, w, corrected, active, slopes, h):  # type: ignore[no-untyped-def]
     """Where Newton's increment -r of an `active` arm is small for the first time in a step, w.shift <- the correction d
     and r <- what brings a and v to the step so corrected; elsewhere w.shift <- 0. Returns which arms are corrected."""
+    return _correct(lane, model, drive, par, model.correction, tolerance, w, corrected, active, slopes, h)
+
+
+@kernel
+def _correct(lane, model, drive, par, correction, tolerance, w, corrected, active, slopes, h):  # type: ignore[no-untyped-def]
+    """`correct_period` where the formulation has one."""
     if correction is None:
         return corrected
     n = size(model.n)
@@ -51,10 +57,10 @@ def correct_period(lane, model, drive, par, correction, tolerance, w, corrected,
     if largest(now) > 0.5:
         d, y = w.shift[: n * len(lane)], w.shift[n * len(lane) :]
         for k in range(n):
-            store(d, k, (load(lane, w.a, k) - load(lane, w.a0, k)) - load(lane, w.r, k) * c_m)
+            store(d, k, (load(lane, w.a, k) - load(lane, w.a0, k)) - load(lane, w.r, k) * slopes.a)
         take_out_known(lane, model, drive, d, w.S, False)
         turn(lane, model, w.q0, w.q, 0.5, d)  # S belongs to the step's end, the difference to its middle
-        _filtered(lane, model, drive, par, w, c_m, d, y)
+        _filtered(lane, model, drive, par, w, slopes.a, d, y)
         turn(lane, model, w.q0, w.q, -0.5, y)
         take_out_known(lane, model, drive, y, w.S, False)
         shift = zero
@@ -65,8 +71,8 @@ def correct_period(lane, model, drive, par, correction, tolerance, w, corrected,
         small = select_lt(shift, FAR, now, zero)
         for k in range(n):
             store(d, k, select_lt(0.5, small, load(lane, d, k), zero))
-        _filtered(lane, model, drive, par, w, c_m, d, y)
-        share = 1.0 / (1.0 + load(lane, par, TAU_D) * c_v)
+        _filtered(lane, model, drive, par, w, slopes.a, d, y)
+        share = 1.0 / (1.0 + load(lane, par, TAU_D) * slopes.v)
         for k in range(n):  # the shift as a residual is K d, and S - c_m M = (1 + tau_d c_v) K
             store(w.r, k, load(lane, w.r, k) + (load(lane, d, k) - load(lane, y, k)) * share)
     return maximum(now, corrected)

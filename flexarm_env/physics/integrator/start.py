@@ -6,7 +6,7 @@ from ...compiler.arrays import bare
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, splat, store
-from ..protocol import assemble, constrain, dissipation, factor, solve
+from ..protocol import assemble, constrain, damping_work, factor, solve
 from .drive import set_inputs, set_motions
 from .work import move_multipliers, note_reactions, set_known, take_out_known, unpack
 
@@ -110,36 +110,25 @@ def _jumps(drive, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _forces(lane, model, par, w, c_a, c_v):  # type: ignore[no-untyped-def]
+    """r of q, v, a, with the multipliers that stand in a's rows; S unless c_a = 0."""
+    move_multipliers(model.algebraic, w.q, w.a, False)
+    assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, c_v, 0.0, w.r, w.S)
+
+
+@kernel
 def _jump(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untyped-def]
     """v <- v + dv, a0: dv with the impulses in its rows of multipliers."""
     n = size(model.n)
     for k in range(n):
         w.v0[k] = w.v[k]
         w.v[k], w.a[k], w.a0[k] = 0.0, 0.0, 0.0
-    for i in range(drive.known.shape[0]):
-        k = drive.known[i]
-        if k >= 0:
-            w.a0[k] = w.psi[3 * i + 1] - w.v0[k]
-    for turn in range(3):  # the forces at rest, to be subtracted: what is left is inertia; dv; its impulses
-        move_multipliers(model.algebraic, w.q, w.a, False)
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if turn == 1 else 0.0, 0.0, 0.0, w.r, w.S)
-        if turn == 0:
-            for k in range(n):
-                w.b0[k] = w.r[k]
-        else:
-            _less(n, w.r, w.b0, 1.0)
-        if turn == 1:
-            for k in range(n):
-                w.v[k] = w.v0[k] + w.a0[k]
-            constrain(lane, model, w.psi, w.q, w.v, w.a, 1, 1.0, w.r)
-            _solve(lane, model, drive, w, True)
-            for k in range(n):
-                w.v[k] = 0.0
-                w.a0[k] -= w.r[k]
-        for k in range(n):
-            w.a[k] = w.a0[k]
-        if turn == 0:
-            move_multipliers(model.algebraic, w.a, w.a, True)
+    _forces(lane, model, par, w, 0.0, 0.0)
+    for k in range(n):
+        w.b0[k] = w.r[k]  # the forces at rest: what a residual has beyond them is inertia
+    _solve_jump(lane, model, drive, par, w)
+    _forces(lane, model, par, w, 0.0, 0.0)  # of accelerations dv
+    _less(n, w.r, w.b0, 1.0)
     note_reactions(drive.known, model.algebraic, w.r, w.a0, w.reaction)
     _book_impulse(drive, w, 0.5, 1.0)  # impulse times mean velocity is the kinetic energy it brings
     if _jumps(drive, w):
@@ -147,6 +136,29 @@ def _jump(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untyped-def]
     for k in range(n):
         w.v[k] = w.v0[k] + w.a0[k]
     move_multipliers(model.algebraic, w.v, w.v, True)
+
+
+@kernel
+def _solve_jump(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
+    """a0, a <- dv of M dv + Phi_q^T Lambda = 0 with its prescribed part, Lambda in its rows of multipliers."""
+    n = size(model.n)
+    for i in range(drive.known.shape[0]):
+        k = drive.known[i]
+        if k >= 0:
+            w.a0[k] = w.psi[3 * i + 1] - w.v0[k]
+    for k in range(n):
+        w.a[k] = w.a0[k]
+    move_multipliers(model.algebraic, w.a, w.a, True)
+    _forces(lane, model, par, w, 1.0, 0.0)
+    _less(n, w.r, w.b0, 1.0)
+    for k in range(n):
+        w.v[k] = w.v0[k] + w.a0[k]
+    constrain(lane, model, w.psi, w.q, w.v, w.a, 1, 1.0, w.r)
+    _solve(lane, model, drive, w, True)
+    for k in range(n):
+        w.v[k] = 0.0
+        w.a0[k] -= w.r[k]
+        w.a[k] = w.a0[k]
 
 
 @kernel
@@ -169,45 +181,41 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untype
     for k in range(n):
         w.v[k], w.a[k] = part * w.a0[k], 0.0
     move_multipliers(model.algebraic, w.q, w.a, False)
-    for turn in range(5):
-        move_multipliers(model.algebraic, w.v, w.v, True)
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if turn == 0 else 0.0, 0.5 * h, 0.0, w.r, w.S)
-        if turn == 4:
-            _less(n, w.r, w.b0, 1.0)
-            note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
-            _book_impulse(drive, w, 0.0, 1.0 / _SMALL)
-            return
-        _less(n, w.r, w.b0, 1.0 / _SMALL)
-        move_multipliers(model.algebraic, w.r, w.r, True)
-        _solve(lane, model, drive, w, turn == 0)
-        if not fresh:
-            share = -3.0 if turn == 1 else 1.0
-            for k in range(n):
-                w.q0[k] -= 2.0 * share / h * w.r[k]
-        if turn < 3:
-            for k in range(n):
-                w.v[k] = 4.0 * w.v[k] - 3.0 * part * w.r[k] if turn == 1 else part * w.r[k]
-        else:
-            _lose(lane, model, par, w, h)
-            for k in range(n):
-                w.v[k] -= part * w.r[k]
-                w.a[k] = -_SMALL * w.r[k]
-                w.a0[k] -= w.r[k]
-            move_multipliers(model.algebraic, w.q, w.a, False)
+    _damp(lane, model, drive, par, w, h, True, fresh, 1.0)  # (1 - s) dv
+    for k in range(n):
+        w.v[k] = part * w.r[k]
+    _damp(lane, model, drive, par, w, h, False, fresh, -3.0)  # (1 - s)^2 dv
+    for k in range(n):
+        w.v[k] = 4.0 * w.v[k] - 3.0 * part * w.r[k]  # (1 - s) (1 + 3 s) dv
+    _damp(lane, model, drive, par, w, h, False, fresh, 1.0)  # g
+    for k in range(n):
+        w.v[k] = part * w.r[k]
+    _damp(lane, model, drive, par, w, h, False, fresh, 1.0)  # e
+    for k in range(n):
+        e = w.r[k]
+        w.v[k] -= part * e
+        w.a[k] = -_SMALL * e
+        w.r[k] = w.v0[k] + w.a0[k] - 0.5 * e  # mean of the velocities before and after the layer
+        w.a0[k] -= e
+    move_multipliers(model.algebraic, w.v, w.v, True)
+    w.books[1] += damping_work(lane, model, par, w.q, w.v, w.r) / _SMALL  # v is `part` times g - e
+    _forces(lane, model, par, w, 0.0, 0.5 * h)
+    _less(n, w.r, w.b0, 1.0)
+    note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
+    _book_impulse(drive, w, 0.0, 1.0 / _SMALL)
 
 
 @kernel
-def _lose(lane, model, par, w, h):  # type: ignore[no-untyped-def]
-    """Book what damping takes in the layer: its impulse h/2 C z, z = g - e, times the mean of the velocities before
-    and after it. z C x is a quarter of the difference of the powers of z + x and z - x."""
-    n, scale = size(model.n), 2.0 / (h * _SMALL)
-    for turn in range(2):
-        sign = 1.0 - 2.0 * turn
-        for k in range(n):
-            mean = w.v0[k] + w.a0[k] - 0.5 * w.r[k]
-            w.a[k] = w.v[k] * scale - w.r[k] + sign * mean
-        move_multipliers(model.algebraic, w.a, w.a, True)
-        w.books[1] += sign * 0.125 * h * dissipation(lane, model, par, w.q, w.a)
+def _damp(lane, model, drive, par, w, h, matrix, fresh, share):  # type: ignore[no-untyped-def]
+    """r <- (1 - s) x where v is x times h/2 and _SMALL; `share` of it goes into the jump of the accelerations."""
+    move_multipliers(model.algebraic, w.v, w.v, True)
+    assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, 0.5 * h, 0.0, w.r, w.S)
+    _less(size(model.n), w.r, w.b0, 1.0 / _SMALL)
+    move_multipliers(model.algebraic, w.r, w.r, True)
+    _solve(lane, model, drive, w, matrix)
+    if not fresh:
+        for k in range(size(model.n)):
+            w.q0[k] -= 2.0 * share / h * w.r[k]
 
 
 @kernel
@@ -234,10 +242,10 @@ def _restart(lane, model, drive, par, w, t, h, fresh):  # type: ignore[no-untype
             move_multipliers(model.algebraic, w.q, w.q0, False)
             move_multipliers(model.algebraic, w.a, w.a, True)
         set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
-    for turn in range(passes):
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if turn == 0 else 0.0, half, half * half, w.r, w.S)
+    for i in range(passes):
+        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if i == 0 else 0.0, half, half * half, w.r, w.S)
         constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
-        _solve(lane, model, drive, w, turn == 0)
+        _solve(lane, model, drive, w, i == 0)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
         _take_multipliers(drive, model.algebraic, w, fresh)

@@ -1,0 +1,49 @@
+"""An arm's books: the work of inputs and motions, and what damping takes, by the steps' own mean forces."""
+
+from __future__ import annotations
+
+from ...compiler.decorator import kernel
+from ...compiler.dispatch import size
+from ...compiler.lanes import load, store
+from ..protocol import damping_work, ports
+
+
+@kernel
+def open_books(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
+    """Remember ports and forces at the start of a smooth stretch."""
+    for i in range(w.u.shape[0]):
+        w.u0[i] = w.u[i]
+    ports(lane, model, par, w.q, w.y0)
+    if drive is not None:
+        for i in range(w.psi.shape[0]):
+            w.psi0[i] = w.psi[i]
+        for i in range(w.reaction.shape[0]):
+            w.reaction0[i] = w.reaction[i]
+
+
+@kernel
+def keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
+    """Add the work of a step of h and what damping took: mean force times displacement, what Newmark itself does.
+
+    At the middle of a step that turns a stiff section by a large angle there are strain rates that it has at neither
+    end; hence the forces of damping are taken times the displacement, and not the mean of the powers. r is free once
+    the step has succeeded.
+    """
+    ports(lane, model, par, w.q, w.y)
+    work = load(lane, w.books, 0)
+    for i in range(size(model.n_inputs)):
+        force = (load(lane, w.u0, i) + load(lane, w.u, i)) * 0.5
+        work = work + force * (load(lane, w.y, i) - load(lane, w.y0, i))
+        store(w.u0, i, load(lane, w.u, i))
+        store(w.y0, i, load(lane, w.y, i))
+    if drive is not None:
+        for i in range(drive.known.shape[0]):
+            work += 0.5 * (w.reaction0[i] + w.reaction[i]) * (w.psi[3 * i] - w.psi0[3 * i])
+            w.reaction0[i] = w.reaction[i]
+        for i in range(w.psi.shape[0]):
+            w.psi0[i] = w.psi[i]
+    store(w.books, 0, work)
+    for k in range(size(model.n)):
+        store(w.r, k, (load(lane, w.q, k) - load(lane, w.q0, k)) * (1.0 / h))
+    taken = damping_work(lane, model, par, w.q0, w.v0, w.r) + damping_work(lane, model, par, w.q, w.v, w.r)
+    store(w.books, 1, load(lane, w.books, 1) + taken * (0.5 * h))

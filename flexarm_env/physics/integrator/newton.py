@@ -1,0 +1,135 @@
+"""Newton-Raphson within a step, eqs. [69]-[82]: from a start to coordinates that the step's equations hold for."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...compiler.decorator import inlined, kernel
+from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
+from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
+from ..protocol import assemble, constrain, factor, solve, update
+from .period import correct_period
+from .work import take_out_known
+
+
+class Slopes(NamedTuple):
+    """What v, a and b of a step's end change by where its q changes by one."""
+
+    v: float  # 1/s
+    a: float  # 1/s^2
+    b: float  # 1/s^2
+
+
+@kernel
+def slopes_of(scheme, h):  # type: ignore[no-untyped-def]
+    """Those of a step of h."""
+    b = 1.0 / (scheme.beta * h * h)
+    return Slopes(scheme.gamma / (scheme.beta * h), b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f), b)
+
+
+@kernel
+def _second(predictor):  # type: ignore[no-untyped-def]
+    return predictor[1]
+
+
+@kernel
+def _zero(predictor):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@kernel
+def _ten(predictor):  # type: ignore[no-untyped-def]
+    return 10.0
+
+
+@by_kind("predictor", "predictor")
+def _trust(kind: str) -> Any:
+    """How many times its square the first increment leaves as error; 0: not known."""
+    return {TUPLE: _second, NONE: _ten, NUMBER: _zero}[kind]
+
+
+@kernel
+def _first_contraction(lane, trust, increment):  # type: ignore[no-untyped-def]
+    """Contraction to expect of the first iteration, which has seen none: 1/2, so that its increment itself is the error
+    left, or `trust` times the increment where the error left is known to be quadratic."""
+    if trust > 0.0:
+        return select_lt(increment, 0.05, increment * trust, splat(lane, 0.5))
+    return splat(lane, 0.5)
+
+
+@kernel
+def _moved(lane, correction, shift, k, d):  # type: ignore[no-untyped-def]
+    """The increment d and, where the period is corrected, the shift of the displacement; and the larger of the two."""
+    if correction is None:
+        return d, absolute(d)
+    moved = d + load(lane, shift, k)
+    return moved, maximum(absolute(moved), absolute(d))
+
+
+@kernel
+def _take_multipliers(lane, algebraic, w, active, c_m):  # type: ignore[no-untyped-def]
+    """Increments of the multipliers, which live in q. They do not count towards convergence: they are forces."""
+    if algebraic is not None:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
+            w.q[k] = select_lt(0.5, active, w.q[k] - c_m * w.r[k], w.q[k])
+            w.r[k] = 0.0
+
+
+@inlined
+def _correct(lane, model, w, active, slopes):  # type: ignore[no-untyped-def]
+    """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
+    _take_multipliers(lane, model.algebraic, w, active, slopes.a)
+    largest_of = splat(lane, 0.0)
+    nothing = splat(lane, -0.0)  # x + -0.0 is x to the last bit
+    for k in range(size(model.n)):
+        d = -load(lane, w.r, k)
+        moved, increment = _moved(lane, model.correction, w.shift, k, d)
+        largest_of = maximum(increment * model.weight[k], largest_of)
+        largest_of = select_lt(increment, np.inf, largest_of, splat(lane, np.nan))
+        d = select_lt(0.5, active, d, nothing)
+        store(w.r, k, select_lt(0.5, active, moved, nothing))
+        store(w.v, k, load(lane, w.v, k) + d * slopes.v)
+        store(w.a, k, load(lane, w.a, k) + d * slopes.a)
+        store(w.b, k, load(lane, w.b, k) + d * slopes.b)
+    update(lane, model, w.q, w.r)
+    return largest_of
+
+
+@inlined
+def newton(lane, model, drive, par, w, slopes, h, scheme, plain):  # type: ignore[no-untyped-def]
+    """Solve the equations of a step of h; returns lanes that are 1 where that did not succeed, 0 elsewhere.
+
+    Arms that have converged, or failed before, are left as they are while the others go on. plain: without the
+    correction of the period.
+    """
+    active = select_lt(load(lane, w.flag, 0), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+    before, corrected = splat(lane, 1e300), splat(lane, 1.0 if plain else 0.0)
+    for iteration in range(scheme.max_iterations):
+        fresh = iteration == 0
+        if scheme.modified is None:
+            fresh = True
+        c_a, c_v, c_q = slopes.a, slopes.v, 1.0
+        if not fresh:
+            c_a, c_v, c_q = 0.0, 0.0, 0.0
+        assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, c_v, c_q, w.r, w.S)
+        constrain(lane, model, w.psi, w.q, w.v, w.a, 0, slopes.a, w.r)
+        take_out_known(lane, model, drive, w.r, w.S, fresh)
+        if fresh:
+            factor(lane, model, w.S)
+            w.counts[1] += 1.0
+        solve(lane, model, w.S, w.r)
+        corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes, h)
+        increment = _correct(lane, model, w, active, slopes)
+        w.counts[0] += 1.0
+        # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
+        theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
+        if iteration == 0:
+            theta = _first_contraction(lane, _trust(model.predictor), increment)
+        active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
+        before = increment
+        if largest(active) < 0.5:
+            break
+    return active
