@@ -27,8 +27,8 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-COMPILED = ("compiler", "physics", "runtime", "tasks")
-"""Rooms whose sources compiled code is made of."""
+COMPILED = ("compiler/**/*.py", "physics/**/*.py", "runtime/**/*.py", "tasks/**/*.py", "layout.py")
+"""Sources that compiled code is made of."""
 
 _DIGEST = hashlib.sha256().digest_size
 
@@ -41,7 +41,7 @@ def source_hash() -> str:
     """SHA-256 (hex) over the sources that compiled code is made of, and Numba's version."""
     digest = hashlib.sha256(numba.__version__.encode())
     package = Path(__file__).parents[1]
-    for path in sorted(path for room in COMPILED for path in (package / room).rglob("*.py")):
+    for path in sorted(path for pattern in COMPILED for path in package.glob(pattern)):
         digest.update(path.relative_to(package).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()

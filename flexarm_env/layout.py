@@ -1,0 +1,124 @@
+"""Layouts of flat arrays, each declared once: packing in NumPy and places in kernels both follow from it.
+
+    ELEMENT = Layout("Element", "", Field("EA", (), "N/m", "EA / l"), Field("G", (4, 4), "1/m", "of eq. [45]"))
+    BODY = Layout(
+        "Body", "n, elements",
+        Field("length", (), "m", "of the body"),
+        Field("c", ("n",), "kg m", "..."),
+        Field("G", ("n", "n"), "kg", "..."),
+        Field("elements", ("elements", ELEMENT.length), "", "an `ELEMENT` each"),
+    )
+    block = BODY.pack({"n": 3, "elements": 1}, length=1.0, c=c, G=G, elements=...)
+    BODY.unpack(block, n=3, elements=1)["G"]                              views of `block`, in their shapes
+
+In kernels `body_at = kernel(BODY.offsets)` is a function (first, n, elements) of plain integer arithmetic that returns
+a named tuple of where each field begins: `at = body_at(p, n, e)`, then `data[at.G + i * n + j]`; `at.end` is where the
+layout ends. `kernel(BODY.views)`, a function (flat, first, n, elements), returns slices of `flat` instead. A layout
+without sizes has `places`, a named tuple of numbers: with `AT = ELEMENT.places` beside a kernel, `element[AT.G]` in it is
+a number that is compiled in.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Field(NamedTuple):
+    """A part of a layout. shape: numbers or expressions in the layout's sizes, () for a single number."""
+
+    name: str
+    shape: tuple[int | str, ...]
+    unit: str
+    meaning: str
+
+    @property
+    def amount(self) -> str:
+        """How many numbers there are, as an expression in the sizes."""
+        return " * ".join(f"({part})" for part in self.shape) or "1"
+
+
+class Layout:
+    """Fields one after the other in a flat array.
+
+    Args:
+        name: of the named tuples that are returned. sizes: names of the sizes, "n, elements"; "" where there are none.
+        fields: in their order; an array is stored by rows.
+    Attributes:
+        length: how many numbers there are, as an expression in the sizes.
+        offsets: function (first, *sizes) -> named tuple of the places of all fields and of the `end`.
+        views: function (flat, first, *sizes) -> named tuple of one-dimensional slices.
+        places: `offsets(0)` of a layout without sizes; otherwise None.
+    Raises:
+        ValueError: two fields of one name, or one that is named `end`.
+    """
+
+    def __init__(self, name: str, sizes: str, *fields: Field) -> None:
+        self.name, self.fields = name, fields
+        self.sizes = tuple(word.strip() for word in sizes.split(",") if word.strip())
+        names = [field.name for field in fields]
+        twice = [word for k, word in enumerate(names) if word in (*names[:k], "end")]
+        if twice:
+            raise ValueError(f"layout {name}: field {twice[0]!r} is there twice, or is a name that is taken")
+        self.length = "(" + (" + ".join(field.amount for field in fields) or "0") + ")"
+        lines = ["_0 = _first"]
+        lines += [f"_{k + 1} = _{k} + {field.amount}" for k, field in enumerate(fields)]
+        ends = range(len(fields))
+        begins = ", ".join(f"_{k}" for k in range(len(fields) + 1))
+        slices = ", ".join(f"_flat[_{k} : _{k + 1}]" for k in ends) + ","
+        arguments = ["_first", *self.sizes]
+        scope: dict[str, Any] = {
+            "Offsets": namedtuple(name, [*names, "end"]),
+            "Views": namedtuple(name, names),
+        }
+        self.offsets = _function(f"{name}_offsets", arguments, lines, f"Offsets({begins})", scope)
+        self.views = _function(f"{name}_views", ["_flat", *arguments], lines, f"Views({slices})", scope)
+        self.places: Any = None if self.sizes else self.offsets(0)
+
+    def pack(self, sizes: Mapping[str, int], /, **values: Any) -> NDArray[np.float64]:
+        """The flat array of all fields' values.
+
+        Raises:
+            ValueError: a field that is missing or not known, or whose value has another number of entries.
+        """
+        known = {field.name for field in self.fields}
+        if known != set(values):
+            wrong = sorted(known ^ set(values))
+            raise ValueError(f"layout {self.name}: {wrong[0]!r} is {'missing' if wrong[0] in known else 'not a field'}")
+        parts = [np.zeros(0)]
+        for field in self.fields:
+            value = np.asarray(values[field.name], dtype=np.float64)
+            shape = self.shape(field, **sizes)
+            if value.size != int(np.prod(shape)) or (value.ndim == len(shape) and value.shape != shape):
+                raise ValueError(f"layout {self.name}: {field.name} has shape {value.shape}, must have {shape}")
+            parts.append(value.ravel())
+        return np.concatenate(parts)
+
+    def unpack(self, flat: NDArray[np.float64], first: int = 0, /, **sizes: int) -> dict[str, NDArray[np.float64]]:
+        """Views of the fields in their shapes, by name; the layout begins at flat[first]."""
+        begins = self.offsets(first, *[sizes[word] for word in self.sizes])
+        shapes = [self.shape(field, **sizes) for field in self.fields]
+        return {field.name: flat[begins[k] : begins[k + 1]].reshape(shapes[k]) for k, field in enumerate(self.fields)}
+
+    def shape(self, field: Field, **sizes: int) -> tuple[int, ...]:
+        """A field's shape in numbers."""
+        return tuple(int(eval(str(part), {"__builtins__": {}}, sizes)) for part in field.shape)
+
+    def __str__(self) -> str:
+        """A line a field: name, shape, unit, meaning."""
+        rows = [(f.name, f"({', '.join(map(str, f.shape))})", f.unit, f.meaning) for f in self.fields]
+        widths = [max(len(row[k]) for row in rows) for k in range(3)]
+        return "\n".join("  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]) for row in rows)
+
+
+def _function(name: str, arguments: list[str], lines: list[str], result: str, scope: dict[str, Any]) -> Any:
+    """A function from its lines, in a shape that a kernel can be made of."""
+    text = "".join(f"    {line}\n" for line in [*lines, f"return {result}"])
+    code = compile(f"def {name}({', '.join(arguments)}):\n{text}", __file__, "exec")
+    scope = {**scope, "__name__": __name__, "__file__": __file__}
+    exec(code, scope)
+    return scope[name]
