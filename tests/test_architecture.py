@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes", "toml_text"}
+_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes", "toml_text", "rigid"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
@@ -29,6 +29,7 @@ ROOMS: dict[str, set[str]] = {
     "validation": set(),
     "toml_text": {"validation"},
     "parameters": {"validation"},
+    "rigid": {"validation", "parameters"},
     "settings": {"validation"},
     "time_functions": {"validation"},
     "arms": {"validation", "parameters", "toml_text"},

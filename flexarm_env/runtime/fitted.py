@@ -17,7 +17,7 @@ from ..compiler.lanes import load, store
 from ..physics.integrator.keeping import keep, keep_lane, put_back
 from ..physics.model import NEWTON_FAILED, OK
 from ..physics.protocol import link_poses
-from ..tasks.program import RETRY
+from ..tasks.program import LEVEL, RETRY
 from .motors import drive
 
 FITS = 6
@@ -50,7 +50,7 @@ def _fit(lane, p, models, par, poses, record, action, saved, best, block, w):  #
     lanes, n, links = len(lane), size(p.model.n), size(p.task.links)
     first = (_TIPS + 4 * links) * lanes
     result = best[first : first + saved.shape[0]]
-    level = record[record.shape[0] - lanes :]  # the record's last entry: halvings of h that the last period took
+    level = record[LEVEL * lanes : (LEVEL + 1) * lanes]
     for i in range(lanes):
         best[_FLAG * lanes + i] = w.flag[i]
         best[_FINE * lanes + i] = max(1.0, level[i]) if w.flag[i] == OK else -1.0

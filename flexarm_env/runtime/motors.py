@@ -13,16 +13,16 @@ from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
 from ..physics.protocol import link_poses
-from ..tasks.program import FRICTION, GOAL, STEP, TORQUE_FACTOR
+from ..tasks.program import FRICTION, GOAL, POSE, STEP, TORQUE_FACTOR, record_at
 
 
 @kernel
 def _joint(lane, poses, k, rates):  # type: ignore[no-untyped-def]
     """Angle (rates 0) or rate (rates 3) of joint k."""
-    here = load(lane, poses, 12 * k + 2 + rates)
+    here = load(lane, poses, POSE * k + 2 + rates)
     if k == 0:
         return here
-    return here - load(lane, poses, 12 * k - 4 + rates)
+    return here - load(lane, poses, POSE * k - 4 + rates)
 
 
 @kernel
@@ -102,19 +102,19 @@ def _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, bl
     Friction acts with the rate that the last step's change leads to expect at the end of the step.
     """
     n = size(p.task.links)
-    motor = GOAL + n
+    at = record_at(0, n, 1, actuator.age + 2, 0)
     before, now = stack(lane, p.task.links), stack(lane, p.task.links)
     for k in range(n):
-        _remember(lane, record, motor + n + k, n, actuator.age + 1, load(lane, w.u, k))
+        _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
         store(before, k, _joint(lane, poses, k, 3))
         store(now, k, _joint(lane, poses, k, 3))
     for s in range(p.n_steps):
         age = actuator.age + 1 if s < actuator.late else actuator.age
         for k in range(n):
-            asked = load(lane, record, motor + n + age * n + k)
-            torque = load(lane, record, motor + k)
+            asked = load(lane, record, at.commands + age * n + k)
+            torque = load(lane, record, at.torque + k)
             torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
-            store(record, motor + k, torque)
+            store(record, at.torque + k, torque)
             rate = load(lane, now, k) * 2.0 - load(lane, before, k)
             store(w.u, k, torque - _friction(actuator, k, rate))
             store(before, k, load(lane, now, k))
@@ -140,9 +140,10 @@ def _book(lane, books, task, poses, record, u, sign):  # type: ignore[no-untyped
     """Friction's loss over a step: its torque times the way turned, in two halves."""
     if books is not None:
         n = size(task.links)
+        torque = record_at(0, n, 1, 0, 0).torque
         lost = load(lane, record, FRICTION)
         for k in range(n):
-            friction = load(lane, record, GOAL + n + k) - load(lane, u, k)
+            friction = load(lane, record, torque + k) - load(lane, u, k)
             lost = lost - friction * _joint(lane, poses, k, 0) * sign
         store(record, FRICTION, lost)
 
