@@ -1,6 +1,7 @@
 """Flexible robot arms: planar beam mechanics, scene replay and Gymnasium environments.
 
-Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0 and MultiLinkFlexArm-v0; the public names below are loaded when they are first used.
+Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0 and MultiLinkFlexArm-v0; the public names below are loaded when
+they are first used.
 """
 
 from __future__ import annotations

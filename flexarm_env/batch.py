@@ -21,7 +21,7 @@ from .compiler.lanes import SINGLE, WIDEST
 from .parameters import Arm
 from .physics import assembly, gauges
 from .physics.integrator.work import unpack, work_size
-from .physics.model import STATUS, System, scheme
+from .physics.model import System, scheme
 from .runtime import episode as environment
 from .runtime import starts
 from .runtime.fitted import FITS
@@ -30,24 +30,23 @@ from .runtime.record import observe_arm
 from .scene import Scene
 from .settings import Settings
 from .simulation import room_for_points, uncompiled
-from .tasks import angles as angles_to
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CLIP,
-    DEFLECTION,
     FRESH,
     GOAL,
     GUIDED,
     INFO,
-    JOINT_LIMIT,
     LIMIT,
     MODE,
     OVER,
     POSE,
+    REASONS,
     REPORT,
     REQUEST,
     RETRY,
     RUNNING,
+    STATUS_WORDS,
     STEP,
     SUCCESS,
     TARGET,
@@ -72,17 +71,6 @@ ONE_BY_ONE = ("floating_frame",)
 """Formulations whose kernels know no lanes: their arms are advanced one by one in any batch."""
 
 
-REASONS: dict[float, str] = {
-    **{float(code): word if code else "" for code, word in enumerate(STATUS)},
-    float(ACTION_NOT_FINITE): "action_not_finite",
-    float(JOINT_LIMIT): "joint_limit",
-}
-"""Words of the codes that `info` holds."""
-
-STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
-"""The solver's status for each of these codes."""
-
-
 UNSEEN = holders([np.zeros(1)], 0)
 """Holders of an array that only its list knows."""
 
@@ -103,17 +91,6 @@ class Starts:
     vibration: float = 0.0
     factors: Sequence[tuple[float, float]] = field(default_factory=lambda: ((1.0, 1.0),) * 4)
     shake: Array | None = None
-
-
-def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
-    """Joint angles (N,) that bring the tip of an arm of straight links to (x, y), as environments choose them
-    (`tasks.angles`): of two links the ones sooner reached from `angles`, of more those of least sum of squares."""
-    goal = angles.copy()
-    if len(lengths) == 2:
-        angles_to.sooner_angles(lengths, rates, limits, float(x), float(y), goal)
-    else:
-        angles_to.least_angles(lengths, limits, float(x), float(y), goal)
-    return goal
 
 
 def info_places(task: Task) -> Any:
@@ -201,7 +178,8 @@ class Batch:
     Attributes:
         action (n, A) float32: to be filled before `step`. observation (n, O) float32, reward (n,), terminated,
         truncated (n,): of the last step or start. table: entries of info, a row each, a column an arm (and some to
-        spare). info_at: where each of `INFO` is in it. request: a `REQUEST`, NaN: to be drawn. address: what the compiled functions take.
+        spare). info_at: where each of `INFO` is in it. request: a `REQUEST`, NaN: to be drawn. address: what
+        the compiled functions take.
     """
 
     def __init__(
@@ -429,18 +407,18 @@ class Batch:
         """Where arm i is."""
         lanes, rows, links = len(self.lane), len(self.system.q0), self.arm.n_links
         q, v = self._mine(0, rows * lanes, i).copy(), self._mine(rows * lanes, 2 * rows * lanes, i).copy()
-        poses, points = np.zeros(POSE * links), np.full((room_for_points(self.settings, links), 2), np.nan)
+        poses, points = np.zeros(POSE.end * links), np.full((room_for_points(self.settings, links), 2), np.nan)
         count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
         record, targets = self.record(i), len(self.task.targets)
         info = self._mine(self.layout.info, self.layout.saved, i)
-        torque = self.info_at.torque
+        at = self.info_at
         return View(
             points=points[:count].copy(),
-            poses=poses.reshape(-1, POSE),
+            poses=poses.reshape(-1, POSE.end),
             time=float(record[STEP]) * self.period,
             target=record[TARGET : TARGET + targets].copy(),
-            torques=info[torque : torque + links].copy(),
-            deflection=info[DEFLECTION : DEFLECTION + links].copy(),
+            torques=info[at.torque : at.torque + links].copy(),
+            deflection=info[at.deflection : at.deflection + links].copy(),
         )
 
     def close(self) -> None:
@@ -449,7 +427,8 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         skipped = (
-            "program", "_placed", "address", "compiled_step", "_begin", "_take_report", "info_at", "_crew", "_alone", "_native",
+            "program", "_placed", "address", "compiled_step", "_begin", "_take_report", "info_at", "_crew", "_alone",
+            "_native",
         )  # fmt: skip
         return {k: v for k, v in vars(self).items() if k not in skipped}
 
@@ -463,8 +442,8 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Chain", "Controller", "DEFLECTION", "Extras", "FRESH", "GOAL",
+    "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
     "GUIDED", "INFO", "LIMIT", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING", "Reach", "Reference",
-    "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table", "goal_of",
+    "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table",
     "info_places", "one_at_a_time", "scene_gauges", "standing_scene",
 ]  # fmt: skip

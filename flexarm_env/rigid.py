@@ -50,7 +50,7 @@ def _differences(elbows: Array) -> Array:
     """alpha_j - alpha_k (n, N, N) from elbow angles (n, N - 1)."""
     elbows = np.asarray(elbows, np.float64)
     alpha = np.concatenate([np.zeros((len(elbows), 1)), np.cumsum(elbows, axis=1)], axis=1)
-    return alpha[:, :, None] - alpha[:, None, :]
+    return np.asarray(alpha[:, :, None] - alpha[:, None, :])
 
 
 def _of_joints(values: Array, axis: int) -> Array:

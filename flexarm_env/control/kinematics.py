@@ -37,17 +37,32 @@ def target_in_hub_frame(arm: Arm, angles: Array, bends: Array, error: Array) -> 
     return tip_in_hub_frame(arm, angles[:, 1:], bends) + error
 
 
+def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
+    """Joint angles (N,) that bring the tip of one arm of straight links to (x, y), as environments choose them.
+
+    lengths, rates (N,), limits (2 N,) and angles (N,) now: see `tasks.angles`, whose kernels answer.
+    """
+    from ..tasks.angles import least_angles, sooner_angles
+
+    goal: Array = angles.copy()
+    if len(lengths) == 2:
+        sooner_angles(lengths, rates, limits, float(x), float(y), goal)
+    else:
+        least_angles(lengths, limits, float(x), float(y), goal)
+    return goal
+
+
 def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
-    """Joint angles (n, N) of the rigid arm with its tip at the target: of two links, of the two solutions the one sooner
-    reached; of more, the solution of least sum of squares (`tasks.angles`), the hub as near as whole turns bring it.
+    """Joint angles (n, N) of the rigid arm with its tip at the target.
+
+    Of two links, the one of both solutions that is sooner reached; of more, the solution of least sum of squares
+    (`tasks.angles`), the hub as near as whole turns bring it.
 
     Args:
         angles (n, N): now, rad. target (n, 2): in the frame of the hub as it stands at these angles, m.
         rates (n, N): time that a joint takes for an angle x is sqrt(|x|) / rate. For two links only.
     A target out of reach is approached along the line to it. Joint limits are kept, and no elbow turns past pi.
     """
-    from ..batch import goal_of
-
     low_high = [(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]
     lengths, limits = np.array([link.length for link in arm.links]), np.array(low_high, np.float64).ravel()
     hub = angles[:, 0]
@@ -57,5 +72,5 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
 
 
 __all__ = [
-    "coriolis", "goal_angles", "rigid_inertia", "target_in_hub_frame", "tip_in_hub_frame", "wrapped",
+    "coriolis", "goal_angles", "goal_of", "rigid_inertia", "target_in_hub_frame", "tip_in_hub_frame", "wrapped",
 ]  # fmt: skip

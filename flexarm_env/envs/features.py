@@ -179,7 +179,7 @@ def reference(frame: Frame, given: Any, periods: int) -> Reference:
     ahead = np.array([max(1, round(time / frame.period)) for time in AHEAD], np.int64)
     table = np.zeros(0)
     if given is not None:
-        t = np.arange(periods + int(ahead.max()) + 1) * frame.period
+        t = np.arange(periods + int(ahead.max()) + 1, dtype=np.float64) * frame.period
         path = target.path(given, arm, t)
         table = np.column_stack([f(t) for f in path] + [f(t, 1) for f in path]).ravel()
     scales = np.array([scale for _, scale in target.entries(arm)])

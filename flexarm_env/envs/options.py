@@ -179,9 +179,7 @@ def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:
         return prescribed(motion, n_links, path="motion")
     usual = prescribed(kind.replays, n_links, path="motion")
     last, function = usual.functions[-1]
-    return dataclasses.replace(
-        usual, functions=(*usual.functions, *((k, function) for k in range(last + 1, n_links)))
-    )
+    return dataclasses.replace(usual, functions=(*usual.functions, *((k, function) for k in range(last + 1, n_links))))
 
 
 def _only_with(name: str, value: Any, task: str, wanted: str) -> None:

@@ -23,7 +23,7 @@ _ENVIRONMENTS: dict[int, Any] = {1: FlexibleArmEnv, 2: TwoLinkFlexArmEnv}
 
 
 def through_env(scene: Scene, settings: Settings, sample: float | None = None, error_limit: float = 0.05) -> Trajectory:
-    """The Trajectory of a scene whose arm moves in FlexibleArm-v0, TwoLinkFlexArm-v0 or MultiLinkFlexArm-v0, a control period a sample.
+    """The Trajectory of a scene whose arm moves in an environment, a control period a sample.
 
     Args:
         scene: pinned, driven by joint motions or joint torques.

@@ -251,7 +251,8 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         if not options:
             return {i: request_of(self.plan, None) for i in arms}
         motion = options.get("motion")
-        if isinstance(motion, list) and not is_table(motion) and len(motion) not in (self.num_envs, self.plan.arm.n_links):
+        counts = self.num_envs, self.plan.arm.n_links
+        if isinstance(motion, list) and not is_table(motion) and len(motion) not in counts:
             what = f"must be one motion for all arms, or a list of {self.num_envs}, one for each"
             raise check.InvalidValue("options.motion", motion, what)
         if isinstance(motion, list) and len(motion) == self.num_envs > 1 and not is_table(motion):

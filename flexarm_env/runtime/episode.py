@@ -1,8 +1,8 @@
 """One control period of a batch of arms: everything between an action and an observation.
 
 A `Program` holds all of it, reached by one address (`compiler.entry`). Arms stand in groups of L = len(lane); row g of
-`block` belongs to arms g L ... g L + L - 1 and holds, with lanes inside, the sections of `program.Block`. Per arm, not in
-lanes: action, observation, reward, flags, and the stream of random numbers.
+`block` belongs to arms g L ... g L + L - 1 and holds, with lanes inside, the sections of `program.Block`. Per arm, not
+in lanes: action, observation, reward, flags, and the stream of random numbers.
 
 A lane whose Newton iteration fails is put back to where the period began and reported: the caller repeats that arm
 alone, where steps can be halved; its neighbours have gone on, untouched.
@@ -20,7 +20,6 @@ from ..compiler.entry import follow
 from ..compiler.lanes import absolute, load, select_lt, splat, store
 from ..compiler.stack import stack
 from ..physics.arithmetic import put
-from ..physics.integrator.keeping import keep, put_back
 from ..physics.integrator.work import unpack
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
 from ..physics.protocol import energy, link_poses, out_of_range
@@ -42,6 +41,7 @@ from ..tasks.program import (
 from ..tasks.task import info_of, judge, observe
 from ..tasks.track import look_ahead, move_targets
 from .fitted import move
+from .keeping import keep, put_back
 from .sensors import read_gauges, sense
 
 OUTCOME = (0, 0)

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..compiler.dispatch import size
 from ..physics.integrator.work import work_size
-from ..tasks.program import INFO, PARAMETERS, POSE, RECORD, Block
-from .fitted import scratch_size
+from ..tasks.program import INFO, PARAMETERS, POSE, RECORD, SAVED, SCRATCH, Block
 
 
 def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int]:
@@ -30,12 +29,12 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
     info = INFO.offsets(0, links, len(task.targets), len(task.terms)).end
     kept = 0 if extras.actuator is None and extras.reference is None else record
-    saved = 4 * size(model.n) + 3 + size(model.n_inputs) + kept
+    saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), kept).end
     first = -(-int(getattr(work_size, "py_func", work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
-    for count in (PARAMETERS, POSE * links, record, links, entries, info, saved):
+    for count in (PARAMETERS, POSE.end * links, record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
-    scratch = scratch_size(links, saved) * lanes if fitted else 0
+    scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
     return Block(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]
 
 

@@ -179,8 +179,7 @@ def _first_sight(lane, p, arm, live, record, action, poses, seen, info):  # type
 
 @kernel
 def take_report(address, arm, code):  # type: ignore[no-untyped-def]
-    """The outcome of a period of a guided arm, from `p.report`; code: its status, or -1 for the start of its episode.
-    """
+    """The outcome of a period of a guided arm, from `p.report`; code: its status, or -1 for an episode's start."""
     p = follow(address)
     g = arm // len(p.lane)
     _take_report(p.lane, p, arm, code, p.block[g * p.layout.row : (g + 1) * p.layout.row])
@@ -198,7 +197,7 @@ def _take_report(lane, p, arm, code, block):  # type: ignore[no-untyped-def]
     store(outcome, 0, splat(lane, 0.0))
     store(outcome, 1, splat(lane, 0.0))
     if code <= OK:
-        for k in range(POSE * n):
+        for k in range(POSE.end * n):
             poses[k * lanes + i] = report[told.poses + k]
         for k in range(n):
             action[k * lanes + i] = report[told.action + k]

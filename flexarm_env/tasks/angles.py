@@ -120,7 +120,7 @@ def _guess(lengths, x, y, angles):  # type: ignore[no-untyped-def]
 
 @kernel
 def _take(lengths, limits, x, y, fx, fy, now, angles):  # type: ignore[no-untyped-def]
-    """The joints' angles under a force; the hub's as many whole turns on as bring it near `now`, its limits allowing."""
+    """The joints' angles under a force; the hub's as many whole turns on as bring it near `now`, limits allowing."""
     alpha, px, py = 0.0, 0.0, 0.0
     for k in range(lengths.shape[0]):
         angle = min(limits[2 * k + 1], max(limits[2 * k], (x - px) * fy - (y - py) * fx))
@@ -200,13 +200,13 @@ def least_angles(lengths, limits, x, y, angles):  # type: ignore[no-untyped-def]
     """N links: the lesser of what the arcs (all elbows alike) to either side lead to; for targets within less than
     about 0.2 of the arm's length from the root there may be a lesser one. An arc where neither leads anywhere.
     """
-    now, least, best_x, best_y = angles[0], math.inf, 0.0, 0.0
+    now, least, least_x, least_y = angles[0], math.inf, 0.0, 0.0
     for side in (1.0, -1.0):
         fx, fy, total = _from_arc(lengths, limits, x, y, side, angles)
         if total < least:
-            least, best_x, best_y = total, fx, fy
+            least, least_x, least_y = total, fx, fy
     if least < math.inf:
-        _take(lengths, limits, x, y, best_x, best_y, now, angles)
+        _take(lengths, limits, x, y, least_x, least_y, now, angles)
     else:
         bearing = math.atan2(y, x)
         side = -1.0 if bearing < 0.0 else 1.0

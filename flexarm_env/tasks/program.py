@@ -8,9 +8,27 @@ import numpy as np
 
 from ..compiler.decorator import kernel
 from ..layout import Field, Layout
+from ..physics.model import STATUS
 
-POSE = 12
-"""Numbers a link in `poses`, see `physics.protocol.link_poses`."""
+POSES = Layout(
+    "Pose", "",
+    Field("x", (), "m", "of the link's root"),
+    Field("y", (), "m", ""),
+    Field("angle", (), "rad", "of its tangent there"),
+    Field("vx", (), "m/s", "their rates"),
+    Field("vy", (), "m/s", ""),
+    Field("rate", (), "rad/s", ""),
+    Field("tip_x", (), "m", "the same of its tip"),
+    Field("tip_y", (), "m", ""),
+    Field("tip_angle", (), "rad", ""),
+    Field("tip_vx", (), "m/s", ""),
+    Field("tip_vy", (), "m/s", ""),
+    Field("tip_rate", (), "rad/s", ""),
+)  # fmt: skip
+"""What is known of a link, as `physics.protocol.link_poses` writes it."""
+
+POSE = POSES.places
+"""Where these are; POSE.end: numbers a link."""
 
 PARAMETERS = 4
 """Numbers of an arm's own parameters `par`, see `physics.model.PAYLOAD_MASS`."""
@@ -81,7 +99,7 @@ INFO = Layout(
 
 REPORT = Layout(
     "Report", "links, gauges",
-    Field("poses", ("links", POSE), "m, rad", "of the links"),
+    Field("poses", ("links", POSES.length), "m, rad", "of the links"),
     Field("torque", ("links",), "N m", "of the joints"),
     Field("action", ("links",), "", "as clipped"),
     Field("energies", (5,), "J", "as in `INFO`"),
@@ -103,6 +121,29 @@ _FIRST_OF_INFO = INFO.offsets(0, 0, 0, 0)
 SUCCESS, TIP, DEFLECTION = _FIRST_OF_INFO.success, _FIRST_OF_INFO.tip, _FIRST_OF_INFO.deflection
 """Likewise of info."""
 
+SAVED = Layout(
+    "Saved", "rows, inputs, record",
+    Field("q", ("rows",), "", "state at the start of the period"),
+    Field("v", ("rows",), "", ""),
+    Field("a", ("rows",), "", ""),
+    Field("b", ("rows",), "", ""),
+    Field("books", (3,), "J", "as in `physics.integrator.work.Work`"),
+    Field("inputs", ("inputs",), "N m", "torques and loads"),
+    Field("record", ("record",), "", "a `RECORD`, where a period may change it; otherwise none of it"),
+)  # fmt: skip
+"""What is kept of an arm, to be gone back to."""
+
+SCRATCH = Layout(
+    "Scratch", "links, saved",
+    Field("flag", (), "", "how the period came out"),
+    Field("fine", (), "", "step size asked for, as halvings of h; -1: done"),
+    Field("tips", ("links", 4), "m, m/s", "x and y of each link's tip in the coarser run, and their rates"),
+    Field("result", ("saved",), "", "a `SAVED`, of the end of the period"),
+)  # fmt: skip
+"""What fitted steps need of an arm."""
+
+saved_at = kernel(SAVED.offsets)
+scratch_at = kernel(SCRATCH.offsets)
 record_at = kernel(RECORD.offsets)
 start_at = kernel(START.offsets)
 request_at = kernel(REQUEST.offsets)
@@ -115,6 +156,16 @@ RUNNING, OVER, FRESH, GUIDED = range(4)
 ACTION_NOT_FINITE, JOINT_LIMIT, RETRY = 100, 101, 102
 """Reasons for an end beside the status codes of `model`; RETRY: to be repeated alone."""
 
+REASONS: dict[float, str] = {
+    **{float(code): word if code else "" for code, word in enumerate(STATUS)},
+    float(ACTION_NOT_FINITE): "action_not_finite",
+    float(JOINT_LIMIT): "joint_limit",
+}
+"""Words of the codes that `info` holds."""
+
+STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
+"""The solver's status for each of these codes."""
+
 CLIP = 10.0
 """Observations are clipped to this many scales."""
 
@@ -123,13 +174,13 @@ class Block(NamedTuple):
     """Where the sections of a block begin (in float64), lanes inside."""
 
     par: int  # 4: payload mass, payload inertia, EI factor, tau_d
-    poses: int  # POSE a link
+    poses: int  # a `POSES` a link
     record: int  # a `RECORD`
     action: int  # 1 a joint, clipped
     seen: int  # the scaled observation
     info: int  # an `INFO`
-    saved: int  # q, v, a, b at the period's start, then books (3), inputs, and the record where a period may change it
-    end: int  # of what an arm is; behind it the scratch of fitted steps (`runtime.fitted`), where there are such
+    saved: int  # a `SAVED`
+    end: int  # of what an arm is; behind it a `SCRATCH`, where steps are fitted
     row: int  # length of a block, in whole cache lines
 
 

@@ -35,22 +35,22 @@ def reach_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-de
     before, spin = splat(lane, 0.0), splat(lane, 0.0)
     hub_sine, hub_cosine = splat(lane, 0.0), splat(lane, 1.0)
     for k in range(n):
-        o = POSE * k
+        o = POSE.end * k
         normal, _, rate, _, _, _, _, sine, cosine = deflection(lane, poses, k)
         if k == 0:
             hub_sine, hub_cosine = sine, cosine
         else:
-            sine, cosine = sincos(load(lane, poses, o + 2) - before)
+            sine, cosine = sincos(load(lane, poses, o + POSE.angle) - before)
         show_scaled(lane, task, out, 2 * k, sine)
         show_scaled(lane, task, out, 2 * k + 1, cosine)
-        show_scaled(lane, task, out, 2 * n + k, load(lane, poses, o + 5) - spin)
+        show_scaled(lane, task, out, 2 * n + k, load(lane, poses, o + POSE.rate) - spin)
         show_scaled(lane, task, out, 3 * n + k, normal / task.lengths[k])
         show_scaled(lane, task, out, 4 * n + k, rate / task.lengths[k])
-        before, spin = load(lane, poses, o + 8), load(lane, poses, o + 11)
-    o = POSE * n - POSE
-    vx, vy = load(lane, poses, o + 9), load(lane, poses, o + 10)
-    dx = load(lane, record, TARGET) - load(lane, poses, o + 6)
-    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + 7)
+        before, spin = load(lane, poses, o + POSE.tip_angle), load(lane, poses, o + POSE.tip_rate)
+    o = POSE.end * (n - 1)
+    vx, vy = load(lane, poses, o + POSE.tip_vx), load(lane, poses, o + POSE.tip_vy)
+    dx = load(lane, record, TARGET) - load(lane, poses, o + POSE.tip_x)
+    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + POSE.tip_y)
     show_scaled(lane, task, out, 5 * n, hub_cosine * vx + hub_sine * vy)
     show_scaled(lane, task, out, 5 * n + 1, hub_cosine * vy - hub_sine * vx)
     show_scaled(lane, task, out, 5 * n + 2, hub_cosine * dx + hub_sine * dy)
@@ -67,10 +67,10 @@ def reach_judge(lane, task, poses, action, record, live, info):  # type: ignore[
         put(live, info, DEFLECTION + k, normal / task.lengths[k], load(lane, info, DEFLECTION + k))
         rate = rate / task.lengths[k]
         shaking = shaking + rate * rate
-    o = POSE * n - POSE
-    vx, vy = load(lane, poses, o + 9), load(lane, poses, o + 10)
-    dx = load(lane, record, TARGET) - load(lane, poses, o + 6)
-    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + 7)
+    o = POSE.end * (n - 1)
+    vx, vy = load(lane, poses, o + POSE.tip_vx), load(lane, poses, o + POSE.tip_vy)
+    dx = load(lane, record, TARGET) - load(lane, poses, o + POSE.tip_x)
+    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + POSE.tip_y)
     vx, vy = vx - load(lane, record, TARGET_RATE), vy - load(lane, record, TARGET_RATE + 1)
     error = square_root(dx * dx + dy * dy) / task.length
     speed = square_root(vx * vx + vy * vy) / task.length
@@ -96,9 +96,7 @@ def reach_target(task, angles, first, second):  # type: ignore[no-untyped-def]
 @kernel
 def reach_aim(task, record):  # type: ignore[no-untyped-def]
     """Of the two solutions the one sooner reached from the record's angles."""
-    sooner_angles(
-        task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:]
-    )
+    sooner_angles(task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
 
 @kernel

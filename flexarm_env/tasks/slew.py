@@ -7,7 +7,7 @@ import math
 from ..compiler.decorator import kernel
 from ..compiler.lanes import absolute, load, select_lt, splat
 from ..physics.arithmetic import arctangent, decay, put, smaller
-from .program import DEFLECTION, GOAL, PATH, TARGET, TARGET_RATE
+from .program import DEFLECTION, GOAL, PATH, POSE, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
 
@@ -26,10 +26,10 @@ def slew_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
     show_scaled(lane, task, out, 0, sine)
     show_scaled(lane, task, out, 1, cosine)
-    show_scaled(lane, task, out, 2, load(lane, poses, 5))
+    show_scaled(lane, task, out, 2, load(lane, poses, POSE.rate))
     show_scaled(lane, task, out, 3, normal / task.length)
     show_scaled(lane, task, out, 4, rate / task.length)
-    error = load(lane, record, TARGET) - (load(lane, poses, 2) + arctangent(normal, along))
+    error = load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along))
     show_scaled(lane, task, out, 5, error)
 
 
@@ -37,7 +37,7 @@ def slew_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def
 def slew_judge(lane, task, poses, action, record, live, info):  # type: ignore[no-untyped-def]
     """Terms: accuracy, settle, distance, effort, vibration."""
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
-    error = absolute(load(lane, record, TARGET) - (load(lane, poses, 2) + arctangent(normal, along)))
+    error = absolute(load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along)))
     turning = (dx * dvy - dy * dvx) / (dx * dx + dy * dy)
     rate = absolute(rate / task.length)
     put(live, info, DEFLECTION, normal / task.length, load(lane, info, DEFLECTION))

@@ -1,7 +1,7 @@
 """What every task has in common: its record, the functions that it brings, and what their kernels are made of.
 
 A task is a record (a subclass of `Task`) and kernels that are registered for it; `slew` and `reach` are two. `poses`
-holds 12 numbers a link (`protocol.link_poses`); each observed entry is divided by its scale and clipped to +-10.
+holds a `program.POSES` a link; each observed entry is divided by its scale and clipped to +-10.
 Everything here is arithmetic on lanes, so that a batch and a single arm give the same bits.
 
     observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
@@ -76,13 +76,14 @@ def info_of(task):  # type: ignore[no-untyped-def]
 def deflection(lane, poses, k):  # type: ignore[no-untyped-def]
     """(normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine) of link k: tip less root, in and out of the root's
     turning frame."""
-    o = POSE * k
-    sine, cosine = sincos(load(lane, poses, o + 2))
-    dx, dy = load(lane, poses, o + 6) - load(lane, poses, o), load(lane, poses, o + 7) - load(lane, poses, o + 1)
-    dvx = load(lane, poses, o + 9) - load(lane, poses, o + 3)
-    dvy = load(lane, poses, o + 10) - load(lane, poses, o + 4)
+    o = POSE.end * k
+    sine, cosine = sincos(load(lane, poses, o + POSE.angle))
+    dx = load(lane, poses, o + POSE.tip_x) - load(lane, poses, o + POSE.x)
+    dy = load(lane, poses, o + POSE.tip_y) - load(lane, poses, o + POSE.y)
+    dvx = load(lane, poses, o + POSE.tip_vx) - load(lane, poses, o + POSE.vx)
+    dvy = load(lane, poses, o + POSE.tip_vy) - load(lane, poses, o + POSE.vy)
     normal, along = cosine * dy - sine * dx, cosine * dx + sine * dy
-    rate = cosine * dvy - sine * dvx - load(lane, poses, o + 5) * along
+    rate = cosine * dvy - sine * dvx - load(lane, poses, o + POSE.rate) * along
     return normal, along, rate, dx, dy, dvx, dvy, sine, cosine
 
 
@@ -97,10 +98,10 @@ def past_limits(lane, task, poses):  # type: ignore[no-untyped-def]
     past = splat(lane, 0.0)
     before = splat(lane, 0.0)
     for k in range(size(task.links)):
-        angle = load(lane, poses, POSE * k + 2) - before
+        angle = load(lane, poses, POSE.end * k + POSE.angle) - before
         past = select_lt(angle, task.joint_limits[2 * k], 1.0, past)
         past = select_lt(task.joint_limits[2 * k + 1], angle, 1.0, past)
-        before = load(lane, poses, POSE * k + 8)
+        before = load(lane, poses, POSE.end * k + POSE.tip_angle)
     return past
 
 
@@ -135,8 +136,8 @@ def pay(lane, task, live, info, k, value):  # type: ignore[no-untyped-def]
 @kernel
 def note_tip(lane, task, poses, record, live, info):  # type: ignore[no-untyped-def]
     """Tip position and target into info."""
-    o, at = POSE * size(task.links) - POSE, info_of(task).target
-    put(live, info, TIP, load(lane, poses, o + 6), load(lane, info, TIP))
-    put(live, info, TIP + 1, load(lane, poses, o + 7), load(lane, info, TIP + 1))
+    o, at = POSE.end * (size(task.links) - 1), info_of(task).target
+    put(live, info, TIP, load(lane, poses, o + POSE.tip_x), load(lane, info, TIP))
+    put(live, info, TIP + 1, load(lane, poses, o + POSE.tip_y), load(lane, info, TIP + 1))
     for k in range(size(task.targets)):
         put(live, info, at + k, load(lane, record, TARGET + k), load(lane, info, at + k))

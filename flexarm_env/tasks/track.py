@@ -8,7 +8,7 @@ from ..compiler.decorator import kernel
 from ..compiler.dispatch import size
 from ..compiler.stack import stack
 from ..physics.arithmetic import clip
-from .program import CLIP, GOAL, MODE, PATH_AT, RUNNING, STEP, TARGET, TARGET_RATE
+from .program import CLIP, GOAL, MODE, PATH_AT, POSE, RUNNING, STEP, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import draw_path, in_hub_frame, path_at, pursue
 
@@ -73,7 +73,7 @@ def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i): 
     targets, at = size(task.targets), size(task.entries)
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
     k = record[STEP * lanes + i] + (0.0 if first else 1.0)
-    hub = poses[2 * lanes + i]
+    hub = poses[POSE.angle * lanes + i]
     cosine, sine = math.cos(hub), math.sin(hub)
     for row in range(rows + 1):
         step = k if row == 0 else k + reference.ahead[row - 1]
