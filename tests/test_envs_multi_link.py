@@ -64,7 +64,7 @@ def test_the_observation_is_that_of_the_docstring() -> None:
 
 
 # ------------------------------------------------------------------ one physics, one task
-@pytest.mark.parametrize("keywords", [{}, RICH], ids=["default", "everything"])
+@pytest.mark.parametrize("keywords", [RICH], ids=["everything"])
 def test_one_and_many_are_the_same(keywords: dict[str, Any]) -> None:
     many = gym.make_vec(ID, num_envs=9, vectorization_mode="vector_entry_point", duration=0.4, **keywords)
     single = [gym.make(ID, duration=0.4, disable_env_checker=True, **keywords).unwrapped for _ in (0, 8)]
@@ -95,8 +95,8 @@ def test_with_two_links_it_is_the_two_link_arm() -> None:
         assert_same(two.step(action), chain.step(action))
 
 
-def test_a_straight_hinge_of_two_strips_and_a_stiff_third_move_as_one_link_longer() -> None:
-    """Five links, of which more are than any arm of the package has: they move, and keep their energy."""
+@pytest.mark.slow
+def test_five_links_keep_their_energy() -> None:
     link = THREE.links[2]
     arm = replace(
         THREE, links=(link,) * 5, elbows=(THREE.elbows[1],) * 4, torque_limits=(0.5, 0.3, 0.2, 0.1, 0.05),
@@ -245,9 +245,9 @@ def test_time_optimal_plans_are_for_one_link() -> None:
     "options",
     [
         {"formulation": "geometrically_exact"}, {"formulation": "floating_frame", "segments": 2, "dt": 0.002},
-        {"step_tolerance": 1e-4}, {"formulation": "elastica", "nodes": 6, "rho_inf": 0.8},
+        pytest.param({"step_tolerance": 1e-4}, marks=pytest.mark.slow),
     ],
-    ids=["exact", "floating", "fitted", "damped"],
+    ids=["exact", "floating", "fitted"],
 )  # fmt: skip
 def test_formulations_agree(options: dict[str, Any]) -> None:
     usual, other = gym.make(ID).unwrapped, gym.make(ID, **options).unwrapped
