@@ -278,7 +278,8 @@ def test_delayed_observations_and_fitted_steps_go_together() -> None:
     """What comes late leaves the motion as it is."""
     plain = gym.make("TwoLinkFlexArm-v0", step_tolerance=1e-4, dt=0.02).unwrapped
     late = gym.make("TwoLinkFlexArm-v0", step_tolerance=1e-4, dt=0.02, sensors={"delay": 0.04}).unwrapped
-    plain.reset(seed=5), late.reset(seed=5)
+    far = {"start": [0.0, 0.0], "target": [0.0, 0.95]}  # the last entry of the observation is larger than 1
+    plain.reset(seed=5, options=far), late.reset(seed=5, options=far)
     rng = np.random.default_rng(0)
     seen = []
     for k in range(60):
