@@ -14,8 +14,8 @@
 In kernels `body_at = kernel(BODY.offsets)` is a function (first, n, elements) of plain integer arithmetic that returns
 a named tuple of where each field begins: `at = body_at(p, n, e)`, then `data[at.G + i * n + j]`; `at.end` is where the
 layout ends. `kernel(BODY.views)`, a function (flat, first, n, elements), returns slices of `flat` instead. A layout
-without sizes has `places`, a named tuple of numbers: with `AT = ELEMENT.places` beside a kernel, `element[AT.G]` in it is
-a number that is compiled in.
+without sizes has `places`, a named tuple of numbers: after `AT = ELEMENT.places` beside a kernel, `AT.G` in it
+is compiled in.
 """
 
 from __future__ import annotations
