@@ -1,6 +1,7 @@
 """Flexible robot arms: planar beam mechanics, scene replay and Gymnasium environments.
 
-Importing registers FlexibleArm-v0 and TwoLinkFlexArm-v0; the public names below are loaded when they are first used.
+Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0 and MultiLinkFlexArm-v0; the public names below are loaded when
+they are first used.
 """
 
 from __future__ import annotations
@@ -58,3 +59,4 @@ def _register(env_id: str, module: str, name: str) -> None:
 
 _register("FlexibleArm-v0", "flexible_arm", "FlexibleArm")
 _register("TwoLinkFlexArm-v0", "two_link", "TwoLinkFlexArm")
+_register("MultiLinkFlexArm-v0", "multi_link", "MultiLinkFlexArm")

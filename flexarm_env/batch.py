@@ -21,7 +21,7 @@ from .compiler.lanes import SINGLE, WIDEST
 from .parameters import Arm
 from .physics import assembly, gauges
 from .physics.integrator.work import unpack, work_size
-from .physics.model import STATUS, System, scheme
+from .physics.model import System, scheme
 from .runtime import episode as environment
 from .runtime import starts
 from .runtime.fitted import FITS
@@ -33,27 +33,23 @@ from .simulation import room_for_points, uncompiled
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CLIP,
-    DEFLECTION,
-    ENERGIES,
-    ERROR,
     FRESH,
+    GOAL,
     GUIDED,
-    HOLD,
-    IN_RANGE,
-    JOINT_LIMIT,
+    INFO,
     LIMIT,
     MODE,
     OVER,
-    REASON,
+    POSE,
+    REASONS,
+    REPORT,
+    REQUEST,
     RETRY,
-    REWARD,
     RUNNING,
+    STATUS_WORDS,
     STEP,
     SUCCESS,
     TARGET,
-    TARGET_RATE,
-    TIP,
-    TRUNCATED,
     Actuator,
     Controller,
     Models,
@@ -62,7 +58,9 @@ from .tasks.program import (
     Reference,
     Sensors,
 )
-from .tasks.task import Reach, Slew
+from .tasks.reach import Chain, Reach
+from .tasks.slew import Slew
+from .tasks.task import Task
 
 Array = NDArray[np.float64]
 
@@ -73,19 +71,8 @@ ONE_BY_ONE = ("floating_frame",)
 """Formulations whose kernels know no lanes: their arms are advanced one by one in any batch."""
 
 
-REASONS: dict[float, str] = {
-    **{float(code): word if code else "" for code, word in enumerate(STATUS)},
-    float(ACTION_NOT_FINITE): "action_not_finite",
-    float(JOINT_LIMIT): "joint_limit",
-}
-"""Words of the codes that `info` holds."""
-
-STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
-"""The solver's status for each of these codes."""
-
-
 UNSEEN = holders([np.zeros(1)], 0)
-"""Holders of an array that nobody but its list knows."""
+"""Holders of an array that only its list knows."""
 
 
 @dataclass(frozen=True)
@@ -106,9 +93,14 @@ class Starts:
     shake: Array | None = None
 
 
+def info_places(task: Task) -> Any:
+    """Where each field of a task's `INFO` begins."""
+    return INFO.offsets(0, len(task.links), len(task.targets), len(task.terms))
+
+
 @dataclass(frozen=True)
 class Extras:
-    """What an ideal environment lacks; None: absent, and paid for by nobody."""
+    """What an ideal environment lacks; None: absent, and not compiled."""
 
     controller: Controller | None = None
     actuator: Actuator | None = None
@@ -180,17 +172,18 @@ class Batch:
 
     Args:
         arm, settings (with dt), gravity: what moves. n: how many.
-        task: a `Slew` or `Reach`. starts: what fresh starts are drawn from.
+        task: a record of a task. starts: what fresh starts are drawn from.
         period: control period, s, a whole number of settings.dt. books: keep energies. threads: at most so many.
         extras: controllers, motors, sensors, moving targets.
     Attributes:
         action (n, A) float32: to be filled before `step`. observation (n, O) float32, reward (n,), terminated,
         truncated (n,): of the last step or start. table: entries of info, a row each, a column an arm (and some to
-        spare). tail_first: index of info's tail. address: what the compiled functions take.
+        spare). info_at: where each of `INFO` is in it. request: a `REQUEST`, NaN: to be drawn. address: what
+        the compiled functions take.
     """
 
     def __init__(
-        self, arm: Arm, settings: Settings, n: int, task: Slew | Reach, starts: Starts, *,
+        self, arm: Arm, settings: Settings, n: int, task: Task, starts: Starts, *,
         period: float, gravity: tuple[float, float] | None = None, books: bool = False, threads: int = 1,
         extras: Extras | None = None,
     ) -> None:  # fmt: skip
@@ -202,7 +195,6 @@ class Batch:
         self.lane = SINGLE if n < LANES_FROM or settings.formulation in ONE_BY_ONE else WIDEST
         self.groups = -(-n // len(self.lane))
         self.threads = max(1, min(threads, self.groups))
-        self.tail_first = DEFLECTION + 2 * len(task.links) + len(task.targets) + len(task.terms)
         self.pose = pose_table(arm, settings, gravity)
         self._build()
 
@@ -216,6 +208,7 @@ class Batch:
         self.layout = layout_of(lanes, model, task, self.entries, self.extras, fitted)
         self._work = int(uncompiled(work_size)(1, model, 0)) - 4  # its counters are apart
         count, links = self.n, self.arm.n_links
+        self.info_at = info_places(task)
         self.block = aligned(self.groups, self.layout.row)
         self.action = np.zeros((count, links), np.float32)
         self.observation = np.zeros((count, self.entries), np.float32)
@@ -226,8 +219,9 @@ class Batch:
         self.reward = np.zeros(count)
         self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.stream = np.zeros(count, np.uint64)
-        self.wish = np.full(links + 3, np.nan)
-        self.outside = np.zeros(14 * links + 6 + gauges)
+        self.request = np.full(REQUEST.offsets(0, links).end, np.nan)
+        self.report = np.zeros(REPORT.offsets(0, links, gauges).end)
+        self._gauges = gauges
         limits = (settings.tolerance, settings.max_iterations, settings.max_halvings, settings.newton == "modified")
         n_steps = round(self.period / settings.dt)
         self.program = Program(
@@ -241,13 +235,13 @@ class Batch:
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
             observation=self.observation.reshape(-1), table=self.table.reshape(-1), reward=self.reward,
             terminated=self.terminated.view(np.uint8), truncated=self.truncated.view(np.uint8),
-            stream=self.stream, wish=self.wish, outside=self.outside,
+            stream=self.stream, request=self.request, report=self.report,
         )  # fmt: skip
         self._placed = Placed(self.program)
         self.address = self._placed.address
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
         self._begin = entry(starts.begin, self._placed, 0, 0)
-        self._witness: Any = None
+        self._take_report: Any = None
         self._native = native(environment.step, self._placed, 0, 0) if self.threads > 1 else 0
         self._crew = Crew(self.threads - 1)
         self._alone: Batch | None = None
@@ -287,7 +281,7 @@ class Batch:
         return self._mine(self.layout.par, self.layout.poses, i)
 
     def record(self, i: int) -> Array:
-        """Arm i's record (see `tasks.task`), a view."""
+        """Arm i's record (see `tasks.program.RECORD`), a view."""
         return self._mine(self.layout.record, self.layout.action, i)
 
     # --- motion ----------------------------------------------------------------------------------
@@ -302,6 +296,11 @@ class Batch:
         q, v, u = (part.reshape(-1, lanes)[:, i % lanes].copy() for part in (work.q, work.v, work.u))
         return q, v, u[:links]
 
+    def ask(self, angles: Array, target: Array, vibration: Array) -> None:
+        """What the next start is to be like: joint angles (N,), target (2,), vibration; NaN: drawn."""
+        asked = {"angles": angles, "target": target, "vibration": vibration}
+        self.request[:] = REQUEST.pack({"joints": self.arm.n_links}, **asked)
+
     def begin(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
         """Fresh starts; keys: 64 random bits for each arm that its draws and noise follow from."""
         lanes, at = len(self.lane), self.layout.record + LIMIT * len(self.lane)
@@ -309,18 +308,21 @@ class Batch:
             self.queue[k], self.stream[i], self.block[i // lanes, at + i % lanes] = i, keys[k], limit
         self._begin(self.address, mode, len(arms))
 
-    def witness(
+    def take_report(
         self, i: int, poses: Array, torques: Array, action: Array, energies: Array, code: int, gauges: Any = ()
     ) -> None:
-        """The outcome of a period of arm i that was moved elsewhere.
+        """The outcome of a period of arm i, which is guided: moved elsewhere.
 
         poses (N, 12), torques (N,) N m, action (N,), energies (5,) J: kinetic, strain, gravity, dissipated, work;
         gauges (G,), scaled; code: status, or -1 for the start of its episode.
         """
-        self.outside[:] = np.concatenate([poses.ravel(), torques, action, energies, [1.0], np.asarray(gauges, float)])
-        if self._witness is None:
-            self._witness = entry(starts.witness, self._placed, 0, 0)
-        self._witness(self.address, i, code)
+        self.report[:] = REPORT.pack(
+            {"links": self.arm.n_links, "gauges": self._gauges}, poses=poses, torque=torques, action=action,
+            energies=energies, in_range=1.0, gauges=gauges,
+        )  # fmt: skip
+        if self._take_report is None:
+            self._take_report = entry(starts.take_report, self._placed, 0, 0)
+        self._take_report(self.address, i, code)
 
     def step(self) -> int:
         """One control period of all arms with `action`; returns how many want attention (ended, or guided)."""
@@ -333,7 +335,7 @@ class Batch:
         return int(count)
 
     def renew(self, keep: bool = True) -> None:
-        """Write what comes into another table, which nobody looks at any more; the present one stays as it is.
+        """Write what comes into another table, which is no longer looked at; the present one stays as it is.
 
         keep: begin with a copy of the present one; without, all of it is to be written, which a step does.
         """
@@ -348,7 +350,7 @@ class Batch:
 
     def _repeat_alone(self) -> None:
         """Arms whose Newton iteration failed in their lane go through the period again, where steps are halved."""
-        for i in np.flatnonzero(self.table[self.tail_first + REASON, : self.n] == RETRY).tolist():
+        for i in np.flatnonzero(self.table[self.info_at.reason, : self.n] == RETRY).tolist():
             alone = self.alone()
             alone.take(0, self.give(i))
             alone.action[0] = self.action[i]
@@ -405,18 +407,18 @@ class Batch:
         """Where arm i is."""
         lanes, rows, links = len(self.lane), len(self.system.q0), self.arm.n_links
         q, v = self._mine(0, rows * lanes, i).copy(), self._mine(rows * lanes, 2 * rows * lanes, i).copy()
-        poses, points = np.zeros(12 * links), np.full((room_for_points(self.settings, links), 2), np.nan)
+        poses, points = np.zeros(POSE.end * links), np.full((room_for_points(self.settings, links), 2), np.nan)
         count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
         record, targets = self.record(i), len(self.task.targets)
         info = self._mine(self.layout.info, self.layout.saved, i)
-        torque = DEFLECTION + links + targets
+        at = self.info_at
         return View(
             points=points[:count].copy(),
-            poses=poses.reshape(-1, 12),
+            poses=poses.reshape(-1, POSE.end),
             time=float(record[STEP]) * self.period,
             target=record[TARGET : TARGET + targets].copy(),
-            torques=info[torque : torque + links].copy(),
-            deflection=info[DEFLECTION : DEFLECTION + links].copy(),
+            torques=info[at.torque : at.torque + links].copy(),
+            deflection=info[at.deflection : at.deflection + links].copy(),
         )
 
     def close(self) -> None:
@@ -425,7 +427,8 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         skipped = (
-            "program", "_placed", "address", "compiled_step", "_begin", "_witness", "_crew", "_alone", "_native",
+            "program", "_placed", "address", "compiled_step", "_begin", "_take_report", "info_at", "_crew", "_alone",
+            "_native",
         )  # fmt: skip
         return {k: v for k, v in vars(self).items() if k not in skipped}
 
@@ -439,8 +442,8 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Controller", "DEFLECTION", "ENERGIES", "ERROR", "Extras",
-    "FRESH", "GUIDED", "HOLD", "IN_RANGE", "LIMIT", "MODE", "OVER", "OneAtATime", "REASON", "REASONS", "REWARD",
-    "RUNNING", "Reach", "Reference", "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET",
-    "TARGET_RATE", "TIP", "TRUNCATED", "View", "gauge_table", "one_at_a_time", "scene_gauges", "standing_scene",
+    "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
+    "GUIDED", "INFO", "LIMIT", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING", "Reach", "Reference",
+    "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table",
+    "info_places", "one_at_a_time", "scene_gauges", "standing_scene",
 ]  # fmt: skip

@@ -199,6 +199,16 @@ class Arm:
         """Mass of links, elbows and payload, kg."""
         return sum(k.mass for k in self.links) + sum(e.mass for e in self.elbows) + self.payload.mass
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the N joints: "hub"; "elbow", or where there are several "elbow_1", "elbow_2", ..."""
+        count = self.n_links - 1
+        return ("hub", *(("elbow",) if count == 1 else tuple(f"elbow_{k + 1}" for k in range(count))))
+
+    def by_link(self, name: str) -> tuple[str, ...]:
+        """A name for each of the N links: itself for a single one, otherwise with _1, _2, ... behind it."""
+        return (name,) if self.n_links == 1 else tuple(f"{name}_{k + 1}" for k in range(self.n_links))
+
     def elbow(self, joint: int) -> Elbow:
         """The elbow at joint 1 ... N-1 (a massless one where none is given)."""
         if not 1 <= joint < self.n_links:

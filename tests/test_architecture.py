@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_DESCRIPTION = {"validation", "parameters", "settings", "time_functions", "arms", "scene", "scenes"}
+_DESCRIPTION = {"validation", "parameters", "rigid", "settings", "time_functions", "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
@@ -26,6 +26,7 @@ _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting",
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
     "parameters": {"validation"},
+    "rigid": {"validation", "parameters"},
     "settings": {"validation"},
     "time_functions": {"validation"},
     "arms": {"validation", "parameters"},
@@ -43,7 +44,7 @@ ROOMS: dict[str, set[str]] = {
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},
     "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation"},
     "comparison": {*_DESCRIPTION, "trajectory", "simulation"},
-    "control": {*_PHYSICS},
+    "control": {*_PHYSICS, "tasks"},
     "envs": {*_PHYSICS, "compiler", "control"},
     "plotting": {*_PHYSICS, "comparison"},
     "recording": {*_DESCRIPTION, "trajectory", "envs"},

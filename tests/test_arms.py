@@ -45,7 +45,8 @@ def test_the_oracle_knows_a_cantilever() -> None:
 
 
 def test_names_and_sources() -> None:
-    assert set(arms.names()) == {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl"}
+    known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "three_strips"}
+    assert set(arms.names()) == known
     for name in arms.names():
         arm = arms.named(name)
         assert arm.name == name
@@ -110,7 +111,7 @@ def test_quanser() -> None:
     assert arm.tau_d == pytest.approx(2 * 0.01 / omega, rel=0.01)
 
 
-@pytest.mark.parametrize("name", ["strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl"])
+@pytest.mark.parametrize("name", arms.names())
 def test_named_arms_round_trip(name: str) -> None:
     arm = arms.named(name)
     assert arms.from_toml(arms.to_toml(arm)) == arm

@@ -38,7 +38,7 @@ def reach():
 # ------------------------------------------------------------------ the arm as controllers know it
 @pytest.mark.parametrize("elbow", [-2.0, 0.0, 1.0])
 def test_rigid_inertia_is_that_of_the_linear_model(elbow):
-    inertia = kinematics.rigid_inertia(TWO, np.array([elbow]))[0]
+    inertia = kinematics.rigid_inertia(TWO, np.array([[elbow]]))[0]
     assert arm_model(TWO, (elbow,)).inertia == pytest.approx(inertia, rel=1e-6)
 
 
@@ -46,12 +46,12 @@ def test_coriolis_torques_follow_from_the_inertia():
     elbow, rates, step = np.array([0.7]), np.array([[1.3, -0.6]]), 1e-5
 
     def inertia(angle):
-        return kinematics.rigid_inertia(TWO, angle)[0]
+        return kinematics.rigid_inertia(TWO, angle[:, None])[0]
 
     slope = (inertia(elbow + step) - inertia(elbow - step)) / (2 * step)
     v = rates[0]
     expected = slope @ v * v[1] - 0.5 * np.array([0.0, v @ slope @ v])
-    assert kinematics.coriolis(TWO, elbow, rates)[0] == pytest.approx(expected, rel=1e-7)
+    assert kinematics.coriolis(TWO, elbow[:, None], rates)[0] == pytest.approx(expected, rel=1e-7)
 
 
 def test_frequencies_of_the_free_strip():
@@ -77,7 +77,7 @@ def test_goal_angles_reach_the_target_within_limits():
     radius, bearing = rng.uniform(0.3, 0.95, n), rng.uniform(-3, 3, n)
     target = np.stack([radius * np.cos(bearing), radius * np.sin(bearing)], axis=1)
     goal = kinematics.goal_angles(TWO, angles, target, np.ones((n, 2)))
-    tip = kinematics.tip_in_hub_frame(TWO, goal[:, 1], np.zeros((n, 2)))
+    tip = kinematics.tip_in_hub_frame(TWO, goal[:, 1:], np.zeros((n, 2)))
     turn = goal[:, 0] - angles[:, 0]
     c, s = np.cos(turn), np.sin(turn)
     reached = np.stack([c * tip[:, 0] - s * tip[:, 1], s * tip[:, 0] + c * tip[:, 1]], axis=1)

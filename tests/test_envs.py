@@ -122,7 +122,7 @@ def expected_observation(env: Any) -> np.ndarray:
         bends.append(normal / link.length)
         rates.append((turned(p[2], speed)[1] - p[5] * along) / link.length)
     tip, velocity = poses[-1, 6:8], poses[-1, 9:11]
-    if plan.kind.n_links == 1:
+    if plan.arm.n_links == 1:
         hub, rate = poses[0, 2], poses[0, 5]
         angle = math.atan2(tip[1], tip[0])
         error = target[0] - angle
@@ -184,7 +184,7 @@ def test_reward_is_the_sum_of_bounded_terms(env: Any) -> None:
             assert 0.0 <= terms[name] <= weights[name]
         for name in ("distance", "effort", "vibration", "failure"):
             assert -weights[name] * (2 if name == "effort" else 1) <= terms[name] <= 0.0
-        if env.unwrapped.plan.kind.n_links == 1:
+        if env.unwrapped.plan.arm.n_links == 1:
             error = float(observation[5])
             assert terms["accuracy"] == pytest.approx(0.5 * math.exp(-((error / 0.1) ** 2)), abs=1e-5)
             assert terms["distance"] == pytest.approx(-0.5 * min(abs(error), 1.0), abs=1e-6)

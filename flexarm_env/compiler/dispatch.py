@@ -54,7 +54,8 @@ def by_kind(argument: str, arguments: str) -> Callable[[Callable[[str], Any]], C
     def decorate(choose: Callable[[str], Any]) -> Callable[..., Any]:
         def function(*args: Any) -> Any:
             x = args[place]
-            return choose(NONE if x is None else TUPLE if isinstance(x, tuple) else NUMBER)(*args)
+            made = choose(NONE if x is None else TUPLE if isinstance(x, tuple) else NUMBER)
+            return getattr(made, "py_func", made)(*args)  # as written: it may be asked while a kernel is compiled
 
         def chosen(kinds: Any) -> Any:
             kind = kinds[place]

@@ -19,6 +19,18 @@ NODES = 7
 """Tangent angles a link (elastica) from which the modes are taken; the frequencies kept are then converged."""
 
 
+GRID = 0.1
+"""Postures for which controllers are designed lie this far apart, rad."""
+
+
+def postures(goals: Array) -> list[tuple[float, ...]]:
+    """The designs' elbow angles for goals (n, N): on the grid, and of a posture and its mirror image the one that bends
+    to the left first, since both have the same model."""
+    elbows = np.round(goals[:, 1:] / GRID) * GRID
+    mirrored = [next((angle for angle in row if angle != 0.0), 1.0) < 0.0 for row in elbows.tolist()]
+    return [tuple((0.0 + row * (-1.0 if flip else 1.0)).tolist()) for row, flip in zip(elbows, mirrored, strict=True)]
+
+
 @dataclass(frozen=True)
 class ArmModel:
     """Linear model of an arm about rest, its joints at given angles: a truncated set of modes, SI.

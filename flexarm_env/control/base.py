@@ -22,7 +22,7 @@ class Setup:
     """What a controller may know about its environment: the nominal arm and the observation's layout, SI.
 
     Args:
-        task: "slew" (one link, tip angle) or "reach" (two links, tip position).
+        task: "slew" (one link, tip angle) or "reach" (two links or more, tip position).
         arm: the nominal arm. control_dt: s. torque_limits (N,): N m at an action of 1.
         names, scales: of the observation's entries, in order; entry = value / scale.
     """
@@ -78,13 +78,12 @@ class Reader:
     def __init__(self, setup: Setup) -> None:
         self.scales = np.asarray(setup.scales)
         place = {name: i for i, name in enumerate(setup.names)}
-        joints = ("hub", "elbow") if setup.n_joints == 2 else ("hub",)
+        joints = setup.arm.joint_names
         self._sin = [place[f"{j}_sin"] for j in joints]
         self._cos = [place[f"{j}_cos"] for j in joints]
         self._rates = [place[f"{j}_rate"] for j in joints]
-        links = ("",) if setup.n_joints == 1 else tuple(f"_{k + 1}" for k in range(setup.n_joints))
-        self._bends = [place[f"tip_deflection{k}"] for k in links]
-        self._bend_rates = [place[f"tip_deflection_rate{k}"] for k in links]
+        self._bends = [place[name] for name in setup.arm.by_link("tip_deflection")]
+        self._bend_rates = [place[name] for name in setup.arm.by_link("tip_deflection_rate")]
         error = ("target_error",) if setup.task == "slew" else ("to_target_x", "to_target_y")
         self._error = [place[name] for name in error]
 
@@ -149,9 +148,9 @@ class Controller(ABC):
             return self._angles + _hub_error(signals)
         arm = self.setup.arm
         target = target_in_hub_frame(arm, signals.angles, signals.bends, signals.error)
-        inertia = rigid_inertia(arm, signals.angles[:, 1])
-        weight = np.sqrt(np.diagonal(inertia, axis1=1, axis2=2) / self.limits)
-        return goal_angles(arm, signals.angles, target, weight)
+        inertia = rigid_inertia(arm, signals.angles[:, 1:])
+        rates = np.sqrt(self.limits / np.diagonal(inertia, axis1=1, axis2=2))
+        return goal_angles(arm, signals.angles, target, rates)
 
 
 def _hub_error(signals: Signals) -> Array:

@@ -34,13 +34,14 @@ def _table(task: str) -> dict[str, Any]:
     return tomllib.loads(path.read_text("utf-8"))
 
 
-def tuned_gains(name: str, task: str) -> Any:
+def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
     """The tuned gains of the controller `name` for a task ("slew" or "reach"), an instance of its gains' class.
 
+    n_joints: of the arm; None: as the task's own arm has. For three and more there is one set of gains, "chain".
     Raises ValueError for a name that there is not, or that no arm of this task can have.
     """
     check.choice("controller", name, NAMES)
-    table = _table(task)
+    table = _table("chain" if n_joints is not None and n_joints > 2 else task)
     if name not in table:
         known = ", ".join(f'"{other}"' for other in table)
         raise check.InvalidValue("controller", name, f'must be one of {known} for task="{task}"')
@@ -78,5 +79,5 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     if not isinstance(env, Setup):
         _check(env.unwrapped.plan)
     kind, made = _KINDS[name]
-    own = tuned_gains(name, setup.task) if gains is None else check.instance("gains", gains, kind)
+    own = tuned_gains(name, setup.task, setup.n_joints) if gains is None else check.instance("gains", gains, kind)
     return made(setup, own)

@@ -1,4 +1,4 @@
-"""Rigid two-link geometry and inertia, for many arms at once."""
+"""Where an arm's joints are to go, for many arms at once."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
+from ..rigid import coriolis, rigid_inertia
 
 Array = NDArray[np.float64]
 
@@ -15,70 +16,61 @@ def wrapped(angle: Array) -> Array:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def tip_in_hub_frame(arm: Arm, elbow: Array, bends: Array) -> Array:
-    """Tip (n, 2) in m, in the frame that turns with the hub, from elbow angles (n,) and deflections (n, 2) over length.
+def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
+    """Tip (n, 2) in m, in the frame that turns with the hub, from elbow angles (n, N - 1) and deflections (n, N) over
+    length.
 
-    The tip of link 1 turns by 1.5 times its deflection, as a cantilever's does that is bent by a force at its tip.
+    The tip of a link turns by 1.5 times its deflection, as a cantilever's does that is bent by a force at its tip.
     """
-    one, two = (link.length for link in arm.links)
-    chord = 1.0 - 0.6 * bends**2
-    angle = 1.5 * bends[:, 0] + elbow
-    x = one * chord[:, 0] + two * (chord[:, 1] * np.cos(angle) - bends[:, 1] * np.sin(angle))
-    y = one * bends[:, 0] + two * (chord[:, 1] * np.sin(angle) + bends[:, 1] * np.cos(angle))
-    return np.stack([x, y], axis=1)
+    tip, angle = np.zeros((len(bends), 2)), np.zeros(len(bends))
+    for k, link in enumerate(arm.links):
+        cosine, sine, along, across = np.cos(angle), np.sin(angle), 1.0 - 0.6 * bends[:, k] ** 2, bends[:, k]
+        tip[:, 0] += link.length * (along * cosine - across * sine)
+        tip[:, 1] += link.length * (along * sine + across * cosine)
+        if k + 1 < arm.n_links:
+            angle = angle + (1.5 * bends[:, k] + elbows[:, k])
+    return tip
 
 
 def target_in_hub_frame(arm: Arm, angles: Array, bends: Array, error: Array) -> Array:
     """Target (n, 2) in m, in the frame of the hub, from what an observation holds (see `base.Signals`)."""
-    return tip_in_hub_frame(arm, angles[:, 1], bends) + error
+    return tip_in_hub_frame(arm, angles[:, 1:], bends) + error
 
 
-def goal_angles(arm: Arm, angles: Array, target: Array, weight: Array) -> Array:
-    """Joint angles (n, 2) of the rigid arm with its tip at the target, of the two solutions the one sooner reached.
+def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
+    """Joint angles (N,) that bring the tip of one arm of straight links to (x, y), as environments choose them.
+
+    lengths, rates (N,), limits (2 N,) and angles (N,) now: see `tasks.angles`, whose kernels answer.
+    """
+    from ..tasks.angles import least_angles, sooner_angles
+
+    goal: Array = angles.copy()
+    if len(lengths) == 2:
+        sooner_angles(lengths, rates, limits, float(x), float(y), goal)
+    else:
+        least_angles(lengths, limits, float(x), float(y), goal)
+    return goal
+
+
+def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
+    """Joint angles (n, N) of the rigid arm with its tip at the target.
+
+    Of two links, the one of both solutions that is sooner reached; of more, the solution of least sum of squares
+    (`tasks.angles`), the hub as near as whole turns bring it.
 
     Args:
-        angles (n, 2): now, rad. target (n, 2): in the frame of the hub as it stands at these angles, m.
-        weight (n, 2): time that a joint takes for an angle x is weight sqrt(|x|).
+        angles (n, N): now, rad. target (n, 2): in the frame of the hub as it stands at these angles, m.
+        rates (n, N): time that a joint takes for an angle x is sqrt(|x|) / rate. For two links only.
     A target out of reach is approached along the line to it. Joint limits are kept, and no elbow turns past pi.
     """
-    one, two = (link.length for link in arm.links)
-    distance = np.linalg.norm(target, axis=1)
-    cosine = np.clip((distance**2 - one**2 - two**2) / (2.0 * one * two), -1.0, 1.0)
-    bearing = np.arctan2(target[:, 1], target[:, 0])
-    moves, times = [], []
-    low, high = arm.joint_limits[1] if arm.joint_limits and arm.joint_limits[1] else (-np.pi, np.pi)
-    for sign in (1.0, -1.0):
-        elbow = sign * np.arccos(cosine)
-        hub = bearing - np.arctan2(two * np.sin(elbow), one + two * np.cos(elbow))
-        move = np.stack([wrapped(hub), elbow - angles[:, 1]], axis=1)
-        moves.append(move)
-        times.append(np.max(weight * np.sqrt(np.abs(move)), axis=1) + 1e6 * ((elbow < low) | (elbow > high)))
-    best = np.where((times[0] <= times[1])[:, None], moves[0], moves[1])
-    return angles + best
+    low_high = [(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]
+    lengths, limits = np.array([link.length for link in arm.links]), np.array(low_high, np.float64).ravel()
+    hub = angles[:, 0]
+    x = np.cos(hub) * target[:, 0] - np.sin(hub) * target[:, 1]
+    y = np.sin(hub) * target[:, 0] + np.cos(hub) * target[:, 1]
+    return np.array([goal_of(lengths, rates[i], limits, x[i], y[i], angles[i]) for i in range(len(angles))])
 
 
-def rigid_inertia(arm: Arm, elbow: Array) -> Array:
-    """Inertia (n, 2, 2) in kg m^2 of the rigid arm about its joints, at elbow angles (n,)."""
-    first, second = arm.links
-    motor, payload = arm.elbow(1), arm.payload
-    one, two = first.length, second.length
-    beyond = motor.mass + second.mass + payload.mass
-    about_root = (
-        arm.hub_inertia + first.mass * one**2 / 3 + first.section.J * one + motor.inertia_left + beyond * one**2
-    )
-    outer = motor.inertia_right + second.mass * two**2 / 3 + second.section.J * two
-    outer += payload.mass * two**2 + payload.inertia
-    coupling = one * (second.mass * two / 2 + payload.mass * two) * np.cos(elbow)
-    inertia = np.empty((len(elbow), 2, 2))
-    inertia[:, 0, 0] = about_root + outer + 2.0 * coupling
-    inertia[:, 0, 1] = inertia[:, 1, 0] = outer + coupling
-    inertia[:, 1, 1] = outer
-    return inertia
-
-
-def coriolis(arm: Arm, elbow: Array, rates: Array) -> Array:
-    """Torques (n, 2) in N m that the rigid arm needs at these joint rates (n, 2) beside inertia times acceleration."""
-    second, payload = arm.links[1], arm.payload
-    lever = arm.links[0].length * (second.mass / 2 + payload.mass) * second.length * np.sin(elbow)
-    hub, turn = rates[:, 0], rates[:, 1]
-    return np.stack([-lever * (2.0 * hub * turn + turn**2), lever * hub**2], axis=1)
+__all__ = [
+    "coriolis", "goal_angles", "goal_of", "rigid_inertia", "target_in_hub_frame", "tip_in_hub_frame", "wrapped",
+]  # fmt: skip

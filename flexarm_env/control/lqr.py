@@ -10,14 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
-from .arm_model import ArmModel, arm_model
+from .arm_model import ArmModel, arm_model, postures
 from .base import Controller, Setup, Signals
 
 Array = NDArray[np.float64]
-
-GRID = 0.1
-"""Postures for which gains are computed lie this far apart, rad."""
-
 
 @dataclass(frozen=True)
 class LQRGains:
@@ -114,12 +110,11 @@ class LQR(Controller):
         self.gains = gains
 
     def designs(self) -> list[Design]:
-        """The design of each arm, from its elbow's angle at the goal (a mirrored posture has the same)."""
+        """The design of each arm, from its elbows' angles at the goal (a mirrored posture has the same)."""
         setup = self.setup
-        postures = np.round(self.goal[:, 1:] / GRID) * GRID
         return [
-            design(setup.arm, setup.torque_limits, setup.control_dt, self.gains, tuple(row.tolist()))
-            for row in postures
+            design(setup.arm, setup.torque_limits, setup.control_dt, self.gains, posture)
+            for posture in postures(self.goal)
         ]
 
     def begin(self, signals: Signals, to_go: Array) -> None:

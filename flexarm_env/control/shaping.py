@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
-from .arm_model import arm_model
+from .arm_model import arm_model, postures
 from .base import Controller, Setup, Signals
 from .kinematics import coriolis, rigid_inertia
 from .pd import PDGains
@@ -22,9 +22,6 @@ Array = NDArray[np.float64]
 
 LIGHT = 0.5
 """Modes damped less than this are shaped for; the others die out by themselves."""
-
-GRID = 0.1
-"""Postures for which impulses are computed lie this far apart, rad."""
 
 
 @dataclass(frozen=True)
@@ -110,11 +107,7 @@ class ShapedPD(Controller):
     def begin(self, signals: Signals, to_go: Array) -> None:
         arm = self.setup.arm
         self.move = to_go
-        elbows = [np.abs(self.goal[:, k]) for k in range(1, arm.n_links)]
-        shapers = []
-        for row in range(len(to_go)):
-            posture = tuple(float(np.round(e[row] / GRID) * GRID) for e in elbows)
-            shapers.append(closed_loop_shaper(arm, self.gains.pd, self.kind, posture))
+        shapers = [closed_loop_shaper(arm, self.gains.pd, self.kind, posture) for posture in postures(self.goal)]
         most = max(len(s.delays) for s in shapers)
         padded = [
             replace(s, amplitudes=s.amplitudes + (0.0,) * (most - len(s.delays)),
@@ -122,14 +115,9 @@ class ShapedPD(Controller):
         ]  # fmt: skip
         self.amplitudes = np.array([s.amplitudes for s in padded])
         self.delays = np.array([s.delays for s in padded])
-        inertia = self._inertia(self.goal)
+        inertia = rigid_inertia(arm, self.goal[:, 1:])
         load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / (self.gains.effort * self.limits)
         self.period = np.maximum(2.0 * np.sqrt(load.max(axis=1)), 2.0 * self.setup.control_dt)
-
-    def _inertia(self, angles: Array) -> Array:
-        if self.setup.n_joints == 1:
-            return np.broadcast_to(arm_model(self.setup.arm).inertia, (len(angles), 1, 1))
-        return rigid_inertia(self.setup.arm, angles[:, 1])
 
     def _reference(self, t: float) -> tuple[Array, Array]:
         """Share of the move done and its rate in 1/s, (n,) each, at time t in s."""
@@ -147,8 +135,7 @@ class ShapedPD(Controller):
         rates = self.move * rate[:, None]
         accelerations = self.move * ((later - rate) / dt)[:, None]
         angles = self.goal - left
-        forward = np.einsum("nij,nj->ni", self._inertia(angles), accelerations)
-        if self.setup.n_joints == 2:
-            forward = forward + coriolis(self.setup.arm, angles[:, 1], rates)
+        inertia = rigid_inertia(self.setup.arm, angles[:, 1:])
+        forward = np.einsum("nij,nj->ni", inertia, accelerations) + coriolis(self.setup.arm, angles[:, 1:], rates)
         torques: Array = forward + self.kp * (to_go - left) + self.kd * (rates - signals.rates)
         return torques

@@ -57,16 +57,16 @@ def plan(A: Array, B: Array, start: Array, limits: Array, least: int = 1, most: 
             raise ValueError(f"most = {most}: no plan of so few periods brings the arm to rest at its goal")
         low, high = high, min(most, int(1.3 * high) + 1)
         found = _feasible(A, B, start, limits, high)
-    best = found
+    shortest = found
     while high - low > 1:
         middle = (low + high) // 2
         tried = _feasible(A, B, start, limits, middle)
         low, high = (middle, high) if tried is None else (low, middle)
-        best = best if tried is None else tried
+        shortest = shortest if tried is None else tried
     states = [start]
-    for torque in best:
+    for torque in shortest:
         states.append(A @ states[-1] + B @ torque)
-    return Plan(best, np.array(states))
+    return Plan(shortest, np.array(states))
 
 
 def _feasible(A: Array, B: Array, start: Array, limits: Array, periods: int) -> Array | None:

@@ -14,17 +14,14 @@ from .. import validation as check
 from ..batch import Actuator, Controller, Reference, Sensors, gauge_table
 from ..parameters import Arm
 from ..settings import Settings
-from ..time_functions import TimeFunction
-from .task import Kind, controller_gains, inertia_beyond, rate_scale, scales_of
+from .targets import AHEAD
+from .task import Kind, controller_gains
 
 Array = NDArray[np.float64]
 
 ACTION_MODES = ("torque", "residual_pd")
 RESIDUAL_SHARE = 0.7
 """Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""
-
-AHEAD = (0.1, 0.3)
-"""Times, s, by which the observation of task="track" looks ahead."""
 
 LONGEST = 1000
 """Largest delay, in steps or periods: each of them is remembered."""
@@ -178,84 +175,17 @@ def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
 
 def reference(frame: Frame, given: Any, periods: int) -> Reference:
     """The target's path: what is given, sampled at the control instants, or drawn anew each episode."""
-    arm, targets = frame.arm, frame.kind.targets
-    rate = rate_scale(arm, 0)
+    target, arm = frame.kind.target, frame.arm
     ahead = np.array([max(1, round(time / frame.period)) for time in AHEAD], np.int64)
-    if targets == 1:
-        ranges = [(0.3, math.pi / 2), (10.0 / rate, 20.0 / rate), (0.0, 0.0), (0.0, 0.0)]
-    else:
-        far = arm.total_length
-        ranges = [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far)]
-        ranges.append((-math.pi / 3, math.pi / 3))
-    table = np.zeros(0) if given is None else _path(given, arm, targets, frame.period, periods + int(ahead.max()) + 1)
-    scales = np.array(reference_scales(frame))
-    return Reference(table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales)
-
-
-def reach(arm: Arm) -> tuple[float, float]:
-    """Smallest and largest distance of the rigid arm's tip from the root, m."""
-    lengths = [link.length for link in arm.links]
-    return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
-
-
-def _check_reach(arm: Arm, t: Any, places: Sequence[Any]) -> None:
-    near, far = reach(arm)
-    distance = np.hypot(*places)
-    wrong = np.flatnonzero((distance < near * (1.0 - 1e-9)) | (distance > far * (1.0 + 1e-9)))
-    if wrong.size:
-        at = f"({places[0][wrong[0]]:g}, {places[1][wrong[0]]:g}) m at {t[wrong[0]]:g} s"
-        raise ValueError(f"reference = {at}: must stay within reach, {near:g} to {far:g} m from the root")
-
-
-def _is_path(given: Any) -> bool:
-    """Whether this is a table of t, x, y."""
-    try:
-        rows = np.asarray(given)
-    except ValueError:
-        return False
-    return bool(rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] == 3)
-
-
-def _path(given: Any, arm: Arm, targets: int, period: float, rows: int) -> Array:
-    """(rows, 2 D) flattened: target and its rate at the control instants."""
-    if targets == 1:
-        functions = [_function("reference", given)]
-    else:
-        if _is_path(given):
-            rows_of = np.asarray(given)
-            given = [rows_of[:, [0, 1]], rows_of[:, [0, 2]]]
-        what = "two functions of time, x and y (m), or a table (n, 3): t, x, y"
-        functions = [_function(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", given, what, 2))]
-    t = np.arange(rows) * period
-    if targets == 2:
-        _check_reach(arm, t, [f(t) for f in functions])
-    return np.column_stack([f(t) for f in functions] + [f(t, 1) for f in functions]).ravel()
-
-
-def _function(path: str, given: Any) -> TimeFunction:
-    from .motion import function_of
-
-    return function_of(path, given)
-
-
-def reference_names(kind: Kind) -> tuple[str, ...]:
-    """Names of the entries that a moving target adds to the observation."""
-    parts = [("target_rate",) if kind.targets == 1 else ("target_velocity_x", "target_velocity_y")]
-    for k in range(len(AHEAD)):
-        name = f"target_ahead_{k + 1}"
-        parts.append((name,) if kind.targets == 1 else (f"{name}_x", f"{name}_y"))
-    return tuple(name for part in parts for name in part)
-
-
-def reference_scales(frame: Frame) -> list[float]:
-    """Their scales: those of the rates and of the way to the target."""
-    scales = scales_of(frame.kind, frame.arm)
-    if frame.kind.targets == 1:
-        return [scales[2], scales[5], scales[5]]
-    return [scales[10], scales[11], *scales[12:14], *scales[12:14]]
+    table = np.zeros(0)
+    if given is not None:
+        t = np.arange(periods + int(ahead.max()) + 1, dtype=np.float64) * frame.period
+        path = target.path(given, arm, t)
+        table = np.column_stack([f(t) for f in path] + [f(t, 1) for f in path]).ravel()
+    scales = np.array([scale for _, scale in target.entries(arm)])
+    return Reference(table=table, ranges=np.array(target.ranges(arm)).ravel(), ahead=ahead, scales=scales)
 
 
 __all__ = [
-    "ACTION_MODES", "Frame", "actuator", "controller", "gauge_names", "gauge_scales", "gauges", "inertia_beyond",
-    "reach", "reference", "reference_names", "reference_scales", "sensors",
+    "ACTION_MODES", "Frame", "actuator", "controller", "gauge_names", "gauge_scales", "gauges", "reference", "sensors",
 ]  # fmt: skip

@@ -16,12 +16,12 @@ from .. import validation as check
 from ..batch import CLIP, Batch, Extras, Starts
 from ..parameters import Arm
 from ..settings import Settings, check_options, default_options, merged
-from .features import Frame, controller, gauge_names, gauge_scales, gauges, reference_names, reference_scales
+from .features import Frame, controller, gauge_names, gauge_scales, gauges
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
 from .motion import Prescribed, prescribed
-from .task import Entry, Kind, info_entries, reward_weights, scales_of
+from .task import Entry, Kind, info_entries, reward_weights
 from .vibration import shake
 
 INFO_LEVELS = ("standard", "full", "numbers")
@@ -34,9 +34,6 @@ DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "floating_frame": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
 }
 """What the environments use where nothing is said; benchmarks/choose_default.py is the reason."""
-
-REPLAYS = {1: "robot_arm_motion", 2: "two_link_motion"}
-"""What task="replay" replays where no motion is given, by the number of links."""
 
 FACTORS = ("payload", "EI", "damping", "torque_constant")
 """Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
@@ -150,9 +147,10 @@ def plan(
     _only_with("reference", reference, word, "track")
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, _gravity(gravity))
-    names, scales = kind.names, tuple(scales_of(kind, own))
+    entries = kind.entries(own)
     if word == "track":
-        names, scales = (*names, *reference_names(kind)), (*scales, *reference_scales(frame))
+        entries += kind.target.entries(own)
+    names, scales = tuple(name for name, _ in entries), tuple(scale for _, scale in entries)
     places = gauges(frame, sensors)
     extras = Extras(
         controller=controller(frame, action_mode, residual_share),
@@ -160,6 +158,7 @@ def plan(
         sensors=make_sensors(frame, sensors, names, scales),
         reference=make_reference(frame, reference, limit) if word == "track" else None,
     )
+    weights = reward_weights(kind, reward)
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     starts = dataclasses.replace(kind.starts(own), factors=_factors(randomization), vibration=vibration)
     if vibration > 0.0:
@@ -167,16 +166,20 @@ def plan(
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
-        starts=starts, rewards=tuple(reward_weights(kind, reward).tolist()), extras=extras,
+        starts=starts, rewards=tuple(weights.tolist()), extras=extras,
         names=(*names, *gauge_names(len(places))), scales=(*scales, *gauge_scales(frame, places)), gauges=tuple(places),
-        motion=_replayed(kind, motion) if word == "replay" else None,
-        entries=info_entries(kind, full),
+        motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
+        entries=info_entries(kind, kind.build(own, weights, period), full),
     )  # fmt: skip
 
 
-def _replayed(kind: Kind, motion: Any) -> Prescribed:
+def _replayed(kind: Kind, n_links: int, motion: Any) -> Prescribed:
     """What every episode of task="replay" follows."""
-    return prescribed(REPLAYS[kind.n_links] if motion is None else motion, kind.n_links, path="motion")
+    if motion is not None:
+        return prescribed(motion, n_links, path="motion")
+    usual = prescribed(kind.replays, n_links, path="motion")
+    last, function = usual.functions[-1]
+    return dataclasses.replace(usual, functions=(*usual.functions, *((k, function) for k in range(last + 1, n_links))))
 
 
 def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
@@ -186,10 +189,12 @@ def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
 
 def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
     arm = arms.resolve(kind.arm if given is None else given)
-    if arm.n_links != kind.n_links:
-        raise check.InvalidValue("arm", arm.name, f"must have {kind.n_links} link(s) for {kind.id}, not {arm.n_links}")
+    least, most = kind.links
+    if arm.n_links < least or (most is not None and arm.n_links > most):
+        wanted = f"{least}" if most == least else f"at least {least}"
+        raise check.InvalidValue("arm", arm.name, f"must have {wanted} link(s) for {kind.id}, not {arm.n_links}")
     if arm.torque_limits is None:
-        raise check.MissingKey("arm.torque_limits", f"an environment needs {kind.n_links} torque limit(s) (N m)")
+        raise check.MissingKey("arm.torque_limits", f"an environment needs {arm.n_links} torque limit(s) (N m)")
     if not isinstance(joint_limits, Given):
         arm = dataclasses.replace(arm, joint_limits=joint_limits)
     return arm

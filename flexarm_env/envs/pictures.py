@@ -63,10 +63,7 @@ class Wall:
 
 def draw(pen: Renderer, plan: Plan, view: View) -> Any:
     """A picture of an arm as it is now."""
-    target = view.target
-    if len(target) == 1:
-        length = plan.arm.total_length
-        target = np.array([length * math.cos(target[0]), length * math.sin(target[0])])
+    target = plan.kind.target.place(plan.arm, view.target)
     limits = np.array(plan.arm.torque_limits)
     shapes = chain(view.points, view.poses)
     return pen.frame(shapes, view.poses, target, view.time, view.torques / limits, view.deflection)

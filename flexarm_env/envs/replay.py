@@ -15,16 +15,18 @@ from ..settings import Settings
 from ..simulation import check_work, judge
 from ..trajectory import Recorder, Trajectory
 from .flexible_arm import FlexibleArmEnv
+from .multi_link import MultiLinkFlexArmEnv
 from .two_link import TwoLinkFlexArmEnv
 
 _ENVIRONMENTS: dict[int, Any] = {1: FlexibleArmEnv, 2: TwoLinkFlexArmEnv}
+"""By the number of links; of more: MultiLinkFlexArmEnv."""
 
 
 def through_env(scene: Scene, settings: Settings, sample: float | None = None, error_limit: float = 0.05) -> Trajectory:
-    """The Trajectory of a scene whose arm moves in FlexibleArm-v0 or TwoLinkFlexArm-v0, a control period a sample.
+    """The Trajectory of a scene whose arm moves in an environment, a control period a sample.
 
     Args:
-        scene: pinned, one or two links, driven by joint motions or joint torques.
+        scene: pinned, driven by joint motions or joint torques.
         settings: formulation and options, with dt. sample: control period, s; None takes the scene's.
         error_limit: as for `simulate`.
     Returns:
@@ -41,7 +43,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
     if arm.torque_limits is None:
         arm = dataclasses.replace(arm, torque_limits=(1.0,) * arm.n_links)
     options = settings.options() | {"dt": period / max(1, math.ceil(period / settings.dt * (1.0 - 1e-9)))}
-    env = _ENVIRONMENTS[arm.n_links](
+    env = _ENVIRONMENTS.get(arm.n_links, MultiLinkFlexArmEnv)(
         arm=arm, formulation=settings.formulation, control_dt=period, duration=max(scene.duration, period),
         joint_limits=None, gravity=scene.gravity, info_level="full", **options,
     )  # fmt: skip
@@ -76,8 +78,6 @@ def _check(scene: Scene) -> None:
         why = "its arm has rigid joints"
     elif any(not isinstance(load, JointTorque) for load in scene.loads):
         why = "point loads act on its arm"
-    elif scene.arm.n_links not in _ENVIRONMENTS:
-        why = f"its arm has {scene.arm.n_links} links"
     if why:
-        what = "cannot go through an environment (pinned arms of one or two links, driven at their joints)"
+        what = "cannot go through an environment (pinned arms, driven at their joints)"
         raise ValueError(f"scene = {scene.name!r}: {what}: {why}")

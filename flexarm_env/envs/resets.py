@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import ACTION_NOT_FINITE, GUIDED, Batch
-from .features import reach
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
 
@@ -19,28 +19,33 @@ KEYS = ("start", "target", "vibration", "motion", "interpolation")
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """What a reset asks for. numbers (N + 3,): start angles, target (2), vibration; NaN where it is to be drawn."""
+class Request:
+    """What a reset asks for; NaN where it is to be drawn.
 
-    numbers: NDArray[np.float64]
+    angles (N,): at the start, rad. target (2,): as in the record. vibration (1,): over L. motion: prescribed.
+    """
+
+    angles: NDArray[np.float64]
+    target: NDArray[np.float64]
+    vibration: NDArray[np.float64]
     motion: Prescribed | None = None
 
 
-def wishes(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Wishes:
+def request_of(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Request:
     """Checked options of one reset. ValueError names the key, the value and what is allowed."""
-    n = plan.kind.n_links
-    numbers = np.full(n + 3, np.nan)
+    n = plan.arm.n_links
+    asked = Request(np.full(n, np.nan), np.full(2, np.nan), np.full(1, np.nan), plan.motion)
     if options is None:
-        return Wishes(numbers, plan.motion)
+        return asked
     table = check.table_of("options", options)
     check.known_keys("options", table, (*KEYS, *extra), "option")
     if table.get("start") is not None:
-        numbers[:n] = _start(plan, table["start"])
+        asked.angles[:] = _start(plan, table["start"])
     if table.get("target") is not None:
-        numbers[n : n + 2] = _target(plan, table["target"])
+        asked.target[:] = plan.kind.target.read(plan.arm, table["target"])
     if table.get("vibration") is not None:
         bound = {"minimum": -0.5, "maximum": 0.5}
-        numbers[n + 2] = check.number("options.vibration", table["vibration"], "tip deflection over L", **bound)
+        asked.vibration[:] = check.number("options.vibration", table["vibration"], "tip deflection over L", **bound)
     interpolation = table.get("interpolation")
     if interpolation is not None and table.get("motion") is None:
         raise check.InvalidValue("options.interpolation", interpolation, "must be given with options.motion")
@@ -52,11 +57,11 @@ def wishes(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Wishes:
     if plan.task == "track" and table.get("target") is not None:
         what = 'must not be given with task="track", where the reference says where the target is'
         raise check.InvalidValue("options.target", table["target"], what)
-    return Wishes(numbers, motion)
+    return dataclasses.replace(asked, motion=motion)
 
 
 def _start(plan: Plan, value: Any) -> list[float]:
-    n = plan.kind.n_links
+    n = plan.arm.n_links
     if n == 1 and np.ndim(value) == 0:
         value = [value]
     entries = check.sequence("options.start", value, f"{n} angles (rad)", n)
@@ -68,51 +73,35 @@ def _start(plan: Plan, value: Any) -> list[float]:
     return angles
 
 
-def _target(plan: Plan, value: Any) -> tuple[float, float]:
-    if plan.kind.targets == 1:
-        if np.ndim(value) == 1 and len(value) == 1:
-            value = value[0]
-        return check.number("options.target", value, "rad", **ANGLE), 0.0
-    x, y = check.sequence("options.target", value, "two numbers (m), (x, y)", 2)
-    x, y = check.number("options.target[0]", x, "m"), check.number("options.target[1]", y, "m")
-    near, far = reach(plan.arm)
-    if not near <= math.hypot(x, y) <= far:
-        what = f"must be within reach, {near:g} to {far:g} m from the root"
-        raise check.InvalidValue("options.target", (x, y), what)
-    return x, y
-
-
-def guide_of(plan: Plan, asked: Wishes) -> Guide | None:
+def guide_of(plan: Plan, asked: Request) -> Guide | None:
     """The arm of an episode with prescribed motion; None for an ordinary episode."""
     if asked.motion is None:
         return None
-    n = plan.kind.n_links
-    own = guide(plan, asked.motion, asked.numbers[:n])
+    own = guide(plan, asked.motion, asked.angles)
     poses, _, _ = own.report()
-    starts = [float(poses[0, 2]), *(float(poses[k, 2] - poses[k - 1, 8]) for k in range(1, n))]
-    for k, angle in enumerate(asked.numbers[:n].tolist()):
+    starts = [float(poses[0, 2]), *(float(poses[k, 2] - poses[k - 1, 8]) for k in range(1, len(poses)))]
+    for k, angle in enumerate(asked.angles.tolist()):
         if not math.isnan(angle) and abs(angle - starts[k]) > 1e-9:
             what = f"must be where the motion begins, {starts[k]:g} rad, or be left out"
             raise check.InvalidValue(f"options.start[{k}]", angle, what)
-    asked.numbers[:n] = starts
-    if math.isnan(asked.numbers[n]):
-        asked.numbers[n : n + 2] = _end_of(plan, own)
+    asked.angles[:] = starts
+    if np.isnan(asked.target[0]):
+        asked.target[:] = _end_of(plan, own)
     return own
 
 
 def _end_of(plan: Plan, own: Guide) -> tuple[float, float]:
-    """Where the motion leads the rigid arm: the polar angle of its tip (one link), or its tip."""
-    angle, x, y = 0.0, 0.0, 0.0
-    for k, link in enumerate(plan.arm.links):
-        motion = own.scene.motion_of(f"joint{k}")
-        angle += own.scene.initial_value(f"joint{k}") if motion is None else motion(own.scene.duration)
-        x, y = x + link.length * math.cos(angle), y + link.length * math.sin(angle)
-    return (angle, 0.0) if plan.kind.targets == 1 else (x, y)
+    """The target that the rigid arm reaches where the motion ends."""
+    angles = []
+    for name in (f"joint{k}" for k in range(plan.arm.n_links)):
+        motion = own.scene.motion_of(name)
+        angles.append(own.scene.initial_value(name) if motion is None else motion(own.scene.duration))
+    return plan.kind.target.reached(plan.arm, angles)
 
 
-def begin(batch: Batch, i: int, key: int, plan: Plan, asked: Wishes, own: Guide | None, mode: int) -> None:
+def begin(batch: Batch, i: int, key: int, plan: Plan, asked: Request, own: Guide | None, mode: int) -> None:
     """Start arm i, in the batch or under its guide."""
-    batch.wish[:] = asked.numbers
+    batch.ask(asked.angles, asked.target, asked.vibration)
     if own is None:
         batch.begin((i,), (key,), limit=plan.limit, mode=mode)
         return
@@ -120,7 +109,7 @@ def begin(batch: Batch, i: int, key: int, plan: Plan, asked: Wishes, own: Guide 
     batch.begin((i,), (key,), limit=limit, mode=GUIDED)
     own.set_parameters(batch.parameters(i))
     poses, torques, energies = own.report()
-    batch.witness(i, poses, torques, np.zeros(len(torques)), energies, -1, own.strains())
+    batch.take_report(i, poses, torques, np.zeros(len(torques)), energies, -1, own.strains())
 
 
 def follow(batch: Batch, i: int, own: Guide) -> None:
@@ -128,9 +117,9 @@ def follow(batch: Batch, i: int, own: Guide) -> None:
     action = own.ignores(batch.action[i].astype(np.float64))
     if not np.isfinite(action).all():
         poses, torques, energies = own.report()
-        batch.witness(i, poses, torques, action, energies, ACTION_NOT_FINITE, own.strains())
+        batch.take_report(i, poses, torques, action, energies, ACTION_NOT_FINITE, own.strains())
         return
     action = np.clip(action, -1.0, 1.0)
     status = own.advance(action * own.limits)
     poses, torques, energies = own.report()
-    batch.witness(i, poses, torques, action, energies, status, own.strains())
+    batch.take_report(i, poses, torques, action, energies, status, own.strains())

@@ -11,10 +11,10 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import IN_RANGE, MODE, OVER, REASON, REASONS, REWARD, RUNNING, STATUS_WORDS, SUCCESS, TRUNCATED, View
+from ..batch import MODE, OVER, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
 from .motion import Guide
 from .options import Plan, plan
-from .resets import begin, follow, guide_of, wishes
+from .resets import begin, follow, guide_of, request_of
 from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
 from .task import Kind
@@ -24,9 +24,9 @@ F32 = np.dtype(np.float32)
 
 
 class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
-    """What FlexibleArm-v0 and TwoLinkFlexArm-v0 have in common.
+    """What the single environments have in common.
 
-    Both name gymnasium.Env (and their vector forms VectorEnv) as a base once more: there are libraries, skrl one of
+    They name gymnasium.Env (and their vector forms VectorEnv) as a base once more: there are libraries, skrl one of
     them, that tell an environment by its class's own bases.
     """
 
@@ -38,7 +38,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         self.render_mode = self.plan.render_mode
         self.metadata = self.metadata | {"render_fps": max(1, round(1.0 / self.plan.period))}
         self.batch = self.plan.batch(1)
-        joints = self.kind.n_links
+        joints = self.plan.arm.n_links
         self.action_space = Box(-1.0, 1.0, (joints,), np.float32)
         bounds = self.plan.observation_bounds
         self.observation_space = Box(-bounds, bounds, dtype=np.float32)
@@ -52,7 +52,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         batch = self.batch
         self._step, self._address = batch.compiled_step, batch.address
         self._action, self._shape = batch.action[0], batch.action[0].shape
-        self._seen, self._numbers, self._tail = batch.observation[0], batch.table[:, 0], batch.tail_first
+        self._seen, self._numbers, self._at = batch.observation[0], batch.table[:, 0], batch.info_at
         self._bound, self._words = self.plan.deflection_bound, self.plan.words
         self._floats = tuple((e.name, e.first) for e in self.plan.entries if e.count is None)
         self._arrays = tuple((e.name, e.first, e.first + e.count) for e in self.plan.entries if e.count is not None)
@@ -67,7 +67,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
             seed: of the environment's generator; None goes on with it.
             options: see the class. An unknown key or a wrong value is a ValueError, before anything changes.
         """
-        asked = wishes(self.plan, options)
+        asked = request_of(self.plan, options)
         own = guide_of(self.plan, asked)
         super().reset(seed=seed)
         self.guide = own
@@ -99,11 +99,11 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         """info, reward, terminated, truncated, from one copy of the numbers."""
         numbers = self._numbers.copy()
         values = numbers.tolist()
-        tail = self._tail
-        reason = values[tail + REASON]
+        at = self._at
+        reason = values[at.reason]
         info: dict[str, Any] = {
             "is_success": values[SUCCESS] > 0.5,
-            "in_range": values[tail + IN_RANGE] > 0.5,
+            "in_range": values[at.in_range] > 0.5,
             "deflection_bound": self._bound,
         }
         if self._words:
@@ -112,7 +112,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
             info[name] = values[first]
         for name, first, last in self._arrays:
             info[name] = numbers[first:last]
-        return info, values[tail + REWARD], reason != 0.0, values[tail + TRUNCATED] != 0.0
+        return info, values[at.reward], reason != 0.0, values[at.truncated] != 0.0
 
     def render(self) -> Any:
         """A picture (height, width, 3) uint8 in "rgb_array" mode; None otherwise."""
@@ -167,7 +167,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         return self.plan.period
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = ("_step", "_address", "_action", "_shape", "_seen", "_numbers")
+        bound = ("_step", "_address", "_action", "_shape", "_seen", "_numbers", "_at")
         return {k: v for k, v in vars(self).items() if k not in bound} | {"_renderer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

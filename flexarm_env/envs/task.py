@@ -1,18 +1,19 @@
-"""The two environments as data: arm, spaces, scales, rewards and starts; what single and vector environments share."""
+"""The tasks as data: arm, spaces, scales, rewards and starts; what single and vector environments share."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import CLIP, DEFLECTION, ENERGIES, ERROR, IN_RANGE, SUCCESS, TIP, Reach, Slew, Starts
+from ..batch import SUCCESS, Chain, Reach, Slew, Starts, Task, info_places
 from ..parameters import Arm
+from ..rigid import inertia_beyond, rate_scale
+from .targets import ANGLE_OF_TIP, POINT, Target
 
 Array = NDArray[np.float64]
 
@@ -20,70 +21,52 @@ HOLD_TIME = 0.5
 """Success: in the band throughout the trailing so many seconds."""
 
 REWARDS = ("accuracy", "settle", "distance", "effort", "vibration", "failure")
-"""Names of the reward terms, in order."""
+"""Names of the reward terms of slew and reach, in order."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One of the two environments.
+    """What an environment is, for arms of `links` (at least, at most; None: any number) links.
 
-    id: of the registry. task: default task's name. n_links: of its arms. arm: default arm's name. duration: s.
-    targets: numbers in a target, 1 (an angle, rad) or 2 (a point, m). rewards: default weights of REWARDS.
-    names: of the observation's entries. build: (arm, weights, control_dt) -> Slew or Reach. starts: arm -> Starts.
+    id: of the registry. task: default task's name. arm: default arm's name. duration: s. target: what is to be
+    reached. rewards: names and default weights of the reward's terms, in the order in which the task's `judge` pays
+    them; the last is paid for failure. entries: names and scales of the observation of an arm, in the order in which
+    `observe` shows them. record: class of the task's record for an arm, which says the kernels. starts: what fresh
+    starts are drawn from. replays: motion that task="replay" follows where none is given; joints beyond those that
+    it moves follow the last of them.
     """
 
     id: str
     task: str
-    n_links: int
+    links: tuple[int, int | None]
     arm: str
     duration: float
-    targets: int
+    target: Target
     rewards: Mapping[str, float]
-    names: tuple[str, ...]
-    build: Callable[[Arm, Array, float], Any]
+    entries: Callable[[Arm], list[tuple[str, float]]]
+    record: Callable[[Arm], type[Task]]
     starts: Callable[[Arm], Starts]
+    replays: str
 
-
-def inertia_beyond(arm: Arm, joint: int) -> float:
-    """Inertia (kg m^2) about a joint of the straight, rigid arm from that joint to the tip."""
-    total = arm.hub_inertia if joint == 0 else arm.elbow(joint).inertia_right
-    start = 0.0
-    for k in range(joint, arm.n_links):
-        link = arm.links[k]
-        if k > joint:
-            elbow = arm.elbow(k)
-            total += elbow.mass * start**2 + elbow.inertia_left + elbow.inertia_right
-        total += link.mass * (link.length**2 / 12.0 + (start + link.length / 2.0) ** 2) + link.section.J * link.length
-        start += link.length
-    return total + arm.payload.mass * start**2 + arm.payload.inertia
-
-
-def rate_scale(arm: Arm, joint: int) -> float:
-    """sqrt(tau pi/2 / I), rad/s: top rate of a rigid quarter turn, rest to rest at full torque, reached midway."""
-    limits = arm.torque_limits
-    assert limits is not None
-    return math.sqrt(limits[joint] * (math.pi / 2) / inertia_beyond(arm, joint))
-
-
-def _limits(arm: Arm) -> Array:
-    ranges = arm.joint_limits or (None,) * arm.n_links
-    return np.array([(-math.inf, math.inf) if r is None else r for r in ranges], np.float64).ravel()
-
-
-def _common(arm: Arm, weights: Array, period: float, targets: int, scales: list[float]) -> dict[str, Any]:
-    assert arm.torque_limits is not None
-    return {
-        "links": (0,) * arm.n_links,
-        "targets": (0,) * targets,
-        "terms": (0,) * len(REWARDS),
-        "entries": (0,) * len(scales),
-        "length": arm.total_length,
-        "scales": np.array(scales),
-        "weights": weights,
-        "torque_limits": np.array(arm.torque_limits),
-        "joint_limits": _limits(arm),
-        "hold": float(math.ceil(HOLD_TIME / period - 1e-9) + 1),
-    }
+    def build(self, arm: Arm, weights: Array, period: float) -> Task:
+        """The record of the task for an arm. weights: of the rewards. period: of control, s."""
+        assert arm.torque_limits is not None
+        scales = [scale for _, scale in self.entries(arm)]
+        limits = [(-math.inf, math.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]
+        return self.record(arm)(
+            links=(0,) * arm.n_links,
+            targets=(0,) * self.target.numbers,
+            terms=(0,) * len(weights),
+            entries=(0,) * len(scales),
+            length=arm.total_length,
+            lengths=np.array([link.length for link in arm.links]),
+            scales=np.array(scales),
+            rates=np.array([rate_scale(arm, k) for k in range(arm.n_links)]),
+            weights=weights,
+            torque_limits=np.array(arm.torque_limits),
+            joint_limits=np.array(limits, np.float64).ravel(),
+            hold=float(math.ceil(HOLD_TIME / period - 1e-9) + 1),
+        )
 
 
 def controller_gains(arm: Arm) -> Array:
@@ -99,31 +82,24 @@ def controller_gains(arm: Arm) -> Array:
     return np.array(gains).ravel()
 
 
-def scales_of(kind: Kind, arm: Arm) -> list[float]:
-    """Scales of an environment's observation, in its order."""
-    return slew_scales(arm) if kind.targets == 1 else reach_scales(arm)
-
-
-def slew_scales(arm: Arm) -> list[float]:
-    """Scales of FlexibleArm-v0's observation, in its order."""
+def _slew_entries(arm: Arm) -> list[tuple[str, float]]:
     rate = rate_scale(arm, 0)
-    return [1.0, 1.0, rate, 0.1, 0.3 * rate, 1.0]
+    return [
+        ("hub_sin", 1.0), ("hub_cos", 1.0), ("hub_rate", rate), ("tip_deflection", 0.1),
+        ("tip_deflection_rate", 0.3 * rate), ("target_error", 1.0),
+    ]  # fmt: skip
 
 
-def reach_scales(arm: Arm) -> list[float]:
-    """Scales of TwoLinkFlexArm-v0's observation, in its order."""
-    hub, elbow = rate_scale(arm, 0), rate_scale(arm, 1)
-    speed, way = hub * arm.total_length, 0.5 * arm.total_length
-    return [1.0, 1.0, 1.0, 1.0, hub, elbow, 0.1, 0.1, 0.3 * hub, 0.3 * hub, speed, speed, way, way]
-
-
-def _slew(arm: Arm, weights: Array, period: float) -> Slew:
-    return Slew(**_common(arm, weights, period, 1, slew_scales(arm)))
-
-
-def _reach(arm: Arm, weights: Array, period: float) -> Reach:
-    lengths = np.array([link.length for link in arm.links])
-    return Reach(**_common(arm, weights, period, 2, reach_scales(arm)), lengths=lengths)
+def _reach_entries(arm: Arm) -> list[tuple[str, float]]:
+    hub, length, joints = rate_scale(arm, 0), arm.total_length, arm.joint_names
+    return [
+        *((f"{joint}_{of}", 1.0) for joint in joints for of in ("sin", "cos")),
+        *((f"{joint}_rate", rate_scale(arm, k)) for k, joint in enumerate(joints)),
+        *((name, 0.1) for name in arm.by_link("tip_deflection")),
+        *((name, 0.3 * hub) for name in arm.by_link("tip_deflection_rate")),
+        *((f"tip_velocity_{axis}", hub * length) for axis in "xy"),
+        *((f"to_target_{axis}", 0.5 * length) for axis in "xy"),
+    ]
 
 
 def _slew_starts(arm: Arm) -> Starts:
@@ -131,9 +107,9 @@ def _slew_starts(arm: Arm) -> Starts:
 
 
 def _reach_starts(arm: Arm) -> Starts:
-    length = arm.total_length
+    length, elbow = arm.total_length, 3.6 / arm.n_links
     return Starts(
-        start=[(-1.0, 1.0), (-1.8, 1.8)],
+        start=[(-1.0, 1.0)] + [(-elbow, elbow)] * (arm.n_links - 1),
         target=[(0.3 * length, 0.95 * length), (-2.0 * math.pi / 3, 2.0 * math.pi / 3)],
         straight=0.5,
     )
@@ -142,32 +118,32 @@ def _reach_starts(arm: Arm) -> Starts:
 SLEW = Kind(
     id="FlexibleArm-v0",
     task="slew",
-    n_links=1,
+    links=(1, 1),
     arm="strip",
     duration=4.0,
-    targets=1,
-    rewards={"accuracy": 0.5, "settle": 1.0, "distance": 0.5, "effort": 0.01, "vibration": 0.02, "failure": 5.0},
-    names=("hub_sin", "hub_cos", "hub_rate", "tip_deflection", "tip_deflection_rate", "target_error"),
-    build=_slew,
+    target=ANGLE_OF_TIP,
+    rewards=dict(zip(REWARDS, (0.5, 1.0, 0.5, 0.01, 0.02, 5.0), strict=True)),
+    entries=_slew_entries,
+    record=lambda arm: Slew,
     starts=_slew_starts,
+    replays="robot_arm_motion",
 )
 
 REACH = Kind(
     id="TwoLinkFlexArm-v0",
     task="reach",
-    n_links=2,
+    links=(2, 2),
     arm="de_luca_siciliano",
     duration=8.0,
-    targets=2,
-    rewards={"accuracy": 0.5, "settle": 1.0, "distance": 0.5, "effort": 0.01, "vibration": 0.0, "failure": 5.0},
-    names=(
-        "hub_sin", "hub_cos", "elbow_sin", "elbow_cos", "hub_rate", "elbow_rate",
-        "tip_deflection_1", "tip_deflection_2", "tip_deflection_rate_1", "tip_deflection_rate_2",
-        "tip_velocity_x", "tip_velocity_y", "to_target_x", "to_target_y",
-    ),
-    build=_reach,
+    target=POINT,
+    rewards=dict(zip(REWARDS, (0.5, 1.0, 0.5, 0.01, 0.0, 5.0), strict=True)),
+    entries=_reach_entries,
+    record=lambda arm: Reach if arm.n_links == 2 else Chain,
     starts=_reach_starts,
-)  # fmt: skip
+    replays="two_link_motion",
+)
+
+CHAIN = replace(REACH, id="MultiLinkFlexArm-v0", links=(2, None), arm="three_strips", duration=10.0)
 
 
 @dataclass(frozen=True)
@@ -179,37 +155,36 @@ class Entry:
     count: int | None
 
 
-def info_entries(kind: Kind, full: bool) -> tuple[Entry, ...]:
+def info_entries(kind: Kind, task: Task, full: bool) -> tuple[Entry, ...]:
     """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them."""
-    n, targets = kind.n_links, kind.targets
-    one = None if n == 1 else n
-    torque = DEFLECTION + n + targets
-    terms = torque + n
-    tail = terms + len(REWARDS)
+    n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
-        Entry("tip_position", TIP, 2),
-        Entry("tip_deflection", DEFLECTION, one),
-        Entry("target", DEFLECTION + n, None if targets == 1 else targets),
-        Entry("hub_torque", torque, None),
-        Entry("joint_torque", torque, n),
-        *(Entry(f"reward_{name}", terms + k, None) for k, name in enumerate(REWARDS)),
-        Entry("error_estimate", tail + ERROR, None),
+        Entry("tip_position", at.tip, 2),
+        Entry("tip_deflection", at.deflection, None if n == 1 else n),
+        Entry("target", at.target, None if targets == 1 else targets),
+        Entry("hub_torque", at.torque, None),
+        Entry("joint_torque", at.torque, n),
+        *(Entry(f"reward_{name}", at.terms + k, None) for k, name in enumerate(kind.rewards)),
+        Entry("error_estimate", at.error, None),
     ]
     if full:
         names = ("energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated", "work")
-        entries += [Entry(name, tail + ENERGIES + k, None) for k, name in enumerate(names)]
+        entries += [Entry(name, at.energies + k, None) for k, name in enumerate(names)]
     return tuple(entries)
 
 
 def reward_weights(kind: Kind, given: Mapping[str, float] | None) -> Array:
-    """Weights of REWARDS: the kind's, with what is given in their place."""
+    """Weights of the reward's terms: the kind's, with what is given in their place."""
     weights = dict(kind.rewards)
     if given is not None:
         table = check.table_of("reward", given)
-        check.known_keys("reward", table, REWARDS, "reward term")
+        check.known_keys("reward", table, tuple(kind.rewards), "reward term")
         for name, value in table.items():
             weights[name] = check.number(f"reward.{name}", value, minimum=0.0)
-    return np.array([weights[name] for name in REWARDS])
+    return np.array([weights[name] for name in kind.rewards])
 
 
-__all__ = ["CLIP", "Entry", "IN_RANGE", "Kind", "REACH", "REWARDS", "SLEW", "SUCCESS", "info_entries", "reward_weights"]
+__all__ = [
+    "CHAIN", "Entry", "Kind", "REACH", "REWARDS", "SLEW", "SUCCESS", "controller_gains", "inertia_beyond",
+    "info_entries", "rate_scale", "reward_weights",
+]  # fmt: skip

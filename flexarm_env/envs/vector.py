@@ -16,10 +16,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import FRESH, IN_RANGE, REASON, REASONS, RUNNING, STATUS_WORDS, SUCCESS, OneAtATime, View, one_at_a_time
+from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, OneAtATime, View, one_at_a_time
 from .motion import Guide, is_table
 from .options import Plan, plan
-from .resets import Wishes, begin, follow, guide_of, wishes
+from .resets import Request, begin, follow, guide_of, request_of
 from .single import F32, checked_action
 from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
@@ -42,7 +42,7 @@ def default_threads(n: int) -> int:
 
 
 class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
-    """What the vector forms of both environments have in common.
+    """What the vector forms of the environments have in common.
 
     One thread at a time may reset it, step it, or read and set its states; another gets a RuntimeError.
     """
@@ -73,7 +73,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
             "autoreset_mode": autoreset_mode,
         }
         bounds = self.plan.observation_bounds
-        self.single_action_space = Box(-1.0, 1.0, (self.kind.n_links,), np.float32)
+        self.single_action_space = Box(-1.0, 1.0, (self.plan.arm.n_links,), np.float32)
         self.single_observation_space = Box(-bounds, bounds, dtype=np.float32)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -107,7 +107,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         """
         seeds = self._checked_seeds(seed)
         chosen, rest = self._checked_mask(options)
-        each = None if rest is None and self.plan.motion is None else self._each_wishes(chosen, rest)
+        each = None if rest is None and self.plan.motion is None else self._each_request(chosen, rest)
         guides = {i: own for i, asked in (each or {}).items() if (own := guide_of(self.plan, asked)) is not None}
         for i in chosen:
             if seeds[i] is not None:
@@ -218,7 +218,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         self,
         arms: Sequence[int],
         mode: int,
-        asked: dict[int, Wishes] | None = None,
+        asked: dict[int, Request] | None = None,
         guides: dict[int, Guide] | None = None,
     ) -> None:
         """Start episodes of these arms, with what is asked for and the guides of those whose motion is prescribed."""
@@ -227,7 +227,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         if self._guides:
             self._guides = {i: own for i, own in self._guides.items() if i not in set(arms)}
         if asked is None:
-            self.batch.wish[:] = np.nan
+            self.batch.request[:] = np.nan
             self.batch.begin(arms, keys, limit=self.plan.limit, mode=mode)
             return
         for i, key in zip(arms, keys, strict=True):
@@ -241,22 +241,23 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         if self.plan.motion is None:
             self._start(self._ended, mode)
             return
-        asked = {i: wishes(self.plan, None) for i in self._ended}
+        asked = {i: request_of(self.plan, None) for i in self._ended}
         guides = {i: own for i in self._ended if (own := guide_of(self.plan, asked[i])) is not None}
         self._start(self._ended, mode, asked, guides)
 
-    def _each_wishes(self, arms: Sequence[int], options: dict[str, Any] | None) -> dict[int, Wishes]:
+    def _each_request(self, arms: Sequence[int], options: dict[str, Any] | None) -> dict[int, Request]:
         """Checked options of each arm: a list of num_envs motions (not rows of a table) holds one each; all else is for
         all."""
         if not options:
-            return {i: wishes(self.plan, None) for i in arms}
+            return {i: request_of(self.plan, None) for i in arms}
         motion = options.get("motion")
-        if isinstance(motion, list) and not is_table(motion) and len(motion) not in (self.num_envs, self.kind.n_links):
+        counts = self.num_envs, self.plan.arm.n_links
+        if isinstance(motion, list) and not is_table(motion) and len(motion) not in counts:
             what = f"must be one motion for all arms, or a list of {self.num_envs}, one for each"
             raise check.InvalidValue("options.motion", motion, what)
         if isinstance(motion, list) and len(motion) == self.num_envs > 1 and not is_table(motion):
-            return {i: wishes(self.plan, options | {"motion": motion[i]}) for i in arms}
-        return {i: wishes(self.plan, options) for i in arms}
+            return {i: request_of(self.plan, options | {"motion": motion[i]}) for i in arms}
+        return {i: request_of(self.plan, options) for i in arms}
 
     def _checked_seeds(self, seed: Any) -> Sequence[int | None]:
         n = self.num_envs
@@ -357,12 +358,12 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         The values are views of the batch's table, which is a new one at every step; the masks of all keys are one
         array. What says that nothing is out of the ordinary is one read-only array at every step.
         """
-        tail, table = self.batch.tail_first, self.batch.table[:, : self.num_envs]
-        infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[tail + IN_RANGE] > 0.5}
+        at, table = self.batch.info_at, self.batch.table[:, : self.num_envs]
+        infos: dict[str, Any] = {"is_success": table[SUCCESS] > 0.5, "in_range": table[at.in_range] > 0.5}
         infos["deflection_bound"] = self._bound
         if self.plan.words:
             usual = only is None and not self._ended  # only arms that have just ended have a reason
-            words = self._fine if usual else self._words(table[tail + REASON])
+            words = self._fine if usual else self._words(table[at.reason])
             infos["solver_status"], infos["termination_reason"] = words
         for name, first, last in self._rows:
             infos[name] = table[first] if last is None else table[first:last].T

@@ -1,8 +1,8 @@
 """One control period of a batch of arms: everything between an action and an observation.
 
-A `Program` holds all of it, reached by one address (`address.py`). Arms stand in groups of L = len(lane); row g of
-`block` belongs to arms g L ... g L + L - 1 and holds, with lanes inside, the sections of `Layout`. Per arm, not in
-lanes: action, observation, reward, flags, and the stream of random numbers.
+A `Program` holds all of it, reached by one address (`compiler.entry`). Arms stand in groups of L = len(lane); row g of
+`block` belongs to arms g L ... g L + L - 1 and holds, with lanes inside, the sections of `program.Block`. Per arm, not
+in lanes: action, observation, reward, flags, and the stream of random numbers.
 
 A lane whose Newton iteration fails is put back to where the period began and reported: the caller repeats that arm
 alone, where steps can be halved; its neighbours have gone on, untouched.
@@ -20,38 +20,32 @@ from ..compiler.dispatch import size
 from ..compiler.entry import follow
 from ..compiler.lanes import absolute, load, select_lt, splat, store
 from ..physics.arithmetic import put
-from ..physics.integrator.keeping import keep, put_back
 from ..physics.integrator.work import unpack
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
 from ..physics.protocol import energy, link_poses, out_of_range
 from ..tasks.program import (
     ACTION_NOT_FINITE,
-    DEFLECTION,
-    ENERGIES,
-    ERROR,
     FRESH,
     FRICTION,
-    GOAL,
     GUIDED,
-    IN_RANGE,
     JOINT_LIMIT,
     LIMIT,
     MODE,
     OVER,
-    REASON,
     RETRY,
-    REWARD,
     RUNNING,
     STEP,
     SUCCESS,
-    TRUNCATED,
+    record_at,
 )
-from ..tasks.task import judge, observe
+from ..tasks.task import info_of, judge, observe
 from ..tasks.track import look_ahead, move_targets
 from .fitted import move
+from .keeping import keep, put_back
 from .sensors import read_gauges, sense
 
-_PAIR = (0, 0)
+OUTCOME = (0, 0)
+"""Room for what a period comes to: reward; 1 where a joint is past its limits."""
 
 
 @kernel
@@ -75,23 +69,36 @@ def _period(lane, p, g, block, w):  # type: ignore[no-untyped-def]
     saved = block[layout.saved : layout.end]
     _read_actions(lane, task, p.n, p.action, g, action, record, w.flag)
     keep(lane, size(model.n), w, record, saved)
-    best = block[layout.end : layout.row]
-    move(lane, p, p.models, par, poses, record, action, saved, best, block, w)
+    scratch = block[layout.end : layout.row]
+    move(lane, p, p.models, par, poses, record, action, saved, scratch, block, w)
     link_poses(lane, model, par, w.q, w.v, poses)
     move_targets(lane, p.reference, task, p.period, record)
-    observe(lane, task, poses, record, seen)
-    look_ahead(len(lane), p.reference, task, p.period, False, poses, record, seen)
+    look(lane, p, False, poses, record, seen)
     read_gauges(lane, p.sensors, p.entries, model, w.q, seen)
     live = _live(lane, p.entries, w.flag, seen)
-    pair = stack(lane, _PAIR)
-    reward, past = judge(lane, task, poses, action, record, live, info)
-    store(pair, 0, reward)
-    store(pair, 1, past)
+    outcome = stack(lane, OUTCOME)
+    weigh(lane, p, live, poses, action, record, info, outcome)
     _note(lane, task, p.actuator, p.estimate, record, w.u, live, info)
     inside = select_lt(out_of_range(lane, model, par, w.q), 0.5, splat(lane, 1.0), splat(lane, 0.0))
-    put(live, info, tail_of(task) + IN_RANGE, inside, load(lane, info, tail_of(task) + IN_RANGE))
+    in_range = info_of(task).in_range
+    put(live, info, in_range, inside, load(lane, info, in_range))
     note_energies(lane, p.books, task, model, par, record, w, live, info)
-    return _close(lane, p, g, w, record, seen, info, saved, pair)
+    return _close(lane, p, g, w, record, seen, info, saved, outcome)
+
+
+@kernel
+def look(lane, p, first, poses, record, seen):  # type: ignore[no-untyped-def]
+    """What is to be seen, but for strain gauges, into `seen`. first: at the start of an episode."""
+    observe(lane, p.task, poses, record, seen)
+    look_ahead(len(lane), p.reference, p.task, p.period, first, poses, record, seen)
+
+
+@kernel
+def weigh(lane, p, live, poses, action, record, info, outcome):  # type: ignore[no-untyped-def]
+    """Success and reward of a period: into info where `live` > 1/2, and outcome <- (reward, joint limit passed)."""
+    reward, past = judge(lane, p.task, poses, action, record, live, info)
+    store(outcome, 0, reward)
+    store(outcome, 1, past)
 
 
 @kernel
@@ -126,23 +133,16 @@ def _live(lane, entries, flag, seen):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def tail_of(task):  # type: ignore[no-untyped-def]
-    """First entry of the tail of info."""
-    return DEFLECTION + 2 * size(task.links) + size(task.targets) + size(task.terms)
-
-
-@kernel
 def _note(lane, task, actuator, estimate, record, u, live, info):  # type: ignore[no-untyped-def]
     """Torques, error estimate and no reason into info."""
-    n, tail = size(task.links), tail_of(task)
-    torques = DEFLECTION + n + size(task.targets)
+    n, at = size(task.links), info_of(task)
     for k in range(n):
         torque = load(lane, u, k)
         if actuator is not None:
-            torque = load(lane, record, GOAL + n + k)
-        put(live, info, torques + k, torque, load(lane, info, torques + k))
-    put(live, info, tail + ERROR, splat(lane, estimate), load(lane, info, tail + ERROR))
-    put(live, info, tail + REASON, splat(lane, 0.0), load(lane, info, tail + REASON))
+            torque = load(lane, record, record_at(0, n, 1, 0, 0).torque + k)
+        put(live, info, at.torque + k, torque, load(lane, info, at.torque + k))
+    put(live, info, at.error, splat(lane, estimate), load(lane, info, at.error))
+    put(live, info, at.reason, splat(lane, 0.0), load(lane, info, at.reason))
 
 
 @kernel
@@ -151,7 +151,7 @@ def note_energies(lane, books, task, model, par, record, w, live, info):  # type
     if books is not None:
         kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)
         friction = load(lane, record, FRICTION)
-        first = tail_of(task) + ENERGIES
+        first = info_of(task).energies
         put(live, info, first, kinetic, load(lane, info, first))
         put(live, info, first + 1, strain, load(lane, info, first + 1))
         put(live, info, first + 2, gravity, load(lane, info, first + 2))
@@ -160,13 +160,13 @@ def note_energies(lane, books, task, model, par, record, w, live, info):  # type
 
 
 @kernel
-def _close(lane, p, g, w, record, seen, info, saved, pair):  # type: ignore[no-untyped-def]
+def _close(lane, p, g, w, record, seen, info, saved, outcome):  # type: ignore[no-untyped-def]
     """Arm by arm: what the caller sees; returns how many arms have ended, are guided, or must be repeated alone.
 
-    pair: reward and 1 where a joint is past its limits, in lanes.
+    outcome: see `weigh`.
     """
     lanes = len(lane)
-    n, reason_at = size(p.model.n), (tail_of(p.task) + REASON) * lanes
+    n, reason_at = size(p.model.n), info_of(p.task).reason * lanes
     count = 0
     for i in range(lanes):
         arm = g * lanes + i
@@ -176,9 +176,7 @@ def _close(lane, p, g, w, record, seen, info, saved, pair):  # type: ignore[no-u
         if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
                 put_back(lanes, i, n, w, saved, record)
-            elif reason == OK and pair[lanes + i] > 0.5:
-                reason = float(JOINT_LIMIT)
-            count += settle(lanes, p, arm, pair[i], reason, record, seen, info)
+            count += settle(lanes, p, arm, outcome, reason, record, seen, info)
             continue
         put_back(lanes, i, n, w, saved, record)
         if mode == RUNNING:
@@ -201,29 +199,35 @@ def show(lane, g, groups, info, table):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def settle(lanes, p, arm, reward, reason, record, seen, info):  # type: ignore[no-untyped-def]
-    """The outcome of one arm's period into the arrays that the caller reads; returns 1 where its episode has ended."""
+def settle(lanes, p, arm, outcome, reason, record, seen, info):  # type: ignore[no-untyped-def]
+    """The outcome of one arm's period into the arrays that the caller reads; returns 1 where its episode has ended.
+
+    outcome: see `weigh`. reason: a status code, or ACTION_NOT_FINITE.
+    """
     task, i = p.task, arm % lanes
-    n_terms, tail = size(task.terms), tail_of(task)
+    reward = outcome[i]
+    if reason == OK and outcome[lanes + i] > 0.5:
+        reason = float(JOINT_LIMIT)
+    n_terms, at = size(task.terms), info_of(task)
     if reason == OK or reason == JOINT_LIMIT:
         sense(lanes, p.sensors, p.entries, p.stream, arm, record, seen, p.observation, False)
     else:
         info[SUCCESS * lanes + i] = 0.0
-        for k in range(tail - n_terms, tail):
+        for k in range(at.terms, at.terms + n_terms):
             info[k * lanes + i] = 0.0
         reward = 0.0
     if reason == OUT_OF_RANGE:
-        info[(tail + IN_RANGE) * lanes + i] = 0.0
+        info[at.in_range * lanes + i] = 0.0
     lost = 0.0
     if reason != OK:
         lost = -task.weights[n_terms - 1]
-    info[(tail - 1) * lanes + i] = lost
-    info[(tail + REASON) * lanes + i] = reason
+    info[(at.terms + n_terms - 1) * lanes + i] = lost
+    info[at.reason * lanes + i] = reason
     steps = record[STEP * lanes + i] + 1.0
     record[STEP * lanes + i] = steps
     over = steps > record[LIMIT * lanes + i] - 0.5
-    info[(tail + REWARD) * lanes + i] = reward + lost
-    info[(tail + TRUNCATED) * lanes + i] = 1.0 if over else 0.0
+    info[at.reward * lanes + i] = reward + lost
+    info[at.truncated * lanes + i] = 1.0 if over else 0.0
     p.reward[arm] = reward + lost
     p.terminated[arm] = np.uint8(reason != OK)
     p.truncated[arm] = np.uint8(over)

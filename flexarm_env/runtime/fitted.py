@@ -14,10 +14,10 @@ import math
 from ..compiler.decorator import kernel
 from ..compiler.dispatch import size
 from ..compiler.lanes import load, store
-from ..physics.integrator.keeping import keep, keep_lane, put_back
 from ..physics.model import NEWTON_FAILED, OK
 from ..physics.protocol import link_poses
-from ..tasks.program import RETRY
+from ..tasks.program import LEVEL, POSE, RETRY, SCRATCH, scratch_at
+from .keeping import keep, keep_lane, put_back
 from .motors import drive
 
 FITS = 6
@@ -26,52 +26,46 @@ FITS = 6
 LOWER = 0.125
 """Share of what is allowed below which the next period begins with longer steps."""
 
-_FLAG, _FINE, _TIPS = 0, 1, 2
-"""Scratch of an arm: how its period came out; the step size asked for, as halvings of h (-1: done); x, y and their
-rates of each link's tip in the coarser run; then the result, laid out as what is `saved` of the start."""
-
-
-def scratch_size(links: int, saved: int) -> int:
-    """Numbers of scratch for an arm; saved: numbers that are kept of its start."""
-    return _TIPS + 4 * links + saved
+_FIRST = SCRATCH.offsets(0, 0, 0)
+_FLAG, _FINE, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.tips
 
 
 @kernel
-def move(lane, p, models, par, poses, record, action, saved, best, block, w):  # type: ignore[no-untyped-def]
+def move(lane, p, models, par, poses, record, action, saved, scratch, block, w):  # type: ignore[no-untyped-def]
     """The steps of one period: those that are set, or fitted."""
     if models is None:
         drive(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
     else:
-        _fit(lane, p, models, par, poses, record, action, saved, best, block, w)
+        _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w)
 
 
 @kernel
-def _fit(lane, p, models, par, poses, record, action, saved, best, block, w):  # type: ignore[no-untyped-def]
+def _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w):  # type: ignore[no-untyped-def]
     lanes, n, links = len(lane), size(p.model.n), size(p.task.links)
-    first = (_TIPS + 4 * links) * lanes
-    result = best[first : first + saved.shape[0]]
-    level = record[record.shape[0] - lanes :]  # the record's last entry: halvings of h that the last period took
+    first = scratch_at(0, links, 0).result * lanes
+    result = scratch[first : first + saved.shape[0]]
+    level = record[LEVEL * lanes : (LEVEL + 1) * lanes]
     for i in range(lanes):
-        best[_FLAG * lanes + i] = w.flag[i]
-        best[_FINE * lanes + i] = max(1.0, level[i]) if w.flag[i] == OK else -1.0
+        scratch[_FLAG * lanes + i] = w.flag[i]
+        scratch[_FINE * lanes + i] = max(1.0, level[i]) if w.flag[i] == OK else -1.0
     keep(lane, n, w, record, result)  # of those that do not take part
     for k in range(FITS):
-        if _begin(lane, k, n, saved, best, record, w):
+        if _begin(lane, k, n, saved, scratch, record, w):
             drive(lane, p, models[k], 2**k, p.controller, p.actuator, par, poses, record, action, saved, block, w)
             link_poses(lane, models[k], par, w.q, w.v, poses)
             for i in range(lanes):
-                _look(lanes, i, k, n, links, p.allowed, p.period, poses, record, best, result, level, w)
+                _look(lanes, i, k, n, links, p.allowed, p.period, poses, record, scratch, result, level, w)
     for i in range(lanes):
         put_back(lanes, i, n, w, result, record)
-    store(w.flag, 0, load(lane, best, _FLAG))
+    store(w.flag, 0, load(lane, scratch, _FLAG))
 
 
 @kernel
-def _begin(lane, k, n, saved, best, record, w):  # type: ignore[no-untyped-def]
+def _begin(lane, k, n, saved, scratch, record, w):  # type: ignore[no-untyped-def]
     """Whether an arm asks for k halvings; if so, all are where the period began, and only those that ask will move."""
     lanes, asked = len(lane), False
     for i in range(lanes):
-        fine = best[_FINE * lanes + i]
+        fine = scratch[_FINE * lanes + i]
         w.flag[i] = float(RETRY)
         if fine == k or fine == k + 1:
             w.flag[i] = float(OK)
@@ -83,17 +77,17 @@ def _begin(lane, k, n, saved, best, record, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _look(lanes, i, k, n, links, allowed, period, poses, record, best, result, level, w):  # type: ignore[no-untyped-def]
+def _look(lanes, i, k, n, links, allowed, period, poses, record, scratch, result, level, w):  # type: ignore[no-untyped-def]
     """What k halvings gave arm i: its period's result, or to be compared with the run that follows."""
-    fine, flag = best[_FINE * lanes + i], w.flag[i]
+    fine, flag = scratch[_FINE * lanes + i], w.flag[i]
     if fine != k and fine != k + 1:
         return
     lost = flag == NEWTON_FAILED and lanes > 1  # it will be repeated alone
     error = math.inf
     if fine == k and flag == OK:
-        error = _apart(lanes, i, links, period, poses, best)
+        error = _apart(lanes, i, links, period, poses, scratch)
     if lost or (fine == k and (error <= allowed or k == FITS - 1)):
-        best[_FLAG * lanes + i], best[_FINE * lanes + i] = flag, -1.0
+        scratch[_FLAG * lanes + i], scratch[_FINE * lanes + i] = flag, -1.0
         if flag == OK:
             level[i] = k - 1.0 if error < LOWER * allowed else float(k)
         keep_lane(lanes, i, n, w, record, result)
@@ -101,20 +95,20 @@ def _look(lanes, i, k, n, links, allowed, period, poses, record, best, result, l
     for j in range(links):
         for c in range(2):
             at = (_TIPS + 4 * j + c) * lanes + i
-            best[at] = poses[(12 * j + 6 + c) * lanes + i] if flag == OK else math.nan
-            best[at + 2 * lanes] = poses[(12 * j + 9 + c) * lanes + i]
-    best[_FINE * lanes + i] = k + 1.0
+            scratch[at] = poses[(POSE.end * j + POSE.tip_x + c) * lanes + i] if flag == OK else math.nan
+            scratch[at + 2 * lanes] = poses[(POSE.end * j + POSE.tip_vx + c) * lanes + i]
+    scratch[_FINE * lanes + i] = k + 1.0
 
 
 @kernel
-def _apart(lanes, i, links, period, poses, best):  # type: ignore[no-untyped-def]
+def _apart(lanes, i, links, period, poses, scratch):  # type: ignore[no-untyped-def]
     """How far the tips of two runs are apart, and would be after another period, m; infinite where one has failed."""
     most = 0.0
     for j in range(links):
         for c in range(2):
             at = (_TIPS + 4 * j + c) * lanes + i
-            way = abs(poses[(12 * j + 6 + c) * lanes + i] - best[at])
-            way += period * abs(poses[(12 * j + 9 + c) * lanes + i] - best[at + 2 * lanes])
+            way = abs(poses[(POSE.end * j + POSE.tip_x + c) * lanes + i] - scratch[at])
+            way += period * abs(poses[(POSE.end * j + POSE.tip_vx + c) * lanes + i] - scratch[at + 2 * lanes])
             if not way <= most:
                 most = way if math.isfinite(way) else math.inf
     return most

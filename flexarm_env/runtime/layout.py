@@ -8,32 +8,34 @@ import numpy as np
 
 from ..compiler.dispatch import size
 from ..physics.integrator.work import work_size
-from ..tasks.program import DEFLECTION, GOAL, TAIL, Layout
-from .fitted import scratch_size
+from ..tasks.program import INFO, PARAMETERS, POSE, RECORD, SAVED, SCRATCH, Block
 
 
-def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Layout:
+def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int]:
+    """Sizes of a `RECORD`: joints, rows of motors, rows of commands, numbers of past observations."""
+    motors, sensors = extras.actuator, extras.sensors
+    return (
+        len(task.links), int(motors is not None), 0 if motors is None else motors.age + 2,
+        0 if sensors is None else entries * sensors.age,
+    )  # fmt: skip
+
+
+def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:
     """Sections of a block, each beginning on a whole number of lanes (and of cache lines).
 
-    task: `Slew` or `Reach`. entries: of the observation. extras: see `batch.Extras`. fitted: steps are, to a tolerance.
+    task: a `tasks.task.Task`. entries: of the observation. extras: see `batch.Extras`. fitted: steps are, to a
+    tolerance.
     """
-    links, record = len(task.links), GOAL + len(task.links)
-    if extras.actuator is not None:
-        record += links * (extras.actuator.age + 3)
-    if extras.sensors is not None:
-        record += entries * extras.sensors.age
-    record += fitted  # halvings of the step that the last period took
+    links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
+    info = INFO.offsets(0, links, len(task.targets), len(task.terms)).end
     kept = 0 if extras.actuator is None and extras.reference is None else record
-    saved = 4 * size(model.n) + 3 + size(model.n_inputs) + kept
+    saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), kept).end
     first = -(-int(getattr(work_size, "py_func", work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
-    for count in (
-        4, 12 * links, record, links, entries,
-        DEFLECTION + 2 * links + len(task.targets) + len(task.terms) + TAIL, saved,
-    ):  # fmt: skip
+    for count in (PARAMETERS, POSE.end * links, record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
-    scratch = scratch_size(links, saved) * lanes if fitted else 0
-    return Layout(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]
+    scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
+    return Block(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]
 
 
 def aligned(rows: int, columns: int) -> np.ndarray:

@@ -13,16 +13,18 @@ from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
 from ..physics.protocol import link_poses
-from ..tasks.program import FRICTION, GOAL, STEP, TORQUE_FACTOR
+from ..tasks.program import FRICTION, GOAL, POSE, STEP, TORQUE_FACTOR, record_at, saved_at
+
+_ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
 
 @kernel
 def _joint(lane, poses, k, rates):  # type: ignore[no-untyped-def]
-    """Angle (rates 0) or rate (rates 3) of joint k."""
-    here = load(lane, poses, 12 * k + 2 + rates)
+    """Angle (_ANGLE) or rate (_RATE) of joint k."""
+    here = load(lane, poses, POSE.end * k + POSE.angle + rates)
     if k == 0:
         return here
-    return here - load(lane, poses, 12 * k - 4 + rates)
+    return here - load(lane, poses, POSE.end * (k - 1) + POSE.tip_angle + rates)
 
 
 @kernel
@@ -33,9 +35,9 @@ def command(lane, task, controller, action, poses, record, u):  # type: ignore[n
         limit = task.torque_limits[k]
         torque = load(lane, action, k) * limit
         if controller is not None:
-            error = load(lane, record, GOAL + k) - _joint(lane, poses, k, 0)
+            error = load(lane, record, GOAL + k) - _joint(lane, poses, k, _ANGLE)
             torque = torque * controller.share + error * controller.stiffness[k]
-            torque = clip(torque - _joint(lane, poses, k, 3) * controller.damping[k], limit)
+            torque = clip(torque - _joint(lane, poses, k, _RATE) * controller.damping[k], limit)
         store(u, k, torque * factor)
 
 
@@ -79,9 +81,10 @@ def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):  # typ
                 for k in range(size(p.task.links)):
                     w.u0[k * lanes + i] = w.u[k * lanes + i]
             else:
+                at = saved_at(0, n, 0, 0)
                 for k in range(n):
-                    w.a[k * lanes + i] = saved[(2 * n + k) * lanes + i]
-                    w.b[k * lanes + i] = saved[(3 * n + k) * lanes + i]
+                    w.a[k * lanes + i] = saved[(at.a + k) * lanes + i]
+                    w.b[k * lanes + i] = saved[(at.b + k) * lanes + i]
     switch(lane, model, par, block, 0)
 
 
@@ -102,19 +105,19 @@ def _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, bl
     Friction acts with the rate that the last step's change leads to expect at the end of the step.
     """
     n = size(p.task.links)
-    motor = GOAL + n
+    at = record_at(0, n, 1, actuator.age + 2, 0)
     before, now = stack(lane, p.task.links), stack(lane, p.task.links)
     for k in range(n):
-        _remember(lane, record, motor + n + k, n, actuator.age + 1, load(lane, w.u, k))
-        store(before, k, _joint(lane, poses, k, 3))
-        store(now, k, _joint(lane, poses, k, 3))
+        _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
+        store(before, k, _joint(lane, poses, k, _RATE))
+        store(now, k, _joint(lane, poses, k, _RATE))
     for s in range(p.n_steps):
         age = actuator.age + 1 if s < actuator.late else actuator.age
         for k in range(n):
-            asked = load(lane, record, motor + n + age * n + k)
-            torque = load(lane, record, motor + k)
+            asked = load(lane, record, at.commands + age * n + k)
+            torque = load(lane, record, at.torque + k)
             torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
-            store(record, motor + k, torque)
+            store(record, at.torque + k, torque)
             rate = load(lane, now, k) * 2.0 - load(lane, before, k)
             store(w.u, k, torque - _friction(actuator, k, rate))
             store(before, k, load(lane, now, k))
@@ -124,7 +127,7 @@ def _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, bl
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
         link_poses(lane, model, par, w.q, w.v, poses)
         for k in range(n):
-            store(now, k, _joint(lane, poses, k, 3))
+            store(now, k, _joint(lane, poses, k, _RATE))
         _book(lane, p.books, p.task, poses, record, w.u, -1.0)
 
 
@@ -140,10 +143,11 @@ def _book(lane, books, task, poses, record, u, sign):  # type: ignore[no-untyped
     """Friction's loss over a step: its torque times the way turned, in two halves."""
     if books is not None:
         n = size(task.links)
+        torque = record_at(0, n, 1, 0, 0).torque
         lost = load(lane, record, FRICTION)
         for k in range(n):
-            friction = load(lane, record, GOAL + n + k) - load(lane, u, k)
-            lost = lost - friction * _joint(lane, poses, k, 0) * sign
+            friction = load(lane, record, torque + k) - load(lane, u, k)
+            lost = lost - friction * _joint(lane, poses, k, _ANGLE) * sign
         store(record, FRICTION, lost)
 
 

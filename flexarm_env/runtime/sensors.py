@@ -50,7 +50,7 @@ def _measured(lanes, sensors, entries, stream, arm, k, value, record, first):  #
     """Entry k of the observation with its noise, as it arrives."""
     if sensors.noise[k] > 0.0:
         value = min(CLIP, max(-CLIP, value + sensors.noise[k] * normal(stream, arm)))
-    memory = record.shape[0] // lanes - entries * sensors.age  # the newest observation first
+    memory = record.shape[0] // lanes - entries * sensors.age  # `RECORD.seen`, the last of the record
     for j in range(sensors.age):
         at = (memory + j * entries + k) * lanes + arm % lanes
         if first:

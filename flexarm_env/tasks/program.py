@@ -6,39 +6,181 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-STEP, LIMIT, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, FRICTION, PATH, GOAL = 0, 1, 2, 3, 4, 6, 8, 9, 10, 16
-"""An arm's record: control periods done, allowed; mode; instants in the band; target (2) and its rate (2); factor of
-the torque constant; energy lost in joint friction, J; numbers of the reference's path (6); joint angles that reach the
-target (N). After them, where there are such: motor torques (N), commands (N an age), past observations (O an age)."""
+from ..compiler.decorator import kernel
+from ..layout import Field, Layout
+from ..physics.model import STATUS
+
+POSES = Layout(
+    "Pose", "",
+    Field("x", (), "m", "of the link's root"),
+    Field("y", (), "m", ""),
+    Field("angle", (), "rad", "of its tangent there"),
+    Field("vx", (), "m/s", "their rates"),
+    Field("vy", (), "m/s", ""),
+    Field("rate", (), "rad/s", ""),
+    Field("tip_x", (), "m", "the same of its tip"),
+    Field("tip_y", (), "m", ""),
+    Field("tip_angle", (), "rad", ""),
+    Field("tip_vx", (), "m/s", ""),
+    Field("tip_vy", (), "m/s", ""),
+    Field("tip_rate", (), "rad/s", ""),
+)  # fmt: skip
+"""What is known of a link, as `physics.protocol.link_poses` writes it."""
+
+POSE = POSES.places
+"""Where these are; POSE.end: numbers a link."""
+
+PARAMETERS = 4
+"""Numbers of an arm's own parameters `par`, see `physics.model.PAYLOAD_MASS`."""
+
+PATH = Layout(
+    "Path", "",
+    Field("x", (), "m or rad", "where a circle's centre, or a swing's first end, is"),
+    Field("y", (), "m", "of the centre"),
+    Field("size", (), "m or rad", "radius, or width of the swing"),
+    Field("rate", (), "rad/s", "of the angle on the circle, or of the swing's phase"),
+    Field("phase", (), "rad", "of that angle at t = 0"),
+)  # fmt: skip
+"""Numbers of a moving target's path that was drawn."""
+
+RECORD = Layout(
+    "Record", "joints, motors, commands, memory",
+    Field("step", (), "", "control periods done"),
+    Field("limit", (), "", "control periods allowed"),
+    Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
+    Field("hold", (), "", "instants in the band"),
+    Field("target", (2,), "m or rad", "a point, or an angle and nothing"),
+    Field("target_rate", (2,), "m/s or rad/s", "its rate"),
+    Field("torque_factor", (), "", "on the torque constant"),
+    Field("friction", (), "J", "energy lost in joint friction"),
+    Field("level", (), "", "halvings of the step that the last period took, where steps are fitted"),
+    Field("path", (PATH.length,), "", "a `PATH`"),
+    Field("goal", ("joints",), "rad", "joint angles that reach the target"),
+    Field("torque", ("motors", "joints"), "N m", "of motors that are not ideal (1 row, or none)"),
+    Field("commands", ("commands", "joints"), "N m", "asked of them, the newest first"),
+    Field("seen", ("memory",), "", "past observations, the newest first, where they come late"),
+)  # fmt: skip
+"""An arm's record: all that its episode remembers beside the state of the arm."""
+
+START = Layout(
+    "Start", "joints",
+    Field("vibration", (), "", "initial tip deflection over L"),
+    Field("target", (2,), "m or rad", "as in the record"),
+    Field("torque_factor", (), "", "likewise"),
+    Field("parameters", (PARAMETERS,), "", "payload mass, payload inertia, EI factor, tau_d"),
+    Field("angles", ("joints",), "rad", "joint angles"),
+)  # fmt: skip
+"""What a fresh start is made of."""
+
+REQUEST = Layout(
+    "Request", "joints",
+    Field("angles", ("joints",), "rad", "joint angles at the start"),
+    Field("target", (2,), "m or rad", "as in the record"),
+    Field("vibration", (), "", "initial tip deflection over L"),
+)  # fmt: skip
+"""What a reset asks for; NaN: to be drawn."""
+
+INFO = Layout(
+    "Info", "links, targets, terms",
+    Field("success", (), "", "1 or 0"),
+    Field("tip", (2,), "m", "where the tip is"),
+    Field("deflection", ("links",), "", "of each link's tip, over its length"),
+    Field("target", ("targets",), "m or rad", ""),
+    Field("torque", ("links",), "N m", "of each joint, as applied"),
+    Field("terms", ("terms",), "", "of the reward, weighted; the last: of failure"),
+    Field("in_range", (), "", "1 where the formulation holds, or 0"),
+    Field("error", (), "", "estimate of the formulation's own error, over L"),
+    Field("reason", (), "", "why the episode has ended; 0: it has not"),
+    Field("energies", (5,), "J", "kinetic, strain, gravity, dissipated, work of the motors"),
+    Field("reward", (), "", "sum of the terms"),
+    Field("truncated", (), "", "1 or 0"),
+)  # fmt: skip
+"""What the caller is told of an arm."""
+
+REPORT = Layout(
+    "Report", "links, gauges",
+    Field("poses", ("links", POSES.length), "m, rad", "of the links"),
+    Field("torque", ("links",), "N m", "of the joints"),
+    Field("action", ("links",), "", "as clipped"),
+    Field("energies", (5,), "J", "as in `INFO`"),
+    Field("in_range", (), "", "1 or 0"),
+    Field("gauges", ("gauges",), "", "strain gauges, scaled"),
+)  # fmt: skip
+"""What there is to be told of a guided arm's period, which is moved elsewhere."""
+
+_FIRST = RECORD.offsets(0, 0, 0, 0, 0)
+STEP, LIMIT, MODE, HOLD, TARGET, TARGET_RATE = (
+    _FIRST.step, _FIRST.limit, _FIRST.mode, _FIRST.hold, _FIRST.target, _FIRST.target_rate,
+)  # fmt: skip
+TORQUE_FACTOR, FRICTION, LEVEL, PATH_AT, GOAL = (
+    _FIRST.torque_factor, _FIRST.friction, _FIRST.level, _FIRST.path, _FIRST.goal,
+)  # fmt: skip
+"""Where the fields of a record are that no size moves."""
+
+_FIRST_OF_INFO = INFO.offsets(0, 0, 0, 0)
+SUCCESS, TIP, DEFLECTION = _FIRST_OF_INFO.success, _FIRST_OF_INFO.tip, _FIRST_OF_INFO.deflection
+"""Likewise of info."""
+
+SAVED = Layout(
+    "Saved", "rows, inputs, record",
+    Field("q", ("rows",), "", "state at the start of the period"),
+    Field("v", ("rows",), "", ""),
+    Field("a", ("rows",), "", ""),
+    Field("b", ("rows",), "", ""),
+    Field("books", (3,), "J", "as in `physics.integrator.work.Work`"),
+    Field("inputs", ("inputs",), "N m", "torques and loads"),
+    Field("record", ("record",), "", "a `RECORD`, where a period may change it; otherwise none of it"),
+)  # fmt: skip
+"""What is kept of an arm, to be gone back to."""
+
+SCRATCH = Layout(
+    "Scratch", "links, saved",
+    Field("flag", (), "", "how the period came out"),
+    Field("fine", (), "", "step size asked for, as halvings of h; -1: done"),
+    Field("tips", ("links", 4), "m, m/s", "x and y of each link's tip in the coarser run, and their rates"),
+    Field("result", ("saved",), "", "a `SAVED`, of the end of the period"),
+)  # fmt: skip
+"""What fitted steps need of an arm."""
+
+saved_at = kernel(SAVED.offsets)
+scratch_at = kernel(SCRATCH.offsets)
+record_at = kernel(RECORD.offsets)
+start_at = kernel(START.offsets)
+request_at = kernel(REQUEST.offsets)
+info_at = kernel(INFO.offsets)
+report_at = kernel(REPORT.offsets)
 
 RUNNING, OVER, FRESH, GUIDED = range(4)
 """Modes: stepped; over, waits for a reset; just reset, next step passes it over; motion prescribed, moved elsewhere."""
 
-SUCCESS, TIP, DEFLECTION = 0, 1, 3
-"""First entries of info: success, tip x y; then come tip deflections, target, torques, reward terms, the tail."""
-IN_RANGE, ERROR, REASON, ENERGIES, REWARD, TRUNCATED = 0, 1, 2, 3, 8, 9
-"""Entries of the tail of info: in range, error estimate, reason, kinetic, strain, gravity, dissipated, work, reward,
-truncated (1 or 0)."""
-TAIL = 10
-
 ACTION_NOT_FINITE, JOINT_LIMIT, RETRY = 100, 101, 102
 """Reasons for an end beside the status codes of `model`; RETRY: to be repeated alone."""
+
+REASONS: dict[float, str] = {
+    **{float(code): word if code else "" for code, word in enumerate(STATUS)},
+    float(ACTION_NOT_FINITE): "action_not_finite",
+    float(JOINT_LIMIT): "joint_limit",
+}
+"""Words of the codes that `info` holds."""
+
+STATUS_WORDS: dict[float, str] = {code: STATUS[int(code)] if code < len(STATUS) else STATUS[0] for code in REASONS}
+"""The solver's status for each of these codes."""
 
 CLIP = 10.0
 """Observations are clipped to this many scales."""
 
 
-class Layout(NamedTuple):
+class Block(NamedTuple):
     """Where the sections of a block begin (in float64), lanes inside."""
 
     par: int  # 4: payload mass, payload inertia, EI factor, tau_d
-    poses: int  # 12 a link
-    record: int  # see above
+    poses: int  # a `POSES` a link
+    record: int  # a `RECORD`
     action: int  # 1 a joint, clipped
     seen: int  # the scaled observation
-    info: int  # see above
-    saved: int  # q, v, a, b at the period's start, then books (3), inputs, and the record where a period may change it
-    end: int  # of what an arm is; behind it the scratch of fitted steps (`adaptive.py`), where there are such
+    info: int  # an `INFO`
+    saved: int  # a `SAVED`
+    end: int  # of what an arm is; behind it a `SCRATCH`, where steps are fitted
     row: int  # length of a block, in whole cache lines
 
 
@@ -117,7 +259,7 @@ class Program(NamedTuple):
     actuator: Actuator | None
     sensors: Sensors | None
     reference: Reference | None
-    layout: Layout
+    layout: Block
     entries: int  # O
     books: tuple[int, ...] | None  # a tag where energies are kept
     estimate: float  # of the formulation's own error, as a fraction of L
@@ -134,5 +276,5 @@ class Program(NamedTuple):
     truncated: np.ndarray  # (n,) uint8
     stream: np.ndarray  # (n,) uint64
     queue: np.ndarray  # (n,) int64: arms to be started
-    wish: np.ndarray  # (A + 3,): start angles, target, vibration wished for; NaN: drawn
-    outside: np.ndarray  # (12 A + 2 A + 6,): poses, torques, actions, energies and range of a guided arm
+    request: np.ndarray  # a `REQUEST`
+    report: np.ndarray  # a `REPORT`

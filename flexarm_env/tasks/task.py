@@ -1,56 +1,56 @@
-"""What an environment sees and pays: observation, success and reward of the two tasks, for one arm or a lane group.
+"""What every task has in common: its record, the functions that it brings, and what their kernels are made of.
 
-`poses` holds 12 numbers a link (`protocol.link_poses`); each observed entry is divided by its scale and clipped to
-+-10. Everything here is arithmetic on lanes, so that a batch and a single arm give the same bits.
+A task is a record (a subclass of `Task`) and kernels that are registered for it; `slew` and `reach` are two. `poses`
+holds a `program.POSES` a link; each observed entry is divided by its scale and clipped to +-10.
+Everything here is arithmetic on lanes, so that a batch and a single arm give the same bits.
 
     observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
     judge(lane, task, poses, action, record, live, info)   success and reward terms into `info`, where `live` > 1/2;
                                                            returns (reward, joint limit passed: 1 or 0)
+
+and for one arm, whose `record` is its own (`program.RECORD`):
+
+    target_from(task, angles, first, second)   the target (two numbers) that two drawn ones mean, with the arm at
+                                               these joint angles
+    aim(task, record)                          the joint angles that reach the target, at the start of an episode
+    pursue(task, record)                       the same, where the target has moved on from these angles' own
+    draw_path(task, stream, arm, start, drawn, path)   numbers of a moving target's path (`program.PATH`), from the
+                                               angle of joint 0 and four numbers that were drawn
+    path_at(task, path, t, out)                out[0:2] <- target, out[2:4] <- its rate, at t (s)
+    in_hub_frame(task, cosine, sine, x, y)     a target's two numbers as an observation shows them
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ..compiler.decorator import kernel
 from ..compiler.dispatch import Family, size
-from ..compiler.lanes import absolute, load, select_lt, sincos, splat, square_root, store
-from ..physics.arithmetic import arctangent, clip, decay, put, smaller
-from .program import CLIP, DEFLECTION, GOAL, HOLD, SUCCESS, TARGET, TARGET_RATE, TIP
+from ..compiler.lanes import load, select_lt, sincos, splat, store
+from ..physics.arithmetic import clip, put
+from .program import CLIP, HOLD, POSE, SUCCESS, TARGET, TIP, info_at
 
 
-class Slew(NamedTuple):
-    """One link turns its tip to a polar angle. scales (6,), weights (6,): see `envs.flexible_arm`."""
+class Task(NamedTuple):
+    """What the kernels of a task know: N links, D numbers in a target, T reward terms, O entries of the observation.
+
+    links, targets, terms, entries are tuples of so many zeros: numbers that the compiler knows.
+    """
 
     links: tuple[int, ...]
     targets: tuple[int, ...]
     terms: tuple[int, ...]
     entries: tuple[int, ...]
-    length: float
-    scales: np.ndarray
-    weights: np.ndarray
-    torque_limits: np.ndarray
-    joint_limits: np.ndarray  # (2 n_links,): low, high of each joint, rad
+    length: float  # of the arm, m
+    lengths: np.ndarray  # (N,) m
+    scales: np.ndarray  # (O,) of the observation
+    rates: np.ndarray  # (N,) rad/s: top rate of each joint
+    weights: np.ndarray  # (T,) of the reward's terms; the last: of failure
+    torque_limits: np.ndarray  # (N,) N m
+    joint_limits: np.ndarray  # (2 N,): low, high of each joint, rad
     hold: float  # instants in the band that make a success
-
-
-class Reach(NamedTuple):
-    """Two links bring their tip to a point. scales (14,), weights (6,): see `envs.two_link`."""
-
-    links: tuple[int, ...]
-    targets: tuple[int, ...]
-    terms: tuple[int, ...]
-    entries: tuple[int, ...]
-    length: float
-    scales: np.ndarray
-    weights: np.ndarray
-    torque_limits: np.ndarray
-    joint_limits: np.ndarray
-    hold: float
-    lengths: np.ndarray
 
 
 TASKS = Family("task")
@@ -58,43 +58,55 @@ TASKS = Family("task")
 
 observe = TASKS.function("observe", "lane, task, poses, record, out")
 judge = TASKS.function("judge", "lane, task, poses, action, record, live, info")
+target_from = TASKS.function("target_from", "task, angles, first, second")
 aim = TASKS.function("aim", "task, record")
+pursue = TASKS.function("pursue", "task, record")
+draw_path = TASKS.function("draw_path", "task, stream, arm, start, drawn, path")
+path_at = TASKS.function("path_at", "task, path, t, out")
+in_hub_frame = TASKS.function("in_hub_frame", "task, cosine, sine, x, y")
 
 
 @kernel
-def _deflection(lane, poses, k):  # type: ignore[no-untyped-def]
+def info_of(task):  # type: ignore[no-untyped-def]
+    """Where the fields of a task's `INFO` are."""
+    return info_at(0, size(task.links), size(task.targets), size(task.terms))
+
+
+@kernel
+def deflection(lane, poses, k):  # type: ignore[no-untyped-def]
     """(normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine) of link k: tip less root, in and out of the root's
     turning frame."""
-    o = 12 * k
-    sine, cosine = sincos(load(lane, poses, o + 2))
-    dx, dy = load(lane, poses, o + 6) - load(lane, poses, o), load(lane, poses, o + 7) - load(lane, poses, o + 1)
-    dvx = load(lane, poses, o + 9) - load(lane, poses, o + 3)
-    dvy = load(lane, poses, o + 10) - load(lane, poses, o + 4)
+    o = POSE.end * k
+    sine, cosine = sincos(load(lane, poses, o + POSE.angle))
+    dx = load(lane, poses, o + POSE.tip_x) - load(lane, poses, o + POSE.x)
+    dy = load(lane, poses, o + POSE.tip_y) - load(lane, poses, o + POSE.y)
+    dvx = load(lane, poses, o + POSE.tip_vx) - load(lane, poses, o + POSE.vx)
+    dvy = load(lane, poses, o + POSE.tip_vy) - load(lane, poses, o + POSE.vy)
     normal, along = cosine * dy - sine * dx, cosine * dx + sine * dy
-    rate = cosine * dvy - sine * dvx - load(lane, poses, o + 5) * along
+    rate = cosine * dvy - sine * dvx - load(lane, poses, o + POSE.rate) * along
     return normal, along, rate, dx, dy, dvx, dvy, sine, cosine
 
 
 @kernel
-def _scaled(lane, task, out, k, value):  # type: ignore[no-untyped-def]
+def show_scaled(lane, task, out, k, value):  # type: ignore[no-untyped-def]
     store(out, k, clip(value / task.scales[k], CLIP))
 
 
 @kernel
-def _past_limits(lane, task, poses):  # type: ignore[no-untyped-def]
+def past_limits(lane, task, poses):  # type: ignore[no-untyped-def]
     """1 where a joint's angle is beyond its limits."""
     past = splat(lane, 0.0)
     before = splat(lane, 0.0)
     for k in range(size(task.links)):
-        angle = load(lane, poses, 12 * k + 2) - before
+        angle = load(lane, poses, POSE.end * k + POSE.angle) - before
         past = select_lt(angle, task.joint_limits[2 * k], 1.0, past)
         past = select_lt(task.joint_limits[2 * k + 1], angle, 1.0, past)
-        before = load(lane, poses, 12 * k + 8)
+        before = load(lane, poses, POSE.end * k + POSE.tip_angle)
     return past
 
 
 @kernel
-def _held(lane, task, good, record, live, info):  # type: ignore[no-untyped-def]
+def hold(lane, task, good, record, live, info):  # type: ignore[no-untyped-def]
     """Count the instants in the band; success is a count that reaches task.hold."""
     before = load(lane, record, HOLD)
     held = select_lt(0.5, good, before + 1.0, splat(lane, 0.0))
@@ -104,7 +116,7 @@ def _held(lane, task, good, record, live, info):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _effort(lane, task, action):  # type: ignore[no-untyped-def]
+def effort(lane, task, action):  # type: ignore[no-untyped-def]
     total = splat(lane, 0.0)
     for k in range(size(task.links)):
         a = load(lane, action, k)
@@ -113,152 +125,19 @@ def _effort(lane, task, action):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pay(lane, task, live, info, k, value):  # type: ignore[no-untyped-def]
+def pay(lane, task, live, info, k, value):  # type: ignore[no-untyped-def]
     """Reward term k, weighted, into info."""
-    first = DEFLECTION + 2 * size(task.links) + size(task.targets)
+    at = info_of(task).terms + k
     weighted = value * task.weights[k]
-    put(live, info, first + k, weighted, load(lane, info, first + k))
+    put(live, info, at, weighted, load(lane, info, at))
     return weighted
 
 
 @kernel
-def _note(lane, task, poses, record, live, info):  # type: ignore[no-untyped-def]
+def note_tip(lane, task, poses, record, live, info):  # type: ignore[no-untyped-def]
     """Tip position and target into info."""
-    n = size(task.links)
-    o = 12 * n - 12
-    put(live, info, TIP, load(lane, poses, o + 6), load(lane, info, TIP))
-    put(live, info, TIP + 1, load(lane, poses, o + 7), load(lane, info, TIP + 1))
+    o, at = POSE.end * (size(task.links) - 1), info_of(task).target
+    put(live, info, TIP, load(lane, poses, o + POSE.tip_x), load(lane, info, TIP))
+    put(live, info, TIP + 1, load(lane, poses, o + POSE.tip_y), load(lane, info, TIP + 1))
     for k in range(size(task.targets)):
-        put(live, info, DEFLECTION + n + k, load(lane, record, TARGET + k), load(lane, info, DEFLECTION + n + k))
-
-
-# --- slew ----------------------------------------------------------------------------------------------
-
-
-@kernel
-def slew_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def]
-    """sin, cos of the hub angle; hub rate; tip deflection and rate over L; target less tip angle, unwrapped."""
-    normal, along, rate, _, _, _, _, sine, cosine = _deflection(lane, poses, 0)
-    _scaled(lane, task, out, 0, sine)
-    _scaled(lane, task, out, 1, cosine)
-    _scaled(lane, task, out, 2, load(lane, poses, 5))
-    _scaled(lane, task, out, 3, normal / task.length)
-    _scaled(lane, task, out, 4, rate / task.length)
-    error = load(lane, record, TARGET) - (load(lane, poses, 2) + arctangent(normal, along))
-    _scaled(lane, task, out, 5, error)
-
-
-@kernel
-def slew_judge(lane, task, poses, action, record, live, info):  # type: ignore[no-untyped-def]
-    """Terms: accuracy, settle, distance, effort, vibration."""
-    normal, along, rate, dx, dy, dvx, dvy, _, _ = _deflection(lane, poses, 0)
-    error = absolute(load(lane, record, TARGET) - (load(lane, poses, 2) + arctangent(normal, along)))
-    turning = (dx * dvy - dy * dvx) / (dx * dx + dy * dy)
-    rate = absolute(rate / task.length)
-    put(live, info, DEFLECTION, normal / task.length, load(lane, info, DEFLECTION))
-    good = select_lt(error, math.pi / 180.0, splat(lane, 1.0), splat(lane, 0.0))
-    good = select_lt(rate, 0.01, good, splat(lane, 0.0))
-    _held(lane, task, good, record, live, info)
-    _note(lane, task, poses, record, live, info)
-    wide, narrow, slow = error * 10.0, error * 50.0, (turning - load(lane, record, TARGET_RATE)) * 5.0
-    total = _pay(lane, task, live, info, 0, decay(wide * wide))
-    total = total + _pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))
-    total = total + _pay(lane, task, live, info, 2, -smaller(error, 1.0))
-    total = total + _pay(lane, task, live, info, 3, -_effort(lane, task, action))
-    total = total + _pay(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
-    return total, _past_limits(lane, task, poses)
-
-
-@kernel
-def slew_aim(task, record):  # type: ignore[no-untyped-def]
-    """Joint angle that reaches the target."""
-    store(record, GOAL, record[TARGET])
-
-
-# --- reach ---------------------------------------------------------------------------------------------
-
-
-@kernel
-def reach_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def]
-    """Joints, rates, deflections and rates, tip velocity and way to the target in the hub's frame (`envs.two_link`)."""
-    n = size(task.links)
-    before, spin = splat(lane, 0.0), splat(lane, 0.0)
-    hub_sine, hub_cosine = splat(lane, 0.0), splat(lane, 1.0)
-    for k in range(n):
-        o = 12 * k
-        normal, _, rate, _, _, _, _, sine, cosine = _deflection(lane, poses, k)
-        if k == 0:
-            hub_sine, hub_cosine = sine, cosine
-        else:
-            sine, cosine = sincos(load(lane, poses, o + 2) - before)
-        _scaled(lane, task, out, 2 * k, sine)
-        _scaled(lane, task, out, 2 * k + 1, cosine)
-        _scaled(lane, task, out, 2 * n + k, load(lane, poses, o + 5) - spin)
-        _scaled(lane, task, out, 3 * n + k, normal / task.lengths[k])
-        _scaled(lane, task, out, 4 * n + k, rate / task.lengths[k])
-        before, spin = load(lane, poses, o + 8), load(lane, poses, o + 11)
-    o = 12 * n - 12
-    vx, vy = load(lane, poses, o + 9), load(lane, poses, o + 10)
-    dx = load(lane, record, TARGET) - load(lane, poses, o + 6)
-    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + 7)
-    _scaled(lane, task, out, 5 * n, hub_cosine * vx + hub_sine * vy)
-    _scaled(lane, task, out, 5 * n + 1, hub_cosine * vy - hub_sine * vx)
-    _scaled(lane, task, out, 5 * n + 2, hub_cosine * dx + hub_sine * dy)
-    _scaled(lane, task, out, 5 * n + 3, hub_cosine * dy - hub_sine * dx)
-
-
-@kernel
-def reach_judge(lane, task, poses, action, record, live, info):  # type: ignore[no-untyped-def]
-    """Terms: accuracy, settle, distance, effort, vibration."""
-    n = size(task.links)
-    shaking = splat(lane, 0.0)
-    for k in range(n):
-        normal, _, rate, _, _, _, _, _, _ = _deflection(lane, poses, k)
-        put(live, info, DEFLECTION + k, normal / task.lengths[k], load(lane, info, DEFLECTION + k))
-        rate = rate / task.lengths[k]
-        shaking = shaking + rate * rate
-    o = 12 * n - 12
-    vx, vy = load(lane, poses, o + 9), load(lane, poses, o + 10)
-    dx = load(lane, record, TARGET) - load(lane, poses, o + 6)
-    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + 7)
-    vx, vy = vx - load(lane, record, TARGET_RATE), vy - load(lane, record, TARGET_RATE + 1)
-    error = square_root(dx * dx + dy * dy) / task.length
-    speed = square_root(vx * vx + vy * vy) / task.length
-    good = select_lt(error, 0.01, splat(lane, 1.0), splat(lane, 0.0))
-    good = select_lt(speed, 0.05, good, splat(lane, 0.0))
-    _held(lane, task, good, record, live, info)
-    _note(lane, task, poses, record, live, info)
-    wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
-    total = _pay(lane, task, live, info, 0, decay(wide * wide))
-    total = total + _pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))
-    total = total + _pay(lane, task, live, info, 2, -smaller(error, 1.0))
-    total = total + _pay(lane, task, live, info, 3, -_effort(lane, task, action))
-    total = total + _pay(lane, task, live, info, 4, -smaller(shaking, 1.0))
-    return total, _past_limits(lane, task, poses)
-
-
-@kernel
-def reach_aim(task, record):  # type: ignore[no-untyped-def]
-    """Joint angles of the straight-linked arm that reach the target: of the two solutions the one that the joints, at
-    the record's angles, are sooner at (joint k takes a time for an angle x that goes as sqrt(|x|) / its rate's scale).
-    """
-    a, b = task.lengths[0], task.lengths[1]
-    x, y = record[TARGET], record[TARGET + 1]
-    cosine = (x * x + y * y - a * a - b * b) / (2.0 * a * b)
-    bend = math.acos(min(1.0, max(-1.0, cosine)))
-    bearing, inner = math.atan2(y, x), math.atan2(b * math.sin(bend), a + b * math.cos(bend))
-    hub_now, elbow_now = record[GOAL], record[GOAL + 1]
-    least = math.inf
-    for side in (1.0, -1.0):
-        elbow, hub = side * bend, bearing - side * inner
-        hub -= 2.0 * math.pi * math.floor((hub - hub_now) / (2.0 * math.pi) + 0.5)
-        way = max(abs(hub - hub_now) / task.scales[4] ** 2, abs(elbow - elbow_now) / task.scales[5] ** 2)
-        if elbow < task.joint_limits[2] or elbow > task.joint_limits[3]:
-            way += 1e6
-        if way < least:
-            least = way
-            record[GOAL], record[GOAL + 1] = hub, elbow
-
-
-TASKS.register(Slew, observe=slew_observe, judge=slew_judge, aim=slew_aim)
-TASKS.register(Reach, observe=reach_observe, judge=reach_judge, aim=reach_aim)
+        put(live, info, at + k, load(lane, record, TARGET + k), load(lane, info, at + k))

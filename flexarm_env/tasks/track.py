@@ -8,32 +8,28 @@ from ..compiler.arrays import stack
 from ..compiler.decorator import kernel
 from ..compiler.dispatch import size
 from ..physics.arithmetic import clip
-from .program import CLIP, GOAL, MODE, PATH, RUNNING, STEP, TARGET, TARGET_RATE
+from .program import CLIP, GOAL, MODE, PATH_AT, POSE, RUNNING, STEP, TARGET, TARGET_RATE
 from .stream import uniform
-from .task import aim
+from .task import draw_path, in_hub_frame, path_at, pursue
 
-_SIX, _MANY = (0,) * 6, (0,) * (GOAL + 8)
+_ONE, _PLACE, _DRAWN, _PATH = (0,), (0,) * 4, (0,) * 4, (0,) * (GOAL - PATH_AT)
+_RECORD = (0,) * GOAL
 
 
 @kernel
-def _on_path(reference, targets, record, lanes, i, t, k, out):  # type: ignore[no-untyped-def]
+def _on_path(reference, task, record, lanes, i, t, k, out):  # type: ignore[no-untyped-def]
     """out[0:D] <- target, out[2:2+D] <- its rate, for arm i's path at t (s), which is control instant k."""
+    targets = size(task.targets)
     if reference.table.shape[0] > 0:
         rows = reference.table.shape[0] // (2 * targets)
         row = min(k, rows - 1) * 2 * targets
         for d in range(targets):
             out[d], out[2 + d] = reference.table[row + d], reference.table[row + targets + d]
         return
-    first, second = record[PATH * lanes + i], record[(PATH + 1) * lanes + i]
-    size_of, omega, phase = (
-        record[(PATH + 2) * lanes + i], record[(PATH + 3) * lanes + i], record[(PATH + 4) * lanes + i],
-    )  # fmt: skip
-    angle = omega * t + phase
-    if targets == 1:  # to and fro, from rest
-        out[0], out[2] = first + 0.5 * size_of * (1.0 - math.cos(angle)), 0.5 * size_of * omega * math.sin(angle)
-    else:  # a circle
-        out[0], out[1] = first + size_of * math.cos(angle), second + size_of * math.sin(angle)
-        out[2], out[3] = -size_of * omega * math.sin(angle), size_of * omega * math.cos(angle)
+    path = stack(_ONE, _PATH)
+    for j in range(GOAL - PATH_AT):
+        path[j] = record[(PATH_AT + j) * lanes + i]
+    path_at(task, path, t, out)
 
 
 @kernel
@@ -47,16 +43,16 @@ def move_targets(lane, reference, task, period, record):  # type: ignore[no-unty
 
 @kernel
 def _move_target(lanes, reference, task, period, record, i):  # type: ignore[no-untyped-def]
-    targets, out, mine = size(task.targets), stack((0,), _SIX), stack((0,), _MANY)
+    out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
     k = record[STEP * lanes + i] + 1.0
-    _on_path(reference, targets, record, lanes, i, k * period, int(k), out)
-    for d in range(targets):
+    _on_path(reference, task, record, lanes, i, k * period, int(k), out)
+    for d in range(size(task.targets)):
         record[(TARGET + d) * lanes + i] = out[d]
         record[(TARGET_RATE + d) * lanes + i] = out[2 + d]
     for j in range(GOAL, GOAL + size(task.links)):
         mine[j] = record[j * lanes + i]
     mine[TARGET], mine[TARGET + 1] = out[0], out[1]
-    aim(task, mine)
+    pursue(task, mine)
     for j in range(GOAL, GOAL + size(task.links)):
         record[j * lanes + i] = mine[j]
 
@@ -75,23 +71,22 @@ def look_ahead(lanes, reference, task, period, first, poses, record, seen):  # t
 @kernel
 def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i):  # type: ignore[no-untyped-def]
     targets, at = size(task.targets), size(task.entries)
-    out, rows = stack((0,), _SIX), reference.ahead.shape[0]
+    out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
     k = record[STEP * lanes + i] + (0.0 if first else 1.0)
-    hub = poses[2 * lanes + i]
+    hub = poses[POSE.angle * lanes + i]
+    cosine, sine = math.cos(hub), math.sin(hub)
     for row in range(rows + 1):
         step = k if row == 0 else k + reference.ahead[row - 1]
-        _on_path(reference, targets, record, lanes, i, step * period, int(step), out)
+        _on_path(reference, task, record, lanes, i, step * period, int(step), out)
         if row == 0:
             x, y = out[2], out[3]
         else:
             x, y = out[0] - record[TARGET * lanes + i], out[1] - record[(TARGET + 1) * lanes + i]
+        x, y = in_hub_frame(task, cosine, sine, x, y)
         o = row * targets
-        if targets == 1:
-            seen[(at + o) * lanes + i] = clip(x / reference.scales[o], CLIP)
-        else:
-            cosine, sine = math.cos(hub), math.sin(hub)
-            seen[(at + o) * lanes + i] = clip((cosine * x + sine * y) / reference.scales[o], CLIP)
-            seen[(at + o + 1) * lanes + i] = clip((cosine * y - sine * x) / reference.scales[o + 1], CLIP)
+        for d in range(targets):
+            value = x if d == 0 else y
+            seen[(at + o + d) * lanes + i] = clip(value / reference.scales[o + d], CLIP)
 
 
 @kernel
@@ -104,21 +99,15 @@ def start_path(reference, task, stream, arm, record, lanes):  # type: ignore[no-
 @kernel
 def _start_path(reference, task, stream, arm, record, lanes):  # type: ignore[no-untyped-def]
     i, targets = arm % lanes, size(task.targets)
-    drawn = stack((0,), _SIX)
-    for k in range(4):
+    drawn, path, out = stack(_ONE, _DRAWN), stack(_ONE, _PATH), stack(_ONE, _PLACE)
+    for k in range(len(_DRAWN)):
         low, high = reference.ranges[2 * k], reference.ranges[2 * k + 1]
         drawn[k] = low + (high - low) * uniform(stream, arm)
-    turn = 1.0 if uniform(stream, arm) < 0.5 else -1.0
-    if targets == 1:  # 0 amplitude, rad; 1 period, s; from where the arm stands
-        record[PATH * lanes + i] = record[GOAL * lanes + i]
-        record[(PATH + 2) * lanes + i] = drawn[0] * turn
-        record[(PATH + 3) * lanes + i] = 2.0 * math.pi / drawn[1]
-    else:  # 0 and 3 distance (m) and direction of the centre, 1 period, s; 2 radius, m
-        record[PATH * lanes + i] = drawn[0] * math.cos(drawn[3])
-        record[(PATH + 1) * lanes + i] = drawn[0] * math.sin(drawn[3])
-        record[(PATH + 2) * lanes + i] = drawn[2]
-        record[(PATH + 3) * lanes + i] = turn * 2.0 * math.pi / drawn[1]
-        record[(PATH + 4) * lanes + i] = 2.0 * math.pi * uniform(stream, arm)
-    _on_path(reference, targets, record, lanes, i, 0.0, 0, drawn)
+    for k in range(len(_PATH)):
+        path[k] = 0.0
+    draw_path(task, stream, arm, record[GOAL * lanes + i], drawn, path)
+    for k in range(len(_PATH)):
+        record[(PATH_AT + k) * lanes + i] = path[k]
+    _on_path(reference, task, record, lanes, i, 0.0, 0, out)
     for d in range(targets):
-        record[(TARGET + d) * lanes + i], record[(TARGET_RATE + d) * lanes + i] = drawn[d], drawn[2 + d]
+        record[(TARGET + d) * lanes + i], record[(TARGET_RATE + d) * lanes + i] = out[d], out[2 + d]

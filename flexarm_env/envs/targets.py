@@ -1,0 +1,143 @@
+"""What a task's target is, an angle or a point: as an option of reset, where it moves, at rest, and in a picture."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..parameters import Arm
+from ..rigid import rate_scale, reach
+from ..time_functions import TimeFunction
+from .motion import ANGLE, function_of
+
+Array = NDArray[np.float64]
+Pair = tuple[float, float]
+
+AHEAD = (0.1, 0.3)
+"""Times, s, by which the observation of task="track" looks ahead."""
+
+
+class Target(ABC):
+    """numbers: that a target has; two are kept of any, an angle's second is 0."""
+
+    numbers: int
+
+    @abstractmethod
+    def read(self, arm: Arm, value: Any) -> Pair:
+        """options["target"] of reset, checked."""
+
+    @abstractmethod
+    def reached(self, arm: Arm, angles: Sequence[float]) -> Pair:
+        """The target that the rigid arm reaches with its joints at these angles, rad."""
+
+    @abstractmethod
+    def place(self, arm: Arm, target: Array) -> Array:
+        """Where a picture shows it: (2,) m."""
+
+    @abstractmethod
+    def entries(self, arm: Arm) -> list[tuple[str, float]]:
+        """Names and scales of what a moving target adds to the observation: its rate, its ways ahead."""
+
+    @abstractmethod
+    def ranges(self, arm: Arm) -> list[Pair]:
+        """What the four numbers of a path lie within that is drawn (`draw_path` of the task)."""
+
+    @abstractmethod
+    def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
+        """A given reference as one function of time for each number; t: where it will be read, s."""
+
+
+class Angle(Target):
+    """The polar angle of the tip, rad."""
+
+    numbers = 1
+
+    def read(self, arm: Arm, value: Any) -> Pair:
+        if np.ndim(value) == 1 and len(value) == 1:
+            value = value[0]
+        return check.number("options.target", value, "rad", **ANGLE), 0.0
+
+    def reached(self, arm: Arm, angles: Sequence[float]) -> Pair:
+        return float(sum(angles)), 0.0
+
+    def place(self, arm: Arm, target: Array) -> Array:
+        return np.array([arm.total_length * math.cos(target[0]), arm.total_length * math.sin(target[0])])
+
+    def entries(self, arm: Arm) -> list[tuple[str, float]]:
+        ahead = [(f"target_ahead_{k + 1}", 1.0) for k in range(len(AHEAD))]
+        return [("target_rate", rate_scale(arm, 0)), *ahead]
+
+    def ranges(self, arm: Arm) -> list[Pair]:
+        rate = rate_scale(arm, 0)
+        return [(0.3, math.pi / 2), (10.0 / rate, 20.0 / rate), (0.0, 0.0), (0.0, 0.0)]
+
+    def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
+        return [function_of("reference", given)]
+
+
+class Point(Target):
+    """A place of the tip, (x, y) in m."""
+
+    numbers = 2
+
+    def read(self, arm: Arm, value: Any) -> Pair:
+        x, y = check.sequence("options.target", value, "two numbers (m), (x, y)", 2)
+        x, y = check.number("options.target[0]", x, "m"), check.number("options.target[1]", y, "m")
+        near, far = reach(arm)
+        if not near <= math.hypot(x, y) <= far:
+            what = f"must be within reach, {near:g} to {far:g} m from the root"
+            raise check.InvalidValue("options.target", (x, y), what)
+        return x, y
+
+    def reached(self, arm: Arm, angles: Sequence[float]) -> Pair:
+        angle, x, y = 0.0, 0.0, 0.0
+        for link, turn in zip(arm.links, angles, strict=True):
+            angle += turn
+            x, y = x + link.length * math.cos(angle), y + link.length * math.sin(angle)
+        return x, y
+
+    def place(self, arm: Arm, target: Array) -> Array:
+        return target
+
+    def entries(self, arm: Arm) -> list[tuple[str, float]]:
+        speed, way = rate_scale(arm, 0) * arm.total_length, 0.5 * arm.total_length
+        named = [("target_velocity", speed), *((f"target_ahead_{k + 1}", way) for k in range(len(AHEAD)))]
+        return [(f"{name}_{axis}", scale) for name, scale in named for axis in "xy"]
+
+    def ranges(self, arm: Arm) -> list[Pair]:
+        rate, far = rate_scale(arm, 0), arm.total_length
+        turns = (-math.pi / 3, math.pi / 3)
+        return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
+
+    def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
+        if _is_path(given):
+            rows = np.asarray(given)
+            given = [rows[:, [0, 1]], rows[:, [0, 2]]]
+        what = "two functions of time, x and y (m), or a table (n, 3): t, x, y"
+        both = [function_of(f"reference[{d}]", f) for d, f in enumerate(check.sequence("reference", given, what, 2))]
+        x, y = (f(t) for f in both)
+        near, far = reach(arm)
+        distance = np.hypot(x, y)
+        wrong = np.flatnonzero((distance < near * (1.0 - 1e-9)) | (distance > far * (1.0 + 1e-9)))
+        if wrong.size:
+            at = f"({x[wrong[0]]:g}, {y[wrong[0]]:g}) m at {t[wrong[0]]:g} s"
+            raise ValueError(f"reference = {at}: must stay within reach, {near:g} to {far:g} m from the root")
+        return both
+
+
+def _is_path(given: Any) -> bool:
+    """Whether this is a table of t, x, y."""
+    try:
+        rows = np.asarray(given)
+    except ValueError:
+        return False
+    return bool(rows.dtype.kind in "fiu" and rows.ndim == 2 and rows.shape[1] == 3)
+
+
+ANGLE_OF_TIP, POINT = Angle(), Point()

@@ -1,0 +1,82 @@
+"""The arm with rigid links: reach, inertia, the torques that its rates ask for, and the scales that follow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .parameters import Arm
+
+Array = NDArray[np.float64]
+
+
+def reach(arm: Arm) -> tuple[float, float]:
+    """Smallest and largest distance of the tip from the root, m."""
+    lengths = [link.length for link in arm.links]
+    return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
+
+
+def link_inertia(arm: Arm) -> Array:
+    """The (N, N) matrix C, kg m^2, with M_jk = C_jk cos(alpha_j - alpha_k) in the links' absolute angles alpha.
+
+    Each body (link, motor, payload) at a distance a_j along every link j on the way to it adds m a_j a_k, and its own
+    inertia to the link that it turns with.
+    """
+    n = arm.n_links
+    lengths = np.array([link.length for link in arm.links])
+    total = np.zeros((n, n))
+
+    def add(mass: float, last: int, along: float, inertia: float) -> None:
+        levers = np.where(np.arange(n) < last, lengths, 0.0)
+        levers[last] = along
+        total[:, :] += mass * np.outer(levers, levers)
+        total[last, last] += inertia
+
+    for k, link in enumerate(arm.links):
+        if k == 0:
+            add(0.0, 0, 0.0, arm.hub_inertia)
+        else:
+            elbow = arm.elbow(k)
+            add(elbow.mass, k - 1, lengths[k - 1], elbow.inertia_left)
+            add(0.0, k, 0.0, elbow.inertia_right)
+        add(link.mass, k, 0.5 * link.length, link.mass * link.length**2 / 12.0 + link.section.J * link.length)
+    add(arm.payload.mass, n - 1, lengths[-1], arm.payload.inertia)
+    return total
+
+
+def _differences(elbows: Array) -> Array:
+    """alpha_j - alpha_k (n, N, N) from elbow angles (n, N - 1)."""
+    elbows = np.asarray(elbows, np.float64)
+    alpha = np.concatenate([np.zeros((len(elbows), 1)), np.cumsum(elbows, axis=1)], axis=1)
+    return np.asarray(alpha[:, :, None] - alpha[:, None, :])
+
+
+def _of_joints(values: Array, axis: int) -> Array:
+    """Sums over links k ... N - 1 along an axis: what acts on link k and beyond acts at joint k."""
+    return np.flip(np.cumsum(np.flip(values, axis), axis), axis)
+
+
+def rigid_inertia(arm: Arm, elbows: Array) -> Array:
+    """Inertia (n, N, N) in kg m^2 about the joints, at elbow angles (n, N - 1) in rad."""
+    return _of_joints(_of_joints(link_inertia(arm) * np.cos(_differences(elbows)), 1), 2)
+
+
+def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
+    """Torques (n, N) in N m that joint rates (n, N) in rad/s ask for, beside inertia times acceleration."""
+    squares = np.cumsum(rates, axis=1) ** 2
+    pulls = link_inertia(arm) * np.sin(_differences(elbows))
+    return _of_joints(np.einsum("njk,nk->nj", pulls, squares), 1)
+
+
+def inertia_beyond(arm: Arm, joint: int) -> float:
+    """Inertia (kg m^2) about a joint of the straight arm from that joint to the tip."""
+    return float(rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0, joint, joint])
+
+
+def rate_scale(arm: Arm, joint: int) -> float:
+    """sqrt(tau pi/2 / I), rad/s: top rate of a rigid quarter turn, rest to rest at full torque, reached midway."""
+    limits = arm.torque_limits
+    assert limits is not None
+    return math.sqrt(limits[joint] * (math.pi / 2) / inertia_beyond(arm, joint))

@@ -1,0 +1,145 @@
+"""A task: the tip of a chain of links is brought to a point, and kept there."""
+
+from __future__ import annotations
+
+import math
+
+from ..compiler.decorator import kernel
+from ..compiler.dispatch import size
+from ..compiler.lanes import load, select_lt, sincos, splat, square_root
+from ..physics.arithmetic import decay, put, smaller
+from .angles import least_angles, next_angles, sooner_angles
+from .program import DEFLECTION, GOAL, PATH, POSE, TARGET, TARGET_RATE
+from .stream import uniform
+from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
+
+_PATH = PATH.places
+
+
+class Reach(Task):
+    """Of two links. Observation and reward: see `envs.two_link`."""
+
+    __slots__ = ()
+
+
+class Chain(Task):
+    """Of any number of links: as `Reach`, but for the joint angles that are aimed at."""
+
+    __slots__ = ()
+
+
+@kernel
+def reach_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def]
+    """Joints, rates, deflections and rates, tip velocity and way to the target in the hub's frame (`envs.two_link`)."""
+    n = size(task.links)
+    before, spin = splat(lane, 0.0), splat(lane, 0.0)
+    hub_sine, hub_cosine = splat(lane, 0.0), splat(lane, 1.0)
+    for k in range(n):
+        o = POSE.end * k
+        normal, _, rate, _, _, _, _, sine, cosine = deflection(lane, poses, k)
+        if k == 0:
+            hub_sine, hub_cosine = sine, cosine
+        else:
+            sine, cosine = sincos(load(lane, poses, o + POSE.angle) - before)
+        show_scaled(lane, task, out, 2 * k, sine)
+        show_scaled(lane, task, out, 2 * k + 1, cosine)
+        show_scaled(lane, task, out, 2 * n + k, load(lane, poses, o + POSE.rate) - spin)
+        show_scaled(lane, task, out, 3 * n + k, normal / task.lengths[k])
+        show_scaled(lane, task, out, 4 * n + k, rate / task.lengths[k])
+        before, spin = load(lane, poses, o + POSE.tip_angle), load(lane, poses, o + POSE.tip_rate)
+    o = POSE.end * (n - 1)
+    vx, vy = load(lane, poses, o + POSE.tip_vx), load(lane, poses, o + POSE.tip_vy)
+    dx = load(lane, record, TARGET) - load(lane, poses, o + POSE.tip_x)
+    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + POSE.tip_y)
+    show_scaled(lane, task, out, 5 * n, hub_cosine * vx + hub_sine * vy)
+    show_scaled(lane, task, out, 5 * n + 1, hub_cosine * vy - hub_sine * vx)
+    show_scaled(lane, task, out, 5 * n + 2, hub_cosine * dx + hub_sine * dy)
+    show_scaled(lane, task, out, 5 * n + 3, hub_cosine * dy - hub_sine * dx)
+
+
+@kernel
+def reach_judge(lane, task, poses, action, record, live, info):  # type: ignore[no-untyped-def]
+    """Terms: accuracy, settle, distance, effort, vibration."""
+    n = size(task.links)
+    shaking = splat(lane, 0.0)
+    for k in range(n):
+        normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
+        put(live, info, DEFLECTION + k, normal / task.lengths[k], load(lane, info, DEFLECTION + k))
+        rate = rate / task.lengths[k]
+        shaking = shaking + rate * rate
+    o = POSE.end * (n - 1)
+    vx, vy = load(lane, poses, o + POSE.tip_vx), load(lane, poses, o + POSE.tip_vy)
+    dx = load(lane, record, TARGET) - load(lane, poses, o + POSE.tip_x)
+    dy = load(lane, record, TARGET + 1) - load(lane, poses, o + POSE.tip_y)
+    vx, vy = vx - load(lane, record, TARGET_RATE), vy - load(lane, record, TARGET_RATE + 1)
+    error = square_root(dx * dx + dy * dy) / task.length
+    speed = square_root(vx * vx + vy * vy) / task.length
+    good = select_lt(error, 0.01, splat(lane, 1.0), splat(lane, 0.0))
+    good = select_lt(speed, 0.05, good, splat(lane, 0.0))
+    hold(lane, task, good, record, live, info)
+    note_tip(lane, task, poses, record, live, info)
+    wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
+    total = pay(lane, task, live, info, 0, decay(wide * wide))
+    total = total + pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))
+    total = total + pay(lane, task, live, info, 2, -smaller(error, 1.0))
+    total = total + pay(lane, task, live, info, 3, -effort(lane, task, action))
+    total = total + pay(lane, task, live, info, 4, -smaller(shaking, 1.0))
+    return total, past_limits(lane, task, poses)
+
+
+@kernel
+def reach_target(task, angles, first, second):  # type: ignore[no-untyped-def]
+    """From polar coordinates about the root."""
+    return first * math.cos(second), first * math.sin(second)
+
+
+@kernel
+def reach_aim(task, record):  # type: ignore[no-untyped-def]
+    """Of the two solutions the one sooner reached from the record's angles."""
+    sooner_angles(task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
+
+
+@kernel
+def chain_aim(task, record):  # type: ignore[no-untyped-def]
+    """The angles of least sum of squares."""
+    least_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
+
+
+@kernel
+def chain_pursue(task, record):  # type: ignore[no-untyped-def]
+    """The angles of least sum of squares that follow on the record's own."""
+    next_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
+
+
+@kernel
+def reach_draw_path(task, stream, arm, start, drawn, path):  # type: ignore[no-untyped-def]
+    """A circle; drawn: distance of its centre, m; period, s; radius, m; bearing of its centre, rad."""
+    side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
+    path[_PATH.x] = drawn[0] * math.cos(drawn[3])
+    path[_PATH.y] = drawn[0] * math.sin(drawn[3])
+    path[_PATH.size] = drawn[2]
+    path[_PATH.rate] = side * 2.0 * math.pi / drawn[1]
+    path[_PATH.phase] = 2.0 * math.pi * uniform(stream, arm)
+
+
+@kernel
+def reach_path_at(task, path, t, out):  # type: ignore[no-untyped-def]
+    """On the circle."""
+    radius, rate = path[_PATH.size], path[_PATH.rate]
+    angle = rate * t + path[_PATH.phase]
+    out[0], out[1] = path[_PATH.x] + radius * math.cos(angle), path[_PATH.y] + radius * math.sin(angle)
+    out[2], out[3] = -radius * rate * math.sin(angle), radius * rate * math.cos(angle)
+
+
+@kernel
+def reach_in_hub_frame(task, cosine, sine, x, y):  # type: ignore[no-untyped-def]
+    """A point or its velocity, turned back by the hub's angle."""
+    return cosine * x + sine * y, cosine * y - sine * x
+
+
+_OF_BOTH = {
+    "observe": reach_observe, "judge": reach_judge, "target_from": reach_target, "draw_path": reach_draw_path,
+    "path_at": reach_path_at, "in_hub_frame": reach_in_hub_frame,
+}  # fmt: skip
+TASKS.register(Reach, **_OF_BOTH, aim=reach_aim, pursue=reach_aim)
+TASKS.register(Chain, **_OF_BOTH, aim=chain_aim, pursue=chain_pursue)

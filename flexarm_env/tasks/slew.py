@@ -1,0 +1,96 @@
+"""A task: one link turns its tip to a polar angle, and keeps it there."""
+
+from __future__ import annotations
+
+import math
+
+from ..compiler.decorator import kernel
+from ..compiler.lanes import absolute, load, select_lt, splat
+from ..physics.arithmetic import arctangent, decay, put, smaller
+from .program import DEFLECTION, GOAL, PATH, POSE, TARGET, TARGET_RATE
+from .stream import uniform
+from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
+
+_PATH = PATH.places
+
+
+class Slew(Task):
+    """Observation and reward: see `envs.flexible_arm`."""
+
+    __slots__ = ()
+
+
+@kernel
+def slew_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def]
+    """sin, cos of the hub angle; hub rate; tip deflection and rate over L; target less tip angle, unwrapped."""
+    normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
+    show_scaled(lane, task, out, 0, sine)
+    show_scaled(lane, task, out, 1, cosine)
+    show_scaled(lane, task, out, 2, load(lane, poses, POSE.rate))
+    show_scaled(lane, task, out, 3, normal / task.length)
+    show_scaled(lane, task, out, 4, rate / task.length)
+    error = load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along))
+    show_scaled(lane, task, out, 5, error)
+
+
+@kernel
+def slew_judge(lane, task, poses, action, record, live, info):  # type: ignore[no-untyped-def]
+    """Terms: accuracy, settle, distance, effort, vibration."""
+    normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
+    error = absolute(load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along)))
+    turning = (dx * dvy - dy * dvx) / (dx * dx + dy * dy)
+    rate = absolute(rate / task.length)
+    put(live, info, DEFLECTION, normal / task.length, load(lane, info, DEFLECTION))
+    good = select_lt(error, math.pi / 180.0, splat(lane, 1.0), splat(lane, 0.0))
+    good = select_lt(rate, 0.01, good, splat(lane, 0.0))
+    hold(lane, task, good, record, live, info)
+    note_tip(lane, task, poses, record, live, info)
+    wide, narrow, slow = error * 10.0, error * 50.0, (turning - load(lane, record, TARGET_RATE)) * 5.0
+    total = pay(lane, task, live, info, 0, decay(wide * wide))
+    total = total + pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))
+    total = total + pay(lane, task, live, info, 2, -smaller(error, 1.0))
+    total = total + pay(lane, task, live, info, 3, -effort(lane, task, action))
+    total = total + pay(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
+    return total, past_limits(lane, task, poses)
+
+
+@kernel
+def slew_target(task, angles, first, second):  # type: ignore[no-untyped-def]
+    """So far from where the arm stands."""
+    return angles[0] + first, 0.0
+
+
+@kernel
+def slew_aim(task, record):  # type: ignore[no-untyped-def]
+    """Joint angle that reaches the target."""
+    record[GOAL] = record[TARGET]
+
+
+@kernel
+def slew_draw_path(task, stream, arm, start, drawn, path):  # type: ignore[no-untyped-def]
+    """A swing from where the arm stands; drawn: its width, rad; its period, s."""
+    side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
+    path[_PATH.x] = start
+    path[_PATH.size] = drawn[0] * side
+    path[_PATH.rate] = 2.0 * math.pi / drawn[1]
+
+
+@kernel
+def slew_path_at(task, path, t, out):  # type: ignore[no-untyped-def]
+    """To and fro, from rest."""
+    width, rate = path[_PATH.size], path[_PATH.rate]
+    angle = rate * t + path[_PATH.phase]
+    out[0] = path[_PATH.x] + 0.5 * width * (1.0 - math.cos(angle))
+    out[2] = 0.5 * width * rate * math.sin(angle)
+
+
+@kernel
+def slew_in_hub_frame(task, cosine, sine, x, y):  # type: ignore[no-untyped-def]
+    """An angle is the same in any frame."""
+    return x, y
+
+
+TASKS.register(
+    Slew, observe=slew_observe, judge=slew_judge, target_from=slew_target, aim=slew_aim, pursue=slew_aim,
+    draw_path=slew_draw_path, path_at=slew_path_at, in_hub_frame=slew_in_hub_frame,
+)  # fmt: skip

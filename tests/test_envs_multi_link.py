@@ -1,0 +1,367 @@
+"""MultiLinkFlexArm-v0: spaces, one and many, its goals, its controllers, what it refuses, how exact it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from numpy.typing import NDArray
+
+from flexarm_env import arms, control
+from flexarm_env.batch import GOAL
+from flexarm_env.control.kinematics import goal_of
+from flexarm_env.tasks import angles as inverse
+from tests.env_tools import assert_same
+
+ID = "MultiLinkFlexArm-v0"
+THREE = arms.named("three_strips")
+RICH: dict[str, Any] = {
+    "gravity": (0.0, -1.0), "actuator": {"viscous": 0.01, "lag": 0.02, "delay": 0.02}, "task": "track",
+    "sensors": {"strain_gauges": [(0, 0.0), (2, 0.5)], "noise": 0.01, "delay": 0.02}, "info_level": "full",
+    "action_mode": "residual_pd", "randomization": {"payload": (0.5, 2.0), "EI": (0.8, 1.2)}, "initial_vibration": 0.01,
+}  # fmt: skip
+
+
+# ------------------------------------------------------------------ spaces
+def test_spaces_and_names_follow_the_links() -> None:
+    env = gym.make(ID).unwrapped
+    plan = env.plan
+    assert env.action_space.shape == (3,) and env.observation_space.shape == (5 * 3 + 4,)
+    assert plan.names[:6] == ("hub_sin", "hub_cos", "elbow_1_sin", "elbow_1_cos", "elbow_2_sin", "elbow_2_cos")
+    assert plan.names[6:9] == ("hub_rate", "elbow_1_rate", "elbow_2_rate")
+    assert plan.names[-2:] == ("to_target_x", "to_target_y")
+    assert plan.scales[6:9] == pytest.approx((1.506, 1.735, 2.410), abs=5e-4), "the docstring says so"
+    info = env.reset(seed=0)[1]
+    assert info["joint_torque"].shape == info["tip_deflection"].shape == (3,)
+    assert env.plan.limit == 500, "10 s"
+
+
+def test_gymnasium_finds_nothing_wrong() -> None:
+    check_env(gym.make(ID).unwrapped, skip_render_check=True)
+
+
+def test_the_observation_is_that_of_the_docstring() -> None:
+    env = gym.make(ID).unwrapped
+    rng = np.random.default_rng(0)
+    env.reset(seed=4)
+    for _ in range(20):
+        observation, _, _, _, info = env.step(rng.uniform(-1, 1, 3).astype(np.float32))
+    poses = env.batch.view(0).poses
+    joints = np.diff(np.concatenate([[0.0], np.stack([poses[:, 2], poses[:, 8]], axis=1).ravel()]))[::2]
+    rates = np.diff(np.concatenate([[0.0], np.stack([poses[:, 5], poses[:, 11]], axis=1).ravel()]))[::2]
+    values = observation * np.array(env.plan.scales)
+    assert values[0:6] == pytest.approx(np.stack([np.sin(joints), np.cos(joints)], axis=1).ravel(), abs=1e-6)
+    assert values[6:9] == pytest.approx(rates, abs=1e-5)
+    assert values[9:12] == pytest.approx(info["tip_deflection"], abs=1e-6)
+    c, s = math.cos(joints[0]), math.sin(joints[0])
+    way = info["target"] - info["tip_position"]
+    assert values[17:19] == pytest.approx([c * way[0] + s * way[1], c * way[1] - s * way[0]], abs=1e-5)
+
+
+# ------------------------------------------------------------------ one physics, one task
+@pytest.mark.parametrize("keywords", [RICH], ids=["everything"])
+def test_one_and_many_are_the_same(keywords: dict[str, Any]) -> None:
+    many = gym.make_vec(ID, num_envs=9, vectorization_mode="vector_entry_point", duration=0.4, **keywords)
+    single = [gym.make(ID, duration=0.4, disable_env_checker=True, **keywords).unwrapped for _ in (0, 8)]
+    rng = np.random.default_rng(1)
+    first, infos = many.reset(seed=7)
+    for env, i in zip(single, (0, 8), strict=True):
+        observation, info = env.reset(seed=7 + i)
+        assert_same(observation, first[i])
+        assert info["tip_position"].tolist() == infos["tip_position"][i].tolist()
+    for _ in range(20):
+        actions = rng.uniform(-1, 1, (9, 3)).astype(np.float32)
+        seen, reward, _, truncated, infos = many.step(actions)
+        for env, i in zip(single, (0, 8), strict=True):
+            observation, paid, _, over, info = env.step(actions[i])
+            assert_same(observation, seen[i])
+            assert (paid, over) == (reward[i], truncated[i])
+            assert info["joint_torque"].tolist() == infos["joint_torque"][i].tolist()
+    assert truncated.all()
+
+
+def test_with_two_links_it_is_the_two_link_arm() -> None:
+    mode = {"action_mode": "residual_pd", "duration": 1.0}
+    two, chain = gym.make("TwoLinkFlexArm-v0", **mode), gym.make(ID, arm="de_luca_siciliano", **mode)
+    assert_same(two.reset(seed=3)[0], chain.reset(seed=3)[0])
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        action = rng.uniform(-1, 1, 2).astype(np.float32)
+        assert_same(two.step(action), chain.step(action))
+
+
+@pytest.mark.slow
+def test_five_links_keep_their_energy() -> None:
+    link = THREE.links[2]
+    arm = replace(
+        THREE, links=(link,) * 5, elbows=(THREE.elbows[1],) * 4, torque_limits=(0.5, 0.3, 0.2, 0.1, 0.05),
+        joint_limits=None, tau_d=0.0,
+    )  # fmt: skip
+    env = gym.make(ID, arm=arm, info_level="full", dt=0.002).unwrapped
+    env.reset(seed=2, options={"start": [0.3, 0.4, -0.3, 0.2, 0.1]})
+    for _ in range(30):
+        info = env.step(np.array([0.4, -0.2, 0.1, 0.1, -0.1], np.float32))[4]
+    total = info["energy_kinetic"] + info["energy_strain"]
+    assert info["solver_status"] == "ok"
+    assert total == pytest.approx(info["work"], rel=5e-3)
+
+
+# ------------------------------------------------------------------ goal angles
+def tip_and_slopes(lengths: NDArray[np.float64], angles: NDArray[np.float64]) -> tuple[Any, Any]:
+    """Tip (2,) of the chain of straight links, and its derivatives (2, N) by the joint angles."""
+    alpha = np.cumsum(angles)
+    x, y = lengths * np.cos(alpha), lengths * np.sin(alpha)
+    return np.array([x.sum(), y.sum()]), np.array([-np.cumsum(y[::-1])[::-1], np.cumsum(x[::-1])[::-1]])
+
+
+def drawn(count: int, n: int, seed: int = 0) -> Any:
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        lengths = rng.uniform(0.2, 0.6, n)
+        far, bearing = lengths.sum() * rng.uniform(0.3, 0.95), rng.uniform(-2.0, 2.0)
+        if far > 1.02 * (2.0 * lengths.max() - lengths.sum()):
+            yield lengths, far * math.cos(bearing), far * math.sin(bearing)
+
+
+def no_limits(n: int) -> NDArray[np.float64]:
+    return np.array([-np.inf, np.inf] * n)
+
+
+def test_of_two_links_it_is_the_lesser_of_both_solutions() -> None:
+    for lengths, x, y in drawn(40, 2):
+        a, b = lengths
+        bend = math.acos((x * x + y * y - a * a - b * b) / (2.0 * a * b))
+        both = []
+        for elbow in (bend, -bend):
+            hub = math.atan2(y, x) - math.atan2(b * math.sin(elbow), a + b * math.cos(elbow))
+            both.append([(hub + math.pi) % (2.0 * math.pi) - math.pi, elbow])
+        goal = np.zeros(2)
+        inverse.least_angles(lengths, no_limits(2), x, y, goal)
+        assert goal == pytest.approx(min(both, key=lambda angles: np.dot(angles, angles)), abs=1e-9)
+
+
+@pytest.mark.parametrize("n", [3, 4, 6])
+def test_goals_are_stationary_and_reach_the_target(n: int) -> None:
+    """Lagrange: the angles are a combination of the slopes of the tip's coordinates."""
+    for lengths, x, y in drawn(40, n):
+        goal = np.zeros(n)
+        inverse.least_angles(lengths, no_limits(n), x, y, goal)
+        tip, slopes = tip_and_slopes(lengths, goal)
+        assert tip == pytest.approx([x, y], abs=1e-9)
+        force = np.linalg.lstsq(slopes.T, goal, rcond=None)[0]
+        assert slopes.T @ force == pytest.approx(goal, abs=1e-8)
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_no_search_finds_lesser_goals(n: int) -> None:
+    from scipy.optimize import minimize
+
+    rng = np.random.default_rng(5)
+    for lengths, x, y in drawn(8, n, seed=2):
+        goal = np.zeros(n)
+        inverse.least_angles(lengths, no_limits(n), x, y, goal)
+        off = {"type": "eq", "fun": lambda q, at=(lengths, x, y): tip_and_slopes(at[0], q)[0] - at[1:]}
+        for _ in range(6):
+            found = minimize(lambda q: q @ q, rng.uniform(-1.5, 1.5, n), constraints=off, method="SLSQP")
+            if found.success and np.abs(off["fun"](found.x)).max() < 1e-7:
+                assert goal @ goal <= found.fun + 1e-5
+
+
+def test_goals_keep_the_joints_limits() -> None:
+    lengths, limits = np.array([0.4, 0.35, 0.25]), np.array([-np.inf, np.inf, -0.4, 0.4, -2.8, 2.8])
+    goal = np.zeros(3)
+    inverse.least_angles(lengths, limits, 0.5, 0.4, goal)
+    assert tip_and_slopes(lengths, goal)[0] == pytest.approx([0.5, 0.4], abs=1e-9)
+    assert abs(goal[1]) == pytest.approx(0.4, abs=1e-12), "the limit binds"
+
+
+def test_out_of_reach_the_arm_is_stretched_towards_the_target() -> None:
+    lengths = np.array([0.4, 0.35, 0.25])
+    for far in (1.0, 1.2):
+        goal = np.zeros(3)
+        inverse.least_angles(lengths, no_limits(3), far * math.cos(0.7), far * math.sin(0.7), goal)
+        assert goal == pytest.approx([0.7, 0.0, 0.0], abs=1e-6)
+
+
+def test_the_hub_turns_no_more_than_it_must() -> None:
+    lengths = np.array([0.4, 0.35, 0.25])
+    goal = np.array([20.0, 0.0, 0.0])
+    inverse.least_angles(lengths, no_limits(3), 0.5, 0.4, goal)
+    assert abs(goal[0] - 20.0) <= math.pi
+    assert tip_and_slopes(lengths, goal)[0] == pytest.approx([0.5, 0.4], abs=1e-9)
+
+
+def test_goals_of_a_moving_target_do_not_leap() -> None:
+    """Through bearing 0, where the arcs to either side are alike, they go on as they were."""
+    lengths = np.array([0.4, 0.35, 0.25])
+    goal = np.zeros(3)
+    inverse.least_angles(lengths, no_limits(3), 0.6, 0.3, goal)
+    for y in np.linspace(0.3, -0.3, 121):
+        before = goal.copy()
+        inverse.next_angles(lengths, no_limits(3), 0.6, y, goal)
+        assert tip_and_slopes(lengths, goal)[0] == pytest.approx([0.6, y], abs=1e-9)
+        assert np.abs(goal - before).max() < 0.05
+
+
+def test_environment_and_controllers_have_the_same_goals() -> None:
+    env = gym.make(ID, action_mode="residual_pd").unwrapped
+    lengths = np.array([link.length for link in THREE.links])
+    limits = np.array([-np.inf, np.inf, -2.8, 2.8, -2.8, 2.8])
+    for seed in range(5):
+        info = env.reset(seed=seed)[1]
+        record = env.batch.record(0)
+        assert tip_and_slopes(lengths, record[GOAL : GOAL + 3])[0] == pytest.approx(info["target"], abs=1e-9)
+        mine = goal_of(lengths, np.ones(3), limits, *info["target"], np.zeros(3))
+        assert record[GOAL : GOAL + 3] == pytest.approx(mine, abs=1e-9)
+
+
+# ------------------------------------------------------------------ controllers
+@pytest.mark.parametrize("name", ["pd", "zv", "zvd", "lqr"])
+def test_controllers_reach_their_targets(name: str) -> None:
+    envs = gym.make_vec(ID, num_envs=20, vectorization_mode="vector_entry_point")
+    controller = control.make(name, envs)
+    observation, _ = envs.reset(seed=100)
+    controller.reset(observation)
+    over = np.zeros(20, bool)
+    while not over.any():
+        observation, _, terminated, truncated, info = envs.step(controller.act(observation))
+        over = terminated | truncated
+    assert truncated.all()
+    assert info["is_success"].mean() > 0.9
+
+
+def test_time_optimal_plans_are_for_one_link() -> None:
+    with pytest.raises(ValueError, match="controller = 'time_optimal': must be one of"):
+        control.make("time_optimal", gym.make(ID))
+
+
+# ------------------------------------------------------------------ features
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"formulation": "geometrically_exact"}, {"formulation": "floating_frame", "segments": 2, "dt": 0.002},
+        pytest.param({"step_tolerance": 1e-4}, marks=pytest.mark.slow),
+    ],
+    ids=["exact", "floating", "fitted"],
+)  # fmt: skip
+def test_formulations_agree(options: dict[str, Any]) -> None:
+    usual, other = gym.make(ID).unwrapped, gym.make(ID, **options).unwrapped
+    start = {"start": [0.2, 0.5, -0.3], "target": [0.5, 0.3]}
+    usual.reset(seed=0, options=start), other.reset(seed=0, options=start)
+    for k in range(20):
+        action = np.array([0.5, -0.4, 0.3], np.float32) * (1.0 if k < 10 else -1.0)
+        here, there = usual.step(action)[4], other.step(action)[4]
+        assert there["tip_position"] == pytest.approx(here["tip_position"], abs=0.01)
+    assert there["solver_status"] == "ok"
+
+
+def test_a_prescribed_motion_is_followed() -> None:
+    env = gym.make(ID, task="replay").unwrapped
+    _, info = env.reset(seed=0)
+    over = False
+    while not over:
+        _, _, terminated, over, info = env.step(np.zeros(3, np.float32))
+        assert not terminated
+    poses = env.guide.report()[0]
+    assert poses[0, 2] == pytest.approx(env.guide.scene.motion_of("joint0")(env.guide.scene.duration), abs=1e-9)
+    again = gym.make(ID, duration=0.5).unwrapped
+    _, info = again.reset(seed=0, options={"motion": {"joint2": [[0.0, 0.1], [0.2, 0.3], [0.4, 0.2]]}})
+    assert info["joint_torque"].shape == (3,)
+
+
+def test_delayed_observations_and_fitted_steps_go_together() -> None:
+    """What comes late leaves the motion as it is."""
+    plain = gym.make("TwoLinkFlexArm-v0", step_tolerance=1e-4, dt=0.02).unwrapped
+    late = gym.make("TwoLinkFlexArm-v0", step_tolerance=1e-4, dt=0.02, sensors={"delay": 0.04}).unwrapped
+    far = {"start": [0.0, 0.0], "target": [0.0, 0.95]}  # the last entry of the observation is larger than 1
+    plain.reset(seed=5, options=far), late.reset(seed=5, options=far)
+    rng = np.random.default_rng(0)
+    seen = []
+    for k in range(60):
+        action = rng.choice([-1.0, 1.0], 2).astype(np.float32)
+        observation, _, _, _, here = plain.step(action)
+        delayed, _, _, _, there = late.step(action)
+        assert here["tip_position"].tolist() == there["tip_position"].tolist(), k
+        seen.append(observation)
+        if k >= 2:
+            assert_same(delayed, seen[k - 2])
+
+
+def test_pictures_show_all_links() -> None:
+    pytest.importorskip("pygame")
+    env = gym.make(ID, render_mode="rgb_array").unwrapped
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.ndim == 3 and picture.shape[2] == 3 and picture.std() > 1.0
+    env.close()
+
+
+# ------------------------------------------------------------------ what is refused
+@pytest.mark.parametrize(
+    ("keywords", "words"),
+    [
+        ({"arm": "strip"}, "must have at least 2 link"),
+        ({"arm": replace(THREE, torque_limits=None)}, "needs 3 torque limit"),
+        ({"joint_limits": [None, None]}, "joint_limits"),
+        ({"sensors": {"strain_gauges": [(3, 0.5)]}}, r"strain_gauges\[0\]\[0\]"),
+        ({"sensors": {"noise": {"elbow_rate": 0.1}}}, "elbow_rate"),
+        ({"actuator": {"viscous": [0.1, 0.1]}}, "actuator.viscous"),
+        ({"task": "slew"}, '"reach"'),
+        ({"reward": {"speed": 1.0}}, "reward.speed"),
+        ({"task": "track", "reference": [[0.0, 3.0, 0.0], [1.0, 3.0, 0.0]]}, "within reach"),
+        ({"task": "replay", "motion": {"joint3": "spin_up"}}, "joint3"),
+    ],
+)
+def test_wrong_arguments_are_named(keywords: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        gym.make(ID, **keywords)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"start": [0.1, 0.2]}, "3 angles"),
+        ({"start": [0.0, 0.0, 3.0]}, r"options.start\[2\] = 3"),
+        ({"target": [1.2, 0.0]}, "within reach"),
+        ({"target": 0.5}, "options.target"),
+        ({"target": [math.nan, 0.0]}, r"options.target\[0\]"),
+    ],
+)
+def test_wrong_options_are_named(options: dict[str, Any], words: str) -> None:
+    env = gym.make(ID).unwrapped
+    with pytest.raises(ValueError, match=words):
+        env.reset(options=options)
+
+
+@pytest.mark.parametrize("action", [np.zeros(2), np.zeros((1, 3)), "left", np.zeros(3, complex)])
+def test_wrong_actions_are_named(action: Any) -> None:
+    env = gym.make(ID).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"shape \(3,\)"):
+        env.step(action)
+    assert env.step(np.array([0.0, math.nan, 0.0]))[4]["termination_reason"] == "action_not_finite"
+
+
+# ------------------------------------------------------------------ how exact it is
+@pytest.mark.slow
+def test_default_settings_hold_half_a_percent() -> None:
+    """Against the converged exact beam, 2 s under random torques and under bang-bang torques."""
+    exact = {"formulation": "geometrically_exact", "elements": 4, "order": 3, "dt": 1e-3, "tolerance": 1e-9}
+    envs = [gym.make_vec(ID, num_envs=8, vectorization_mode="vector_entry_point", **k) for k in ({}, exact)]
+    rng = np.random.default_rng(3)
+    for env in envs:
+        env.reset(seed=50)
+    most = 0.0
+    for k in range(100):
+        if k % 10 == 0:
+            bang = rng.choice([-1.0, 1.0], (4, 3))
+        actions = np.concatenate([bang, rng.uniform(-1, 1, (4, 3))]).astype(np.float32)
+        infos = [env.step(actions)[4] for env in envs]
+        off = np.linalg.norm(infos[0]["tip_position"] - infos[1]["tip_position"], axis=1)
+        most = max(most, float(off.max()))
+    assert most < 0.005
