@@ -13,6 +13,7 @@ from benchmarks.work_precision import scene_named
 from flexarm_env.batch import Batch
 from flexarm_env.runtime.fitted import FITS
 from flexarm_env.simulation import simulate
+from flexarm_env.tasks.program import LEVEL
 from tests.env_tools import assert_pair_same, assert_same, pair
 
 UNLIKE = {"payload": (0.1, 8.0), "EI": (0.4, 2.5)}
@@ -21,7 +22,7 @@ FITTED: dict[str, Any] = {"dt": 0.02, "step_tolerance": 2e-5, "randomization": U
 
 def levels(batch: Batch) -> np.ndarray[Any, Any]:
     """Halvings that each arm's last period took."""
-    return np.array([batch.record(i)[-1] for i in range(batch.n)])
+    return np.array([batch.record(i)[LEVEL] for i in range(batch.n)])
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,14 @@ def _reach_entries(arm: Arm) -> list[tuple[str, float]]:
     ]
 
 
+def _slew_record(arm: Arm) -> type[Task]:
+    return Slew
+
+
+def _reach_record(arm: Arm) -> type[Task]:
+    return Reach if arm.n_links == 2 else Chain
+
+
 def _slew_starts(arm: Arm) -> Starts:
     return Starts(start=[(-math.pi, math.pi)], target=[(-math.pi / 2, math.pi / 2), (0.0, 0.0)])
 
@@ -124,7 +132,7 @@ SLEW = Kind(
     target=ANGLE_OF_TIP,
     rewards=dict(zip(REWARDS, (0.5, 1.0, 0.5, 0.01, 0.02, 5.0), strict=True)),
     entries=_slew_entries,
-    record=lambda arm: Slew,
+    record=_slew_record,
     starts=_slew_starts,
     replays="robot_arm_motion",
 )
@@ -138,7 +146,7 @@ REACH = Kind(
     target=POINT,
     rewards=dict(zip(REWARDS, (0.5, 1.0, 0.5, 0.01, 0.0, 5.0), strict=True)),
     entries=_reach_entries,
-    record=lambda arm: Reach if arm.n_links == 2 else Chain,
+    record=_reach_record,
     starts=_reach_starts,
     replays="two_link_motion",
 )
