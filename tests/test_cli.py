@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +20,7 @@ from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 from tests.cli_tools import refused
-from tests.processes import python
+from tests.processes import ROOT, python
 
 COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "bench", "compile", "doctor")
 SHORT = ["replay", "robot_arm_motion", "--segments", "2", "--duration", "0.5"]
@@ -306,10 +307,12 @@ def test_doctor_says_why_compiled_code_is_not_kept(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.slow  # a minute or two where nothing has been compiled yet
 def test_compile_leaves_nothing_to_be_compiled(tmp_path: Path) -> None:
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
-    done = python("-m", "flexarm_env", "compile", "--json", **cache)
+    copy, folder = tmp_path / "package", tmp_path / "cache"  # a copy: what lies beside this package would be read too
+    shutil.copytree(ROOT / "flexarm_env", copy / "flexarm_env", ignore=shutil.ignore_patterns("__pycache__"))
+    own = {"cwd": copy, "PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(folder)}
+    done = python("-m", "flexarm_env", "compile", "--json", **own)
     assert json.loads(done.stdout)["cache_writable"] is True
-    kept = {path.name for path in tmp_path.rglob("*.nbc")}
+    kept = {path.name for path in folder.rglob("*.nbc")}
     assert kept
     lines = (
         "import gymnasium as gym, flexarm_env, numpy as np; from flexarm_env import linear, named, simulate, recording",
@@ -318,8 +321,8 @@ def test_compile_leaves_nothing_to_be_compiled(tmp_path: Path) -> None:
         "simulate(named('robot_arm_motion'), duration=0.2); linear.linearize(named('robot_arm_motion'))",
     )
     for command in (["-c", "\n".join(lines)], ["-m", "flexarm_env", "replay", "flying_rod", "--duration", "0.1"]):
-        assert python(*command, **cache).stderr == "", "compiled after all"
-    assert {path.name for path in tmp_path.rglob("*.nbc")} == kept
+        assert python(*command, **own).stderr == "", "compiled after all"
+    assert {path.name for path in folder.rglob("*.nbc")} == kept
 
 
 # ---------------------------------------------------------------- printing

@@ -8,7 +8,7 @@ balanced through the chain, make section forces N and Q whose work in stretch an
 to that of bending (first order; Grammel): the square of its frequency is divided by 1 + epsilon. Each mode's response
 to the scene's loads and motions is computed in time with it and without; the estimate is the largest distance of the
 tip between the two, and of the deflections as far as the arm turns (docs: theory, section "Elastica"). The model is
-linear about the start: right within a factor of about 3 for one link, of 4 for several, and an upper bound where the
+linear about the start: right within a factor of about 3 for one link, of 4 for several, and mostly too large where the
 error is small (below 0.3 % of the length).
 """
 
