@@ -18,7 +18,7 @@ HERE = Path(__file__).resolve().parent
 
 # name: (x, y, width, height, colour, lines); y upwards
 BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
-    "describe": (0.0, 3.1, 2.5, 1.15, COLORS[0], 
+    "describe": (0.0, 3.1, 2.5, 1.15, COLORS[0],
         ("parameters, arms, rigid", "scene, scenes", "time_functions, settings")),
     "physics": (3.2, 3.1, 3.3, 1.15, COLORS[2], ("physics", "floating · exact · elastica", "integrator")),
     "compiler": (3.2, 4.7, 7.4, 0.55, COLORS[4], ("compiler, layout",)),
