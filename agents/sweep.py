@@ -74,7 +74,7 @@ class Arguments:
 def choices(space: Mapping[str, Any], seeds: int) -> list[dict[str, Any]]:
     """All combinations, each with "seed". ValueError names the key that is wrong."""
     if not space:
-        raise ValueError('--space: must name something to vary, such as \'{"reward.effort": [0.01, 0.1]}\'')
+        raise ValueError("--space: must name something to vary, such as '{\"reward.effort\": [0.01, 0.1]}'")
     for key, values in space.items():
         if not isinstance(values, list) or not values:
             raise ValueError(f"--space {key} = {values!r}: must be a list of values")

@@ -49,7 +49,13 @@ EXUDYN = (40, 1 / 800)
 def run(name: str, elements: int, dt: float) -> Trajectory:
     """One run, undamped Newmark."""
     trajectory = simulate(
-        named(name), "geometrically_exact", order=ORDER, elements=elements, dt=dt, rho_inf=1.0, tolerance=1e-10,
+        named(name),
+        "geometrically_exact",
+        order=ORDER,
+        elements=elements,
+        dt=dt,
+        rho_inf=1.0,
+        tolerance=1e-10,
         estimate_error=False,
     )
     if not trajectory.finished:

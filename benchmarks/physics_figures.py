@@ -163,9 +163,7 @@ def order_of_integrator(folder: Path) -> dict[str, Any]:
             axes.set_xticks([0.002, 0.005, 0.01, 0.02], ["0.002", "0.005", "0.01", "0.02"])
             axes.xaxis.set_minor_formatter(NullFormatter())
         panels[0].legend(loc="upper left")
-        figure.suptitle(
-            "robot_arm_motion_smooth: rms error against the step", x=0.01, ha="left", fontsize=10.5
-        )
+        figure.suptitle("robot_arm_motion_smooth: rms error against the step", x=0.01, ha="left", fontsize=10.5)
     return found
 
 

@@ -69,9 +69,7 @@ def tip_error(
         raise check.InvalidValue("sample", float(own[1] - own[0]) if own.size > 1 else 0.0, what)
     ways: dict[str, NDArray[np.float64]] = {}
     if "tip_x" in reference and "tip_y" in reference:
-        ways["tip"] = np.hypot(
-            path[mine, 0] - reference["tip_x"][theirs], path[mine, 1] - reference["tip_y"][theirs]
-        )
+        ways["tip"] = np.hypot(path[mine, 0] - reference["tip_x"][theirs], path[mine, 1] - reference["tip_y"][theirs])
     if "tip_angle" in reference:
         ways["angle"] = np.abs(path[mine, 2] - reference["tip_angle"][theirs])
     if "start_angle" in reference and start is not None:

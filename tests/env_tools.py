@@ -77,9 +77,7 @@ def episode(env: gym.Env[Any, Any], seed: int, steps: int, **options: Any) -> li
 
 def pair(env_id: str, n: int, mode: str = "NextStep", threads: int = 1, **kwargs: Any) -> tuple[Any, Any]:
     """The environment as n single ones in a SyncVectorEnv, and as a native vector."""
-    sync = gym.make_vec(
-        env_id, num_envs=n, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **kwargs
-    )
+    sync = gym.make_vec(env_id, num_envs=n, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **kwargs)
     native = gym.make_vec(env_id, num_envs=n, autoreset_mode=mode, threads=threads, **kwargs)
     return sync, native
 

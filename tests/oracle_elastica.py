@@ -61,13 +61,12 @@ class Oracle:
 
             def lagrange(s: Array, at: Array = at) -> Array:
                 s = np.asarray(s, dtype=complex)
-                rows = [
-                    np.prod([(s - at[j]) / (at[l] - at[j]) for j in range(n) if j != l], axis=0) for l in range(n)
-                ]
+                rows = [np.prod([(s - at[j]) / (at[l] - at[j]) for j in range(n) if j != l], axis=0) for l in range(n)]
                 return np.array(rows).T
 
             self.values.append(lagrange(x).real)
             self.slopes.append((lagrange(x + 1j * STEP).imag / STEP) / half)
+
             def integral(end: float, lagrange: Any = lagrange, half: float = half) -> Array:
                 span = 0.5 * (end + 1.0)
                 gauss, w = np.polynomial.legendre.leggauss(n + 2)
@@ -128,9 +127,7 @@ class Oracle:
 
     def rates(self, q: Array, v: Array) -> list[dict[str, Array]]:
         """Rates of all that `walk` gives, along the velocity v."""
-        return [
-            {name: np.imag(value) / STEP for name, value in link.items()} for link in self.walk(q + 1j * STEP * v)
-        ]
+        return [{name: np.imag(value) / STEP for name, value in link.items()} for link in self.walk(q + 1j * STEP * v)]
 
     def masses(self, link: dict[str, Array], k: int) -> list[tuple[Any, Any]]:
         """Pairs (mass or inertia, rate) of link k at its points and ends."""
@@ -258,10 +255,6 @@ class Oracle:
             a[free] = np.linalg.solve(M[np.ix_(free, free)], -f[free])
             return np.concatenate([v, a])
 
-        result = solve_ivp(
-            rate, (times[0], times[-1]), np.concatenate([q, v]), "DOP853", times, rtol=1e-11, atol=1e-11
-        )
+        result = solve_ivp(rate, (times[0], times[-1]), np.concatenate([q, v]), "DOP853", times, rtol=1e-11, atol=1e-11)
         assert result.success, result.message
         return np.asarray(result.y.T)
-
-

@@ -145,9 +145,7 @@ def tips(
     arm: Arm, cells: int, times: Array, torques: Callable[[float], Any], angles: tuple[float, ...]
 ) -> tuple[Array, float]:
     """Tip positions extrapolated from `cells` and 2 `cells` cells a link (Richardson), and their estimated error."""
-    coarse, fine = (
-        StaggeredChain(arm, n).run(times, (0.0, 0.0), angles, torques) for n in (cells, 2 * cells)
-    )
+    coarse, fine = (StaggeredChain(arm, n).run(times, (0.0, 0.0), angles, torques) for n in (cells, 2 * cells))
     return fine + (fine - coarse) / 3.0, float(np.abs(fine - coarse).max() / 3.0)
 
 

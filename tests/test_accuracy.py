@@ -110,9 +110,7 @@ def test_kinks_in_every_step_are_no_way_round() -> None:
         ("elastica", {"nodes": 12}, {"nodes": 10}, {"nodes": 11}),
     ],
 )  # fmt: skip
-def test_other_meshes(
-    formulation: str, options: dict[str, Any], other: dict[str, Any], finer: dict[str, Any]
-) -> None:
+def test_other_meshes(formulation: str, options: dict[str, Any], other: dict[str, Any], finer: dict[str, Any]) -> None:
     settings = Settings.make(formulation, dt=0.01, **options)
     companion, factor = other_mesh(settings)
     assert {name: getattr(companion, name) for name in other} == other

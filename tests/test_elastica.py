@@ -149,9 +149,7 @@ def test_correction_keeps_periods() -> None:
         gamma = 0.5 + af - am
         beta, x = 0.25 * (gamma + 0.5) ** 2, 0.02
         ahead = np.array([[1, 0, 0, -x * x * beta], [0, 1, 0, -x * gamma], [1, 0, 1, 0], [0, 0, af - 1, 1 - am]])
-        behind = np.array(
-            [[1, x, 0, x * x * (0.5 - beta)], [0, 1, 0, x * (1 - gamma)], [0, 0, 0, 0], [0, 0, af, -am]]
-        )
+        behind = np.array([[1, x, 0, x * x * (0.5 - beta)], [0, 1, 0, x * (1 - gamma)], [0, 0, 0, 0], [0, 0, af, -am]])
         angle = np.abs(np.angle(np.linalg.eigvals(np.linalg.solve(ahead, behind))))
         angle = angle[(angle > 0.5 * x) & (angle < 2 * x)][0]
         assert (1 - angle / x) / x**2 == pytest.approx(Settings.make("elastica", rho_inf=rho).period_error, rel=2e-3)

@@ -22,13 +22,13 @@ AT = PAIR.places
 
 
 @kernel
-def _read(flat, first, n, pairs, i, j):  # type: ignore[no-untyped-def]
+def _read(flat, first, n, pairs, i, j):
     at = block_at(first, n, pairs)
     return flat[at.G + i * n + j], flat[at.pairs + (pairs - 1) * AT.end + AT.g + 3], flat[at.c], at.end
 
 
 @kernel
-def _sum(flat, first, n, pairs):  # type: ignore[no-untyped-def]
+def _sum(flat, first, n, pairs):
     w = block_views(flat, first, n, pairs)
     return w.c.shape[0] + w.G[n]
 

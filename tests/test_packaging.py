@@ -139,7 +139,11 @@ def alone(python: Path, folder: Path, *words: str, code: int = 0) -> str:
 @pytest.mark.slow
 def test_the_wheel_alone_works(clean: Path, tmp_path: Path) -> None:
     """Both environments, a scene against its reference, a controller and every policy that comes with the package."""
-    text = alone(clean, tmp_path, "-c", """
+    text = alone(
+        clean,
+        tmp_path,
+        "-c",
+        """
 import json, sys
 import gymnasium as gym, flexarm_env
 from flexarm_env import arms, control, scenes
@@ -159,7 +163,8 @@ for name in control.policy_names():
 known = {"arms": arms.names(), "scenes": scenes.names(True), "references": scenes.reference_names()}
 heavy = [m for m in ("torch", "stable_baselines3", "matplotlib", "pygame", "agents", "benchmarks") if m in sys.modules]
 print(json.dumps({"file": flexarm_env.__file__, "lengths": lengths, "heavy": heavy, "policies": policies, **known}))
-""")
+""",
+    )
     told = json.loads(text)
     assert Path(told["file"]).is_relative_to(clean.parents[1])
     assert told["lengths"] == [6, 14]

@@ -51,9 +51,7 @@ def corrected(name: str, **options: Any) -> tuple[float, float]:
     return errors[0], errors[1]
 
 
-@pytest.mark.parametrize(
-    "order", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_inertia_is_what_the_residual_has(order: int) -> None:
     scene = Scene("chain", CHAIN, duration=1.0, dt=0.01, loads=(PointLoad(1, "tip", force_y=constant(1.0)),))
     simulation = Simulation(scene, scene.settings(EXACT, elements=2, order=order, period_correction=True))

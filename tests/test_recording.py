@@ -125,9 +125,7 @@ def test_what_cannot_be_recorded_is_said(three: tuple[list[Episode], list[Any]],
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_minari(
-    three: tuple[list[Episode], list[Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_minari(three: tuple[list[Episode], list[Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     minari = pytest.importorskip("minari")
     pytest.importorskip("h5py")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))

@@ -72,9 +72,7 @@ def test_shapes_and_fields_agree(run: Trajectory, two_links: Trajectory) -> None
         assert trajectory.q.shape == trajectory.v.shape == (n, len(trajectory.names))
         np.testing.assert_allclose(trajectory.shapes[:, 0], trajectory.start[:, :2], atol=1e-12)
         np.testing.assert_allclose(trajectory.shapes[:, -1], trajectory.tip[:, :2], atol=1e-9)
-        np.testing.assert_array_equal(
-            trajectory.energy, trajectory.kinetic + trajectory.strain + trajectory.gravity
-        )
+        np.testing.assert_array_equal(trajectory.energy, trajectory.kinetic + trajectory.strain + trajectory.gravity)
 
 
 def test_samples_land_on_their_instants(run: Trajectory) -> None:
@@ -97,9 +95,7 @@ def test_torque_that_enforces_a_motion_is_that_which_causes_it() -> None:
 
     scene = named("robot_arm_motion_smooth")
     torque = JointTorque(0, spline_table(fine.t, fine.joint_torque[:, 0]))
-    driven = simulate(
-        replace(scene, motions=(), loads=(torque,), duration=4.0), segments=2, dt=0.005, sample=0.005
-    )
+    driven = simulate(replace(scene, motions=(), loads=(torque,), duration=4.0), segments=2, dt=0.005, sample=0.005)
     assert np.abs(driven.tip - fine.tip).max() < 2e-3
 
 
@@ -107,9 +103,7 @@ def test_kinks_after_the_scenes_own_end_count() -> None:
     arm = Arm("rod", (Link(1.0, Section(5.0, 1e3, 1e3, 0.4, 0.01)),), hub_inertia=0.1)
     long = Scene("rod", arm, duration=1.0, dt=0.05, loads=(JointTorque(0, pulse(0.1, 0.62)),))
     short = replace(long, duration=0.5)
-    np.testing.assert_array_equal(
-        simulate(short, segments=1, duration=1.0).tip, simulate(long, segments=1).tip
-    )
+    np.testing.assert_array_equal(simulate(short, segments=1, duration=1.0).tip, simulate(long, segments=1).tip)
     assert short.kinks == ()
     assert long.kinks == (0.62,)
 

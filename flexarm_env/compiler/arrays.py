@@ -89,7 +89,7 @@ def _convert(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return value
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _bare(typingctx: Any, x: Any) -> Any:
     """x with its one-dimensional arrays bare."""
 
@@ -106,7 +106,7 @@ def _as_it_is(x: Any) -> Any:
 bare = _as_it_is if config.DISABLE_JIT else _bare
 
 
-@type_callable(operator.getitem)  # type: ignore[untyped-decorator]
+@type_callable(operator.getitem)
 def _type_get(context: Any) -> Any:
     def typer(array: Any, i: Any) -> Any:
         if isinstance(array, BareType) and isinstance(i, types.Integer):
@@ -118,7 +118,7 @@ def _type_get(context: Any) -> Any:
     return typer
 
 
-@type_callable(operator.setitem)  # type: ignore[untyped-decorator]
+@type_callable(operator.setitem)
 def _type_set(context: Any) -> Any:
     def typer(array: Any, i: Any, value: Any) -> Any:
         if isinstance(array, BareType) and isinstance(i, types.Integer):
@@ -128,7 +128,7 @@ def _type_set(context: Any) -> Any:
     return typer
 
 
-@type_callable(len)  # type: ignore[untyped-decorator]
+@type_callable(len)
 def _type_length(context: Any) -> Any:
     def typer(array: Any) -> Any:
         return types.intp if isinstance(array, BareType) else None
@@ -136,19 +136,19 @@ def _type_length(context: Any) -> Any:
     return typer
 
 
-@lower_builtin(operator.getitem, BareType, types.Integer)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.getitem, BareType, types.Integer)
 def _get(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     return builder.load(builder.gep(pointer(context, builder, signature.args[0], args[0]), [args[1]], inbounds=True))
 
 
-@lower_builtin(operator.setitem, BareType, types.Integer, types.Any)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.setitem, BareType, types.Integer, types.Any)
 def _set(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     place = builder.gep(pointer(context, builder, signature.args[0], args[0]), [args[1]], inbounds=True)
     builder.store(args[2], place)
     return context.get_dummy_value()
 
 
-@lower_builtin(operator.getitem, BareType, types.SliceType)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.getitem, BareType, types.SliceType)
 def _part(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     part = context.make_helper(builder, signature.args[1], args[1])
     whole, size = struct(context, builder, signature.args[0], args[0]), _size(context, builder, signature, args)
@@ -157,12 +157,12 @@ def _part(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     return _made(context, builder, signature.return_type, first, builder.sub(stop, part.start))
 
 
-@lower_builtin(len, BareType)  # type: ignore[untyped-decorator]
+@lower_builtin(len, BareType)
 def _size(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     return builder.extract_value(struct(context, builder, signature.args[0], args[0]).shape, 0)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _stack(typingctx: Any, lane: Any, sizes: Any) -> Any:
     """A bare float64 array for `len(sizes)` values per lane of the tag `lane`; both are tuples of zeros."""
     length = len(lane) * len(sizes)

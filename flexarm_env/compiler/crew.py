@@ -59,7 +59,7 @@ _BITS = 21
 _MASK = 2**_BITS - 1
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _fresh(typingctx: Any, board: Any, k: Any) -> Any:
     """board[k], read from memory each time, and what was written before it."""
 
@@ -70,7 +70,7 @@ def _fresh(typingctx: Any, board: Any, k: Any) -> Any:
     return types.int64(board, types.intp), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _publish(typingctx: Any, board: Any, k: Any, value: Any) -> Any:
     """board[k] = value, for another thread to see after all that was written before."""
 
@@ -82,7 +82,7 @@ def _publish(typingctx: Any, board: Any, k: Any, value: Any) -> Any:
     return types.void(board, types.intp, types.int64), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _swapped(typingctx: Any, board: Any, k: Any, old: Any, new: Any) -> Any:
     """Whether board[k] was `old`; it then is `new`."""
 
@@ -93,7 +93,7 @@ def _swapped(typingctx: Any, board: Any, k: Any, old: Any, new: Any) -> Any:
     return types.boolean(board, types.intp, types.int64, types.int64), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _added(typingctx: Any, board: Any, k: Any, value: Any) -> Any:
     """board[k] + value, which board[k] then is."""
 
@@ -104,7 +104,7 @@ def _added(typingctx: Any, board: Any, k: Any, value: Any) -> Any:
     return types.int64(board, types.intp, types.int64), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _called(typingctx: Any, function: Any, address: Any, first: Any, last: Any) -> Any:
     """What the compiled function of three whole numbers at `function` (see `entry.native`) returns; FAILED: raised."""
 
@@ -121,7 +121,7 @@ def _called(typingctx: Any, function: Any, address: Any, first: Any, last: Any) 
 
 
 @kernel
-def _share(boards, me, task):  # type: ignore[no-untyped-def]
+def _share(boards, me, task):
     """Do one's own part of a task, then what is left of the others'; whether the task's last group was among it."""
     members, last_one = boards.shape[0] // BOARD, False
     head = (members - 1) * BOARD
@@ -144,7 +144,7 @@ def _share(boards, me, task):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def serve(boards, k, rounds):  # type: ignore[no-untyped-def]
+def serve(boards, k, rounds):
     """Help with tasks as they come, as worker k, until none has for `rounds` looks or Python has something to do."""
     at, head = k * BOARD, boards.shape[0] - BOARD
     while True:
@@ -167,7 +167,7 @@ def serve(boards, k, rounds):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def lead(boards, task, function, address, groups, rounds, stage):  # type: ignore[no-untyped-def]
+def lead(boards, task, function, address, groups, rounds, stage):
     """Sum of function(address, first, last) over parts of range(groups), with the workers' help; task: its number.
 
     Below zero: something is to be done in Python first (see above). boards: BOARD numbers a worker, and as many more.

@@ -24,7 +24,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     compiled = _compiled(function, OPTIONS)
     if MODE != "plain":
         compiled.enable_caching()
-    return compiled  # type: ignore[no-any-return]
+    return compiled
 
 
 def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -40,4 +40,4 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     them would cost more than what is saved by having its code once."""
     if numba.config.DISABLE_JIT:
         return function
-    return _compiled(function, OPTIONS | {"forceinline": True})  # type: ignore[no-any-return]
+    return _compiled(function, OPTIONS | {"forceinline": True})

@@ -92,7 +92,7 @@ def call_chosen(function: Any, chosen: Callable[[Any], Any]) -> None:
         lower_as_call(function, chosen)
         return
 
-    @overload(function, jit_options=OPTIONS)  # type: ignore[untyped-decorator]
+    @overload(function, jit_options=OPTIONS)
     def _typed(*kinds: Any) -> Any:
         target = chosen(kinds)
 
@@ -103,12 +103,12 @@ def call_chosen(function: Any, chosen: Callable[[Any], Any]) -> None:
 
 
 @kernel
-def _itself(n):  # type: ignore[no-untyped-def]
+def _itself(n):
     return n
 
 
 @kernel
-def _length(n):  # type: ignore[no-untyped-def]
+def _length(n):
     return len(n)
 
 

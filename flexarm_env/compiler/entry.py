@@ -39,7 +39,7 @@ class _AddressModel(models.PrimitiveModel):  # type: ignore[misc]
         super().__init__(manager, fe_type, ir.IntType(64))
 
 
-@unbox(Address)  # type: ignore[untyped-decorator]
+@unbox(Address)
 def _unbox_address(typ: Any, obj: Any, c: Any) -> Any:
     return NativeValue(c.pyapi.long_as_longlong(obj))
 
@@ -54,7 +54,7 @@ class PlainAddress:
         return self._word
 
 
-@typeof_impl.register(PlainAddress)  # type: ignore[untyped-decorator]
+@typeof_impl.register(PlainAddress)
 def _typeof_address(address: PlainAddress, c: Any) -> Address:
     return address.kind
 
@@ -73,7 +73,7 @@ def _unowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return value
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _write(typingctx: Any, buffer: Any, value: Any, places: Any) -> Any:
     """Write a value into a buffer and where each of its parts begins, in bytes, into places; the value's size."""
 
@@ -91,7 +91,7 @@ def _write(typingctx: Any, buffer: Any, value: Any, places: Any) -> Any:
     return types.int64(buffer, value, places), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def follow(typingctx: Any, address: Any) -> Any:
     """The value placed at an address, its arrays bare."""
 
@@ -103,11 +103,11 @@ def follow(typingctx: Any, address: Any) -> Any:
 
 
 if config.DISABLE_JIT:
-    follow = lambda address: address  # type: ignore[assignment]  # noqa: E731 - the value is its own address
+    follow = lambda address: address  # noqa: E731 - the value is its own address
 
 
 @kernel
-def _place(buffer, value, places):  # type: ignore[no-untyped-def]
+def _place(buffer, value, places):
     return _write(buffer, bare(value), places)
 
 
@@ -143,7 +143,7 @@ class Placed:
 def entry(function: Any, placed: Placed, *arguments: Any) -> Callable[..., Any]:
     """The compiled form of `function(address, *arguments)`; later calls must bring the same types (nothing checks)."""
     if config.DISABLE_JIT or MODE == "plain":
-        return function  # type: ignore[no-any-return]
+        return function
     return _form(function, placed, arguments)[0]
 
 
@@ -167,11 +167,11 @@ def _c_function(function: Any, kind: Address, count: int) -> int:
     """The address of a C function of whole numbers that calls function(address, first, last)."""
     assert count == 2
 
-    @intrinsic  # type: ignore[untyped-decorator]
+    @intrinsic
     def address(typingctx: Any, word: Any) -> Any:
         return kind(types.int64), lambda context, builder, signature, args: args[0]
 
-    def guarded(word, first, last):  # type: ignore[no-untyped-def]
+    def guarded(word, first, last):
         try:
             return function(address(word), first, last)
         except Exception:

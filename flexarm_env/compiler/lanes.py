@@ -81,7 +81,7 @@ def _widen(context: Any, builder: Any, value: Any, from_type: Any, count: int) -
 
 
 def _register_arithmetic(symbol: Any, instruction: str) -> None:
-    @type_callable(symbol)  # type: ignore[untyped-decorator]
+    @type_callable(symbol)
     def _type(context: Any) -> Any:
         def typer(a: Any, b: Any) -> Any:
             scalars = (types.Float, types.Integer, LanesType)
@@ -113,7 +113,7 @@ for _symbols, _instruction in (
         _register_arithmetic(_symbol, _instruction)
 
 
-@type_callable(operator.neg)  # type: ignore[untyped-decorator]
+@type_callable(operator.neg)
 def _type_negative(context: Any) -> Any:
     def typer(a: Any) -> Any:
         return a if isinstance(a, LanesType) else None
@@ -121,7 +121,7 @@ def _type_negative(context: Any) -> Any:
     return typer
 
 
-@lower_builtin(operator.neg, LanesType)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.neg, LanesType)
 def _lower_negative(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     return builder.fneg(args[0])
 
@@ -168,7 +168,7 @@ def _py_splat(lane: tuple[int, ...], x: float) -> float:
     return x
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _load(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
     count = len(lane)
 
@@ -178,7 +178,7 @@ def _load(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
     return lane_type(count)(lane, array, types.intp), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _store(typingctx: Any, array: Any, k: Any, value: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         target = _pointer(context, builder, signature.args[0], args[0], args[1], _width(value))
@@ -188,7 +188,7 @@ def _store(typingctx: Any, array: Any, k: Any, value: Any) -> Any:
     return types.void(array, types.intp, value if isinstance(value, LanesType) else types.float64), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _splat(typingctx: Any, lane: Any, x: Any) -> Any:
     count = len(lane)
 
@@ -229,7 +229,7 @@ def _py_largest(x: float) -> float:
     return x
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _select_lt(typingctx: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
     count = max(_width(kind) for kind in (a, b, x, y))
 
@@ -241,7 +241,7 @@ def _select_lt(typingctx: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
     return lane_type(count)(*arguments), codegen
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _largest(typingctx: Any, x: Any) -> Any:
     count = _width(x)
 
@@ -258,7 +258,7 @@ def _largest(typingctx: Any, x: Any) -> Any:
 
 
 def _unary(name: str) -> Any:
-    @intrinsic  # type: ignore[untyped-decorator]
+    @intrinsic
     def function(typingctx: Any, x: Any) -> Any:
         count = _width(x)
         suffix = "f64" if count == 1 else f"v{count}f64"
@@ -279,7 +279,7 @@ round_even = _either(_py_round_even, _unary("llvm.rint"))
 
 
 @kernel
-def maximum(x, y):  # type: ignore[no-untyped-def]
+def maximum(x, y):
     """The larger of x and y; y where x is NaN."""
     return select_lt(y, x, x, y)
 
@@ -305,7 +305,7 @@ def turned(builder: Any, t: Any, s: Any, c: Any, count: int) -> tuple[Any, Any]:
     return signed(sine, k), signed(cosine, builder.add(k, constant(1)))
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _turn(typingctx: Any, t: Any, s: Any, c: Any) -> Any:
     kind = lane_type(max(_width(x) for x in (t, s, c)))
 
@@ -347,7 +347,7 @@ _C = (
 
 
 @kernel
-def sincos(x):  # type: ignore[no-untyped-def]
+def sincos(x):
     """(sin x, cos x) within 2e-16 for |x| < 1e6, the same bits in any lane."""
     t = x * (2.0 / math.pi) + _WHOLE
     k = t - _WHOLE

@@ -269,7 +269,7 @@ def unrolled(function: Any) -> Any:
     return stand_in
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _aligned_frame(typingctx: Any, lane: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         if len(lane) > 1:

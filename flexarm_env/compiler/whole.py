@@ -167,7 +167,7 @@ def lower_as_call(function: Any, chosen: Callable[[Any], Any]) -> None:
         def generic(self, args: Any, kws: Any) -> Any:
             return _type(self.context, args).get_call_type(self.context, args, kws)
 
-    @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
+    @lower_builtin(function, types.VarArg(types.Any))
     def _lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         call = context.get_function(_type(context.typing_context, signature.args), signature)
         context.add_linking_libs(getattr(call, "libs", ()))

@@ -15,6 +15,7 @@ from .base import Controller, Setup, Signals
 
 Array = NDArray[np.float64]
 
+
 @dataclass(frozen=True)
 class LQRGains:
     """Dimensionless weights, beside a weight of 1 on each torque over its limit.

@@ -34,5 +34,3 @@ def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None)
     taken = [name for name in ARGUMENTS if name != "render_mode"]
     check.known_keys(check.joined(path, "env_kwargs"), keywords, taken, "argument")
     return env_id, keywords
-
-

@@ -9,19 +9,19 @@ from ..compiler.lanes import absolute, select_lt, square_root, store
 
 
 @kernel
-def smaller(x, y):  # type: ignore[no-untyped-def]
+def smaller(x, y):
     """The smaller of x and y; y where x is NaN."""
     return select_lt(x, y, x, y)
 
 
 @kernel
-def clip(x, bound):  # type: ignore[no-untyped-def]
+def clip(x, bound):
     """x within +-bound."""
     return select_lt(x, -bound, -bound, select_lt(bound, x, bound, x))
 
 
 @kernel
-def decay(x):  # type: ignore[no-untyped-def]
+def decay(x):
     """exp(-x) for x >= 0, within 1e-11; 0 in effect from 60 on."""
     y = smaller(x, 60.0) * (-1.0 / 1024.0)
     z = y * (1.0 / 5040.0) + 1.0 / 720.0
@@ -41,7 +41,7 @@ _EIGHTH = math.sqrt(2.0) - 1.0  # tan(pi/8)
 
 
 @kernel
-def arctangent(y, x):  # type: ignore[no-untyped-def]
+def arctangent(y, x):
     """Angle of the point (x, y) in (-pi, pi], within 1e-15; 0 at the origin."""
     a, b = absolute(y), absolute(x)
     low, high = select_lt(a, b, a, b), select_lt(a, b, b, a)
@@ -60,6 +60,6 @@ def arctangent(y, x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def put(live, array, k, value, old):  # type: ignore[no-untyped-def]
+def put(live, array, k, value, old):
     """array[k] <- value where live, old elsewhere."""
     store(array, k, select_lt(0.5, live, value, old))

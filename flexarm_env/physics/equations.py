@@ -8,7 +8,7 @@ from .protocol import assemble, constrain, out_of_range
 
 
 @kernel
-def equations(lane, model, par, q, v, a, u, psi, level, r, S):  # type: ignore[no-untyped-def]
+def equations(lane, model, par, q, v, a, u, psi, level, r, S):
     """r = M(q) a + h(q, v) + Phi_q^T lambda - B u, rows of multipliers: Phi (level 0), its first or second rate (1, 2).
 
     S: room for the iteration matrix, left as it is. Returns 0 where the model holds, otherwise the status code.

@@ -10,7 +10,7 @@ from ..compiler.decorator import kernel
 
 
 @kernel
-def band_lu(A, pivot, n, below, above):  # type: ignore[no-untyped-def]
+def band_lu(A, pivot, n, below, above):
     """Factor A in place; `pivot[i]` (a float64) is the row exchanged with row i. A zero pivot leaves inf or NaN."""
     width = 2 * below + above + 1
     for k in range(n):
@@ -38,7 +38,7 @@ def band_lu(A, pivot, n, below, above):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def band_lu_solve(A, pivot, x, n, below, above):  # type: ignore[no-untyped-def]
+def band_lu_solve(A, pivot, x, n, below, above):
     """x <- A^-1 x with the factors of `band_lu`."""
     width = 2 * below + above + 1
     for k in range(n):

@@ -48,12 +48,12 @@ from ..compiler.lanes import load, store
 
 
 @kernel
-def _no_guess(lane, model, start, q):  # type: ignore[no-untyped-def]
+def _no_guess(lane, model, start, q):
     """`predict` of a formulation that has none."""
 
 
 @inlined
-def _add(lane, model, q, d):  # type: ignore[no-untyped-def]
+def _add(lane, model, q, d):
     """`update` of coordinates that add up."""
     for k in range(size(model.n)):
         store(q, k, load(lane, q, k) + load(lane, d, k))

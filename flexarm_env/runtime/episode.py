@@ -49,7 +49,7 @@ OUTCOME = (0, 0)
 
 
 @kernel
-def step(address, first, last):  # type: ignore[no-untyped-def]
+def step(address, first, last):
     """One control period of groups first ... last - 1; returns how many arms want the caller's attention."""
     p = follow(address)
     count = 0
@@ -60,7 +60,7 @@ def step(address, first, last):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _period(lane, p, g, block, w):  # type: ignore[no-untyped-def]
+def _period(lane, p, g, block, w):
     """One control period of group g; returns how many of its arms have ended, are guided, or must be repeated alone."""
     task, layout, model = p.task, p.layout, p.model
     par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
@@ -87,14 +87,14 @@ def _period(lane, p, g, block, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def look(lane, p, first, poses, record, seen):  # type: ignore[no-untyped-def]
+def look(lane, p, first, poses, record, seen):
     """What is to be seen, but for strain gauges, into `seen`. first: at the start of an episode."""
     observe(lane, p.task, poses, record, seen)
     look_ahead(len(lane), p.reference, p.task, p.period, first, poses, record, seen)
 
 
 @kernel
-def weigh(lane, p, live, poses, action, record, info, outcome):  # type: ignore[no-untyped-def]
+def weigh(lane, p, live, poses, action, record, info, outcome):
     """Success and reward of a period: into info where `live` > 1/2, and outcome <- (reward, joint limit passed)."""
     reward, past = judge(lane, p.task, poses, action, record, live, info)
     store(outcome, 0, reward)
@@ -102,7 +102,7 @@ def weigh(lane, p, live, poses, action, record, info, outcome):  # type: ignore[
 
 
 @kernel
-def _read_actions(lane, task, n, actions, g, action, record, flag):  # type: ignore[no-untyped-def]
+def _read_actions(lane, task, n, actions, g, action, record, flag):
     """Clipped actions in lanes; flag: OK for an arm to be moved, another code for one to be left alone."""
     lanes, n_joints = len(lane), size(task.links)
     for i in range(lanes):
@@ -122,7 +122,7 @@ def _read_actions(lane, task, n, actions, g, action, record, flag):  # type: ign
 
 
 @kernel
-def _live(lane, entries, flag, seen):  # type: ignore[no-untyped-def]
+def _live(lane, entries, flag, seen):
     """1 where an arm was moved and is sound; what is not finite is flagged."""
     code = load(lane, flag, 0)
     for k in range(entries):
@@ -133,7 +133,7 @@ def _live(lane, entries, flag, seen):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _note(lane, task, actuator, estimate, record, u, live, info):  # type: ignore[no-untyped-def]
+def _note(lane, task, actuator, estimate, record, u, live, info):
     """Torques, error estimate and no reason into info."""
     n, at = size(task.links), info_of(task)
     for k in range(n):
@@ -146,7 +146,7 @@ def _note(lane, task, actuator, estimate, record, u, live, info):  # type: ignor
 
 
 @kernel
-def note_energies(lane, books, task, model, par, record, w, live, info):  # type: ignore[no-untyped-def]
+def note_energies(lane, books, task, model, par, record, w, live, info):
     """Energies into info; friction's loss is dissipation, and no work of the motors."""
     if books is not None:
         kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)
@@ -160,7 +160,7 @@ def note_energies(lane, books, task, model, par, record, w, live, info):  # type
 
 
 @kernel
-def _close(lane, p, g, w, record, seen, info, saved, outcome):  # type: ignore[no-untyped-def]
+def _close(lane, p, g, w, record, seen, info, saved, outcome):
     """Arm by arm: what the caller sees; returns how many arms have ended, are guided, or must be repeated alone.
 
     outcome: see `weigh`.
@@ -191,7 +191,7 @@ def _close(lane, p, g, w, record, seen, info, saved, outcome):  # type: ignore[n
 
 
 @kernel
-def show(lane, g, groups, info, table):  # type: ignore[no-untyped-def]
+def show(lane, g, groups, info, table):
     """The info of group g into the caller's table."""
     column = table[g * len(lane) :]
     for k in range(info.shape[0] // len(lane)):
@@ -199,7 +199,7 @@ def show(lane, g, groups, info, table):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def settle(lanes, p, arm, outcome, reason, record, seen, info):  # type: ignore[no-untyped-def]
+def settle(lanes, p, arm, outcome, reason, record, seen, info):
     """The outcome of one arm's period into the arrays that the caller reads; returns 1 where its episode has ended.
 
     outcome: see `weigh`. reason: a status code, or ACTION_NOT_FINITE.

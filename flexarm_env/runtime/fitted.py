@@ -31,7 +31,7 @@ _FLAG, _FINE, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.tips
 
 
 @kernel
-def move(lane, p, models, par, poses, record, action, saved, scratch, block, w):  # type: ignore[no-untyped-def]
+def move(lane, p, models, par, poses, record, action, saved, scratch, block, w):
     """The steps of one period: those that are set, or fitted."""
     if models is None:
         drive(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
@@ -40,7 +40,7 @@ def move(lane, p, models, par, poses, record, action, saved, scratch, block, w):
 
 
 @kernel
-def _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w):  # type: ignore[no-untyped-def]
+def _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w):
     lanes, n, links = len(lane), size(p.model.n), size(p.task.links)
     first = scratch_at(0, links, 0).result * lanes
     result = scratch[first : first + saved.shape[0]]
@@ -61,7 +61,7 @@ def _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w):
 
 
 @kernel
-def _begin(lane, k, n, saved, scratch, record, w):  # type: ignore[no-untyped-def]
+def _begin(lane, k, n, saved, scratch, record, w):
     """Whether an arm asks for k halvings; if so, all are where the period began, and only those that ask will move."""
     lanes, asked = len(lane), False
     for i in range(lanes):
@@ -77,7 +77,7 @@ def _begin(lane, k, n, saved, scratch, record, w):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _look(lanes, i, k, n, links, allowed, period, poses, record, scratch, result, level, w):  # type: ignore[no-untyped-def]
+def _look(lanes, i, k, n, links, allowed, period, poses, record, scratch, result, level, w):
     """What k halvings gave arm i: its period's result, or to be compared with the run that follows."""
     fine, flag = scratch[_FINE * lanes + i], w.flag[i]
     if fine != k and fine != k + 1:
@@ -101,7 +101,7 @@ def _look(lanes, i, k, n, links, allowed, period, poses, record, scratch, result
 
 
 @kernel
-def _apart(lanes, i, links, period, poses, scratch):  # type: ignore[no-untyped-def]
+def _apart(lanes, i, links, period, poses, scratch):
     """How far the tips of two runs are apart, and would be after another period, m; infinite where one has failed."""
     most = 0.0
     for j in range(links):

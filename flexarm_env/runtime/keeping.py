@@ -8,7 +8,7 @@ from ..tasks.program import saved_at
 
 
 @kernel
-def keep(lane, n, w, record, saved):  # type: ignore[no-untyped-def]
+def keep(lane, n, w, record, saved):
     """All lanes into `saved`."""
     inputs = w.u.shape[0] // len(lane)
     at = saved_at(0, n, inputs, 0)
@@ -27,7 +27,7 @@ def keep(lane, n, w, record, saved):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def put_back(lanes, i, n, w, saved, record):  # type: ignore[no-untyped-def]
+def put_back(lanes, i, n, w, saved, record):
     """Lane i as it was when the period began."""
     inputs = w.u.shape[0] // lanes
     at = saved_at(0, n, inputs, 0)
@@ -45,7 +45,7 @@ def put_back(lanes, i, n, w, saved, record):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def keep_lane(lanes, i, n, w, record, saved):  # type: ignore[no-untyped-def]
+def keep_lane(lanes, i, n, w, record, saved):
     """Lane i into `saved`: what `put_back` takes out."""
     inputs = w.u.shape[0] // lanes
     at = saved_at(0, n, inputs, 0)

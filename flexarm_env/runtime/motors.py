@@ -19,7 +19,7 @@ _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
 
 @kernel
-def _joint(lane, poses, k, rates):  # type: ignore[no-untyped-def]
+def _joint(lane, poses, k, rates):
     """Angle (_ANGLE) or rate (_RATE) of joint k."""
     here = load(lane, poses, POSE.end * k + POSE.angle + rates)
     if k == 0:
@@ -28,7 +28,7 @@ def _joint(lane, poses, k, rates):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def command(lane, task, controller, action, poses, record, u):  # type: ignore[no-untyped-def]
+def command(lane, task, controller, action, poses, record, u):
     """u <- torques asked for, N m: the action's share of the limits, or what the controllers make of it."""
     factor = load(lane, record, TORQUE_FACTOR)
     for k in range(size(task.links)):
@@ -42,7 +42,7 @@ def command(lane, task, controller, action, poses, record, u):  # type: ignore[n
 
 
 @kernel
-def drive(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):  # type: ignore[no-untyped-def]
+def drive(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
     """The steps of one period under an action, each in so many parts."""
     _see_joints(lane, controller, actuator, model, par, w.q, w.v, poses)
     for k in range(size(p.task.links)):
@@ -56,7 +56,7 @@ def drive(lane, p, model, parts, controller, actuator, par, poses, record, actio
 
 
 @kernel
-def _see_joints(lane, controller, actuator, model, par, q, v, poses):  # type: ignore[no-untyped-def]
+def _see_joints(lane, controller, actuator, model, par, q, v, poses):
     if controller is not None:
         link_poses(lane, model, par, q, v, poses)
     elif actuator is not None:
@@ -64,12 +64,12 @@ def _see_joints(lane, controller, actuator, model, par, q, v, poses):  # type: i
 
 
 @kernel
-def _jump_afresh(lane, predictor, p, model, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+def _jump_afresh(lane, predictor, p, model, par, record, saved, block, w):
     restart(lane, model, None, par, block, 0, 0.0, p.h, True)
 
 
 @kernel
-def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):  # type: ignore[no-untyped-def]
+def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
     lanes, n, any_first = len(lane), size(model.n), False
     for i in range(lanes):
         if record[STEP * lanes + i] < 0.5:
@@ -99,7 +99,7 @@ def _jump(kind: str) -> Any:
 
 
 @kernel
-def _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w):  # type: ignore[no-untyped-def]
+def _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w):
     """The motors' torques followed through each step.
 
     Friction acts with the rate that the last step's change leads to expect at the end of the step.
@@ -132,14 +132,14 @@ def _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, bl
 
 
 @kernel
-def _friction(actuator, k, rate):  # type: ignore[no-untyped-def]
+def _friction(actuator, k, rate):
     """Torque that friction takes at a rate, N m."""
     creep = actuator.creep
     return rate * (actuator.viscous[k] + actuator.coulomb[k] / square_root(rate * rate + creep * creep))
 
 
 @kernel
-def _book(lane, books, task, poses, record, u, sign):  # type: ignore[no-untyped-def]
+def _book(lane, books, task, poses, record, u, sign):
     """Friction's loss over a step: its torque times the way turned, in two halves."""
     if books is not None:
         n = size(task.links)
@@ -152,7 +152,7 @@ def _book(lane, books, task, poses, record, u, sign):  # type: ignore[no-untyped
 
 
 @kernel
-def _remember(lane, record, first, stride, count, value):  # type: ignore[no-untyped-def]
+def _remember(lane, record, first, stride, count, value):
     """Push a value into a memory of count + 1 entries, the newest first."""
     for k in range(count, 0, -1):
         store(record, first + k * stride, load(lane, record, first + (k - 1) * stride))

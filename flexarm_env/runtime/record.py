@@ -24,7 +24,7 @@ def row_size(n: int, links: int, n_motions: int) -> int:
 
 
 @kernel
-def observe_arm(lane, model, par, q, v, poses, energies, points):  # type: ignore[no-untyped-def]
+def observe_arm(lane, model, par, q, v, poses, energies, points):
     """Link poses (12 numbers a link), (kinetic, strain, gravity) energy and points along the chain; SINGLE only.
 
     Returns how many points were written; none where `points` is empty.
@@ -38,7 +38,7 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):  # type: ignor
 
 
 @kernel
-def record(lane, model, drive, par, flat, n_motions, links, span, instants, chunk, most, scheme, table, points):  # type: ignore[no-untyped-def]
+def record(lane, model, drive, par, flat, n_motions, links, span, instants, chunk, most, scheme, table, points):
     """Advance through a smooth stretch, stopping at instants; a row of `table` (m, row_size) and points (m, P, 2) each.
 
     Steps are equal between instants and at most span[STEP]; books are kept. `chunk`: steps after which the work done

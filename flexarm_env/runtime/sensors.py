@@ -15,14 +15,14 @@ from ..tasks.stream import uniform
 
 
 @kernel
-def normal(stream, arm):  # type: ignore[no-untyped-def]
+def normal(stream, arm):
     """A standard normal number from an arm's stream (Box & Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(stream, arm)))
     return radius * math.cos(2.0 * math.pi * uniform(stream, arm))
 
 
 @kernel
-def read_gauges(lane, sensors, entries, model, q, seen):  # type: ignore[no-untyped-def]
+def read_gauges(lane, sensors, entries, model, q, seen):
     """Scaled curvatures at the gauges, the last entries of the observation."""
     if sensors is not None:
         n = size(model.n)
@@ -35,7 +35,7 @@ def read_gauges(lane, sensors, entries, model, q, seen):  # type: ignore[no-unty
 
 
 @kernel
-def sense(lanes, sensors, entries, stream, arm, record, seen, observation, first):  # type: ignore[no-untyped-def]
+def sense(lanes, sensors, entries, stream, arm, record, seen, observation, first):
     """The observation of one arm from what is there to be seen; first: of an episode, nothing to remember."""
     i, out = arm % lanes, arm * entries
     for k in range(entries):
@@ -46,7 +46,7 @@ def sense(lanes, sensors, entries, stream, arm, record, seen, observation, first
 
 
 @kernel
-def _measured(lanes, sensors, entries, stream, arm, k, value, record, first):  # type: ignore[no-untyped-def]
+def _measured(lanes, sensors, entries, stream, arm, k, value, record, first):
     """Entry k of the observation with its noise, as it arrives."""
     if sensors.noise[k] > 0.0:
         value = min(CLIP, max(-CLIP, value + sensors.noise[k] * normal(stream, arm)))

@@ -38,7 +38,7 @@ _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
 @kernel
-def begin(address, mode, count):  # type: ignore[no-untyped-def]
+def begin(address, mode, count):
     """Fresh starts of the arms p.queue[:count], drawn from their streams, in a mode."""
     p = follow(address)
     for k in range(count):
@@ -49,7 +49,7 @@ def begin(address, mode, count):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _start(lane, p, arm, mode, block, w):  # type: ignore[no-untyped-def]
+def _start(lane, p, arm, mode, block, w):
     task, layout, lanes = p.task, p.layout, len(lane)
     i, n_joints = arm % lanes, size(task.links)
     par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
@@ -82,7 +82,7 @@ def _start(lane, p, arm, mode, block, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _only(lane, i):  # type: ignore[no-untyped-def]
+def _only(lane, i):
     """1 in lane i, 0 elsewhere."""
     mask = stack(lane, _ONE)
     store(mask, 0, splat(lane, 0.0))
@@ -91,7 +91,7 @@ def _only(lane, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _draw(task, ranges, stream, request, arm, own):  # type: ignore[no-untyped-def]
+def _draw(task, ranges, stream, request, arm, own):
     """own <- a `START`: as requested, or drawn. As many draws for any request."""
     n = size(task.links)
     at, asked = start_at(0, n), request_at(0, n)
@@ -116,13 +116,13 @@ def _draw(task, ranges, stream, request, arm, own):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _between(stream, arm, ranges, k):  # type: ignore[no-untyped-def]
+def _between(stream, arm, ranges, k):
     """The next number of an arm's stream, within row k of `ranges`."""
     return ranges[2 * k] + (ranges[2 * k + 1] - ranges[2 * k]) * uniform(stream, arm)
 
 
 @kernel
-def _given(requested, drawn):  # type: ignore[no-untyped-def]
+def _given(requested, drawn):
     """What was requested, or else what was drawn."""
     if math.isnan(requested):
         return drawn
@@ -130,7 +130,7 @@ def _given(requested, drawn):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):  # type: ignore[no-untyped-def]
+def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
     """Arm in lane i: straight links at their joint angles, at rest but for the initial vibration."""
     at = start_at(0, n_joints)
     first, vibration = own[at.angles], own[at.vibration]
@@ -148,7 +148,7 @@ def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):  # type: ign
 
 
 @kernel
-def _open(lanes, p, arm, block, in_range):  # type: ignore[no-untyped-def]
+def _open(lanes, p, arm, block, in_range):
     """The info of an arm before anything has happened: zeros; the joint angles that reach its target."""
     task, layout = p.task, p.layout
     i, at = arm % lanes, info_of(task)
@@ -166,7 +166,7 @@ def _open(lanes, p, arm, block, in_range):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _first_sight(lane, p, arm, live, record, action, poses, seen, info):  # type: ignore[no-untyped-def]
+def _first_sight(lane, p, arm, live, record, action, poses, seen, info):
     """The first observation of an episode; no reward yet."""
     lanes, i, at = len(lane), arm % len(lane), info_of(p.task)
     look(lane, p, True, poses, record, seen)
@@ -178,7 +178,7 @@ def _first_sight(lane, p, arm, live, record, action, poses, seen, info):  # type
 
 
 @kernel
-def take_report(address, arm, code):  # type: ignore[no-untyped-def]
+def take_report(address, arm, code):
     """The outcome of a period of a guided arm, from `p.report`; code: its status, or -1 for an episode's start."""
     p = follow(address)
     g = arm // len(p.lane)
@@ -186,7 +186,7 @@ def take_report(address, arm, code):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_report(lane, p, arm, code, block):  # type: ignore[no-untyped-def]
+def _take_report(lane, p, arm, code, block):
     task, layout, lanes, report = p.task, p.layout, len(lane), p.report
     i, n, at = arm % lanes, size(task.links), info_of(task)
     told = report_at(0, n, report.shape[0] - report_at(0, n, 0).end)

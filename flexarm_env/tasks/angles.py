@@ -29,13 +29,13 @@ _EASY, _STEPS = 0.6, 24
 
 
 @kernel
-def nearest_turn(angle, now):  # type: ignore[no-untyped-def]
+def nearest_turn(angle, now):
     """The angle and as many whole turns that it is within half a turn of `now`."""
     return angle - 2.0 * math.pi * math.floor((angle - now) / (2.0 * math.pi) + 0.5)
 
 
 @kernel
-def sooner_angles(lengths, rates, limits, x, y, angles):  # type: ignore[no-untyped-def]
+def sooner_angles(lengths, rates, limits, x, y, angles):
     """Two links. rates (2,): a joint takes a time for an angle a that goes as sqrt(|a|) / its rate."""
     a, b = lengths[0], lengths[1]
     cosine = (x * x + y * y - a * a - b * b) / (2.0 * a * b)
@@ -54,7 +54,7 @@ def sooner_angles(lengths, rates, limits, x, y, angles):  # type: ignore[no-unty
 
 
 @kernel
-def _bent(lengths, limits, x, y, fx, fy):  # type: ignore[no-untyped-def]
+def _bent(lengths, limits, x, y, fx, fy):
     """Tip of the chain that the force bends, (px, py), and its derivatives by fx and by fy; sum of squared angles."""
     alpha, alpha_x, alpha_y, total = 0.0, 0.0, 0.0, 0.0
     px, py, px_x, px_y, py_x, py_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -72,7 +72,7 @@ def _bent(lengths, limits, x, y, fx, fy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _force(lengths, limits, x, y, fx, fy):  # type: ignore[no-untyped-def]
+def _force(lengths, limits, x, y, fx, fy):
     """(fx, fy, sum of squares) of the force that brings the tip to (x, y), from a guess; the sum is infinite where
     none is found."""
     length = 0.0
@@ -103,7 +103,7 @@ def _force(lengths, limits, x, y, fx, fy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _guess(lengths, x, y, angles):  # type: ignore[no-untyped-def]
+def _guess(lengths, x, y, angles):
     """The force whose moments about the joints are nearest to these angles (least squares)."""
     alpha, px, py = 0.0, 0.0, 0.0
     xx, xy, yy, gx, gy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -119,7 +119,7 @@ def _guess(lengths, x, y, angles):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take(lengths, limits, x, y, fx, fy, now, angles):  # type: ignore[no-untyped-def]
+def _take(lengths, limits, x, y, fx, fy, now, angles):
     """The joints' angles under a force; the hub's as many whole turns on as bring it near `now`, limits allowing."""
     alpha, px, py = 0.0, 0.0, 0.0
     for k in range(lengths.shape[0]):
@@ -131,14 +131,14 @@ def _take(lengths, limits, x, y, fx, fy, now, angles):  # type: ignore[no-untype
 
 
 @kernel
-def _turn_hub(limits, now, angles):  # type: ignore[no-untyped-def]
+def _turn_hub(limits, now, angles):
     hub = nearest_turn(angles[0], now)
     if limits[0] <= hub <= limits[1]:
         angles[0] = hub
 
 
 @kernel
-def _arc(lengths, bend):  # type: ignore[no-untyped-def]
+def _arc(lengths, bend):
     """Tip of the chain with its elbows all at one angle, its hub at 0."""
     px, py = 0.0, 0.0
     for k in range(lengths.shape[0]):
@@ -147,7 +147,7 @@ def _arc(lengths, bend):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _arc_bend(lengths, distance):  # type: ignore[no-untyped-def]
+def _arc_bend(lengths, distance):
     """The least angle of all elbows that brings the tip so near to the root, or as near as can be (rad)."""
     low, high, nearest, kept = 0.0, -1.0, math.inf, 0.0
     for j in range(_SCAN + 1):
@@ -173,7 +173,7 @@ def _arc_bend(lengths, distance):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _from_arc(lengths, limits, x, y, side, angles):  # type: ignore[no-untyped-def]
+def _from_arc(lengths, limits, x, y, side, angles):
     """(fx, fy, sum of squares) from the arc to a side; where that fails, from the arc to an easy point on the same
     bearing, which then goes to (x, y) step by step. `angles`: the first arc."""
     bearing, length, last = math.atan2(y, x), 0.0, _arc_bend(lengths, math.hypot(x, y))
@@ -196,7 +196,7 @@ def _from_arc(lengths, limits, x, y, side, angles):  # type: ignore[no-untyped-d
 
 
 @kernel
-def least_angles(lengths, limits, x, y, angles):  # type: ignore[no-untyped-def]
+def least_angles(lengths, limits, x, y, angles):
     """N links: the lesser of what the arcs (all elbows alike) to either side lead to; for targets within less than
     about 0.2 of the arm's length from the root there may be a lesser one. An arc where neither leads anywhere.
     """
@@ -215,7 +215,7 @@ def least_angles(lengths, limits, x, y, angles):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _set_arc(lengths, limits, bearing, bend, angles):  # type: ignore[no-untyped-def]
+def _set_arc(lengths, limits, bearing, bend, angles):
     px, py = _arc(lengths, bend)
     angles[0] = bearing - math.atan2(py, px)
     for k in range(1, lengths.shape[0]):
@@ -224,7 +224,7 @@ def _set_arc(lengths, limits, bearing, bend, angles):  # type: ignore[no-untyped
 
 
 @kernel
-def next_angles(lengths, limits, x, y, angles):  # type: ignore[no-untyped-def]
+def next_angles(lengths, limits, x, y, angles):
     """N links: begun at the present angles; afresh where nothing is found near them."""
     now = angles[0]
     angles[0] = nearest_turn(now, 0.0)

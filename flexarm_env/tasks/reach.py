@@ -29,7 +29,7 @@ class Chain(Task):
 
 
 @kernel
-def reach_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def]
+def reach_observe(lane, task, poses, record, out):
     """Joints, rates, deflections and rates, tip velocity and way to the target in the hub's frame (`envs.two_link`)."""
     n = size(task.links)
     before, spin = splat(lane, 0.0), splat(lane, 0.0)
@@ -58,7 +58,7 @@ def reach_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-de
 
 
 @kernel
-def reach_judge(lane, task, poses, action, record, live, info):  # type: ignore[no-untyped-def]
+def reach_judge(lane, task, poses, action, record, live, info):
     """Terms: accuracy, settle, distance, effort, vibration."""
     n = size(task.links)
     shaking = splat(lane, 0.0)
@@ -88,31 +88,31 @@ def reach_judge(lane, task, poses, action, record, live, info):  # type: ignore[
 
 
 @kernel
-def reach_target(task, angles, first, second):  # type: ignore[no-untyped-def]
+def reach_target(task, angles, first, second):
     """From polar coordinates about the root."""
     return first * math.cos(second), first * math.sin(second)
 
 
 @kernel
-def reach_aim(task, record):  # type: ignore[no-untyped-def]
+def reach_aim(task, record):
     """Of the two solutions the one sooner reached from the record's angles."""
     sooner_angles(task.lengths, task.rates, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
 
 @kernel
-def chain_aim(task, record):  # type: ignore[no-untyped-def]
+def chain_aim(task, record):
     """The angles of least sum of squares."""
     least_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
 
 @kernel
-def chain_pursue(task, record):  # type: ignore[no-untyped-def]
+def chain_pursue(task, record):
     """The angles of least sum of squares that follow on the record's own."""
     next_angles(task.lengths, task.joint_limits, record[TARGET], record[TARGET + 1], record[GOAL:])
 
 
 @kernel
-def reach_draw_path(task, stream, arm, start, drawn, path):  # type: ignore[no-untyped-def]
+def reach_draw_path(task, stream, arm, start, drawn, path):
     """A circle; drawn: distance of its centre, m; period, s; radius, m; bearing of its centre, rad."""
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     path[_PATH.x] = drawn[0] * math.cos(drawn[3])
@@ -123,7 +123,7 @@ def reach_draw_path(task, stream, arm, start, drawn, path):  # type: ignore[no-u
 
 
 @kernel
-def reach_path_at(task, path, t, out):  # type: ignore[no-untyped-def]
+def reach_path_at(task, path, t, out):
     """On the circle."""
     radius, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
@@ -132,7 +132,7 @@ def reach_path_at(task, path, t, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def reach_in_hub_frame(task, cosine, sine, x, y):  # type: ignore[no-untyped-def]
+def reach_in_hub_frame(task, cosine, sine, x, y):
     """A point or its velocity, turned back by the hub's angle."""
     return cosine * x + sine * y, cosine * y - sine * x
 

@@ -21,7 +21,7 @@ class Slew(Task):
 
 
 @kernel
-def slew_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def]
+def slew_observe(lane, task, poses, record, out):
     """sin, cos of the hub angle; hub rate; tip deflection and rate over L; target less tip angle, unwrapped."""
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
     show_scaled(lane, task, out, 0, sine)
@@ -34,7 +34,7 @@ def slew_observe(lane, task, poses, record, out):  # type: ignore[no-untyped-def
 
 
 @kernel
-def slew_judge(lane, task, poses, action, record, live, info):  # type: ignore[no-untyped-def]
+def slew_judge(lane, task, poses, action, record, live, info):
     """Terms: accuracy, settle, distance, effort, vibration."""
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
     error = absolute(load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along)))
@@ -55,19 +55,19 @@ def slew_judge(lane, task, poses, action, record, live, info):  # type: ignore[n
 
 
 @kernel
-def slew_target(task, angles, first, second):  # type: ignore[no-untyped-def]
+def slew_target(task, angles, first, second):
     """So far from where the arm stands."""
     return angles[0] + first, 0.0
 
 
 @kernel
-def slew_aim(task, record):  # type: ignore[no-untyped-def]
+def slew_aim(task, record):
     """Joint angle that reaches the target."""
     record[GOAL] = record[TARGET]
 
 
 @kernel
-def slew_draw_path(task, stream, arm, start, drawn, path):  # type: ignore[no-untyped-def]
+def slew_draw_path(task, stream, arm, start, drawn, path):
     """A swing from where the arm stands; drawn: its width, rad; its period, s."""
     side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
     path[_PATH.x] = start
@@ -76,7 +76,7 @@ def slew_draw_path(task, stream, arm, start, drawn, path):  # type: ignore[no-un
 
 
 @kernel
-def slew_path_at(task, path, t, out):  # type: ignore[no-untyped-def]
+def slew_path_at(task, path, t, out):
     """To and fro, from rest."""
     width, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
@@ -85,7 +85,7 @@ def slew_path_at(task, path, t, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def slew_in_hub_frame(task, cosine, sine, x, y):  # type: ignore[no-untyped-def]
+def slew_in_hub_frame(task, cosine, sine, x, y):
     """An angle is the same in any frame."""
     return x, y
 

@@ -8,7 +8,7 @@ from ..compiler.decorator import kernel
 
 
 @kernel
-def uniform(stream, arm):  # type: ignore[no-untyped-def]
+def uniform(stream, arm):
     """The next number of an arm's stream, in [0, 1): SplitMix64 (Steele, Lea & Flood 2014)."""
     z = stream[arm] + np.uint64(0x9E3779B97F4A7C15)
     stream[arm] = z

@@ -67,13 +67,13 @@ in_hub_frame = TASKS.function("in_hub_frame", "task, cosine, sine, x, y")
 
 
 @kernel
-def info_of(task):  # type: ignore[no-untyped-def]
+def info_of(task):
     """Where the fields of a task's `INFO` are."""
     return info_at(0, size(task.links), size(task.targets), size(task.terms))
 
 
 @kernel
-def deflection(lane, poses, k):  # type: ignore[no-untyped-def]
+def deflection(lane, poses, k):
     """(normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine) of link k: tip less root, in and out of the root's
     turning frame."""
     o = POSE.end * k
@@ -88,12 +88,12 @@ def deflection(lane, poses, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def show_scaled(lane, task, out, k, value):  # type: ignore[no-untyped-def]
+def show_scaled(lane, task, out, k, value):
     store(out, k, clip(value / task.scales[k], CLIP))
 
 
 @kernel
-def past_limits(lane, task, poses):  # type: ignore[no-untyped-def]
+def past_limits(lane, task, poses):
     """1 where a joint's angle is beyond its limits."""
     past = splat(lane, 0.0)
     before = splat(lane, 0.0)
@@ -106,7 +106,7 @@ def past_limits(lane, task, poses):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def hold(lane, task, good, record, live, info):  # type: ignore[no-untyped-def]
+def hold(lane, task, good, record, live, info):
     """Count the instants in the band; success is a count that reaches task.hold."""
     before = load(lane, record, HOLD)
     held = select_lt(0.5, good, before + 1.0, splat(lane, 0.0))
@@ -116,7 +116,7 @@ def hold(lane, task, good, record, live, info):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def effort(lane, task, action):  # type: ignore[no-untyped-def]
+def effort(lane, task, action):
     total = splat(lane, 0.0)
     for k in range(size(task.links)):
         a = load(lane, action, k)
@@ -125,7 +125,7 @@ def effort(lane, task, action):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def pay(lane, task, live, info, k, value):  # type: ignore[no-untyped-def]
+def pay(lane, task, live, info, k, value):
     """Reward term k, weighted, into info."""
     at = info_of(task).terms + k
     weighted = value * task.weights[k]
@@ -134,7 +134,7 @@ def pay(lane, task, live, info, k, value):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def note_tip(lane, task, poses, record, live, info):  # type: ignore[no-untyped-def]
+def note_tip(lane, task, poses, record, live, info):
     """Tip position and target into info."""
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
     put(live, info, TIP, load(lane, poses, o + POSE.tip_x), load(lane, info, TIP))

@@ -17,7 +17,7 @@ _RECORD = (0,) * GOAL
 
 
 @kernel
-def _on_path(reference, task, record, lanes, i, t, k, out):  # type: ignore[no-untyped-def]
+def _on_path(reference, task, record, lanes, i, t, k, out):
     """out[0:D] <- target, out[2:2+D] <- its rate, for arm i's path at t (s), which is control instant k."""
     targets = size(task.targets)
     if reference.table.shape[0] > 0:
@@ -33,7 +33,7 @@ def _on_path(reference, task, record, lanes, i, t, k, out):  # type: ignore[no-u
 
 
 @kernel
-def move_targets(lane, reference, task, period, record):  # type: ignore[no-untyped-def]
+def move_targets(lane, reference, task, period, record):
     """Targets of running arms at the end of the period, and the joint angles that reach them."""
     if reference is not None:
         for i in range(len(lane)):
@@ -42,7 +42,7 @@ def move_targets(lane, reference, task, period, record):  # type: ignore[no-unty
 
 
 @kernel
-def _move_target(lanes, reference, task, period, record, i):  # type: ignore[no-untyped-def]
+def _move_target(lanes, reference, task, period, record, i):
     out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
     k = record[STEP * lanes + i] + 1.0
     _on_path(reference, task, record, lanes, i, k * period, int(k), out)
@@ -58,7 +58,7 @@ def _move_target(lanes, reference, task, period, record, i):  # type: ignore[no-
 
 
 @kernel
-def look_ahead(lanes, reference, task, period, first, poses, record, seen):  # type: ignore[no-untyped-def]
+def look_ahead(lanes, reference, task, period, first, poses, record, seen):
     """Entries after the task's own: the target's rate, then the ways it will have gone at each time ahead.
 
     Points and their rates are given in the frame that turns with the hub. first: at the start of an episode.
@@ -69,7 +69,7 @@ def look_ahead(lanes, reference, task, period, first, poses, record, seen):  # t
 
 
 @kernel
-def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i):  # type: ignore[no-untyped-def]
+def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i):
     targets, at = size(task.targets), size(task.entries)
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
     k = record[STEP * lanes + i] + (0.0 if first else 1.0)
@@ -90,14 +90,14 @@ def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i): 
 
 
 @kernel
-def start_path(reference, task, stream, arm, record, lanes):  # type: ignore[no-untyped-def]
+def start_path(reference, task, stream, arm, record, lanes):
     """Draw an arm's path (as many draws in either case) and put its target at the start of it."""
     if reference is not None:
         _start_path(reference, task, stream, arm, record, lanes)
 
 
 @kernel
-def _start_path(reference, task, stream, arm, record, lanes):  # type: ignore[no-untyped-def]
+def _start_path(reference, task, stream, arm, record, lanes):
     i, targets = arm % lanes, size(task.targets)
     drawn, path, out = stack(_ONE, _DRAWN), stack(_ONE, _PATH), stack(_ONE, _PLACE)
     for k in range(len(_DRAWN)):

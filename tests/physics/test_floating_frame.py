@@ -137,9 +137,7 @@ def test_integrator_is_of_second_order(options: dict[str, Any]) -> None:
     steps = [0.0125, 0.00625, 0.0015625]
     runs = [simulate(named("robot_arm_motion_smooth"), dt=h, sample=0.1, **options) for h in steps]
     for name in ("tip", "tip_velocity", "joint_torque"):
-        coarse, fine = (
-            float(np.abs(getattr(run, name)[1:] - getattr(runs[-1], name)[1:]).max()) for run in runs[:-1]
-        )
+        coarse, fine = (float(np.abs(getattr(run, name)[1:] - getattr(runs[-1], name)[1:]).max()) for run in runs[:-1])
         share = (steps[0] ** 2 - steps[2] ** 2) / (steps[1] ** 2 - steps[2] ** 2)  # the fine run has an error too
         assert 2.0 + np.log2(coarse / fine / share) == pytest.approx(2.0, abs=0.1), name
 

@@ -21,7 +21,7 @@ from .output import damping_work, energy, link_poses, out_of_range, ports, shape
 
 
 @kernel
-def _frame_acceleration(lane, model, a, ex, ey):  # type: ignore[no-untyped-def]
+def _frame_acceleration(lane, model, a, ex, ey):
     """Acceleration of the root less gravity."""
     D = model.data
     at = constants(model)
@@ -36,7 +36,7 @@ def _frame_acceleration(lane, model, a, ex, ey):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
     """r and, unless cm = 0, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
     aligned_frame(lane)
     y = stack(lane, model.scratch)
@@ -50,7 +50,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
 
 @unrolled
 @kernel
-def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: ignore[no-untyped-def]
+def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):
     """r, and on the way: nodes' rates y, e_j = (c, s), e_j'' = (ex, ey), A_i = (fx, fy)."""
     D = model.data
     at = constants(model)
@@ -115,7 +115,7 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):  # type: 
 
 @unrolled
 @kernel
-def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type: ignore[no-untyped-def]
+def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):
     """The matrix of `assemble`; ex, ey become the weighted derivative of e''."""
     D = model.data
     at = constants(model)
@@ -163,7 +163,7 @@ def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):  # type:
 
 
 @kernel
-def _less_forces(lane, model, loads, u, fx, fy):  # type: ignore[no-untyped-def]
+def _less_forces(lane, model, loads, u, fx, fy):
     """A_i <- A_i less the forces of the point loads times their arms."""
     if loads is not None:
         links = size(model.links)
@@ -177,7 +177,7 @@ def _less_forces(lane, model, loads, u, fx, fy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _less_torques(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
+def _less_torques(lane, model, loads, u, r):
     """r_i <- r_i less the torques of the point loads."""
     if loads is not None:
         links = size(model.links)
@@ -190,7 +190,7 @@ def _less_torques(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _payload_turns(lane, model, inertia, z, r):  # type: ignore[no-untyped-def]
+def _payload_turns(lane, model, inertia, z, r):
     """Rotary inertia of the payload, on the last link's angles."""
     D = model.data
     at = constants(model)
@@ -205,7 +205,7 @@ def _payload_turns(lane, model, inertia, z, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _payload_turns_tangent(lane, model, inertia, cm, S):  # type: ignore[no-untyped-def]
+def _payload_turns_tangent(lane, model, inertia, cm, S):
     D = model.data
     at = constants(model)
     if model.payload_turns is not None:
@@ -217,7 +217,7 @@ def _payload_turns_tangent(lane, model, inertia, cm, S):  # type: ignore[no-unty
 
 
 @kernel
-def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):  # type: ignore[no-untyped-def]
+def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):
     """Rows and columns of the root, or of the centre of mass (where little or nothing is left of `moment`)."""
     D = model.data
     at = constants(model)
@@ -237,7 +237,7 @@ def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):  # type: ignore[no
 
 
 @kernel
-def _less_total(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
+def _less_total(lane, model, loads, u, r):
     """The root's rows less all forces."""
     if loads is not None:
         links = size(model.links)
@@ -248,7 +248,7 @@ def _less_total(lane, model, loads, u, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _to_relative(lane, model, S):  # type: ignore[no-untyped-def]
+def _to_relative(lane, model, S):
     """From the nodes' angles to the coordinates: what acts on a link's root acts on the tip before it as well."""
     n, rows = size(model.nodes), size(model.n)
     for k in range(size(model.links) - 1, 0, -1):
@@ -261,12 +261,12 @@ def _to_relative(lane, model, S):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-untyped-def]
+def constrain(lane, model, psi, q, v, a, level, scale, r):
     """No constraint is left: joints are coordinates."""
 
 
 @kernel
-def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
+def pin(lane, model, S, k):
     """Row and column k <- those of the identity."""
     rows = size(model.n)
     for j in range(rows):
@@ -277,7 +277,7 @@ def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
 
 @unrolled
 @kernel
-def _factor(lane, model, S):  # type: ignore[no-untyped-def]
+def _factor(lane, model, S):
     """S <- L U without pivoting, the diagonal inverted: cm M, positive definite, outweighs the rest."""
     rows = size(model.n)
     for k in range(rows):
@@ -292,7 +292,7 @@ def _factor(lane, model, S):  # type: ignore[no-untyped-def]
 
 @unrolled
 @kernel
-def _solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+def _solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `_factor`."""
     rows = size(model.n)
     for i in range(1, rows):
@@ -308,14 +308,14 @@ def _solve(lane, model, S, x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def factor(lane, model, S):  # type: ignore[no-untyped-def]
+def factor(lane, model, S):
     """See _factor."""
     aligned_frame(lane)
     _factor(lane, model, S)
 
 
 @kernel
-def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+def solve(lane, model, S, x):
     """See _solve."""
     aligned_frame(lane)
     _solve(lane, model, S, x)

@@ -32,13 +32,13 @@ _load_at = kernel(LOAD.offsets)
 
 
 @kernel
-def constants(model):  # type: ignore[no-untyped-def]
+def constants(model):
     """Where the fields of DATA are in model.data."""
     return _data_at(0, size(model.links), size(model.nodes), 0)
 
 
 @kernel
-def load_at(model, f):  # type: ignore[no-untyped-def]
+def load_at(model, f):
     """Where the fields of LOAD are in model.loads for load f."""
     links, nodes = size(model.links), size(model.nodes)
     first = _load_at(0, links, nodes)
@@ -46,7 +46,7 @@ def load_at(model, f):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def weighted(lane, weights, first, x, m):  # type: ignore[no-untyped-def]
+def weighted(lane, weights, first, x, m):
     """sum_j weights[first + j] x_j."""
     total = splat(lane, 0.0)
     for j in range(m):
@@ -55,7 +55,7 @@ def weighted(lane, weights, first, x, m):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def node_angles(lane, model, q, x):  # type: ignore[no-untyped-def]
+def node_angles(lane, model, q, x):
     """x <- angles of the nodes (or their rates) from the coordinates: a joint's is relative to the tip before it."""
     n = size(model.nodes)
     for i in range(n):

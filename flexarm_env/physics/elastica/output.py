@@ -10,7 +10,7 @@ from .layout import constants, load_at, node_angles, weighted
 
 
 @kernel
-def _tangents(lane, model, q, v, c, s, ex, ey):  # type: ignore[no-untyped-def]
+def _tangents(lane, model, q, v, c, s, ex, ey):
     """(c, s) <- e_j, (ex, ey) <- e_j'; c, s, ex, ey hold angles and rates on the way."""
     node_angles(lane, model, q, c)
     node_angles(lane, model, v, ex)
@@ -24,7 +24,7 @@ def _tangents(lane, model, q, v, c, s, ex, ey):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _root(lane, model, q, c, s):  # type: ignore[no-untyped-def]
+def _root(lane, model, q, c, s):
     """Position of the root; c, s: cosines and sines of the nodes' angles."""
     D = model.data
     at = constants(model)
@@ -36,7 +36,7 @@ def _root(lane, model, q, c, s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
+def ports(lane, model, par, q, y):
     """Joint angles, then position and angle of the point of each load."""
     n, links = size(model.nodes), size(model.links)
     for k in range(links):
@@ -45,7 +45,7 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _load_ports(lane, model, loads, q, y):  # type: ignore[no-untyped-def]
+def _load_ports(lane, model, loads, q, y):
     """Position and angle of the point of each load."""
     if loads is not None:
         links = size(model.links)
@@ -65,7 +65,7 @@ def _load_ports(lane, model, loads, q, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _bending(lane, model, x, y):  # type: ignore[no-untyped-def]
+def _bending(lane, model, x, y):
     """x' K y over all links; x, y: angles or rates of the nodes. Differences from the root's keep spins exact."""
     D = model.data
     at = constants(model)
@@ -82,7 +82,7 @@ def _bending(lane, model, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
+def damping_work(lane, model, par, q, v, x):
     """x'C v of Kelvin-Voigt damping, W."""
     if model.damping is None:
         return splat(lane, 0.0)
@@ -93,7 +93,7 @@ def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity), J; gravity's is zero where the centre of mass is at the origin."""
     D = model.data
     at = constants(model)
@@ -135,7 +135,7 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _gravity_energy(lane, model, payload, q, c, s):  # type: ignore[no-untyped-def]
+def _gravity_energy(lane, model, payload, q, c, s):
     """- mass g . centre of mass."""
     D = model.data
     at = constants(model)
@@ -150,7 +150,7 @@ def _gravity_energy(lane, model, payload, q, c, s):  # type: ignore[no-untyped-d
 
 
 @kernel
-def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
+def link_poses(lane, model, par, q, v, out):
     """12 numbers a link: root x, y, angle and their rates, tip x, y, angle and their rates."""
     D = model.data
     at = constants(model)
@@ -193,13 +193,13 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
+def out_of_range(lane, model, par, q):
     """The geometry is exact: no deflection is too large."""
     return splat(lane, 0.0)
 
 
 @kernel
-def shape(model, q, points):  # type: ignore[no-untyped-def]
+def shape(model, q, points):
     """Positions along the chain, into the first rows of `points`; returns how many."""
     D = model.data
     lane = (0,)

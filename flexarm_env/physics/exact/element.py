@@ -102,7 +102,7 @@ def _momenta(sums: Sums, t: Tables, nodes: list[Any], unit: Any) -> tuple[list[A
 
 
 @traced(lambda p: 6)
-def momentum(lane, order, a, left, ml, jl, r):  # type: ignore[no-untyped-def]
+def momentum(lane, order, a, left, ml, jl, r):
     """Write the left vertex's and the interior rows of r = M a. `left`: x, y, psi of a there and r so far; returns the
     same of the right vertex."""
     p, sums = len(order), Sums()
@@ -120,7 +120,7 @@ def momentum(lane, order, a, left, ml, jl, r):  # type: ignore[no-untyped-def]
 
 
 @traced(lambda p: 0)
-def turns(lane, order, q, turn, circle):  # type: ignore[no-untyped-def]
+def turns(lane, order, q, turn, circle):
     """circle <- sine and cosine of psi at each Gauss point; `turn`: psi at the left."""
     p, sums = len(order), Sums()
     t = tables(p)
@@ -132,7 +132,7 @@ def turns(lane, order, q, turn, circle):  # type: ignore[no-untyped-def]
 
 
 @traced(lambda p: VERTEX + POINT * p)
-def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, jl, tau, r, circle):  # type: ignore[no-untyped-def]
+def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, jl, tau, r, circle):
     """Write the left vertex's and the interior rows of r; return VERTEX of the right vertex and POINT of each point."""
     p, sums = len(order), Sums()
     t = tables(p)
@@ -190,7 +190,7 @@ def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, 
 
 
 @traced(lambda p: 0)
-def tangent(lane, order, damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S):  # type: ignore[no-untyped-def]
+def tangent(lane, order, damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S):
     """S <- factors of the interior with their couplings to both vertices, then the matrix condensed to these.
 
     cm M + cc D + ck K. Of each interior coordinate: inverse pivot, couplings over it to later ones and to the vertices;
@@ -276,7 +276,7 @@ def _starts(inner: int) -> list[int]:
 
 
 @traced(lambda p: 6)
-def forward(lane, order, S, x):  # type: ignore[no-untyped-def]
+def forward(lane, order, S, x):
     """Reduce the interior entries of x; return what they take from those of the left and the right vertex."""
     n = 3 * (len(order) - 1)
     starts = _starts(n)
@@ -293,7 +293,7 @@ def forward(lane, order, S, x):  # type: ignore[no-untyped-def]
 
 
 @traced(lambda p: 0)
-def backward(lane, order, S, x, left, right):  # type: ignore[no-untyped-def]
+def backward(lane, order, S, x, left, right):
     """Interior entries of x from the reduced ones and those of the vertices."""
     n = 3 * (len(order) - 1)
     starts = _starts(n)
@@ -309,7 +309,7 @@ def backward(lane, order, S, x, left, right):  # type: ignore[no-untyped-def]
 
 
 @traced(lambda p: 4)
-def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):  # type: ignore[no-untyped-def]
+def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):
     """(kinetic, strain energy, mass moments x, y); `turn`, `spin`: the left psi, its rate."""
     p, sums = len(order), Sums()
     t = tables(p)
@@ -335,7 +335,7 @@ def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):  # type:
 
 
 @traced(lambda p: 1)
-def damp(lane, order, q, v, x, turns, k1, k2, kb):  # type: ignore[no-untyped-def]
+def damp(lane, order, q, v, x, turns, k1, k2, kb):
     """Work of the damping forces of rates v over rates x, per tau_d; `turns`: the left psi in q, v and x."""
     p, sums = len(order), Sums()
     t = tables(p)
@@ -367,7 +367,7 @@ def _small_turn(w: Any) -> tuple[Any, Any]:
 
 
 @traced(lambda p: 0)
-def turn_pair(lane, order, x, w):  # type: ignore[no-untyped-def]
+def turn_pair(lane, order, x, w):
     """Turn the vector at the beginning of x by a small angle w."""
     s, c = _small_turn(w)
     ahead, aside = load(lane, x, 0), load(lane, x, 1)
@@ -376,7 +376,7 @@ def turn_pair(lane, order, x, w):  # type: ignore[no-untyped-def]
 
 
 @traced(lambda p: 2)
-def carry(lane, order, start, q, turn, new_turn, x, y):  # type: ignore[no-untyped-def]
+def carry(lane, order, start, q, turn, new_turn, x, y):
     """Interior and right positions in q from the left one (x, y) and the angles in q, with the strains of `start`.
 
     d turns with psi at each Gauss point; sine and cosine of that turn to its sixth power, which is plenty for a guess.

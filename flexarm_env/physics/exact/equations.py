@@ -27,19 +27,19 @@ HINGE = 4
 
 
 @kernel
-def _stride(order):  # type: ignore[no-untyped-def]
+def _stride(order):
     """`factor_size` of the order."""
     n = 3 * (len(order) - 1)
     return n * (n - 1) // 2 + 7 * n + 21 + 2 * len(order)
 
 
 @kernel
-def _add(lane, array, k, value):  # type: ignore[no-untyped-def]
+def _add(lane, array, k, value):
     store(array, k, load(lane, array, k) + value)
 
 
 @kernel
-def _falling(lane, gravity, a, i, k):  # type: ignore[no-untyped-def]
+def _falling(lane, gravity, a, i, k):
     """Acceleration less gravity, component k, of the vertex at row i."""
     if gravity is None:
         return load(lane, a, i + k)
@@ -47,7 +47,7 @@ def _falling(lane, gravity, a, i, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _rates(lane, damped, v, i):  # type: ignore[no-untyped-def]
+def _rates(lane, damped, v, i):
     """Rates of the vertex at row i where anything depends on them."""
     if damped is None:
         return splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
@@ -55,14 +55,14 @@ def _rates(lane, damped, v, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _rate(lane, damped, v, k):  # type: ignore[no-untyped-def]
+def _rate(lane, damped, v, k):
     if damped is None:
         return splat(lane, 0.0)
     return load(lane, v, k)
 
 
 @kernel
-def _loaded(lane, loads, links, u, r):  # type: ignore[no-untyped-def]
+def _loaded(lane, loads, links, u, r):
     """r less the point loads."""
     if loads is not None:
         for f in range(loads.shape[0] // 4):
@@ -75,7 +75,7 @@ def _loaded(lane, loads, links, u, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _lumps(lane, model, par, cm, S):  # type: ignore[no-untyped-def]
+def _lumps(lane, model, par, cm, S):
     """Pin flags cleared; inertia of hub, elbows and payload added to the condensed matrices."""
     if cm != 0.0:
         links, stride = model.links, _stride(model.order)
@@ -102,7 +102,7 @@ def _lumps(lane, model, par, cm, S):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _circles(lane, model, q, S):  # type: ignore[no-untyped-def]
+def _circles(lane, model, q, S):
     """Sines and cosines at all Gauss points, ahead of the elements: long chains, but none waits for another."""
     p, stride = len(model.order), _stride(model.order)
     deltas = 3 * p * model.elements * model.links + 3
@@ -119,7 +119,7 @@ def _circles(lane, model, q, S):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
     """r and, unless cm = 0, the tangent cm M + cc D + ck K, condensed to the vertices."""
     aligned_frame(lane)
     links, p, stride = model.links, len(model.order), _stride(model.order)
@@ -175,12 +175,12 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
 
 
 @kernel
-def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-untyped-def]
+def constrain(lane, model, psi, q, v, a, level, scale, r):
     """No constraint is left: joints are coordinates."""
 
 
 @kernel
-def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
+def pin(lane, model, S, k):
     """Flag coordinate k, of the root or of a joint, for `factor`."""
     slot = k
     if k > 2:
@@ -189,7 +189,7 @@ def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _eliminate(lane, S, o, tail):  # type: ignore[no-untyped-def]
+def _eliminate(lane, S, o, tail):
     """Eliminate the right vertex of the element whose condensed matrix is at o; what remains on the left one.
 
     `tail`: what the elements behind left on the right vertex (xx, xy, xt, yy, yt, tt).
@@ -236,7 +236,7 @@ def _eliminate(lane, S, o, tail):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def factor(lane, model, S):  # type: ignore[no-untyped-def]
+def factor(lane, model, S):
     """L D L' over the vertices from tip to root; inverse pivots are kept."""
     aligned_frame(lane)
     links, stride = model.links, _stride(model.order)
@@ -278,7 +278,7 @@ def factor(lane, model, S):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _reduce(lane, S, o, x, y, t):  # type: ignore[no-untyped-def]
+def _reduce(lane, S, o, x, y, t):
     """Right side of the right vertex at o, reduced; and what it takes from the left one."""
     y = y - load(lane, S, o + 16) * x
     t = (t - load(lane, S, o + 17) * x) - load(lane, S, o + 19) * y
@@ -291,7 +291,7 @@ def _reduce(lane, S, o, x, y, t):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _restore(lane, S, o, x, y, t, a, b, c):  # type: ignore[no-untyped-def]
+def _restore(lane, S, o, x, y, t, a, b, c):
     """Solution (x, y, t) at the right vertex from its reduced right side and the solution (a, b, c) at the left one."""
     t = ((t * load(lane, S, o + 20) - load(lane, S, o + 8) * a) - load(lane, S, o + 11) * b) - load(lane, S, o + 14) * c
     y = ((y * load(lane, S, o + 18) - load(lane, S, o + 7) * a) - load(lane, S, o + 10) * b) - load(lane, S, o + 13) * c
@@ -302,7 +302,7 @@ def _restore(lane, S, o, x, y, t, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+def solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `factor`."""
     aligned_frame(lane)
     links, p, stride = model.links, len(model.order), _stride(model.order)

@@ -8,7 +8,7 @@ from .element import momentum, turn_pair
 
 
 @kernel
-def inertia(lane, model, par, a, r):  # type: ignore[no-untyped-def]
+def inertia(lane, model, par, a, r):
     """r <- M a: that of the elements, hub, elbows and payload."""
     links, p = model.links, len(model.order)
     deltas = 3 * p * model.elements * links + 3
@@ -40,7 +40,7 @@ def inertia(lane, model, par, a, r):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def turn(lane, model, start, q, share, x):  # type: ignore[no-untyped-def]
+def turn(lane, model, start, q, share, x):
     """Turn each node's vector (x, y) in x by a share of what its section turns by from start to q."""
     order, links, p = model.order, model.links, len(model.order)
     deltas = 3 * p * model.elements * links + 3

@@ -11,7 +11,7 @@ from .tables import interior
 
 
 @kernel
-def _fall(gravity, k):  # type: ignore[no-untyped-def]
+def _fall(gravity, k):
     """Component k of gravity; 0.0 where there is none."""
     if gravity is None:
         return 0.0
@@ -19,7 +19,7 @@ def _fall(gravity, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
+def ports(lane, model, par, q, y):
     """Joint angles, then position and angle of the point of each load."""
     links = model.links
     store(y, 0, load(lane, q, 2))
@@ -29,7 +29,7 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _load_points(lane, loads, links, q, y):  # type: ignore[no-untyped-def]
+def _load_points(lane, loads, links, q, y):
     if loads is not None:
         for f in range(loads.shape[0] // 4):
             k = links + 3 * f
@@ -42,7 +42,7 @@ def _load_points(lane, loads, links, q, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _totals(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+def _totals(lane, model, par, q, v):
     """(kinetic energy, strain energy, first mass moments x, y) of the whole chain."""
     links, p = model.links, len(model.order)
     deltas = 3 * p * model.elements * links + 3
@@ -76,13 +76,13 @@ def _totals(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
+def damping_work(lane, model, par, q, v, x):
     """x'C(q) v of the material, W."""
     return _damped(lane, model.damped, model, par, q, v, x)
 
 
 @kernel
-def _damped(lane, damped, model, par, q, v, x):  # type: ignore[no-untyped-def]
+def _damped(lane, damped, model, par, q, v, x):
     if damped is None:
         return splat(lane, 0.0)
     links, p = model.links, len(model.order)
@@ -104,14 +104,14 @@ def _damped(lane, damped, model, par, q, v, x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity) energy, J."""
     kinetic, strain, mx, my = _totals(lane, model, par, q, v)
     return kinetic, strain, -(mx * _fall(model.gravity, 0) + my * _fall(model.gravity, 1))
 
 
 @kernel
-def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
+def link_poses(lane, model, par, q, v, out):
     """Of each link: x, y, angle of its root and their rates, then those of its tip."""
     span = 3 * len(model.order) * model.elements
     deltas = span * model.links + 3
@@ -128,7 +128,7 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
+def out_of_range(lane, model, par, q):
     """The exact beam holds at any deflection."""
     return splat(lane, 0.0)
 
@@ -140,7 +140,7 @@ for _order in range(2, 4):
 
 
 @kernel
-def shape(model, q, points):  # type: ignore[no-untyped-def]
+def shape(model, q, points):
     """Positions along the chain at p equal steps of each element, as many as `points` has room for; their number."""
     p = len(model.order)
     count = 0
@@ -163,7 +163,7 @@ def shape(model, q, points):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def predict(lane, model, start, q):  # type: ignore[no-untyped-def]
+def predict(lane, model, start, q):
     """Positions in q anew: from the root's, with the angles of q and the strains of `start`.
 
     A chain whose nodes move on along their velocities stretches by half the square of the angle it turns, which a

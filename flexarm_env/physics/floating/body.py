@@ -14,7 +14,7 @@ from .layout import ELEMENTS, OF_ELEMENT, SIZE, START, constants
 
 
 @kernel
-def quadratic(d, at, x, y, e, n):  # type: ignore[no-untyped-def]
+def quadratic(d, at, x, y, e, n):
     """x'A y with the matrix at d[at:], elastic coordinates from e."""
     total = 0.0
     for i in range(n):
@@ -26,7 +26,7 @@ def quadratic(d, at, x, y, e, n):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def line(d, at, i, y, e, n):  # type: ignore[no-untyped-def]
+def line(d, at, i, y, e, n):
     total = 0.0
     for j in range(n):
         total += d[at + i * n + j] * y[e + j]
@@ -34,7 +34,7 @@ def line(d, at, i, y, e, n):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def dot(d, at, y, e, n):  # type: ignore[no-untyped-def]
+def dot(d, at, y, e, n):
     total = 0.0
     for j in range(n):
         total += d[at + j] * y[e + j]
@@ -42,26 +42,26 @@ def dot(d, at, y, e, n):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_entry(S, half, i, j, x):  # type: ignore[no-untyped-def]
+def add_entry(S, half, i, j, x):
     S[i * (3 * half + 1) + j - i + half] += x
 
 
 @kernel
-def add_pair(S, half, cos, sin, k, j, x, y):  # type: ignore[no-untyped-def]
+def add_pair(S, half, cos, sin, k, j, x, y):
     """Add the body-frame vector (x, y), turned to global axes, to rows k, k+1 of column j."""
     add_entry(S, half, k, j, cos * x - sin * y)
     add_entry(S, half, k + 1, j, sin * x + cos * y)
 
 
 @kernel
-def add_pair_row(S, half, cos, sin, i, k, x, y):  # type: ignore[no-untyped-def]
+def add_pair_row(S, half, cos, sin, i, k, x, y):
     """The same for columns k, k+1 of row i."""
     add_entry(S, half, i, k, cos * x - sin * y)
     add_entry(S, half, i, k + 1, sin * x + cos * y)
 
 
 @kernel
-def tip_position(m, body, q):  # type: ignore[no-untyped-def]
+def tip_position(m, body, q):
     """Tip in the body frame: (s_x, s_y, phi)."""
     d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
     s_x = d[p.length] + dot(d, p.tip, q, e, n)
@@ -71,7 +71,7 @@ def tip_position(m, body, q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def lost_inertia(m, body, payload, q):  # type: ignore[no-untyped-def]
+def lost_inertia(m, body, payload, q):
     """What a reduced body's inertia about its root has lost to foreshortening, kg m^2; a payload (kg) at its tip."""
     d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
     across = tip_position(m, body, q)[1]
@@ -80,7 +80,7 @@ def lost_inertia(m, body, payload, q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def tip_rate(m, body, q, v):  # type: ignore[no-untyped-def]
+def tip_rate(m, body, q, v):
     """Rate of the tip in the body frame."""
     d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
     s_x = dot(d, p.tip, v, e, n)
@@ -90,7 +90,7 @@ def tip_rate(m, body, q, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def tip_gradient(m, body, q, j):  # type: ignore[no-untyped-def]
+def tip_gradient(m, body, q, j):
     """d(s_x, s_y)/dq_j at the tip."""
     p, n = constants(m, body), m.table[body, SIZE]
     x = m.data[p.tip + j]
@@ -100,7 +100,7 @@ def tip_gradient(m, body, q, j):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):
     """Inertia [61]-[63], damping, elastic force [44] of one body, gravity as an acceleration of the frame."""
     d, at = m.data, m.table[body, START]
     e, n, half = at + 3, m.table[body, SIZE], m.half
@@ -190,7 +190,7 @@ def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-u
 
 
 @kernel
-def element_places(m, body, element):  # type: ignore[no-untyped-def]
+def element_places(m, body, element):
     """Row of u of an element's first node (its v, phi and the second node's follow; the clamped root has none), and
     where in `data` its EA / l and its G are."""
     first = m.table[body, START] + 3 * element
@@ -199,7 +199,7 @@ def element_places(m, body, element):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def bending(x, first, inner):  # type: ignore[no-untyped-def]
+def bending(x, first, inner):
     """v, phi of both nodes of an element; inner: its first node is not the clamped root."""
     if inner:
         return x[first + 1], x[first + 2], x[first + 4], x[first + 5]
@@ -207,7 +207,7 @@ def bending(x, first, inner):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def times(d, g, w):  # type: ignore[no-untyped-def]
+def times(d, g, w):
     """G w, four numbers; G (4, 4) at d[g:]."""
     return (
         d[g] * w[0] + d[g + 1] * w[1] + d[g + 2] * w[2] + d[g + 3] * w[3],
@@ -218,12 +218,12 @@ def times(d, g, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def along(x, y):  # type: ignore[no-untyped-def]
+def along(x, y):
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2] + x[3] * y[3]
 
 
 @kernel
-def coupling_force(m, body, damp, q, v, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+def coupling_force(m, body, damp, q, v, cm, cc, ck, r, S):
     """Axial-bending coupling of each element: P G w [45], and with von Karman's stretch e = u2 - u1 + w'Gw / 2 what its
     energy EA e^2 / 2l and its dissipation EA damp e'^2 / 2l (theory, eqs. 1.2, 1.3) add to the linear axial forces."""
     d, half = m.data, m.half
@@ -263,7 +263,7 @@ def coupling_force(m, body, damp, q, v, cm, cc, ck, r, S):  # type: ignore[no-un
 
 
 @kernel
-def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):
     """A point mass and inertia at a body's tip, exactly."""
     p = constants(m, body)
     at = m.table[body, START]
@@ -325,7 +325,7 @@ def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):  # type
 
 
 @kernel
-def payload_drag(m, body, mass, inertia, q, v, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+def payload_drag(m, body, mass, inertia, q, v, cm, cc, ck, r, S):
     """The payload's share of damping that goes with mass: drag on how it moves in the body's frame."""
     p = constants(m, body)
     e, n, half = m.table[body, START] + 3, m.table[body, SIZE], m.half
@@ -346,7 +346,7 @@ def payload_drag(m, body, mass, inertia, q, v, cm, cc, ck, r, S):  # type: ignor
 
 
 @kernel
-def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):  # type: ignore[no-untyped-def]
+def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):
     """Residual -= what a global force and a moment do at a body's tip; tangent with its curvature."""
     p = constants(m, body)
     at = m.table[body, START]

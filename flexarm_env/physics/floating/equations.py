@@ -34,7 +34,7 @@ from .layout import ELEMENTS, LINK, MOTION, MULTIPLIERS, SIZE, START, STATIONS, 
 
 
 @kernel
-def _joint_columns(m, body, q, scale, S):  # type: ignore[no-untyped-def]
+def _joint_columns(m, body, q, scale, S):
     """Phi_q and its transpose for the joint between a body's tip and the next body, both times `scale`."""
     at, nxt, n, half = m.table[body, START], m.table[body + 1, START], m.table[body, SIZE], m.half
     e, lam = at + 3, at + 3 + n
@@ -58,13 +58,13 @@ def _joint_columns(m, body, q, scale, S):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _both(S, half, i, j, x):  # type: ignore[no-untyped-def]
+def _both(S, half, i, j, x):
     add_entry(S, half, i, j, x)
     add_entry(S, half, j, i, x)
 
 
 @kernel
-def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no-untyped-def]
+def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
     """Residual and tangent of the chain, see `protocol`."""
     m = model
     for k in range(m.n):
@@ -108,7 +108,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):  # type: ignore[no
 
 
 @kernel
-def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-untyped-def]
+def constrain(lane, model, psi, q, v, a, level, scale, r):
     """Constraint rows: tip of each body minus the next frame's origin, and its angle where rigid or prescribed."""
     m = model
     for body in range(m.table.shape[0] - 1):
@@ -145,7 +145,7 @@ def constrain(lane, model, psi, q, v, a, level, scale, r):  # type: ignore[no-un
 
 
 @kernel
-def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
+def pin(lane, model, S, k):
     """Replace row and column k by those of the identity."""
     half = model.half
     width = 3 * half + 1
@@ -156,21 +156,21 @@ def pin(lane, model, S, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def factor(lane, model, S):  # type: ignore[no-untyped-def]
+def factor(lane, model, S):
     """Band LU; the pivots lie behind the matrix."""
     n = model.n
     band_lu(S, S[n * (3 * model.half + 1) :], n, model.half, model.half)
 
 
 @kernel
-def solve(lane, model, S, x):  # type: ignore[no-untyped-def]
+def solve(lane, model, S, x):
     """x <- S^-1 x."""
     n = model.n
     band_lu_solve(S, S[n * (3 * model.half + 1) :], x, n, model.half, model.half)
 
 
 @kernel
-def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
+def ports(lane, model, par, q, y):
     """Joint angles, then position and section angle at each point load."""
     m = model
     last = m.table.shape[0] - 1
@@ -193,7 +193,7 @@ def ports(lane, model, par, q, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
+def damping_work(lane, model, par, q, v, x):
     """x'C(q) v, W: damping of the elastic coordinates and of the payload (for x = v twice Rayleigh's function)."""
     m = model
     power = 0.0
@@ -216,7 +216,7 @@ def damping_work(lane, model, par, q, v, x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _coupling_loss(m, body, q, v, x):  # type: ignore[no-untyped-def]
+def _coupling_loss(m, body, q, v, x):
     """EA / l times what products of the rates of von Karman's stretches have beyond those of the linear ones."""
     total = 0.0
     for element in range(m.table[body, ELEMENTS]):
@@ -230,7 +230,7 @@ def _coupling_loss(m, body, q, v, x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _coupling_energy(m, body, q):  # type: ignore[no-untyped-def]
+def _coupling_energy(m, body, q):
     total = 0.0
     for element in range(m.table[body, ELEMENTS]):
         first, stiffness, g = element_places(m, body, element)
@@ -246,7 +246,7 @@ def _coupling_energy(m, body, q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity) in J."""
     m = model
     kinetic, strain, potential = 0.0, 0.0, 0.0
@@ -285,7 +285,7 @@ def energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
+def link_poses(lane, model, par, q, v, out):
     """Per link: root x, y, angle and their rates, tip x, y, angle and their rates."""
     m = model
     for body in range(m.table.shape[0]):
@@ -305,7 +305,7 @@ def link_poses(lane, model, par, q, v, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
+def out_of_range(lane, model, par, q):
     """DIVERGED when a body's tip deflects beyond its length; OUT_OF_RANGE when a reduced link leaves its range: by its
     deflection, or by an inertia about its root that comes near to where the mass matrix is indefinite."""
     m = model
@@ -322,7 +322,7 @@ def out_of_range(lane, model, par, q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def shape(model, q, points):  # type: ignore[no-untyped-def]
+def shape(model, q, points):
     """Positions along the chain at the bodies' stations, as many as `points` has room for; their number."""
     m = model
     points[0, 0], points[0, 1] = q[0], q[1]

@@ -59,7 +59,7 @@ station_at = kernel(STATION.offsets)
 
 
 @kernel
-def constants(m, body):  # type: ignore[no-untyped-def]
+def constants(m, body):
     """Where a body's constants are in `data`: the fields of BODY."""
     t = m.table
     return _body_at(t[body, BLOCK], t[body, SIZE], t[body, ELEMENTS], t[body, STATIONS])

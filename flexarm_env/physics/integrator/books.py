@@ -9,7 +9,7 @@ from ..protocol import damping_work, ports
 
 
 @kernel
-def open_books(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
+def open_books(lane, model, drive, par, w):
     """Remember ports and forces at the start of a smooth stretch."""
     for i in range(w.u.shape[0]):
         w.u0[i] = w.u[i]
@@ -22,7 +22,7 @@ def open_books(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def keep_books(lane, model, drive, par, w, h):  # type: ignore[no-untyped-def]
+def keep_books(lane, model, drive, par, w, h):
     """Add the work of a step of h and what damping took: mean force times displacement, what Newmark itself does.
 
     At the middle of a step that turns a stiff section by a large angle there are strain rates that it has at neither

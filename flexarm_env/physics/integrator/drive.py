@@ -8,7 +8,7 @@ from ...compiler.decorator import kernel
 
 
 @kernel
-def piece_at(drive, f, t):  # type: ignore[no-untyped-def]
+def piece_at(drive, f, t):
     """Index of the piece of function f that holds at time t."""
     low, high = drive.first[f], drive.first[f + 1] - 1
     while low < high:
@@ -21,7 +21,7 @@ def piece_at(drive, f, t):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def evaluate(drive, f, t, side):  # type: ignore[no-untyped-def]
+def evaluate(drive, f, t, side):
     """(value, rate, second derivative) of function f at t; the piece is the one that holds at `side`."""
     p = drive.pieces[piece_at(drive, f, side)]
     s = t - p[0]
@@ -37,7 +37,7 @@ def evaluate(drive, f, t, side):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def set_inputs(drive, u, t, side):  # type: ignore[no-untyped-def]
+def set_inputs(drive, u, t, side):
     """Fill the driven entries of u at time t."""
     before = -1
     for i in range(drive.inputs.shape[0]):
@@ -49,7 +49,7 @@ def set_inputs(drive, u, t, side):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def set_motions(drive, psi, t, side):  # type: ignore[no-untyped-def]
+def set_motions(drive, psi, t, side):
     """Fill psi (n_motions * 3: position, velocity, acceleration) at time t."""
     for i in range(drive.motions.shape[0]):
         value, rate, second = evaluate(drive, drive.motions[i], t, side)

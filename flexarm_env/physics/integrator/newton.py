@@ -23,24 +23,24 @@ class Slopes(NamedTuple):
 
 
 @kernel
-def slopes_of(scheme, h):  # type: ignore[no-untyped-def]
+def slopes_of(scheme, h):
     """Those of a step of h."""
     b = 1.0 / (scheme.beta * h * h)
     return Slopes(scheme.gamma / (scheme.beta * h), b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f), b)
 
 
 @kernel
-def _second(predictor):  # type: ignore[no-untyped-def]
+def _second(predictor):
     return predictor[1]
 
 
 @kernel
-def _zero(predictor):  # type: ignore[no-untyped-def]
+def _zero(predictor):
     return 0.0
 
 
 @kernel
-def _ten(predictor):  # type: ignore[no-untyped-def]
+def _ten(predictor):
     return 10.0
 
 
@@ -51,7 +51,7 @@ def _trust(kind: str) -> Any:
 
 
 @kernel
-def _first_contraction(lane, trust, increment):  # type: ignore[no-untyped-def]
+def _first_contraction(lane, trust, increment):
     """Contraction to expect of the first iteration, which has seen none: 1/2, so that its increment itself is the error
     left, or `trust` times the increment where the error left is known to be quadratic."""
     if trust > 0.0:
@@ -60,7 +60,7 @@ def _first_contraction(lane, trust, increment):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _moved(lane, correction, shift, k, d):  # type: ignore[no-untyped-def]
+def _moved(lane, correction, shift, k, d):
     """The increment d and, where the period is corrected, the shift of the displacement; and the larger of the two."""
     if correction is None:
         return d, absolute(d)
@@ -69,7 +69,7 @@ def _moved(lane, correction, shift, k, d):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_multipliers(lane, algebraic, w, active, c_m):  # type: ignore[no-untyped-def]
+def _take_multipliers(lane, algebraic, w, active, c_m):
     """Increments of the multipliers, which live in q. They do not count towards convergence: they are forces."""
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
@@ -79,7 +79,7 @@ def _take_multipliers(lane, algebraic, w, active, c_m):  # type: ignore[no-untyp
 
 
 @inlined
-def _correct(lane, model, w, active, slopes):  # type: ignore[no-untyped-def]
+def _correct(lane, model, w, active, slopes):
     """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
     _take_multipliers(lane, model.algebraic, w, active, slopes.a)
     largest_of = splat(lane, 0.0)
@@ -99,7 +99,7 @@ def _correct(lane, model, w, active, slopes):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def newton(lane, model, drive, par, w, slopes, h, scheme, plain):  # type: ignore[no-untyped-def]
+def newton(lane, model, drive, par, w, slopes, h, scheme, plain):
     """Solve the equations of a step of h; returns lanes that are 1 where that did not succeed, 0 elsewhere.
 
     Arms that have converged, or failed before, are left as they are while the others go on. plain: without the

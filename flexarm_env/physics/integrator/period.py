@@ -27,7 +27,7 @@ to motion that the step does not resolve (what a jump of the root's velocity lea
 
 
 @kernel
-def _filtered(lane, model, drive, par, w, c_m, x, y):  # type: ignore[no-untyped-def]
+def _filtered(lane, model, drive, par, w, c_m, x, y):
     """y <- Y x; zero in coordinates that are known."""
     inertia(lane, model, par, x, y)
     for k in range(size(model.n)):
@@ -37,14 +37,14 @@ def _filtered(lane, model, drive, par, w, c_m, x, y):  # type: ignore[no-untyped
 
 
 @kernel
-def correct_period(lane, model, drive, par, tolerance, w, corrected, active, slopes, h):  # type: ignore[no-untyped-def]
+def correct_period(lane, model, drive, par, tolerance, w, corrected, active, slopes, h):
     """Where Newton's increment -r of an `active` arm is small for the first time in a step, w.shift <- the correction d
     and r <- what brings a and v to the step so corrected; elsewhere w.shift <- 0. Returns which arms are corrected."""
     return _correct(lane, model, drive, par, model.correction, tolerance, w, corrected, active, slopes, h)
 
 
 @kernel
-def _correct(lane, model, drive, par, correction, tolerance, w, corrected, active, slopes, h):  # type: ignore[no-untyped-def]
+def _correct(lane, model, drive, par, correction, tolerance, w, corrected, active, slopes, h):
     """`correct_period` where the formulation has one."""
     if correction is None:
         return corrected

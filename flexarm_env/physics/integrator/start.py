@@ -15,7 +15,7 @@ _SMALL = 1e-3
 
 
 @kernel
-def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):  # type: ignore[no-untyped-def]
+def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
 
     Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known; what damping ends of that before a step
@@ -32,7 +32,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):  # type: ign
 
 
 @kernel
-def _keep(n, algebraic, w):  # type: ignore[no-untyped-def]
+def _keep(n, algebraic, w):
     """Accelerations and multipliers to q0, which is free between steps; to b its distance from a."""
     for k in range(n):
         w.q0[k] = w.a[k]
@@ -44,7 +44,7 @@ def _keep(n, algebraic, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _take_multipliers(drive, algebraic, w, fresh):  # type: ignore[no-untyped-def]
+def _take_multipliers(drive, algebraic, w, fresh):
     """Multipliers from where the accelerations were solved for: the new ones, or what is added to those kept."""
     if drive is not None:
         if not fresh:
@@ -56,7 +56,7 @@ def _take_multipliers(drive, algebraic, w, fresh):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _set_b(lane, n, drive, w, fresh):  # type: ignore[no-untyped-def]
+def _set_b(lane, n, drive, w, fresh):
     """b = a, or at the distance that was kept; prescribed coordinates have none."""
     if drive is not None:
         if not fresh:
@@ -72,7 +72,7 @@ def _set_b(lane, n, drive, w, fresh):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _solve(lane, model, drive, w, matrix):  # type: ignore[no-untyped-def]
+def _solve(lane, model, drive, w, matrix):
     """r <- S^-1 r without the known rows; `matrix`: S is new."""
     take_out_known(lane, model, drive, w.r, w.S, matrix)
     if matrix:
@@ -82,14 +82,14 @@ def _solve(lane, model, drive, w, matrix):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _less(n, r, start, scale):  # type: ignore[no-untyped-def]
+def _less(n, r, start, scale):
     """r <- (r - start) scale."""
     for k in range(n):
         r[k] = (r[k] - start[k]) * scale
 
 
 @kernel
-def _book_impulse(drive, w, share, scale):  # type: ignore[no-untyped-def]
+def _book_impulse(drive, w, share, scale):
     """Book the work of the impulses in `reaction`, times `scale`: the velocity there is a share of that before the jump
     and the rest of that after it."""
     for i in range(drive.known.shape[0]):
@@ -99,7 +99,7 @@ def _book_impulse(drive, w, share, scale):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _jumps(drive, w):  # type: ignore[no-untyped-def]
+def _jumps(drive, w):
     """Whether a prescribed velocity jumps, by more than round-off."""
     for i in range(drive.known.shape[0]):
         k, after = drive.known[i], w.psi[3 * i + 1]
@@ -110,14 +110,14 @@ def _jumps(drive, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _forces(lane, model, par, w, c_a, c_v):  # type: ignore[no-untyped-def]
+def _forces(lane, model, par, w, c_a, c_v):
     """r of q, v, a, with the multipliers that stand in a's rows; S unless c_a = 0."""
     move_multipliers(model.algebraic, w.q, w.a, False)
     assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, c_v, 0.0, w.r, w.S)
 
 
 @kernel
-def _jump(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untyped-def]
+def _jump(lane, model, drive, par, w, h, fresh):
     """v <- v + dv, a0: dv with the impulses in its rows of multipliers."""
     n = size(model.n)
     for k in range(n):
@@ -139,7 +139,7 @@ def _jump(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _solve_jump(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
+def _solve_jump(lane, model, drive, par, w):
     """a0, a <- dv of M dv + Phi_q^T Lambda = 0 with its prescribed part, Lambda in its rows of multipliers."""
     n = size(model.n)
     for i in range(drive.known.shape[0]):
@@ -162,7 +162,7 @@ def _solve_jump(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pass_layer(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untyped-def]
+def _pass_layer(lane, model, drive, par, w, h, fresh):
     """Take out of dv what damping ends before a step of h could see it.
 
     Damping does not let the velocity jump within the material: it spreads what M alone leaves next to a prescribed
@@ -206,7 +206,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):  # type: ignore[no-untype
 
 
 @kernel
-def _damp(lane, model, drive, par, w, h, matrix, fresh, share):  # type: ignore[no-untyped-def]
+def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
     """r <- (1 - s) x where v is x times h/2 and _SMALL; `share` of it goes into the jump of the accelerations."""
     move_multipliers(model.algebraic, w.v, w.v, True)
     assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, 0.5 * h, 0.0, w.r, w.S)
@@ -219,7 +219,7 @@ def _damp(lane, model, drive, par, w, h, matrix, fresh, share):  # type: ignore[
 
 
 @kernel
-def _restart(lane, model, drive, par, w, t, h, fresh):  # type: ignore[no-untyped-def]
+def _restart(lane, model, drive, par, w, t, h, fresh):
     """`restart` on bare arrays."""
     n = size(model.n)
     passes, half = 1, 0.0

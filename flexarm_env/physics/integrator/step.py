@@ -25,17 +25,17 @@ from .work import note_reactions, set_known, take_out_known, unpack
 
 
 @kernel
-def _first(predictor):  # type: ignore[no-untyped-def]
+def _first(predictor):
     return predictor[0]
 
 
 @kernel
-def _itself(predictor):  # type: ignore[no-untyped-def]
+def _itself(predictor):
     return predictor
 
 
 @kernel
-def _zero(predictor):  # type: ignore[no-untyped-def]
+def _zero(predictor):
     return 0.0
 
 
@@ -46,7 +46,7 @@ def _share(kind: str) -> Any:
 
 
 @inlined
-def _predict(lane, model, w, h, scheme):  # type: ignore[no-untyped-def]
+def _predict(lane, model, w, h, scheme):
     """Where Newton starts, eqs. [66]-[68]: q+, v+, b+ of an acceleration a+; q, v, a, b are kept in q0, v0, a0, b0."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
     n, share = size(model.n), _share(model.predictor)
@@ -69,7 +69,7 @@ def _predict(lane, model, w, h, scheme):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _follow(lane, w, k, d, slopes):  # type: ignore[no-untyped-def]
+def _follow(lane, w, k, d, slopes):
     """v, a, b of a start whose q is another by d."""
     store(w.v, k, load(lane, w.v, k) + d * slopes.v)
     store(w.a, k, load(lane, w.a, k) + d * slopes.a)
@@ -77,7 +77,7 @@ def _follow(lane, w, k, d, slopes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _stay(lane, model, w, slopes):  # type: ignore[no-untyped-def]
+def _stay(lane, model, w, slopes):
     """Start Newton from where the step began, in place of the prediction: after a load has jumped, accelerations that
     the step does not resolve may throw the prediction so far that Newton does not come back from there."""
     for k in range(size(model.n)):
@@ -87,7 +87,7 @@ def _stay(lane, model, w, slopes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _guess(lane, model, predictor, w, slopes):  # type: ignore[no-untyped-def]
+def _guess(lane, model, predictor, w, slopes):
     """Start of Newton where the formulation knows better (predictor None)."""
     if predictor is None:
         for k in range(size(model.n)):
@@ -101,7 +101,7 @@ def _guess(lane, model, predictor, w, slopes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _prescribe(drive, w, t, h):  # type: ignore[no-untyped-def]
+def _prescribe(drive, w, t, h):
     """Inputs and motions at the end t of a step of h; where they jump there, as they were before."""
     if drive is not None:
         before = t - 1e-6 * h
@@ -111,7 +111,7 @@ def _prescribe(drive, w, t, h):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _settle(lane, model, drive, par, algebraic, w):  # type: ignore[no-untyped-def]
+def _settle(lane, model, drive, par, algebraic, w):
     """Take what a step left across the constraints out of velocities, then out of accelerations (theory, section 6).
 
     Constraints hold for positions alone, so that the velocity across them is off by O(h^2) and the acceleration by
@@ -139,7 +139,7 @@ def _settle(lane, model, drive, par, algebraic, w):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _across(lane, model, drive, w, level):  # type: ignore[no-untyped-def]
+def _across(lane, model, drive, w, level):
     """r <- what constraint forces alone have to take away for the velocities (level 1) or accelerations (2) to keep to
     the constraints; S: M and Phi_q, factored here for level 1."""
     for k in range(w.r.shape[0]):
@@ -153,7 +153,7 @@ def _across(lane, model, drive, w, level):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _react(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
+def _react(lane, model, drive, par, w):
     """Forces that hold the prescribed coordinates at the step's end."""
     if drive is not None:
         assemble(lane, model, par, w.q, w.v, w.a, w.u, 0.0, 0.0, 0.0, w.r, w.S)
@@ -161,7 +161,7 @@ def _react(lane, model, drive, par, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _go_back(lane, model, w):  # type: ignore[no-untyped-def]
+def _go_back(lane, model, w):
     """To where the step began."""
     for k in range(size(model.n)):
         store(w.q, k, load(lane, w.q0, k))
@@ -171,7 +171,7 @@ def _go_back(lane, model, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
+def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):
     """n_steps steps of size h from t within a smooth stretch; returns the time reached (SINGLE) or meant (lanes).
 
     A single arm retries a step whose Newton fails, from another start and then in halves, and stops at the last good
@@ -183,7 +183,7 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
 
 
 @inlined
-def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):  # type: ignore[no-untyped-def]
+def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):
     """`advance` on bare arrays."""
     if books is not None:
         open_books(lane, model, drive, par, w)

@@ -11,7 +11,7 @@ from .work import take_out_known, unpack
 
 
 @kernel
-def switch(lane, model, par, flat, n_motions):  # type: ignore[no-untyped-def]
+def switch(lane, model, par, flat, n_motions):
     """Let accelerations jump with the inputs, from w.u0 to w.u: M da + Phi_q^T dlambda = B (u - u0), for a and b alike.
 
     Unlike `restart` this keeps what the integrator has filtered: where stretch, shear and rotary modes are too fast for
@@ -21,7 +21,7 @@ def switch(lane, model, par, flat, n_motions):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _switch(lane, model, par, w):  # type: ignore[no-untyped-def]
+def _switch(lane, model, par, w):
     """`switch` on bare arrays; q0 is scratch."""
     n = size(model.n)
     for stage in range(2):  # residual with the inputs as they were, then as they are
@@ -43,7 +43,7 @@ def _switch(lane, model, par, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _jump_multipliers(lane, algebraic, q, r):  # type: ignore[no-untyped-def]
+def _jump_multipliers(lane, algebraic, q, r):
     """Multipliers live in q."""
     if algebraic is not None:
         for i in range(algebraic.shape[0]):

@@ -40,12 +40,12 @@ class Work(NamedTuple):
 
 
 @kernel
-def _rows_of_shift(correction, n):  # type: ignore[no-untyped-def]
+def _rows_of_shift(correction, n):
     return 0 if correction is None else 2 * n
 
 
 @kernel
-def work_size(lanes, model, n_motions):  # type: ignore[no-untyped-def]
+def work_size(lanes, model, n_motions):
     """Length of the flat array behind `Work`."""
     n, n_u = size(model.n), size(model.n_inputs)
     shift = _rows_of_shift(model.correction, n)
@@ -53,7 +53,7 @@ def work_size(lanes, model, n_motions):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def unpack(lane, model, flat, n_motions):  # type: ignore[no-untyped-def]
+def unpack(lane, model, flat, n_motions):
     """`Work` as views of `flat`."""
     lanes = len(lane)
     n, n_u, m, s = size(model.n) * lanes, size(model.n_inputs) * lanes, n_motions * lanes, size(model.n_factor) * lanes
@@ -72,7 +72,7 @@ def unpack(lane, model, flat, n_motions):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def take_out_known(lane, model, drive, r, S, matrix):  # type: ignore[no-untyped-def]
+def take_out_known(lane, model, drive, r, S, matrix):
     """Take fixed and prescribed coordinates out of the residual and, where asked for, out of the matrix."""
     for i in range(model.fixed.shape[0]):
         k = model.fixed[i]
@@ -88,7 +88,7 @@ def take_out_known(lane, model, drive, r, S, matrix):  # type: ignore[no-untyped
 
 
 @kernel
-def note_reactions(known, algebraic, r, multipliers, reaction):  # type: ignore[no-untyped-def]
+def note_reactions(known, algebraic, r, multipliers, reaction):
     """Generalised forces that hold the prescribed coordinates: rows of the residual, or multipliers."""
     for i in range(known.shape[0]):
         k = known[i]
@@ -99,7 +99,7 @@ def note_reactions(known, algebraic, r, multipliers, reaction):  # type: ignore[
 
 
 @kernel
-def set_known(known, psi, q, v, a, b):  # type: ignore[no-untyped-def]
+def set_known(known, psi, q, v, a, b):
     """Give prescribed coordinates their position, velocity and acceleration."""
     for i in range(known.shape[0]):
         k = known[i]
@@ -108,7 +108,7 @@ def set_known(known, psi, q, v, a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def move_multipliers(algebraic, target, values, clear):  # type: ignore[no-untyped-def]
+def move_multipliers(algebraic, target, values, clear):
     """Multipliers live in q; solves for accelerations or velocity jumps leave them in those arrays."""
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
