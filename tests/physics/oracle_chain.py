@@ -89,11 +89,10 @@ def finite_elements(link: int, section: Section, length: float, elements: int, f
     return Body(link, length, section, inner, _only(ends, -1), ends.phi[0].copy(), slices)
 
 
-def modal(
-    link: int, section: Section, length: float, n: int, frame: str, carried: tuple[float, float], mix: Array | None
-) -> Body:
+def modal(link: int, section: Section, length: float, n: int, frame: str, carried: tuple[float, float]) -> Body:
     """Bending modes with foreshortening: clamped with `carried` (mass, inertia) at the tip, or, through both ends, the
-    static shapes of a unit turn of either end and pinned-pinned modes. mix: columns are the coordinates wanted, in those."""
+    static shapes of a unit turn of either end and pinned-pinned modes. Of unit generalised mass, the tip's deflection
+    ("root") or the root's turn ("chord") positive."""
     from scipy.linalg import eigh
 
     inner = mesh_points(section, length, MESH, 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS)
@@ -107,7 +106,7 @@ def modal(
         free = bending[2:]
         lowest = eigh(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], subset_by_index=[0, n - 1])[1]
         basis = np.zeros((last + 3, n))
-        basis[free] = lowest
+        basis[free] = lowest * np.sign(lowest[-2])
     else:
         basis = np.zeros((last + 3, n))
         free = np.array([k for k in bending if k not in (1, last + 1)])
@@ -117,9 +116,7 @@ def modal(
             basis[inside, k] = -np.linalg.solve(stiff[np.ix_(inside, inside)], stiff[inside, end])
         if n > 2:
             lowest = eigh(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], subset_by_index=[0, n - 3])[1]
-            basis[free, 2:] = lowest
-    if mix is not None:
-        basis = basis @ mix
+            basis[free, 2:] = lowest * np.sign(lowest[0])
     # H: integral of v'^2 - (v' - phi)^2 up to each point, by quadrature within its element
     l, size = length / MESH, POINTS.size
     H = np.zeros((inner.x.size, n, n))
@@ -169,8 +166,8 @@ class Motion(NamedTuple):
 class Chain:
     """The oracle of a scene: `segments` bodies a link, of `elements` each or reduced to `modes`.
 
-    second_order: lumped masses at the tips before elbows move in their body's frame as its own mass does, for modes with
-    the terms of third and higher order in the elastic coordinates left out; otherwise exactly, as the payload always.
+    Reduced to modes, what a body's own mass and an elbow's have of third and higher order in p within their frame is left
+    out of the kinetic energy (theory, 2.3 and section 4); the payload moves exactly.
     """
 
     def __init__(
@@ -182,12 +179,10 @@ class Chain:
         frame: str = "root",
         coupling: str = "von_karman",
         modes: int | None = None,
-        mixes: list[Array] | None = None,
-        second_order: bool = False,
         stiffness: float = 1.0,
     ) -> None:
         self.scene, self.arm, self.coupling, self.frame = scene, scene.arm, coupling, frame
-        self.modes, self.second_order, self.stiffness = modes, second_order, stiffness
+        self.modes, self.stiffness = modes, stiffness
         self.bodies: list[Body] = []
         for k, link in enumerate(scene.arm.links):
             part = link.length / segments
@@ -195,9 +190,8 @@ class Chain:
                 if modes is None:
                     self.bodies.append(finite_elements(k, link.section, part, elements, frame))
                 else:
-                    mix = None if mixes is None else mixes[len(self.bodies)]
                     load = self._carried(k, part * (segments - 1 - i))
-                    self.bodies.append(modal(k, link.section, part, modes, frame, load, mix))
+                    self.bodies.append(modal(k, link.section, part, modes, frame, load))
         self.starts, at = [], 3
         for body in self.bodies:
             self.starts.append(at)
@@ -256,13 +250,13 @@ class Chain:
             k = self.bodies[b].link
             if self.bodies[b - 1].link != k:
                 elbow = arm.elbow(k)
-                found.append((b - 1, "tip", elbow.mass, elbow.inertia_left, not self.second_order))
+                found.append((b - 1, "tip", elbow.mass, elbow.inertia_left, False))
                 found.append((b, "root", 0.0, elbow.inertia_right, True))
         found.append((len(self.bodies) - 1, "tip", arm.payload.mass, arm.payload.inertia, True))
         return found
 
     def kinetic(self, q: Array, v: Array) -> Array:
-        """Kinetic energy; that of reduced bodies to second order in p within their frames (theory, 2.3 and section 4)."""
+        """Kinetic energy."""
         motion, total = self.motion(q, v), 0.0
         for own, body in zip(motion, self.bodies, strict=True):
             s = body.section
@@ -339,8 +333,11 @@ class Chain:
                 s, points = body.section, body.points
                 total = total + self._drag(own, points, s.m * points.dx, s.J * points.dx, False)
             for b, end, mass, inertia, exactly in self._lumped():
-                if end == "tip":
-                    one = np.ones(1)
+                one = np.ones(1)
+                if end == "root":  # it turns with the root's section, not with the frame
+                    turn = (motion[b].p_rate @ self.bodies[b].rho) ** 2
+                    total = total + 0.5 * self.arm.mass_damping * inertia * turn
+                else:
                     total = total + self._drag(motion[b], self.bodies[b].tip, mass * one, inertia * one, exactly)
         return total
 
