@@ -93,8 +93,6 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
     """Bending modes with foreshortening: clamped with `carried` (mass, inertia) at the tip, or, through both ends, the
     static shapes of a unit turn of either end and pinned-pinned modes. Of unit generalised mass, the tip's deflection
     ("root") or the root's turn ("chord") positive."""
-    from scipy.linalg import eigh
-
     inner = mesh_points(section, length, MESH, 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS)
     mass = _gram(inner, section.m, inner.v) + _gram(inner, section.J, inner.phi)
     stiff = _gram(inner, section.EI, inner.curvature) + _gram(inner, section.C, inner.slope - inner.phi)
@@ -104,7 +102,7 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
         mass[last + 1, last + 1] += carried[0]
         mass[last + 2, last + 2] += carried[1]
         free = bending[2:]
-        lowest = eigh(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], subset_by_index=[0, n - 1])[1]
+        lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n)
         basis = np.zeros((last + 3, n))
         basis[free] = lowest * np.sign(lowest[-2])
     else:
@@ -115,7 +113,7 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
             basis[end, k] = 1.0
             basis[inside, k] = -np.linalg.solve(stiff[np.ix_(inside, inside)], stiff[inside, end])
         if n > 2:
-            lowest = eigh(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], subset_by_index=[0, n - 3])[1]
+            lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n - 2)
             basis[free, 2:] = lowest * np.sign(lowest[0])
     # H: integral of v'^2 - (v' - phi)^2 up to each point, by quadrature within its element
     l, size = length / MESH, POINTS.size
@@ -135,6 +133,14 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
     ends = _only(mesh_points(section, length, MESH, np.array([0.0, 1.0]), np.zeros(2)), -1)
     rho = np.zeros(n) if frame == "root" else basis[2].copy()
     return Body(link, length, section, inner.combined(basis, H), ends.combined(basis, total[None]), rho, [])
+
+
+def lowest_modes(stiff: Array, mass: Array, n: int) -> Array:
+    """Eigenvectors of unit generalised mass, by M x = K x / w^2: turns of sections may have hardly any inertia."""
+    from scipy.linalg import eigh
+
+    vectors = eigh(mass, stiff, subset_by_index=[len(mass) - n, len(mass) - 1])[1][:, ::-1]
+    return vectors / np.sqrt(np.sum(vectors * (mass @ vectors), axis=0))
 
 
 def _only(points: Points, k: int) -> Points:

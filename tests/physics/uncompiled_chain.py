@@ -111,17 +111,22 @@ class Case:
         return x
 
     def tangent(self, state: tuple[Array, ...], weights: tuple[float, ...]) -> Array:
-        """cm dr/da + cc dr/dv + ck dr/dq by central differences of the residual, extrapolated (fourth order)."""
+        """cm dr/da + cc dr/dv + ck dr/dq by central differences of the residual, which is linear in a and of second order
+        in v; those of q are extrapolated (sixth order)."""
         q, v, a, u = state
-        cm, cc, ck = weights
 
         def along(d: Array, h: float) -> Array:
-            up = self.residual(q + h * ck * d, v, a, u) - self.residual(q - h * ck * d, v, a, u)
-            up = up + self.residual(q, v + h * cc * d, a, u) - self.residual(q, v - h * cc * d, a, u)
-            up = up + self.residual(q, v, a + h * cm * d, u) - self.residual(q, v, a - h * cm * d, u)
-            return up / (2.0 * h)
+            return (self.residual(q + h * d, v, a, u) - self.residual(q - h * d, v, a, u)) / (2.0 * h)
 
-        return np.array([(4.0 * along(d, 1e-4) - along(d, 2e-4)) / 3.0 for d in np.eye(self.n)]).T
+        columns, h = [], 4e-3
+        for d in np.eye(self.n):
+            column = weights[0] * 0.5 * (self.residual(q, v, a + d, u) - self.residual(q, v, a - d, u))
+            column += weights[1] * 0.5 * (self.residual(q, v + d, a, u) - self.residual(q, v - d, a, u))
+            if weights[2]:
+                slopes = (1.5 * along(d, h) - 0.6 * along(d, 2.0 * h) + 0.1 * along(d, 3.0 * h))
+                column += weights[2] * slopes
+            columns.append(column)
+        return np.array(columns).T
 
 
 def close(mine: Any, other: Any, tolerance: float) -> bool:
@@ -195,27 +200,28 @@ def test_drag_and_a_softer_arm(frame: str, mesh: dict[str, Any]) -> None:
 
 @ALL
 def test_tangents_solve_what_differences_say(links: int, mesh: dict[str, Any]) -> None:
-    """S = cm dr/da + cc dr/dv + ck dr/dq, factored and solved; pinned rows and columns are those of the identity."""
+    """S = cm dr/da + cc dr/dv + ck dr/dq, factored and solved; the root's and the joints' coordinates can be pinned."""
     case = Case(links, {"mass_damping": 0.2 if mesh.get("segments", 1) == 1 else 0.0}, **mesh)
-    state, rng = case.state(3), np.random.default_rng(5)
+    state, rng = case.state(3, 0.15 if mesh.get("modes") is None else 0.03), np.random.default_rng(5)
     for weights in ((1.0, 0.0, 0.0), (2.0, 0.7, 1.3), (1.0, 0.3, 20.0)):
         wanted = case.tangent(state, weights)
         S, b = case.factored(state, weights), rng.normal(size=case.n)
         before = case.solved(S, b)
         case.with_room(*case.state(8), S)  # a residual alone leaves the factors as they are
         assert np.array_equal(before, case.solved(S, b))
-        some = tuple(rng.choice(case.n, 3, replace=False))
         joints = tuple(range(case.oracle.betas, case.n))
-        for pinned in ((), (0, 1), (0, 1, 2), (0,), (2,), joints, some):
+        for pinned in ((), (0, 1), (0, 1, 2), (0,), (2,), joints, (0, *joints)):
             full = wanted.copy()
             full[list(pinned)] = 0.0
             full[:, list(pinned)] = 0.0
             full[list(pinned), list(pinned)] = 1.0
             S = case.factored(state, weights, pinned)
             for _ in range(2):
-                x = rng.normal(size=case.n)
-                x[list(pinned)] = 0.0
-                assert close(case.solved(S, full @ x), x, 1e-6), (weights, pinned)
+                b = rng.normal(size=case.n)
+                b[list(pinned)] = 0.0
+                x = case.solved(S, b)
+                left = np.abs(full @ x - b).max() / (np.abs(full) @ np.abs(x)).max()  # backward error
+                assert left < 1e-9, (weights, pinned)
 
 
 @ALL
