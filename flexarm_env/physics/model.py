@@ -153,7 +153,7 @@ class FloatingChain(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: float
+    predictor: float | tuple[float, float]
     correction: None
     mesh: Mesh
     links: int
