@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from flexarm_env.parameters import Section
 from flexarm_env.scene import PointLoad, Scene
@@ -71,6 +72,9 @@ class Body:
     rho: Array  # (n,)
     elements: list[slice]  # points of each finite element; () for modes
 
+    nodes: Array  # (3 (mesh elements + 1), n): u, v, phi of all nodes of its mesh over p
+    node_H: Array | None  # foreshortening at those nodes
+
     @property
     def n(self) -> int:
         return self.rho.size
@@ -86,7 +90,7 @@ def finite_elements(link: int, section: Section, length: float, elements: int, f
     ends = mesh_points(section, length, elements, np.array([0.0, 1.0]), np.zeros(2)).combined(basis)
     size = POINTS.size
     slices = [slice(size * e, size * (e + 1)) for e in range(elements)]
-    return Body(link, length, section, inner, _only(ends, -1), ends.phi[0].copy(), slices)
+    return Body(link, length, section, inner, _only(ends, -1), ends.phi[0].copy(), slices, basis, None)
 
 
 def modal(link: int, section: Section, length: float, n: int, frame: str, carried: tuple[float, float]) -> Body:
@@ -119,6 +123,7 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
     l, size = length / MESH, POINTS.size
     H = np.zeros((inner.x.size, n, n))
     total = np.zeros((n, n))
+    at_nodes = [total]
     for e in range(MESH):
         own = basis[3 * e : 3 * e + 6]
         for k, xi in enumerate([*(0.5 * (1.0 + POINTS)), 1.0]):
@@ -130,15 +135,14 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
             if k < size:
                 H[e * size + k] = upto
         total = upto
+        at_nodes.append(total)
     ends = _only(mesh_points(section, length, MESH, np.array([0.0, 1.0]), np.zeros(2)), -1)
     rho = np.zeros(n) if frame == "root" else basis[2].copy()
-    return Body(link, length, section, inner.combined(basis, H), ends.combined(basis, total[None]), rho, [])
+    return Body(link, length, section, inner.combined(basis, H), ends.combined(basis, total[None]), rho, [], basis, np.array(at_nodes))
 
 
 def lowest_modes(stiff: Array, mass: Array, n: int) -> Array:
     """Eigenvectors of unit generalised mass, by M x = K x / w^2: turns of sections may have hardly any inertia."""
-    from scipy.linalg import eigh
-
     vectors = eigh(mass, stiff, subset_by_index=[len(mass) - n, len(mass) - 1])[1][:, ::-1]
     return vectors / np.sqrt(np.sum(vectors * (mass @ vectors), axis=0))
 
@@ -247,6 +251,17 @@ class Chain:
         own, rho = self.motion(q, v)[b], self.bodies[b].rho
         turn, rate = own.angle + own.p @ rho, own.rate + own.p_rate @ rho
         return np.concatenate([own.X, turn[..., None], own.X_rate, rate[..., None]], axis=-1)
+
+    def curve(self, b: int, intervals: int, q: Array) -> Array:
+        """Points of a body's axis, as many to each element of its mesh."""
+        body, own = self.bodies[b], self.motion(q, q)[b]
+        elements = len(body.nodes) // 3 - 1
+        at = np.arange(intervals // elements + 1) / (intervals // elements)
+        points = mesh_points(body.section, body.length, elements, at, 0.0 * at).combined(body.nodes)
+        if self.modes is not None:  # drawn through the nodes of its mesh
+            points = points._replace(H=np.stack([body.node_H[:-1], body.node_H[1:]], 1).reshape(-1, body.n, body.n))
+        found = at_points(own, points)[0].reshape(elements, at.size, 2)
+        return np.concatenate([found[:1, 0], *found[:, 1:]])
 
     # ------------------------------------------------------------------ energies
     def _lumped(self) -> list[tuple[int, str, float, float, bool]]:

@@ -17,7 +17,7 @@ from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.floating.build import build
 from flexarm_env.physics.model import FloatingChain
-from flexarm_env.physics.protocol import REGISTRY
+from flexarm_env.physics.protocol import REGISTRY, RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
@@ -92,13 +92,13 @@ class Case:
 
     def with_room(self, q: Array, v: Array, a: Array, u: Array, S: Array) -> Array:
         r = np.full(self.n, np.nan)
-        self.functions["assemble"](SINGLE, self.model, self.par, q, v, a, u, 0.0, 0.0, 0.0, r, S)
+        self.functions["assemble"](SINGLE, self.model, self.par, State(q, v, a), u, RESIDUAL_ALONE, r, S)
         return r
 
     def factored(self, state: tuple[Array, ...], weights: tuple[float, ...], pinned: tuple[int, ...] = ()) -> Array:
         """The iteration matrix's factors."""
         r, S = np.full(self.n, np.nan), np.full(self.n_factor, np.nan)
-        self.functions["assemble"](SINGLE, self.model, self.par, *state, *weights, r, S)
+        self.functions["assemble"](SINGLE, self.model, self.par, State(*state[:3]), state[3], Weights(*weights), r, S)
         assert close(r, self.residual(*state), 1e-13)
         for k in pinned:
             self.functions["pin"](SINGLE, self.model, S, k)
@@ -257,24 +257,6 @@ def test_places(links: int, mesh: dict[str, Any]) -> None:
     for b in range(bodies):
         assert close(points[b * stations], case.oracle.root(b, q, v)[:2], case.tolerance)
         assert close(points[(b + 1) * stations], case.oracle.tip(b, q, v)[:2], case.tolerance)
-        assert close(points[b * stations : (b + 1) * stations + 1], curve(case, b, stations, q), 10 * case.tolerance)
+        wanted = case.oracle.curve(b, stations, q)
+        assert close(points[b * stations : (b + 1) * stations + 1], wanted, case.tolerance)
     assert case.functions["shape"](case.model, q, np.zeros((2, 2))) == 2
-
-
-def curve(case: Case, b: int, stations: int, q: Array) -> Array:
-    """Equally spaced points of a body's axis by the oracle."""
-    from tests.physics.oracle_chain import MESH, at_points, finite_elements, mesh_points, modal
-
-    body, own = case.oracle.bodies[b], case.oracle.motion(q, q)[b]
-    if case.mesh.get("modes") is None:
-        elements = len(body.elements)
-        each = stations // elements
-        last = 3 * elements
-        frame = case.mesh.get("frame", "root")
-        kept = list(range(3, last + 3)) if frame == "root" else [2, *range(3, last + 1), last + 2]
-        basis = np.eye(last + 3)[:, kept]
-        at = np.arange(each + 1) / each
-        points = mesh_points(body.section, body.length, elements, at, 0.0 * at).combined(basis)
-        found = at_points(own, points)[0].reshape(elements, each + 1, 2)
-        return np.concatenate([found[:1, 0], *found[:, 1:]])
-    raise NotImplementedError
