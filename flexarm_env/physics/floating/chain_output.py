@@ -257,9 +257,10 @@ def _ranges(lane, model, D, payload, q, out):
     """out: the tip's deflection over the length; what the inertia about the root has lost over what it may lose."""
     own, n = constants(model), size(model.n)
     y = dot(lane, model, D, own.tip + n, q)
+    far = y
     if model.chord is not None:  # against the tangent at the root
-        y = y - (tip(lane, model, D, q)[0] + D[own.length]) * dot(lane, model, D, own.root, q)
-    store(out, 0, absolute(y) * (1.0 / D[own.length]))
+        far = y - dot(lane, model, D, own.root, q) * D[own.length]
+    store(out, 0, absolute(far) * (1.0 / D[own.length]))
     store(out, 1, splat(lane, 0.0))
     if model.modal is not None:
         lost = product(lane, model, D, own.tip_H, q, q) * D[own.length] - y * y
