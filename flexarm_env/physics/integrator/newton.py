@@ -9,6 +9,7 @@ import numpy as np
 from ...compiler.decorator import inlined, kernel
 from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
 from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
+from ..layout import FACTORISATIONS, ITERATIONS
 from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
 from .period import correct_period
 from .work import state_of, take_out_known
@@ -79,7 +80,7 @@ def _take_multipliers(lane, algebraic, w, active, c_m):
 
 
 @inlined
-def _correct(lane, model, w, active, slopes):
+def _move(lane, model, w, active, slopes):
     """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
     _take_multipliers(lane, model.algebraic, w, active, slopes.a)
     largest_of = splat(lane, 0.0)
@@ -119,11 +120,11 @@ def newton(lane, model, drive, par, w, slopes, h, scheme, plain):
         take_out_known(lane, model, drive, w.r, w.S, fresh)
         if fresh:
             factor(lane, model, w.S)
-            w.counts[1] += 1.0
+            w.counts[FACTORISATIONS] += 1.0
         solve(lane, model, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes, h)
-        increment = _correct(lane, model, w, active, slopes)
-        w.counts[0] += 1.0
+        increment = _move(lane, model, w, active, slopes)
+        w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
         if iteration == 0:
