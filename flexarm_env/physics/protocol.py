@@ -20,13 +20,13 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     assemble(lane, model, par, state, u, weights, r, S)
         r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and, with `Weights` c, S = c.mass dr/da + c.damping dr/dv +
         c.stiffness dr/dq, eqs. [64]-[78]; rows of multipliers belong to `constrain`, except that columns of multipliers
-        are scaled by c.mass; c.mass = 0 asks for the residual alone and must leave S as it is
+        are scaled by c.mass; c.mass = 0 asks for the residual alone and must leave what `solve` reads of S as it is
     inertia(lane, model, par, a, r)  only where correction is not None: r = M a, M being constant
     rotate(lane, model, start, q, share, x)  likewise: rotate each vector in x by a share of the angle that the body
         there turns by from start to q
     constrain(lane, model, psi, state, level, scale, r)
         the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
-    pin(lane, model, S, k)           replace row and column k of S by those of the identity
+    pin(lane, model, S, k)           replace row and column k of S by those of the identity; k: of the root or a joint
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
