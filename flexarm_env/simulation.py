@@ -325,7 +325,7 @@ class Simulation:
 
     def joint_torques(self) -> Array:
         """Torque of each joint, N m (n_links,): applied, or the one that enforces its prescribed angle."""
-        torques = self.work.u[: self.scene.arm.n_links].copy()
+        torques: Array = self.work.u[: self.scene.arm.n_links].copy()
         for i, motion in enumerate(self.scene.motions):
             if motion.joint is not None:
                 torques[motion.joint] = self.work.reaction[i]

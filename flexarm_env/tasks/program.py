@@ -8,27 +8,9 @@ import numpy as np
 
 from ..compiler.decorator import kernel
 from ..layout import Field, Layout
+from ..physics.layout import BOOKS, POSES
+from ..physics.layout import POSE as POSE
 from ..physics.model import STATUS
-
-POSES = Layout(
-    "Pose", "",
-    Field("x", (), "m", "of the link's root"),
-    Field("y", (), "m", ""),
-    Field("angle", (), "rad", "of its tangent there"),
-    Field("vx", (), "m/s", "their rates"),
-    Field("vy", (), "m/s", ""),
-    Field("rate", (), "rad/s", ""),
-    Field("tip_x", (), "m", "the same of its tip"),
-    Field("tip_y", (), "m", ""),
-    Field("tip_angle", (), "rad", ""),
-    Field("tip_vx", (), "m/s", ""),
-    Field("tip_vy", (), "m/s", ""),
-    Field("tip_rate", (), "rad/s", ""),
-)  # fmt: skip
-"""What is known of a link, as `physics.protocol.link_poses` writes it."""
-
-POSE = POSES.places
-"""Where these are; POSE.end: numbers a link."""
 
 PARAMETERS = 4
 """Numbers of an arm's own parameters `par`, see `physics.model.PAYLOAD_MASS`."""
@@ -127,7 +109,7 @@ SAVED = Layout(
     Field("v", ("rows",), "", ""),
     Field("a", ("rows",), "", ""),
     Field("b", ("rows",), "", ""),
-    Field("books", (3,), "J", "as in `physics.integrator.work.Work`"),
+    Field("books", (BOOKS.length,), "J", "a `BOOKS`"),
     Field("inputs", ("inputs",), "N m", "torques and loads"),
     Field("record", ("record",), "", "a `RECORD`, where a period may change it; otherwise none of it"),
 )  # fmt: skip
