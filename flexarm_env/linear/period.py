@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..compiler.lanes import SINGLE
+from ..compiler import SINGLE
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.work import Work

@@ -42,9 +42,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
 
 from __future__ import annotations
 
-from ..compiler.decorator import inlined, kernel
-from ..compiler.dispatch import Family, size
-from ..compiler.lanes import load, store
+from ..compiler import Family, inlined, kernel, load, size, store
 
 
 @kernel

@@ -14,11 +14,7 @@ import math
 
 import numpy as np
 
-from ..compiler.arrays import stack
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
-from ..compiler.entry import follow
-from ..compiler.lanes import absolute, load, select_lt, splat, store
+from ..compiler import absolute, follow, kernel, load, select_lt, size, splat, stack, store
 from ..physics.arithmetic import put
 from ..physics.integrator.work import unpack
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
@@ -29,12 +25,12 @@ from ..tasks.program import (
     FRICTION,
     GUIDED,
     JOINT_LIMIT,
-    LIMIT,
     MODE,
     OVER,
+    PERIODS,
+    PERIODS_ALLOWED,
     RETRY,
     RUNNING,
-    STEP,
     SUCCESS,
     record_at,
 )
@@ -223,9 +219,9 @@ def settle(lanes, p, arm, outcome, reason, record, seen, info):
         lost = -task.weights[n_terms - 1]
     info[(at.terms + n_terms - 1) * lanes + i] = lost
     info[at.reason * lanes + i] = reason
-    steps = record[STEP * lanes + i] + 1.0
-    record[STEP * lanes + i] = steps
-    over = steps > record[LIMIT * lanes + i] - 0.5
+    steps = record[PERIODS * lanes + i] + 1.0
+    record[PERIODS * lanes + i] = steps
+    over = steps > record[PERIODS_ALLOWED * lanes + i] - 0.5
     info[at.reward * lanes + i] = reward + lost
     info[at.truncated * lanes + i] = 1.0 if over else 0.0
     p.reward[arm] = reward + lost

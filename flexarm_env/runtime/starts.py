@@ -6,21 +6,17 @@ import math
 
 import numpy as np
 
-from ..compiler.arrays import stack
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
-from ..compiler.entry import follow
-from ..compiler.lanes import load, splat, store
+from ..compiler import follow, kernel, load, size, splat, stack, store
 from ..physics.integrator.work import unpack
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from ..physics.poses import POSE
 from ..physics.protocol import link_poses
 from ..tasks.program import (
     GOAL,
     HOLD,
-    LIMIT,
     MODE,
     PARAMETERS,
-    POSE,
+    PERIODS_ALLOWED,
     START,
     TARGET,
     TORQUE_FACTOR,
@@ -57,10 +53,10 @@ def _start(lane, p, arm, mode, block, w):
     seen, action = block[layout.seen : layout.info], block[layout.action : layout.seen]
     own, at = stack(_ONE, task.links + _START), start_at(0, n_joints)
     _draw(task, p.ranges, p.stream, p.request, arm, own)
-    limit = record[LIMIT * lanes + i]
+    limit = record[PERIODS_ALLOWED * lanes + i]
     for k in range(record.shape[0] // lanes):
         record[k * lanes + i] = 0.0
-    record[LIMIT * lanes + i], record[MODE * lanes + i] = limit, float(mode)
+    record[PERIODS_ALLOWED * lanes + i], record[MODE * lanes + i] = limit, float(mode)
     record[TORQUE_FACTOR * lanes + i] = own[at.torque_factor]
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[at.target], own[at.target + 1]
     _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)

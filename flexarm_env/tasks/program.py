@@ -6,29 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler.decorator import kernel
+from ..compiler import kernel
 from ..layout import Field, Layout
 from ..physics.model import STATUS
-
-POSES = Layout(
-    "Pose", "",
-    Field("x", (), "m", "of the link's root"),
-    Field("y", (), "m", ""),
-    Field("angle", (), "rad", "of its tangent there"),
-    Field("vx", (), "m/s", "their rates"),
-    Field("vy", (), "m/s", ""),
-    Field("rate", (), "rad/s", ""),
-    Field("tip_x", (), "m", "the same of its tip"),
-    Field("tip_y", (), "m", ""),
-    Field("tip_angle", (), "rad", ""),
-    Field("tip_vx", (), "m/s", ""),
-    Field("tip_vy", (), "m/s", ""),
-    Field("tip_rate", (), "rad/s", ""),
-)  # fmt: skip
-"""What is known of a link, as `physics.protocol.link_poses` writes it."""
-
-POSE = POSES.places
-"""Where these are; POSE.end: numbers a link."""
+from ..physics.poses import POSES
 
 PARAMETERS = 4
 """Numbers of an arm's own parameters `par`, see `physics.model.PAYLOAD_MASS`."""
@@ -45,8 +26,8 @@ PATH = Layout(
 
 RECORD = Layout(
     "Record", "joints, motors, commands, memory",
-    Field("step", (), "", "control periods done"),
-    Field("limit", (), "", "control periods allowed"),
+    Field("periods", (), "", "control periods done"),
+    Field("periods_allowed", (), "", "control periods until the episode is cut off"),
     Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
     Field("hold", (), "", "instants in the band"),
     Field("target", (2,), "m or rad", "a point, or an angle and nothing"),
@@ -109,8 +90,8 @@ REPORT = Layout(
 """What there is to be told of a guided arm's period, which is moved elsewhere."""
 
 _FIRST = RECORD.offsets(0, 0, 0, 0, 0)
-STEP, LIMIT, MODE, HOLD, TARGET, TARGET_RATE = (
-    _FIRST.step, _FIRST.limit, _FIRST.mode, _FIRST.hold, _FIRST.target, _FIRST.target_rate,
+PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE = (
+    _FIRST.periods, _FIRST.periods_allowed, _FIRST.mode, _FIRST.hold, _FIRST.target, _FIRST.target_rate,
 )  # fmt: skip
 TORQUE_FACTOR, FRICTION, LEVEL, PATH_AT, GOAL = (
     _FIRST.torque_factor, _FIRST.friction, _FIRST.level, _FIRST.path, _FIRST.goal,
@@ -122,13 +103,15 @@ SUCCESS, TIP, DEFLECTION = _FIRST_OF_INFO.success, _FIRST_OF_INFO.tip, _FIRST_OF
 """Likewise of info."""
 
 SAVED = Layout(
-    "Saved", "rows, inputs, record",
-    Field("q", ("rows",), "", "state at the start of the period"),
+    "Saved", "rows, inputs, motions, record",
+    Field("q", ("rows",), "", "state, at the start of the period or stretch"),
     Field("v", ("rows",), "", ""),
     Field("a", ("rows",), "", ""),
     Field("b", ("rows",), "", ""),
     Field("books", (3,), "J", "as in `physics.integrator.work.Work`"),
     Field("inputs", ("inputs",), "N m", "torques and loads"),
+    Field("psi", ("motions", 3), "", "prescribed coordinates, their rates and accelerations"),
+    Field("reaction", ("motions",), "N m or N", "what holds them"),
     Field("record", ("record",), "", "a `RECORD`, where a period may change it; otherwise none of it"),
 )  # fmt: skip
 """What is kept of an arm, to be gone back to."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
-from ..compiler.lanes import load, select_lt, sincos, splat, square_root
+from ..compiler import kernel, load, select_lt, sincos, size, splat, square_root
 from ..physics.arithmetic import decay, put, smaller
+from ..physics.poses import POSE
 from .angles import least_angles, next_angles, sooner_angles
-from .program import DEFLECTION, GOAL, PATH, POSE, TARGET, TARGET_RATE
+from .program import DEFLECTION, GOAL, PATH, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
 

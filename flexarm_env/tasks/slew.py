@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from ..compiler.decorator import kernel
-from ..compiler.lanes import absolute, load, select_lt, splat
+from ..compiler import absolute, kernel, load, select_lt, splat
 from ..physics.arithmetic import arctangent, decay, put, smaller
-from .program import DEFLECTION, GOAL, PATH, POSE, TARGET, TARGET_RATE
+from ..physics.poses import POSE
+from .program import DEFLECTION, GOAL, PATH, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
 

@@ -1,7 +1,7 @@
 """What every task has in common: its record, the functions that it brings, and what their kernels are made of.
 
 A task is a record (a subclass of `Task`) and kernels that are registered for it; `slew` and `reach` are two. `poses`
-holds a `program.POSES` a link; each observed entry is divided by its scale and clipped to +-10.
+holds a `physics.poses.POSES` a link; each observed entry is divided by its scale and clipped to +-10.
 Everything here is arithmetic on lanes, so that a batch and a single arm give the same bits.
 
     observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
@@ -26,11 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import Family, size
-from ..compiler.lanes import load, select_lt, sincos, splat, store
+from ..compiler import Family, kernel, load, select_lt, sincos, size, splat, store
 from ..physics.arithmetic import clip, put
-from .program import CLIP, HOLD, POSE, SUCCESS, TARGET, TIP, info_at
+from ..physics.poses import POSE
+from .program import CLIP, HOLD, SUCCESS, TARGET, TIP, info_at
 
 
 class Task(NamedTuple):

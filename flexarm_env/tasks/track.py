@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-from ..compiler.arrays import stack
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
+from ..compiler import kernel, size, stack
 from ..physics.arithmetic import clip
-from .program import CLIP, GOAL, MODE, PATH_AT, POSE, RUNNING, STEP, TARGET, TARGET_RATE
+from ..physics.poses import POSE
+from .program import CLIP, GOAL, MODE, PATH_AT, PERIODS, RUNNING, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import draw_path, in_hub_frame, path_at, pursue
 
@@ -44,7 +43,7 @@ def move_targets(lane, reference, task, period, record):
 @kernel
 def _move_target(lanes, reference, task, period, record, i):
     out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
-    k = record[STEP * lanes + i] + 1.0
+    k = record[PERIODS * lanes + i] + 1.0
     _on_path(reference, task, record, lanes, i, k * period, int(k), out)
     for d in range(size(task.targets)):
         record[(TARGET + d) * lanes + i] = out[d]
@@ -72,7 +71,7 @@ def look_ahead(lanes, reference, task, period, first, poses, record, seen):
 def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i):
     targets, at = size(task.targets), size(task.entries)
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
-    k = record[STEP * lanes + i] + (0.0 if first else 1.0)
+    k = record[PERIODS * lanes + i] + (0.0 if first else 1.0)
     hub = poses[POSE.angle * lanes + i]
     cosine, sine = math.cos(hub), math.sin(hub)
     for row in range(rows + 1):

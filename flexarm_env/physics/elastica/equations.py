@@ -9,11 +9,7 @@ beta = 0 where it is prescribed; in free flight x is the centre of mass, so that
 
 from __future__ import annotations
 
-from ...compiler.arrays import stack
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.trace import aligned_frame, unrolled
+from ...compiler import aligned_frame, kernel, load, sincos, size, splat, stack, store, unrolled
 from ..model import Elastica
 from ..protocol import register
 from .layout import constants, load_at, node_angles, weighted

@@ -19,8 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.trace import traced
+from ...compiler import load, sincos, splat, store, traced
 from .tables import Tables, tables
 
 X, Y, T = range(3)

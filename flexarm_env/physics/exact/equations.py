@@ -13,9 +13,7 @@ LL, LR, RR, and the sines and cosines at its Gauss points.
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
-from ...compiler.trace import aligned_frame
+from ...compiler import aligned_frame, kernel, load, splat, store
 from ..model import ExactBeam
 from ..protocol import register
 from .element import VERTEX, backward, forces, forward, tangent, turns

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, splat, store
 from .element import momentum, turn_pair
 
 

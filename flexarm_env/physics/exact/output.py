@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, splat, store
 from .element import carry, damp, measure
 from .tables import interior
 

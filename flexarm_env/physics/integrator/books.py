@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, store
+from ...compiler import kernel, load, size, store
 from ..protocol import damping_work, ports
 
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.arrays import bare
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
+from ...compiler import bare, kernel, load, size, splat, store
 from ..protocol import assemble, factor, solve
 from .work import take_out_known, unpack
 

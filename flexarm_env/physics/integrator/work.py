@@ -6,9 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import splat, store
+from ...compiler import kernel, size, splat, store
 from ..protocol import pin
 
 
