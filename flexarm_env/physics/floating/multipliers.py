@@ -12,7 +12,8 @@ from ...compiler.decorator import kernel
 from ..linalg import band_lu, band_lu_solve
 from ..model import DIVERGED, LINEAR, OK, OUT_OF_RANGE, VON_KARMAN, FloatingFrame
 from ..protocol import register
-from .body import (
+from .layout import ELEMENTS, LINK, MOTION, MULTIPLIERS, SIZE, START, STATIONS, constants, station_at
+from .multipliers_body import (
     add_entry,
     along,
     bending,
@@ -30,7 +31,6 @@ from .body import (
     tip_position,
     tip_rate,
 )
-from .layout import ELEMENTS, LINK, MOTION, MULTIPLIERS, SIZE, START, STATIONS, constants, station_at
 
 
 @kernel
