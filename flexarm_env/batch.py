@@ -19,8 +19,8 @@ from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, 
 from .parameters import Arm
 from .physics import assembly, gauges
 from .physics.integrator.work import unpack, work_size
+from .physics.layout import COUNTS, POSE
 from .physics.model import System, scheme
-from .physics.poses import POSE
 from .runtime import episode as environment
 from .runtime import starts
 from .runtime.layout import aligned, layout_of
@@ -190,7 +190,7 @@ class Batch:
         self.entries = len(task.entries) + ahead + gauges
         fitted = settings.step_tolerance is not None
         self.layout = layout_of(lanes, model, task, self.entries, self.extras, fitted)
-        self._work = int(uncompiled(work_size)(1, model, 0)) - 4  # its counters are apart
+        self._work = int(uncompiled(work_size)(1, model, 0)) - COUNTS.places.end  # these are apart
         count, links = self.n, self.arm.n_links
         self.info_at = info_places(task)
         self.block = aligned(self.groups, self.layout.row)

@@ -18,8 +18,8 @@ from .compiler import SINGLE
 from .physics import assembly
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
+from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
 from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, System, scheme
-from .physics.poses import POSE, TIP
 from .runtime.fitted import FITS, begin_run, close_fit, end_run, open_fit
 from .runtime.keeping import keep
 from .runtime.layout import fit_rooms
@@ -306,9 +306,9 @@ class Simulation:
 
     def _restart(self, fresh: bool = True) -> None:
         """Consistent at t+: a fresh start, or a kink within a run, where the integrator keeps what it has filtered."""
-        before = float(self.work.books[0])
+        before = float(self.work.books[WORK_DONE])
         restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt, fresh)
-        self.gross += abs(float(self.work.books[0]) - before)
+        self.gross += abs(float(self.work.books[WORK_DONE]) - before)
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""
@@ -317,7 +317,7 @@ class Simulation:
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Poses of the links (n_links, 12; `physics.poses`) and energies (kinetic, strain, gravity) in J; copies."""
+        """Poses of the links (n_links, 12; `physics.layout`) and energies (kinetic, strain, gravity) in J; copies."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
@@ -332,12 +332,12 @@ class Simulation:
     def gained(self, start: float) -> bool:
         """Whether there is ENERGY_LIMIT times the energy that start (J), gross work (J), dissipation and gravity can
         account for."""
-        energies, lost = self.observe()[1].tolist(), float(self.work.books[1])
+        energies, lost = self.observe()[1].tolist(), float(self.work.books[DISSIPATED])
         return bool(uncompiled(gained)(*energies, start, self.gross, lost, ENERGY_LIMIT))
 
     def joint_torques(self) -> Array:
         """Torque of each joint, N m (n_links,): applied, or the one that enforces its prescribed angle."""
-        torques = self.work.u[: self.scene.arm.n_links].copy()
+        torques: Array = self.work.u[: self.scene.arm.n_links].copy()
         for i, motion in enumerate(self.scene.motions):
             if motion.joint is not None:
                 torques[motion.joint] = self.work.reaction[i]

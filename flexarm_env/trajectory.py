@@ -12,8 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .physics.layout import (
+    DISSIPATED,
+    FACTORISATIONS,
+    HALVINGS,
+    ITERATIONS,
+    POSE,
+    ROOT,
+    STEPS,
+    TIP,
+    TIP_RATES,
+    WORK_DONE,
+)
 from .physics.model import STATUS
-from .physics.poses import POSE, ROOT, TIP, TIP_RATES
 from .scene import Scene
 from .settings import Settings
 
@@ -25,7 +36,7 @@ COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y",
 def link_deflection(poses: Array) -> Array:
     """Tip deflection of each link over its root's tangent, m: the component of tip - root normal to it.
 
-    poses (..., n_links, 12), see `physics.poses`; result (..., n_links).
+    poses (..., n_links, 12), see `physics.layout`; result (..., n_links).
     """
     dx, dy = poses[..., POSE.tip_x] - poses[..., POSE.x], poses[..., POSE.tip_y] - poses[..., POSE.y]
     angle = poses[..., POSE.angle]
@@ -35,7 +46,7 @@ def link_deflection(poses: Array) -> Array:
 def joint_angles(poses: Array) -> tuple[Array, Array]:
     """Angles and rates of the joints, rad and rad/s: joint 0 from the x axis, joint k from the tip of link k - 1.
 
-    poses (..., n_links, 12), see `physics.poses`; results (..., n_links).
+    poses (..., n_links, 12), see `physics.layout`; results (..., n_links).
     """
     angles, rates = poses[..., POSE.angle].copy(), poses[..., POSE.rate].copy()
     angles[..., 1:] -= poses[..., :-1, POSE.tip_angle]
@@ -169,7 +180,7 @@ class Recorder:
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.scene, self.settings = scene, settings
-        names = ("time", "poses", "energies", "books", "torque", "shapes", "q", "v")
+        names = ("time", "poses", "energies", "work", "dissipated", "torque", "shapes", "q", "v")
         self.rows: dict[str, list[Any]] = {name: [] for name in names}
 
     def add(self, simulation: Any) -> None:
@@ -179,7 +190,8 @@ class Recorder:
         rows["time"].append(simulation.t)
         rows["poses"].append(poses)
         rows["energies"].append(energies)
-        rows["books"].append(simulation.work.books[:2].copy())
+        rows["work"].append(simulation.work.books[WORK_DONE])
+        rows["dissipated"].append(simulation.work.books[DISSIPATED])
         rows["torque"].append(simulation.joint_torques())
         rows["shapes"].append(simulation.shape_points())
         rows["q"].append(simulation.work.q.copy())
@@ -217,18 +229,18 @@ class Recorder:
             kinetic=data["energies"][:, 0],
             strain=data["energies"][:, 1],
             gravity=data["energies"][:, 2],
-            dissipated=data["books"][:, 1],
-            work=data["books"][:, 0],
+            dissipated=data["dissipated"],
+            work=data["work"],
             shapes=data["shapes"],
             q=data["q"],
             v=data["v"],
             names=simulation.system.names,
             status=STATUS[simulation.status],
             message=simulation.message,
-            steps=int(counts[3]),
-            iterations=int(counts[0]),
-            factorizations=int(counts[1]),
-            halvings=int(counts[2]),
+            steps=int(counts[STEPS]),
+            iterations=int(counts[ITERATIONS]),
+            factorizations=int(counts[FACTORISATIONS]),
+            halvings=int(counts[HALVINGS]),
             cpu_seconds=cpu_seconds,
             notes=simulation.system.notes,
             gross_work=simulation.gross,

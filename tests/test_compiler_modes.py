@@ -219,6 +219,35 @@ def test_every_word_gives_the_same_bits_in_both_modes(tmp_path: Path) -> None:
     assert "compiler.whole" in told["whole"].stderr
 
 
+MAYBE = """
+from flexarm_env.compiler import kernel, load, traced
+
+@traced(lambda p: 1)
+def asked(lane, order, x, factor):
+    return [load(lane, x, 0) if factor is None else load(lane, x, 0) * factor]
+
+@kernel
+def maybe(number):
+    return None if number > 1.0 else number
+
+@kernel
+def ask(lane, x, number):
+    return asked(lane, (0,), x, maybe(number))[0]
+
+import numpy as np
+try:
+    print(ask((0,), np.full(1, 3.0), 0.5))
+except Exception as error:
+    print("whether it is None must be known" in str(error))
+"""
+
+
+@pytest.mark.parametrize("mode", ["whole", "plain"])
+def test_straight_line_code_refuses_what_may_be_none(mode: str, tmp_path: Path) -> None:
+    """It cannot branch on it, and must not take it for None."""
+    assert run(MAYBE, mode, tmp_path).stdout.split() == ["True"]
+
+
 def test_plain_keeps_nothing_that_could_be_stale(tmp_path: Path) -> None:
     """An edit in a called file, which Numba's own cache would not see."""
     lines = "from flexarm_env.compiler import kernel\nfrom other import g\n@kernel\ndef f(x):\n    return g(x)\n"

@@ -15,7 +15,7 @@ from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.assembly import assemble
 from flexarm_env.physics.equations import equations
 from flexarm_env.physics.model import TAU_D, ExactBeam
-from flexarm_env.physics.protocol import FORMULATIONS, damping_work
+from flexarm_env.physics.protocol import FORMULATIONS, State, damping_work
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
@@ -78,7 +78,7 @@ def test_damping_forces_are_the_slopes_of_rayleighs_function(method: str, drag: 
         mine = par.copy()
         mine[TAU_D] = tau_d
         inputs = np.zeros(own.n_inputs if isinstance(own.n_inputs, int) else len(own.n_inputs))
-        equations(SINGLE, own, mine, q, v, zero, inputs, np.zeros(0), 0, r, S)
+        equations(SINGLE, own, mine, State(q, v, zero), inputs, np.zeros(0), 0, r, S)
         return r
 
     lost = force(model, par[TAU_D]) - force(assemble(scene(), settings).model, 0.0)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .. import scenes, time_functions
 from .. import validation as check
 from ..batch import CLIP, View, scene_gauges
+from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import DIVERGED, OK
 from ..scene import Motion, Scene
 from ..settings import Settings
@@ -220,7 +221,7 @@ class Guide:
         """Poses (N, 12), torques (N,) and energies (5,): kinetic, strain, gravity, dissipated, work."""
         poses, energies = self.simulation.observe()
         books = self.simulation.work.books
-        return poses, self.simulation.joint_torques(), np.concatenate([energies, [books[1], books[0]]])
+        return poses, self.simulation.joint_torques(), np.concatenate([energies, [books[DISSIPATED], books[WORK_DONE]]])
 
     def strains(self) -> Array:
         """What the strain gauges read, in their scales."""

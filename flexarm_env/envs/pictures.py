@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
-from ..physics.poses import ROOT
+from ..physics.layout import ROOT
 from .drawing import PAPER, pygame_module
 from .options import Plan
 from .rendering import Renderer

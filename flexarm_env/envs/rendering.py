@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..physics.poses import POSE
+from ..physics.layout import POSE
 from ..trajectory import joint_angles
 from .drawing import (
     FAINT,
@@ -118,7 +118,7 @@ class Renderer:
 
         Args:
             shape_points: for each of the N links its points (n, 2) from root to tip, m.
-            poses: (N, 12), of the links, as `physics.poses` says.
+            poses: (N, 12), of the links, as `physics.layout` says.
             target: (2,) m, or None. time: s; an earlier time than before starts a new episode.
             torques: (N,) in shares of the limit, or None. deflection: (N,) tip deflections over L, or None.
         Returns:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..batch import standing_scene
 from ..parameters import Arm
-from ..physics.poses import ROOT, ROOT_RATES, TIP, TIP_RATES
+from ..physics.layout import ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..settings import Settings
 from ..simulation import Simulation
 from ..trajectory import link_deflection

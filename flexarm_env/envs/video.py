@@ -16,7 +16,7 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..physics.poses import POSE, ROOT, TIP
+from ..physics.layout import POSE, ROOT, TIP
 from ..trajectory import Trajectory
 from .rendering import Renderer
 

@@ -20,8 +20,9 @@ from ..compiler import SINGLE, size
 from ..physics.assembly import assemble, physical
 from ..physics.equations import equations
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
+from ..physics.layout import POSE
 from ..physics.model import FloatingFrame
-from ..physics.poses import POSE
+from ..physics.protocol import State
 from ..runtime.sampling import observe_arm
 from ..simulation import Simulation, room_for_points
 from ..trajectory import joint_angles
@@ -178,10 +179,10 @@ class Equations:
         return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), 0, zero.copy())
 
     def _evaluate(self, p: Point, level: int, r: Array) -> int:
-        return int(equations(SINGLE, self.model, self.par, p.q, p.v, p.a, p.u, p.psi, level, r, self._room))
+        return int(equations(SINGLE, self.model, self.par, State(p.q, p.v, p.a), p.u, p.psi, level, r, self._room))
 
     def poses(self, q: Array, v: Array) -> Array:
-        """Poses of the links (`physics.poses`), (n_links, 12)."""
+        """Poses of the links (`physics.layout`), (n_links, 12)."""
         self._observe(q, v, np.zeros((0, 2)))
         return self._poses.reshape(-1, POSE.end).copy()
 

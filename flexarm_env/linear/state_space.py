@@ -13,7 +13,7 @@ from .. import validation as check
 from ..compiler import SINGLE
 from ..physics.integrator.start import restart
 from ..physics.integrator.work import Work, unpack
-from ..physics.poses import POSE, ROOT, ROOT_RATES, TIP, TIP_RATES
+from ..physics.layout import POSE, ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..scene import Scene
 from ..simulation import Simulation, uncompiled
 from ..trajectory import link_deflection

@@ -11,6 +11,7 @@ from .. import validation as check
 from ..scene import JointTorque, Scene
 from ..settings import Settings
 from ..time_functions import TimeFunction
+from .layout import OF_LOAD
 from .model import Drive, Elastica, System
 
 _BUILDERS = {
@@ -62,7 +63,7 @@ def drive(scene: Scene, system: System) -> Drive:
         if isinstance(load, JointTorque):
             add(load.joint, load.function)
         else:
-            first_entry = scene.arm.n_links + 3 * point
+            first_entry = scene.arm.n_links + OF_LOAD.end * point
             for k, function in enumerate((load.force_x, load.force_y, load.torque)):
                 add(first_entry + k, function)
             point += 1

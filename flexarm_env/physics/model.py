@@ -153,7 +153,7 @@ class FloatingChain(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: float
+    predictor: float | tuple[float, float]
     correction: None
     mesh: Mesh
     links: int
@@ -169,10 +169,13 @@ class ExactBeam(NamedTuple):
     """N links of equal numbers of geometrically exact elements, a link's vertices shared with its neighbours.
 
     order     tuple of p zeros: polynomial order, a compile-time constant
-    sections  float64 (N, 6): EA / 2l, C / 2l, EI / 2l, l, m l / 2, J l / 2 of each link's elements of length l
-    elbows    float64 (N - 1, 3): mass (kg), inertia left, inertia right (kg m^2)
-    damped    (0,) where tau_d > 0, otherwise None; gravity float64 (2,) m/s^2 or None; loads int64 or None: absent
-              features are compiled out
+    sections  float64: for each link `physics.exact.layout.SECTION`
+    elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
+    damped    (0,) where tau_d > 0, otherwise None
+    gravity   float64 (2,) m/s^2, or None
+    loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
+
+    What is None is compiled out.
     """
 
     n: int

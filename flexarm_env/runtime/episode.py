@@ -17,6 +17,7 @@ import numpy as np
 from ..compiler import absolute, follow, kernel, load, select_lt, size, splat, stack, store
 from ..physics.arithmetic import put
 from ..physics.integrator.work import unpack
+from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
 from ..physics.protocol import energy, link_poses, out_of_range
 from ..tasks.program import (
@@ -32,6 +33,7 @@ from ..tasks.program import (
     RETRY,
     RUNNING,
     SUCCESS,
+    energies_at,
     record_at,
 )
 from ..tasks.task import info_of, judge, observe
@@ -147,12 +149,12 @@ def note_energies(lane, books, task, model, par, record, w, live, info):
     if books is not None:
         kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)
         friction = load(lane, record, FRICTION)
-        first = info_of(task).energies
-        put(live, info, first, kinetic, load(lane, info, first))
-        put(live, info, first + 1, strain, load(lane, info, first + 1))
-        put(live, info, first + 2, gravity, load(lane, info, first + 2))
-        put(live, info, first + 3, load(lane, w.books, 1) + friction, load(lane, info, first + 3))
-        put(live, info, first + 4, load(lane, w.books, 0) + friction, load(lane, info, first + 4))
+        at = energies_at(info_of(task).energies)
+        put(live, info, at.kinetic, kinetic, load(lane, info, at.kinetic))
+        put(live, info, at.strain, strain, load(lane, info, at.strain))
+        put(live, info, at.gravity, gravity, load(lane, info, at.gravity))
+        put(live, info, at.dissipated, load(lane, w.books, DISSIPATED) + friction, load(lane, info, at.dissipated))
+        put(live, info, at.work, load(lane, w.books, WORK_DONE) + friction, load(lane, info, at.work))
 
 
 @kernel

@@ -15,8 +15,8 @@ from __future__ import annotations
 import math
 
 from ..compiler import kernel, load, size, store
+from ..physics.layout import POSE
 from ..physics.model import NEWTON_FAILED, OK
-from ..physics.poses import POSE
 from ..physics.protocol import link_poses
 from ..tasks.program import LEVEL, RETRY, SCRATCH, scratch_at
 from .keeping import keep, keep_lane, put_back

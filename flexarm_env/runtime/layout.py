@@ -8,7 +8,7 @@ import numpy as np
 
 from ..compiler import size
 from ..physics.integrator.work import work_size
-from ..physics.poses import POSE
+from ..physics.layout import POSE
 from ..tasks.program import INFO, PARAMETERS, RECORD, SAVED, SCRATCH, Block
 
 

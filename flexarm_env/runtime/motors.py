@@ -9,7 +9,7 @@ from ..physics.arithmetic import clip
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
-from ..physics.poses import POSE
+from ..physics.layout import POSE
 from ..physics.protocol import link_poses
 from ..tasks.program import FRICTION, GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
 

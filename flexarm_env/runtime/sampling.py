@@ -8,8 +8,8 @@ from ..compiler import bare, inlined, kernel, size
 from ..layout import Field, Layout
 from ..physics.integrator.step import advance_bare
 from ..physics.integrator.work import unpack
+from ..physics.layout import DISSIPATED, POSES, WORK_DONE
 from ..physics.model import DIVERGED, NOT_FINITE, OK
-from ..physics.poses import POSES
 from ..physics.protocol import energy, link_poses, shape
 
 SAMPLE = Layout(
@@ -17,7 +17,8 @@ SAMPLE = Layout(
     Field("time", (), "s", ""),
     Field("poses", ("links", POSES.length), "m, rad", "of the links"),
     Field("energies", (3,), "J", "kinetic, strain, gravity"),
-    Field("books", (2,), "J", "work of the drives, dissipated energy"),
+    Field("work", (), "J", "of the drives"),
+    Field("dissipated", (), "J", "by damping"),
     Field("torque", ("links",), "N m", "on the joints"),
     Field("reaction", ("motions",), "N m or N", "that holds each prescribed coordinate"),
     Field("q", ("rows",), "", "state"),
@@ -78,10 +79,10 @@ def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
                 stretch[_AT.begun], stretch[_AT.done] = start, done
                 return -1
             most -= 1
-            before = w.books[0]
+            before = w.books[WORK_DONE]
             steps = min(chunk, n_steps - done)
             stretch[_AT.time] = advance_bare(lane, arm, drive, p, w, start + done * h, h, steps, scheme, books)
-            stretch[_AT.gross] += abs(w.books[0] - before)
+            stretch[_AT.gross] += abs(w.books[WORK_DONE] - before)
             if w.flag[0] != OK:
                 return -1
             for k in range(size(arm.n)):
@@ -118,7 +119,7 @@ def sample_rows(
         link_poses(lane, arm, p, w.q, w.v, row[at.poses : at.energies])
         kinetic, strain, gravity = energy(lane, arm, p, w.q, w.v)
         row[at.energies], row[at.energies + 1], row[at.energies + 2] = kinetic, strain, gravity
-        row[at.books], row[at.books + 1] = w.books[0], w.books[1]
+        row[at.work], row[at.dissipated] = w.books[WORK_DONE], w.books[DISSIPATED]
         for k in range(links):
             row[at.torque + k] = w.u[k]
         for k in range(n_motions):
@@ -129,7 +130,13 @@ def sample_rows(
             shape(arm, w.q, points[i])
         if moving:
             if gained(
-                kinetic, strain, gravity, stretch[_AT.start_energy], stretch[_AT.gross], w.books[1], stretch[_AT.gain]
+                kinetic,
+                strain,
+                gravity,
+                stretch[_AT.start_energy],
+                stretch[_AT.gross],
+                w.books[DISSIPATED],
+                stretch[_AT.gain],
             ):
                 w.flag[0] = DIVERGED
                 return i + 1

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..compiler import kernel
 from ..layout import Field, Layout
+from ..physics.layout import BOOKS, POSES
 from ..physics.model import STATUS
-from ..physics.poses import POSES
 
 PARAMETERS = 4
 """Numbers of an arm's own parameters `par`, see `physics.model.PAYLOAD_MASS`."""
@@ -43,6 +43,42 @@ RECORD = Layout(
 )  # fmt: skip
 """An arm's record: all that its episode remembers beside the state of the arm."""
 
+ENERGIES = Layout(
+    "Energies", "",
+    Field("kinetic", (), "J", ""),
+    Field("strain", (), "J", ""),
+    Field("gravity", (), "J", ""),
+    Field("dissipated", (), "J", "by damping and friction"),
+    Field("work", (), "J", "of the motors"),
+)  # fmt: skip
+"""Energies of an arm, where they are kept."""
+
+BASIS = Layout(
+    "Basis", "joints",
+    Field("one", (), "", "1"),
+    Field("angles", ("joints",), "rad", "absolute angles of the links"),
+    Field("cosines", ("joints",), "", "of these"),
+    Field("sines", ("joints",), "", ""),
+)  # fmt: skip
+"""What coordinates of straight links are linear in: columns of `Ranges.pose`."""
+
+SHAKE = Layout(
+    "Shake", "",
+    Field("one", (), "1/s", "always"),
+    Field("cosine", (), "1/s", "times that of the hub's angle"),
+    Field("sine", (), "1/s", "likewise"),
+)  # fmt: skip
+"""Velocity of a coordinate for a unit of initial vibration: columns of `Ranges.shake`."""
+
+MOVING = Layout(
+    "Moving", "",
+    Field("x", (), "m or rad", "a point, or an angle and nothing"),
+    Field("y", (), "m", ""),
+    Field("vx", (), "m/s or rad/s", "its rate"),
+    Field("vy", (), "m/s", ""),
+)  # fmt: skip
+"""Where a moving target is, and how fast it goes."""
+
 START = Layout(
     "Start", "joints",
     Field("vibration", (), "", "initial tip deflection over L"),
@@ -72,7 +108,7 @@ INFO = Layout(
     Field("in_range", (), "", "1 where the formulation holds, or 0"),
     Field("error", (), "", "estimate of the formulation's own error, over L"),
     Field("reason", (), "", "why the episode has ended; 0: it has not"),
-    Field("energies", (5,), "J", "kinetic, strain, gravity, dissipated, work of the motors"),
+    Field("energies", (ENERGIES.length,), "J", "an `ENERGIES`"),
     Field("reward", (), "", "sum of the terms"),
     Field("truncated", (), "", "1 or 0"),
 )  # fmt: skip
@@ -83,7 +119,7 @@ REPORT = Layout(
     Field("poses", ("links", POSES.length), "m, rad", "of the links"),
     Field("torque", ("links",), "N m", "of the joints"),
     Field("action", ("links",), "", "as clipped"),
-    Field("energies", (5,), "J", "as in `INFO`"),
+    Field("energies", (ENERGIES.length,), "J", "as in `INFO`"),
     Field("in_range", (), "", "1 or 0"),
     Field("gauges", ("gauges",), "", "strain gauges, scaled"),
 )  # fmt: skip
@@ -108,7 +144,7 @@ SAVED = Layout(
     Field("v", ("rows",), "", ""),
     Field("a", ("rows",), "", ""),
     Field("b", ("rows",), "", ""),
-    Field("books", (3,), "J", "as in `physics.integrator.work.Work`"),
+    Field("books", (BOOKS.length,), "J", "a `BOOKS`"),
     Field("inputs", ("inputs",), "N m", "torques and loads"),
     Field("psi", ("motions", 3), "", "prescribed coordinates, their rates and accelerations"),
     Field("reaction", ("motions",), "N m or N", "what holds them"),
@@ -129,6 +165,8 @@ saved_at = kernel(SAVED.offsets)
 scratch_at = kernel(SCRATCH.offsets)
 record_at = kernel(RECORD.offsets)
 start_at = kernel(START.offsets)
+basis_at = kernel(BASIS.offsets)
+energies_at = kernel(ENERGIES.offsets)
 request_at = kernel(REQUEST.offsets)
 info_at = kernel(INFO.offsets)
 report_at = kernel(REPORT.offsets)
@@ -170,8 +208,8 @@ class Block(NamedTuple):
 class Ranges(NamedTuple):
     """What a fresh start is drawn from, uniformly; tables by rows, ranges (low, high). N links, n rows of the state."""
 
-    pose: np.ndarray  # (n, 1 + 3 N): q = pose (1, alpha_k, cos alpha_k, sin alpha_k), alpha the links' absolute angles
-    shake: np.ndarray  # (n, 3): velocities of a unit of initial vibration: constant, cos and sin of alpha_0
+    pose: np.ndarray  # (n, 1 + 3 N): q = pose times a `BASIS`
+    shake: np.ndarray  # (n, 3): a `SHAKE` for each row of the state
     nominal: np.ndarray  # (4,) of par
     start: np.ndarray  # (N, 2) rad, joint angles
     target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm, Link
 from flexarm_env.physics.elastica.layout import DATA, LOAD
+from flexarm_env.physics.layout import OF_LOAD
 from flexarm_env.physics.model import Elastica, System
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
@@ -255,7 +256,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     model = Elastica(
         n=tag(rows, own),
         n_factor=tag(rows * rows, own),
-        n_inputs=tag(count + 3 * len(ends), own),
+        n_inputs=tag(count + OF_LOAD.end * len(ends), own),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.concatenate([np.ones(m), np.full(rows - m, 1.0 / arm.total_length)]),

@@ -92,11 +92,12 @@ def _block(body: Body, offset: float, most_lost: float) -> NDArray[np.float64]:
 
 def _constants(body: Body, offset: float, most_lost: float) -> dict[str, Any]:
     """What `BODY` and `JOINED` both say of a body."""
-    return dict(
+    values = dict[str, Any](
         length=body.length, mass=body.mass, S0=body.s0, I0=body.i0, offset=offset, most_lost=most_lost,
         S_bar=body.s_bar, c_u=body.c_u, c=body.c, tip=body.tip,
         G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
     )  # fmt: skip
+    return values
 
 
 def _stations(body: Body) -> list[NDArray[np.float64]]:
@@ -170,7 +171,8 @@ def _chain(scene: Scene, settings: Settings) -> System:
         fixed=np.array(fixed, np.int64),
         algebraic=None,
         weight=weight,
-        predictor=1.0,
+        # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
+        predictor=1.0 if settings.modes is None else (1.0, 10.0),
         correction=None,
         mesh=mesh,
         links=arm.n_links,

@@ -55,9 +55,10 @@ def _less_loads(lane, loads, model, link, end, u, force):
 
 
 @kernel
-def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
-    """r and, unless cm = 0, the bodies' matrices of cm M + cc D + ck K."""
+def assemble(lane, model, par, state, u, weights, r, S):
+    """r and, unless only that is asked for, the bodies' matrices."""
     aligned_frame(lane)
+    (q, v, a), (cm, cc, ck) = state, weights
     mesh, L, n = model.mesh, len(lane), size(model.mesh.n)
     pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
@@ -113,7 +114,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
 
 
 @kernel
-def constrain(lane, model, psi, q, v, a, level, scale, r):
+def constrain(lane, model, psi, state, level, scale, r):
     """No constraint is left: joints are coordinates."""
 
 

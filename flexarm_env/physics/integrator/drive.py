@@ -7,6 +7,7 @@ import math
 from ... import time_functions
 from ...compiler import kernel
 from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, T0
+from ..layout import OF_MOTION
 
 cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
 """A piece's values, by the same lines as a `TimeFunction`'s."""
@@ -52,7 +53,8 @@ def set_inputs(drive, u, t, side):
 
 @kernel
 def set_motions(drive, psi, t, side):
-    """Fill psi (n_motions * 3: position, velocity, acceleration) at time t."""
+    """Fill psi, a `MOTION` for each prescribed coordinate, at time t."""
     for i in range(drive.motions.shape[0]):
         value, rate, second = evaluate(drive, drive.motions[i], t, side)
-        psi[3 * i], psi[3 * i + 1], psi[3 * i + 2] = value, rate, second
+        at = OF_MOTION.end * i
+        psi[at + OF_MOTION.value], psi[at + OF_MOTION.rate], psi[at + OF_MOTION.second] = value, rate, second

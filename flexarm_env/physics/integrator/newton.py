@@ -22,9 +22,10 @@ from ...compiler import (
     splat,
     store,
 )
-from ..protocol import assemble, constrain, factor, solve, update
+from ..layout import FACTORISATIONS, ITERATIONS
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
 from .period import correct_period
-from .work import take_out_known
+from .work import state_of, take_out_known
 
 
 class Slopes(NamedTuple):
@@ -92,7 +93,7 @@ def _take_multipliers(lane, algebraic, w, active, c_m):
 
 
 @inlined
-def _correct(lane, model, w, active, slopes):
+def _move(lane, model, w, active, slopes):
     """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
     _take_multipliers(lane, model.algebraic, w, active, slopes.a)
     largest_of = splat(lane, 0.0)
@@ -124,19 +125,19 @@ def newton(lane, model, drive, par, w, slopes, h, scheme, plain):
         fresh = iteration == 0
         if scheme.modified is None:
             fresh = True
-        c_a, c_v, c_q = slopes.a, slopes.v, 1.0
+        weights = Weights(slopes.a, slopes.v, 1.0)
         if not fresh:
-            c_a, c_v, c_q = 0.0, 0.0, 0.0
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, c_v, c_q, w.r, w.S)
-        constrain(lane, model, w.psi, w.q, w.v, w.a, 0, slopes.a, w.r)
+            weights = RESIDUAL_ALONE
+        assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
+        constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
         take_out_known(lane, model, drive, w.r, w.S, fresh)
         if fresh:
             factor(lane, model, w.S)
-            w.counts[1] += 1.0
+            w.counts[FACTORISATIONS] += 1.0
         solve(lane, model, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes, h)
-        increment = _correct(lane, model, w, active, slopes)
-        w.counts[0] += 1.0
+        increment = _move(lane, model, w, active, slopes)
+        w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
         if iteration == 0:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from ...compiler import bare, kernel, load, size, splat, store
-from ..protocol import assemble, constrain, damping_work, factor, solve
+from ..layout import DISSIPATED, FACTORISATIONS, OF_MOTION, WORK_DONE
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, damping_work, factor, solve
 from .drive import set_inputs, set_motions
-from .work import move_multipliers, note_reactions, set_known, take_out_known, unpack
+from .work import move_multipliers, note_reactions, set_known, state_of, take_out_known, unpack
 
 _SMALL = 1e-3
 """Share of a velocity at which the damping of all of it is asked for, so that forces of its square do not count."""
@@ -74,7 +75,7 @@ def _solve(lane, model, drive, w, matrix):
     take_out_known(lane, model, drive, w.r, w.S, matrix)
     if matrix:
         factor(lane, model, w.S)
-        w.counts[1] += 1.0
+        w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
 
 
@@ -90,27 +91,27 @@ def _book_impulse(drive, w, share, scale):
     """Book the work of the impulses in `reaction`, times `scale`: the velocity there is a share of that before the jump
     and the rest of that after it."""
     for i in range(drive.known.shape[0]):
-        k, speed = drive.known[i], w.psi[3 * i + 1]
-        before = w.v0[k] if k >= 0 else w.psi0[3 * i + 1]
-        w.books[0] += (speed + share * (before - speed)) * w.reaction[i] * scale
+        k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
+        speed, before = w.psi[at], w.v0[k] if k >= 0 else w.psi0[at]
+        w.books[WORK_DONE] += (speed + share * (before - speed)) * w.reaction[i] * scale
 
 
 @kernel
 def _jumps(drive, w):
     """Whether a prescribed velocity jumps, by more than round-off."""
     for i in range(drive.known.shape[0]):
-        k, after = drive.known[i], w.psi[3 * i + 1]
-        before = w.v0[k] if k >= 0 else w.psi0[3 * i + 1]
+        k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
+        after, before = w.psi[at], w.v0[k] if k >= 0 else w.psi0[at]
         if abs(after - before) > 1e-12 * (abs(after) + abs(before)):
             return True
     return False
 
 
 @kernel
-def _forces(lane, model, par, w, c_a, c_v):
-    """r of q, v, a, with the multipliers that stand in a's rows; S unless c_a = 0."""
+def _forces(lane, model, par, w, weights):
+    """r of q, v, a, with the multipliers that stand in a's rows; S unless weights.mass = 0."""
     move_multipliers(model.algebraic, w.q, w.a, False)
-    assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, c_v, 0.0, w.r, w.S)
+    assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
 
 
 @kernel
@@ -120,11 +121,11 @@ def _jump(lane, model, drive, par, w, h, fresh):
     for k in range(n):
         w.v0[k] = w.v[k]
         w.v[k], w.a[k], w.a0[k] = 0.0, 0.0, 0.0
-    _forces(lane, model, par, w, 0.0, 0.0)
+    _forces(lane, model, par, w, RESIDUAL_ALONE)
     for k in range(n):
         w.b0[k] = w.r[k]  # the forces at rest: what a residual has beyond them is inertia
     _solve_jump(lane, model, drive, par, w)
-    _forces(lane, model, par, w, 0.0, 0.0)  # of accelerations dv
+    _forces(lane, model, par, w, RESIDUAL_ALONE)  # of accelerations dv
     _less(n, w.r, w.b0, 1.0)
     note_reactions(drive.known, model.algebraic, w.r, w.a0, w.reaction)
     _book_impulse(drive, w, 0.5, 1.0)  # impulse times mean velocity is the kinetic energy it brings
@@ -142,15 +143,15 @@ def _solve_jump(lane, model, drive, par, w):
     for i in range(drive.known.shape[0]):
         k = drive.known[i]
         if k >= 0:
-            w.a0[k] = w.psi[3 * i + 1] - w.v0[k]
+            w.a0[k] = w.psi[OF_MOTION.end * i + OF_MOTION.rate] - w.v0[k]
     for k in range(n):
         w.a[k] = w.a0[k]
     move_multipliers(model.algebraic, w.a, w.a, True)
-    _forces(lane, model, par, w, 1.0, 0.0)
+    _forces(lane, model, par, w, MASS_ALONE)
     _less(n, w.r, w.b0, 1.0)
     for k in range(n):
         w.v[k] = w.v0[k] + w.a0[k]
-    constrain(lane, model, w.psi, w.q, w.v, w.a, 1, 1.0, w.r)
+    constrain(lane, model, w.psi, state_of(w), 1, 1.0, w.r)
     _solve(lane, model, drive, w, True)
     for k in range(n):
         w.v[k] = 0.0
@@ -195,8 +196,8 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
         w.r[k] = w.v0[k] + w.a0[k] - 0.5 * e  # mean of the velocities before and after the layer
         w.a0[k] -= e
     move_multipliers(model.algebraic, w.v, w.v, True)
-    w.books[1] += damping_work(lane, model, par, w.q, w.v, w.r) / _SMALL  # v is `part` times g - e
-    _forces(lane, model, par, w, 0.0, 0.5 * h)
+    w.books[DISSIPATED] += damping_work(lane, model, par, w.q, w.v, w.r) / _SMALL  # v is `part` times g - e
+    _forces(lane, model, par, w, RESIDUAL_ALONE)
     _less(n, w.r, w.b0, 1.0)
     note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
     _book_impulse(drive, w, 0.0, 1.0 / _SMALL)
@@ -206,7 +207,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
 def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
     """r <- (1 - s) x where v is x times h/2 and _SMALL; `share` of it goes into the jump of the accelerations."""
     move_multipliers(model.algebraic, w.v, w.v, True)
-    assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, 0.5 * h, 0.0, w.r, w.S)
+    assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
     _less(size(model.n), w.r, w.b0, 1.0 / _SMALL)
     move_multipliers(model.algebraic, w.r, w.r, True)
     _solve(lane, model, drive, w, matrix)
@@ -240,8 +241,9 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
             move_multipliers(model.algebraic, w.a, w.a, True)
         set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
     for i in range(passes):
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if i == 0 else 0.0, half, half * half, w.r, w.S)
-        constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
+        weights = Weights(1.0 if i == 0 else 0.0, half, half * half)
+        assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
+        constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         _solve(lane, model, drive, w, i == 0)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
@@ -249,5 +251,5 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
         move_multipliers(model.algebraic, w.a, w.a, True)
     _set_b(lane, n, drive, w, fresh)
     if drive is not None:
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 0.0, half, half * half, w.r, w.S)
+        assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
         note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)

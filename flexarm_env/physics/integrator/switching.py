@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ...compiler import bare, kernel, load, size, splat, store
-from ..protocol import assemble, factor, solve
-from .work import take_out_known, unpack
+from ..layout import FACTORISATIONS
+from ..protocol import Weights, assemble, factor, solve
+from .work import state_of, take_out_known, unpack
 
 
 @kernel
@@ -26,12 +27,12 @@ def _switch(lane, model, par, w):
             for k in range(n):
                 store(w.q0, k, load(lane, w.r, k))
         u = w.u if stage == 1 else w.u0
-        assemble(lane, model, par, w.q, w.v, w.a, u, 1.0 * stage, 0.0, 0.0, w.r, w.S)
+        assemble(lane, model, par, state_of(w), u, Weights(1.0 * stage, 0.0, 0.0), w.r, w.S)
     for k in range(n):
         store(w.r, k, load(lane, w.r, k) - load(lane, w.q0, k))
     take_out_known(lane, model, None, w.r, w.S, True)
     factor(lane, model, w.S)
-    w.counts[1] += 1.0
+    w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
     _jump_multipliers(lane, model.algebraic, w.q, w.r)
     for k in range(n):
