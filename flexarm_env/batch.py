@@ -20,7 +20,7 @@ from .parameters import Arm
 from .physics import assembly, gauges
 from .physics.integrator.work import unpack, work_size
 from .physics.layout import COUNTS, POSE
-from .physics.model import System, scheme
+from .physics.model import System
 from .runtime import episode as environment
 from .runtime import starts
 from .runtime.layout import aligned, layout_of
@@ -206,10 +206,9 @@ class Batch:
         self.request = np.full(REQUEST.offsets(0, links).end, np.nan)
         self.report = np.zeros(REPORT.offsets(0, links, gauges).end)
         self._gauges = gauges
-        limits = (settings.tolerance, settings.max_iterations, settings.max_halvings, settings.newton == "modified")
         n_steps = round(self.period / settings.dt)
         self.program = Program(
-            lane=self.lane, model=model, scheme=scheme(settings.rho_inf, settings.newmark, *limits), task=task,
+            lane=self.lane, model=model, scheme=assembly.scheme_of(settings), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
             ranges=self._ranges(), controller=self.extras.controller, actuator=self.extras.actuator,

@@ -19,14 +19,14 @@ from .physics import assembly
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
-from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, System, scheme
+from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, System
 from .runtime.fitted import FITS, begin_run, close_fit, end_run, open_fit
 from .runtime.keeping import keep
 from .runtime.layout import fit_rooms
 from .runtime.sampling import SAMPLE, STRETCH, gained, observe_arm, sample_rows
 from .scene import Scene
 from .settings import Settings
-from .trajectory import Recorder, Trajectory
+from .trajectory import Recorder, Trajectory, check_work
 
 Array = NDArray[np.float64]
 
@@ -40,9 +40,6 @@ CHUNKS = 4
 
 CHEAP = 250
 """Unknowns up to which a step is quick enough for CHUNKS of CHUNK steps to take less than a second."""
-
-MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
-"""Steps of a run (half an hour of the quickest), and its recorded instants (some GB)."""
 
 ENERGY_LIMIT = 1e3
 """A run has diverged where its energy exceeds this many times what can account for it (`Simulation.gained`)."""
@@ -87,14 +84,7 @@ class Simulation:
         self.system = self._systems[-1]
         self.drive = assembly.drive(scene, self.system)
         self.n_motions = len(scene.motions)
-        self.scheme = scheme(
-            settings.rho_inf,
-            settings.newmark,
-            settings.tolerance,
-            settings.max_iterations,
-            settings.max_halvings,
-            settings.newton == "modified",
-        )
+        self.scheme = assembly.scheme_of(settings)
         self.model, self.par = self.system.model, self.system.par.copy()
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
@@ -349,16 +339,6 @@ class Simulation:
         return points[: self._observe(points)].copy()
 
 
-def check_work(end: float, interval: float, dt: float | None) -> None:
-    """ValueError for a run of `end` s that no machine comes to the end of, or that no memory holds."""
-    if dt is not None and not end / dt <= MOST_STEPS:
-        what = f"must be at least {end / MOST_STEPS:.2g} s: a run of {end:g} s may take {MOST_STEPS:.0e} steps"
-        raise check.InvalidValue("dt", dt, what)
-    if not end / interval <= MOST_SAMPLES:
-        what = f"must be at least {end / MOST_SAMPLES:.2g} s: a run of {end:g} s may have {MOST_SAMPLES:.0e} samples"
-        raise check.InvalidValue("sample", interval, what)
-
-
 def simulate(
     scene: Scene,
     formulation: str | None = None,
@@ -387,8 +367,8 @@ def simulate(
         The Trajectory. Its status is "ok"; "inaccurate" where the estimated error is above error_limit; or names a
         failure that ended the run early. `message` says it in a sentence.
     Raises:
-        ValueError: an option the formulation lacks, or a value that is not allowed; more than MOST_STEPS steps or
-            MOST_SAMPLES samples.
+        ValueError: an option the formulation lacks, or a value that is not allowed; more than `trajectory.MOST_STEPS`
+            steps or `MOST_SAMPLES` samples.
     """
     if not isinstance(scene, Scene):
         raise check.InvalidValue("scene", scene, "must be a Scene, such as flexarm_env.named(NAME) gives")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import validation as check
 from .physics.layout import (
     DISSIPATED,
     FACTORISATIONS,
@@ -31,6 +32,10 @@ from .settings import Settings
 Array = NDArray[np.float64]
 
 COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y", "tip_angle")
+
+
+MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
+"""Steps of a run (half an hour of the quickest), and its recorded instants (some GB)."""
 
 
 def link_deflection(poses: Array) -> Array:
@@ -173,6 +178,16 @@ def write_whole(path: Path, content: bytes) -> None:
         raise OSError(error.errno, error.strerror, os.fspath(path)) from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_work(end: float, interval: float, dt: float | None) -> None:
+    """ValueError for a run of `end` s that no machine comes to the end of, or that no memory holds."""
+    if dt is not None and not end / dt <= MOST_STEPS:
+        what = f"must be at least {end / MOST_STEPS:.2g} s: a run of {end:g} s may take {MOST_STEPS:.0e} steps"
+        raise check.InvalidValue("dt", dt, what)
+    if not end / interval <= MOST_SAMPLES:
+        what = f"must be at least {end / MOST_SAMPLES:.2g} s: a run of {end:g} s may have {MOST_SAMPLES:.0e} samples"
+        raise check.InvalidValue("sample", interval, what)
 
 
 class Recorder:
