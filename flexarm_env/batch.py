@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import physics  # noqa: F401  (registers the formulations)
-from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, native, one_at_a_time
+from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, native, one_at_a_time, uncompiled
 from .parameters import Arm
 from .physics import assembly, gauges
 from .physics.integrator.work import unpack, work_size
@@ -27,7 +27,7 @@ from .runtime.layout import aligned, layout_of
 from .runtime.sampling import observe_arm
 from .scene import Scene
 from .settings import Settings
-from .simulation import fitted_systems, room_for_points, uncompiled
+from .simulation import fitted_systems, room_for_points
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CLIP,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
 from . import validation as check
-from .compiler import SINGLE
+from .compiler import SINGLE, uncompiled
 from .physics import assembly
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
@@ -29,6 +29,9 @@ from .settings import Settings
 from .trajectory import Recorder, Trajectory, check_work
 
 Array = NDArray[np.float64]
+
+Start = tuple[float, float, bool | None]
+"""Time, s, and gross work, J, that a stretch begins with, and the restart before its first step (None: none)."""
 
 _NO_POINTS = np.zeros((0, 2))
 _AT = STRETCH.places
@@ -49,11 +52,6 @@ def room_for_points(settings: Settings, n_links: int) -> int:
     """At least as many points as any formulation draws along a chain of links."""
     a_segment = 32 if settings.modes is not None else 8 * (settings.elements or 1)
     return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
-
-
-def uncompiled(function: Any) -> Any:
-    """The Python function behind a compiled one, for what is called once."""
-    return getattr(function, "py_func", function)
 
 
 def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
@@ -89,6 +87,7 @@ class Simulation:
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
         self.deadline: float | None = None
+        self._restarted: tuple[Array, Array, float, bool] | None = None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = scene.kinks
         self._poses = np.zeros(POSE.end * scene.arm.n_links)
@@ -135,15 +134,14 @@ class Simulation:
 
         run: makes the stretch; poses of the links at its end, flat, of no meaning where the arm has failed.
         """
-        assert self.settings.step_tolerance is not None
-        n, links, start, w = len(self.work.q), self.scene.arm.n_links, (self.t, self.gross), self.work
+        n, links, w, start = len(self.work.q), self.scene.arm.n_links, self.work, self._start()
         level, nothing = np.array([float(self._level)]), np.zeros(0)
         if len(self.levels) < len(self.follow):
             level[0] = k = self.follow[len(self.levels)]
             self._halved(k, start, run)
         else:
             saved, scratch = fit_rooms(n, len(w.u), self.n_motions, links)
-            allowed = self.settings.step_tolerance * self.scene.arm.total_length
+            allowed = (self.settings.step_tolerance or 0.0) * self.scene.arm.total_length
             keep(SINGLE, n, w, nothing, saved)
             open_fit(SINGLE, n, links, level, nothing, saved, scratch, w)
             for k in range(FITS):
@@ -159,10 +157,19 @@ class Simulation:
         self._level = int(level[0])
         self.model, self.dt = self.system.model, float(self.settings.dt or 0.0)
 
-    def _halved(self, k: int, start: tuple[float, float], run: Callable[[], Array]) -> Array:
-        """What `run` gives with dt halved k times. start: time and gross work to begin with."""
-        self.t, self.gross = start
+    def _start(self) -> Start:
+        """Where a stretch begins; back before the restart that it begins with, which is the steps' own to make."""
+        if self._restarted is None or not np.array_equal(self._flat, self._restarted[1]):
+            return self.t, self.gross, None
+        self._flat[:], _, gross, fresh = self._restarted
+        return self.t, gross, fresh
+
+    def _halved(self, k: int, start: Start, run: Callable[[], Array]) -> Array:
+        """What `run` gives with dt halved k times."""
+        self.t, self.gross, fresh = start
         self.model, self.dt = self._systems[k].model, float(self.settings.dt or 0.0) * 0.5**k
+        if fresh is not None:
+            self._restart(fresh)
         return run()
 
     def _next_kink(self) -> float:
@@ -173,12 +180,9 @@ class Simulation:
         return self._kinks[k] if k < len(self._kinks) else math.inf
 
     def record(
-        self,
-        end: float,
-        interval: float,
-        sink: Callable[[dict[str, Array], Array], None],
+        self, end: float, interval: float, sink: Callable[[dict[str, Array], Array], None],
         tell: Callable[[float], None] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Advance to `end`, recording the start and every `interval`, landing on every kink; ends where the arm fails.
 
         What is recorded at a kink is the state just before it. sink: takes the fields of m samples
@@ -288,17 +292,18 @@ class Simulation:
         clock = time.process_time()
         self._rows(self._stretch(math.inf), [], np.zeros((0, 1)), np.zeros((0, 1, 2)), True)
         if self.settings.step_tolerance is not None:
-            level = self._level
+            flat, gross, level, restarted = self._flat.copy(), self.gross, self._level, self._restarted
             self._fit(1.0, lambda: self._poses)
             self.levels.pop()
-            self._level = level
+            self._flat[:], self.gross, self._level, self._restarted = flat, gross, level, restarted
         return time.process_time() - clock
 
     def _restart(self, fresh: bool = True) -> None:
         """Consistent at t+: a fresh start, or a kink within a run, where the integrator keeps what it has filtered."""
-        before = float(self.work.books[WORK_DONE])
+        kept, before, gross = self._flat.copy(), float(self.work.books[WORK_DONE]), self.gross
         restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt, fresh)
         self.gross += abs(float(self.work.books[WORK_DONE]) - before)
+        self._restarted = kept, self._flat.copy(), gross, fresh
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""

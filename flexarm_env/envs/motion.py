@@ -239,15 +239,16 @@ class Guide:
     def __getstate__(self) -> dict[str, Any]:
         kept = {k: v for k, v in vars(self).items() if k != "simulation"}
         own = self.simulation
-        return kept | {"memory": (own._flat.copy(), own.par.copy(), own.t, own.gross, own._level, own.levels.copy())}
+        numbers = own._flat.copy(), own.par.copy(), own.t, own.gross, own._level, own.levels.copy(), own._restarted
+        return kept | {"memory": numbers}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        flat, par, t, gross, level, levels = state["memory"]
+        flat, par, t, gross, level, levels, restarted = state["memory"]
         vars(self).update({k: v for k, v in state.items() if k != "memory"})
         self.simulation = Simulation(self.scene, self.settings)
         self.simulation._flat[:], self.simulation.par[:] = flat, par
         self.simulation.t, self.simulation.gross = t, gross
-        self.simulation._level, self.simulation.levels = level, levels.copy()
+        self.simulation._level, self.simulation.levels, self.simulation._restarted = level, levels.copy(), restarted
 
 
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:

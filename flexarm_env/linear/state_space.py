@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..compiler import SINGLE
+from ..compiler import SINGLE, uncompiled
 from ..physics.integrator.start import restart
 from ..physics.integrator.work import Work, unpack
 from ..physics.layout import POSE, ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..scene import Scene
-from ..simulation import Simulation, uncompiled
+from ..simulation import Simulation
 from ..trajectory import link_deflection
 from .equations import Equations, Point, Reduced, exact_slopes, slopes
 from .period import point_of, solved

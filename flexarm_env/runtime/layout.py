@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler import size
+from ..compiler import size, uncompiled
 from ..physics.integrator.work import work_size
 from ..physics.layout import POSE
 from ..tasks.program import INFO, PARAMETERS, RECORD, SAVED, SCRATCH, Block
@@ -31,7 +31,7 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     info = INFO.offsets(0, links, len(task.targets), len(task.terms)).end
     kept = 0 if extras.actuator is None and extras.reference is None else record
     saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
-    first = -(-int(getattr(work_size, "py_func", work_size)(lanes, model, 0)) // 8) * 8
+    first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
     for count in (PARAMETERS, POSE.end * links, record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
