@@ -109,7 +109,7 @@ for thread in both:
 assert told and all("one thread at a time" in text for text in told), set(told)
 assert sum(steps) + len(told) == 1200
 env.step(np.zeros((256, 1), np.float32))
-assert int(env.unwrapped.batch.record(0)[flexarm_env.batch.STEP]) == sum(steps) + 2
+assert int(env.unwrapped.batch.record(0)[flexarm_env.batch.PERIODS]) == sum(steps) + 2
 env.close()
 print("done")
 """

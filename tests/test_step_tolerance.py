@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.fitted_steps import run
 from benchmarks.work_precision import scene_named
-from flexarm_env.batch import Batch
+from flexarm_env.batch import Batch, standing_scene
 from flexarm_env.runtime.fitted import FITS
-from flexarm_env.simulation import simulate
+from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.tasks.program import LEVEL
 from tests.env_tools import assert_pair_same, assert_same, pair
 
@@ -101,6 +101,27 @@ def test_a_scene_fits_its_steps_and_says_how_far_it_is_off() -> None:
         assert 0.3 * errors[-1] < run_.error_parts["time_step"] < 20.0 * errors[-1]
         assert len(run_.step_levels) == 200 and min(run_.step_levels) >= 1
     assert steps[0] < steps[1] < steps[2] and errors[0] > errors[1] > errors[2]
+
+
+def test_a_scene_fits_as_an_environment_does() -> None:
+    """A constant torque, by periods of 20 ms in one and by stretches as long in the other: the same halvings, all steps
+    counted, those to compare with among them, and the same arm to the last digits."""
+    env = gym.make("FlexibleArm-v0", step_tolerance=1e-4, nodes=6, dt=0.02, joint_limits=None)
+    env.reset(seed=0, options={"start": 0.0, "target": 0.5})
+    batch: Batch = env.unwrapped.batch
+    scene = Simulation(standing_scene(batch.arm, 0.02, None), batch.settings)
+    steps, of_env, of_scene = 0, [], []
+    for k in range(40):
+        env.step(np.ones(1, np.float32))
+        of_env.append(int(batch.record(0)[LEVEL]))
+        scene.set_torques(batch.motion(0)[2])
+        first = max(1, scene._level) - 1
+        assert scene.advance_to(0.02 * (k + 1))
+        of_scene.append(scene._level)
+        steps += sum(2**j for j in range(first, scene.levels[-1] + 1))
+    assert scene.work.counts[3] == steps == batch.counts[0, 3]
+    assert of_env == of_scene and len(set(of_env)) > 1
+    assert np.abs(scene.work.q[:6] - batch.motion(0)[0]).max() < 1e-9
 
 
 def test_a_prescribed_motion_is_the_scene_bit_for_bit() -> None:

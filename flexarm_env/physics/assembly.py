@@ -12,7 +12,7 @@ from ..scene import JointTorque, Scene
 from ..settings import Settings
 from ..time_functions import TimeFunction
 from .layout import OF_LOAD
-from .model import Drive, Elastica, System
+from .model import Drive, Elastica, Scheme, System, scheme
 
 _BUILDERS = {
     "floating_frame": "floating.build",
@@ -51,6 +51,14 @@ def physical(model: Any) -> Any:
 
         return without_correction(model)
     return model
+
+
+def scheme_of(settings: Settings) -> Scheme:
+    """The integrator's coefficients and limits that the settings name."""
+    return scheme(
+        settings.rho_inf, settings.newmark, settings.tolerance, settings.max_iterations, settings.max_halvings,
+        settings.newton == "modified",
+    )  # fmt: skip
 
 
 def drive(scene: Scene, system: System) -> Drive:

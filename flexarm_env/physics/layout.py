@@ -24,6 +24,10 @@ POSES = Layout(
 POSE = POSES.places
 """Where these are; POSE.end: numbers a link."""
 
+ROOT, ROOT_RATES = slice(POSE.x, POSE.vx), slice(POSE.vx, POSE.tip_x)
+TIP, TIP_RATES = slice(POSE.tip_x, POSE.tip_vx), slice(POSE.tip_vx, POSE.end)
+"""x, y, angle and their rates, of a link's root and of its tip: along the last axis of poses (..., links, POSE.end)."""
+
 LOAD = Layout(
     "PointLoad", "",
     Field("x", (), "N", "force; as a port: position, m"),

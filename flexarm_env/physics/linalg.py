@@ -6,7 +6,7 @@ with `width = 2*below + above + 1`: the extra `below` columns take the fill that
 
 from __future__ import annotations
 
-from ..compiler.decorator import kernel
+from ..compiler import kernel
 
 
 @kernel

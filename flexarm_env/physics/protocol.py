@@ -46,9 +46,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler.decorator import inlined, kernel
-from ..compiler.dispatch import Family, size
-from ..compiler.lanes import load, store
+from ..compiler import Family, inlined, kernel, load, size, store
 
 
 class State(NamedTuple):

@@ -13,11 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiler.arrays import stack
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.trace import aligned_frame, unrolled
+from ...compiler import aligned_frame, kernel, load, sincos, size, splat, stack, store, unrolled
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import register

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, size, splat, store
 from ...layout import Field, Layout
 
 POINT = Layout("Point", "", Field("x", (), "m", ""), Field("y", (), "m", ""))

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.arrays import stack
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, sincos, splat, store
+from ...compiler import kernel, load, sincos, size, splat, stack, store
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from .layout import X, Y, constants, load_at, node_angles, weighted

@@ -49,9 +49,11 @@ def stretch_and_shear(scene: Scene, chain: Chain) -> float:
         off = (sheared - bent) / max(1.0, bow * np.abs(bent).max())  # a deflection is bounded, its linear model is not
         tip += np.outer(modes.tip(shape) / length, off)
         deflection += bow * np.abs(off)
-    angle, rate = modes.swing(t)
-    # An arm that turns goes on from a deflection that is off to another angle; at small angles the two do not mix.
-    bending = np.hypot(*tip).max() + (1.0 - np.cos(min(angle, 0.5 * np.pi))) * deflection.max()
+    angle, between, rate = modes.swing(t)
+    # An arm that turns goes on from a deflection that is off to another angle; at small angles the two do not mix. They
+    # do where links turn against each other: modes are those of the chain as it began.
+    share = max(1.0 - np.cos(min(angle, 0.5 * np.pi)), 2.0 * np.sin(0.5 * min(between, np.pi / 3.0)))
+    bending = np.hypot(*tip).max() + share * deflection.max()
     return float(min(1.0, bending + along_the_arm(scene, rate)))
 
 
@@ -140,8 +142,9 @@ class _Modes:
         links = [slice(k * n, (k + 1) * n) for k in range(self.scene.arm.n_links)]
         return max(abs(float(self.chain.w[own] @ (shape[own] - shape[own.start]))) for own in links)
 
-    def swing(self, t: Array) -> tuple[float, float]:
-        """How far links swing at most, rad, without strain, and how fast if it were not for gravity, rad/s."""
+    def swing(self, t: Array) -> tuple[float, float, float]:
+        """How far links swing at most, and against each other, rad, without strain; how fast if it were not for
+        gravity, rad/s."""
         n, end = self.chain.n, float(t[-1])
         angle, rate = np.zeros((self.scene.arm.n_links, t.size)), np.zeros((self.scene.arm.n_links, t.size))
         for shape in self.rigid.T:
@@ -150,7 +153,9 @@ class _Modes:
             rate += np.outer(shape[::n], driven)
         own = [m.function for m in self.scene.motions if m.joint is not None]
         given = sum(float(np.ptp(f(t))) for f in own), sum(_largest(f, end, 1) for f in own)
-        return float(np.abs(angle).max()) + given[0], float(np.abs(rate).max()) + given[1]
+        between = float(np.ptp(angle, axis=0).max())
+        between += sum(float(np.ptp(m.function(t))) for m in self.scene.motions if m.joint)  # elbows
+        return float(np.abs(angle).max()) + given[0], between, float(np.abs(rate).max()) + given[1]
 
     def tip(self, shape: Array) -> Array:
         """Displacement of the tip, m per unit of the mode, (2,)."""

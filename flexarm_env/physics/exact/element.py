@@ -19,9 +19,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.trace import traced
+from ...compiler import kernel, load, sincos, splat, store, traced
 from .layout import AXES, COSINE, ELEMENT, ELEMENT_FACTORS, PAIR, SINE, T, Vertex, X, Y
 from .tables import Tables, tables
 

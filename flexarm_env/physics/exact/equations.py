@@ -11,9 +11,7 @@ Where all that is in coordinates and in S is told in `layout`: CHAIN and FACTORS
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
-from ...compiler.trace import aligned_frame
+from ...compiler import aligned_frame, kernel, load, splat, store
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
 from ..protocol import State, register

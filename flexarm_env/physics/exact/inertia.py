@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, splat, store
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from .element import momentum, rotate_pair
 from .layout import AXES, T, elbow_of, put_three, rows_of, section_of, three

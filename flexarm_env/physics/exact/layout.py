@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import NONE, by_kind
-from ...compiler.lanes import load, store
+from ...compiler import NONE, by_kind, kernel, load, store
 from ...layout import Field, Layout
 from ..model import STIFFNESS_FACTOR, TAU_D
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, splat, store
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, TAU_D
 from .element import carry, damp, measure

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, store
+from ...compiler import kernel, load, size, store
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
 from ..protocol import damping_work, ports
 

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 
-from ...compiler.decorator import kernel
+from ... import time_functions
+from ...compiler import kernel
 from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, T0
 from ..layout import OF_MOTION
+
+cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
+"""A piece's values, by the same lines as a `TimeFunction`'s."""
 
 
 @kernel
@@ -27,14 +31,11 @@ def evaluate(drive, f, t, side):
     """(value, rate, second derivative) of function f at t; the piece is the one that holds at `side`."""
     p = drive.pieces[piece_at(drive, f, side)]
     s = t - p[T0]
-    value = p[C0] + s * (p[C1] + s * (p[C2] + s * p[C3]))
-    rate = p[C1] + s * (2.0 * p[C2] + 3.0 * s * p[C3])
-    second = 2.0 * p[C2] + 6.0 * s * p[C3]
+    value, rate, second, _ = cubic(p[C0], p[C1], p[C2], p[C3], s)
     if p[AMPLITUDE] != 0.0:
         phase = p[OMEGA] * s + p[PHASE]
-        value += p[AMPLITUDE] * math.sin(phase)
-        rate += p[AMPLITUDE] * p[OMEGA] * math.cos(phase)
-        second -= p[AMPLITUDE] * p[OMEGA] * p[OMEGA] * math.sin(phase)
+        swing, swing_rate, swing_second, _ = wave(p[AMPLITUDE], p[OMEGA], math.sin(phase), math.cos(phase))
+        value, rate, second = value + swing, rate + swing_rate, second + swing_second
     return value, rate, second
 
 

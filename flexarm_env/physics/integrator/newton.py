@@ -6,9 +6,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiler.decorator import inlined, kernel
-from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
-from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
+from ...compiler import (
+    NONE,
+    NUMBER,
+    TUPLE,
+    absolute,
+    by_kind,
+    inlined,
+    kernel,
+    largest,
+    load,
+    maximum,
+    select_lt,
+    size,
+    splat,
+    store,
+)
 from ..layout import FACTORISATIONS, ITERATIONS
 from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
 from .period import correct_period

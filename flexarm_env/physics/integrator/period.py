@@ -14,9 +14,7 @@ from __future__ import annotations
 
 import math
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
+from ...compiler import absolute, kernel, largest, load, maximum, select_lt, size, splat, store
 from ..model import TAU_D
 from ..protocol import inertia, rotate, solve
 from .work import take_out_known

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.arrays import bare
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
+from ...compiler import bare, kernel, load, size, splat, store
 from ..layout import DISSIPATED, FACTORISATIONS, OF_MOTION, WORK_DONE
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, damping_work, factor, solve
 from .drive import set_inputs, set_motions

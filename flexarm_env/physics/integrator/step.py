@@ -12,10 +12,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...compiler.arrays import bare
-from ...compiler.decorator import inlined, kernel
-from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
-from ...compiler.lanes import largest, load, select_lt, splat, store
+from ...compiler import (
+    NONE,
+    NUMBER,
+    TUPLE,
+    bare,
+    by_kind,
+    inlined,
+    kernel,
+    largest,
+    load,
+    select_lt,
+    size,
+    splat,
+    store,
+)
 from ..layout import FACTORISATIONS, HALVINGS, STEPS
 from ..model import NEWTON_FAILED
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, assemble, constrain, factor, out_of_range, predict, solve, update

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.arrays import bare
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
+from ...compiler import bare, kernel, load, size, splat, store
 from ..layout import FACTORISATIONS
 from ..protocol import Weights, assemble, factor, solve
 from .work import state_of, take_out_known, unpack

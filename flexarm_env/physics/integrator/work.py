@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import splat, store
+from ...compiler import kernel, size, splat, store
 from ...layout import Field, Layout
 from ..layout import BOOKS, COUNTS, MOTION, OF_MOTION
 from ..protocol import State, pin
