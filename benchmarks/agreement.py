@@ -14,8 +14,9 @@ import numpy as np
 
 from benchmarks import exudyn_peer
 from benchmarks.converged import FOLDER as CONVERGED
+from benchmarks.converged import tip_error
 from benchmarks.machine import command, describe_machine, publish, table, told
-from flexarm_env.scenes import named, names, read_trajectory
+from flexarm_env.scenes import named, names
 from flexarm_env.simulation import simulate
 
 EXACT = "geometrically_exact"
@@ -66,51 +67,31 @@ def measure(
     """One run: error of the tip (max, in m and % of the arm's length), CPU time, energy that appeared or went."""
     scene, dt = named(scene_name), dt or STEPS.get(scene_name, STEP)
     trajectory = simulate(scene, formulation, dt=dt, estimate_error=False, error_limit=1.0, **options)
-    reference = read_trajectory(CONVERGED / f"{scene_name}.csv")
-    n = trajectory.t.size
-    tip = np.column_stack([reference["tip_x"], reference["tip_y"]])[:n]
-    error = float(np.hypot(*(trajectory.tip[:, :2] - tip).T).max())
-    length = scene.arm.total_length
+    error = tip_error(scene_name, trajectory.t, trajectory.tip)
     gross = float(np.abs(np.diff(trajectory.work, prepend=0.0)).sum())
     return {
-        "scene": scene_name,
-        "case": label,
-        "formulation": formulation,
-        "options": options,
-        "dt": dt,
+        "scene": scene_name, "case": label, "formulation": formulation, "options": options, "dt": dt,
         "status": "ok" if trajectory.finished else trajectory.status,
-        "reached": float(trajectory.t[-1]),
-        "duration": scene.duration,
-        "max_tip_error": error,
-        "max_tip_error_percent": 100.0 * error / length,
-        "cpu_seconds": trajectory.cpu_seconds,
-        "steps": trajectory.steps,
-        "iterations": trajectory.iterations,
+        "reached": float(trajectory.t[-1]), "duration": scene.duration,
+        "max_tip_error": error, "max_tip_error_percent": 100.0 * error / scene.arm.total_length,
+        "cpu_seconds": trajectory.cpu_seconds, "steps": trajectory.steps, "iterations": trajectory.iterations,
         "energy_drift": float(np.abs(trajectory.balance).max()) / max(gross, 1e-12),
-        "largest_deflection": float(np.abs(trajectory.tip_deflection).max()),
-        "notes": dict(trajectory.notes),
-    }
+        "largest_deflection": float(np.abs(trajectory.tip_deflection).max()), "notes": dict(trajectory.notes),
+    }  # fmt: skip
 
 
 def peer(scene_name: str, elements: int = 20) -> dict[str, Any]:
     """The same scene by Exudyn (another program, another element), as a row of the table."""
     scene = named(scene_name)
     result = exudyn_peer.run(scene_name, elements, STEP)
-    error = exudyn_peer.error(scene_name, result)
+    error = tip_error(scene_name, result["t"], result["tip"])
     return {
-        "scene": scene_name,
-        "case": f"Exudyn, {elements} quadratic elements",
-        "formulation": "exudyn",
-        "options": {"elements": elements, "order": 2},
-        "dt": STEP,
-        "status": "ok" if result["finished"] else "failed",
-        "reached": float(result["t"][-1]),
-        "duration": scene.duration,
-        "max_tip_error": error,
-        "max_tip_error_percent": 100.0 * error / scene.arm.total_length,
-        "cpu_seconds": result["cpu_seconds"],
-        "energy_drift": None,
-    }
+        "scene": scene_name, "case": f"Exudyn, {elements} quadratic elements", "formulation": "exudyn",
+        "options": {"elements": elements, "order": 2}, "dt": STEP, "status": "ok" if result["finished"] else "failed",
+        "reached": float(result["t"][-1]), "duration": scene.duration,
+        "max_tip_error": error, "max_tip_error_percent": 100.0 * error / scene.arm.total_length,
+        "cpu_seconds": result["cpu_seconds"], "energy_drift": None,
+    }  # fmt: skip
 
 
 def required(rows: list[dict[str, Any]]) -> list[str]:
@@ -214,18 +195,12 @@ def main(arguments: list[str] | None = None) -> None:
     options = command(__doc__).parse_args(arguments)
     rows = []
     for name in names():
-        for label, formulation, settings in CASES:
-            rows.append(measure(name, label, formulation, settings))
-            print(
-                f"{name:26s} {label:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %", flush=True
-            )
+        rows += [measure(name, label, formulation, settings) for label, formulation, settings in CASES]
         for label, settings, dt in MORE.get(name, ()):
             rows.append(measure(name, f"{CASES[3][0]}, {label}", EXACT, {**CASES[3][2], **settings}, dt))
         if name in exudyn_peer.SCENES and find_spec("exudyn"):
             rows.append(peer(name))
-            print(
-                f"{name:26s} {rows[-1]['case']:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %"
-            )
+        print(name, flush=True)
     machine, pairs = describe_machine("exudyn"), corrections()
     content = {"machine": machine, "rows": rows, "corrected": pairs}
     publish("agreement", options.out, content, page(rows, pairs, machine))

@@ -1,25 +1,19 @@
 """Exudyn as a peer: the one-link validation scenes on its own geometrically exact beam elements (extra: bench).
 
-    python -m benchmarks.exudyn_peer [--elements 20] [--dt 0.005]
-
 Loads are switched off at their kink between two calls of the solver, so that no Python function runs inside it; a
 prescribed hub angle needs a function of time, which Exudyn calls from Python, once or more a step: that is in its time.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
-import sys
 import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.converged import FOLDER as CONVERGED
-from flexarm_env.scenes import named, read_trajectory
+from flexarm_env.scenes import named
 
 SCENES = ("robot_arm_motion_smooth", "robot_arm_motion", "robot_arm_torque", "flying_rod", "flying_rod_soft")
 
@@ -117,39 +111,3 @@ def run(name: str, elements: int, dt: float, *, order: int = 2, rho_inf: float =
     cpu = time.process_time() - clock
     record: NDArray[np.float64] = np.asarray(mbs.GetSensorStoredData(sensor))
     return {"finished": finished, "cpu_seconds": cpu, "t": record[:, 0], "tip": record[:, 1:3]}
-
-
-def error(name: str, result: dict[str, Any]) -> float:
-    """Largest distance of the tip from the converged solution at the instants both have, m."""
-    reference = read_trajectory(CONVERGED / f"{name}.csv")
-    t = np.asarray(reference["t"])
-    near = np.abs(result["t"][:, None] - t[None, :])
-    mine = near.argmin(axis=0)
-    both = near.min(axis=0) < 1e-6
-    tip = np.column_stack([reference["tip_x"], reference["tip_y"]])
-    return float(np.hypot(*(result["tip"][mine] - tip)[both].T).max())
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Run the scenes and print error and time."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--elements", type=int, default=20)
-    parser.add_argument("--order", type=int, default=2, choices=(1, 2))
-    parser.add_argument("--dt", type=float, default=0.005)
-    options = parser.parse_args(arguments)
-    try:
-        import exudyn  # noqa: F401
-    except ImportError:
-        raise SystemExit("Exudyn is not installed: make setup-bench") from None
-    for name in SCENES:
-        result = run(name, options.elements, options.dt, order=options.order)
-        row = {
-            "finished": result["finished"],
-            "cpu_seconds": result["cpu_seconds"],
-            "max_tip_error": error(name, result),
-        }
-        print(name, json.dumps(row), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
