@@ -37,7 +37,7 @@ MORE: dict[str, tuple[tuple[str, dict[str, Any], float], ...]] = {
         ("a longer step", {}, STEP),
         ("period corrected", {"period_correction": True}, STEP),
         ("steps fitted to 0.2 %", {"step_tolerance": 0.002}, STEP),
-    ),
+    )
 }
 """More runs of 5 quadratic elements: what is said of them, options, step."""
 CORRECTED = {

@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 Row = dict[str, Any]
 
 
@@ -46,6 +44,8 @@ def run_all(
 
     Kernels that the parent has compiled are inherited by the workers, which are forked.
     """
+    from tqdm import tqdm
+
     if fresh:
         store.unlink(missing_ok=True)
     store.parent.mkdir(parents=True, exist_ok=True)

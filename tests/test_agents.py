@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import dataclasses
 import errno
+import importlib
 import json
 import os
 import shutil
+import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -211,6 +213,18 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"table.json", "table.md", "tip_error.png"}
 
 
+def told(main, words, monkeypatch, capsys) -> str:
+    """The line on standard error of a program that must end with code 2."""
+    monkeypatch.setattr("sys.argv", ["program", *words])
+    try:
+        code = main()
+    except SystemExit as stop:
+        code = stop.code
+    lines = capsys.readouterr().err.splitlines()
+    assert code == 2 and len(lines) == 1
+    return lines[0]
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -219,10 +233,8 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
         (["--policy", "pd", "--env-kwargs", "{"], "not JSON"),
     ],
 )
-def test_mistakes_are_told_in_a_sentence(words, sentence):
-    done = python("-m", "agents.evaluate", *words, code=2)
-    assert sentence in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+def test_mistakes_are_told_in_a_sentence(words, sentence, monkeypatch, capsys):
+    assert sentence in told(judging.main, words, monkeypatch, capsys)
 
 
 def test_files_that_cannot_be_used_are_named(run: Path, tmp_path: Path):
@@ -376,15 +388,12 @@ def test_policies_side_by_side(tmp_path: Path):
 
 # ------------------------------------------------------------------ without Ray
 @pytest.mark.parametrize("program", ["train_rllib", "ray_demo", "sweep"])
-def test_without_ray_a_sentence_says_what_to_install(program: str, tmp_path: Path):
+def test_without_ray_a_sentence_says_what_to_install(program: str, tmp_path: Path, monkeypatch, capsys):
     words = ["--out", str(tmp_path / "run")]
     words += ["--space", '{"payload": [1.0]}'] if program == "sweep" else []
-    code = f"import sys; sys.modules['ray'] = None; sys.argv[1:] = {words!r}; "
-    code += f"from agents.{program} import main; sys.exit(main())"
-    done = python("-c", code, code=2)
-    lines = done.stderr.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("Ray cannot be imported here")
-    assert "make setup-ray" in lines[0]
+    monkeypatch.setitem(sys.modules, "ray", None)
+    line = told(importlib.import_module(f"agents.{program}").main, words, monkeypatch, capsys)
+    assert line.startswith("Ray cannot be imported here") and "make setup-ray" in line
     assert not (tmp_path / "run" / "run.json").exists()
 
 
@@ -432,12 +441,9 @@ def test_a_full_disk_is_a_sentence(tmp_path: Path, monkeypatch, capsys):
 
     monkeypatch.setattr(Path, "write_bytes", full)
     monkeypatch.setattr(train_ppo, "train", lambda arguments: training.save_model(arguments.folder, Full()))
-    monkeypatch.setattr("sys.argv", ["train_ppo", "--out", str(tmp_path / "run")])
-    assert train_ppo.main() == 2
-    error = capsys.readouterr().err
+    error = told(train_ppo.main, ["--out", str(tmp_path / "run")], monkeypatch, capsys)
     file = tmp_path / "run" / "model.zip"
     assert error.startswith(f"{file}: No space left on device; what was written before is whole")
-    assert error.count("\n") == 1
     with pytest.raises(OSError, match="No space left"):
         training.save_checkpoint(tmp_path / "run", Full(), training.Progress())
     assert not list((tmp_path / "run" / "checkpoints").iterdir())  # half a checkpoint fills the disk no further

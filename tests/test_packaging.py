@@ -39,10 +39,7 @@ def test_wheel_holds_the_package_alone(dist: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
         entry_points = archive.read(f"flexarm_env-{PROJECT['version']}.dist-info/entry_points.txt").decode()
-    assert {name.split("/")[0] for name in names} == {
-        "flexarm_env",
-        f"flexarm_env-{PROJECT['version']}.dist-info",
-    }
+    assert {name.split("/")[0] for name in names} == {"flexarm_env", f"flexarm_env-{PROJECT['version']}.dist-info"}
     assert "flexarm = flexarm_env.cli:main" in entry_points
     assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc"))]
 

@@ -80,10 +80,7 @@ arm = "strip"
         ("lenght = 3", "lenght: unknown key; allowed: name, arm, duration,"),
         ("[[motions]]\nkind = 'ramp'", 'motions[0].coordinate: missing; must be "joint0"'),
         ("[[motions]]\ncoordinate = 'joint0'", 'motions[0].kind: missing; must be one of "constant"'),
-        (
-            "[[motions]]\ncoordinate = 'joint0'\nkind = 'step'",
-            "motions[0].kind = 'step': must be one of \"constant\"",
-        ),
+        ("[[motions]]\ncoordinate = 'joint0'\nkind = 'step'", "motions[0].kind = 'step': must be one of \"constant\""),
         (
             "[[motions]]\ncoordinate = 'joint0'\nkind = 'ramp'\nrise = 1.0\ntime = 2.0",
             'motions[0].time: unknown parameter of kind "ramp"; allowed: rise, duration, offset',
