@@ -45,20 +45,6 @@ CORRECTED = {
     "two_link_motion": (5, 0.0025), "two_link_free_flight": (8, 0.005),
 }  # fmt: skip
 """Elements and a step that is the limit, for runs without and with the correction of the period."""
-REQUIRED: dict[str, tuple[float, int, str]] = {
-    "robot_arm_motion_smooth": (0.01, 5, ""),
-    "robot_arm_motion": (0.02, 5, ""),
-    "robot_arm_torque": (0.02, 8, "wave fronts: the torque has its full size from one instant to the next"),
-    "flying_rod": (0.02, 8, "wave fronts: force and torque start and end at once"),
-    "two_link_motion": (
-        0.02,
-        5,
-        "the step, not the mesh: modes of 44 and 279 rad/s, turned by 1.5 rad in 0.5 s, whose "
-        "periods plain steps make longer (period_correction)",
-    ),
-    "two_link_free_flight": (0.02, 5, ""),
-}
-"""What quadratic elements are to reach: tip error in m, elements a link that it takes, why more than 5 at 0.005 s."""
 
 
 def measure(
@@ -92,26 +78,6 @@ def peer(scene_name: str, elements: int = 20) -> dict[str, Any]:
         "max_tip_error": error, "max_tip_error_percent": 100.0 * error / scene.arm.total_length,
         "cpu_seconds": result["cpu_seconds"], "energy_drift": None,
     }  # fmt: skip
-
-
-def required(rows: list[dict[str, Any]]) -> list[str]:
-    """Lines on what quadratic elements reach, with the runs of 5 elements at 0.005 s beside those that it takes."""
-    lines = [
-        "", "## Quadratic elements against what is asked of them", "",
-        *table("scene | asked, m | 5 elements, 0.005 s: tip error, m | what it takes | tip error, m | why"),
-    ]  # fmt: skip
-    for name, (bound, elements, why) in REQUIRED.items():
-
-        def error(n: int, name: str = name, **more: float) -> float:
-            wanted = (name, STEP, EXACT, {"elements": n, "order": 2, **more})
-            found = (row for row in rows if (row["scene"], row["dt"], row["formulation"], row["options"]) == wanted)
-            return float(next(found)["max_tip_error"])
-
-        label, more = next(((label, options) for label, options, _ in MORE.get(name, ()) if options), ("", {}))
-        takes = f"{elements} elements, {STEP:g} s" + (f", {label}" if label else "")
-        reached = f"{error(5):.4f} | {takes} | {error(elements, **more):.4f}"
-        lines.append(f"| {name} | {bound:g} | {reached} | {why or '–'} |")
-    return lines
 
 
 def corrections() -> list[dict[str, Any]]:
@@ -187,7 +153,7 @@ def page(rows: list[dict[str, Any]], pairs: list[dict[str, Any]], machine: dict[
         else:
             figures = f"{row['status']} at {row['reached']:.3g} s | – | –"
         lines.append(f"| {row['scene']} | {row['case']} | {row['dt']:g} | {figures} | {known:.2g} |")
-    return "\n".join([*lines, *required(rows), *corrected(pairs), *checked(index)]) + "\n"
+    return "\n".join([*lines, *corrected(pairs), *checked(index)]) + "\n"
 
 
 def main(arguments: list[str] | None = None) -> None:
