@@ -88,7 +88,7 @@ def test_a_period_is_the_derivative_of_the_solver(name: str, formulation: str, o
 
 @every(ALL)
 def test_small_steps_tend_to_the_exact_period(formulation: str, options: dict[str, Any]) -> None:
-    scene = at_rest(one_link(hub_inertia=0.5, tau_d=1e-3))
+    scene = at_rest(one_link(hub_inertia=0.5, tau_d=1e-3, payload=Payload(0.1)))
     exact = linearize(scene, formulation, discrete=0.02, method="zoh", **options)
 
     def error(dt: float) -> float:
@@ -119,7 +119,7 @@ def test_outputs_and_names(formulation: str, options: dict[str, Any]) -> None:
         set_state(copy, x)
         return linearize(copy).y
 
-    for i in range(0, n, 3):
+    for i in range(0, n, max(3, n // 8)):
         h = np.zeros(n)
         h[i] = 1e-4
         slope = (
@@ -194,7 +194,7 @@ def test_links_of_de_luca_and_siciliano(link: int, formulation: str, options: di
     arm = arms.named("de_luca_siciliano")
     l, m, load = 0.5, 0.2, arm.payload
     lumped = Payload(1.0 + m * l + load.mass, 0.1 + m * l**3 / 3 + load.mass * l**2 + load.inertia)
-    single = Arm("link", (arm.links[link],), payload=lumped if link == 0 else load)
+    single = Arm("link", (arm.links[link],), payload=lumped if link == 0 else load, tau_d=1e-9)
     result = modes(at_rest(single), 2, formulation, clamped=True, **options)
     published = [0.480, 1.797] if link == 0 else [2.178, 15.915]
     assert result.frequencies / (2 * np.pi) == pytest.approx(published, rel=2e-3)
@@ -227,7 +227,7 @@ def test_damping_of_a_slender_beam(tau_d: float, clamped: bool) -> None:
 
     def found(tau: float) -> Modes:
         scene = Scene("slender", Arm("slender", (link,), hub_inertia=0.05, tau_d=tau), duration=1.0, dt=0.01)
-        return modes(scene, 200, "geometrically_exact", elements=16, clamped=clamped)
+        return modes(scene, 200, "geometrically_exact", elements=8, clamped=clamped)
 
     undamped, damped = found(0.0).frequencies, found(tau_d)
     for omega in undamped[undamped > 0.0][:5]:
@@ -244,8 +244,9 @@ def test_damping_of_a_bent_or_spinning_slender_beam(spin: float) -> None:
     section = Section(EI=1.0, EA=1e8, C=1e8, m=1.0, J=1e-9)
     arm = Arm("slender", (Link(1.0, section),), hub_inertia=0.05, tau_d=1e-3)
     scene = Scene("slender", arm, duration=1.0, dt=0.01, gravity=None if spin else (0.0, -3.0))
-    exact = modes(scene, 4, "geometrically_exact", elements=16, order=3, clamped=not spin, spin=spin)
-    elastica = modes(scene, 4, "elastica", nodes=12, clamped=not spin, spin=spin)
+    count = 3 if spin else 2  # the hub turns freely in rotation
+    exact = modes(scene, count, "geometrically_exact", elements=16, order=3, clamped=not spin, spin=spin)
+    elastica = modes(scene, count, "elastica", nodes=8, clamped=not spin, spin=spin)
     moving = elastica.frequencies > 1e-3
     assert exact.eigenvalues[moving] == pytest.approx(elastica.eigenvalues[moving], rel=1e-4)
     assert exact.damping[moving] == pytest.approx(elastica.damping[moving], rel=2e-3)
