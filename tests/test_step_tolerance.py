@@ -108,10 +108,10 @@ def test_a_period_adds_no_more_than_is_tolerated() -> None:
 
 def test_a_scene_fits_its_steps_and_says_how_far_it_is_off() -> None:
     scene = scene_named("FlexibleArm-v0")
-    fine = simulate(scene, "elastica", nodes=6, dt=2.5e-4, sample=0.02, estimate_error=False)
+    fine = simulate(scene, "elastica", nodes=4, dt=2.5e-4, sample=0.02, estimate_error=False)
     steps, errors = [], []
     for tolerance in (1e-3, 1e-4, 1e-5):
-        run_ = simulate(scene, "elastica", nodes=6, dt=0.02, sample=0.02, step_tolerance=tolerance)
+        run_ = simulate(scene, "elastica", nodes=4, dt=0.02, sample=0.02, step_tolerance=tolerance)
         errors.append(float(np.hypot(*(run_.tip - fine.tip)[:, :2].T).max()))
         steps.append(run_.steps)
         assert run_.status == "ok"
@@ -123,12 +123,12 @@ def test_a_scene_fits_its_steps_and_says_how_far_it_is_off() -> None:
 
 def test_a_prescribed_motion_is_the_scene_bit_for_bit() -> None:
     """Through the environment and through `simulate`: the same steps."""
-    env = gym.make("FlexibleArm-v0", dt=0.02, step_tolerance=1e-4, nodes=6, tolerance=1e-10)
+    env = gym.make("FlexibleArm-v0", dt=0.02, step_tolerance=1e-4, tolerance=1e-10)
     env.reset(seed=0, options={"motion": "robot_arm_motion"})
     found = [env.step(np.zeros(1, np.float32))[4]["tip_position"] for _ in range(200)]
     guide = env.unwrapped.guide
     run_ = simulate(
-        guide.simulation.scene, "elastica", nodes=6, dt=0.02, sample=0.02, duration=4.0, step_tolerance=1e-4,
+        guide.simulation.scene, "elastica", nodes=4, dt=0.02, sample=0.02, duration=4.0, step_tolerance=1e-4,
         estimate_error=False,
     )  # fmt: skip
     assert np.array_equal(run_.tip[1:, :2], np.array(found))
