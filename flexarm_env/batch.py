@@ -67,9 +67,6 @@ Array = NDArray[np.float64]
 LANES_FROM = 3
 """Batches of at least this many arms stand in lanes of eight; the others are advanced one by one."""
 
-ONE_BY_ONE = ("floating_frame",)
-"""Formulations whose kernels know no lanes: their arms are advanced one by one in any batch."""
-
 
 UNSEEN = holders([np.zeros(1)], 0)
 """Holders of an array that only its list knows."""
@@ -192,7 +189,7 @@ class Batch:
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
         self.systems = fitted_systems(arm, settings, gravity)
         self.system: System = self.systems[-1]
-        self.lane = SINGLE if n < LANES_FROM or settings.formulation in ONE_BY_ONE else WIDEST
+        self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
         self.groups = -(-n // len(self.lane))
         self.threads = max(1, min(threads, self.groups))
         self.pose = pose_table(arm, settings, gravity)

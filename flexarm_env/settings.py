@@ -16,6 +16,7 @@ from flexarm_env import validation as check
 
 FORMULATIONS = ("floating_frame", "geometrically_exact", "elastica")
 COUPLINGS = ("von_karman", "paper", "linear")
+FRAMES = ("root", "chord")
 
 _COMMON: dict[str, Any] = {
     "dt": None,
@@ -33,6 +34,8 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
         "elements": 1,
         "coupling": "von_karman",
         "modes": None,
+        "frame": "root",
+        "multipliers": False,
         **_COMMON,
         "rho_inf": 0.9,
     },
@@ -43,6 +46,9 @@ MODAL_BOUND = 0.25
 """Tip deflection over length beyond which a link reduced to modes is out of its range (theory, section 4)."""
 MOST_ELEMENTS = 1000
 """Elements of a link: its dense or banded matrices are then as large as a step can do with."""
+
+MOST_IN_SEGMENT = 32
+"""Elements of a segment of the floating frame, whose matrices are full."""
 
 _MESH = ("segments", "elements", "coupling")
 """Options of the floating frame that modes drop where they are given alone."""
@@ -84,6 +90,11 @@ class Settings:
             at most 1000 a link in all.
         coupling: "von_karman" (default), "paper" or "linear" axial-bending coupling (floating_frame).
         modes: bending modes per segment, 1 to 8, in place of elements and coupling (floating_frame).
+        frame: where a segment's frame floats: clamped to its root section ("root", the paper's), or through both of its
+            ends ("chord"; with modes: the static shapes of turned ends, then modes between pins; 2 at least)
+            (floating_frame).
+        multipliers: join segments and links by Lagrange multipliers, the paper's own form, in place of coordinates that
+            need none; slower, for comparison (floating_frame, default False; frame "root").
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
         period_correction: take the integrator's error of the period out of each step (geometrically_exact, default
             False; the elastica always does). A step whose correction would be more than 3 % of the arm's length, or in
@@ -106,6 +117,8 @@ class Settings:
     elements: int | None = None
     coupling: str | None = None
     modes: int | None = None
+    frame: str | None = None
+    multipliers: bool | None = None
     order: int | None = None
     period_correction: bool | None = None
     nodes: int | None = None
@@ -121,7 +134,7 @@ class Settings:
     def __post_init__(self) -> None:
         check.choice("formulation", self.formulation, FORMULATIONS)
         taken = _DEFAULTS[self.formulation]
-        for name in ("segments", "elements", "coupling", "modes", "order", "period_correction", "nodes"):
+        for name in _CHECKS:
             value = getattr(self, name)
             if name not in taken:
                 check_options(self.formulation, [name] if value is not None else [])
@@ -132,6 +145,8 @@ class Settings:
             object.__setattr__(self, name, _CHECKS[name](name, value))
             if reduced and name in _REPLACED:
                 raise check.InvalidValue(name, value, "must not be given together with modes, which replaces it")
+        if self.formulation == "floating_frame":
+            self._check_frame()
         if (self.segments or 1) * (self.elements or 1) > MOST_ELEMENTS:
             what = f"must be at most {MOST_ELEMENTS} elements a link: take fewer segments or elements"
             raise check.InvalidValue("segments * elements", f"{self.segments} * {self.elements}", what)
@@ -147,6 +162,15 @@ class Settings:
             allowed = check.number("step_tolerance", self.step_tolerance, above=0.0, maximum=1.0)
             object.__setattr__(self, "step_tolerance", allowed)
         self._check_integrator()
+
+    def _check_frame(self) -> None:
+        if self.frame == "chord" and self.multipliers:
+            raise check.InvalidValue("frame", self.frame, "must be 'root' with multipliers, as the paper has it")
+        if self.frame == "chord" and self.modes == 1:
+            raise check.InvalidValue("modes", self.modes, "must be at least 2 with frame='chord': one shape an end")
+        if (self.elements or 1) > MOST_IN_SEGMENT:
+            what = f"must be at most {MOST_IN_SEGMENT} a segment: take more segments, whose cost grows in proportion"
+            raise check.InvalidValue("elements", self.elements, what)
 
     def _check_integrator(self) -> None:
         if self.newmark is None:
@@ -227,6 +251,8 @@ _CHECKS: dict[str, Any] = {
     "elements": lambda name, value: check.integer(name, value, minimum=1, maximum=MOST_ELEMENTS),
     "coupling": lambda name, value: check.choice(name, value, COUPLINGS),
     "modes": lambda name, value: check.integer(name, value, minimum=1, maximum=8),
+    "frame": lambda name, value: check.choice(name, value, FRAMES),
+    "multipliers": lambda name, value: check.flag(name, value),
     "order": lambda name, value: check.integer(name, value, minimum=1, maximum=3),
     "period_correction": lambda name, value: check.flag(name, value),
     "nodes": lambda name, value: check.integer(name, value, minimum=3, maximum=12),

@@ -16,6 +16,7 @@ from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.elastica import equations as kernels
 from flexarm_env.physics.elastica.build import build, physical
+from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
@@ -73,7 +74,7 @@ def case(request: Any) -> tuple[Any, Oracle, Any, tuple[Any, ...]]:
 def residual(s: Any, q: Any, v: Any, a: Any, u: Any) -> Any:
     """The residual alone; poisoned, so that what is not written shows. S must be left as it is."""
     r, S = np.full(len(q), np.nan), np.full(len(q) ** 2, 7.0)
-    kernels.assemble(SINGLE, s.model, s.par, q, v, a, u, 0.0, 0.0, 0.0, r, S)
+    kernels.assemble(SINGLE, s.model, s.par, State(q, v, a), u, RESIDUAL_ALONE, r, S)
     assert (S == 7.0).all()
     return r
 
@@ -89,7 +90,7 @@ def test_tangent_and_solution(case: Any) -> None:
     s.par[:2] *= 1.5  # an arm of its own: in free flight the coordinates are no longer its centre of mass
     rows, cm, cc, ck = len(q), 1.3, 0.7, 2.1
     r, S = np.full(rows, np.nan), np.full(rows * rows, np.nan)
-    kernels.assemble(SINGLE, s.model, s.par, q, v, a, u, cm, cc, ck, r, S)
+    kernels.assemble(SINGLE, s.model, s.par, State(q, v, a), u, Weights(cm, cc, ck), r, S)
     assert r == pytest.approx(residual(s, q, v, a, u), rel=1e-14)
 
     def slopes(f: Any, x: Any) -> Any:
@@ -100,7 +101,7 @@ def test_tangent_and_solution(case: Any) -> None:
     matrix = S.reshape(rows, rows).copy()
     assert matrix == pytest.approx(expected, abs=2e-9 * np.abs(expected).max())
 
-    kernels.assemble(SINGLE, s.model, s.par, q, v, a, u, 1e4, 1e2, 1.0, r, S)  # as in a step: the mass outweighs
+    kernels.assemble(SINGLE, s.model, s.par, State(q, v, a), u, Weights(1e4, 1e2, 1.0), r, S)  # as in a step
     pinned = 1 if rows > 4 else 0
     kernels.pin(SINGLE, s.model, S, pinned)
     matrix, x = S.reshape(rows, rows).copy(), r.copy()

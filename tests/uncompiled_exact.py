@@ -17,6 +17,7 @@ from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.exact import equations as kernels
 from flexarm_env.physics.exact.build import build, factor_size
 from flexarm_env.physics.exact.tables import interior, tables
+from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
@@ -48,7 +49,7 @@ def system(order: int, damped: bool, heavy: bool, elements: int = 2) -> Any:
 
 def residual(s: Any, q: Any, v: Any, a: Any, u: Any) -> Any:
     r = np.full(s.model.n, np.nan)
-    kernels.assemble(SINGLE, s.model, s.par, q, v, a, u, 0.0, 0.0, 0.0, r, np.zeros(s.model.n_factor))
+    kernels.assemble(SINGLE, s.model, s.par, State(q, v, a), u, RESIDUAL_ALONE, r, np.zeros(s.model.n_factor))
     return r
 
 
@@ -102,7 +103,7 @@ def test_tangent_solves_what_differences_of_the_residual_say(order: int, damped:
     rng = np.random.default_rng(1)
     for pinned in ((), (0, 1), (2,), (0, 1, 2), (n - 1,), (n - 2, 0, 1), (n - 2, n - 1)):
         r, S, b = np.full(n, np.nan), np.full(m.n_factor, np.nan), rng.normal(size=n)
-        kernels.assemble(SINGLE, m, s.par, q, v, a, u, cm, cc, ck, r, S)
+        kernels.assemble(SINGLE, m, s.par, State(q, v, a), u, Weights(cm, cc, ck), r, S)
         assert np.array_equal(r, residual(s, q, v, a, u))
         expected = T.copy()
         for k in pinned:
@@ -210,7 +211,8 @@ def statics(s: Any, u: Any, steps: int = 1) -> Any:
     for step in range(steps):
         for _ in range(30):
             r, S = np.full(s.model.n, np.nan), np.full(s.model.n_factor, np.nan)
-            kernels.assemble(SINGLE, s.model, s.par, q, zero, zero, u * (step + 1) / steps, 1e-30, 0.0, 1.0, r, S)
+            load, stiff = u * (step + 1) / steps, Weights(1e-30, 0.0, 1.0)
+            kernels.assemble(SINGLE, s.model, s.par, State(q, zero, zero), load, stiff, r, S)
             for k in range(3):
                 r[k] = 0.0
                 kernels.pin(SINGLE, s.model, S, k)

@@ -22,6 +22,7 @@ from ..physics.assembly import assemble, physical
 from ..physics.equations import equations
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
 from ..physics.model import FloatingFrame
+from ..physics.protocol import State
 from ..runtime.record import observe_arm
 from ..simulation import Simulation, room_for_points
 
@@ -177,7 +178,7 @@ class Equations:
         return self._evaluate(Point(q, zero, zero, self._no_inputs, self._psi), 0, zero.copy())
 
     def _evaluate(self, p: Point, level: int, r: Array) -> int:
-        return int(equations(SINGLE, self.model, self.par, p.q, p.v, p.a, p.u, p.psi, level, r, self._room))
+        return int(equations(SINGLE, self.model, self.par, State(p.q, p.v, p.a), p.u, p.psi, level, r, self._room))
 
     def poses(self, q: Array, v: Array) -> Array:
         """Root x, y, angle, their rates, tip x, y, angle, their rates of each link, (n_links, 12)."""

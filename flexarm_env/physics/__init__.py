@@ -2,8 +2,9 @@
 
 from .elastica import equations as _elastica
 from .exact import equations as _exact
-from .floating import equations as _floating
+from .floating import chain as _floating
+from .floating import multipliers as _joined
 
 __all__: list[str] = []
-FORMULATIONS = (_elastica, _exact, _floating)
+FORMULATIONS = (_elastica, _exact, _floating, _joined)
 """Importing them registers them (`protocol.register`)."""

@@ -75,11 +75,12 @@ def _floating(scene: Scene, settings: Settings, system: System, link: int, s: fl
         body = bodies[b]
         if s <= start + body.length * (1.0 + 1e-12) or b == own[-1]:
             x = np.concatenate([[0.0], body.stations]) if body.stations[0] > 0.0 else body.stations
-            angles = body.shapes[:, 2] if body.stations[0] <= 0.0 else np.vstack([np.zeros(body.n), body.shapes[:, 2]])
+            angles = body.shapes[:, 2] if body.stations[0] <= 0.0 else np.vstack([body.root, body.shapes[:, 2]])
             i = int(np.clip(np.searchsorted(x, s - start) - 1, 0, len(x) - 2))
             slope = (angles[i + 1] - angles[i]) / (x[i + 1] - x[i])
             for k in range(body.n):
-                row[names.index(f"body{b}.q{k}")] = slope[k]
+                name = f"body{b}.q{k}" if settings.multipliers else f"link{link}.body{b - own[0]}.q{k}"
+                row[names.index(name)] = slope[k]
             break
         start += body.length
     return row

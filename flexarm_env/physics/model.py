@@ -118,6 +118,53 @@ class FloatingFrame(NamedTuple):
     loads: np.ndarray
 
 
+class Mesh(NamedTuple):
+    """The elastic coordinates that every body of a chain of floating frames has, and what there is of them.
+
+    Tags: (0,) where something is there, None where it is not and is compiled out.
+    """
+
+    n: int | tuple[int, ...]  # elastic coordinates of a body; a tuple of n zeros: kernels are written out for n
+    scratch: tuple[int, ...]  # 5 n zeros: room on the stack
+    window: tuple[int, ...]  # as many zeros as an element has coordinates at most
+    elements: tuple[int, ...]  # as many zeros as a body has finite elements
+    strains: tuple[int, ...]  # room for their strains
+    modal: tuple[int, ...] | None  # reduced to modes, with foreshortening
+    chord: tuple[int, ...] | None  # the frame goes through both ends: rho is not zero
+    full: tuple[int, ...] | None  # coupling="von_karman"
+    damped: tuple[int, ...] | None  # tau_d > 0
+    drag: tuple[int, ...] | None  # damping that goes with mass
+
+
+class FloatingChain(NamedTuple):
+    """N links of equal numbers of bodies with floating frames, without multipliers (theory, section 3).
+
+    Rows: x, y of the root and the angle of its section, the elastic coordinates of each body from root to tip, and the
+    angles at the elbows, each relative to the tip section before it.
+
+    data      float64: a block a body, `physics.floating.layout.BODY`
+    gravity   float64 (2,) m/s^2 or None; loads int64 (n_loads, 2): link and end (0 root, 1 tip) of each point load,
+              or None: absent features are compiled out
+    """
+
+    n: int
+    n_factor: int
+    n_inputs: int
+    fixed: np.ndarray
+    algebraic: None
+    weight: np.ndarray
+    predictor: float | tuple[float, float]
+    correction: None
+    mesh: Mesh
+    links: int
+    segments: int  # bodies of a link
+    block: int  # numbers of a body in `data`
+    bound: float  # largest tip deflection of a reduced body over its length
+    data: np.ndarray
+    gravity: np.ndarray | None
+    loads: np.ndarray | None
+
+
 class ExactBeam(NamedTuple):
     """N links of equal numbers of geometrically exact elements, a link's vertices shared with its neighbours.
 

@@ -17,16 +17,16 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
 
     predict(lane, model, start, q)   only where predictor is None: a better q than the given one to start Newton from;
         its first increment is then trusted to leave an error of 10 times its square
-    assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S)
-        r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and  S = cm dr/da + cc dr/dv + ck dr/dq, eqs. [64]-[78];
-        rows of multipliers belong to `constrain`, except that columns of multipliers are scaled by cm;
-        cm = 0 asks for the residual alone and must leave S as it is
+    assemble(lane, model, par, state, u, weights, r, S)
+        r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and, with `Weights` c, S = c.mass dr/da + c.damping dr/dv +
+        c.stiffness dr/dq, eqs. [64]-[78]; rows of multipliers belong to `constrain`, except that columns of multipliers
+        are scaled by c.mass; c.mass = 0 asks for the residual alone and must leave what `solve` reads of S as it is
     inertia(lane, model, par, a, r)  only where correction is not None: r = M a, M being constant
-    turn(lane, model, start, q, share, x)   likewise: turn each vector in x by a share of what the body there turns by
-        from start to q
-    constrain(lane, model, psi, q, v, a, level, scale, r)
+    rotate(lane, model, start, q, share, x)  likewise: rotate each vector in x by a share of the angle that the body
+        there turns by from start to q
+    constrain(lane, model, psi, state, level, scale, r)
         the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
-    pin(lane, model, S, k)           replace row and column k of S by those of the identity
+    pin(lane, model, S, k)           replace row and column k of S by those of the identity; k: of the root or a joint
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
@@ -42,9 +42,33 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
 from ..compiler.decorator import inlined, kernel
 from ..compiler.dispatch import Family, size
 from ..compiler.lanes import load, store
+
+
+class State(NamedTuple):
+    """Where an arm is, a row of the system each."""
+
+    q: np.ndarray  # coordinates (m, rad); in rows of multipliers forces (N, N m)
+    v: np.ndarray  # their first rates
+    a: np.ndarray  # their second rates
+
+
+class Weights(NamedTuple):
+    """Shares of the residual's derivatives in a matrix to be solved with."""
+
+    mass: float  # of that by a
+    damping: float  # of that by v
+    stiffness: float  # of that by q
+
+
+RESIDUAL_ALONE = Weights(0.0, 0.0, 0.0)
+MASS_ALONE = Weights(1.0, 0.0, 0.0)
 
 
 @kernel
@@ -65,11 +89,11 @@ FORMULATIONS = Family("model", predict=_no_guess, update=_add)
 register = FORMULATIONS.register
 REGISTRY = FORMULATIONS.members
 
-assemble = FORMULATIONS.function("assemble", "lane, model, par, q, v, a, u, cm, cc, ck, r, S")
+assemble = FORMULATIONS.function("assemble", "lane, model, par, state, u, weights, r, S")
 inertia = FORMULATIONS.function("inertia", "lane, model, par, a, r")
-turn = FORMULATIONS.function("turn", "lane, model, start, q, share, x")
+rotate = FORMULATIONS.function("rotate", "lane, model, start, q, share, x")
 predict = FORMULATIONS.function("predict", "lane, model, start, q")
-constrain = FORMULATIONS.function("constrain", "lane, model, psi, q, v, a, level, scale, r")
+constrain = FORMULATIONS.function("constrain", "lane, model, psi, state, level, scale, r")
 pin = FORMULATIONS.function("pin", "lane, model, S, k")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")

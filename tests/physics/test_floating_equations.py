@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
-from flexarm_env.physics.protocol import REGISTRY
+from flexarm_env.physics.protocol import REGISTRY, RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant
@@ -72,7 +72,7 @@ class Kernel:
         """Every entry is written: the array starts as NaN."""
         r = np.full(self.n, np.nan)
         S = np.full(self.model.n_factor, np.nan)
-        self.functions["assemble"](SINGLE, self.model, self.par, q, v, a, u, 0.0, 0.0, 0.0, r, S)
+        self.functions["assemble"](SINGLE, self.model, self.par, State(q, v, a), u, RESIDUAL_ALONE, r, S)
         assert np.isnan(S).all(), "the residual alone must leave the matrix as it is"
         r[self.constrained] = 0.0
         return r
@@ -81,7 +81,7 @@ class Kernel:
         """The banded tangent, full."""
         m = self.model
         r, S = np.full(self.n, np.nan), np.full(m.n_factor, np.nan)
-        self.functions["assemble"](SINGLE, m, self.par, q, v, a, u, cm, cc, ck, r, S)
+        self.functions["assemble"](SINGLE, m, self.par, State(q, v, a), u, Weights(cm, cc, ck), r, S)
         width, full = 3 * m.half + 1, np.zeros((self.n, self.n))
         for i in range(self.n):
             columns = np.arange(max(0, i - m.half), min(self.n, i + m.half + 1))
@@ -91,7 +91,7 @@ class Kernel:
     def constraint(self, q: Array, v: Array, a: Array, level: int) -> Array:
         """Constraint rows of a level, at no prescribed motion."""
         r = np.zeros(self.n)
-        self.functions["constrain"](SINGLE, self.model, np.zeros(0), q, v, a, level, 1.0, r)
+        self.functions["constrain"](SINGLE, self.model, np.zeros(0), State(q, v, a), level, 1.0, r)
         return r[self.constrained]
 
     def energy(self, q: Array, v: Array) -> Array:

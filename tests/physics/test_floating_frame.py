@@ -14,7 +14,7 @@ from flexarm_env.comparison import tip_error
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm, Link, Payload, Section
-from flexarm_env.physics.protocol import REGISTRY
+from flexarm_env.physics.protocol import REGISTRY, State, Weights
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.scenes import named, reference
 from flexarm_env.simulation import Simulation, simulate
@@ -169,11 +169,11 @@ def frequencies(speed: float, elements: int) -> Array:
     m, functions = simulation.model, REGISTRY[type(simulation.model)]
     q, v, zero = simulation.system.q0.copy(), np.zeros(m.n), np.zeros(m.n)
     v[2] = speed
-    width = 3 * m.half + 1
+    width, u = 3 * m.half + 1, np.zeros(m.n_inputs)
 
     def tangent(cc: float, ck: float) -> tuple[Array, Array]:
         r, S = np.zeros(m.n), np.zeros(m.n_factor)
-        functions["assemble"](SINGLE, m, simulation.par, q, v, zero, np.zeros(m.n_inputs), 1.0, cc, ck, r, S)
+        functions["assemble"](SINGLE, m, simulation.par, State(q, v, zero), u, Weights(1.0, cc, ck), r, S)
         full = np.zeros((m.n, m.n))
         for i in range(m.n):
             columns = np.arange(max(0, i - m.half), min(m.n, i + m.half + 1))

@@ -9,6 +9,10 @@ beta = 0 where it is prescribed; in free flight x is the centre of mass, so that
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+
 from ...compiler.arrays import stack
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
@@ -18,6 +22,18 @@ from ..model import Elastica
 from ..protocol import register
 from .layout import constants, load_at, node_angles, weighted
 from .output import damping_work, energy, link_poses, out_of_range, ports, shape
+
+
+class Nodes(NamedTuple):
+    """Room for what is known of each node."""
+
+    rate: np.ndarray  # of its angle
+    c: np.ndarray  # e = (c, s)
+    s: np.ndarray
+    ex: np.ndarray  # e''
+    ey: np.ndarray
+    fx: np.ndarray  # A
+    fy: np.ndarray
 
 
 @kernel
@@ -36,22 +52,24 @@ def _frame_acceleration(lane, model, a, ex, ey):
 
 
 @kernel
-def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
-    """r and, unless cm = 0, S = cm dr/da + cc dr/dv + ck dr/dq (row-major, model.n squared)."""
+def assemble(lane, model, par, state, u, weights, r, S):
+    """r and, where the weight of M is not 0, S (row-major, model.n squared), see `protocol`."""
     aligned_frame(lane)
-    y = stack(lane, model.scratch)
-    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
-    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
-    fx, fy = stack(lane, model.scratch), stack(lane, model.scratch)
-    _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r)
-    if cm != 0.0:
-        _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S)
+    on = Nodes(
+        stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
+        stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
+    )  # fmt: skip
+    _forces(lane, model, par, state, u, on, r)
+    if weights.mass != 0.0:
+        _tangent(lane, model, par, on, weights, S)
 
 
 @unrolled
 @kernel
-def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):
-    """r, and on the way: nodes' rates y, e_j = (c, s), e_j'' = (ex, ey), A_i = (fx, fy)."""
+def _forces(lane, model, par, state, u, on, r):
+    """r, and on the way all that `Nodes` holds."""
+    q, v, a = state.q, state.v, state.a
+    y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
     D = model.data
     at = constants(model)
     n, links = size(model.nodes), size(model.links)
@@ -115,8 +133,10 @@ def _forces(lane, model, par, q, v, a, u, y, c, s, ex, ey, fx, fy, r):
 
 @unrolled
 @kernel
-def _tangent(lane, model, par, y, c, s, ex, ey, fx, fy, cm, cc, ck, S):
-    """The matrix of `assemble`; ex, ey become the weighted derivative of e''."""
+def _tangent(lane, model, par, on, weights, S):
+    """The matrix of `assemble`; e'' becomes its weighted derivative."""
+    cm, cc, ck = weights.mass, weights.damping, weights.stiffness
+    y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
     D = model.data
     at = constants(model)
     n, links, rows = size(model.nodes), size(model.links), size(model.n)
@@ -261,7 +281,7 @@ def _to_relative(lane, model, S):
 
 
 @kernel
-def constrain(lane, model, psi, q, v, a, level, scale, r):
+def constrain(lane, model, psi, state, level, scale, r):
     """No constraint is left: joints are coordinates."""
 
 

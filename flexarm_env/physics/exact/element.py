@@ -367,8 +367,8 @@ def _small_turn(w: Any) -> tuple[Any, Any]:
 
 
 @traced(lambda p: 0)
-def turn_pair(lane, order, x, w):
-    """Turn the vector at the beginning of x by a small angle w."""
+def rotate_pair(lane, order, x, w):
+    """Rotate the vector at the beginning of x by a small angle w."""
     s, c = _small_turn(w)
     ahead, aside = load(lane, x, 0), load(lane, x, 1)
     store(x, 0, c * ahead - s * aside)

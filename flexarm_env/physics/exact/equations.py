@@ -19,7 +19,7 @@ from ...compiler.trace import aligned_frame
 from ..model import ExactBeam
 from ..protocol import register
 from .element import VERTEX, backward, forces, forward, tangent, turns
-from .inertia import inertia, turn
+from .inertia import inertia, rotate
 from .output import damping_work, energy, link_poses, out_of_range, ports, predict, shape
 
 HEAD = 9
@@ -119,8 +119,9 @@ def _circles(lane, model, q, S):
 
 
 @kernel
-def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
-    """r and, unless cm = 0, the tangent cm M + cc D + ck K, condensed to the vertices."""
+def assemble(lane, model, par, state, u, weights, r, S):
+    """r and, where the weight of M is not 0, the tangent condensed to the vertices."""
+    (q, v, a), (cm, cc, ck) = state, weights
     aligned_frame(lane)
     links, p, stride = model.links, len(model.order), _stride(model.order)
     stiffness, tau = load(lane, par, 2), load(lane, par, 3)
@@ -175,7 +176,7 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
 
 
 @kernel
-def constrain(lane, model, psi, q, v, a, level, scale, r):
+def constrain(lane, model, psi, state, level, scale, r):
     """No constraint is left: joints are coordinates."""
 
 
@@ -369,7 +370,7 @@ register(
     predict=predict,
     assemble=assemble,
     inertia=inertia,
-    turn=turn,
+    rotate=rotate,
     constrain=constrain,
     pin=pin,
     factor=factor,

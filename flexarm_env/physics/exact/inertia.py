@@ -1,10 +1,10 @@
-"""What correcting the period of a chain of geometrically exact beams takes: M a alone, and turns of its vectors."""
+"""What correcting the period of a chain of geometrically exact beams takes: M a alone, and rotating its vectors."""
 
 from __future__ import annotations
 
 from ...compiler.decorator import kernel
 from ...compiler.lanes import load, splat, store
-from .element import momentum, turn_pair
+from .element import momentum, rotate_pair
 
 
 @kernel
@@ -40,12 +40,12 @@ def inertia(lane, model, par, a, r):
 
 
 @kernel
-def turn(lane, model, start, q, share, x):
-    """Turn each node's vector (x, y) in x by a share of what its section turns by from start to q."""
+def rotate(lane, model, start, q, share, x):
+    """Rotate each node's vector (x, y) in x by a share of what its section turns by from start to q."""
     order, links, p = model.order, model.links, len(model.order)
     deltas = 3 * p * model.elements * links + 3
     left = load(lane, q, 2) - load(lane, start, 2)
-    turn_pair(lane, order, x, left * share)
+    rotate_pair(lane, order, x, left * share)
     i = 3
     for k in range(links):
         if k > 0:
@@ -54,7 +54,7 @@ def turn(lane, model, start, q, share, x):
             last = i + 3 * (p - 1)
             right = load(lane, q, last + 2) - load(lane, start, last + 2)
             for j in range(p - 1):
-                turn_pair(lane, order, x[(i + 3 * j) * len(lane) :], (left + right) * (0.5 * share))
-            turn_pair(lane, order, x[last * len(lane) :], right * share)
+                rotate_pair(lane, order, x[(i + 3 * j) * len(lane) :], (left + right) * (0.5 * share))
+            rotate_pair(lane, order, x[last * len(lane) :], right * share)
             left = right
             i = last + 3

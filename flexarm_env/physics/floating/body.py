@@ -1,371 +1,523 @@
-"""One floating-frame body: inertia [57]-[63], elastic force [44], [45], payload and tip forces, with their tangents.
+"""One body of a chain of floating frames in lanes: inertia [57]-[63], elastic force, and what it hands on.
 
-A body's constants lie in one block of the Model's `data` (see `flexarm_env.model.FloatingFrame`). They may carry
-foreshortening (`d0`, `tip_h`): then the elastic coordinates are bending modes, and the body has no elements.
+A body's frame stands at X, theta; its root section is turned by rho'p against the frame, its tip lies at t(p) in it.
+Positions drop out (gravity is an acceleration of the frame), so that from root to tip a body hands on the section's
+angle and the acceleration there, from tip to root the force and the moment that all behind it ask for. Their changes by
+a change of what lies before are as few: three numbers each way (docs: theory, section 3).
+
+Columns and rows of a body's matrix: its n elastic coordinates, then x, y of the acceleration of its origin and its
+angle. E = [[0, -1], [1, 0]] turns a quarter; d/dt of R y is R (y' + w E y).
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from ...compiler.decorator import kernel
-from ..model import VON_KARMAN
-from .layout import ELEMENTS, OF_ELEMENT, SIZE, START, constants
+from ...compiler.dispatch import size
+from ...compiler.lanes import load, sincos, splat, store
+from ...compiler.trace import unrolled
+from .layout import KNOWN, NOW, body_at, factors_at, window
 
 
 @kernel
-def quadratic(d, at, x, y, e, n):
-    """x'A y with the matrix at d[at:], elastic coordinates from e."""
-    total = 0.0
+def constants(model):
+    """Where the fields of BODY begin in a body's block."""
+    return body_at(0, size(model.n), len(model.window), len(model.elements), 0)
+
+
+@kernel
+def dot(lane, model, D, at, x):
+    """sum_j D[at + j] x_j over the elastic coordinates."""
+    total = load(lane, x, 0) * D[at]
+    for j in range(1, size(model.n)):
+        total = total + load(lane, x, j) * D[at + j]
+    return total
+
+
+@kernel
+def product(lane, model, D, at, x, y):
+    """x'A y with the matrix at D[at:]."""
+    n = size(model.n)
+    total = load(lane, x, 0) * dot(lane, model, D, at, y)
+    for i in range(1, n):
+        total = total + load(lane, x, i) * dot(lane, model, D, at + i * n, y)
+    return total
+
+
+@kernel
+def tip(lane, model, D, x):
+    """(u, v, phi)'x at the tip, without foreshortening."""
+    n, at = size(model.n), constants(model).tip
+    return dot(lane, model, D, at, x), dot(lane, model, D, at + n, x), dot(lane, model, D, at + 2 * n, x)
+
+
+@kernel
+def turn_of_root(lane, model, D, x):
+    """rho'x, by which the root section is turned against the frame."""
+    if model.chord is None:
+        return splat(lane, 0.0)
+    return dot(lane, model, D, constants(model).root, x)
+
+
+@unrolled
+@kernel
+def carry(lane, model, D, q, v, a, pose, S):
+    """From the root section to the tip section: pose holds angle, rate, second rate and the acceleration less gravity.
+
+    What the frame does now is kept in S (`NOW`).
+    """
+    own, now = constants(model), factors_at(0, size(model.n)).now
+    angle, w, alpha = load(lane, pose, 0), load(lane, pose, 1), load(lane, pose, 2)
+    if model.chord is not None:
+        angle = angle - turn_of_root(lane, model, D, q)
+        w = w - turn_of_root(lane, model, D, v)
+        alpha = alpha - turn_of_root(lane, model, D, a)
+    sine, cosine = sincos(angle)
+    gx, gy = load(lane, pose, 3), load(lane, pose, 4)
+    ax, ay = cosine * gx + sine * gy, cosine * gy - sine * gx
+    x, y, phi = tip(lane, model, D, q)
+    tx, ty, rate = tip(lane, model, D, v)
+    hx, hy, second = tip(lane, model, D, a)
+    x = x + D[own.length]
+    if model.modal is not None:
+        x = x - product(lane, model, D, own.tip_H, q, q) * 0.5
+        tx = tx - product(lane, model, D, own.tip_H, q, v)
+        hx = hx - (product(lane, model, D, own.tip_H, q, a) + product(lane, model, D, own.tip_H, v, v))
+    bx = hx - alpha * y - (w * w) * x - (w * ty) * 2.0
+    by = hy + alpha * x - (w * w) * y + (w * tx) * 2.0
+    store(S, now + NOW.cos, cosine)
+    store(S, now + NOW.sin, sine)
+    store(S, now + NOW.a, ax)
+    store(S, now + NOW.a + 1, ay)
+    store(S, now + NOW.rate, w)
+    store(S, now + NOW.second, alpha)
+    store(S, now + NOW.tip, x)
+    store(S, now + NOW.tip + 1, y)
+    store(S, now + NOW.tip_rate, tx - w * y)
+    store(S, now + NOW.tip_rate + 1, ty + w * x)
+    store(S, now + NOW.tip_second, bx)
+    store(S, now + NOW.tip_second + 1, by)
+    ax, ay = ax + bx, ay + by
+    store(pose, 0, angle + phi)
+    store(pose, 1, w + rate)
+    store(pose, 2, alpha + second)
+    store(pose, 3, cosine * ax - sine * ay)
+    store(pose, 4, sine * ax + cosine * ay)
+
+
+@kernel
+def _strains(lane, model, D, stiffness, tau, q, v, strains):
+    """Of each element: its axial force, then what its stretch and that one's rate change by with its coordinates.
+
+    von Karman: g + H q and H v; the paper, whose force has no potential: G q and nothing.
+    """
+    n, wide = size(model.n), len(model.window)
+    own = constants(model).spans
+    for e in range(len(model.elements)):
+        first, k = window(model, n, e), e * (2 * wide + 1)
+        ea, g, H = own, own + 1, own + 1 + wide
+        own = H + wide * wide
+        linear, half, lost = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+        for i in range(wide):
+            slope = load(lane, q, first) * D[H + i * wide]
+            for j in range(1, wide):
+                slope = slope + load(lane, q, first + j) * D[H + i * wide + j]
+            x = load(lane, q, first + i)
+            linear, half = linear + x * D[g + i], half + x * slope
+            if model.full is None:
+                store(strains, k + 1 + i, slope)
+            else:
+                slope = slope + D[g + i]
+                lost = lost + load(lane, v, first + i) * slope
+                store(strains, k + 1 + i, slope)
+        force = linear * D[ea]
+        if model.full is not None:
+            force = (linear + half * 0.5) * D[ea]
+            if model.damped is not None:
+                force = force + (lost * tau) * D[ea]
+                for i in range(wide):
+                    slope = load(lane, v, first) * D[H + i * wide]
+                    for j in range(1, wide):
+                        slope = slope + load(lane, v, first + j) * D[H + i * wide + j]
+                    store(strains, k + 1 + wide + i, slope)
+        store(strains, k, force)
+
+
+@unrolled
+@kernel
+def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains, S, r):
+    """The body's rows of the residual, inertia [61]-[63] and elastic forces [44], [45].
+
+    force: in what lies behind asks for at the tip (x, y, moment), out what all from here on asks for at the root.
+    carried: mass and inertia at the tip, kg and kg m^2, for drag alone. known, vectors, strains: kept for `tangent`.
+    """
+    own, n = constants(model), size(model.n)
+    now = factors_at(0, n).now
+    cos, sin = load(lane, S, now + NOW.cos), load(lane, S, now + NOW.sin)
+    ax, ay = load(lane, S, now + NOW.a), load(lane, S, now + NOW.a + 1)
+    w, alpha = load(lane, S, now + NOW.rate), load(lane, S, now + NOW.second)
+    stiffness, tau = load(lane, par, 2), load(lane, par, 3)
+    fx, fy, moment = load(lane, force, 0), load(lane, force, 1), load(lane, force, 2)
+    gx, gy = cos * fx + sin * fy, cos * fy - sin * fx
+    # s: first moment, t its rate, h its second rate in the frame
+    sx, sy = dot(lane, model, D, own.S_bar, q) + D[own.S0], dot(lane, model, D, own.S_bar + n, q)
+    tx, ty = dot(lane, model, D, own.S_bar, v), dot(lane, model, D, own.S_bar + n, v)
+    hx, hy = dot(lane, model, D, own.S_bar, a), dot(lane, model, D, own.S_bar + n, a)
+    if model.modal is not None:
+        sx = sx - product(lane, model, D, own.D0, q, q) * 0.5
+        tx = tx - product(lane, model, D, own.D0, q, v)
+        hx = hx - (product(lane, model, D, own.D0, q, a) + product(lane, model, D, own.D0, v, v))
+    inertia, spin_rate, lever = splat(lane, D[own.I0]), splat(lane, 0.0), splat(lane, 0.0)
     for i in range(n):
-        line = 0.0
+        gq = dot(lane, model, D, own.G + i * n, q)
+        inertia = inertia + (gq + 2.0 * D[own.c_u + i]) * load(lane, q, i)
+        gq = gq + D[own.c_u + i]
+        cb = dot(lane, model, D, own.B + i * n, q) + D[own.c + i]
+        spin_rate = spin_rate + gq * load(lane, v, i)
+        lever = lever + cb * load(lane, a, i)
+        store(vectors, i, gq)
+        store(vectors, n + i, cb)
+    square = w * w
+    mass = D[own.mass]
+    dx = hx - alpha * sy - square * sx - (w * ty) * 2.0
+    dy = hy + alpha * sx - square * sy + (w * tx) * 2.0
+    turning = (sx * ay - sy * ax) + alpha * inertia + lever + (w * spin_rate) * 2.0
+    x, y = load(lane, S, now + NOW.tip), load(lane, S, now + NOW.tip + 1)
+    turning = turning + (x * gy - y * gx) + moment
+    _strains(lane, model, D, stiffness, tau, q, v, strains)
+    for i in range(n):
+        gsx, gsy, px = splat(lane, D[own.S_bar + i]), D[own.S_bar + n + i], splat(lane, D[own.tip + i])
+        if model.modal is not None:
+            gsx = gsx - dot(lane, model, D, own.D0 + i * n, q)
+            px = px - dot(lane, model, D, own.tip_H + i * n, q)
+        bv = dot(lane, model, D, own.B + i * n, v)
+        store(vectors, 2 * n + i, bv)
+        store(vectors, 3 * n + i, gsx)
+        store(vectors, 4 * n + i, px)
+        gq, cb = load(lane, vectors, i), load(lane, vectors, n + i)
+        elastic = dot(lane, model, D, own.K_bend + i * n, q)
+        if model.damped is not None:
+            elastic = elastic + dot(lane, model, D, own.K_bend + i * n, v) * tau
+        elastic = elastic * stiffness
+        if model.full is None:
+            elastic = elastic + dot(lane, model, D, own.K_axial + i * n, q)
+            if model.damped is not None:
+                elastic = elastic + dot(lane, model, D, own.K_axial + i * n, v) * tau
+        total = (gsx * ax + ay * gsy) + alpha * cb + dot(lane, model, D, own.M_ff + i * n, a)
+        total = total - square * gq + (w * bv) * 2.0 + elastic
+        total = total + (px * gx + gy * D[own.tip + n + i]) + moment * D[own.tip + 2 * n + i]
+        if model.chord is not None:
+            total = total - turning * D[own.root + i]
+        store(r, i, total)
+    wide = len(model.window)
+    for e in range(len(model.elements)):
+        first, k = window(model, n, e), e * (2 * wide + 1)
+        for i in range(wide):
+            pull = load(lane, strains, k) * load(lane, strains, k + 1 + i)
+            store(r, first + i, load(lane, r, first + i) + pull)
+    if model.drag is not None:
+        _drag(lane, model, D, carried, v, vectors, r)
+    store(force, 0, cos * (ax * mass + dx + gx) - sin * (ay * mass + dy + gy))
+    store(force, 1, sin * (ax * mass + dx + gx) + cos * (ay * mass + dy + gy))
+    store(force, 2, turning)
+    store(known, KNOWN.d, dx)
+    store(known, KNOWN.d + 1, dy)
+    store(known, KNOWN.s, sx)
+    store(known, KNOWN.s + 1, sy)
+    store(known, KNOWN.t, tx)
+    store(known, KNOWN.t + 1, ty)
+    store(known, KNOWN.inertia, inertia)
+    store(known, KNOWN.spin_rate, spin_rate)
+    store(known, KNOWN.g, gx)
+    store(known, KNOWN.g + 1, gy)
+
+
+@kernel
+def _drag(lane, model, D, carried, v, vectors, r):
+    """Damping that goes with mass, on rates in the frame: the body's own and that of what it carries at its tip."""
+    own, n = constants(model), size(model.n)
+    mass, inertia = load(lane, carried, 0) * D[own.drag], load(lane, carried, 1) * D[own.drag]
+    _, ty, turning = tip(lane, model, D, v)
+    tx = splat(lane, 0.0)
+    for i in range(n):
+        tx = tx + load(lane, vectors, 4 * n + i) * load(lane, v, i)
+    for i in range(n):
+        total = dot(lane, model, D, own.M_ff + i * n, v) * D[own.drag]
+        total = total + (load(lane, vectors, 4 * n + i) * tx + ty * D[own.tip + n + i]) * mass
+        total = total + (turning * D[own.tip + 2 * n + i]) * inertia
+        store(r, i, load(lane, r, i) + total)
+
+
+@unrolled
+@kernel
+def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, strains, S):
+    """The body's matrix cm dr/da + cc dr/dv + ck dr/dq, with the lever arms of the force at its tip; how the tip moves
+    (`arm`) and how its acceleration changes (`swept`)."""
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    cos, sin = load(lane, S, at.now + NOW.cos), load(lane, S, at.now + NOW.sin)
+    ax, ay = load(lane, S, at.now + NOW.a), load(lane, S, at.now + NOW.a + 1)
+    w, alpha = load(lane, S, at.now + NOW.rate), load(lane, S, at.now + NOW.second)
+    sx, sy = load(lane, known, KNOWN.s), load(lane, known, KNOWN.s + 1)
+    tx, ty = load(lane, known, KNOWN.t), load(lane, known, KNOWN.t + 1)
+    dx, dy = load(lane, known, KNOWN.d), load(lane, known, KNOWN.d + 1)
+    gx, gy = load(lane, known, KNOWN.g), load(lane, known, KNOWN.g + 1)
+    inertia, spin_rate = load(lane, known, KNOWN.inertia), load(lane, known, KNOWN.spin_rate)
+    stiffness, tau = load(lane, par, 2), load(lane, par, 3)
+    store(S, at.frame, cos)
+    store(S, at.frame + 1, sin)
+    mass = splat(lane, D[own.mass])
+    square, twice = w * w, w * (2.0 * cc)
+    x, y = load(lane, S, at.now + NOW.tip), load(lane, S, at.now + NOW.tip + 1)
+    ux, uy = load(lane, S, at.now + NOW.tip_rate), load(lane, S, at.now + NOW.tip_rate + 1)
+    bx, by = load(lane, S, at.now + NOW.tip_second), load(lane, S, at.now + NOW.tip_second + 1)
+    store(S, at.arm + n, -y)
+    store(S, at.arm + n + 1 + n, x)
+    store(S, at.swept + n, -(y * cm + uy * (2.0 * cc) + by * ck))
+    store(S, at.swept + n + 1 + n, x * cm + ux * (2.0 * cc) + bx * ck)
+    zero = splat(lane, 0.0)
+    px, py, pt = W + n * wide, W + (n + 1) * wide, W + (n + 2) * wide  # rows of x, y, angle
+    store(S, px + n, mass)
+    store(S, px + n + 1, zero)
+    store(S, py + n, zero)
+    store(S, py + n + 1, mass)
+    store(S, pt + n, -sy)
+    store(S, pt + n + 1, sx)
+    store(S, px + n + 2, -(sy * cm) - (w * sx + ty) * (2.0 * cc) - dy * ck)
+    store(S, py + n + 2, sx * cm - (w * sy - tx) * (2.0 * cc) + dx * ck)
+    store(S, pt + n + 2, inertia * cm + spin_rate * (2.0 * cc) - ((sx * ax + sy * ay) + (x * gx + y * gy)) * ck)
+    slope = splat(lane, ck)  # of elastic forces
+    if model.damped is not None:
+        slope = tau * cc + ck
+    bend = slope * stiffness
+    spun, turned = twice + alpha * ck, square * ck
+    for i in range(n):
+        gq, cb, bv = load(lane, vectors, i), load(lane, vectors, n + i), load(lane, vectors, 2 * n + i)
+        gsx, gsy = load(lane, vectors, 3 * n + i), splat(lane, D[own.S_bar + n + i])
+        tipx, tipy = load(lane, vectors, 4 * n + i), splat(lane, D[own.tip + n + i])
+        along = gsx * cm - gsy * spun - gsx * turned
+        across = gsy * cm + gsx * spun - gsy * turned
+        swept_x = tipx * cm - tipy * spun - tipx * turned
+        swept_y = tipy * cm + tipx * spun - tipy * turned
+        if model.modal is not None:
+            dv, da = dot(lane, model, D, own.D0 + i * n, v), dot(lane, model, D, own.D0 + i * n, a)
+            along, across = along - (dv * (2.0 * cc) + da * ck), across - (w * dv) * (2.0 * ck)
+            dv, da = dot(lane, model, D, own.tip_H + i * n, v), dot(lane, model, D, own.tip_H + i * n, a)
+            swept_x, swept_y = swept_x - (dv * (2.0 * cc) + da * ck), swept_y - (w * dv) * (2.0 * ck)
+        store(S, at.arm + i, tipx)
+        store(S, at.arm + n + 1 + i, tipy)
+        store(S, at.swept + i, swept_x)
+        store(S, at.swept + n + 1 + i, swept_y)
+        store(S, px + i, along)
+        store(S, py + i, across)
+        ba = load(lane, a, 0) * D[own.B + i]
+        for j in range(1, n):
+            ba = ba + load(lane, a, j) * D[own.B + j * n + i]
+        gv = dot(lane, model, D, own.G + i * n, v)
+        lever = (gsx * ay - gsy * ax) + (tipx * gy - tipy * gx)
+        about = lever + (alpha * gq) * 2.0 + ba + (w * gv) * 2.0
+        store(S, pt + i, cb * cm + gq * twice + about * ck)
+        row = W + i * wide
+        store(S, row + n, gsx)
+        store(S, row + n + 1, gsy)
+        store(S, row + n + 2, cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck)
         for j in range(n):
-            line += d[at + i * n + j] * y[e + j]
-        total += x[e + i] * line
-    return total
+            entry = bend * D[own.K_bend + i * n + j] + cm * D[own.M_ff + i * n + j]
+            entry = entry - turned * D[own.G + i * n + j] + spun * D[own.B + i * n + j]
+            if model.full is None:
+                entry = entry + slope * D[own.K_axial + i * n + j]
+            if model.modal is not None:
+                entry = entry - (ax * D[own.D0 + i * n + j] + gx * D[own.tip_H + i * n + j]) * ck
+            if model.drag is not None:
+                entry = entry + (cc * D[own.drag]) * D[own.M_ff + i * n + j]
+            store(S, row + j, entry)
+    _stretching(lane, model, D, tau, cc, ck, strains, S)
+    if model.drag is not None:
+        _drag_tangent(lane, model, D, carried, cc, ck, v, vectors, S)
 
 
 @kernel
-def line(d, at, i, y, e, n):
-    total = 0.0
-    for j in range(n):
-        total += d[at + i * n + j] * y[e + j]
-    return total
+def _stretching(lane, model, D, tau, cc, ck, strains, S):
+    """The elements' part of the matrix: through the axial force, and its turning."""
+    n, wide = size(model.n), len(model.window)
+    W, own = factors_at(0, n).matrix, constants(model).spans
+    for e in range(len(model.elements)):
+        first, k = window(model, n, e), e * (2 * wide + 1)
+        ea, g, H = own, own + 1, own + 1 + wide
+        own = H + wide * wide
+        force = load(lane, strains, k) * ck
+        both, lag = splat(lane, D[ea] * ck), splat(lane, 0.0)
+        if model.damped is not None:
+            both, lag = (tau * cc + ck) * D[ea], (tau * ck) * D[ea]
+        for j in range(wide):
+            if model.full is None:
+                change = splat(lane, ck * D[ea] * D[g + j])
+            else:
+                change = both * load(lane, strains, k + 1 + j)
+                if model.damped is not None:
+                    change = change + lag * load(lane, strains, k + 1 + wide + j)
+            for i in range(wide):
+                entry = load(lane, strains, k + 1 + i) * change + force * D[H + i * wide + j]
+                place = W + (first + i) * (n + 3) + first + j
+                store(S, place, load(lane, S, place) + entry)
 
 
 @kernel
-def dot(d, at, y, e, n):
-    total = 0.0
-    for j in range(n):
-        total += d[at + j] * y[e + j]
-    return total
-
-
-@kernel
-def add_entry(S, half, i, j, x):
-    S[i * (3 * half + 1) + j - i + half] += x
-
-
-@kernel
-def add_pair(S, half, cos, sin, k, j, x, y):
-    """Add the body-frame vector (x, y), turned to global axes, to rows k, k+1 of column j."""
-    add_entry(S, half, k, j, cos * x - sin * y)
-    add_entry(S, half, k + 1, j, sin * x + cos * y)
-
-
-@kernel
-def add_pair_row(S, half, cos, sin, i, k, x, y):
-    """The same for columns k, k+1 of row i."""
-    add_entry(S, half, i, k, cos * x - sin * y)
-    add_entry(S, half, i, k + 1, sin * x + cos * y)
-
-
-@kernel
-def tip_position(m, body, q):
-    """Tip in the body frame: (s_x, s_y, phi)."""
-    d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
-    s_x = d[p.length] + dot(d, p.tip, q, e, n)
-    if m.table[body, ELEMENTS] == 0:
-        s_x -= 0.5 * quadratic(d, p.tip_H, q, q, e, n)
-    return s_x, dot(d, p.tip + n, q, e, n), dot(d, p.tip + 2 * n, q, e, n)
-
-
-@kernel
-def lost_inertia(m, body, payload, q):
-    """What a reduced body's inertia about its root has lost to foreshortening, kg m^2; a payload (kg) at its tip."""
-    d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
-    across = tip_position(m, body, q)[1]
-    own = quadratic(d, p.G, q, q, e, n)
-    return payload * (d[p.length] * quadratic(d, p.tip_H, q, q, e, n) - across * across) - own
-
-
-@kernel
-def tip_rate(m, body, q, v):
-    """Rate of the tip in the body frame."""
-    d, p, e, n = m.data, constants(m, body), m.table[body, START] + 3, m.table[body, SIZE]
-    s_x = dot(d, p.tip, v, e, n)
-    if m.table[body, ELEMENTS] == 0:
-        s_x -= quadratic(d, p.tip_H, q, v, e, n)
-    return s_x, dot(d, p.tip + n, v, e, n), dot(d, p.tip + 2 * n, v, e, n)
-
-
-@kernel
-def tip_gradient(m, body, q, j):
-    """d(s_x, s_y)/dq_j at the tip."""
-    p, n = constants(m, body), m.table[body, SIZE]
-    x = m.data[p.tip + j]
-    if m.table[body, ELEMENTS] == 0:
-        x -= line(m.data, p.tip_H, j, q, m.table[body, START] + 3, n)
-    return x, m.data[p.tip + n + j]
-
-
-@kernel
-def body_residual(m, par, body, q, v, a, cm, cc, ck, r, S):
-    """Inertia [61]-[63], damping, elastic force [44] of one body, gravity as an acceleration of the frame."""
-    d, at = m.data, m.table[body, START]
-    e, n, half = at + 3, m.table[body, SIZE], m.half
-    cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
-    gx, gy = a[at] - m.gravity[0], a[at + 1] - m.gravity[1]
-    ax, ay = cos * gx + sin * gy, cos * gy - sin * gx  # a_R in the body frame
-    w, alpha = v[at + 2], a[at + 2]
-    p = constants(m, body)
-    mass = d[p.mass]
-    modal = m.table[body, ELEMENTS] == 0
-    stiff, damp = par[2], par[3]
-
-    # s = s_bar, t its rate, h = grad s q'' + second-order term
-    sx, sy = d[p.S0] + dot(d, p.S_bar, q, e, n), dot(d, p.S_bar + n, q, e, n)
-    tx, ty = dot(d, p.S_bar, v, e, n), dot(d, p.S_bar + n, v, e, n)
-    hx, hy = dot(d, p.S_bar, a, e, n), dot(d, p.S_bar + n, a, e, n)
-    if modal:
-        sx -= 0.5 * quadratic(d, p.D0, q, q, e, n)
-        tx -= quadratic(d, p.D0, q, v, e, n)
-        hx -= quadratic(d, p.D0, q, a, e, n) + quadratic(d, p.D0, v, v, e, n)
-    inertia, spin_rate, lever = d[p.I0], 0.0, 0.0  # I, (c_u + G q)'q', (c + B q)'q''
+def _drag_tangent(lane, model, D, carried, cc, ck, v, vectors, S):
+    """What drag on the carried mass adds to the matrix."""
+    own, n = constants(model), size(model.n)
+    W = factors_at(0, n).matrix
+    mass, inertia = load(lane, carried, 0) * D[own.drag], load(lane, carried, 1) * D[own.drag]
+    tx = splat(lane, 0.0)
     for i in range(n):
-        gq = line(d, p.G, i, q, e, n)
-        inertia += (2.0 * d[p.c_u + i] + gq) * q[e + i]
-        spin_rate += (d[p.c_u + i] + gq) * v[e + i]
-        lever += (d[p.c + i] + line(d, p.B, i, q, e, n)) * a[e + i]
-
-    fx = mass * ax - alpha * sy - w * w * sx - 2.0 * w * ty + hx
-    fy = mass * ay + alpha * sx - w * w * sy + 2.0 * w * tx + hy
-    r[at] += cos * fx - sin * fy
-    r[at + 1] += sin * fx + cos * fy
-    r[at + 2] += sx * ay - sy * ax + alpha * inertia + lever + 2.0 * w * spin_rate
-    if cm != 0.0:
-        add_entry(S, half, at, at, cm * mass)
-        add_entry(S, half, at + 1, at + 1, cm * mass)
-        # column theta: through acceleration, rate and angle
-        dx, dy = fx - mass * ax, fy - mass * ay
-        add_pair(
-            S, half, cos, sin, at, at + 2,
-            -cm * sy - cc * (2.0 * w * sx + 2.0 * ty) - ck * dy,
-            cm * sx - cc * (2.0 * w * sy - 2.0 * tx) + ck * dx,
-        )  # fmt: skip
-        add_entry(S, half, at + 2, at + 2, cm * inertia + cc * 2.0 * spin_rate - ck * (sx * ax + sy * ay))
-        add_pair_row(S, half, cos, sin, at + 2, at, -cm * sy, cm * sx)
-
+        tx = tx + load(lane, vectors, 4 * n + i) * load(lane, v, i)
     for i in range(n):
-        gs_x, gs_y = d[p.S_bar + i], d[p.S_bar + n + i]
-        if modal:
-            gs_x -= line(d, p.D0, i, q, e, n)
-        gq, cb = d[p.c_u + i] + line(d, p.G, i, q, e, n), d[p.c + i] + line(d, p.B, i, q, e, n)
-        bv = line(d, p.B, i, v, e, n)
-        mv = 0.0 if m.mass_damping == 0.0 else m.mass_damping * line(d, p.M_ff, i, v, e, n)
-        elastic = line(d, p.K_axial, i, q, e, n) + stiff * line(d, p.K_bend, i, q, e, n)
-        if damp != 0.0:
-            elastic += damp * (line(d, p.K_axial, i, v, e, n) + stiff * line(d, p.K_bend, i, v, e, n))
-        r[e + i] += (
-            gs_x * ax + gs_y * ay + alpha * cb + line(d, p.M_ff, i, a, e, n) - w * w * gq + 2.0 * w * bv + elastic + mv
-        )
-        if cm != 0.0:
-            dv, da = 0.0, 0.0  # d(rate of grad s)/dq terms of foreshortening
-            if modal:
-                dv, da = line(d, p.D0, i, v, e, n), line(d, p.D0, i, a, e, n)
-            add_pair(
-                S, half, cos, sin, at, e + i,
-                cm * gs_x - cc * (2.0 * w * gs_y + 2.0 * dv) - ck * (alpha * gs_y + w * w * gs_x + da),
-                cm * gs_y + cc * 2.0 * w * gs_x + ck * (alpha * gs_x - w * w * gs_y - 2.0 * w * dv),
-            )  # fmt: skip
-            ba = 0.0  # (B'q'')_i
+        xi, yi, phi = load(lane, vectors, 4 * n + i), D[own.tip + n + i], D[own.tip + 2 * n + i]
+        for j in range(n):
+            entry = (xi * load(lane, vectors, 4 * n + j) + yi * D[own.tip + n + j]) * mass
+            entry = (entry + inertia * (phi * D[own.tip + 2 * n + j])) * cc
+            if model.modal is not None:
+                lost = xi * dot(lane, model, D, own.tip_H + j * n, v) + tx * D[own.tip_H + i * n + j]
+                entry = entry - (lost * mass) * ck
+            place = W + i * (n + 3) + j
+            store(S, place, load(lane, S, place) + entry)
+
+
+@unrolled
+@kernel
+def condense(lane, model, D, S, tail):
+    """Take in what lies behind, eliminate the elastic coordinates, hand on what is left.
+
+    tail (9, by rows, global axes): change of force and moment by a change of the acceleration and the angle; in at the
+    tip section, out at the root section. Factors stay in the matrix, pivots inverted: no pivoting, since cm M, positive
+    definite, outweighs the rest.
+    """
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
+    _turn_matrix(lane, tail, c, -s)
+    for j in range(wide):  # what comes back through the tip by column j
+        if j < n:
+            bx, by = load(lane, S, at.swept + j), load(lane, S, at.swept + n + 1 + j)
+            fx, fy, m = _times(lane, tail, bx, by, splat(lane, D[own.tip + 2 * n + j]))
+        elif j == wide - 1:
+            bx, by = load(lane, S, at.swept + n), load(lane, S, at.swept + n + 1 + n)
+            fx, fy, m = _times(lane, tail, bx, by, splat(lane, 1.0))
+        else:
+            fx, fy, m = load(lane, tail, j - n), load(lane, tail, 3 + j - n), load(lane, tail, 6 + j - n)
+        for i in range(wide):
+            k = W + i * wide + j
+            if i < n:
+                part = load(lane, S, at.arm + i) * fx + load(lane, S, at.arm + n + 1 + i) * fy
+                part = part + m * D[own.tip + 2 * n + i]
+            elif i == n:
+                part = fx
+            elif i == n + 1:
+                part = fy
+            else:
+                part = load(lane, S, at.arm + n) * fx + load(lane, S, at.arm + n + 1 + n) * fy + m
+            store(S, k, load(lane, S, k) + part)
+    if model.chord is not None:  # from the frame's angle to the root section's
+        for i in range(wide):
+            last = load(lane, S, W + i * wide + n + 2)
             for j in range(n):
-                ba += d[p.B + j * n + i] * a[e + j]
-            gv = line(d, p.G, i, v, e, n)
-            entry = cm * cb + cc * 2.0 * w * gq
-            entry += ck * (gs_x * ay - gs_y * ax + 2.0 * alpha * gq + ba + 2.0 * w * gv)
-            add_entry(S, half, at + 2, e + i, entry)
-            add_pair_row(S, half, cos, sin, e + i, at, cm * gs_x, cm * gs_y)
-            add_entry(S, half, e + i, at + 2, cm * cb + cc * 2.0 * (bv - w * gq) + ck * (gs_x * ay - gs_y * ax))
-            inert = cm + cc * m.mass_damping
-            linear = ck + cc * damp
-            row = (e + i) * (3 * half + 1) - i + half
-            for j in range(n):
-                x = inert * d[p.M_ff + i * n + j] - ck * w * w * d[p.G + i * n + j]
-                x += (2.0 * w * cc + alpha * ck) * d[p.B + i * n + j]
-                x += linear * (d[p.K_axial + i * n + j] + stiff * d[p.K_bend + i * n + j])
-                if modal:
-                    x -= ck * ax * d[p.D0 + i * n + j]
-                S[row + j] += x
+                k = W + i * wide + j
+                store(S, k, load(lane, S, k) - last * D[own.root + j])
+        for j in range(wide):
+            last = load(lane, S, W + (n + 2) * wide + j)
+            for i in range(n):
+                k = W + i * wide + j
+                store(S, k, load(lane, S, k) - last * D[own.root + i])
+    for k in range(n):
+        inverse = 1.0 / load(lane, S, W + k * wide + k)
+        store(S, W + k * wide + k, inverse)
+        for i in range(k + 1, wide):
+            f = load(lane, S, W + i * wide + k) * inverse
+            store(S, W + i * wide + k, f)
+            for j in range(k + 1, wide):
+                place = W + i * wide + j
+                store(S, place, load(lane, S, place) - f * load(lane, S, W + k * wide + j))
+    for i in range(3):
+        for j in range(3):
+            store(tail, 3 * i + j, load(lane, S, W + (n + i) * wide + n + j))
+    _turn_matrix(lane, tail, c, s)
 
 
 @kernel
-def element_places(m, body, element):
-    """Row of u of an element's first node (its v, phi and the second node's follow; the clamped root has none), and
-    where in `data` its EA / l and its G are."""
-    first = m.table[body, START] + 3 * element
-    own = constants(m, body).elements + OF_ELEMENT.end * element
-    return first, own + OF_ELEMENT.stiffness, own + OF_ELEMENT.G
-
-
-@kernel
-def bending(x, first, inner):
-    """v, phi of both nodes of an element; inner: its first node is not the clamped root."""
-    if inner:
-        return x[first + 1], x[first + 2], x[first + 4], x[first + 5]
-    return 0.0, 0.0, x[first + 4], x[first + 5]
-
-
-@kernel
-def times(d, g, w):
-    """G w, four numbers; G (4, 4) at d[g:]."""
+def _times(lane, tail, x, y, turn):
+    """The matrix of three rows times (x, y, turn)."""
     return (
-        d[g] * w[0] + d[g + 1] * w[1] + d[g + 2] * w[2] + d[g + 3] * w[3],
-        d[g + 4] * w[0] + d[g + 5] * w[1] + d[g + 6] * w[2] + d[g + 7] * w[3],
-        d[g + 8] * w[0] + d[g + 9] * w[1] + d[g + 10] * w[2] + d[g + 11] * w[3],
-        d[g + 12] * w[0] + d[g + 13] * w[1] + d[g + 14] * w[2] + d[g + 15] * w[3],
+        load(lane, tail, 0) * x + load(lane, tail, 1) * y + load(lane, tail, 2) * turn,
+        load(lane, tail, 3) * x + load(lane, tail, 4) * y + load(lane, tail, 5) * turn,
+        load(lane, tail, 6) * x + load(lane, tail, 7) * y + load(lane, tail, 8) * turn,
     )
 
 
 @kernel
-def along(x, y):
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2] + x[3] * y[3]
+def _turn_matrix(lane, tail, c, s):
+    """The matrix of three rows in axes turned back by the angle with cosine c and sine s."""
+    for j in range(3):
+        x, y = load(lane, tail, j), load(lane, tail, 3 + j)
+        store(tail, j, c * x - s * y)
+        store(tail, 3 + j, s * x + c * y)
+    for i in range(3):
+        x, y = load(lane, tail, 3 * i), load(lane, tail, 3 * i + 1)
+        store(tail, 3 * i, c * x - s * y)
+        store(tail, 3 * i + 1, s * x + c * y)
 
 
+@unrolled
 @kernel
-def coupling_force(m, body, damp, q, v, cm, cc, ck, r, S):
-    """Axial-bending coupling of each element: P G w [45], and with von Karman's stretch e = u2 - u1 + w'Gw / 2 what its
-    energy EA e^2 / 2l and its dissipation EA damp e'^2 / 2l (theory, eqs. 1.2, 1.3) add to the linear axial forces."""
-    d, half = m.data, m.half
-    full = m.coupling == VON_KARMAN
-    for element in range(m.table[body, ELEMENTS]):
-        first, stiffness, g = element_places(m, body, element)
-        inner, ea = element > 0, d[stiffness]
-        w, rate = bending(q, first, inner), bending(v, first, inner)
-        gw, grate = times(d, g, w), times(d, g, rate)
-        force = ea * (q[first + 3] - (q[first] if inner else 0.0))  # axial force P
-        both, lag = ck, 0.0  # weights of a change of Gw: by position and rate, and of a change of Gw'
-        if full:
-            shortening, lost = 0.5 * along(w, gw), along(w, grate)  # and its rate
-            extra = ea * (shortening + damp * lost)
-            force += extra + damp * ea * (v[first + 3] - (v[first] if inner else 0.0))
-            r[first + 3] += extra
-            if inner:
-                r[first] -= extra
-            both, lag = ck + cc * damp, ck * damp
-        for i in range(0 if inner else 2, 4):
-            row = first + 1 + i + i // 2
-            r[row] += force * gw[i]
-            if cm != 0.0:
-                add_entry(S, half, row, first + 3, both * ea * gw[i])
-                if inner:
-                    add_entry(S, half, row, first, -both * ea * gw[i])
-                if full:
-                    turned = ea * (both * gw[i] + lag * grate[i])
-                    add_entry(S, half, first + 3, row, turned)
-                    if inner:
-                        add_entry(S, half, first, row, -turned)
-                for j in range(0 if inner else 2, 4):
-                    x = ck * force * d[g + 4 * i + j]
-                    if full:
-                        x += ea * gw[i] * (both * gw[j] + lag * grate[j])
-                    add_entry(S, half, row, first + 1 + j + j // 2, x)
-
-
-@kernel
-def payload_residual(m, body, mass, inertia, q, v, a, cm, cc, ck, r, S):
-    """A point mass and inertia at a body's tip, exactly."""
-    p = constants(m, body)
-    at = m.table[body, START]
-    e, n, half = at + 3, m.table[body, SIZE], m.half
-    cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
-    gx, gy = a[at] - m.gravity[0], a[at + 1] - m.gravity[1]
-    ax, ay = cos * gx + sin * gy, cos * gy - sin * gx
-    w, alpha = v[at + 2], a[at + 2]
-    sx, sy, _ = tip_position(m, body, q)
-    tx, ty, _ = tip_rate(m, body, q, v)
-    hx, hy, turn = tip_rate(m, body, q, a)
-    modal = m.table[body, ELEMENTS] == 0
-    if modal:
-        hx -= quadratic(m.data, p.tip_H, v, v, e, n)
-    turn += alpha
-    bx = -alpha * sy - w * w * sx - 2.0 * w * ty + hx
-    by = alpha * sx - w * w * sy + 2.0 * w * tx + hy
-    fx, fy = mass * (ax + bx), mass * (ay + by)
-    r[at] += cos * fx - sin * fy
-    r[at + 1] += sin * fx + cos * fy
-    r[at + 2] += sx * fy - sy * fx + inertia * turn
+def reduce(lane, model, D, S, x, flow):
+    """Right sides from tip to root: flow (3, global axes) is what is left of those behind, in force and moment."""
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
+    fx, fy, moment = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
+    gx, gy = c * fx + s * fy, c * fy - s * fx
+    turning = load(lane, S, at.arm + n) * gx + load(lane, S, at.arm + n + 1 + n) * gy + moment
+    left_x, left_y, left_t = gx, gy, turning
     for i in range(n):
-        x, y = tip_gradient(m, body, q, i)
-        r[e + i] += x * fx + y * fy + inertia * m.data[p.tip + 2 * n + i] * turn
-    if cm == 0.0:
-        return
-    for j in range(3 + n):  # column by column: how the tip's acceleration (mass times) and the lever arms change
-        dx, dy, px, py, spin = 0.0, 0.0, 0.0, 0.0, 0.0
-        if j == 0:
-            dx, dy = cm * cos, -cm * sin
-        elif j == 1:
-            dx, dy = cm * sin, cm * cos
-        elif j == 2:
-            dx = -cm * sy - cc * (2.0 * w * sx + 2.0 * ty) + ck * ay
-            dy = cm * sx - cc * (2.0 * w * sy - 2.0 * tx) - ck * ax
-            spin = cm
-        else:
-            px, py = tip_gradient(m, body, q, j - 3)
-            dv, da = 0.0, 0.0
-            if modal:
-                dv = line(m.data, p.tip_H, j - 3, v, e, n)
-                da = line(m.data, p.tip_H, j - 3, a, e, n)
-            dx = cm * px - cc * (2.0 * w * py + 2.0 * dv) - ck * (alpha * py + w * w * px + da)
-            dy = cm * py + cc * 2.0 * w * px + ck * (alpha * px - w * w * py - 2.0 * w * dv)
-            spin = cm * m.data[p.tip + 2 * n + j - 3]
-        dx *= mass
-        dy *= mass
-        if j == 2:  # the force turns with the frame
-            add_pair(S, half, cos, sin, at, at + j, dx - ck * fy, dy + ck * fx)
-        else:
-            add_pair(S, half, cos, sin, at, at + j, dx, dy)
-        add_entry(S, half, at + 2, at + j, sx * dy - sy * dx + ck * (px * fy - py * fx) + inertia * spin)
-        for i in range(n):
-            x, y = tip_gradient(m, body, q, i)
-            entry = x * dx + y * dy + inertia * m.data[p.tip + 2 * n + i] * spin
-            if modal and j >= 3:
-                entry -= ck * fx * m.data[p.tip_H + i * n + j - 3]
-            add_entry(S, half, e + i, at + j, entry)
+        total = load(lane, x, i) - (load(lane, S, at.arm + i) * gx + load(lane, S, at.arm + n + 1 + i) * gy)
+        total = total - moment * D[own.tip + 2 * n + i]
+        if model.chord is not None:
+            total = total + turning * D[own.root + i]
+        for j in range(i):
+            total = total - load(lane, S, W + i * wide + j) * load(lane, x, j)
+        store(x, i, total)
+        left_x = left_x + load(lane, S, W + n * wide + i) * total
+        left_y = left_y + load(lane, S, W + (n + 1) * wide + i) * total
+        left_t = left_t + load(lane, S, W + (n + 2) * wide + i) * total
+    store(flow, 0, c * left_x - s * left_y)
+    store(flow, 1, s * left_x + c * left_y)
+    store(flow, 2, left_t)
 
 
+@unrolled
 @kernel
-def payload_drag(m, body, mass, inertia, q, v, cm, cc, ck, r, S):
-    """The payload's share of damping that goes with mass: drag on how it moves in the body's frame."""
-    p = constants(m, body)
-    e, n, half = m.table[body, START] + 3, m.table[body, SIZE], m.half
-    mass, inertia = m.mass_damping * mass, m.mass_damping * inertia
-    tx, ty, turn = tip_rate(m, body, q, v)
-    modal = m.table[body, ELEMENTS] == 0
-    for i in range(n):
-        x, y = tip_gradient(m, body, q, i)
-        phi = m.data[p.tip + 2 * n + i]
-        r[e + i] += mass * (x * tx + y * ty) + inertia * phi * turn
-        if cm != 0.0:
-            for j in range(n):
-                px, py = tip_gradient(m, body, q, j)
-                entry = cc * (mass * (x * px + y * py) + inertia * phi * m.data[p.tip + 2 * n + j])
-                if modal:
-                    entry -= ck * mass * (x * line(m.data, p.tip_H, j, v, e, n) + tx * m.data[p.tip_H + i * n + j])
-                add_entry(S, half, e + i, e + j, entry)
-
-
-@kernel
-def tip_force(m, body, fx, fy, moment, q, cm, ck, r, S):
-    """Residual -= what a global force and a moment do at a body's tip; tangent with its curvature."""
-    p = constants(m, body)
-    at = m.table[body, START]
-    e, n, half = at + 3, m.table[body, SIZE], m.half
-    cos, sin = np.cos(q[at + 2]), np.sin(q[at + 2])
-    lx, ly = cos * fx + sin * fy, cos * fy - sin * fx
-    sx, sy, _ = tip_position(m, body, q)
-    r[at] -= fx
-    r[at + 1] -= fy
-    r[at + 2] -= sx * ly - sy * lx + moment
-    for i in range(n):
-        x, y = tip_gradient(m, body, q, i)
-        r[e + i] -= x * lx + y * ly + m.data[p.tip + 2 * n + i] * moment
-        if cm != 0.0:
-            turned = ck * (x * ly - y * lx)
-            add_entry(S, half, e + i, at + 2, -turned)
-            add_entry(S, half, at + 2, e + i, -turned)
-            if m.table[body, ELEMENTS] == 0:
-                for j in range(n):
-                    add_entry(S, half, e + i, e + j, ck * lx * m.data[p.tip_H + i * n + j])
-    if cm != 0.0:
-        add_entry(S, half, at + 2, at + 2, ck * (sx * lx + sy * ly))
+def restore(lane, model, D, S, x, flow):
+    """Solution from root to tip: flow (3, global axes) is the change of acceleration and angle at a section."""
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
+    fx, fy, turn = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
+    bx, by = c * fx + s * fy, c * fy - s * fx
+    for i in range(n - 1, -1, -1):
+        row = W + i * wide
+        total = load(lane, x, i) - load(lane, S, row + n) * bx - load(lane, S, row + n + 1) * by
+        total = total - load(lane, S, row + n + 2) * turn
+        for j in range(i + 1, n):
+            total = total - load(lane, S, row + j) * load(lane, x, j)
+        store(x, i, total * load(lane, S, row + i))
+    if model.chord is not None:
+        turn = turn - turn_of_root(lane, model, D, x)
+    bx, by = bx + load(lane, S, at.swept + n) * turn, by + load(lane, S, at.swept + n + 1 + n) * turn
+    for j in range(n):
+        bx = bx + load(lane, S, at.swept + j) * load(lane, x, j)
+        by = by + load(lane, S, at.swept + n + 1 + j) * load(lane, x, j)
+    store(flow, 0, c * bx - s * by)
+    store(flow, 1, s * bx + c * by)
+    store(flow, 2, turn + dot(lane, model, D, own.tip + 2 * n, x))

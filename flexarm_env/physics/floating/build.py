@@ -1,10 +1,11 @@
-"""A scene's links as floating-frame bodies joined by multipliers: the `FloatingFrame` Model.
+"""A scene's links as floating-frame bodies: a `FloatingChain`, or a `FloatingFrame` joined by multipliers.
 
-Each link is cut into `segments` bodies joined rigidly, of finite elements or reduced to `modes`. What needs no
-multiplier has none: a pinned root and a prescribed hub angle are coordinates that are known.
+Each link is cut into `segments` bodies joined rigidly, of finite elements or reduced to `modes`.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,14 @@ from numpy.typing import NDArray
 from ...parameters import Arm, Link, Payload
 from ...scene import PointLoad, Scene
 from ...settings import MODAL_BOUND, Settings
-from ..model import COUPLINGS, FloatingFrame, System
-from .constants import Body, finite_element_body
-from .layout import BODY, ELEMENT, ROW, STATION
+from ..model import COUPLINGS, FloatingChain, FloatingFrame, Mesh, System
+from .beam_element import BENDING
+from .constants import Body, finite_element_body, free_coordinates
+from .layout import BODY, ELEMENT, FACTORS, JOINED, JOINT, ROOT, ROW, SPAN, STATION, window
 from .reduction import inertia_margins, modal_body
+
+WRITTEN_OUT = 8
+"""Elastic coordinates of a body up to which its kernels are written out, every index a constant."""
 
 MARGIN_LOST = 0.5
 """Share of the margin of a reduced body's mass matrix whose loss likewise ends the run."""
@@ -39,17 +44,19 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
     """Bodies root to tip with hub and elbows lumped (the payload stays an arm's own parameter), and their links."""
     bodies: list[Body] = []
     links: list[int] = []
+    frame = settings.frame or "root"
     for k, link in enumerate(arm.links):
         segments = settings.segments or 1
         part = link.length / segments
         if settings.modes is not None:
             piece = Link(part, link.section)
             rests = [part * (segments - 1 - i) for i in range(segments)]
-            pieces = [modal_body(piece, settings.modes, *carried(arm, k, rest)) for rest in rests]
+            pieces = [modal_body(piece, settings.modes, *carried(arm, k, rest), frame) for rest in rests]
         else:
-            assert settings.segments is not None and settings.elements is not None
+            assert settings.elements is not None
             coupling = settings.coupling or "linear"
-            pieces = [finite_element_body(link.section, part, settings.elements, coupling) for _ in range(segments)]
+            made = (link.section, part, settings.elements, coupling, frame)
+            pieces = [finite_element_body(*made) for _ in range(segments)]
         pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
         if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it
             pieces[-1].add_tip_mass(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left)
@@ -75,21 +82,125 @@ def _block(body: Body, offset: float, most_lost: float) -> NDArray[np.float64]:
     """A body's block of `FloatingFrame.data`."""
     n = {"n": body.n}
     elements = [ELEMENT.pack({}, stiffness=ea, G=g) for ea, g in zip(body.element_ea, body.element_g, strict=True)]
-    stations = [
-        STATION.pack(n, x=x, u=shape[0], v=shape[1], H=h)
-        for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
-    ]
-    return BODY.pack(
-        {**n, "elements": len(elements), "stations": len(stations)},
+    return JOINED.pack(
+        {**n, "elements": len(elements), "stations": body.stations.size},
+        **_constants(body, offset, most_lost),
+        elements=elements,
+        stations=_stations(body),
+    )
+
+
+def _constants(body: Body, offset: float, most_lost: float) -> dict[str, Any]:
+    """What `BODY` and `JOINED` both say of a body."""
+    values = dict[str, Any](
         length=body.length, mass=body.mass, S0=body.s0, I0=body.i0, offset=offset, most_lost=most_lost,
         S_bar=body.s_bar, c_u=body.c_u, c=body.c, tip=body.tip,
         G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
-        elements=elements, stations=stations,
     )  # fmt: skip
+    return values
+
+
+def _stations(body: Body) -> list[NDArray[np.float64]]:
+    places = zip(body.stations, body.shapes, body.station_h, strict=True)
+    return [STATION.pack({"n": body.n}, x=x, u=shape[0], v=shape[1], H=h) for x, shape, h in places]
 
 
 def build(scene: Scene, settings: Settings) -> System:
     """Assemble a scene in the floating-frame formulation."""
+    return _joined(scene, settings) if settings.multipliers else _chain(scene, settings)
+
+
+def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.float64]:
+    """What `SPAN` says of finite element e."""
+    elements = len(mesh.elements)
+    free, wide = list(free_coordinates(elements, frame)), len(mesh.window)
+    first = window(mesh, n, e)
+    own = free[first : first + wide]  # of all nodes' coordinates, those in the window
+    stretch, H = np.zeros(3 * elements + 3), np.zeros((3 * elements + 3,) * 2)
+    stretch[[3 * e, 3 * e + 3]] = -1.0, 1.0
+    bending = 3 * e + BENDING
+    H[np.ix_(bending, bending)] = body.element_g[e]
+    return SPAN.pack({"window": wide}, stiffness=body.element_ea[e], stretch=stretch[own], H=H[np.ix_(own, own)])
+
+
+def _chain(scene: Scene, settings: Settings) -> System:
+    """The scene's chain without multipliers."""
+    arm, gravity = scene.arm, scene.gravity
+    bodies, links = _bodies(arm, settings)
+    n, count, segments = bodies[0].n, len(bodies), settings.segments or 1
+    elements = bodies[0].element_ea.size if settings.coupling != "linear" else 0
+    wide = min(n, 6)
+    mesh = Mesh(
+        n=(0,) * n if n <= WRITTEN_OUT else n,
+        scratch=(0,) * (5 * n),
+        window=(0,) * wide,
+        elements=(0,) * elements,
+        strains=(0,) * max(1, elements * (2 * wide + 1)),
+        modal=None if settings.modes is None else (0,),
+        chord=(0,) if settings.frame == "chord" else None,
+        full=(0,) if settings.coupling == "von_karman" else None,
+        damped=(0,) if arm.tau_d > 0.0 else None,
+        drag=(0,) if arm.mass_damping > 0.0 else None,
+    )
+    limits = _limits(scene, bodies, links, settings.modes is not None)
+    blocks = []
+    for body, limit in zip(bodies, limits, strict=True):
+        sizes = {"n": n, "window": wide, "elements": elements, "stations": body.stations.size}
+        assert settings.frame is not None
+        spans = [_span(body, e, n, mesh, settings.frame) for e in range(elements)]
+        values = {**_constants(body, 0.0, limit), "stations": _stations(body)}
+        blocks.append(BODY.pack(sizes, **values, drag=arm.mass_damping, root=body.root, spans=spans))
+    names = ["root_x", "root_y", "joint0"]
+    names += [f"link{k}.body{b % segments}.q{i}" for b, k in enumerate(links) for i in range(n)]
+    names += [f"joint{k}" for k in range(1, arm.n_links)]
+    coordinates = {name: names.index(name) for name in ["root_x", "root_y", *[f"joint{k}" for k in range(arm.n_links)]]}
+    fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
+    if scene.root == "pinned":
+        fixed += [coordinates[name] for name in ("root_x", "root_y") if scene.motion_of(name) is None]
+    q0, weight = np.zeros(len(names)), np.ones(len(names))
+    q0[:2], q0[2] = scene.position, scene.angles[0]
+    for k in range(1, arm.n_links):
+        q0[-arm.n_links + k] = scene.angles[k] - scene.angles[k - 1]
+    weight[:2] = 1.0 / arm.total_length
+    weight[3 : 3 + n * count] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
+    point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
+    model = FloatingChain(
+        n=len(names),
+        n_factor=ROOT.end + JOINT.end * (arm.n_links - 1) + count * FACTORS.offsets(0, n).end,
+        n_inputs=arm.n_links + 3 * len(point_loads),
+        fixed=np.array(fixed, np.int64),
+        algebraic=None,
+        weight=weight,
+        # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
+        predictor=1.0 if settings.modes is None else (1.0, 10.0),
+        correction=None,
+        mesh=mesh,
+        links=arm.n_links,
+        segments=segments,
+        block=blocks[0].size,
+        bound=0.0 if settings.modes is None else MODAL_BOUND,
+        data=np.concatenate(blocks),
+        gravity=None if gravity is None else np.array(gravity),
+        loads=np.array([(p.link, p.end == "tip") for p in point_loads], np.int64) if point_loads else None,
+    )
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    return System(model, par, q0, np.zeros(len(names)), coordinates, tuple(names), {})
+
+
+def _sizes(body: Body, settings: Settings, arm: Arm) -> NDArray[np.float64]:
+    """One over the size that matters of each elastic coordinate: u and v are lengths, phi is an angle; the size of a
+    mode is what it moves the tip by, or turns the ends by."""
+    if settings.modes is not None:
+        moved = np.maximum(np.abs(body.tip[1]) / arm.total_length, np.abs(body.root))
+        sizes: NDArray[np.float64] = np.maximum(moved, np.abs(body.tip[2]) * (settings.frame == "chord"))
+        return sizes
+    assert settings.elements is not None and settings.frame is not None
+    angle = free_coordinates(settings.elements, settings.frame) % 3 == 2
+    return np.where(angle, 1.0, 1.0 / arm.total_length)
+
+
+def _joined(scene: Scene, settings: Settings) -> System:
+    """The scene's bodies joined by multipliers: the paper's own form."""
     arm = scene.arm
     bodies, links = _bodies(arm, settings)
     count = len(bodies)
@@ -129,9 +240,7 @@ def build(scene: Scene, settings: Settings) -> System:
         x, y = x + body.length * np.cos(theta), y + body.length * np.sin(theta)
         weight[start[b] : start[b] + 2] = 1.0 / arm.total_length
         elastic = slice(start[b] + 3, start[b] + 3 + body.n)
-        # finite elements: u and v are lengths, phi is an angle; modes: their tip deflection is a length
-        own = np.tile([1.0, 1.0, arm.total_length], body.n // 3) if settings.modes is None else np.abs(body.tip[1])
-        weight[elastic] = own / arm.total_length
+        weight[elastic] = _sizes(body, settings, arm)
     heads = [links.index(k) for k in range(arm.n_links)]
     tails = [count - 1 - links[::-1].index(k) for k in range(arm.n_links)]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]

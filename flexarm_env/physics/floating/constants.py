@@ -50,6 +50,7 @@ class Body:
     d0: Array  # (n, n) kg: foreshortening in the first moment, zero for finite elements
     tip: Array  # (3, n) u, v, phi at the tip
     tip_h: Array  # (n, n) 1/m: foreshortening of the tip, u -= q'H q / 2; zero for finite elements
+    root: Array  # (n,) rho: the root section is turned by rho'q against the frame; zero where it is clamped to it
     element_ea: Array = field(default_factory=lambda: np.zeros(0))  # EA / l of each element, N/m
     element_g: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))  # 1/m: G of [45]; H for von Karman
     shapes: Array = field(default_factory=lambda: np.zeros((0, 3, 0)))  # u, v, phi at drawing stations, (s, 3, n)
@@ -78,12 +79,24 @@ class Body:
         self.i0 += mass * length**2 + inertia
 
     def add_root_inertia(self, inertia: float) -> None:
-        """Lump an inertia (kg m^2) at the root section, which the clamped frame follows."""
+        """Lump an inertia (kg m^2) at the root section."""
         self.i0 += inertia
+        self.c += inertia * self.root
+        self.m_ff += inertia * np.outer(self.root, self.root)
 
 
-def finite_element_body(section: Section, length: float, elements: int, coupling: str) -> Body:
-    """A uniform body of equal elements, first node clamped to the frame; n = 3 elements. coupling: of COUPLINGS."""
+def free_coordinates(elements: int, frame: str) -> NDArray[np.int64]:
+    """Those of the nodes' (u, v, phi) that are a body's elastic coordinates.
+
+    All but the first node's in a frame that is clamped to it ("root"), all but u, v of the first and v of the last in
+    one through both ("chord").
+    """
+    last = 3 * elements + 3
+    return np.arange(3, last) if frame == "root" else np.r_[2 : last - 2, last - 1]
+
+
+def finite_element_body(section: Section, length: float, elements: int, coupling: str, frame: str = "root") -> Body:
+    """A uniform body of equal elements; n = 3 elements. coupling: of COUPLINGS. frame: "root" or "chord"."""
     l = length / elements
     n_all = 3 * (elements + 1)
     mu = shear_factor(section, l)
@@ -110,10 +123,8 @@ def finite_element_body(section: Section, length: float, elements: int, coupling
             s_bar[:, at] += dm * np.array([n_u, n_v])
             c_u[at] += dm * x * n_u
             c[at] += dm * x * n_v + section.J * weight * l * n_phi
-    free = slice(3, n_all)
-    n = n_all - 3
-    tip = np.zeros((3, n))
-    tip[:, n - 3 :] = np.eye(3)
+    free = free_coordinates(elements, frame)
+    both, n = np.ix_(free, free), n_all - 3
     shapes, stations = _drawing_stations(l, elements, mu)
     element_g = (coupling_matrix if coupling == "von_karman" else geometric_matrix)(section, l)
     return Body(
@@ -122,32 +133,32 @@ def finite_element_body(section: Section, length: float, elements: int, coupling
         s0=0.5 * section.m * length**2,
         i0=section.m * length**3 / 3 + section.J * length,
         s_bar=s_bar[:, free],
-        g=m_uv[free, free].copy(),
-        m_ff=mass[free, free],
-        b=b[free, free],
+        g=m_uv[both],
+        m_ff=mass[both],
+        b=b[both],
         c_u=c_u[free],
         c=c[free],
-        k_axial=k_axial[free, free],
-        k_bend=k_bend[free, free],
+        k_axial=k_axial[both],
+        k_bend=k_bend[both],
         d0=np.zeros((n, n)),
-        tip=tip,
+        tip=np.eye(n_all)[-3:, free],
         tip_h=np.zeros((n, n)),
+        root=np.eye(n_all)[2, free],
         element_ea=np.full(elements, section.EA / l),
         element_g=np.tile(element_g, (elements, 1, 1)),
-        shapes=shapes,
+        shapes=shapes[:, :, free],
         stations=stations,
         station_h=np.zeros((stations.size, n, n)),
     )
 
 
 def _drawing_stations(l: float, elements: int, mu: float) -> tuple[Array, Array]:
-    """Shape functions at eight points of each element, the body's own coordinates only."""
-    n = 3 * elements
+    """Shape functions of all nodes' coordinates at eight points of each element."""
     rows, places = [], []
     for e in range(elements):
         for xi in np.arange(1, 9) / 8:
-            full = np.zeros((3, n + 3))
+            full = np.zeros((3, 3 * elements + 3))
             full[:, 3 * e : 3 * e + 6] = shape_functions(float(xi), l, mu)
-            rows.append(full[:, 3:])
+            rows.append(full)
             places.append((e + xi) * l)
     return np.array(rows), np.array(places)

@@ -18,6 +18,12 @@ ROW = Layout(
 )  # fmt: skip
 START, SIZE, LINK, MULTIPLIERS, MOTION, ELEMENTS, STATIONS, BLOCK, _ = ROW.places
 
+SPAN = Layout(
+    "Span", "window",
+    Field("stiffness", (), "N/m", "EA / l"),
+    Field("stretch", ("window",), "", "g: the linear stretch (u2 - u1) of a finite element is g'q of its window"),
+    Field("H", ("window", "window"), "1/m", "its stretch of second order is q'H q / 2 (von Karman), or G of eq. [45]"),
+)  # fmt: skip
 ELEMENT = Layout(
     "Element", "",
     Field("stiffness", (), "N/m", "EA / l"),
@@ -30,8 +36,7 @@ STATION = Layout(
     Field("v", ("n",), "", "and across it"),
     Field("H", ("n", "n"), "1/m", "foreshortening: u -= q'H q / 2"),
 )  # fmt: skip
-BODY = Layout(
-    "Body", "n, elements, stations",
+_CONSTANTS = (
     Field("length", (), "m", ""),
     Field("mass", (), "kg", "m_t"),
     Field("S0", (), "kg m", "first moment along the axis"),
@@ -49,17 +54,82 @@ BODY = Layout(
     Field("K_bend", ("n", "n"), "N/m", "bending part"),
     Field("D0", ("n", "n"), "kg", "foreshortening in the first moment"),
     Field("tip_H", ("n", "n"), "1/m", "foreshortening of the tip"),
+)
+BODY = Layout(
+    "Body", "n, window, elements, stations", *_CONSTANTS,
+    Field("drag", (), "1/s", "damping that goes with mass"),
+    Field("root", ("n",), "", "rho: the root section is turned by rho'q against the frame"),
+    Field("spans", ("elements", SPAN.length), "", "a `SPAN` each"),
+    Field("stations", ("stations", STATION.length), "", "a `STATION` each"),
+)  # fmt: skip
+JOINED = Layout(
+    "Joined", "n, elements, stations", *_CONSTANTS,
     Field("elements", ("elements", ELEMENT.length), "", "an `ELEMENT` each"),
     Field("stations", ("stations", STATION.length), "", "a `STATION` each"),
 )  # fmt: skip
 
 OF_ELEMENT = ELEMENT.places
-_body_at = kernel(BODY.offsets)
+_joined_at = kernel(JOINED.offsets)
+body_at = kernel(BODY.offsets)
 station_at = kernel(STATION.offsets)
 
 
 @kernel
 def constants(m, body):
-    """Where a body's constants are in `data`: the fields of BODY."""
+    """Where a body's constants are in `data`: the fields of JOINED."""
     t = m.table
-    return _body_at(t[body, BLOCK], t[body, SIZE], t[body, ELEMENTS], t[body, STATIONS])
+    return _joined_at(t[body, BLOCK], t[body, SIZE], t[body, ELEMENTS], t[body, STATIONS])
+
+
+NOW = Layout(
+    "Now", "",
+    Field("cos", (), "", "of the frame's angle"),
+    Field("sin", (), "", ""),
+    Field("a", (2,), "m/s^2", "acceleration of its origin less gravity; this and the rest in its axes"),
+    Field("rate", (), "rad/s", "of its angle"),
+    Field("second", (), "rad/s^2", ""),
+    Field("tip", (2,), "m", "where the tip is"),
+    Field("tip_rate", (2,), "m/s", "how it moves against the origin"),
+    Field("tip_second", (2,), "m/s^2", "its acceleration less the origin's"),
+).places  # fmt: skip
+KNOWN = Layout(
+    "Known", "",
+    Field("d", (2,), "N", "inertia force less mass times the origin's acceleration"),
+    Field("s", (2,), "kg m", "first moment"),
+    Field("t", (2,), "kg m/s", "its rate in the frame"),
+    Field("inertia", (), "kg m^2", "I"),
+    Field("spin_rate", (), "kg m^2/s", "I' / 2"),
+    Field("g", (2,), "N", "force at the tip"),
+).places  # fmt: skip
+FACTORS = Layout(
+    "Factors", "n",
+    Field("now", (NOW.end,), "", "`NOW`, of the last residual"),
+    Field("frame", (2,), "", "cosine and sine of the frame's angle, this and the rest of the last matrix"),
+    Field("arm", (2, "n + 1"), "", "change of the tip's place by q and by the frame's angle"),
+    Field("swept", (2, "n + 1"), "", "change of its acceleration"),
+    Field("matrix", ("n + 3", "n + 3"), "", "of q, the origin's acceleration and the angle; then its factors"),
+)  # fmt: skip
+JOINT = Layout(
+    "Joint", "",
+    Field("pinned", (), "", "1: held"),
+    Field("column", (2,), "", "of what is behind, by the angle, over the pivot"),
+    Field("row", (2,), "", "by x and y, over the pivot"),
+    Field("inverse", (), "", "of the pivot"),
+).places  # fmt: skip
+ROOT = Layout(
+    "Root", "",
+    Field("pinned", (3,), "", "x, y, angle: 1: held"),
+    Field("scale", (2,), "", "cm and its inverse"),
+    Field("tail", (2,), "", "cm times the payload's inertia, and its mass"),
+    Field("factors", (3, 3), "", "of what all is to the root"),
+).places  # fmt: skip
+factors_at = kernel(FACTORS.offsets)
+
+
+@kernel
+def window(model, n, e):
+    """First elastic coordinate of an element's window (`model`: a Mesh of n of them)."""
+    first = 3 * e - 3
+    if model.chord is not None:
+        first = min(3 * e - 2, n - len(model.window))
+    return max(first, 0)

@@ -22,33 +22,72 @@ MESH = 32
 """Elements of the mesh that the modes are taken from; the fourth frequency is then within 1e-5 of the exact one."""
 
 
-def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tuple[Array, Array]:
-    """Lowest n bending modes of a clamped link with a mass (kg) and inertia (kg m^2) at its tip.
-
-    Returns frequencies (n,) in rad/s and nodal shapes (2 (MESH + 1), n): v, phi of each node, mass-normalised.
-    """
-    from scipy.linalg import eigh
-
-    l = link.length / MESH
-    size = 2 * (MESH + 1)
+def _bending_matrices(link: Link) -> tuple[Array, Array]:
+    """Stiffness and mass of a free link's mesh on v, phi of each node."""
+    l, size = link.length / MESH, 2 * (MESH + 1)
     stiffness, mass = np.zeros((size, size)), np.zeros((size, size))
     k, m = linear_stiffness(link.section, l), consistent_mass(link.section, l)
     for e in range(MESH):
         at = slice(2 * e, 2 * e + 4)
         stiffness[at, at] += k[np.ix_(BENDING, BENDING)]
         mass[at, at] += m[np.ix_(BENDING, BENDING)]
+    return stiffness, mass
+
+
+def _lowest(stiffness: Array, mass: Array, n: int) -> tuple[Array, Array]:
+    """The n lowest frequencies (rad/s) and their mass-normalised shapes. Solved for 1 / omega^2: the stiffness is well
+    conditioned, while sections that turn with next to no inertia make the mass matrix nearly singular."""
+    from scipy.linalg import eigh
+
+    size = len(mass)
+    squares, vectors = eigh(mass, stiffness, subset_by_index=[size - n, size - 1])
+    squares, vectors = squares[::-1], vectors[:, ::-1]
+    return 1.0 / np.sqrt(squares), vectors / np.sqrt(squares)
+
+
+def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tuple[Array, Array]:
+    """Lowest n bending modes of a clamped link with a mass (kg) and inertia (kg m^2) at its tip.
+
+    Returns frequencies (n,) in rad/s and nodal shapes (2 (MESH + 1), n): v, phi of each node, mass-normalised.
+    """
+    stiffness, mass = _bending_matrices(link)
     mass[-2, -2] += tip_mass
     mass[-1, -1] += tip_inertia
-    squares, vectors = eigh(stiffness[2:, 2:], mass[2:, 2:], subset_by_index=[0, n - 1])
-    shapes = np.zeros((size, n))
+    frequencies, vectors = _lowest(stiffness[2:, 2:], mass[2:, 2:], n)
+    shapes = np.zeros((len(mass), n))
     shapes[2:] = vectors * np.sign(vectors[-2])  # tip deflection positive
-    return np.sqrt(squares), shapes
+    return frequencies, shapes
 
 
-def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float) -> Body:
-    """A link reduced to n modes; the tip mass and inertia shape the modes but are not part of the body's inertia."""
+def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
+    """The static shapes of a link between pins whose root, and whose tip, is turned by 1 rad, and its lowest n - 2
+    bending modes between pins: stiffness matrix (n, n) and nodal shapes as `clamped_modes` has them."""
+    from scipy.linalg import solve
+
+    stiffness, mass = _bending_matrices(link)
+    size = len(mass)
+    ends, inner = [1, size - 1], [k for k in range(size) if k not in (0, 1, size - 2, size - 1)]
+    shapes = np.zeros((size, n))
+    shapes[ends, [0, 1]] = 1.0
+    shapes[inner, :2] = -solve(stiffness[np.ix_(inner, inner)], stiffness[np.ix_(inner, ends)], assume_a="pos")
+    if n > 2:
+        free = [k for k in range(size) if k not in (0, size - 2)]
+        shapes[free, 2:] = _lowest(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], n - 2)[1]
+        shapes[:, 2:] *= np.sign(shapes[1, 2:])  # root turned positive
+    return shapes.T @ stiffness @ shapes, shapes
+
+
+def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float, frame: str = "root") -> Body:
+    """A link reduced to n shapes: clamped modes (frame "root"), or what bends it between pins ("chord").
+
+    The tip mass and inertia shape the clamped modes but are not part of the body's inertia.
+    """
     section, length = link.section, link.length
-    frequencies, nodal = clamped_modes(link, n, tip_mass, tip_inertia)
+    if frame == "root":
+        frequencies, nodal = clamped_modes(link, n, tip_mass, tip_inertia)
+        k = np.diag(frequencies**2)
+    else:
+        k, nodal = pinned_modes(link, n)
     l = length / MESH
     mu = shear_factor(section, l)
     m_uv, m_ff, d, d0 = (np.zeros((n, n)) for _ in range(4))
@@ -72,7 +111,6 @@ def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float) -> Body:
         stations.append((e + 1) * l)
         shapes.append(np.array([np.zeros(n), nodal[2 * e + 2], nodal[2 * e + 3]]))
         station_h.append(h.copy())
-    k = np.diag(frequencies**2)
     return Body(
         length=length,
         mass=section.m * length,
@@ -89,6 +127,7 @@ def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float) -> Body:
         d0=d0,
         tip=np.array([np.zeros(n), nodal[-2], nodal[-1]]),
         tip_h=h,
+        root=nodal[1],
         shapes=np.array(shapes),
         stations=np.array(stations),
         station_h=np.array(station_h),

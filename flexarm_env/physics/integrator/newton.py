@@ -9,9 +9,9 @@ import numpy as np
 from ...compiler.decorator import inlined, kernel
 from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
 from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
-from ..protocol import assemble, constrain, factor, solve, update
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
 from .period import correct_period
-from .work import take_out_known
+from .work import state_of, take_out_known
 
 
 class Slopes(NamedTuple):
@@ -111,11 +111,11 @@ def newton(lane, model, drive, par, w, slopes, h, scheme, plain):
         fresh = iteration == 0
         if scheme.modified is None:
             fresh = True
-        c_a, c_v, c_q = slopes.a, slopes.v, 1.0
+        weights = Weights(slopes.a, slopes.v, 1.0)
         if not fresh:
-            c_a, c_v, c_q = 0.0, 0.0, 0.0
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, c_v, c_q, w.r, w.S)
-        constrain(lane, model, w.psi, w.q, w.v, w.a, 0, slopes.a, w.r)
+            weights = RESIDUAL_ALONE
+        assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
+        constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
         take_out_known(lane, model, drive, w.r, w.S, fresh)
         if fresh:
             factor(lane, model, w.S)

@@ -18,7 +18,7 @@ from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
 from ..model import TAU_D
-from ..protocol import inertia, solve, turn
+from ..protocol import inertia, rotate, solve
 from .work import take_out_known
 
 NEAR, FAR = 0.01, 0.03
@@ -59,9 +59,9 @@ def _correct(lane, model, drive, par, correction, tolerance, w, corrected, activ
         for k in range(n):
             store(d, k, (load(lane, w.a, k) - load(lane, w.a0, k)) - load(lane, w.r, k) * slopes.a)
         take_out_known(lane, model, drive, d, w.S, False)
-        turn(lane, model, w.q0, w.q, 0.5, d)  # S belongs to the step's end, the difference to its middle
+        rotate(lane, model, w.q0, w.q, 0.5, d)  # S belongs to the step's end, the difference to its middle
         _filtered(lane, model, drive, par, w, slopes.a, d, y)
-        turn(lane, model, w.q0, w.q, -0.5, y)
+        rotate(lane, model, w.q0, w.q, -0.5, y)
         take_out_known(lane, model, drive, y, w.S, False)
         shift = zero
         for k in range(n):

@@ -6,9 +6,9 @@ from ...compiler.arrays import bare
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, splat, store
-from ..protocol import assemble, constrain, damping_work, factor, solve
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, damping_work, factor, solve
 from .drive import set_inputs, set_motions
-from .work import move_multipliers, note_reactions, set_known, take_out_known, unpack
+from .work import move_multipliers, note_reactions, set_known, state_of, take_out_known, unpack
 
 _SMALL = 1e-3
 """Share of a velocity at which the damping of all of it is asked for, so that forces of its square do not count."""
@@ -110,10 +110,10 @@ def _jumps(drive, w):
 
 
 @kernel
-def _forces(lane, model, par, w, c_a, c_v):
-    """r of q, v, a, with the multipliers that stand in a's rows; S unless c_a = 0."""
+def _forces(lane, model, par, w, weights):
+    """r of q, v, a, with the multipliers that stand in a's rows; S unless weights.mass = 0."""
     move_multipliers(model.algebraic, w.q, w.a, False)
-    assemble(lane, model, par, w.q, w.v, w.a, w.u, c_a, c_v, 0.0, w.r, w.S)
+    assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
 
 
 @kernel
@@ -123,11 +123,11 @@ def _jump(lane, model, drive, par, w, h, fresh):
     for k in range(n):
         w.v0[k] = w.v[k]
         w.v[k], w.a[k], w.a0[k] = 0.0, 0.0, 0.0
-    _forces(lane, model, par, w, 0.0, 0.0)
+    _forces(lane, model, par, w, RESIDUAL_ALONE)
     for k in range(n):
         w.b0[k] = w.r[k]  # the forces at rest: what a residual has beyond them is inertia
     _solve_jump(lane, model, drive, par, w)
-    _forces(lane, model, par, w, 0.0, 0.0)  # of accelerations dv
+    _forces(lane, model, par, w, RESIDUAL_ALONE)  # of accelerations dv
     _less(n, w.r, w.b0, 1.0)
     note_reactions(drive.known, model.algebraic, w.r, w.a0, w.reaction)
     _book_impulse(drive, w, 0.5, 1.0)  # impulse times mean velocity is the kinetic energy it brings
@@ -149,11 +149,11 @@ def _solve_jump(lane, model, drive, par, w):
     for k in range(n):
         w.a[k] = w.a0[k]
     move_multipliers(model.algebraic, w.a, w.a, True)
-    _forces(lane, model, par, w, 1.0, 0.0)
+    _forces(lane, model, par, w, MASS_ALONE)
     _less(n, w.r, w.b0, 1.0)
     for k in range(n):
         w.v[k] = w.v0[k] + w.a0[k]
-    constrain(lane, model, w.psi, w.q, w.v, w.a, 1, 1.0, w.r)
+    constrain(lane, model, w.psi, state_of(w), 1, 1.0, w.r)
     _solve(lane, model, drive, w, True)
     for k in range(n):
         w.v[k] = 0.0
@@ -199,7 +199,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
         w.a0[k] -= e
     move_multipliers(model.algebraic, w.v, w.v, True)
     w.books[1] += damping_work(lane, model, par, w.q, w.v, w.r) / _SMALL  # v is `part` times g - e
-    _forces(lane, model, par, w, 0.0, 0.5 * h)
+    _forces(lane, model, par, w, RESIDUAL_ALONE)
     _less(n, w.r, w.b0, 1.0)
     note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
     _book_impulse(drive, w, 0.0, 1.0 / _SMALL)
@@ -209,7 +209,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
 def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
     """r <- (1 - s) x where v is x times h/2 and _SMALL; `share` of it goes into the jump of the accelerations."""
     move_multipliers(model.algebraic, w.v, w.v, True)
-    assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if matrix else 0.0, 0.5 * h, 0.0, w.r, w.S)
+    assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
     _less(size(model.n), w.r, w.b0, 1.0 / _SMALL)
     move_multipliers(model.algebraic, w.r, w.r, True)
     _solve(lane, model, drive, w, matrix)
@@ -243,8 +243,9 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
             move_multipliers(model.algebraic, w.a, w.a, True)
         set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
     for i in range(passes):
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0 if i == 0 else 0.0, half, half * half, w.r, w.S)
-        constrain(lane, model, w.psi, w.q, w.v, w.a, 2, 1.0, w.r)
+        weights = Weights(1.0 if i == 0 else 0.0, half, half * half)
+        assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
+        constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         _solve(lane, model, drive, w, i == 0)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
@@ -252,5 +253,5 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
         move_multipliers(model.algebraic, w.a, w.a, True)
     _set_b(lane, n, drive, w, fresh)
     if drive is not None:
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 0.0, half, half * half, w.r, w.S)
+        assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
         note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)

@@ -17,11 +17,11 @@ from ...compiler.decorator import inlined, kernel
 from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
 from ...compiler.lanes import largest, load, select_lt, splat, store
 from ..model import NEWTON_FAILED
-from ..protocol import assemble, constrain, factor, out_of_range, predict, solve, update
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, assemble, constrain, factor, out_of_range, predict, solve, update
 from .books import keep_books, open_books
 from .drive import set_inputs, set_motions
 from .newton import newton, slopes_of
-from .work import note_reactions, set_known, take_out_known, unpack
+from .work import note_reactions, set_known, state_of, take_out_known, unpack
 
 
 @kernel
@@ -122,7 +122,7 @@ def _settle(lane, model, drive, par, algebraic, w):
     if algebraic is not None:
         if algebraic.shape[0] == 0:
             return
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 1.0, 0.0, 0.0, w.r, w.S)
+        assemble(lane, model, par, state_of(w), w.u, MASS_ALONE, w.r, w.S)
         _across(lane, model, drive, w, 1)
         for i in range(algebraic.shape[0]):
             w.r[algebraic[i]] = 0.0
@@ -144,7 +144,7 @@ def _across(lane, model, drive, w, level):
     the constraints; S: M and Phi_q, factored here for level 1."""
     for k in range(w.r.shape[0]):
         w.r[k] = 0.0
-    constrain(lane, model, w.psi, w.q, w.v, w.a, level, 1.0, w.r)
+    constrain(lane, model, w.psi, state_of(w), level, 1.0, w.r)
     take_out_known(lane, model, drive, w.r, w.S, level == 1)
     if level == 1:
         factor(lane, model, w.S)
@@ -156,7 +156,7 @@ def _across(lane, model, drive, w, level):
 def _react(lane, model, drive, par, w):
     """Forces that hold the prescribed coordinates at the step's end."""
     if drive is not None:
-        assemble(lane, model, par, w.q, w.v, w.a, w.u, 0.0, 0.0, 0.0, w.r, w.S)
+        assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
         note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
 
 

@@ -6,8 +6,8 @@ from ...compiler.arrays import bare
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, splat, store
-from ..protocol import assemble, factor, solve
-from .work import take_out_known, unpack
+from ..protocol import Weights, assemble, factor, solve
+from .work import state_of, take_out_known, unpack
 
 
 @kernel
@@ -29,7 +29,7 @@ def _switch(lane, model, par, w):
             for k in range(n):
                 store(w.q0, k, load(lane, w.r, k))
         u = w.u if stage == 1 else w.u0
-        assemble(lane, model, par, w.q, w.v, w.a, u, 1.0 * stage, 0.0, 0.0, w.r, w.S)
+        assemble(lane, model, par, state_of(w), u, Weights(1.0 * stage, 0.0, 0.0), w.r, w.S)
     for k in range(n):
         store(w.r, k, load(lane, w.r, k) - load(lane, w.q0, k))
     take_out_known(lane, model, None, w.r, w.S, True)

@@ -9,7 +9,7 @@ import numpy as np
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import splat, store
-from ..protocol import pin
+from ..protocol import State, pin
 
 
 class Work(NamedTuple):
@@ -69,6 +69,12 @@ def unpack(lane, model, flat, n_motions):
         flat[j : j + 3 * m], flat[j + 3 * m : j + 6 * m], flat[j + 6 * m : j + 7 * m], flat[j + 7 * m : e],
         flat[e : e + lanes], flat[e + lanes : e + 4 * lanes], flat[e + 4 * lanes : e + 4 * lanes + 4],
     )  # fmt: skip
+
+
+@kernel
+def state_of(w):
+    """The arm's coordinates and their rates."""
+    return State(w.q, w.v, w.a)
 
 
 @kernel

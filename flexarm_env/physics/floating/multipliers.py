@@ -12,7 +12,8 @@ from ...compiler.decorator import kernel
 from ..linalg import band_lu, band_lu_solve
 from ..model import DIVERGED, LINEAR, OK, OUT_OF_RANGE, VON_KARMAN, FloatingFrame
 from ..protocol import register
-from .body import (
+from .layout import ELEMENTS, LINK, MOTION, MULTIPLIERS, SIZE, START, STATIONS, constants, station_at
+from .multipliers_body import (
     add_entry,
     along,
     bending,
@@ -30,7 +31,6 @@ from .body import (
     tip_position,
     tip_rate,
 )
-from .layout import ELEMENTS, LINK, MOTION, MULTIPLIERS, SIZE, START, STATIONS, constants, station_at
 
 
 @kernel
@@ -64,8 +64,9 @@ def _both(S, half, i, j, x):
 
 
 @kernel
-def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
+def assemble(lane, model, par, state, u, weights, r, S):
     """Residual and tangent of the chain, see `protocol`."""
+    (q, v, a), (cm, cc, ck) = state, weights
     m = model
     for k in range(m.n):
         r[k] = 0.0
@@ -108,8 +109,9 @@ def assemble(lane, model, par, q, v, a, u, cm, cc, ck, r, S):
 
 
 @kernel
-def constrain(lane, model, psi, q, v, a, level, scale, r):
+def constrain(lane, model, psi, state, level, scale, r):
     """Constraint rows: tip of each body minus the next frame's origin, and its angle where rigid or prescribed."""
+    q, v, a = state
     m = model
     for body in range(m.table.shape[0] - 1):
         at, lam, nxt = m.table[body, START], m.table[body, START] + 3 + m.table[body, SIZE], m.table[body + 1, START]

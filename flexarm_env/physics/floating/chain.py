@@ -1,0 +1,246 @@
+"""A chain of floating frames without multipliers: residual, matrix, factors (model: `physics.model.FloatingChain`).
+
+A frame begins where the body before it ends, so that its place and turn follow from the elastic coordinates before it:
+rigid joints between segments need no rows. One sweep from root to tip gives every frame's motion, one back the forces;
+the matrix is never formed, its blocks are eliminated body by body from the tip (an articulated body's inertia, but of
+the whole tangent): the cost is linear in the number of bodies.
+
+S holds the root's part (`ROOT`), a `JOINT` an elbow, and a body's `FACTORS` each.
+"""
+
+from __future__ import annotations
+
+from ...compiler.arrays import stack
+from ...compiler.decorator import kernel
+from ...compiler.dispatch import size
+from ...compiler.lanes import load, splat, store
+from ...compiler.trace import aligned_frame
+from ..model import FloatingChain
+from ..protocol import register
+from .body import carry, condense, forces, reduce, restore, tangent
+from .chain_output import damping_work, energy, link_poses, out_of_range, ports, shape
+from .layout import JOINT, KNOWN, ROOT, factors_at
+
+THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
+NUMBERS = (0,) * KNOWN.end
+
+
+@kernel
+def _stride(model):
+    """Numbers of a body in S."""
+    return factors_at(0, size(model.mesh.n)).end
+
+
+@kernel
+def _bodies_at(model):
+    """Where the bodies' part of S begins."""
+    return ROOT.end + JOINT.end * (model.links - 1)
+
+
+@kernel
+def _fall(gravity, k):
+    if gravity is None:
+        return 0.0
+    return gravity[k]
+
+
+@kernel
+def _less_loads(lane, loads, model, link, end, u, force):
+    """force (x, y, moment) less the point loads at an end of a link."""
+    if loads is not None:
+        for f in range(loads.shape[0]):
+            if loads[f, 0] == link and loads[f, 1] == end:
+                for i in range(3):
+                    store(force, i, load(lane, force, i) - load(lane, u, model.links + 3 * f + i))
+
+
+@kernel
+def assemble(lane, model, par, state, u, weights, r, S):
+    """r and, unless only that is asked for, the bodies' matrices."""
+    aligned_frame(lane)
+    (q, v, a), (cm, cc, ck) = state, weights
+    mesh, L, n = model.mesh, len(lane), size(model.mesh.n)
+    pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
+    known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
+    stride, first, bodies = _stride(model), _bodies_at(model), model.links * model.segments
+    elbows = 3 + n * bodies - 1
+    store(pose, 0, load(lane, q, 2))
+    store(pose, 1, load(lane, v, 2))
+    store(pose, 2, load(lane, a, 2))
+    store(pose, 3, load(lane, a, 0) - _fall(model.gravity, 0))
+    store(pose, 4, load(lane, a, 1) - _fall(model.gravity, 1))
+    for k in range(model.links):
+        if k > 0:
+            store(pose, 0, load(lane, pose, 0) + load(lane, q, elbows + k))
+            store(pose, 1, load(lane, pose, 1) + load(lane, v, elbows + k))
+            store(pose, 2, load(lane, pose, 2) + load(lane, a, elbows + k))
+        for b in range(k * model.segments, (k + 1) * model.segments):
+            e = (3 + n * b) * L
+            carry(lane, mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], pose, S[(first + stride * b) * L :])
+    mass, inertia = load(lane, par, 0), load(lane, par, 1)
+    store(force, 0, load(lane, pose, 3) * mass)
+    store(force, 1, load(lane, pose, 4) * mass)
+    store(force, 2, load(lane, pose, 2) * inertia)
+    store(carried, 0, mass)
+    store(carried, 1, inertia)
+    for k in range(model.links - 1, -1, -1):
+        _less_loads(lane, model.loads, model, k, 1, u, force)
+        for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
+            e, D, own = (3 + n * b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
+            forces(
+                lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:]
+            )  # fmt: skip
+            if cm != 0.0:
+                tangent(
+                    lane, mesh, D, par, carried, cm, cc, ck, q[e:], v[e:], a[e:], known, vectors, strains, own
+                )  # fmt: skip
+            store(carried, 0, splat(lane, 0.0))
+            store(carried, 1, splat(lane, 0.0))
+        _less_loads(lane, model.loads, model, k, 0, u, force)
+        if k > 0:
+            store(r, elbows + k, load(lane, force, 2) - load(lane, u, k))
+    store(r, 0, load(lane, force, 0))
+    store(r, 1, load(lane, force, 1))
+    store(r, 2, load(lane, force, 2) - load(lane, u, 0))
+    if cm != 0.0:
+        for k in range(3):
+            store(S, ROOT.pinned + k, splat(lane, 0.0))
+        for k in range(1, model.links):
+            store(S, ROOT.end + JOINT.end * (k - 1) + JOINT.pinned, splat(lane, 0.0))
+        store(S, ROOT.scale, splat(lane, cm))
+        store(S, ROOT.scale + 1, splat(lane, 1.0 / cm))
+        store(S, ROOT.tail, inertia * cm)
+        store(S, ROOT.tail + 1, mass)
+
+
+@kernel
+def constrain(lane, model, psi, state, level, scale, r):
+    """No constraint is left: joints are coordinates."""
+
+
+@kernel
+def pin(lane, model, S, k):
+    """Flag coordinate k, of the root or of an elbow, for `factor`."""
+    slot = ROOT.pinned + k
+    if k > 2:
+        slot = ROOT.end + JOINT.end * (k - 3 - size(model.mesh.n) * model.links * model.segments) + JOINT.pinned
+    store(S, slot, splat(lane, 1.0))
+
+
+@kernel
+def factor(lane, model, S):
+    """Bodies condensed from tip to root, and the root's three rows factored; inverse pivots are kept."""
+    aligned_frame(lane)
+    L, stride, first = len(lane), _stride(model), _bodies_at(model)
+    tail = stack(lane, NINE)
+    zero, one = splat(lane, 0.0), splat(lane, 1.0)
+    for i in range(9):
+        store(tail, i, zero)
+    store(tail, 0, load(lane, S, ROOT.tail + 1))
+    store(tail, 4, load(lane, S, ROOT.tail + 1))
+    store(tail, 8, load(lane, S, ROOT.tail))
+    for k in range(model.links - 1, -1, -1):
+        for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
+            condense(lane, model.mesh, model.data[model.block * b :], S[(first + stride * b) * L :], tail)
+        if k > 0:
+            o = ROOT.end + JOINT.end * (k - 1)
+            if S[(o + JOINT.pinned) * L] == 0.0:
+                inverse = one / load(lane, tail, 8)
+                store(S, o + JOINT.inverse, inverse)
+                for i in range(2):
+                    store(S, o + JOINT.column + i, load(lane, tail, 3 * i + 2) * inverse)
+                    store(S, o + JOINT.row + i, load(lane, tail, 6 + i) * inverse)
+                for i in range(2):
+                    for j in range(2):
+                        part = load(lane, S, o + JOINT.column + i) * load(lane, tail, 6 + j)
+                        store(tail, 3 * i + j, load(lane, tail, 3 * i + j) - part)
+                for i in range(3):
+                    store(tail, 3 * i + 2, zero)
+                    store(tail, 6 + i, zero)
+    for i in range(3):
+        for j in range(3):
+            entry = load(lane, tail, 3 * i + j)
+            if S[(ROOT.pinned + i) * L] != 0.0 or S[(ROOT.pinned + j) * L] != 0.0:
+                entry = one if i == j else zero
+            store(S, ROOT.factors + 3 * i + j, entry)
+    F = ROOT.factors
+    for k in range(3):
+        inverse = one / load(lane, S, F + 4 * k)
+        store(S, F + 4 * k, inverse)
+        for i in range(k + 1, 3):
+            f = load(lane, S, F + 3 * i + k) * inverse
+            store(S, F + 3 * i + k, f)
+            for j in range(k + 1, 3):
+                store(S, F + 3 * i + j, load(lane, S, F + 3 * i + j) - f * load(lane, S, F + 3 * k + j))
+
+
+@kernel
+def solve(lane, model, S, x):
+    """x <- S^-1 x with the factors of `factor`."""
+    aligned_frame(lane)
+    mesh, L, n, stride, first = model.mesh, len(lane), size(model.mesh.n), _stride(model), _bodies_at(model)
+    elbows = 3 + n * model.links * model.segments - 1
+    flow = stack(lane, THREE)
+    for i in range(3):
+        store(flow, i, splat(lane, 0.0))
+    for k in range(model.links - 1, -1, -1):
+        for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
+            D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
+            reduce(lane, mesh, D, own, x[(3 + n * b) * L :], flow)
+        if k > 0:
+            o = ROOT.end + JOINT.end * (k - 1)
+            if S[(o + JOINT.pinned) * L] == 0.0:
+                wanted = load(lane, x, elbows + k)
+                left = wanted - load(lane, flow, 2)
+                for i in range(2):
+                    store(flow, i, load(lane, flow, i) + load(lane, S, o + JOINT.column + i) * left)
+                store(flow, 2, wanted)
+                store(x, elbows + k, left)
+    for i in range(3):
+        right = load(lane, x, i)
+        if S[(ROOT.pinned + i) * L] == 0.0:
+            right = right - load(lane, flow, i)
+        elif i < 2:
+            right = right * load(lane, S, ROOT.scale)
+        store(flow, i, right)
+    F = ROOT.factors
+    for i in range(1, 3):
+        for j in range(i):
+            store(flow, i, load(lane, flow, i) - load(lane, S, F + 3 * i + j) * load(lane, flow, j))
+    for i in range(2, -1, -1):
+        total = load(lane, flow, i)
+        for j in range(i + 1, 3):
+            total = total - load(lane, S, F + 3 * i + j) * load(lane, flow, j)
+        store(flow, i, total * load(lane, S, F + 4 * i))
+    store(x, 0, load(lane, flow, 0) * load(lane, S, ROOT.scale + 1))
+    store(x, 1, load(lane, flow, 1) * load(lane, S, ROOT.scale + 1))
+    store(x, 2, load(lane, flow, 2))
+    for k in range(model.links):
+        if k > 0:
+            o, before = ROOT.end + JOINT.end * (k - 1), load(lane, flow, 2)
+            turn = before
+            if S[(o + JOINT.pinned) * L] == 0.0:
+                turn = load(lane, x, elbows + k) * load(lane, S, o + JOINT.inverse)
+                for i in range(2):
+                    turn = turn - load(lane, S, o + JOINT.row + i) * load(lane, flow, i)
+            store(x, elbows + k, turn - before)
+            store(flow, 2, turn)
+        for b in range(k * model.segments, (k + 1) * model.segments):
+            D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
+            restore(lane, mesh, D, own, x[(3 + n * b) * L :], flow)
+
+
+register(
+    FloatingChain,
+    assemble=assemble,
+    constrain=constrain,
+    pin=pin,
+    factor=factor,
+    solve=solve,
+    ports=ports,
+    damping_work=damping_work,
+    energy=energy,
+    link_poses=link_poses,
+    out_of_range=out_of_range,
+    shape=shape,
+)
