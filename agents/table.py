@@ -124,16 +124,7 @@ def seeds(judge: Judge, family: Family) -> list[Row]:
     for folder in family.runs(judge.arguments.trained):
         record = read_run(folder)
         found, _, _ = judge.rows(family, {folder.name: os.path.relpath(folder)})
-        rows.append(
-            {
-                "seed": record["seed"],
-                "steps": record["steps"],
-                "wall_s": record["wall_s"],
-                "cpu_s": record["cpu_s"],
-                "solved": record["solved"],
-                **found[folder.name],
-            }
-        )
+        rows.append({key: record[key] for key in ("seed", "steps", "wall_s", "cpu_s", "solved")} | found[folder.name])
     return rows
 
 
