@@ -13,8 +13,7 @@ from flexarm_env import arms
 from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import Scene
-
-ROOT = Path(__file__).resolve().parents[1]
+from tests.processes import ROOT
 
 
 def test_names_and_sources() -> None:

@@ -10,10 +10,9 @@ import pytest
 
 from flexarm_env.cli.parser import SCRIPTS, build_parser
 from flexarm_env.scenes import names
-from tests.processes import python
+from tests.processes import ROOT, python
 from tests.test_docs import script_of
 
-ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 

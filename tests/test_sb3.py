@@ -344,11 +344,6 @@ def test_learning_on_our_arms(algorithm: Any) -> None:
 
 
 # --------------------------------------------------------------------- imports
-def test_the_package_itself_does_not_load_it() -> None:
-    code = "import flexarm_env, sys; assert not {'stable_baselines3', 'torch'} & set(sys.modules)"
-    python("-c", code)
-
-
 def test_a_missing_library_is_named() -> None:
     code = "import sys; sys.modules['stable_baselines3'] = None; import flexarm_env.sb3"
     told = python("-c", code, code=1).stderr

@@ -11,9 +11,8 @@ import pytest
 from flexarm_env import arms, scenes
 from flexarm_env import time_functions as tf
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene, toml
+from tests.processes import ROOT
 from tests.scene_tools import ONE, TWO, scene
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.mark.parametrize("name", scenes.names(parameter_sets=True))
