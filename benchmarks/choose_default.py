@@ -14,12 +14,9 @@ compilation the first time.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -27,12 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import flexarm_env
-from benchmarks.machine import describe_machine, write_text
+from benchmarks.machine import command, describe_machine, publish, table, told
 from flexarm_env.envs.options import plan
 
 Array = NDArray[np.float64]
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results"
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 HORIZON = {"FlexibleArm-v0": 4.0, "TwoLinkFlexArm-v0": 2.0}
 LIMIT, AIM, SHARE = 0.5, 0.1, 99.0
@@ -213,15 +209,13 @@ def measure(env_id: str, episodes: int) -> tuple[list[Candidate], dict[str, floa
 def table_of(env_id: str, rows: list[Candidate], spread: dict[str, float], episodes: int) -> str:
     """One environment's Markdown table, cheapest first."""
     lines = [
-        f"## {env_id}",
-        "",
+        f"## {env_id}", "",
         f"{episodes} episodes of {HORIZON[env_id]:g} s of each kind. Reference: {Candidate(EXACT).label}; twice its "
         f"step moves the tip by {spread['step']:.4f} % of L, a mesh of {COARSER['mesh']['elements']} elements by "
-        f"{spread['mesh']:.4f} % ({SHARE:g} % of the episodes).",
-        "",
-        f"| settings | random {SHARE:g} % | bang-bang {SHARE:g} % | failed | us, vector | us, single | good enough |",
-        "|---|---|---|---|---|---|---|",
-    ]
+        f"{spread['mesh']:.4f} % ({SHARE:g} % of the episodes).", "",
+        *table(f"settings | random {SHARE:g} % | bang-bang {SHARE:g} % | failed | us, vector | us, single "
+               "| good enough"),
+    ]  # fmt: skip
     for row in sorted(rows, key=lambda r: r.vector):
         parts = [f"{percentile(e):.3f} %" if np.isfinite(percentile(e)) else "-" for e in (row.random, row.bang_bang)]
         mark = "aim" if row.worst <= AIM else "yes" if row.worst <= LIMIT else "no"
@@ -249,34 +243,25 @@ def verdict(found: dict[str, list[Candidate]]) -> list[str]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, write the table, return 0 where the defaults are good enough."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = command(__doc__, episodes=200)
     parser.add_argument("--env", choices=IDS, action="append", help="only this environment")
-    parser.add_argument("--episodes", type=int, default=200, help="of each kind (200)")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the results")
-    args = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    machine = describe_machine()
     text = [
-        "# Default formulation and step",
-        "",
+        "# Default formulation and step", "",
         "Made by `python -m benchmarks.choose_default`; see its docstring for the rule. Errors are the largest tip "
         "distance from the converged exact beam in an episode, in % of L: the value that 99 % of the episodes do not "
         "exceed. Costs are CPU microseconds of one arm and control period (20 ms): in a vector of 512 arms on one "
-        "thread, and of a single environment's `step`.",
-        "",
-    ]
-    machine = describe_machine()
-    text += ["Machine: " + ", ".join(f"{key} {value}" for key, value in machine.items()) + ".", ""]
+        "thread, and of a single environment's `step`.", "", told(machine), "",
+    ]  # fmt: skip
     data: dict[str, Any] = {"machine": machine, "version": flexarm_env.__version__, "environments": {}}
     found: dict[str, list[Candidate]] = {}
-    for env_id in args.env or IDS:
-        rows, spread = measure(env_id, args.episodes)
+    for env_id in options.env or IDS:
+        rows, spread = measure(env_id, options.episodes)
         found[env_id] = rows
-        text.append(table_of(env_id, rows, spread, args.episodes))
-        data["environments"][env_id] = {
-            "reference_spread": spread, "candidates": [row.table() for row in rows],
-        }  # fmt: skip
-    text += verdict(found)
-    write_text(args.out / "default_settings.md", "\n".join(text))
-    write_text(args.out / "default_settings.json", json.dumps(data, indent=1) + "\n")
+        text.append(table_of(env_id, rows, spread, options.episodes))
+        data["environments"][env_id] = {"reference_spread": spread, "candidates": [row.table() for row in rows]}
+    publish("default_settings", options.out, data, "\n".join([*text, *verdict(found)]))
     return 0 if all(row.worst <= LIMIT for rows in found.values() for row in rows if row.default) else 1
 
 

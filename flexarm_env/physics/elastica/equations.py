@@ -175,7 +175,7 @@ def _tangent(lane, model, par, on, weights, S):
         own = p * (ci * dyi - si * dxi) + (slope * D[at.K + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
     _payload_turns_tangent(lane, model, load(lane, par, PAYLOAD_INERTIA), cm, S)
-    _root_tangent(lane, model, payload, c, s, ex, ey, cm, S)
+    _root_tangent(lane, model, payload, on, cm, S)
     _to_relative(lane, model, S)
 
 
@@ -235,7 +235,7 @@ def _payload_turns_tangent(lane, model, inertia, cm, S):
 
 
 @kernel
-def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):
+def _root_tangent(lane, model, payload, on, cm, S):
     """Rows and columns of the root, or of the centre of mass (where little or nothing is left of `moment`)."""
     D = model.data
     at = constants(model)
@@ -243,10 +243,10 @@ def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):
         m, rows = size(model.links) * size(model.nodes), size(model.n)
         for j in range(m):
             moment = payload * D[at.w + j] + D[at.b + j] - (payload + D[at.mass]) * D[at.beta + j]
-            store(S, (m + X) * rows + j, moment * load(lane, dx, j))
-            store(S, (m + Y) * rows + j, moment * load(lane, dy, j))
-            store(S, j * rows + m + X, moment * load(lane, s, j) * -cm)
-            store(S, j * rows + m + Y, moment * load(lane, c, j) * cm)
+            store(S, (m + X) * rows + j, moment * load(lane, on.ex, j))
+            store(S, (m + Y) * rows + j, moment * load(lane, on.ey, j))
+            store(S, j * rows + m + X, moment * load(lane, on.s, j) * -cm)
+            store(S, j * rows + m + Y, moment * load(lane, on.c, j) * cm)
         mass = (payload + D[at.mass]) * cm
         store(S, (m + X) * rows + m + X, mass)
         store(S, (m + X) * rows + m + Y, splat(lane, 0.0))

@@ -157,7 +157,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
     for k in range(model.links):
         root, before = i + T, zero
         if k > 0:
-            before = left.force[2] + left.acceleration[2] * elbow_of(model, k).left
+            before = left.force[T] + left.acceleration[T] * elbow_of(model, k).left
             left = _behind_hinge(lane, model, state, k, left)
         section = section_of(lane, model, par, k)
         for _ in range(model.elements):
@@ -314,8 +314,9 @@ def _reduce(lane, S, o, x, y, t):
 
 
 @kernel
-def _restore(lane, S, o, x, y, t, a, b, c):
-    """Solution (x, y, t) at the right vertex from its reduced right side and the solution (a, b, c) at the left one."""
+def _restore(lane, S, o, right, left):
+    """Solution at the right vertex from its reduced right side and the solution at the left one."""
+    (x, y, t), (a, b, c) = right, left
     x0, x1, x2 = three(lane, S, o + LR_X)
     y0, y1, y2 = three(lane, S, o + LR_Y)
     t0, t1, t2 = three(lane, S, o + LR_T)
@@ -372,11 +373,10 @@ def solve(lane, model, S, x):
             store(x, d, psi - tt)
             tt = psi
         for _ in range(model.elements):
-            rx, ry, rt = three(lane, x, i + span)
-            rx, ry, rt = _restore(lane, S, o + own.condensed, rx, ry, rt, tx, ty, tt)
-            put_three(x, i + span, rx, ry, rt)
-            backward(lane, model.order, S[o * len(lane) :], x[i * len(lane) :], (tx, ty, tt), (rx, ry, rt))
-            tx, ty, tt = rx, ry, rt
+            left = tx, ty, tt
+            tx, ty, tt = _restore(lane, S, o + own.condensed, three(lane, x, i + span), left)
+            put_three(x, i + span, tx, ty, tt)
+            backward(lane, model.order, S[o * len(lane) :], x[i * len(lane) :], left, (tx, ty, tt))
             i += span
             o += own.end
 

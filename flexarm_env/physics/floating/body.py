@@ -385,18 +385,16 @@ def _drag_tangent(lane, model, D, carried, cc, ck, v, vectors, S):
 
 @unrolled
 @kernel
-def condense(lane, model, D, S, tail):
-    """Take in what lies behind, eliminate the elastic coordinates, hand on what is left.
+def take_in(lane, model, D, S, tail):
+    """The body's matrix with what lies behind it.
 
-    tail (9, by rows, global axes): change of force and moment by a change of the acceleration and the angle; in at the
-    tip section, out at the root section. Factors stay in the matrix, pivots inverted: no pivoting, since cm M, positive
-    definite, outweighs the rest.
+    tail (9, by rows, global axes): change of force and moment by a change of the acceleration and the angle at the tip
+    section; it is turned to the frame's axes.
     """
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
     W, wide = at.matrix, n + 3
-    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
-    _turn_matrix(lane, tail, c, -s)
+    _turn_matrix(lane, tail, load(lane, S, at.frame), -load(lane, S, at.frame + 1))
     for j in range(wide):  # what comes back through the tip by column j
         if j < n:
             bx, by = load(lane, S, at.swept + j), load(lane, S, at.swept + n + 1 + j)
@@ -418,6 +416,21 @@ def condense(lane, model, D, S, tail):
             else:
                 part = load(lane, S, at.arm + n) * fx + load(lane, S, at.arm + n + 1 + n) * fy + m
             store(S, k, load(lane, S, k) + part)
+
+
+@unrolled
+@kernel
+def condense(lane, model, D, S, tail):
+    """Take in what lies behind, eliminate the elastic coordinates, hand on what is left.
+
+    tail (9, by rows, global axes): change of force and moment by a change of the acceleration and the angle; in at the
+    tip section, out at the root section. Factors stay in the matrix, pivots inverted: no pivoting, since cm M, positive
+    definite, outweighs the rest.
+    """
+    take_in(lane, model, D, S, tail)
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
     if model.chord is not None:  # from the frame's angle to the root section's
         for i in range(wide):
             last = load(lane, S, W + i * wide + n + 2)
@@ -441,7 +454,7 @@ def condense(lane, model, D, S, tail):
     for i in range(3):
         for j in range(3):
             store(tail, 3 * i + j, load(lane, S, W + (n + i) * wide + n + j))
-    _turn_matrix(lane, tail, c, s)
+    _turn_matrix(lane, tail, load(lane, S, at.frame), load(lane, S, at.frame + 1))
 
 
 @kernel

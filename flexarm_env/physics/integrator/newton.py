@@ -29,18 +29,19 @@ from .work import state_of, take_out_known
 
 
 class Slopes(NamedTuple):
-    """What v, a and b of a step's end change by where its q changes by one."""
+    """What v, a and b of a step's end change by where its q changes by one; the step's length."""
 
     v: float  # 1/s
     a: float  # 1/s^2
     b: float  # 1/s^2
+    h: float  # s
 
 
 @kernel
 def slopes_of(scheme, h):
     """Those of a step of h."""
     b = 1.0 / (scheme.beta * h * h)
-    return Slopes(scheme.gamma / (scheme.beta * h), b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f), b)
+    return Slopes(scheme.gamma / (scheme.beta * h), b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f), b, h)
 
 
 @kernel
@@ -113,8 +114,8 @@ def _move(lane, model, w, active, slopes):
 
 
 @inlined
-def newton(lane, model, drive, par, w, slopes, h, scheme, plain):
-    """Solve the equations of a step of h; returns lanes that are 1 where that did not succeed, 0 elsewhere.
+def newton(lane, model, drive, par, w, slopes, scheme, plain):
+    """Solve the equations of a step; returns lanes that are 1 where that did not succeed, 0 elsewhere.
 
     Arms that have converged, or failed before, are left as they are while the others go on. plain: without the
     correction of the period.
@@ -135,7 +136,7 @@ def newton(lane, model, drive, par, w, slopes, h, scheme, plain):
             factor(lane, model, w.S)
             w.counts[FACTORISATIONS] += 1.0
         solve(lane, model, w.S, w.r)
-        corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes, h)
+        corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
         increment = _move(lane, model, w, active, slopes)
         w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).

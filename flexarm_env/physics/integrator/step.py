@@ -209,7 +209,7 @@ def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):
                 _stay(lane, model, w, slopes)
         _prescribe(drive, w, start + part, part)
         _guess(lane, model, model.predictor, w, slopes)
-        active = newton(lane, model, drive, par, w, slopes, part, scheme, again)
+        active = newton(lane, model, drive, par, w, slopes, scheme, again)
         _settle(lane, model, drive, par, model.algebraic, w)
         _react(lane, model, drive, par, w)
         flag = select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), load(lane, w.flag, 0))

@@ -1,0 +1,453 @@
+"""Chains of floating frames without multipliers, of another derivation: Lagrange's equations from energies by quadrature.
+
+Nothing here uses the package's mechanics. A body is a list of points of its axis with rows of u, v, phi, v' and phi' over
+its elastic coordinates p; the frame stands at theta_root - rho'p. Kinetic energy, potentials and Rayleigh's function are
+sums over those points; their derivatives are complex steps (exact to round-off) and differences of quadratic forms (exact
+likewise). Arrays of coordinates may have any leading axes: the derivatives for all coordinates are taken at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from flexarm_env.parameters import Section
+from flexarm_env.scene import PointLoad, Scene
+from tests.physics.oracle_floating import element_fields
+
+Array = NDArray[Any]
+STEP = 1e-30
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)
+MESH = 32  # elements from which modes are taken
+
+
+def form(x: Array, matrix: Array, y: Array) -> Array:
+    """x'A y for each A of a stack (S, n, n): (..., S)."""
+    return np.asarray((np.tensordot(y, matrix, (-1, 2)) * x[..., None, :]).sum(-1))
+
+
+class Points(NamedTuple):
+    """Points of a body's axis; rows over its n elastic coordinates, H its foreshortening (None: it has none)."""
+
+    x: Array  # (S,)
+    dx: Array  # (S,) weights
+    u: Array  # (S, n)
+    v: Array
+    phi: Array
+    slope: Array
+    curvature: Array
+    H: Array | None  # (S, n, n)
+
+    def combined(self, basis: Array, H: Array | None = None) -> Points:
+        """The same points over coordinates p with (old coordinates) = basis p."""
+        rows = [row @ basis for row in (self.u, self.v, self.phi, self.slope, self.curvature)]
+        return Points(self.x, self.dx, *rows, H)
+
+
+def mesh_points(section: Section, length: float, elements: int, stations: Array, weights: Array) -> Points:
+    """Points at `stations` in (0, 1) of each element, over u, v, phi of all nodes."""
+    l = length / elements
+    rows = np.zeros((5, elements * stations.size, 3 * elements + 3))
+    for k, xi in enumerate(stations):
+        own = np.array(element_fields(section.EI, section.C, l, xi))
+        for e in range(elements):
+            rows[:, e * stations.size + k, 3 * e : 3 * e + 6] = own
+    x = ((np.arange(elements)[:, None] + stations) * l).reshape(-1)
+    return Points(x, np.tile(weights * l, elements), *rows, None)
+
+
+@dataclass
+class Body:
+    """A piece of a link: points for integrals, its tip, and the frame's angle theta_root - rho'p."""
+
+    link: int
+    length: float
+    section: Section
+    points: Points
+    tip: Points  # one point
+    rho: Array  # (n,)
+    elements: list[slice]  # points of each finite element; () for modes
+
+    nodes: Array  # (3 (mesh elements + 1), n): u, v, phi of all nodes of its mesh over p
+    node_H: Array | None  # foreshortening at those nodes
+
+    @property
+    def n(self) -> int:
+        return self.rho.size
+
+
+def finite_elements(link: int, section: Section, length: float, elements: int, frame: str) -> Body:
+    """Frame through the root section ("root": p = u, v, phi of nodes 1..E) or both ends ("chord": p = phi of node 0, then
+    u, v, phi of the others but v of the last)."""
+    last = 3 * elements
+    kept = list(range(3, last + 3)) if frame == "root" else [2, *range(3, last + 1), last + 2]
+    basis = np.eye(last + 3)[:, kept]
+    inner = mesh_points(section, length, elements, 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS).combined(basis)
+    ends = mesh_points(section, length, elements, np.array([0.0, 1.0]), np.zeros(2)).combined(basis)
+    size = POINTS.size
+    slices = [slice(size * e, size * (e + 1)) for e in range(elements)]
+    return Body(link, length, section, inner, _only(ends, -1), ends.phi[0].copy(), slices, basis, None)
+
+
+def modal(link: int, section: Section, length: float, n: int, frame: str, carried: tuple[float, float]) -> Body:
+    """Bending modes with foreshortening: clamped with `carried` (mass, inertia) at the tip, or, through both ends, the
+    static shapes of a unit turn of either end and pinned-pinned modes. Of unit generalised mass, the tip's deflection
+    ("root") or the root's turn ("chord") positive."""
+    inner = mesh_points(section, length, MESH, 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS)
+    mass = _gram(inner, section.m, inner.v) + _gram(inner, section.J, inner.phi)
+    stiff = _gram(inner, section.EI, inner.curvature) + _gram(inner, section.C, inner.slope - inner.phi)
+    nodes, last = np.arange(MESH + 1), 3 * MESH
+    bending = np.sort(np.concatenate([3 * nodes + 1, 3 * nodes + 2]))
+    if frame == "root":
+        mass[last + 1, last + 1] += carried[0]
+        mass[last + 2, last + 2] += carried[1]
+        free = bending[2:]
+        lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n)
+        basis = np.zeros((last + 3, n))
+        basis[free] = lowest * np.sign(lowest[-2])
+    else:
+        basis = np.zeros((last + 3, n))
+        free = np.array([k for k in bending if k not in (1, last + 1)])
+        inside = np.array([k for k in free if k not in (2, last + 2)])
+        for k, end in enumerate((2, last + 2)):  # the other end held
+            basis[end, k] = 1.0
+            basis[inside, k] = -np.linalg.solve(stiff[np.ix_(inside, inside)], stiff[inside, end])
+        if n > 2:
+            lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n - 2)
+            basis[free, 2:] = lowest * np.sign(lowest[0])
+    # H: integral of v'^2 - (v' - phi)^2 up to each point, by quadrature within its element
+    l, size = length / MESH, POINTS.size
+    H = np.zeros((inner.x.size, n, n))
+    total = np.zeros((n, n))
+    at_nodes = [total]
+    for e in range(MESH):
+        own = basis[3 * e : 3 * e + 6]
+        for k, xi in enumerate([*(0.5 * (1.0 + POINTS)), 1.0]):
+            upto = total.copy()
+            for point, weight in zip(POINTS, WEIGHTS, strict=True):
+                fields = element_fields(section.EI, section.C, l, 0.5 * xi * (1.0 + point))
+                slope, shear = fields[3] @ own, (fields[3] - fields[2]) @ own
+                upto += 0.5 * weight * xi * l * (np.outer(slope, slope) - np.outer(shear, shear))
+            if k < size:
+                H[e * size + k] = upto
+        total = upto
+        at_nodes.append(total)
+    ends = _only(mesh_points(section, length, MESH, np.array([0.0, 1.0]), np.zeros(2)), -1)
+    rho = np.zeros(n) if frame == "root" else basis[2].copy()
+    return Body(link, length, section, inner.combined(basis, H), ends.combined(basis, total[None]), rho, [], basis, np.array(at_nodes))
+
+
+def lowest_modes(stiff: Array, mass: Array, n: int) -> Array:
+    """Eigenvectors of unit generalised mass, by M x = K x / w^2: turns of sections may have hardly any inertia."""
+    vectors = eigh(mass, stiff, subset_by_index=[len(mass) - n, len(mass) - 1])[1][:, ::-1]
+    return vectors / np.sqrt(np.sum(vectors * (mass @ vectors), axis=0))
+
+
+def _only(points: Points, k: int) -> Points:
+    """Point k alone."""
+    index = [range(points.x.size)[k]]
+    return Points(*(None if item is None else item[index] for item in points))
+
+
+def _averaged(points: Points, share: Array) -> Points:
+    """One point that is where the average of points is: positions are linear in the rows and in H."""
+    return Points(*(None if item is None else np.tensordot(share, item, (0, 0))[None] for item in points))
+
+
+def _gram(points: Points, density: float, rows: Array) -> Array:
+    return rows.T @ (density * points.dx[:, None] * rows)
+
+
+class Motion(NamedTuple):
+    """Of one body: root X (..., 2), its rate, the frame's angle and rate, elastic coordinates and rates."""
+
+    X: Array
+    X_rate: Array
+    angle: Array
+    rate: Array
+    p: Array
+    p_rate: Array
+
+
+class Chain:
+    """The oracle of a scene: `segments` bodies a link, of `elements` each or reduced to `modes`.
+
+    Reduced to modes, what a body's own mass and an elbow's have of third and higher order in p within their frame is left
+    out of the kinetic energy (theory, 2.3 and section 4); the payload moves exactly.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        segments: int,
+        elements: int = 1,
+        *,
+        frame: str = "root",
+        coupling: str = "von_karman",
+        modes: int | None = None,
+        stiffness: float = 1.0,
+    ) -> None:
+        self.scene, self.arm, self.coupling, self.frame = scene, scene.arm, coupling, frame
+        self.modes, self.stiffness = modes, stiffness
+        self.bodies: list[Body] = []
+        for k, link in enumerate(scene.arm.links):
+            part = link.length / segments
+            for i in range(segments):
+                if modes is None:
+                    self.bodies.append(finite_elements(k, link.section, part, elements, frame))
+                else:
+                    load = self._carried(k, part * (segments - 1 - i))
+                    self.bodies.append(modal(k, link.section, part, modes, frame, load))
+        self.starts, at = [], 3
+        for body in self.bodies:
+            self.starts.append(at)
+            at += body.n
+        self.betas = at
+        self.n = at + self.arm.n_links - 1
+        self.g = np.array(scene.gravity or (0.0, 0.0))
+
+    def _carried(self, link: int, rest: float) -> tuple[float, float]:
+        """Mass and inertia about a point `rest` before the tip of a link of all that follows, straight: by points."""
+        items = []  # mass, inertia, distance
+        s, at = self.arm.links[link].section, rest
+        items += [(s.m * rest * 0.5 * w, s.J * rest * 0.5 * w, rest * 0.5 * (1 + x)) for x, w in zip(POINTS, WEIGHTS)]
+        for k in range(link + 1, self.arm.n_links):
+            elbow, item = self.arm.elbow(k), self.arm.links[k]
+            items.append((elbow.mass, elbow.inertia_left + elbow.inertia_right, at))
+            s, l = item.section, item.length
+            items += [(s.m * l * 0.5 * w, s.J * l * 0.5 * w, at + l * 0.5 * (1 + x)) for x, w in zip(POINTS, WEIGHTS)]
+            at += l
+        items.append((self.arm.payload.mass, self.arm.payload.inertia, at))
+        return sum(m for m, _, _ in items), sum(j + m * d**2 for m, j, d in items)
+
+    # ---------------------------------------------------------------- kinematics
+    def motion(self, q: Array, v: Array) -> list[Motion]:
+        """Of every body, root to tip."""
+        found = []
+        X, X_rate = q[..., :2], v[..., :2]
+        angle, rate = q[..., 2], v[..., 2]  # of the root section
+        for b, (body, at) in enumerate(zip(self.bodies, self.starts, strict=True)):
+            if b and self.bodies[b - 1].link != body.link:
+                beta = self.betas + body.link - 1
+                angle, rate = angle + q[..., beta], rate + v[..., beta]
+            p, p_rate = q[..., at : at + body.n], v[..., at : at + body.n]
+            own = Motion(X, X_rate, angle - p @ body.rho, rate - p_rate @ body.rho, p, p_rate)
+            found.append(own)
+            (X, X_rate), (angle, rate) = (item[..., 0, :] for item in at_points(own, body.tip)), tip_turn(own, body)
+        return found
+
+    def tip(self, b: int, q: Array, v: Array) -> Array:
+        """x, y, angle of a body's tip section, and their rates, (..., 6)."""
+        own = self.motion(q, v)[b]
+        (X, X_rate), turn = at_points(own, self.bodies[b].tip), tip_turn(own, self.bodies[b])
+        return np.concatenate([X[..., 0, :], turn[0][..., None], X_rate[..., 0, :], turn[1][..., None]], axis=-1)
+
+    def root(self, b: int, q: Array, v: Array) -> Array:
+        """The same of its root section."""
+        own, rho = self.motion(q, v)[b], self.bodies[b].rho
+        turn, rate = own.angle + own.p @ rho, own.rate + own.p_rate @ rho
+        return np.concatenate([own.X, turn[..., None], own.X_rate, rate[..., None]], axis=-1)
+
+    def curve(self, b: int, intervals: int, q: Array) -> Array:
+        """Points of a body's axis, as many to each element of its mesh."""
+        body, own = self.bodies[b], self.motion(q, q)[b]
+        elements = len(body.nodes) // 3 - 1
+        at = np.arange(intervals // elements + 1) / (intervals // elements)
+        points = mesh_points(body.section, body.length, elements, at, 0.0 * at).combined(body.nodes)
+        if self.modes is not None:  # drawn through the nodes of its mesh
+            points = points._replace(H=np.stack([body.node_H[:-1], body.node_H[1:]], 1).reshape(-1, body.n, body.n))
+        found = at_points(own, points)[0].reshape(elements, at.size, 2)
+        return np.concatenate([found[:1, 0], *found[:, 1:]])
+
+    # ------------------------------------------------------------------ energies
+    def _lumped(self) -> list[tuple[int, str, float, float, bool]]:
+        """Body, its end, mass, inertia, and whether it moves exactly."""
+        arm, found = self.arm, [(0, "root", 0.0, self.arm.hub_inertia, True)]
+        for b in range(1, len(self.bodies)):
+            k = self.bodies[b].link
+            if self.bodies[b - 1].link != k:
+                elbow = arm.elbow(k)
+                found.append((b - 1, "tip", elbow.mass, elbow.inertia_left, False))
+                found.append((b, "root", 0.0, elbow.inertia_right, True))
+        found.append((len(self.bodies) - 1, "tip", arm.payload.mass, arm.payload.inertia, True))
+        return found
+
+    def kinetic(self, q: Array, v: Array) -> Array:
+        """Kinetic energy."""
+        motion, total = self.motion(q, v), 0.0
+        for own, body in zip(motion, self.bodies, strict=True):
+            s = body.section
+            total = total + kinetic_energy(own, body.points, s.m * body.points.dx, s.J * body.points.dx, False)
+        for b, end, mass, inertia, exactly in self._lumped():
+            own, body = motion[b], self.bodies[b]
+            if end == "root":
+                total = total + 0.5 * inertia * (own.rate + own.p_rate @ body.rho) ** 2
+            else:
+                one = np.ones(1)
+                total = total + kinetic_energy(own, body.tip, mass * one, inertia * one, exactly)
+        return total
+
+    def gravity(self, q: Array) -> Array:
+        """Potential of the weight."""
+        motion, total = self.motion(q, q), 0.0
+        for own, body in zip(motion, self.bodies, strict=True):
+            centre = _averaged(body.points, body.points.dx / body.length)
+            total = total - body.section.m * body.length * (at_points(own, centre)[0][..., 0, :] @ self.g)
+        for b, end, mass, _, _ in self._lumped():
+            if end == "tip":
+                total = total - mass * (at_points(motion[b], self.bodies[b].tip)[0][..., 0, :] @ self.g)
+        return total
+
+    def _bending(self, body: Body, x: Array) -> Array:
+        """Energy of bending and shear at strains that go with x (places or rates of p)."""
+        s, points = body.section, body.points
+        shear, curvature = x @ (points.slope - points.phi).T, x @ points.curvature.T
+        return 0.5 * self.stiffness * (s.EI * curvature**2 + s.C * shear**2) @ points.dx
+
+    def _stretches(self, body: Body, p: Array, rate: Array | None = None) -> list[Array]:
+        """Elongation of each element along its sections' normals, or its rate at p."""
+        found, length = [], body.length / max(1, len(body.elements))
+        ratio = body.section.C / body.section.EA
+        for own in body.elements:
+            points = Points(*(None if item is None else item[own] for item in body.points))
+            grow = (points.u[-1] - points.u[0]) * length / (points.x[-1] - points.x[0])  # u is linear
+            x = p if rate is None else rate
+            stretch = x @ grow
+            if self.coupling == "von_karman":
+                phi, slope = p @ points.phi.T, p @ points.slope.T
+                if rate is None:
+                    more = phi * slope - 0.5 * phi**2 - ratio * (slope - phi) * phi
+                else:
+                    phi_rate, slope_rate = rate @ points.phi.T, rate @ points.slope.T
+                    more = phi_rate * slope + phi * slope_rate - phi * phi_rate
+                    more = more - ratio * ((slope_rate - phi_rate) * phi + (slope - phi) * phi_rate)
+                stretch = stretch + more @ points.dx
+            found.append(stretch)
+        return found
+
+    def strain(self, q: Array) -> Array:
+        """Strain energy."""
+        total = 0.0
+        for at, body in zip(self.starts, self.bodies, strict=True):
+            p, l = q[..., at : at + body.n], body.length / max(1, len(body.elements))
+            total = total + self._bending(body, p)
+            for stretch in self._stretches(body, p):
+                total = total + 0.5 * body.section.EA / l * stretch**2
+        return total
+
+    def dissipation(self, q: Array, v: Array) -> Array:
+        """Rayleigh's function: Kelvin-Voigt's, and drag on what moves in its body's frame."""
+        total = 0.0
+        motion = self.motion(q, v)
+        for own, body in zip(motion, self.bodies, strict=True):
+            l = body.length / max(1, len(body.elements))
+            loss = self._bending(body, own.p_rate)
+            for rate in self._stretches(body, own.p, own.p_rate):
+                loss = loss + 0.5 * body.section.EA / l * rate**2
+            total = total + self.arm.tau_d * loss
+        if self.arm.mass_damping:
+            for own, body in zip(motion, self.bodies, strict=True):
+                s, points = body.section, body.points
+                total = total + self._drag(own, points, s.m * points.dx, s.J * points.dx, False)
+            for b, end, mass, inertia, exactly in self._lumped():
+                one = np.ones(1)
+                if end == "root":  # it turns with the root's section, not with the frame
+                    turn = (motion[b].p_rate @ self.bodies[b].rho) ** 2
+                    total = total + 0.5 * self.arm.mass_damping * inertia * turn
+                else:
+                    total = total + self._drag(motion[b], self.bodies[b].tip, mass * one, inertia * one, exactly)
+        return total
+
+    def _drag(self, own: Motion, points: Points, mass: Array, inertia: Array, exactly: bool) -> Array:
+        fast = own.p_rate @ points.u.T
+        if exactly and points.H is not None:
+            fast = fast - form(own.p, points.H, own.p_rate)
+        squares = (fast**2 + (own.p_rate @ points.v.T) ** 2) @ mass + (own.p_rate @ points.phi.T) ** 2 @ inertia
+        return 0.5 * self.arm.mass_damping * squares
+
+    # ----------------------------------------------------------------- equations
+    def residual(self, q: Array, v: Array, a: Array, u: Array) -> Array:
+        """d/dt dT/dv - dT/dq + d(U + V)/dq + dR/dv - Q."""
+        unit = np.eye(self.n)
+        r = 0.5 * (self.kinetic(q, a + unit) - self.kinetic(q, a - unit))  # M a
+        along = q + 1j * STEP * v
+        r = r + 0.5 * (self.kinetic(along, v + unit) - self.kinetic(along, v - unit)).imag / STEP
+        moved = q + 1j * STEP * unit
+        r = r + (self.strain(moved) + self.gravity(moved) - self.kinetic(moved, v + 0j * unit)).imag / STEP
+        r = r + 0.5 * (self.dissipation(q, v + unit) - self.dissipation(q, v - unit))
+        if self.coupling == "paper":
+            r = r + self._paper_force(q)
+        return r - self._loads(q, u)
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Hessian of the kinetic energy."""
+        unit = np.eye(self.n)
+        return 0.5 * (self.kinetic(q, unit[:, None] + unit) - self.kinetic(q, unit[:, None] - unit))
+
+    def _paper_force(self, q: Array) -> Array:
+        """P times the derivative of half the integral of v'^2, on the coordinates of bending."""
+        r = np.zeros(self.n)
+        for at, body in zip(self.starts, self.bodies, strict=True):
+            p, l = q[at : at + body.n], body.length / len(body.elements)
+            for own, stretch in zip(body.elements, self._stretches(body, p), strict=True):
+                slope = body.points.slope[own]
+                r[at : at + body.n] += body.section.EA / l * stretch * slope.T @ (body.points.dx[own] * (slope @ p))
+        return r
+
+    def places(self, q: Array, v: Array) -> list[tuple[Array, Array]]:
+        """Root and tip section (x, y, angle and rates) of each link."""
+        links = [body.link for body in self.bodies]
+        first = [links.index(k) for k in range(self.arm.n_links)]
+        last = [len(links) - 1 - links[::-1].index(k) for k in range(self.arm.n_links)]
+        return [(self.root(a, q, v), self.tip(b, q, v)) for a, b in zip(first, last, strict=True)]
+
+    def ports(self, q: Array) -> Array:
+        """What inputs work on: joint angles, then x, y, angle at each point load."""
+        y = [q[..., [2, *range(self.betas, self.n)]]]
+        for load in (item for item in self.scene.loads if isinstance(item, PointLoad)):
+            root, tip = self.places(q, q)[load.link]
+            y.append((root if load.end == "root" else tip)[..., :3])
+        return np.concatenate(y, axis=-1)
+
+    def _loads(self, q: Array, u: Array) -> Array:
+        """Virtual work."""
+        return (self.ports(q + 1j * STEP * np.eye(self.n)).imag / STEP) @ u
+
+
+def at_points(own: Motion, points: Points) -> tuple[Array, Array]:
+    """Positions and rates of points, (..., S, 2): exact."""
+    x, y = points.x + own.p @ points.u.T, own.p @ points.v.T
+    dx, dy = own.p_rate @ points.u.T, own.p_rate @ points.v.T
+    if points.H is not None:
+        x, dx = x - 0.5 * form(own.p, points.H, own.p), dx - form(own.p, points.H, own.p_rate)
+    c, s, w = np.cos(own.angle)[..., None], np.sin(own.angle)[..., None], own.rate[..., None]
+    dx, dy = dx - w * y, dy + w * x
+    X = own.X[..., None, :] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    return X, own.X_rate[..., None, :] + np.stack([c * dx - s * dy, s * dx + c * dy], axis=-1)
+
+
+def tip_turn(own: Motion, body: Body) -> tuple[Array, Array]:
+    """Angle and rate of the tip section."""
+    return own.angle + own.p @ body.tip.phi[0], own.rate + own.p_rate @ body.tip.phi[0]
+
+
+def kinetic_energy(own: Motion, points: Points, mass: Array, inertia: Array, exactly: bool) -> Array:
+    """Of masses at points. Not exactly: products of places and rates within the frame to second order in p."""
+    turning = 0.5 * (own.rate[..., None] + own.p_rate @ points.phi.T) ** 2 @ inertia
+    if exactly or points.H is None:
+        rate = at_points(own, points)[1]
+        return 0.5 * (rate[..., 0] ** 2 + rate[..., 1] ** 2) @ mass + turning
+    moments = np.array([np.tensordot(mass, points.H, 1), np.tensordot(mass * points.x, points.H, 1)])
+    h, h_rate = form(own.p, moments, own.p), form(own.p, moments, own.p_rate)  # of m H and m x H, summed
+    x0, y, dy, w = points.x, own.p @ points.v.T, own.p_rate @ points.v.T, own.rate[..., None]
+    c, s = np.cos(own.angle)[..., None], np.sin(own.angle)[..., None]
+    X, Y = own.X_rate[..., :1], own.X_rate[..., 1:]
+    vx, vy = c * X + s * Y, c * Y - s * X
+    twice = X**2 + Y**2 + 2.0 * (-vx * w * y + vy * (dy + w * x0))
+    twice = (twice + w**2 * (x0**2 + y**2) + 2.0 * w * x0 * dy + dy**2) @ mass
+    shortened = -2.0 * vx[..., 0] * h_rate[..., 0] - vy[..., 0] * own.rate * h[..., 0] - own.rate**2 * h[..., 1]
+    return 0.5 * (twice + shortened) + turning

@@ -1,0 +1,254 @@
+"""Floating frames in a chain without multipliers: the oracle itself, equations, lanes, and scenes in both frames."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from flexarm_env import simulate
+from flexarm_env.compiler.decorator import kernel
+from flexarm_env.compiler.lanes import EIGHT, SINGLE, store
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics import protocol
+from flexarm_env.physics.model import FloatingChain
+from flexarm_env.physics.protocol import State, Weights
+from flexarm_env.scene import Motion, PointLoad, Scene
+from flexarm_env.scenes import named
+from flexarm_env.simulation import Simulation
+from flexarm_env.time_functions import constant, cycloid
+from tests.physics.oracle_chain import STEP, Chain
+from tests.physics.test_floating_equations import Kernel, chain, close
+from tests.processes import uncompiled_tests
+
+Array = NDArray[Any]
+FRAMES = ("root", "chord")
+BOTH_FRAMES = pytest.mark.parametrize("frame", FRAMES)
+
+
+def test_uncompiled() -> None:
+    """Residual, tangents, energies, losses and places against the oracle, for every mesh (`uncompiled_chain.py`)."""
+    uncompiled_tests("physics/uncompiled_chain.py")
+
+
+# ------------------------------------------------------------ the oracle's own known answers
+def alone(section: Section, **features: Any) -> Scene:
+    arm = Arm("arm", (Link(1.0, section),), payload=features.pop("payload", Payload()))
+    return Scene("arm", arm, duration=1.0, dt=0.1, **features)
+
+
+ROD = Section(EI=1.0, EA=1e4, C=4e3, m=0.6, J=0.01)
+
+
+@BOTH_FRAMES
+@pytest.mark.parametrize("mesh", [{"elements": 1}, {"modes": 2}], ids=str)
+def test_oracle_on_a_rigid_pendulum(frame: str, mesh: dict[str, int]) -> None:
+    """Straight: I theta'' + m g L / 2 cos theta + m_p g L cos theta, and T = I w^2 / 2."""
+    scene = alone(ROD, gravity=(0.0, -9.81), payload=Payload(0.2, 0.03))
+    oracle = Chain(scene, 3, frame=frame, **mesh)
+    inertia = 0.6 / 3 + 0.01 + 0.2 + 0.03
+    q, v, a = np.zeros((3, oracle.n))
+    q[2], v[2], a[2] = 0.7, 1.3, -0.4
+    assert oracle.kinetic(q, v) == pytest.approx(0.5 * inertia * 1.3**2)
+    torque = inertia * a[2] + 9.81 * (0.3 + 0.2) * np.cos(0.7)
+    assert oracle.residual(q, v, a, np.zeros(1))[2] == pytest.approx(torque, rel=1e-10)
+
+
+def bent(oracle: Chain, u: Array) -> Array:
+    """Equilibrium with the root clamped, by Newton on the strain energy."""
+    q, free, unit = np.zeros(oracle.n), slice(3, None), np.eye(oracle.n)
+
+    def forces(q: Array) -> Array:
+        return np.asarray(oracle.strain(q + 1j * STEP * unit).imag / STEP)
+
+    for part in (0.25, 0.5, 0.75, 1.0):
+        for _ in range(12):
+            stiffness = np.array([(forces(q + 1e-6 * e) - forces(q - 1e-6 * e)) / 2e-6 for e in unit])
+            r = forces(q) - part * (oracle.ports(q + 1j * STEP * unit).imag / STEP) @ u
+            step = np.linalg.solve(stiffness[free, free], r[free])
+            q[free] -= step
+            if np.abs(step).max() < 1e-9:
+                break
+    return q
+
+
+@pytest.mark.parametrize(
+    ("frame", "mesh", "order", "error"),
+    [
+        ("root", {"elements": 1}, 2.9, 5e-4),
+        ("chord", {"elements": 1}, 3.9, 2e-6),
+        ("chord", {"modes": 2}, 3.9, 2e-6),
+    ],
+)
+def test_oracle_rolled_up_by_an_end_moment(frame: str, mesh: dict[str, int], order: float, error: float) -> None:
+    """An arc of 2 rad: exact for M = EI kappa. What each frame's segments miss falls as their kinematics say."""
+    scene = alone(ROD, loads=(PointLoad(0, "tip", constant(0.0), constant(0.0), constant(1.0)),))
+    moment = 2.0
+    exact = np.array([np.sin(moment), 1.0 - np.cos(moment), moment**2]) / moment
+    errors = []
+    for segments in (2, 4, 8):
+        oracle = Chain(scene, segments, frame=frame, **mesh)
+        q = bent(oracle, np.array([0.0, 0.0, 0.0, moment]))
+        errors.append(float(np.abs(oracle.tip(segments - 1, q, q)[:3] - exact).max()))
+    assert errors[-1] < error
+    assert (np.log2(np.array(errors[:-1]) / errors[1:]) > order).all()
+
+
+def test_oracle_frames_agree_where_nothing_bends() -> None:
+    """Mass and stiffness of the straight arm in one frame are those in the other: the fields are the same."""
+    scene = alone(ROD, payload=Payload(0.2, 0.03))
+    root, chord = (Chain(scene, 2, 2, frame=frame) for frame in FRAMES)
+    assert root.n == chord.n
+    zero, unit = np.zeros(root.n), np.eye(root.n)
+
+    def fields(oracle: Chain) -> Array:
+        """What a unit of each coordinate moves nodes by: x, y along the axis and the angle of sections."""
+        rows = []
+        for motion, body in zip(oracle.motion(zero, unit), oracle.bodies, strict=True):
+            x = np.arange(3) * body.length / 2
+            at = motion.p_rate @ body.nodes.T  # (n, 9)
+            rows += [motion.X_rate[:, :1] + at[:, 0::3], motion.rate[:, None] + at[:, 2::3]]
+            rows.append(motion.X_rate[:, 1:] + at[:, 1::3] + motion.rate[:, None] * x)
+        return np.concatenate(rows, axis=1).T
+
+    change = np.linalg.lstsq(fields(root), fields(chord), rcond=None)[0]
+    assert close(fields(root) @ change, fields(chord), 1e-12)
+    assert close(change.T @ root.mass_matrix(zero) @ change, chord.mass_matrix(zero), 1e-12)
+    p = 1e-7 * np.random.default_rng(3).normal(size=root.n)
+    assert root.strain(change @ p) == pytest.approx(float(chord.strain(p)), rel=1e-5)
+
+
+@pytest.mark.parametrize("mesh", [{"segments": 2, "elements": 2}, {"segments": 2, "modes": 3}], ids=str)
+def test_oracle_is_the_form_with_multipliers(mesh: dict[str, int], rng: np.random.Generator) -> None:
+    """The paper's residual, of another code, on the velocities that its constraints allow: multipliers do no work."""
+    from dataclasses import replace
+
+    scene = chain()
+    scene = replace(scene, rigid_joints=(), arm=replace(scene.arm, mass_damping=0.0))
+    joined = Kernel(scene, **mesh, multipliers=True)
+    oracle = Chain(scene, mesh["segments"], mesh.get("elements", 1), modes=mesh.get("modes"))
+    starts = joined.model.table[:, 0]
+
+    def absolute(q: Array, v: Array) -> tuple[Array, Array]:
+        shape = (*np.broadcast(q[..., 0], v[..., 0]).shape, joined.n)
+        places, rates = np.zeros((2, *shape), np.result_type(q, v))
+        for at, m in zip(starts, oracle.motion(q, v), strict=True):
+            size = m.p.shape[-1]
+            for target, values in ((places, (m.X, m.angle, m.p)), (rates, (m.X_rate, m.rate, m.p_rate))):
+                target[..., at : at + 2], target[..., at + 2], target[..., at + 3 : at + 3 + size] = values
+        return places, rates
+
+    q, v, a = 0.1 * rng.normal(size=oracle.n), rng.normal(size=oracle.n), rng.normal(size=oracle.n)
+    u = rng.normal(size=joined.model.n_inputs)
+    Q, V = absolute(q, v)
+    A = absolute(q + 1j * STEP * v, v + 1j * STEP * a)[1].imag / STEP
+    allowed = absolute(q, np.eye(oracle.n))[1]
+    assert close(allowed @ joined.residual(Q, V, A, u), oracle.residual(q, v, a, u), 3e-8 if "modes" in mesh else 1e-12)
+
+
+# ------------------------------------------------------------------------------ lanes
+@kernel
+def _scalars(lane, model, par, q, v, x, out):  # type: ignore[no-untyped-def]
+    kinetic, strain, gravity = protocol.energy(lane, model, par, q, v)
+    store(out, 0, kinetic)
+    store(out, 1, strain)
+    store(out, 2, gravity)
+    store(out, 3, protocol.damping_work(lane, model, par, q, v, x))
+    store(out, 4, protocol.out_of_range(lane, model, par, q))
+
+
+def aligned(n: int) -> Array:
+    """Room that begins on a multiple of 64 bytes."""
+    room = np.full(n + 8, np.nan)
+    first = (-room.ctypes.data % 64) // 8
+    return room[first : first + n]
+
+
+def laid(rows: Array) -> Array:
+    """One row an arm, as lanes have them."""
+    flat = aligned(rows.size)
+    flat[:] = rows.T.reshape(-1)
+    return flat
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        {"segments": 2, "elements": 1, "frame": "chord"},
+        {"segments": 1, "modes": 2, "frame": "root"},
+        pytest.param({"segments": 1, "elements": 3, "frame": "root"}, marks=pytest.mark.slow),
+        pytest.param({"segments": 2, "modes": 3, "frame": "chord"}, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
+def test_a_lane_is_an_arm_alone_bit_for_bit(mesh: dict[str, Any], rng: np.random.Generator) -> None:
+    """Everything that the protocol asks for, of eight unlike arms at once and one by one."""
+    links = (Link(1.0, Section(3.0, 40.0, 25.0, 0.7, 0.02)), Link(0.8, Section(2.0, 60.0, 1e3, 0.4, 0.01)))
+    elbows, payload = (Elbow(0.2, 0.01, 0.02),), Payload(0.3, 0.006)
+    arm = Arm("two", links, hub_inertia=0.03, elbows=elbows, payload=payload, tau_d=0.04)
+    loads = (PointLoad(0, "tip", constant(1.0)), PointLoad(1, "tip", constant(1.0)))
+    scene = Scene("two", arm, duration=1.0, dt=0.01, loads=loads, gravity=(0.0, -9.81), root="free")
+    simulation = Simulation(scene, scene.settings("floating_frame", **mesh))
+    m, functions = simulation.model, protocol.REGISTRY[FloatingChain]
+    q = simulation.system.q0 + 0.03 * rng.normal(size=(8, m.n))
+    v, a, b = rng.normal(size=(3, 8, m.n))
+    u = rng.normal(size=(8, m.n_inputs))
+    par = simulation.par * rng.uniform(0.5, 1.5, (8, 4))
+
+    def everything(lane: Any, arms: slice) -> list[Array]:
+        count = len(lane)
+        par_, q_, v_, a_, u_, x = (laid(item[arms]) for item in (par, q, v, a, u, b))
+        r, S = aligned(count * m.n), aligned(count * m.n_factor)
+        poses, y, scalars = aligned(24 * count), aligned(count * m.n_inputs), aligned(5 * count)
+        functions["assemble"](lane, m, par_, State(q_, v_, a_), u_, Weights(2.0, 0.7, 30.0), r, S)
+        functions["pin"](lane, m, S, 1)
+        functions["factor"](lane, m, S)
+        functions["solve"](lane, m, S, x)
+        functions["link_poses"](lane, m, par_, q_, v_, poses)
+        functions["ports"](lane, m, par_, q_, y)
+        _scalars(lane, m, par_, q_, v_, v_, scalars)
+        return [item.reshape(-1, count) for item in (r, x, poses, y, scalars)]
+
+    together = everything(EIGHT, slice(None))
+    assert all(np.isfinite(item).all() for item in together)
+    for k in range(8):
+        for one, all_ in zip(everything(SINGLE, slice(k, k + 1)), together, strict=True):
+            assert np.array_equal(one[:, 0], all_[:, k])
+
+
+# ------------------------------------------------------------------------------ scenes
+def tips_apart(one: Any, other: Any) -> float:
+    assert one.status == other.status == "ok", (one.message, other.message)
+    return float(np.hypot(*(one.tip - other.tip)[:, :2].T).max() / one.scene.arm.total_length)
+
+
+def jointed() -> Scene:
+    """Three links under gravity: an elbow that is driven, one that is rigid at an angle."""
+    section = Section(4.0, 4e4, 1.5e4, 0.5, 1e-3)
+    elbows = (Elbow(0.1, 0.01, 0.02), Elbow(0.05))
+    arm = Arm("three", (Link(0.7, section),) * 3, hub_inertia=0.05, elbows=elbows, payload=Payload(0.2, 1e-3))
+    start = {"angles": (-1.2, -0.7, 0.1), "rigid_joints": (2,), "gravity": (0.0, -9.81)}
+    motions = (Motion("joint1", cycloid(0.9, 0.8, 0.5)),)
+    return Scene("jointed", arm, duration=1.0, dt=0.002, sample=0.05, motions=motions, **start)
+
+
+@pytest.mark.parametrize(
+    ("scene", "dt", "mesh"),
+    [
+        (named("robot_arm_motion_smooth"), 0.0125, {"segments": 3}),
+        pytest.param(named("spin_up"), 0.01, {"segments": 2, "modes": 2}, marks=pytest.mark.slow),
+        pytest.param(named("flying_rod"), 2.5e-3, {"segments": 3}, marks=pytest.mark.slow),
+        pytest.param(jointed(), 2e-3, {"segments": 2}, marks=pytest.mark.slow),
+    ],
+    ids=lambda item: item.name if isinstance(item, Scene) else None,
+)
+def test_the_form_with_multipliers_is_approached(scene: Scene, dt: float, mesh: dict[str, Any]) -> None:
+    """The same equations: with the step the difference falls in second order, to 1e-6 of L."""
+    apart = []
+    for k in range(4):
+        options = {"dt": dt / 2**k, "rho_inf": 1.0, "sample": 0.1, "estimate_error": False, **mesh}
+        apart.append(tips_apart(simulate(scene, **options), simulate(scene, multipliers=True, **options)))
+    assert np.log2(np.array(apart[:-1]) / apart[1:]) == pytest.approx(2.0, abs=0.15)
+    assert apart[-1] < 3e-6

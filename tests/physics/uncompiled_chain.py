@@ -1,0 +1,262 @@
+"""Floating frames in a chain against their oracle, on plain Python numbers; `test_floating_chain.py` runs this file.
+
+The kernels are the very ones that are compiled elsewhere; here all meshes, frames and features come at no compile time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import config
+from numpy.typing import NDArray
+
+from flexarm_env.compiler.lanes import SINGLE
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.floating.build import build
+from flexarm_env.physics.model import FloatingChain
+from flexarm_env.physics.protocol import REGISTRY, RESIDUAL_ALONE, State, Weights
+from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.settings import Settings
+from flexarm_env.time_functions import constant
+from tests.physics.oracle_chain import Chain
+
+pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
+
+Array = NDArray[Any]
+SECTIONS = (
+    Section(3.0, 40.0, 25.0, 0.7, 0.02),
+    Section(2.0, 60.0, 1e3, 0.4, 0.01),
+    Section(5.0, 90.0, 70.0, 0.9, 0.0),
+)
+LENGTHS = (1.0, 0.8, 0.5)
+
+
+def scene_of(links: int, **features: Any) -> Scene:
+    """A chain of unlike links with everything lumped that can be; features are left out by name."""
+    elbows = (Elbow(0.2, 0.01, 0.02), Elbow(0.1, 0.005, 0.004))[: links - 1]
+    arm = Arm(
+        "chain",
+        tuple(Link(length, section) for length, section in zip(LENGTHS[:links], SECTIONS[:links], strict=True)),
+        hub_inertia=features.get("hub", 0.03),
+        elbows=elbows if features.get("elbows", True) else (),
+        payload=features.get("payload", Payload(0.3, 0.006)),
+        tau_d=features.get("tau_d", 0.04),
+        mass_damping=features.get("mass_damping", 0.0),
+    )
+    last = links - 1
+    loads = (
+        PointLoad(0, "tip", constant(1.0), constant(2.0), constant(0.5)),
+        PointLoad(last, "root", constant(-1.0), constant(0.7), constant(0.2)),
+        PointLoad(last, "tip", constant(0.3), constant(0.2), constant(-0.1)),
+    )
+    return Scene(
+        "chain", arm, duration=1.0, dt=0.01, root=features.get("root", "pinned"), position=(0.3, -0.2),
+        angles=(0.3, -0.2, 1.0)[:links], gravity=features.get("gravity", (0.5, -9.81)),
+        loads=loads if features.get("loads", True) else (),
+    )  # fmt: skip
+
+
+class Case:
+    """A model, its functions called alone on one arm, and its oracle."""
+
+    def __init__(self, links: int, features: dict[str, Any], stiffness: float = 1.0, **mesh: Any) -> None:
+        self.scene, self.mesh = scene_of(links, **features), mesh
+        self.system = build(self.scene, Settings.make("floating_frame", **mesh))
+        assert isinstance(self.system.model, FloatingChain)
+        self.model, self.par = self.system.model, self.system.par.copy()
+        self.par[2] = stiffness
+        self.functions = REGISTRY[FloatingChain]
+        size = self.model.n
+        self.n = size if isinstance(size, int) else len(size)
+        size = self.model.n_factor
+        self.n_factor = size if isinstance(size, int) else len(size)
+        size = self.model.n_inputs
+        self.n_inputs = size if isinstance(size, int) else len(size)
+        given = {"frame": "root", **mesh, "stiffness": stiffness}
+        self.oracle = Chain(self.scene, given.pop("segments", 1), given.pop("elements", 1), **given)
+        # eigenvectors of the modes' mesh are known to nine digits
+        self.tolerance = 1e-10 if mesh.get("modes") is None else 3e-8
+
+    def state(self, seed: int = 1, size: float = 0.15) -> tuple[Array, Array, Array, Array]:
+        """q, v, a, u: deflections of `size`, everything moving."""
+        rng = np.random.default_rng(seed)
+        q = self.system.q0 + size * rng.normal(size=self.n)
+        return q, rng.normal(size=self.n), rng.normal(size=self.n), rng.normal(size=self.n_inputs)
+
+    def residual(self, q: Array, v: Array, a: Array, u: Array) -> Array:
+        """Every entry is written: the array starts as NaN."""
+        return self.with_room(q, v, a, u, np.full(self.n_factor, np.nan))
+
+    def with_room(self, q: Array, v: Array, a: Array, u: Array, S: Array) -> Array:
+        r = np.full(self.n, np.nan)
+        self.functions["assemble"](SINGLE, self.model, self.par, State(q, v, a), u, RESIDUAL_ALONE, r, S)
+        return r
+
+    def factored(self, state: tuple[Array, ...], weights: tuple[float, ...], pinned: tuple[int, ...] = ()) -> Array:
+        """The iteration matrix's factors."""
+        r, S = np.full(self.n, np.nan), np.full(self.n_factor, np.nan)
+        self.functions["assemble"](SINGLE, self.model, self.par, State(*state[:3]), state[3], Weights(*weights), r, S)
+        assert close(r, self.residual(*state), 1e-13)
+        for k in pinned:
+            self.functions["pin"](SINGLE, self.model, S, k)
+        self.functions["factor"](SINGLE, self.model, S)
+        return S
+
+    def solved(self, S: Array, b: Array) -> Array:
+        x = b.copy()
+        self.functions["solve"](SINGLE, self.model, S, x)
+        return x
+
+    def tangent(self, state: tuple[Array, ...], weights: tuple[float, ...]) -> Array:
+        """cm dr/da + cc dr/dv + ck dr/dq by central differences of the residual, which is linear in a and of second order
+        in v; those of q are extrapolated (sixth order)."""
+        q, v, a, u = state
+
+        def along(d: Array, h: float) -> Array:
+            return (self.residual(q + h * d, v, a, u) - self.residual(q - h * d, v, a, u)) / (2.0 * h)
+
+        columns, h = [], 4e-3
+        for d in np.eye(self.n):
+            column = weights[0] * 0.5 * (self.residual(q, v, a + d, u) - self.residual(q, v, a - d, u))
+            column += weights[1] * 0.5 * (self.residual(q, v + d, a, u) - self.residual(q, v - d, a, u))
+            if weights[2]:
+                slopes = (1.5 * along(d, h) - 0.6 * along(d, 2.0 * h) + 0.1 * along(d, 3.0 * h))
+                column += weights[2] * slopes
+            columns.append(column)
+        return np.array(columns).T
+
+
+def close(mine: Any, other: Any, tolerance: float) -> bool:
+    """Largest difference relative to the largest value."""
+    mine, other = np.asarray(mine), np.asarray(other)
+    return bool(np.abs(mine - other).max() <= tolerance * max(1.0, np.abs(other).max()))
+
+
+MESHES: list[dict[str, Any]] = [
+    {"segments": 1, "elements": 1},
+    {"segments": 1, "elements": 2},
+    {"segments": 1, "elements": 4},
+    {"segments": 2, "elements": 1},
+    {"segments": 3, "elements": 2},
+    {"segments": 2, "elements": 2, "coupling": "paper"},
+    {"segments": 2, "elements": 1, "coupling": "linear"},
+    {"modes": 1},
+    {"modes": 2},
+    {"modes": 3},
+    {"segments": 3, "modes": 2},
+    {"segments": 2, "modes": 4},
+]
+FRAMES = ("root", "chord")
+FEATURES: list[dict[str, Any]] = [
+    {},
+    {"gravity": None, "tau_d": 0.0, "loads": False},
+    {"elbows": False, "payload": Payload(), "hub": 0.0},
+]
+
+
+def named(mesh: dict[str, Any]) -> str:
+    return ",".join(f"{name}={value}" for name, value in mesh.items())
+
+
+def cases() -> list[Any]:
+    found = []
+    for frame in FRAMES:
+        for mesh in MESHES:
+            if frame == "chord" and mesh.get("modes") == 1:
+                continue
+            for links in (1, 2, 3):
+                found.append(pytest.param(links, {**mesh, "frame": frame}, id=f"{links}-{frame}-{named(mesh)}"))
+    return found
+
+
+ALL = pytest.mark.parametrize(("links", "mesh"), cases())
+
+
+@ALL
+def test_equations_are_those_of_lagrange(links: int, mesh: dict[str, Any]) -> None:
+    for features in FEATURES:
+        case = Case(links, features, **mesh)
+        assert case.n == case.oracle.n
+        assert case.system.coordinates == {
+            "root_x": 0, "root_y": 1, "joint0": 2, **{f"joint{k}": case.oracle.betas + k - 1 for k in range(1, links)}
+        }  # fmt: skip
+        for seed in (1, 2):
+            state = case.state(seed)
+            assert close(case.residual(*state), case.oracle.residual(*state), case.tolerance), features
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("mesh", [{"segments": 1, "elements": 3}, {"segments": 1, "modes": 3}], ids=named)
+def test_drag_and_a_softer_arm(frame: str, mesh: dict[str, Any]) -> None:
+    """mass_damping, and the factor on EI that an arm of a batch may have."""
+    for features in ({"mass_damping": 0.3}, {"tau_d": 0.0, "mass_damping": 0.3}):
+        case = Case(2, features, stiffness=0.7, frame=frame, **mesh)
+        state = case.state()
+        assert close(case.residual(*state), case.oracle.residual(*state), case.tolerance)
+
+
+@ALL
+def test_tangents_solve_what_differences_say(links: int, mesh: dict[str, Any]) -> None:
+    """S = cm dr/da + cc dr/dv + ck dr/dq, factored and solved; the root's and the joints' coordinates can be pinned."""
+    case = Case(links, {"mass_damping": 0.2 if mesh.get("segments", 1) == 1 else 0.0}, **mesh)
+    state, rng = case.state(3, 0.15 if mesh.get("modes") is None else 0.03), np.random.default_rng(5)
+    for weights in ((1.0, 0.0, 0.0), (2.0, 0.7, 1.3), (1.0, 0.3, 20.0)):
+        wanted = case.tangent(state, weights)
+        S, b = case.factored(state, weights), rng.normal(size=case.n)
+        before = case.solved(S, b)
+        case.with_room(*case.state(8), S)  # a residual alone leaves the factors as they are
+        assert np.array_equal(before, case.solved(S, b))
+        joints = tuple(range(case.oracle.betas, case.n))
+        for pinned in ((), (0, 1), (0, 1, 2), (0,), (2,), joints, (0, *joints)):
+            full = wanted.copy()
+            full[list(pinned)] = 0.0
+            full[:, list(pinned)] = 0.0
+            full[list(pinned), list(pinned)] = 1.0
+            S = case.factored(state, weights, pinned)
+            for _ in range(2):
+                b = rng.normal(size=case.n)
+                b[list(pinned)] = 0.0
+                x = case.solved(S, b)
+                left = np.abs(full @ x - b).max() / (np.abs(full) @ np.abs(x)).max()  # backward error
+                assert left < 1e-9, (weights, pinned)
+
+
+@ALL
+def test_energies_and_losses(links: int, mesh: dict[str, Any]) -> None:
+    case = Case(links, {"mass_damping": 0.2 if mesh.get("segments", 1) == 1 else 0.0}, **mesh)
+    q, v, x, _ = case.state(4)
+    kinetic, strain, gravity = case.functions["energy"](SINGLE, case.model, case.par, q, v)
+    assert kinetic == pytest.approx(float(case.oracle.kinetic(q, v)), rel=case.tolerance)
+    assert gravity == pytest.approx(float(case.oracle.gravity(q)), rel=case.tolerance)
+    if mesh.get("coupling") != "paper":
+        assert strain == pytest.approx(float(case.oracle.strain(q)), rel=case.tolerance)
+    loss = case.oracle.dissipation
+    power = case.functions["damping_work"](SINGLE, case.model, case.par, q, v, x)
+    assert power == pytest.approx(float(0.5 * (loss(q, v + x) - loss(q, v - x))), rel=10 * case.tolerance)
+
+
+@ALL
+def test_places(links: int, mesh: dict[str, Any]) -> None:
+    """Poses of roots and tips with rates, what inputs work on, and the curve that is drawn."""
+    case = Case(links, {}, **mesh)
+    q, v, _, _ = case.state(6)
+    poses, y = np.full((links, 12), np.nan), np.full(case.n_inputs, np.nan)
+    case.functions["link_poses"](SINGLE, case.model, case.par, q, v, poses.reshape(-1))
+    assert close(poses, np.array([np.concatenate(pair) for pair in case.oracle.places(q, v)]), case.tolerance)
+    case.functions["ports"](SINGLE, case.model, case.par, q, y)
+    assert close(y, case.oracle.ports(q), case.tolerance)
+    points = np.full((4000, 2), np.nan)
+    points = points[: case.functions["shape"](case.model, q, points)]
+    assert np.isfinite(points).all()
+    bodies = len(case.oracle.bodies)
+    assert (len(points) - 1) % bodies == 0
+    stations = (len(points) - 1) // bodies
+    for b in range(bodies):
+        assert close(points[b * stations], case.oracle.root(b, q, v)[:2], case.tolerance)
+        assert close(points[(b + 1) * stations], case.oracle.tip(b, q, v)[:2], case.tolerance)
+        wanted = case.oracle.curve(b, stations, q)
+        assert close(points[b * stations : (b + 1) * stations + 1], wanted, case.tolerance)
+    assert case.functions["shape"](case.model, q, np.zeros((2, 2))) == 2
