@@ -17,8 +17,9 @@ from ...compiler.lanes import load, splat, store
 from ...compiler.trace import aligned_frame
 from ..model import FloatingChain
 from ..protocol import register
-from .body import carry, condense, forces, reduce, restore, tangent
+from .body import carry, forces, tangent
 from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
+from .condensation import condense, reduce, restore
 from .layout import JOINT, KNOWN, ROOT, factors_at
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
