@@ -104,9 +104,8 @@ def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) ->
         if key not in allowed:
             known = ", ".join(sorted(allowed))
             raise ValueError(f"{path}: {env_id}.{key}: unknown key; {config.algorithm} takes {known}")
-    for key in ("n_timesteps",):
-        if key not in config.text:
-            raise ValueError(f"{path}: {env_id}.{key}: missing; a positive number of environment steps")
+    if "n_timesteps" not in config.text:
+        raise ValueError(f"{path}: {env_id}.n_timesteps: missing; a positive number of environment steps")
     config.arguments()
     return config
 

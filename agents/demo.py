@@ -90,7 +90,7 @@ def replay(out: Path) -> list[str]:
 def train(arguments: Arguments) -> list[str]:
     """Train (or go on with, or keep) the run, and return the report's lines."""
     from agents import train_ppo
-    from agents.training import describe
+    from agents.progress import describe
 
     folder = arguments.out / "ppo"
     finished = (folder / "run.json").exists() and read_run(folder).get("finished", False)
@@ -99,14 +99,9 @@ def train(arguments: Arguments) -> list[str]:
         note = f"kept from an earlier call ({folder})"
     else:
         wanted = train_ppo.Arguments(
-            env=ENV,
-            seed=arguments.seed,
-            n_timesteps=arguments.steps,
-            out=folder,
-            resume=(folder / "run.json").exists(),
-            tensorboard=False,
-            progress=sys.stderr.isatty(),
-        )
+            env=ENV, seed=arguments.seed, n_timesteps=arguments.steps, out=folder,
+            resume=(folder / "run.json").exists(), tensorboard=False, progress=sys.stderr.isatty(),
+        )  # fmt: skip
         note = describe(train_ppo.train(wanted))
     return ["## Training", "", f"PPO on {ENV}: {note}.", "", "![learning curve](ppo/learning_curve.png)", ""]
 

@@ -113,14 +113,10 @@ def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
 def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Any]:
     """The content of the JSON: one policy's numbers at the top level, several under `policies`."""
     head = {
-        "env": arguments.env,
-        "episodes": arguments.episodes,
-        "first_seed": arguments.first,
-        "formulation": arguments.formulation,
-        "randomized": arguments.randomized,
-        "bounds": dict(limits),
+        "env": arguments.env, "episodes": arguments.episodes, "first_seed": arguments.first,
+        "formulation": arguments.formulation, "randomized": arguments.randomized, "bounds": dict(limits),
         "versions": versions(),
-    }
+    }  # fmt: skip
     if len(rows) == 1:
         ((name, row),) = rows.items()
         return {**head, "policy": name, **row}
@@ -148,13 +144,8 @@ def main() -> int:
 
             for word in arguments.policy.split(","):
                 chosen = choose(word, arguments.env)
-                film(
-                    arguments.env,
-                    chosen,
-                    keywords(arguments, chosen),
-                    arguments.first,
-                    arguments.out / f"{chosen.name}.mp4",
-                )
+                path = arguments.out / f"{chosen.name}.mp4"
+                film(arguments.env, chosen, keywords(arguments, chosen), arguments.first, path)
     return 0
 
 

@@ -59,12 +59,8 @@ def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) ->
             "clip": np.float64(normaliser.clip_obs),
             "epsilon": np.float64(normaliser.epsilon),
         }
-    own = {
-        "format": FORMAT,
-        "layers": len(weights),
-        "activation": "relu" if nn.ReLU in kinds else "tanh",
-        "squash": squash,
-    }
+    activation = "relu" if nn.ReLU in kinds else "tanh"
+    own = {"format": FORMAT, "layers": len(weights), "activation": activation, "squash": squash}
     return NumpyPolicy({**meta, **own}, weights, statistics)
 
 

@@ -97,7 +97,7 @@ class Arguments:
 def train(family: Family, seed: int, home: Path, progress: bool) -> Path:
     """The folder of a finished run: trained, gone on with, or kept."""
     from agents import train_ppo
-    from agents.training import describe
+    from agents.progress import describe
 
     folder = home / f"{family.name}-{seed}"
     started = (folder / "run.json").exists()

@@ -124,16 +124,7 @@ def seeds(judge: Judge, family: Family) -> list[Row]:
     for folder in family.runs(judge.arguments.trained):
         record = read_run(folder)
         found, _, _ = judge.rows(family, {folder.name: os.path.relpath(folder)})
-        rows.append(
-            {
-                "seed": record["seed"],
-                "steps": record["steps"],
-                "wall_s": record["wall_s"],
-                "cpu_s": record["cpu_s"],
-                "solved": record["solved"],
-                **found[folder.name],
-            }
-        )
+        rows.append({key: record[key] for key in ("seed", "steps", "wall_s", "cpu_s", "solved")} | found[folder.name])
     return rows
 
 
@@ -215,81 +206,6 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
     ]  # fmt: skip
 
 
-def _worst(runs: list[Row]) -> tuple[float, float]:
-    """Least success and longest median settling of several seeds."""
-    return min(row["success_rate"] for row in runs), max(row["settling_time_median"] for row in runs)
-
-
-def _longest(rows: list[Row], limit: float) -> tuple[str, bool]:
-    """The longest wall and CPU time in words, and whether the former is within a limit, s."""
-    wall, cpu = (max((row[key] for row in rows), default=float("nan")) for key in ("wall_s", "cpu_s"))
-    return f"at most {wall:.0f} s of wall time, {cpu:.0f} s of CPU", wall <= limit
-
-
-def checks(content: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
-    """What was asked for, what was found, whether it holds; of the environments that are there."""
-    out: list[tuple[str, str, bool]] = []
-    for name, own_checks, short, least in (
-        ("flexible_arm", slew_checks, "slew", 0.95),
-        ("two_link", reach_checks, "reach", 0.9),
-    ):
-        if name in content:
-            out += own_checks(content[name]) + model_checks(content[name], name, short, least)
-    return out
-
-
-def slew_checks(one: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
-    """Of FlexibleArm-v0."""
-    runs, classical = one["seeds"]["flexible_arm"], _classical(one)
-    least, settling = _worst(runs)
-    ratio = settling / classical["time_optimal"]
-    rivals = {name: classical[name] for name in ("pd", "zvd", "lqr")}
-    found = f"{settling:.2f} s (worst) against " + ", ".join(f"{name} {value:.2f}" for name, value in rivals.items())
-    solved = [row["solved"] for row in runs if row["solved"]]
-    return [
-        ("slew: success at least 99 %", f"{least:.1%} (worst of {len(runs)} seeds)", least >= 0.99),
-        ("slew: median settling at most 1.25 of the time-optimal controller's", f"{ratio:.2f} (worst)", ratio <= 1.25),
-        ("slew: quicker than PD, PD + ZVD and LQR", found, settling < min(rivals.values())),
-        ("slew: 5 seeds of 5 solve it", f"{len(solved)} of {len(runs)}", len(solved) == len(runs) >= 5),
-        ("slew: solved within 60 s of training", *_longest(solved, 60.0)),
-    ]
-
-
-def reach_checks(two: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
-    """Of TwoLinkFlexArm-v0."""
-    runs, classical = two["seeds"]["two_link"], _classical(two)
-    least, settling = _worst(runs)
-    name = min(classical, key=lambda key: classical[key])
-    ratio = settling / classical[name]
-    found = f"{ratio:.2f} (worst: {settling:.2f} s against {classical[name]:.2f} s of {name})"
-    torque = [row["success_rate"] for row in two["seeds"].get("two_link_torque", [])]
-    found_torque = f"{min(torque):.1%}" if torque else "no run"
-    return [
-        ("reach: at least 95 % for each of 5 seeds", f"{least:.1%} (worst of {len(runs)})", least >= 0.95),
-        ("reach: median settling at most 0.85 of the best classical controller's", found, ratio <= 0.85),
-        ("reach: at most 10 minutes of training", *_longest(runs, 600.0)),
-        ("reach by torque alone: at least 90 %", found_torque, min(torque, default=0.0) >= 0.9),
-    ]
-
-
-def model_checks(own: Mapping[str, Any], name: str, short: str, least: float) -> list[tuple[str, str, bool]]:
-    """Randomised arms and the exact model."""
-    robust, nominal = (own["randomised"][f"PPO ({key})"]["success_rate"] for key in (f"{name}_robust", name))
-    usual, exact = (row[f"PPO ({name})"]["success_rate"] for row in own["models"].values())
-    found = f"{robust:.1%} (trained on the nominal arm alone: {nominal:.1%})"
-    near = abs(usual - exact) <= 0.02 + 1e-9
-    return [
-        (f"{short}, randomised: at least {least:.0%} where trained so", found, robust >= least),
-        (f"{short}: success on the exact model within 2 points", f"{usual:.1%}, {exact:.1%}", near),
-    ]
-
-
-def _classical(own: Mapping[str, Any]) -> dict[str, float]:
-    """Median settling of the classical controllers."""
-    table = own["nominal"]
-    return {name: row["settling_time_median"] for name, row in table.items() if not name.startswith("PPO")}
-
-
 HEAD = """# Policies beside classical control
 
 Trained policies (PPO) and classical controllers on the same fixed episodes that neither training nor tuning has seen.
@@ -299,12 +215,10 @@ is the integral of the squared torque over its limit. The policies are those in 
 was chosen on validation episodes. Controllers are tuned by `python -m agents.tune` on episodes of their own; PD gains
 (of `zv` and `zvd` too, PD with an input shaper) must leave a gain margin of 6 dB on the linear arm. What such a search
 finds without that rule stands under `no margin`: on two links `zv` then has a loop that is unstable, flips the elbow's
-torque in every period (see its effort), and is no quicker. The best classical controller below is the best of all rows.
-`two_link` adds to joint controllers (action_mode `residual_pd`), which reach every target by themselves; what its
-training brings is speed.
+torque in every period (see its effort), and is no quicker. `two_link` adds to joint controllers (action_mode
+`residual_pd`), which reach every target by themselves; what its training brings is speed.
 
-Training runs in one thread. Limits are held against wall times; where other work shared the machine, CPU times say what
-it takes on one of its own.
+Training runs in one thread; where other work shared the machine, CPU times say what it takes on one of its own.
 
 Written by `python -m agents.table`; policies trained by `python -m agents.families`."""
 
@@ -312,9 +226,7 @@ Written by `python -m agents.table`; policies trained by `python -m agents.famil
 def page(content: Mapping[str, Any]) -> str:
     """The whole page."""
     made = " · ".join(f"{name}: {fact}" for name, fact in content["machine"].items())
-    lines = [HEAD, "", made, "", "| asked for | found | holds |", "|---|---|---|"]
-    for row in content["checks"]:
-        lines.append(f"| {row['what']} | {row['found']} | {'yes' if row['holds'] else '**no**'} |")
+    lines = [HEAD, "", made]
     for name in TITLES:
         lines += ["", *content["sections"].get(name, [])]
     return "\n".join(lines).rstrip() + "\n"
@@ -339,11 +251,8 @@ def main() -> int:
             content["sections"][name] = section(judge, family, TITLES[name], content) + last
     except ValueError as error:
         return fail(error)
-    content["checks"] = [{"what": what, "found": found, "holds": holds} for what, found, holds in checks(content)]
     write_json(path, content)
     write_text(arguments.results / "control.md", page(content))
-    for row in content["checks"]:
-        say(f"{'yes' if row['holds'] else 'NO '}  {row['what']}: {row['found']}")
     return 0
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import io
-import json
 import os
 import pickle
 import random
@@ -18,7 +17,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents import episodes
 from agents.export_policy import numpy_policy
-from agents.progress import COLUMNS, Progress, after, cost, describe, write_curve
+from agents.progress import Progress, after, write_curve
 from agents.runs import at, checkpoints, write_whole
 from agents.starts import staggered
 
@@ -244,6 +243,3 @@ def set_env_states(venv: Any, states: dict[str, Any]) -> None:
             for k, value in states.get("monitor", {}).items():
                 setattr(inner, k, value.copy() if value.ndim else value.item())
         inner = inner.venv
-
-
-__all__ = ["COLUMNS", "Progress", "Watch", "checkpoints", "cost", "describe", "json", "restore", "save_checkpoint"]

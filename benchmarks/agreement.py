@@ -14,8 +14,9 @@ import numpy as np
 
 from benchmarks import exudyn_peer
 from benchmarks.converged import FOLDER as CONVERGED
+from benchmarks.converged import tip_error
 from benchmarks.machine import command, describe_machine, publish, table, told
-from flexarm_env.scenes import named, names, read_trajectory
+from flexarm_env.scenes import named, names
 from flexarm_env.simulation import simulate
 
 EXACT = "geometrically_exact"
@@ -36,7 +37,7 @@ MORE: dict[str, tuple[tuple[str, dict[str, Any], float], ...]] = {
         ("a longer step", {}, STEP),
         ("period corrected", {"period_correction": True}, STEP),
         ("steps fitted to 0.2 %", {"step_tolerance": 0.002}, STEP),
-    ),
+    )
 }
 """More runs of 5 quadratic elements: what is said of them, options, step."""
 CORRECTED = {
@@ -44,20 +45,6 @@ CORRECTED = {
     "two_link_motion": (5, 0.0025), "two_link_free_flight": (8, 0.005),
 }  # fmt: skip
 """Elements and a step that is the limit, for runs without and with the correction of the period."""
-REQUIRED: dict[str, tuple[float, int, str]] = {
-    "robot_arm_motion_smooth": (0.01, 5, ""),
-    "robot_arm_motion": (0.02, 5, ""),
-    "robot_arm_torque": (0.02, 8, "wave fronts: the torque has its full size from one instant to the next"),
-    "flying_rod": (0.02, 8, "wave fronts: force and torque start and end at once"),
-    "two_link_motion": (
-        0.02,
-        5,
-        "the step, not the mesh: modes of 44 and 279 rad/s, turned by 1.5 rad in 0.5 s, whose "
-        "periods plain steps make longer (period_correction)",
-    ),
-    "two_link_free_flight": (0.02, 5, ""),
-}
-"""What quadratic elements are to reach: tip error in m, elements a link that it takes, why more than 5 at 0.005 s."""
 
 
 def measure(
@@ -66,71 +53,31 @@ def measure(
     """One run: error of the tip (max, in m and % of the arm's length), CPU time, energy that appeared or went."""
     scene, dt = named(scene_name), dt or STEPS.get(scene_name, STEP)
     trajectory = simulate(scene, formulation, dt=dt, estimate_error=False, error_limit=1.0, **options)
-    reference = read_trajectory(CONVERGED / f"{scene_name}.csv")
-    n = trajectory.t.size
-    tip = np.column_stack([reference["tip_x"], reference["tip_y"]])[:n]
-    error = float(np.hypot(*(trajectory.tip[:, :2] - tip).T).max())
-    length = scene.arm.total_length
+    error = tip_error(scene_name, trajectory.t, trajectory.tip)
     gross = float(np.abs(np.diff(trajectory.work, prepend=0.0)).sum())
     return {
-        "scene": scene_name,
-        "case": label,
-        "formulation": formulation,
-        "options": options,
-        "dt": dt,
+        "scene": scene_name, "case": label, "formulation": formulation, "options": options, "dt": dt,
         "status": "ok" if trajectory.finished else trajectory.status,
-        "reached": float(trajectory.t[-1]),
-        "duration": scene.duration,
-        "max_tip_error": error,
-        "max_tip_error_percent": 100.0 * error / length,
-        "cpu_seconds": trajectory.cpu_seconds,
-        "steps": trajectory.steps,
-        "iterations": trajectory.iterations,
+        "reached": float(trajectory.t[-1]), "duration": scene.duration,
+        "max_tip_error": error, "max_tip_error_percent": 100.0 * error / scene.arm.total_length,
+        "cpu_seconds": trajectory.cpu_seconds, "steps": trajectory.steps, "iterations": trajectory.iterations,
         "energy_drift": float(np.abs(trajectory.balance).max()) / max(gross, 1e-12),
-        "largest_deflection": float(np.abs(trajectory.tip_deflection).max()),
-        "notes": dict(trajectory.notes),
-    }
+        "largest_deflection": float(np.abs(trajectory.tip_deflection).max()), "notes": dict(trajectory.notes),
+    }  # fmt: skip
 
 
 def peer(scene_name: str, elements: int = 20) -> dict[str, Any]:
     """The same scene by Exudyn (another program, another element), as a row of the table."""
     scene = named(scene_name)
     result = exudyn_peer.run(scene_name, elements, STEP)
-    error = exudyn_peer.error(scene_name, result)
+    error = tip_error(scene_name, result["t"], result["tip"])
     return {
-        "scene": scene_name,
-        "case": f"Exudyn, {elements} quadratic elements",
-        "formulation": "exudyn",
-        "options": {"elements": elements, "order": 2},
-        "dt": STEP,
-        "status": "ok" if result["finished"] else "failed",
-        "reached": float(result["t"][-1]),
-        "duration": scene.duration,
-        "max_tip_error": error,
-        "max_tip_error_percent": 100.0 * error / scene.arm.total_length,
-        "cpu_seconds": result["cpu_seconds"],
-        "energy_drift": None,
-    }
-
-
-def required(rows: list[dict[str, Any]]) -> list[str]:
-    """Lines on what quadratic elements reach, with the runs of 5 elements at 0.005 s beside those that it takes."""
-    lines = [
-        "", "## Quadratic elements against what is asked of them", "",
-        *table("scene | asked, m | 5 elements, 0.005 s: tip error, m | what it takes | tip error, m | why"),
-    ]  # fmt: skip
-    for name, (bound, elements, why) in REQUIRED.items():
-
-        def error(n: int, name: str = name, **more: float) -> float:
-            wanted = (name, STEP, EXACT, {"elements": n, "order": 2, **more})
-            found = (row for row in rows if (row["scene"], row["dt"], row["formulation"], row["options"]) == wanted)
-            return float(next(found)["max_tip_error"])
-
-        label, more = next(((label, options) for label, options, _ in MORE.get(name, ()) if options), ("", {}))
-        takes = f"{elements} elements, {STEP:g} s" + (f", {label}" if label else "")
-        reached = f"{error(5):.4f} | {takes} | {error(elements, **more):.4f}"
-        lines.append(f"| {name} | {bound:g} | {reached} | {why or '–'} |")
-    return lines
+        "scene": scene_name, "case": f"Exudyn, {elements} quadratic elements", "formulation": "exudyn",
+        "options": {"elements": elements, "order": 2}, "dt": STEP, "status": "ok" if result["finished"] else "failed",
+        "reached": float(result["t"][-1]), "duration": scene.duration,
+        "max_tip_error": error, "max_tip_error_percent": 100.0 * error / scene.arm.total_length,
+        "cpu_seconds": result["cpu_seconds"], "energy_drift": None,
+    }  # fmt: skip
 
 
 def corrections() -> list[dict[str, Any]]:
@@ -206,7 +153,7 @@ def page(rows: list[dict[str, Any]], pairs: list[dict[str, Any]], machine: dict[
         else:
             figures = f"{row['status']} at {row['reached']:.3g} s | – | –"
         lines.append(f"| {row['scene']} | {row['case']} | {row['dt']:g} | {figures} | {known:.2g} |")
-    return "\n".join([*lines, *required(rows), *corrected(pairs), *checked(index)]) + "\n"
+    return "\n".join([*lines, *corrected(pairs), *checked(index)]) + "\n"
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -214,18 +161,12 @@ def main(arguments: list[str] | None = None) -> None:
     options = command(__doc__).parse_args(arguments)
     rows = []
     for name in names():
-        for label, formulation, settings in CASES:
-            rows.append(measure(name, label, formulation, settings))
-            print(
-                f"{name:26s} {label:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %", flush=True
-            )
+        rows += [measure(name, label, formulation, settings) for label, formulation, settings in CASES]
         for label, settings, dt in MORE.get(name, ()):
             rows.append(measure(name, f"{CASES[3][0]}, {label}", EXACT, {**CASES[3][2], **settings}, dt))
         if name in exudyn_peer.SCENES and find_spec("exudyn"):
             rows.append(peer(name))
-            print(
-                f"{name:26s} {rows[-1]['case']:44s} {rows[-1]['status']:14s} {rows[-1]['max_tip_error_percent']:.4g} %"
-            )
+        print(name, flush=True)
     machine, pairs = describe_machine("exudyn"), corrections()
     content = {"machine": machine, "rows": rows, "corrected": pairs}
     publish("agreement", options.out, content, page(rows, pairs, machine))

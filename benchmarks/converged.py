@@ -20,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import exudyn_peer
 from benchmarks.machine import write_text
+from flexarm_env import comparison
 from flexarm_env.scenes import named, names, read_trajectory
 from flexarm_env.simulation import simulate
 from flexarm_env.trajectory import Trajectory
@@ -48,16 +50,8 @@ EXUDYN = (40, 1 / 800)
 
 def run(name: str, elements: int, dt: float) -> Trajectory:
     """One run, undamped Newmark."""
-    trajectory = simulate(
-        named(name),
-        "geometrically_exact",
-        order=ORDER,
-        elements=elements,
-        dt=dt,
-        rho_inf=1.0,
-        tolerance=1e-10,
-        estimate_error=False,
-    )
+    options = {"order": ORDER, "elements": elements, "dt": dt, "rho_inf": 1.0, "tolerance": 1e-10}
+    trajectory = simulate(named(name), "geometrically_exact", estimate_error=False, **options)
     if not trajectory.finished:
         raise SystemExit(f"{name}, {elements} elements, step {dt:g} s: {trajectory.message}")
     return trajectory
@@ -66,6 +60,13 @@ def run(name: str, elements: int, dt: float) -> Trajectory:
 def distance(a: Trajectory, b: Trajectory) -> float:
     """Largest distance of the tips, m."""
     return float(np.hypot(*(a.tip[:, :2] - b.tip[:, :2]).T).max())
+
+
+def tip_error(name: str, t: Any, tip: Any) -> float:
+    """Largest distance of a tip path, t (n,) s and tip (n, 2 or more) m, from the kept solution of a scene, m."""
+    reference = read_trajectory(FOLDER / f"{name}.csv")
+    known = {column: reference[column] for column in ("t", "tip_x", "tip_y")}
+    return comparison.tip_error(t, tip, known).max_tip_error
 
 
 def study(name: str) -> tuple[Trajectory, dict[str, Any]]:
@@ -91,19 +92,17 @@ def study(name: str) -> tuple[Trajectory, dict[str, Any]]:
 
 def cross_check(name: str) -> dict[str, Any]:
     """How far others are from the kept solution: largest distance of the tip, m, and their own uncertainty, m."""
-    from benchmarks import exudyn_peer  # it needs this module's FOLDER
     from tests.oracle_exact import scene_tips
 
     found: dict[str, Any] = {}
     if name != "spin_up":
-        reference = read_trajectory(FOLDER / f"{name}.csv")
-        tip, doubt = scene_tips(named(name), CELLS[name], reference["t"][1:])
-        kept = np.column_stack([reference["tip_x"], reference["tip_y"]])[1:]
-        found |= {"differences": float(np.hypot(*(tip - kept).T).max()), "differences_doubt": doubt}
+        t = read_trajectory(FOLDER / f"{name}.csv")["t"][1:]
+        tip, doubt = scene_tips(named(name), CELLS[name], t)
+        found |= {"differences": tip_error(name, t, tip), "differences_doubt": doubt}
     if name in exudyn_peer.SCENES and find_spec("exudyn"):
         result = exudyn_peer.run(name, *EXUDYN)
         if result["finished"]:
-            found["exudyn"] = exudyn_peer.error(name, result)
+            found["exudyn"] = tip_error(name, result["t"], result["tip"])
     return found
 
 

@@ -1,7 +1,5 @@
 """PyElastica as a peer: the one-link validation scenes on its Cosserat rods, laid in a plane (extra: bench).
 
-    python -m benchmarks.elastica_peer [--elements 40] [--share 0.5]
-
 Its rod has positions at nodes, directors at elements, and an explicit position Verlet step that the quickest wave
 limits. Stiffness, mass and rotary inertia are ours; its stiffnesses change with stretch, which ours
 do not (a difference of the order of the stretch). Loads on the root act on its first node and, torques, on the first
@@ -12,16 +10,12 @@ left out.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import sys
 import time
 from typing import Any
 
 import numpy as np
 
-from benchmarks.exudyn_peer import error
 from flexarm_env.parameters import Section
 from flexarm_env.scene import Scene
 from flexarm_env.scenes import named
@@ -176,24 +170,3 @@ def _compile(scene: Scene) -> None:
         rod = _rod(scene, 10)
         elastica.PositionVerlet().step(_simulator(scene, rod, 0.0), 0.0, 1e-9)
         _compiled.add(True)
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Run the scenes and print error and time."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", nargs="*", choices=SCENES, default=SCENES)
-    parser.add_argument("--elements", type=int, default=40)
-    parser.add_argument("--share", type=float, default=0.5, help="of the longest stable step")
-    parser.add_argument("--time-limit", type=float, default=60.0, help="s for a scene")
-    options = parser.parse_args(arguments)
-    for name in options.scene:
-        result = run(name, options.elements, options.share, options.time_limit)
-        found: dict[str, Any] = {key: result[key] for key in ("status", "dt", "cpu_seconds")}
-        found["steps"] = steps_of(name, options.elements, options.share)
-        if result["finished"]:
-            found["max_tip_error"] = error(name, result)
-        print(name, json.dumps(found), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -1,111 +1,120 @@
-"""Exudyn as a peer: the one-link validation scenes on its own geometrically exact beam elements (extra: bench).
+"""Exudyn as a peer, on its own geometrically exact beam elements (extra: bench): scenes of one link, and the strip of
+`FlexibleArm-v0` stepped from Python.
 
-    python -m benchmarks.exudyn_peer [--elements 20] [--dt 0.005]
-
-Loads are switched off at their kink between two calls of the solver, so that no Python function runs inside it; a
-prescribed hub angle needs a function of time, which Exudyn calls from Python, once or more a step: that is in its time.
+In `run` loads are switched off at their kink between two calls of the solver, so that no Python function runs inside
+it; a prescribed hub angle needs a function of time, which Exudyn calls from Python, once or more a step: that is in its
+time. `stepper` keeps the solver between control periods, writes no files and takes the quickest settings for a small
+system: dense matrices, modified Newton, linear elements, the module without range checks. Only what a step needs is in
+its loop: the torque set, the period solved, the tip and hub read. No observation, reward or wrapper, which ours has:
+the comparison is generous to it.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.converged import FOLDER as CONVERGED
-from flexarm_env.scenes import named, read_trajectory
+from flexarm_env import arms
+from flexarm_env.parameters import Link
+from flexarm_env.scenes import named
 
 SCENES = ("robot_arm_motion_smooth", "robot_arm_motion", "robot_arm_torque", "flying_rod", "flying_rod_soft")
 
 
-def run(name: str, elements: int, dt: float, *, order: int = 2, rho_inf: float = 1.0) -> dict[str, Any]:
-    """One scene: tip positions at its sampling instants (m), CPU seconds of the solver, and whether it finished.
-
-    order: 1 or 2 (nodes of an element less one). rho_inf: of its generalized-alpha; modified Newton, dense solver.
-    """
-    import exudyn as exu
+def _beam(
+    mbs: Any, link: Link, elements: int, order: int, start: tuple[float, float] = (0.0, 0.0), angle: float = 0.0,
+    tau_d: float = 0.0,
+) -> list[Any]:  # fmt: skip
+    """The nodes of a straight link; order: 1 or 2, nodes of an element less one."""
     from exudyn import itemInterface
 
-    scene = named(name)
-    link = scene.arm.links[0]
-    section = link.section
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
-    angle = scene.angles[0]
-    start = np.array(scene.position)
-    along = np.array([np.cos(angle), np.sin(angle)])
+    section, along = link.section, np.array([np.cos(angle), np.sin(angle)])
     nodes = [
-        mbs.AddNode(itemInterface.NodeRigidBody2D(referenceCoordinates=[*(start + along * x), angle]))
+        mbs.AddNode(itemInterface.NodeRigidBody2D(referenceCoordinates=[*(np.array(start) + along * x), angle]))
         for x in np.linspace(0.0, link.length, order * elements + 1)
     ]
     for e in range(elements):
-        mbs.AddObject(
-            itemInterface.ObjectBeamGeometricallyExact2D(
-                nodeNumbers=nodes[order * e : order * e + order + 1],
-                length=link.length / elements,
-                massPerLength=section.m,
-                crossSectionInertia=section.J,
-                bendingStiffness=section.EI,
-                axialStiffness=section.EA,
-                shearStiffness=section.C,
-            )
-        )
-    ground = mbs.AddNode(itemInterface.NodePointGround())
-    ground_marker = mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
-    held = (0, 1) if scene.root == "pinned" else ()
-    for coordinate in held:
-        marker = mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
-        mbs.AddObject(itemInterface.CoordinateConstraint(markerNumbers=[ground_marker, marker]))
-    motion = scene.motion_of("joint0")
-    if motion is not None:
-        marker = mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=2))
-        mbs.AddObject(
-            itemInterface.CoordinateConstraint(
-                markerNumbers=[ground_marker, marker],
-                offset=0.0,
-                offsetUserFunction=lambda mbs, t, number, offset: motion(t) - angle,
-                offsetUserFunction_t=lambda mbs, t, number, offset: motion(t, 1),
-            )
-        )
-    loads: list[tuple[int, str, Any]] = []
-    for load in scene.loads:
-        parts = (
-            [(2, load.function)]
-            if hasattr(load, "joint")
-            else [(k, f) for k, f in enumerate((load.force_x, load.force_y, load.torque)) if f is not None]
-        )
-        for coordinate, function in parts:
-            marker = mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
-            loads.append(
-                (mbs.AddLoad(itemInterface.LoadCoordinate(markerNumber=marker, load=function(0.0))), "load", function)
-            )
-    sensor = mbs.AddSensor(
-        itemInterface.SensorNode(
-            nodeNumber=nodes[-1], storeInternal=True, outputVariableType=exu.OutputVariableType.Position
-        )
-    )
-    mbs.Assemble()
-    settings = exu.SimulationSettings()
+        mbs.AddObject(itemInterface.ObjectBeamGeometricallyExact2D(
+            nodeNumbers=nodes[order * e : order * (e + 1) + 1], length=link.length / elements,
+            massPerLength=section.m, crossSectionInertia=section.J,
+            bendingStiffness=section.EI, axialStiffness=section.EA, shearStiffness=section.C,
+            bendingDamping=tau_d * section.EI, axialDamping=tau_d * section.EA, shearDamping=tau_d * section.C,
+        ))  # fmt: skip
+    return nodes
+
+
+def _marker(mbs: Any, node: Any, coordinate: int = 0) -> Any:
+    from exudyn import itemInterface
+
+    return mbs.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=node, coordinate=coordinate))
+
+
+def _held(mbs: Any, node: Any, coordinates: tuple[int, ...], **function: Any) -> None:
+    """Hold coordinates of a node where they are; function: an offset over time."""
+    from exudyn import itemInterface
+
+    ground = _marker(mbs, mbs.AddNode(itemInterface.NodePointGround()))
+    for coordinate in coordinates:
+        markers = [ground, _marker(mbs, node, coordinate)]
+        mbs.AddObject(itemInterface.CoordinateConstraint(markerNumbers=markers, **function))
+
+
+def _settings(rho_inf: float, dense: bool) -> Any:
+    """Generalized-alpha, modified Newton, nothing written."""
+    import exudyn as exu
+
+    settings: Any = exu.SimulationSettings()
     settings.timeIntegration.verboseMode = 0
     settings.timeIntegration.generalizedAlpha.spectralRadius = rho_inf
     settings.timeIntegration.newton.useModifiedNewton = True
-    small = elements * order < 30
-    settings.linearSolver.solverType = exu.LinearSolverType.EXUdense if small else exu.LinearSolverType.EigenSparse
+    settings.linearSolver.solverType = exu.LinearSolverType.EXUdense if dense else exu.LinearSolverType.EigenSparse
     settings.solution.file.write = False
+    return settings
+
+
+def run(name: str, elements: int, dt: float, *, rho_inf: float = 1.0) -> dict[str, Any]:
+    """One scene: tip positions at its sampling instants (m), CPU seconds of the solver, and whether it finished."""
+    import exudyn as exu
+    from exudyn import itemInterface
+
+    scene, order = named(name), 2
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    angle = scene.angles[0]
+    nodes = _beam(mbs, scene.arm.links[0], elements, order, scene.position, angle)
+    if scene.root == "pinned":
+        _held(mbs, nodes[0], (0, 1))
+    motion = scene.motion_of("joint0")
+    if motion is not None:
+        _held(mbs, nodes[0], (2,), offset=0.0, offsetUserFunction=lambda mbs, t, number, offset: motion(t) - angle,
+              offsetUserFunction_t=lambda mbs, t, number, offset: motion(t, 1))  # fmt: skip
+    loads: list[tuple[Any, Any]] = []
+    for load in scene.loads:
+        parts = (None, None, load.function) if hasattr(load, "joint") else (load.force_x, load.force_y, load.torque)
+        for coordinate, function in enumerate(parts):
+            if function is not None:
+                marker = _marker(mbs, nodes[0], coordinate)
+                item = itemInterface.LoadCoordinate(markerNumber=marker, load=function(0.0))
+                loads.append((mbs.AddLoad(item), function))
+    position = exu.OutputVariableType.Position
+    sensor = mbs.AddSensor(
+        itemInterface.SensorNode(nodeNumber=nodes[-1], storeInternal=True, outputVariableType=position)
+    )
+    mbs.Assemble()
+    settings = _settings(rho_inf, dense=elements * order < 30)
     settings.solution.sensors.writePeriod = scene.sample
-    settings.show.statistics = False
-    settings.show.computationTime = False
+    settings.show.statistics = settings.show.computationTime = False
     instants = [0.0, *scene.kinks, scene.duration] if loads else [0.0, scene.duration]
     clock, finished = time.process_time(), True
     for first, last in itertools.pairwise(instants):
-        for load, what, function in loads:
-            mbs.SetLoadParameter(load, what, function(first))
+        for load, function in loads:
+            mbs.SetLoadParameter(load, "load", function(first))
         settings.timeIntegration.startTime, settings.timeIntegration.endTime = first, last
         settings.timeIntegration.numberOfSteps = max(1, round((last - first) / dt))
         try:
@@ -119,37 +128,46 @@ def run(name: str, elements: int, dt: float, *, order: int = 2, rho_inf: float =
     return {"finished": finished, "cpu_seconds": cpu, "t": record[:, 0], "tip": record[:, 1:3]}
 
 
-def error(name: str, result: dict[str, Any]) -> float:
-    """Largest distance of the tip from the converged solution at the instants both have, m."""
-    reference = read_trajectory(CONVERGED / f"{name}.csv")
-    t = np.asarray(reference["t"])
-    near = np.abs(result["t"][:, None] - t[None, :])
-    mine = near.argmin(axis=0)
-    both = near.min(axis=0) < 1e-6
-    tip = np.column_stack([reference["tip_x"], reference["tip_y"]])
-    return float(np.hypot(*(result["tip"][mine] - tip)[both].T).max())
+def stepper(elements: int, n_steps: int, period: float = 0.02) -> Callable[[int], int]:
+    """A function of a count that makes so many control periods under random torque and returns that count."""
+    sys.exudynFast = True  # its module without range checks
+    import exudyn as exu
+    from exudyn import itemInterface
 
+    arm = arms.resolve("strip")
+    assert arm.torque_limits is not None
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    nodes = _beam(mbs, arm.links[0], elements, 1, tau_d=arm.tau_d)
+    rigid = itemInterface.ObjectRigidBody2D
+    mbs.AddObject(rigid(physicsMass=1e-6, physicsInertia=arm.hub_inertia, nodeNumber=nodes[0]))
+    mbs.AddObject(rigid(physicsMass=arm.payload.mass, physicsInertia=1e-9, nodeNumber=nodes[-1]))
+    _held(mbs, nodes[0], (0, 1))
+    torque = mbs.AddLoad(itemInterface.LoadCoordinate(markerNumber=_marker(mbs, nodes[0], 2), load=0.0))
+    mbs.Assemble()
+    settings = _settings(0.7, dense=True)
+    settings.timeIntegration.adaptiveStep = False
+    settings.timeIntegration.numberOfSteps = n_steps
+    settings.timeIntegration.endTime = 0.0
+    solver = exu.MainSolverImplicitSecondOrder()
+    solver.InitializeSolver(mbs, settings)
+    solver.SolveSteps(mbs, settings)
+    torques = np.random.default_rng(0).uniform(-1.0, 1.0, 256) * arm.torque_limits[0]
+    position, rates = exu.OutputVariableType.Position, exu.OutputVariableType.Coordinates_t
+    initial, state = exu.ConfigurationType.Initial, {"period": 0}
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run the scenes and print error and time."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--elements", type=int, default=20)
-    parser.add_argument("--order", type=int, default=2, choices=(1, 2))
-    parser.add_argument("--dt", type=float, default=0.005)
-    options = parser.parse_args(arguments)
-    try:
-        import exudyn  # noqa: F401
-    except ImportError:
-        raise SystemExit("Exudyn is not installed: make setup-bench") from None
-    for name in SCENES:
-        result = run(name, options.elements, options.dt, order=options.order)
-        row = {
-            "finished": result["finished"],
-            "cpu_seconds": result["cpu_seconds"],
-            "max_tip_error": error(name, result),
-        }
-        print(name, json.dumps(row), flush=True)
+    def advance(count: int) -> int:
+        for _ in range(count):
+            k = state["period"]
+            mbs.SetLoadParameter(torque, "load", float(torques[k % 256]))
+            settings.timeIntegration.startTime = k * period
+            settings.timeIntegration.endTime = (k + 1) * period
+            solver.InitializeSolverInitialConditions(mbs, settings)
+            solver.SolveSteps(mbs, settings)
+            mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), configuration=initial)
+            mbs.GetNodeOutput(nodes[-1], position)
+            mbs.GetNodeOutput(nodes[0], rates)
+            state["period"] = k + 1
+        return count
 
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+    return advance

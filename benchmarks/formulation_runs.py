@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 import flexarm_env
-from benchmarks.converged import FOLDER as CONVERGED
+from benchmarks.converged import tip_error
 from flexarm_env.linear import static_equilibrium
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.plotting import COLORS, FAINT, styled_figure
 from flexarm_env.scene import JointTorque, PointLoad, Scene
-from flexarm_env.scenes import named, names, read_trajectory
+from flexarm_env.scenes import named, names
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import TimeFunction, constant
+from flexarm_env.time_functions import steps as stairs
 from flexarm_env.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -156,9 +157,7 @@ def _draw_energy(path: Path, rows: list[dict[str, Any]], title: str) -> None:
 # --------------------------------------------------------------------- elastica
 def switched(values: Array, period: float) -> TimeFunction:
     """A torque that takes the given values in turn, each for a period."""
-    pieces = np.zeros((len(values), 8))
-    pieces[:, 0], pieces[:, 1] = np.arange(len(values)) * period, values
-    return TimeFunction(pieces)
+    return stairs(np.arange(len(values)) * period, values)
 
 
 TORQUES = {"random": ((2.0,), (2.0, 0.6)), "bang-bang": ((2.0,), (1.0, 0.3)), "slow": ((2.0,), (1.0, 0.3))}
@@ -240,10 +239,8 @@ def left_out() -> dict[str, dict[str, float]]:
     found = {}
     for name in names():
         scene = named(name)
-        reference = read_trajectory(CONVERGED / f"{name}.csv")
         run = simulate(scene, "elastica", nodes=10, dt=min(scene.dt, 0.001))
-        tip = np.column_stack([reference["tip_x"], reference["tip_y"]])[: run.t.size]
-        error = float(np.hypot(*(run.tip[:, :2] - tip).T).max()) / scene.arm.total_length
+        error = tip_error(name, run.t, run.tip) / scene.arm.total_length
         found[name] = {"estimate": run.notes["stretch_and_shear"], "measured": error}
     return found
 

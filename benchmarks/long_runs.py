@@ -1,22 +1,18 @@
 """A million steps of the strip under random bang-bang torque in pairs of zero net impulse, by every formulation.
 
-    python -m benchmarks.long_runs [--steps 1000000]
-
 Each pair is the full torque of one sign, then of the other, for the same random time (0.1 to 0.6 s). Settings are the
 environments' defaults but for what a row names. Energy is looked at each time the torque switches.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from benchmarks.machine import table
 from flexarm_env import arms
 from flexarm_env.envs.options import DEFAULT_OPTIONS
 from flexarm_env.scene import JointTorque, Scene
@@ -95,11 +91,10 @@ def table_of_long_runs(rows: Sequence[dict[str, Any]]) -> list[str]:
         return []
     lines = [
         "## A million steps", "",
-        "The strip under random bang-bang torque in pairs of zero net impulse (`python -m benchmarks.long_runs`), at "
+        "The strip under random bang-bang torque in pairs of zero net impulse (`benchmarks/long_runs.py`), at "
         "the environments' default settings but for what is named. Energy over the gross work of the torque: what "
         "appeared at most, and what the scheme took at most, dissipation by the material left out.", "",
-        "| run | step, s | steps | failed steps | appeared | taken | largest deflection | ended | CPU, s |",
-        "|---|---|---|---|---|---|---|---|---|",
+        *table("run | step, s | steps | failed steps | appeared | taken | largest deflection | ended | CPU, s"),
     ]  # fmt: skip
     for row in rows:
         lines.append(
@@ -108,17 +103,3 @@ def table_of_long_runs(rows: Sequence[dict[str, Any]]) -> list[str]:
             f"{'ok' if row['status'] == 'ok' else row['status'].split(';')[0]} | {row['cpu_seconds']:.1f} |"
         )
     return lines
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Run them all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=1_000_000)
-    options = parser.parse_args(arguments)
-    for case in LONG:
-        row = long_run({**case, "steps": options.steps})
-        print(json.dumps({"label": case["label"], **row}), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.running import cores
+from flexarm_env.trajectory import write_whole
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PACKAGES = ("flexarm-env", "numpy", "numba", "gymnasium")
@@ -50,10 +51,7 @@ def cpu_seconds() -> float:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file completely or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    write_whole(path, text.encode())
 
 
 def told(machine: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
+from benchmarks.formulation_runs import slope
 from benchmarks.machine import command, judged, table, told
 from flexarm_env.plotting import COLORS, FAINT, plot_trajectory, styled_figure
 from flexarm_env.scenes import named, names, reference, reference_names
@@ -37,11 +38,6 @@ def orders(steps: list[float], errors: list[float]) -> list[float]:
         float(np.log(a / b) / np.log(h / k))
         for h, k, a, b in zip(steps[:-1], steps[1:], errors[:-1], errors[1:], strict=True)
     ]
-
-
-def fitted_order(steps: list[float], errors: list[float]) -> float:
-    """Slope of the errors over the steps in logarithms, by least squares."""
-    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
 
 # ----------------------------------------------------------------- spin-up
@@ -124,9 +120,9 @@ def free_flight(name: str, folder: Path) -> dict[str, Any]:
         figure.suptitle(f"{name}, {segments} segments a link, rho_inf = 1", x=0.01, ha="left", fontsize=10.5)
     return {
         "segments": segments, "steps": steps, "status": [run.status for run in runs],
-        "center_of_mass_error": errors, "center_of_mass_order": fitted_order(steps, errors),
+        "center_of_mass_error": errors, "center_of_mass_order": slope(steps, errors),
         "energy": float(energies[-1][1].mean()), "energy_wobble_rms": wobble,
-        "energy_order": fitted_order(steps, wobble),
+        "energy_order": slope(steps, wobble),
         "long_run": {"dt": FLIGHTS[name]["long"], "duration": float(long.t[-1]), "status": long.status,
                      "energy_wobble_rms_of_eighths": windows},
     }  # fmt: skip
@@ -205,7 +201,7 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
         told(machine), "",
         *table("what | holds", [(k, "yes" if holds else "**no**") for k, holds in found["verdicts"].items()]), "",
         "## Spin-up past the first frequency", "",
-        "| coupling | deepest lag, m | at, s | steady stretch, m | status |", "|---|---|---|---|---|",
+        *table("coupling | deepest lag, m | at, s | steady stretch, m | status"),
     ]  # fmt: skip
     for coupling, row in spin.items():
         stretch = "–" if row["steady_stretch"] is None else f"{row['steady_stretch']:.4g}"
@@ -214,17 +210,17 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
     lines += ["", "![lag](../figures/spin_up_lag.png)", "", "## Free flight, undamped", ""]
     for name, row in found["free_flight"].items():
         lines += [f"{name}, {row['segments']} segments a link, energy {row['energy']:.3f} J:", ""]
-        lines += ["| step, s | centre of mass: largest error, m | energy: rms wobble, J |", "|---|---|---|"]
-        for h, com, rms in zip(row["steps"], row["center_of_mass_error"], row["energy_wobble_rms"], strict=True):
-            lines.append(f"| {h:.4g} | {com:.2e} | {rms:.2e} |")
+        cells = zip(row["steps"], row["center_of_mass_error"], row["energy_wobble_rms"], strict=True)
+        found_rows = [(f"{h:.4g}", f"{com:.2e}", f"{rms:.2e}") for h, com, rms in cells]
+        lines += table("step, s | centre of mass: largest error, m | energy: rms wobble, J", found_rows)
         lines += [f"| order | {row['center_of_mass_order']:.2f} | {row['energy_order']:.2f} |", ""]
         long = row["long_run"]
         eighths = ", ".join(f"{rms:.1e}" for rms in long["energy_wobble_rms_of_eighths"])
         length = f"{long['duration']:g} s, step {long['dt']:g} s"
         lines += [f"Eight times as long ({length}), wobble in each eighth: {eighths} J.", ""]
         lines += [f"![conservation](../figures/{name}_conservation.png)", ""]
-    lines += ["## Order of the integrator", "", "| run | orders between halved steps |", "|---|---|"]
-    lines += [f"| {k} | {', '.join(f'{o:.3f}' for o in v['orders'])} |" for k, v in found["order"].items()]
+    halved = [(k, ", ".join(f"{o:.3f}" for o in v["orders"])) for k, v in found["order"].items()]
+    lines += ["## Order of the integrator", "", *table("run | orders between halved steps", halved)]
     lines += ["", "![order](../figures/integrator_order.png)", ""]
     return "\n".join(lines)
 

@@ -120,7 +120,7 @@ def exudyn_arm(elements: int = 5, n_steps: int = 4) -> Case | None:
         return None
 
     def make() -> tuple[Callable[[int], int], Callable[[], None]]:
-        from benchmarks.exudyn_strip import stepper
+        from benchmarks.exudyn_peer import stepper
 
         return stepper(elements, n_steps), lambda: None
 

@@ -16,7 +16,6 @@ exit code is 1 where a run was silently wrong, returned a NaN, raised or took to
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import json
@@ -32,8 +31,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks import exudyn_peer
+from benchmarks.converged import tip_error
 from benchmarks.long_runs import LONG, long_run, table_of_long_runs
-from benchmarks.machine import cpu_seconds, describe_machine, told, write_text
+from benchmarks.machine import command, cpu_seconds, describe_machine, publish, table, told, write_text
 from benchmarks.running import cores, run_all
 from benchmarks.stability_cases import MAIN, Case, cases, reference_of, scene_of
 from benchmarks.stability_figures import maps
@@ -143,12 +143,11 @@ def hard_step(case: dict[str, Any]) -> dict[str, Any]:
         found = exudyn_peer.run(name, elements, dt, rho_inf=float(case["method"].split()[1]))
         if not found["finished"]:
             return {"status": "failed", "estimate": None, "error": None}
-        length = named(name).arm.total_length
-        return {"status": "ok", "estimate": None, "error": _number(exudyn_peer.error(name, found) / length)}
+        return {"status": "ok", "estimate": None, "error": _against_converged(name, found["t"], found["tip"])}
     formulation, options = HARD[case["method"]]
     given = {key: elements if value is None else value for key, value in options.items()}
     run = simulate(named(name), formulation, dt=dt, sample=0.1, time_limit=TIME_LIMIT, **given)
-    error = _against_converged(name, run.t, run.tip[:, :2])
+    error = _against_converged(name, run.t, run.tip)
     return {"status": run.status, "estimate": _number(run.error_estimate), "error": error}
 
 
@@ -163,13 +162,8 @@ HARD: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def _against_converged(name: str, t: Any, tip: Any) -> float | None:
-    from benchmarks.converged import FOLDER
-    from flexarm_env.scenes import read_trajectory
-
-    table = read_trajectory(FOLDER / f"{name}.csv")
-    at = np.rint(t / 0.05).astype(int)
-    known = np.column_stack([table["tip_x"], table["tip_y"]])[at]
-    return _number(float(np.hypot(*(tip - known).T).max()) / named(name).arm.total_length)
+    """Largest distance of the tip from the kept solution, as a share of L."""
+    return _number(tip_error(name, t, tip) / named(name).arm.total_length)
 
 
 # -------------------------------------------------------------------- report
@@ -241,10 +235,9 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
         f"the tip (ii) of {found['tip_checked']} of those. The tips of the other ones are not known to be right "
         f"({', '.join(f'{k}: {v}' for k, v in found['tip_not_asked'].items())}). Longest case: "
         f"{found['longest_case']:.1f} s.", "",
-        "| | " + " | ".join(OUTCOMES) + " |", "|---|" + "---|" * len(OUTCOMES),
+        *table(" | ".join(["", *OUTCOMES]),
+               [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]),
     ]  # fmt: skip
-    for key, counts in found["outcomes"].items():
-        lines.append(f"| {key} | " + " | ".join(str(counts.get(name, 0)) for name in OUTCOMES) + " |")
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
     lines += [
         "",
@@ -256,13 +249,12 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
         "## Long steps on the paper's scenes", "",
         "Steps of 0.1, 0.05 and 0.02 s, 5 and 20 elements (segments); Exudyn with its own beam element, undamped and "
         "at rho_inf 0.7.", "",
-        "| program | runs | failed | ended wrong by more than 5 % of L without a word |", "|---|---|---|---|",
+        *table("program | runs | failed | ended wrong by more than 5 % of L without a word",
+               [[program, *counts.values()] for program, counts in found["hard_steps"].items()]),
+        "", "`robot_arm_motion`, step 0.1 s, 5 elements or segments. The link bends by 48 % of its length, twice "
+        "what modes of the whole link are good for: that run has to stop.", "",
+        *table("program | method | status | error, % of L | estimate, % of L"),
     ]  # fmt: skip
-    for program, counts in found["hard_steps"].items():
-        lines.append(f"| {program} | " + " | ".join(str(value) for value in counts.values()) + " |")
-    lines += ["", "`robot_arm_motion`, step 0.1 s, 5 elements or segments. The link bends by 48 % of its length, twice "
-              "what modes of the whole link are good for: that run has to stop.", "",
-              "| program | method | status | error, % of L | estimate, % of L |", "|---|---|---|---|---|"]  # fmt: skip
     for row in hard:
         if (row["scene"], row["dt"], row["elements"]) == ("robot_arm_motion", 0.1, 5):
             error, own = (f"{100 * row[key]:.2g}" if row[key] is not None else "–" for key in ("error", "estimate"))
@@ -317,14 +309,11 @@ def warm_up() -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run all, write the results; 1 where something was silently wrong or broken."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__, workers=cores())
     parser.add_argument("--full", action="store_true", help="about three times the cases, all of them against (ii)")
     parser.add_argument("--limit", type=int, help="only about this many cases")
-    parser.add_argument("--workers", type=int, default=cores(), help="processes")
     parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
     parser.add_argument("--no-long-runs", action="store_true", help="leave the runs of a million steps out")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
-    parser.add_argument("--figures", type=Path, default=ROOT / "docs" / "figures")
     options = parser.parse_args(arguments)
     clock = time.monotonic()
     warm_up()
@@ -345,10 +334,9 @@ def main(arguments: list[str] | None = None) -> int:
     )  # fmt: skip
     found = report(rows, hard, long)
     machine = describe_machine("exudyn")
-    write_text(options.out / "stability.json",
-               json.dumps({"machine": machine, **found, "hard_step_rows": hard}, indent=1) + "\n")  # fmt: skip
+    content = {"machine": machine, **found, "hard_step_rows": hard}
+    publish("stability", options.out, content, markdown(found, hard, machine, time.monotonic() - clock))
     write_text(options.out / "stability.csv", table_csv(rows))
-    write_text(options.out / "stability.md", markdown(found, hard, machine, time.monotonic() - clock))
     maps(rows, options.figures / "stability.png", MAIN)
     bad = [row for row in rows if row["outcome"] in ("silently wrong", "broken")]
     for row in bad[:40]:

@@ -10,6 +10,7 @@ round counts, for others may share the machine. `Pendulum-v1` is the yardstick. 
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from typing import Any
 
 from benchmarks import rates
 from benchmarks.machine import command, describe_machine, publish, table, told
+from flexarm_env.plotting import COLORS, FAINT, styled_figure
 
 SIZES = (1, 16, 256, 1024, 4096)
 FORMULATIONS = ("elastica", "geometrically_exact", "floating_frame")
@@ -132,18 +134,13 @@ def speedups(results: dict[str, Any]) -> dict[str, tuple[float, float]]:
 
 def figure(results: dict[str, Any], path: Path) -> None:
     """Steps a second over the number of environments."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     rows = results["rates"]
     pendulum = next(r["steps_per_second"] for r in rows if r["case"] == "Pendulum-v1")
-    fig, axes = plt.subplots(1, 2, figsize=(10.0, 4.2), sharey=True, layout="constrained")
-    colours = dict(zip(FORMULATIONS, ("#1b6ca8", "#d1495b", "#3a7d44"), strict=True))
-    for axis, env_id in zip(axes, rates.IDS, strict=True):
-        for formulation, colour in colours.items():
-            for threads, style in ((1, "--"), (2, "-")):
+    with styled_figure(path, 10.0, 4.2) as fig:
+        axes = fig.subplots(1, 2, sharey=True)
+        colours = dict(zip(FORMULATIONS, COLORS, strict=False))
+        for axis, env_id in zip(axes, rates.IDS, strict=True):
+            for (formulation, colour), threads in itertools.product(colours.items(), (1, 2)):
                 points = sorted(
                     (r["n_envs"], r["steps_per_second"])
                     for r in rows
@@ -152,23 +149,17 @@ def figure(results: dict[str, Any], path: Path) -> None:
                 )  # fmt: skip
                 if points:
                     label = f"{formulation}, {threads} thread{'s' * (threads > 1)}"
+                    style = "--" if threads == 1 else "-"
                     axis.plot(*zip(*points, strict=True), style, color=colour, marker="o", ms=4, label=label)
-        axis.axhline(pendulum, color="0.4", lw=1)
-        axis.annotate(
-            "Pendulum-v1, single", (4096, pendulum), xytext=(0, -4), textcoords="offset points", color="0.3",
-            ha="right", va="top",
-        )  # fmt: skip
-        for r in rows:
-            if r["id"] == env_id and r["api"] == "single":
-                axis.plot([0.8], [r["steps_per_second"]], marker=">", color=colours[r["formulation"]], ms=7)
-        axis.set(xscale="log", yscale="log", title=env_id, xlabel="environments")
-        axis.grid(True, which="major", color="0.9")
-        axis.spines[["top", "right"]].set_visible(False)
-    axes[0].set_ylabel("environment steps per second")
-    axes[1].legend(frameon=False, fontsize=8, ncols=2, loc="center", bbox_to_anchor=(0.5, 0.28))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    fig.savefig(path, dpi=130)
-    plt.close(fig)
+            axis.axhline(pendulum, color=FAINT, lw=1)
+            axis.annotate("Pendulum-v1, single", (4096, pendulum), xytext=(0, -4), textcoords="offset points",
+                          color=FAINT, ha="right", va="top")  # fmt: skip
+            for r in rows:
+                if r["id"] == env_id and r["api"] == "single":
+                    axis.plot([0.8], [r["steps_per_second"]], marker=">", color=colours[r["formulation"]], ms=7)
+            axis.set(xscale="log", yscale="log", title=env_id, xlabel="environments")
+        axes[0].set_ylabel("environment steps per second")
+        axes[1].legend(ncols=2, loc="center", bbox_to_anchor=(0.5, 0.28))
 
 
 def main(arguments: list[str] | None = None) -> None:

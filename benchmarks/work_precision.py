@@ -11,7 +11,6 @@ size takes less than ten minutes; results are kept in runs/benchmarks while it r
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 import io
@@ -30,8 +29,9 @@ from numpy.typing import NDArray
 
 from benchmarks import elastica_peer, exudyn_peer
 from benchmarks.converged import FOLDER as CONVERGED
+from benchmarks.converged import tip_error as converged_error
 from benchmarks.long_runs import torques
-from benchmarks.machine import cpu_seconds, describe_machine, told, write_text
+from benchmarks.machine import command, cpu_seconds, describe_machine, table, told, write_text
 from benchmarks.running import run_all
 from benchmarks.work_precision_figures import PEERS, scene_figure, summary_figure
 from flexarm_env import arms
@@ -154,7 +154,7 @@ def measure(case: Case) -> dict[str, Any]:
             found = elastica_peer.run(case["scene"], **options)
         row: dict[str, Any] = {"status": "ok" if found["finished"] else found.get("status", "failed")}
         if found["finished"]:
-            row["max_error"] = 100.0 * exudyn_peer.error(case["scene"], found) / length
+            row["max_error"] = 100.0 * converged_error(case["scene"], found["t"], found["tip"]) / length
             row["cpu"] = found["cpu_seconds"] / scene.duration
         return row
     sample = max(SAMPLE.get(case["scene"], 0.05), case["options"]["dt"])
@@ -236,8 +236,7 @@ def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: f
         "## What to use", "",
         "For an error (columns, % of L) in motion like that of a scene (rows, with its largest deflection): the "
         "quickest settings found, and their CPU time.", "",
-        "| scene | deflection | " + " | ".join(f"{target:g} %" for target in TARGETS) + " |",
-        "|---|---|" + "---|" * len(TARGETS),
+        *table(" | ".join(["scene", "deflection", *(f"{target:g} %" for target in TARGETS)])),
     ]  # fmt: skip
     for name in scenes:
         good = [row for row in rows if row["case"]["scene"] == name and row["status"] == "ok"]
@@ -249,8 +248,7 @@ def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: f
         lines.append(f"| {name} | {100 * best['deflection']:.0f} % | " + " | ".join(cells) + " |")
     lines += ["", "## Defaults", "",
               "What is used where nothing is said, over the front's CPU time at the same error.", "",
-              "| scene | settings | error, % of L | CPU, ms per s | over the front |",
-              "|---|---|---|---|---|"]  # fmt: skip
+              *table("scene | settings | error, % of L | CPU, ms per s | over the front")]  # fmt: skip
     for name in scenes:
         mine = [row for row in rows if row["case"]["scene"] == name]
         best_of = front([row for row in mine if row["status"] == "ok"])
@@ -269,8 +267,7 @@ def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: f
         lost = len(mine) - len(good)
         lines += ["", f"### {name}", "", f"![{name}](../figures/work_precision_{name}.png)", "",
                   f"{len(mine)} runs, {lost} ended early (with a status).", "",
-                  "| settings | error, max | rms | energy | CPU, ms per s | iterations a step |",
-                  "|---|---|---|---|---|---|"]  # fmt: skip
+                  *table("settings | error, max | rms | energy | CPU, ms per s | iterations a step")]  # fmt: skip
         for row in front(good):
             rest = "– | – " if row["case"]["label"] in PEERS else f"{row['rms_error']:.2g} | {row['energy']:.1e} "
             count = "–" if row["case"]["label"] in PEERS else f"{row['iterations']:.1f}"
@@ -303,13 +300,11 @@ def table_csv(rows: Sequence[dict[str, Any]]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run all, write the results."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__)
     every = (*names(), *ENVIRONMENTS)
     parser.add_argument("--full", action="store_true", help="more values of rho_inf")
     parser.add_argument("--scene", nargs="*", choices=every, default=every, help="scenes to run (default: all)")
     parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
-    parser.add_argument("--figures", type=Path, default=ROOT / "docs" / "figures")
     options = parser.parse_args(arguments)
     clock = time.monotonic()
     for name in options.scene:

@@ -15,21 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import physics  # noqa: F401  (registers the formulations)
-from .compiler.crew import Crew, OneAtATime, holders, one_at_a_time
-from .compiler.entry import Placed, entry, native
-from .compiler.lanes import SINGLE, WIDEST
+from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, native, one_at_a_time, uncompiled
 from .parameters import Arm
 from .physics import assembly, gauges
 from .physics.integrator.work import unpack, work_size
-from .physics.model import System, scheme
+from .physics.layout import COUNTS, POSE
+from .physics.model import System
 from .runtime import episode as environment
 from .runtime import starts
-from .runtime.fitted import FITS
 from .runtime.layout import aligned, layout_of
-from .runtime.record import observe_arm
+from .runtime.sampling import observe_arm
 from .scene import Scene
 from .settings import Settings
-from .simulation import room_for_points, uncompiled
+from .simulation import fitted_systems, room_for_points
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CLIP,
@@ -37,17 +35,16 @@ from .tasks.program import (
     GOAL,
     GUIDED,
     INFO,
-    LIMIT,
     MODE,
     OVER,
-    POSE,
+    PERIODS,
+    PERIODS_ALLOWED,
     REASONS,
     REPORT,
     REQUEST,
     RETRY,
     RUNNING,
     STATUS_WORDS,
-    STEP,
     SUCCESS,
     TARGET,
     Actuator,
@@ -106,18 +103,8 @@ class Extras:
 
 
 def standing_scene(arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = ()) -> Scene:
-    """The arm, pinned and without drives."""
+    """The arm, pinned; nothing moves or loads it."""
     return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles))
-
-
-def fitted_systems(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> list[System]:
-    """The arm made for steps of dt; where steps are fitted to a tolerance, of dt, dt/2, ... dt/32."""
-    assert settings.dt is not None
-    found = []
-    for k in range(1 if settings.step_tolerance is None else FITS):
-        own = settings.replace(dt=settings.dt * 0.5**k)
-        found.append(assembly.assemble(standing_scene(arm, settings.dt, gravity), own))
-    return found
 
 
 def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> Array:
@@ -187,7 +174,7 @@ class Batch:
         assert settings.dt is not None
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
-        self.systems = fitted_systems(arm, settings, gravity)
+        self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity), settings)
         self.system: System = self.systems[-1]
         self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
         self.groups = -(-n // len(self.lane))
@@ -203,7 +190,7 @@ class Batch:
         self.entries = len(task.entries) + ahead + gauges
         fitted = settings.step_tolerance is not None
         self.layout = layout_of(lanes, model, task, self.entries, self.extras, fitted)
-        self._work = int(uncompiled(work_size)(1, model, 0)) - 4  # its counters are apart
+        self._work = int(uncompiled(work_size)(1, model, 0)) - COUNTS.places.end  # these are apart
         count, links = self.n, self.arm.n_links
         self.info_at = info_places(task)
         self.block = aligned(self.groups, self.layout.row)
@@ -219,10 +206,9 @@ class Batch:
         self.request = np.full(REQUEST.offsets(0, links).end, np.nan)
         self.report = np.zeros(REPORT.offsets(0, links, gauges).end)
         self._gauges = gauges
-        limits = (settings.tolerance, settings.max_iterations, settings.max_halvings, settings.newton == "modified")
         n_steps = round(self.period / settings.dt)
         self.program = Program(
-            lane=self.lane, model=model, scheme=scheme(settings.rho_inf, settings.newmark, *limits), task=task,
+            lane=self.lane, model=model, scheme=assembly.scheme_of(settings), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
             ranges=self._ranges(), controller=self.extras.controller, actuator=self.extras.actuator,
@@ -283,7 +269,7 @@ class Batch:
 
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:
-        """Payload mass, payload inertia, EI factor and tau_d of arm i (see `model.PAYLOAD_MASS`), a copy."""
+        """Payload mass, payload inertia, EI factor and tau_d of arm i (see `physics.model.PAYLOAD_MASS`), a copy."""
         return self._par(i).copy()
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
@@ -300,7 +286,7 @@ class Batch:
 
     def begin(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
         """Fresh starts; keys: 64 random bits for each arm that its draws and noise follow from."""
-        lanes, at = len(self.lane), self.layout.record + LIMIT * len(self.lane)
+        lanes, at = len(self.lane), self.layout.record + PERIODS_ALLOWED * len(self.lane)
         for k, i in enumerate(arms):
             self.queue[k], self.stream[i], self.block[i // lanes, at + i % lanes] = i, keys[k], limit
         self._begin(self.address, mode, len(arms))
@@ -393,7 +379,7 @@ class Batch:
     @property
     def begun(self) -> bool:
         """Whether every arm has been started."""
-        at = self.layout.record + LIMIT * len(self.lane)
+        at = self.layout.record + PERIODS_ALLOWED * len(self.lane)
         return bool((self.block[:, at : at + len(self.lane)].ravel()[: self.n] > 0.0).all())
 
     def _parts(self, i: int) -> tuple[Array, Array]:
@@ -412,7 +398,7 @@ class Batch:
         return View(
             points=points[:count].copy(),
             poses=poses.reshape(-1, POSE.end),
-            time=float(record[STEP]) * self.period,
+            time=float(record[PERIODS]) * self.period,
             target=record[TARGET : TARGET + targets].copy(),
             torques=info[at.torque : at.torque + links].copy(),
             deflection=info[at.deflection : at.deflection + links].copy(),
@@ -440,7 +426,7 @@ class Batch:
 
 __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
-    "GUIDED", "INFO", "LIMIT", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING", "Reach", "Reference",
-    "STATUS_WORDS", "STEP", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table",
+    "GUIDED", "INFO", "PERIODS_ALLOWED", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING", "Reach", "Reference",
+    "STATUS_WORDS", "PERIODS", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table",
     "info_places", "one_at_a_time", "scene_gauges", "standing_scene",
 ]  # fmt: skip

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -99,10 +100,14 @@ class Layout:
         return np.concatenate(parts)
 
     def unpack(self, flat: NDArray[np.float64], first: int = 0, /, **sizes: int) -> dict[str, NDArray[np.float64]]:
-        """Views of the fields in their shapes, by name; the layout begins at flat[first]."""
+        """Views of the fields in their shapes, by name; the layout begins at flat[..., first]."""
         begins = self.offsets(first, *[sizes[word] for word in self.sizes])
         shapes = [self.shape(field, **sizes) for field in self.fields]
-        return {field.name: flat[begins[k] : begins[k + 1]].reshape(shapes[k]) for k, field in enumerate(self.fields)}
+        parts = [flat[..., a:b] for a, b in pairwise(begins)]
+        return {
+            field.name: part.reshape(flat.shape[:-1] + shape)
+            for field, part, shape in zip(self.fields, parts, shapes, strict=True)
+        }
 
     def shape(self, field: Field, **sizes: int) -> tuple[int, ...]:
         """A field's shape in numbers."""

@@ -47,7 +47,7 @@ def named(name: str) -> Scene:
     if name not in known:
         raise check.UnknownKey(str(name), known, "scene")
     base, _, parameter_set = name.partition("@")
-    return toml.read_scene(_text(base), parameter_set or None)
+    return Scene.from_toml(_text(base), parameter_set or None)
 
 
 def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:

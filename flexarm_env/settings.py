@@ -34,7 +34,7 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
         "elements": 1,
         "coupling": "von_karman",
         "modes": None,
-        "frame": "root",
+        "frame": "chord",
         "multipliers": False,
         **_COMMON,
         "rho_inf": 0.9,
@@ -90,9 +90,9 @@ class Settings:
             at most 1000 a link in all.
         coupling: "von_karman" (default), "paper" or "linear" axial-bending coupling (floating_frame).
         modes: bending modes per segment, 1 to 8, in place of elements and coupling (floating_frame).
-        frame: where a segment's frame floats: clamped to its root section ("root", the paper's), or through both of its
-            ends ("chord"; with modes: the static shapes of turned ends, then modes between pins; 2 at least)
-            (floating_frame).
+        frame: where a segment's frame floats (floating_frame): through both of its ends ("chord", default; with modes:
+            the static shapes of turned ends, then modes between pins; 2 at least), or clamped to its root section
+            ("root", the paper's, and the default of one mode or with multipliers).
         multipliers: join segments and links by Lagrange multipliers, the paper's own form, in place of coordinates that
             need none; slower, for comparison (floating_frame, default False; frame "root").
         order: polynomial order of the elements, 1 to 3 (geometrically_exact, default 2).
@@ -197,6 +197,8 @@ class Settings:
         if "modes" in given:
             for name in _MESH:
                 values[name] = None
+        if given.get("modes") == 1 or given.get("multipliers"):
+            values["frame"] = "root"
         if "newmark" in given:
             values["rho_inf"] = None
         return cls(formulation=formulation, **{**values, **given})
@@ -230,8 +232,8 @@ class Settings:
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """``base`` overridden by ``options``: modes drops the mesh of ``base`` (and a mesh option drops its modes),
-    newmark drops rho_inf and the other way about. None in ``options`` overrides nothing."""
+    """``base`` overridden by ``options``: modes drops the mesh of ``base`` (and a mesh option drops its modes), one
+    mode or multipliers its frame, newmark drops rho_inf and the other way about. None overrides nothing."""
     given = {name: value for name, value in options.items() if value is not None}
     kept = dict(base)
     if "modes" in given:
@@ -239,6 +241,8 @@ def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
             kept.pop(name, None)
     elif any(name in given for name in _MESH):
         kept.pop("modes", None)
+    if given.get("modes") == 1 or given.get("multipliers"):
+        kept.pop("frame", None)
     if "newmark" in given:
         kept.pop("rho_inf", None)
     if "rho_inf" in given:

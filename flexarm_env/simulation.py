@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,21 +14,27 @@ from numpy.typing import NDArray
 
 from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
 from . import validation as check
-from .compiler.lanes import SINGLE
+from .compiler import SINGLE, uncompiled
 from .physics import assembly
 from .physics.integrator.start import restart
-from .physics.integrator.step import advance
 from .physics.integrator.work import Work, unpack, work_size
-from .physics.model import MESSAGE, NOT_FINITE, OK, STATUS, TIMED_OUT, scheme
-from .runtime.fitted import FITS, LOWER
-from .runtime.record import DONE, GROSS, LIMIT, SPAN, START_ENERGY, STEP, TIME, observe_arm, record, row_size
+from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
+from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, System
+from .runtime.fitted import FITS, begin_run, close_fit, end_run, open_fit
+from .runtime.keeping import keep
+from .runtime.layout import fit_rooms
+from .runtime.sampling import SAMPLE, STRETCH, gained, observe_arm, sample_rows
 from .scene import Scene
 from .settings import Settings
-from .trajectory import Recorder, Trajectory
+from .trajectory import Recorder, Trajectory, check_work
 
 Array = NDArray[np.float64]
 
+Start = tuple[float, float, bool | None]
+"""Time, s, and gross work, J, that a stretch begins with, and the restart before its first step (None: none)."""
+
 _NO_POINTS = np.zeros((0, 2))
+_AT = STRETCH.places
 CHUNK = 500
 """Steps between two looks at the work done."""
 
@@ -38,9 +43,6 @@ CHUNKS = 4
 
 CHEAP = 250
 """Unknowns up to which a step is quick enough for CHUNKS of CHUNK steps to take less than a second."""
-
-MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
-"""Steps of a run (half an hour of the quickest), and its recorded instants (some GB)."""
 
 ENERGY_LIMIT = 1e3
 """A run has diverged where its energy exceeds this many times what can account for it (`Simulation.gained`)."""
@@ -52,9 +54,11 @@ def room_for_points(settings: Settings, n_links: int) -> int:
     return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
 
 
-def uncompiled(function: Any) -> Any:
-    """The Python function behind a compiled one, for what is called once."""
-    return getattr(function, "py_func", function)
+def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
+    """The scene assembled for steps of dt; where steps are fitted to a tolerance, for dt, dt/2, ... dt/32."""
+    assert settings.dt is not None
+    steps = [settings.dt * 0.5**k for k in range(1 if settings.step_tolerance is None else FITS)]
+    return [assembly.assemble(scene, settings.replace(dt=h)) for h in steps]
 
 
 class Simulation:
@@ -73,28 +77,20 @@ class Simulation:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         assert settings.dt is not None
         self.scene, self.settings, self.dt = scene, settings, settings.dt
-        count = 1 if settings.step_tolerance is None else FITS
-        steps = [self.dt * 0.5**k for k in range(count)]
-        self._fits = [(assembly.assemble(scene, settings.replace(dt=h)), h) for h in steps]
+        self._systems = fitted_systems(scene, settings)
         self.follow: Sequence[int] = ()
-        self.system = self._fits[-1][0]
+        self.system = self._systems[-1]
         self.drive = assembly.drive(scene, self.system)
         self.n_motions = len(scene.motions)
-        self.scheme = scheme(
-            settings.rho_inf,
-            settings.newmark,
-            settings.tolerance,
-            settings.max_iterations,
-            settings.max_halvings,
-            settings.newton == "modified",
-        )
+        self.scheme = assembly.scheme_of(settings)
         self.model, self.par = self.system.model, self.system.par.copy()
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
         self.deadline: float | None = None
+        self._restarted: tuple[Array, Array, float, bool] | None = None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = scene.kinks
-        self._poses = np.zeros(12 * scene.arm.n_links)
+        self._poses = np.zeros(POSE.end * scene.arm.n_links)
         self._energies = np.zeros(3)
         self.reset()
 
@@ -109,7 +105,7 @@ class Simulation:
 
     @property
     def status(self) -> int:
-        """Status code, see `flexarm_env.model.STATUS`."""
+        """Status code, see `flexarm_env.physics.model.STATUS`."""
         return int(self.work.flag[0])
 
     @property
@@ -128,49 +124,53 @@ class Simulation:
 
         books: keep account of work and dissipation (their place is `work.books`).
         """
-        while self.t < t_end - 1e-12 * max(1.0, t_end):
-            stop = min(self._next_kink(), t_end)
-            if self.settings.step_tolerance is not None:
-                self._fit(stop, functools.partial(self._step_to, stop, books))
-            else:
-                self._step_to(stop, books)
-            if self.status != OK:
-                return False
-            self.t = stop
-            if stop < t_end - 1e-12 * max(1.0, t_end):
-                self._restart(fresh=False)
-        return True
+        if self.t < t_end - 1e-12 * max(1.0, t_end):
+            for _ in self._go([t_end], t_end - self.t, self._stretch(math.inf), 0, books):
+                pass
+        return self.status == OK
 
-    def _step_to(self, stop: float, books: bool) -> Array:
-        """Equal steps of at most dt; the link poses that they lead to."""
-        n_steps = max(1, math.ceil((stop - self.t) / self.dt * (1.0 - 1e-9)))
-        self._advance((stop - self.t) / n_steps, n_steps, books)
-        return self.observe()[0]
+    def _fit(self, period: float, run: Callable[[], Array]) -> None:
+        """A stretch of `period` (s) in steps as short as the tolerance asks for (`runtime.fitted`).
 
-    def _fit(self, stop: float, run: Callable[[], Array]) -> None:
-        """A stretch up to `stop` in steps as short as the tolerance asks for: what `runtime.fitted` does for a batch.
-
-        run: makes the stretch; link poses (n_links, 12) at its end, of no meaning where the arm has failed.
+        run: makes the stretch; poses of the links at its end, flat, of no meaning where the arm has failed.
         """
-        assert self.settings.step_tolerance is not None and self.settings.dt is not None
-        allowed, period = self.settings.step_tolerance * self.scene.arm.total_length, stop - self.t
-        kept, t, gross = self._flat.copy(), self.t, self.gross
-        forced = len(self.levels) < len(self.follow)
-        first = self.follow[len(self.levels)] if forced else max(1, self._level) - 1
-        before: Array | None = None
-        for k in range(first, FITS):
-            self._flat[:], self.t, self.gross = kept, t, gross
-            self.model, self.dt = self._fits[k][0].model, self._fits[k][1]
-            poses, error = run(), math.inf
-            if self.status == OK and before is not None:
-                ways = np.abs(poses - before)
-                error = float((ways[:, 6:8] + period * ways[:, 9:11]).max())
-            if forced or error <= allowed or self.status == TIMED_OUT:
-                break
-            before = poses if self.status == OK else None
+        n, links, w, start = len(self.work.q), self.scene.arm.n_links, self.work, self._start()
+        level, nothing = np.array([float(self._level)]), np.zeros(0)
+        if len(self.levels) < len(self.follow):
+            level[0] = k = self.follow[len(self.levels)]
+            self._halved(k, start, run)
+        else:
+            saved, scratch = fit_rooms(n, len(w.u), self.n_motions, links)
+            allowed = (self.settings.step_tolerance or 0.0) * self.scene.arm.total_length
+            keep(SINGLE, n, w, nothing, saved)
+            open_fit(SINGLE, n, links, level, nothing, saved, scratch, w)
+            for k in range(FITS):
+                if begin_run(SINGLE, k, n, saved, scratch, nothing, w):
+                    poses = self._halved(k, start, run)
+                    if self.status == TIMED_OUT:
+                        break
+                    if not end_run(SINGLE, k, n, links, allowed, period, poses, nothing, saved, scratch, level, w):
+                        break
+            if self.status != TIMED_OUT:
+                close_fit(SINGLE, n, links, nothing, saved, scratch, w)
         self.levels.append(k)
-        self._level = k - 1 if error < LOWER * allowed else k
-        self.model, self.dt = self.system.model, self.settings.dt
+        self._level = int(level[0])
+        self.model, self.dt = self.system.model, float(self.settings.dt or 0.0)
+
+    def _start(self) -> Start:
+        """Where a stretch begins; back before the restart that it begins with, which is the steps' own to make."""
+        if self._restarted is None or not np.array_equal(self._flat, self._restarted[1]):
+            return self.t, self.gross, None
+        self._flat[:], _, gross, fresh = self._restarted
+        return self.t, gross, fresh
+
+    def _halved(self, k: int, start: Start, run: Callable[[], Array]) -> Array:
+        """What `run` gives with dt halved k times."""
+        self.t, self.gross, fresh = start
+        self.model, self.dt = self._systems[k].model, float(self.settings.dt or 0.0) * 0.5**k
+        if fresh is not None:
+            self._restart(fresh)
+        return run()
 
     def _next_kink(self) -> float:
         """The first kink after the time reached, s; infinite where there is none."""
@@ -179,90 +179,92 @@ class Simulation:
             k += 1
         return self._kinks[k] if k < len(self._kinks) else math.inf
 
-    def _advance(self, h: float, n_steps: int, books: bool) -> bool:
-        """Equal steps within a smooth stretch, some at a time; False where the arm has failed."""
-        start = self.t
-        for done in range(0, n_steps, self._chunk):
-            before = float(self.work.books[0])
-            self.t = advance(
-                SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions,
-                start + done * h, h, min(self._chunk, n_steps - done), self.scheme, (0,) if books else None,
-            )  # fmt: skip
-            self.gross += abs(float(self.work.books[0]) - before)
-            if self.status != OK:
-                return False
-            if not np.isfinite(self.work.q).all():
-                self.work.flag[0] = NOT_FINITE
-                return False
-            if self.deadline is not None and time.perf_counter() > self.deadline:
-                self.work.flag[0] = TIMED_OUT
-                return False
-        return True
-
     def record(
-        self,
-        end: float,
-        interval: float,
-        sink: Callable[[Array, Array], None],
+        self, end: float, interval: float, sink: Callable[[dict[str, Array], Array], None],
         tell: Callable[[float], None] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Advance to `end`, recording the start and every `interval`, landing on every kink; ends where the arm fails.
 
-        What is recorded at a kink is the state just before it. sink: takes rows (m, row_size) of `runtime.record` and
-        points along the chain (m, P, 2), some at a time. tell: called with the share done.
+        What is recorded at a kink is the state just before it. sink: takes the fields of m samples
+        (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2), some at a time.
+        tell: called with the share done.
         """
         count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
         wanted = [min(k * interval, end) for k in range(1, count + 1)]
-        span = np.zeros(SPAN)
-        span[TIME], span[STEP], span[GROSS], span[LIMIT] = self.t, self.dt, self.gross, ENERGY_LIMIT
-        made, shapes = self._record(span, [self.t], self._points()[None])
+        stretch = self._stretch(ENERGY_LIMIT)
+        table, shapes = self._samples(stretch, [self.t], self._points()[None], True)
         points = int(np.count_nonzero(np.isfinite(shapes[0, :, 0])))
-        sink(made, shapes[:, :points])
-        span[START_ENERGY] = made[0, 1 + 12 * self.scene.arm.n_links :][:3].sum()
-        k = 0
-        while k < count and self.status == OK:
-            stops, rows = self._stops(wanted, k, interval)
-            made, shapes = self._record(span, stops, np.zeros((len(stops), points, 2)))
-            sink(made[:rows], shapes[:rows])
-            k += rows
-            if self.status == OK:
-                self.restart_at_kink()
-                span[GROSS] = self.gross
+        first = self._fields(table)
+        sink(first, shapes[:, :points])
+        stretch[_AT.start_energy] = first["energies"].sum()
+        done = 0
+        for table, shapes in self._go(wanted, interval, stretch, points, True):
+            sink(self._fields(table), shapes)
+            done += len(table)
             if tell is not None:
-                tell(min(k / count, 1.0))
+                tell(min(done / count, 1.0))
 
-    def _record(self, span: Array, stops: list[float], shapes: Array) -> tuple[Array, Array]:
-        """The rows and shapes of some instants."""
-        links = self.scene.arm.n_links
-        table = np.zeros((len(stops), row_size(len(self.work.q), links, self.n_motions)))
+    def _stretch(self, gain: float) -> Array:
+        """The `STRETCH` of a run that begins here; gain: see there."""
+        return STRETCH.pack(
+            {}, time=self.t, longest=self.dt, gross=self.gross, start_energy=0.0, gain=gain, begun=0.0, done=0.0
+        )
+
+    def _fields(self, table: Array) -> dict[str, Array]:
+        """The fields of samples (..., size), views."""
+        sizes = {"rows": len(self.work.q), "links": self.scene.arm.n_links, "motions": self.n_motions}
+        return SAMPLE.unpack(table, **sizes)
+
+    def _go(
+        self, wanted: list[float], interval: float, stretch: Array, points: int, books: bool
+    ) -> Iterator[tuple[Array, Array]]:
+        """Advance to instants, landing on every kink between them; rows and points of some of them at a time.
+
+        Ends where the arm fails. points: how many there are along the chain.
+        """
+        k = 0
+        while k < len(wanted) and self.status == OK:
+            stops, rows = self._stops(wanted, k, interval)
+            table, shapes = self._samples(stretch, stops, np.zeros((len(stops), points, 2)), books)
+            k += rows
+            yield table[:rows], shapes[:rows]
+            if self.status == OK and k < len(wanted):
+                self.restart_at_kink()
+                stretch[_AT.gross] = self.gross
+
+    def _samples(self, stretch: Array, stops: list[float], shapes: Array, books: bool) -> tuple[Array, Array]:
+        """The rows and shapes of some instants of a smooth stretch."""
+        sizes = len(self.work.q), self.scene.arm.n_links, self.n_motions
+        table = np.zeros((len(stops), SAMPLE.offsets(0, *sizes).end))
         if self.settings.step_tolerance is None or not (stops and stops[0] > self.t):
-            made = self._rows(span, stops, table, shapes)
+            made = self._rows(stretch, stops, table, shapes, books)
             return table[:made], shapes[:made]
         for i, stop in enumerate(stops):
-            row, shape = table[i : i + 1], shapes[i : i + 1]
+            row, made = self._fields(table[i]), 0
 
-            def run(stop: float = stop, row: Array = row, shape: Array = shape) -> Array:
-                span[TIME], span[STEP], span[GROSS] = self.t, self.dt, self.gross
-                self._made = self._rows(span, [stop], row, shape)
-                return row[0, 1 : 1 + 12 * links].reshape(-1, 12).copy()
+            def run(i: int = i, stop: float = stop, poses: Array = row["poses"]) -> Array:
+                nonlocal made
+                stretch[_AT.time], stretch[_AT.longest], stretch[_AT.gross] = self.t, self.dt, self.gross
+                made = self._rows(stretch, [stop], table[i : i + 1], shapes[i : i + 1], books)
+                return poses.reshape(-1)
 
-            self._fit(stop, run)
-            if self._made:
+            self._fit(stop - self.t, run)
+            if made:
                 self._observe(_NO_POINTS)  # energies of the model that all step sizes share
-                row[0, 1 + 12 * links :][:3] = self._energies
+                row["energies"][:] = self._energies
             if self.status != OK:
-                return table[: i + self._made], shapes[: i + self._made]
+                return table[: i + made], shapes[: i + made]
         return table, shapes
 
-    def _rows(self, span: Array, stops: list[float], table: Array, shapes: Array) -> int:
-        """Calls of `runtime.record.record` until all rows are made, or the arm has failed; how many are made."""
+    def _rows(self, stretch: Array, stops: list[float], table: Array, shapes: Array, books: bool) -> int:
+        """Calls of `runtime.sampling.sample_rows` until all rows are made, or the arm has failed; how many are made."""
         made, instants = 0, np.array(stops)
         while True:
-            made += int(record(
-                SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links,
-                span, instants[made:], self._chunk, CHUNKS, self.scheme, table[made:], shapes[made:],
+            made += int(sample_rows(
+                SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links, stretch,
+                instants[made:], self._chunk, CHUNKS, self.scheme, (0,) if books else None, table[made:], shapes[made:],
             ))  # fmt: skip
-            self.t, self.gross = float(span[TIME]), float(span[GROSS])
+            self.t, self.gross = float(stretch[_AT.time]), float(stretch[_AT.gross])
             if self.status != OK:
                 break
             if self.deadline is not None and time.perf_counter() > self.deadline:
@@ -270,7 +272,7 @@ class Simulation:
                 break
             if made == len(stops):
                 break
-        span[DONE] = 0.0
+        stretch[_AT.done] = 0.0
         return made
 
     def _stops(self, wanted: list[float], k: int, interval: float) -> tuple[list[float], int]:
@@ -288,14 +290,20 @@ class Simulation:
     def compile(self) -> float:
         """Compile what `record` needs (or load it from the cache) without moving; CPU seconds it took."""
         clock = time.process_time()
-        self._record(np.zeros(SPAN), [], np.zeros((0, 1, 2)))
+        self._rows(self._stretch(math.inf), [], np.zeros((0, 1)), np.zeros((0, 1, 2)), True)
+        if self.settings.step_tolerance is not None:
+            flat, gross, level, restarted = self._flat.copy(), self.gross, self._level, self._restarted
+            self._fit(1.0, lambda: self._poses)
+            self.levels.pop()
+            self._flat[:], self.gross, self._level, self._restarted = flat, gross, level, restarted
         return time.process_time() - clock
 
     def _restart(self, fresh: bool = True) -> None:
         """Consistent at t+: a fresh start, or a kink within a run, where the integrator keeps what it has filtered."""
-        before = float(self.work.books[0])
+        kept, before, gross = self._flat.copy(), float(self.work.books[WORK_DONE]), self.gross
         restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt, fresh)
-        self.gross += abs(float(self.work.books[0]) - before)
+        self.gross += abs(float(self.work.books[WORK_DONE]) - before)
+        self._restarted = kept, self._flat.copy(), gross, fresh
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""
@@ -304,9 +312,9 @@ class Simulation:
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Link poses (n_links, 12) and energies (kinetic, strain, gravity) in J; copies."""
+        """Poses of the links (n_links, 12; `physics.layout`) and energies (kinetic, strain, gravity) in J; copies."""
         self._observe(_NO_POINTS)
-        return self._poses.reshape(-1, 12).copy(), self._energies.copy()
+        return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 
     def _points(self) -> Array:
         """Room for the points along the chain, not finite where none will be written."""
@@ -316,16 +324,15 @@ class Simulation:
         w = self.work
         return int(observe_arm(SINGLE, self.model, self.par, w.q, w.v, self._poses, self._energies, points))
 
-    def gained(self, start: float, gross: float) -> bool:
+    def gained(self, start: float) -> bool:
         """Whether there is ENERGY_LIMIT times the energy that start (J), gross work (J), dissipation and gravity can
-        account for; `runtime.record.record` asks the same."""
-        energies = self.observe()[1]
-        total, known = abs(float(energies.sum())), abs(start) + gross + abs(float(self.work.books[1]))
-        return not total <= ENERGY_LIMIT * (known + abs(float(energies[2])) + 1e-300) and total > 1e-9
+        account for."""
+        energies, lost = self.observe()[1].tolist(), float(self.work.books[DISSIPATED])
+        return bool(uncompiled(gained)(*energies, start, self.gross, lost, ENERGY_LIMIT))
 
     def joint_torques(self) -> Array:
         """Torque of each joint, N m (n_links,): applied, or the one that enforces its prescribed angle."""
-        torques = self.work.u[: self.scene.arm.n_links].copy()
+        torques: Array = self.work.u[: self.scene.arm.n_links].copy()
         for i, motion in enumerate(self.scene.motions):
             if motion.joint is not None:
                 torques[motion.joint] = self.work.reaction[i]
@@ -335,16 +342,6 @@ class Simulation:
         """Positions along the chain, root to tip, (n_points, 2) m."""
         points = self._points()
         return points[: self._observe(points)].copy()
-
-
-def check_work(end: float, interval: float, dt: float | None) -> None:
-    """ValueError for a run of `end` s that no machine comes to the end of, or that no memory holds."""
-    if dt is not None and not end / dt <= MOST_STEPS:
-        what = f"must be at least {end / MOST_STEPS:.2g} s: a run of {end:g} s may take {MOST_STEPS:.0e} steps"
-        raise check.InvalidValue("dt", dt, what)
-    if not end / interval <= MOST_SAMPLES:
-        what = f"must be at least {end / MOST_SAMPLES:.2g} s: a run of {end:g} s may have {MOST_SAMPLES:.0e} samples"
-        raise check.InvalidValue("sample", interval, what)
 
 
 def simulate(
@@ -375,8 +372,8 @@ def simulate(
         The Trajectory. Its status is "ok"; "inaccurate" where the estimated error is above error_limit; or names a
         failure that ended the run early. `message` says it in a sentence.
     Raises:
-        ValueError: an option the formulation lacks, or a value that is not allowed; more than MOST_STEPS steps or
-            MOST_SAMPLES samples.
+        ValueError: an option the formulation lacks, or a value that is not allowed; more than `trajectory.MOST_STEPS`
+            steps or `MOST_SAMPLES` samples.
     """
     if not isinstance(scene, Scene):
         raise check.InvalidValue("scene", scene, "must be a Scene, such as flexarm_env.named(NAME) gives")
@@ -438,12 +435,16 @@ def _probe(
     simulation = Simulation(scene, settings)
     simulation.follow = levels
     simulation.compile()
-    tip = 1 + 12 * (scene.arm.n_links - 1) + 6
-    parts: list[Array] = []
+    times: list[Array] = []
+    tips: list[Array] = []
+
+    def note(fields: dict[str, Array], _: Array) -> None:
+        times.append(fields["time"])
+        tips.append(fields["poses"][:, -1, TIP][:, :2])
+
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
-    simulation.record(end, interval, lambda rows, shapes: parts.append(rows[:, [0, tip, tip + 1]]))
-    found = np.concatenate(parts)
-    return accuracy.Probe(found[:, 0], found[:, 1:], simulation.status == OK)
+    simulation.record(end, interval, note)
+    return accuracy.Probe(np.concatenate(times), np.concatenate(tips), simulation.status == OK)
 
 
 __all__ = ["Simulation", "Trajectory", "simulate"]

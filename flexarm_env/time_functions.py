@@ -154,17 +154,24 @@ class TimeFunction:
             raise check.InvalidValue(f"t[{row}]", t, f"a motion must not jump: row {row} goes {change} in no time")
 
 
+def cubic(c0: Any, c1: Any, c2: Any, c3: Any, s: Any) -> tuple[Any, Any, Any, Any]:
+    """c0 + c1 s + c2 s^2 + c3 s^3 and its three derivatives; of numbers (the integrator's, compiled) or arrays."""
+    return c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2.0 * c2 + 3.0 * s * c3), 2.0 * c2 + 6.0 * s * c3, 6.0 * c3
+
+
+def wave(amplitude: Any, omega: Any, sine: Any, cosine: Any) -> tuple[Any, Any, Any, Any]:
+    """amplitude sin(w s + p) and its three derivatives from that sine and cosine; of numbers or arrays."""
+    rate = amplitude * omega
+    return amplitude * sine, rate * cosine, -(rate * omega * sine), -(rate * omega * omega * cosine)
+
+
 def _evaluate(rows: Array, t: Array, order: int) -> Array:
     """Derivative ``order`` of each row at its own time."""
     check.integer("derivative", order, minimum=0, maximum=3)
     s = t - rows[..., T0]
-    result = np.zeros_like(s)
-    for j in range(3, order - 1, -1):
-        result = result * s + math.perm(j, order) * rows[..., C0 + j]
     angle = rows[..., OMEGA] * s + rows[..., PHASE]
-    wave = np.sin(angle) if order % 2 == 0 else np.cos(angle)
-    sign = -1.0 if order >= 2 else 1.0
-    return np.asarray(result + sign * rows[..., AMPLITUDE] * rows[..., OMEGA] ** order * wave, dtype=np.float64)
+    smooth = cubic(rows[..., C0], rows[..., C1], rows[..., C2], rows[..., C3], s)[order]
+    return np.asarray(smooth + wave(rows[..., AMPLITUDE], rows[..., OMEGA], np.sin(angle), np.cos(angle))[order])
 
 
 def _increasing(path: str, t: Array) -> None:

@@ -12,6 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import validation as check
+from .physics.layout import (
+    DISSIPATED,
+    FACTORISATIONS,
+    HALVINGS,
+    ITERATIONS,
+    POSE,
+    ROOT,
+    STEPS,
+    TIP,
+    TIP_RATES,
+    WORK_DONE,
+)
 from .physics.model import STATUS
 from .scene import Scene
 from .settings import Settings
@@ -21,13 +34,29 @@ Array = NDArray[np.float64]
 COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y", "tip_angle")
 
 
+MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
+"""Steps of a run (half an hour of the quickest), and its recorded instants (some GB)."""
+
+
 def link_deflection(poses: Array) -> Array:
     """Tip deflection of each link over its root's tangent, m: the component of tip - root normal to it.
 
-    poses (..., n_links, 12) as the kernels give them; result (..., n_links).
+    poses (..., n_links, 12), see `physics.layout`; result (..., n_links).
     """
-    dx, dy, angle = poses[..., 6] - poses[..., 0], poses[..., 7] - poses[..., 1], poses[..., 2]
+    dx, dy = poses[..., POSE.tip_x] - poses[..., POSE.x], poses[..., POSE.tip_y] - poses[..., POSE.y]
+    angle = poses[..., POSE.angle]
     return np.asarray(np.cos(angle) * dy - np.sin(angle) * dx)
+
+
+def joint_angles(poses: Array) -> tuple[Array, Array]:
+    """Angles and rates of the joints, rad and rad/s: joint 0 from the x axis, joint k from the tip of link k - 1.
+
+    poses (..., n_links, 12), see `physics.layout`; results (..., n_links).
+    """
+    angles, rates = poses[..., POSE.angle].copy(), poses[..., POSE.rate].copy()
+    angles[..., 1:] -= poses[..., :-1, POSE.tip_angle]
+    rates[..., 1:] -= poses[..., :-1, POSE.tip_rate]
+    return angles, rates
 
 
 @dataclass
@@ -151,58 +180,63 @@ def write_whole(path: Path, content: bytes) -> None:
         part.unlink(missing_ok=True)
 
 
+def check_work(end: float, interval: float, dt: float | None) -> None:
+    """ValueError for a run of `end` s that no machine comes to the end of, or that no memory holds."""
+    if dt is not None and not end / dt <= MOST_STEPS:
+        what = f"must be at least {end / MOST_STEPS:.2g} s: a run of {end:g} s may take {MOST_STEPS:.0e} steps"
+        raise check.InvalidValue("dt", dt, what)
+    if not end / interval <= MOST_SAMPLES:
+        what = f"must be at least {end / MOST_SAMPLES:.2g} s: a run of {end:g} s may have {MOST_SAMPLES:.0e} samples"
+        raise check.InvalidValue("sample", interval, what)
+
+
 class Recorder:
     """Collects samples of a running Simulation."""
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.scene, self.settings = scene, settings
-        names = ("t", "poses", "energies", "books", "torque", "shapes", "q", "v")
+        names = ("time", "poses", "energies", "work", "dissipated", "torque", "shapes", "q", "v")
         self.rows: dict[str, list[Any]] = {name: [] for name in names}
 
     def add(self, simulation: Any) -> None:
         """Record the present state."""
         poses, energies = simulation.observe()
         rows = self.rows
-        rows["t"].append(simulation.t)
+        rows["time"].append(simulation.t)
         rows["poses"].append(poses)
         rows["energies"].append(energies)
-        rows["books"].append(simulation.work.books[:2].copy())
+        rows["work"].append(simulation.work.books[WORK_DONE])
+        rows["dissipated"].append(simulation.work.books[DISSIPATED])
         rows["torque"].append(simulation.joint_torques())
         rows["shapes"].append(simulation.shape_points())
         rows["q"].append(simulation.work.q.copy())
         rows["v"].append(simulation.work.v.copy())
 
-    def extend(self, table: Array, shapes: Array) -> None:
-        """Record rows that `runtime.record.record` made."""
-        links, motions = self.scene.arm.n_links, self.scene.motions
-        at = np.cumsum([1, 12 * links, 3, 2, links, len(motions)])
-        t, poses, energies, books, torque, reaction, state = np.split(table, at, axis=1)
-        torque = torque.copy()
-        for i, motion in enumerate(motions):
+    def extend(self, fields: Mapping[str, Array], shapes: Array) -> None:
+        """Record samples: their fields by name (`runtime.sampling.SAMPLE`), an instant a row; shapes (m, P, 2)."""
+        torque = fields["torque"].copy()
+        for i, motion in enumerate(self.scene.motions):
             if motion.joint is not None:
-                torque[:, motion.joint] = reaction[:, i]
-        q, v = np.split(state, 2, axis=1)
-        columns = (t[:, 0], poses.reshape(-1, links, 12), energies, books, torque, shapes, q, v)
-        for rows, values in zip(self.rows.values(), columns, strict=True):
-            rows.extend(values)
+                torque[:, motion.joint] = fields["reaction"][:, i]
+        known = dict(fields) | {"torque": torque, "shapes": shapes}
+        for name, rows in self.rows.items():
+            rows.extend(known[name])
 
     def finish(self, simulation: Any, cpu_seconds: float) -> Trajectory:
         """The Trajectory of what was recorded."""
         data = {name: np.array(rows) for name, rows in self.rows.items()}
         poses = data["poses"]
-        angles, rates = poses[:, :, 2].copy(), poses[:, :, 5].copy()
-        angles[:, 1:] -= poses[:, :-1, 8]
-        rates[:, 1:] -= poses[:, :-1, 11]
+        angles, rates = joint_angles(poses)
         lengths = np.array([link.length for link in self.scene.arm.links])
         counts = simulation.work.counts
         return Trajectory(
             scene=self.scene,
             settings=self.settings,
-            t=data["t"],
-            start=poses[:, 0, 0:3].copy(),
-            tip=poses[:, -1, 6:9].copy(),
-            tip_velocity=poses[:, -1, 9:12].copy(),
-            hinges=poses[:, 1:, 0:2].copy(),
+            t=data["time"],
+            start=poses[:, 0, ROOT].copy(),
+            tip=poses[:, -1, TIP].copy(),
+            tip_velocity=poses[:, -1, TIP_RATES].copy(),
+            hinges=poses[:, 1:, POSE.x : POSE.angle].copy(),
             joint_angles=angles,
             joint_rates=rates,
             joint_torque=data["torque"],
@@ -210,18 +244,18 @@ class Recorder:
             kinetic=data["energies"][:, 0],
             strain=data["energies"][:, 1],
             gravity=data["energies"][:, 2],
-            dissipated=data["books"][:, 1],
-            work=data["books"][:, 0],
+            dissipated=data["dissipated"],
+            work=data["work"],
             shapes=data["shapes"],
             q=data["q"],
             v=data["v"],
             names=simulation.system.names,
             status=STATUS[simulation.status],
             message=simulation.message,
-            steps=int(counts[3]),
-            iterations=int(counts[0]),
-            factorizations=int(counts[1]),
-            halvings=int(counts[2]),
+            steps=int(counts[STEPS]),
+            iterations=int(counts[ITERATIONS]),
+            factorizations=int(counts[FACTORISATIONS]),
+            halvings=int(counts[HALVINGS]),
             cpu_seconds=cpu_seconds,
             notes=simulation.system.notes,
             gross_work=simulation.gross,

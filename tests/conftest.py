@@ -3,28 +3,41 @@
 from __future__ import annotations
 
 import os
+import secrets
 
 # No window, no sound, no display: set before anything imports pygame or matplotlib.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Small matrices, and a process for each core: threads of the linear algebra would wait for each other most of the time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-# The first call of a compiled function takes seconds, so no deadline. On a developer's machine every run draws the same
-# examples; CI draws new ones, and says of one that fails how to draw it again (@reproduce_failure).
-settings.register_profile(
-    "flexarm",
-    deadline=None,
-    derandomize=not os.environ.get("CI"),
-    database=None,
-    print_blob=True,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-)
-settings.load_profile("flexarm")
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """What Hypothesis draws: on a developer's machine the same in every run, in CI by a new seed, which is printed.
+
+    Processes that share a run (xdist) have the first one's options, and so its seed. The first call of a compiled
+    function takes seconds, so no deadline.
+    """
+    if os.environ.get("CI") and config.option.hypothesis_seed is None:
+        config.option.hypothesis_seed = secrets.randbits(32)
+    settings.register_profile(
+        "flexarm", deadline=None, derandomize=config.option.hypothesis_seed is None, database=None, print_blob=True,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    )  # fmt: skip
+    settings.load_profile("flexarm")
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """How to draw again what this run draws."""
+    seed = config.option.hypothesis_seed
+    return None if seed is None else f"hypothesis draws by --hypothesis-seed={seed}"
 
 
 @pytest.fixture

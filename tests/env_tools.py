@@ -1,7 +1,8 @@
-"""What the tests of the environments share: the two ids, exact comparison, an episode."""
+"""What the tests of the environments share: the ids, exact comparison, an episode."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import gymnasium as gym
@@ -9,6 +10,7 @@ import numpy as np
 
 import flexarm_env  # noqa: F401  (registers the ids)
 
+MULTI = "MultiLinkFlexArm-v0"
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 
 RANDOM = {"payload": (0.5, 2.0), "EI": (0.7, 1.3), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1)}
@@ -22,8 +24,19 @@ RICH: dict[str, dict[str, Any]] = {
         "gravity": (0.0, 0.0), "actuator": {"viscous": 1e-300}, "sensors": {"strain_gauges": [(0, 0.0), (1, 0.5)]},
         "task": "track", "info_level": "full", "action_mode": "residual_pd",
     },
+    MULTI: {
+        "gravity": (0.0, 0.0), "actuator": {"viscous": 1e-300}, "sensors": {"strain_gauges": [(0, 0.0), (2, 0.5)]},
+        "task": "track", "info_level": "full", "action_mode": "residual_pd",
+    },
 }  # fmt: skip
 """Everything that is compiled out where it is absent, next to ideal: one compiled form for many tests."""
+
+
+LIVELY: dict[str, Any] = {
+    "randomization": RANDOM, "sensors": {"noise": 0.01, "delay": 0.04}, "initial_vibration": 0.02,
+    "actuator": {"lag": 0.01, "delay": 0.08 / 3, "coulomb": 0.01},
+}  # fmt: skip
+"""For `rich`: none of it ideal."""
 
 
 def rich(env_id: str, **changes: Any) -> dict[str, Any]:
@@ -61,6 +74,12 @@ def assert_same(a: Any, b: Any, path: str = "") -> None:
             assert np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes(), f"{path}: {a} and {b}"
     else:
         assert a == b, f"{path}: {a} and {b}"
+
+
+def turned(angle: float, vector: Any) -> np.ndarray:
+    """Components of a vector (2,) in the frame at an angle."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]])
 
 
 def episode(env: gym.Env[Any, Any], seed: int, steps: int, **options: Any) -> list[Any]:

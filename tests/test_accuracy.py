@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import flexarm_env
+from benchmarks.converged import tip_error
 from flexarm_env.accuracy import Probe, count_steps, distance, energy_part, finer_mesh, other_mesh
 from flexarm_env.parameters import Arm, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
-from flexarm_env.scenes import named, read_trajectory
+from flexarm_env.scenes import named
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import ramp
 from flexarm_env.time_functions import steps as stairs
 from flexarm_env.trajectory import Trajectory
 
-CONVERGED = Path(flexarm_env.__file__).parent / "data" / "references" / "converged"
-
 
 def true_error(run: Trajectory) -> float:
     """Largest distance of the tip from the converged solution, over L."""
-    table = read_trajectory(CONVERGED / f"{run.scene.name}.csv")
-    tip = np.column_stack([table["tip_x"], table["tip_y"]])[: run.t.size]
-    return float(np.hypot(*(run.tip[:, :2] - tip).T).max()) / run.scene.arm.total_length
+    return tip_error(run.scene.name, run.t, run.tip) / run.scene.arm.total_length
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,12 @@ from __future__ import annotations
 import ast
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
+from importlib.util import resolve_name
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.processes import ROOT, python
+
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
@@ -74,10 +75,9 @@ OUTSIDE = ("agents", "benchmarks")
 HEAVY = {"torch", "stable_baselines3", "pygame", "matplotlib", "scipy", "minari", "moviepy", "ray"}
 
 MAX_LINES = 450
-LONGER: dict[str, int] = {}  # path -> its own limit; to be kept short
 
 # Compiled code gives the same bits everywhere, and brings its own threads.
-FORBIDDEN_KEYWORDS = ("fastmath", "parallel")
+FORBIDDEN_KEYWORDS = re.compile(r"\b(?:fastmath|parallel) *= *(?!False\b)\w")
 
 # Addresses of registries and paths of one machine have no place in the repository (split, not to find themselves).
 FORBIDDEN_TEXT = re.compile(
@@ -104,33 +104,30 @@ def room_of(module: str) -> str:
     return parts[1] if len(parts) > 1 else "__init__"
 
 
-def imports_of(source: str, module: str, is_package: bool, known: set[str]) -> Iterator[tuple[int, str]]:
-    """Line and absolute dotted name of every import in `source`, those inside functions included.
+def imports_of(path: Path, known: set[str]) -> Iterator[tuple[int, str]]:
+    """Line and dotted name of every import in a file, those inside functions included.
 
     `from a import b` counts as `a.b` where b is a room of the package, as `a` elsewhere.
     """
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield node.lineno, alias.name
         elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                here = module.split(".")
-                here = here[: len(here) - node.level + is_package]
-                base = ".".join([*here, base]) if base else ".".join(here)
+            base = resolve_name("." * node.level + (node.module or ""), module_name(path.parent))
             for alias in node.names:
                 inside = base == PACKAGE and alias.name in known
                 yield node.lineno, f"{base}.{alias.name}" if inside else base
 
 
-def package_faults(source: str, module: str, is_package: bool, known: set[str]) -> list[str]:
+def package_faults(path: Path, known: set[str]) -> list[str]:
     """Imports of a module of the package that its room may not make."""
+    module = module_name(path)
     room = room_of(module)
     if room not in ROOMS:
         return [f"{module}: the room '{room}' is not declared in ROOMS"]
     faults = []
-    for line, name in imports_of(source, module, is_package, known):
+    for line, name in imports_of(path, known):
         top = name.split(".")[0]
         if top == PACKAGE:
             target = room_of(name)
@@ -147,34 +144,23 @@ _INSIDE = {"benchmarks.operations", "benchmarks.cost_model"}
 """What measures the kernels themselves."""
 
 
-def outside_faults(source: str, module: str, known: set[str]) -> list[str]:
+def outside_faults(path: Path, known: set[str]) -> list[str]:
     """Imports of code outside of the package that reach past the public rooms."""
+    module = module_name(path)
     allowed = _PUBLIC | _COMPILED if module in _INSIDE else _PUBLIC
     return [
         f"{module}:{line}: imports '{name}', which is not public"
-        for line, name in imports_of(source, module, False, known)
+        for line, name in imports_of(path, known)
         if name.split(".")[0] == PACKAGE and room_of(name) not in allowed
     ]
 
 
-def keyword_faults(source: str, module: str) -> list[str]:
-    """Calls that switch on what compiled code must do without."""
-    return [
-        f"{module}:{node.lineno}: {keyword.arg}= is not to be used"
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.Call)
-        for keyword in node.keywords
-        if keyword.arg in FORBIDDEN_KEYWORDS
-        and not (isinstance(keyword.value, ast.Constant) and not keyword.value.value)
-    ]
-
-
-def text_faults(text: str, path: str) -> list[str]:
-    """Words that have no place in the repository."""
+def text_faults(text: str, path: object, words: re.Pattern[str]) -> list[str]:
+    """Words that have no place in a text."""
     return [
         f"{path}:{number}: {found.group()!r}"
         for number, line in enumerate(text.splitlines(), start=1)
-        for found in FORBIDDEN_TEXT.finditer(line)
+        for found in words.finditer(line)
     ]
 
 
@@ -182,27 +168,19 @@ def python_files(top: str) -> list[Path]:
     return sorted((ROOT / top).rglob("*.py"))
 
 
-def module_name(path: Path) -> tuple[str, bool]:
-    """Dotted name of a file below ROOT, and whether it is a package's `__init__`."""
-    parts = list(path.relative_to(ROOT).with_suffix("").parts)
-    if parts[-1] == "__init__":
-        return ".".join(parts[:-1]), True
-    return ".".join(parts), False
+def module_name(path: Path) -> str:
+    """Dotted name of a file below ROOT."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
 def existing_rooms() -> set[str]:
-    return {room_of(module_name(path)[0]) for path in python_files(PACKAGE)}
+    return {room_of(module_name(path)) for path in python_files(PACKAGE)}
 
 
 def repository_texts() -> Iterator[tuple[str, str]]:
     """Path and content of every text file that belongs to the repository."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    words = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     if listed.returncode == 0:
         paths = [ROOT / name for name in listed.stdout.split("\0") if name]
     else:  # a source distribution
@@ -231,22 +209,13 @@ def test_the_table_is_sound() -> None:
 
 def test_imports_point_one_way() -> None:
     known = existing_rooms()
-    faults = [
-        fault
-        for path in python_files(PACKAGE)
-        for fault in package_faults(path.read_text(encoding="utf-8"), *module_name(path), known)
-    ]
+    faults = [fault for path in python_files(PACKAGE) for fault in package_faults(path, known)]
     assert not faults, "\n".join(faults)
 
 
 def test_agents_and_benchmarks_use_public_rooms() -> None:
     known = existing_rooms()
-    faults = [
-        fault
-        for top in OUTSIDE
-        for path in python_files(top)
-        for fault in outside_faults(path.read_text(encoding="utf-8"), module_name(path)[0], known)
-    ]
+    faults = [fault for top in OUTSIDE for path in python_files(top) for fault in outside_faults(path, known)]
     assert not faults, "\n".join(faults)
 
 
@@ -255,29 +224,20 @@ def test_compiled_code_is_reproducible() -> None:
         fault
         for room in sorted(_COMPILED)
         for path in python_files(f"{PACKAGE}/{room}")
-        for fault in keyword_faults(path.read_text(encoding="utf-8"), module_name(path)[0])
+        for fault in text_faults(path.read_text(encoding="utf-8"), path, FORBIDDEN_KEYWORDS)
     ]
     assert not faults, "\n".join(faults)
 
 
 def test_files_stay_readable() -> None:
-    lengths = {
-        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines())
-        for path in python_files(PACKAGE)
-    }
-    long = [
-        f"{name}: {n} lines, at most {LONGER.get(name, MAX_LINES)}"
-        for name, n in lengths.items()
-        if n > LONGER.get(name, MAX_LINES)
-    ]
-    assert not long, "\n".join(long)
-    assert set(LONGER) <= set(lengths), f"no such file: {sorted(set(LONGER) - set(lengths))}"
+    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in python_files(PACKAGE)}
+    assert not {path: n for path, n in lengths.items() if n > MAX_LINES}
 
 
 def test_no_registry_and_no_machine_is_named() -> None:
     texts = dict(repository_texts())
     assert "pyproject.toml" in texts
-    faults = [fault for path, text in texts.items() for fault in text_faults(text, path)]
+    faults = [fault for path, text in texts.items() for fault in text_faults(text, path, FORBIDDEN_TEXT)]
     assert not faults, "\n".join(faults)
 
 
@@ -286,11 +246,7 @@ def heavy_after(statement: str) -> set[str]:
 
     Numba loads the bare name `scipy` to read its version, so SciPy counts once one of its public parts is there.
     """
-    code = f"{statement}\nimport sys\nprint(*sorted(sys.modules))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True, timeout=300
-    )
-    loaded = done.stdout.split()
+    loaded = python("-c", f"{statement}\nimport sys\nprint(*sorted(sys.modules))").stdout.split()
     heavy = {name for name in HEAVY - {"scipy"} if name in loaded}
     if any(re.match(r"scipy\.(?!version)[a-z]", name) for name in loaded):
         heavy.add("scipy")

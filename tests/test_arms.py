@@ -1,4 +1,4 @@
-"""Named arms: their numbers against sources and against frequencies computed here, TOML and errors."""
+"""Named arms: their numbers against sources, TOML and errors."""
 
 from __future__ import annotations
 
@@ -8,40 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 
 from flexarm_env import arms
+from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
-
-ROOT = Path(__file__).resolve().parents[1]
-
-
-def clamped_frequencies(links: list[Link], lumps: list[tuple[float, float]], n: int = 20) -> np.ndarray:
-    """Frequencies (rad/s) of Euler-Bernoulli links in one line, clamped at the root; a mass and an inertia at each tip.
-
-    Hermite elements written out here, an oracle that shares nothing with the package.
-    """
-    size = 2 * (n * len(links) + 1)
-    K, M = np.zeros((size, size)), np.zeros((size, size))
-    for k, (link, (mass, inertia)) in enumerate(zip(links, lumps, strict=True)):
-        h, EI, m = link.length / n, link.section.EI, link.section.m
-        stiffness = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]) * EI / h**3
-        masses = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]) * m * h / 420
-        scale = np.diag([1.0, h, 1.0, h])
-        for e in range(n * k, n * (k + 1)):
-            at = slice(2 * e, 2 * e + 4)
-            K[at, at] += scale @ stiffness @ scale
-            M[at, at] += scale @ masses @ scale
-        tip = 2 * n * (k + 1)
-        M[tip, tip] += mass
-        M[tip + 1, tip + 1] += inertia
-    return np.sqrt(eigh(K[2:, 2:], M[2:, 2:], eigvals_only=True))
-
-
-def test_the_oracle_knows_a_cantilever() -> None:
-    link = Link(1.0, Section(1.0, 1.0, 1.0, 1.0))
-    exact = np.array([1.8751040687, 4.6940911330, 7.8547574382]) ** 2
-    np.testing.assert_allclose(clamped_frequencies([link], [(0.0, 0.0)])[:3], exact, rtol=1e-4)
+from flexarm_env.scene import Scene
+from tests.processes import ROOT
 
 
 def test_names_and_sources() -> None:
@@ -61,9 +33,7 @@ def test_strip() -> None:
     assert arm.links[0].length == 1.0
     assert arm.links[0].section == Section.rectangle(0.03, 0.00342, 70e9, 2700, 26e9, 0.85)
     assert (arm.hub_inertia, arm.payload, arm.torque_limits) == (0.05, Payload(0.2), (2.0,))
-    omega = clamped_frequencies(list(arm.links), [(0.2, 0.0)])[0]
-    assert omega == pytest.approx(8.889, abs=5e-4)
-    assert arm.tau_d == pytest.approx(2 * 0.01 / omega, rel=1e-3)
+    assert arm.tau_d == pytest.approx(2 * 0.01 / 8.889, rel=1e-3)  # of the clamped arm's first mode: `test_linear.py`
 
 
 def test_de_luca_siciliano() -> None:
@@ -76,12 +46,6 @@ def test_de_luca_siciliano() -> None:
     assert arm.elbows == (Elbow(1.0, 0.05, 0.05),)
     assert arm.payload == Payload(0.1, 5e-4)
     assert (arm.torque_limits, arm.joint_limits) == ((1.0, 0.3), (None, (-2.8, 2.8)))
-    hub = arm.elbows[0].inertia_left + arm.elbows[0].inertia_right
-    carried = hub + 0.2 * 0.5**3 / 3 + 0.1 * 0.5**2 + 5e-4
-    first = clamped_frequencies([arm.links[0]], [(1 + 0.2 * 0.5 + 0.1, carried)])[:2] / (2 * math.pi)
-    second = clamped_frequencies([arm.links[1]], [(0.1, 5e-4)])[:2] / (2 * math.pi)
-    np.testing.assert_allclose(first, [0.480, 1.797], atol=1e-3)  # published 0.48, 1.80 Hz
-    np.testing.assert_allclose(second, [2.178, 15.915], atol=2e-3)  # published 2.18, 15.91 Hz
     assert arm.tau_d == pytest.approx(2 * 0.01 / (2 * math.pi * 0.48), rel=1e-3)
 
 
@@ -105,8 +69,8 @@ def test_quanser() -> None:
     a, b, m = first.length, arm.total_length, second.section.m
     carried = elbow.mass * a**2 + m * (b**3 - a**3) / 3 + arm.payload.mass * b**2 + arm.payload.inertia
     assert carried + elbow.inertia_left == pytest.approx(0.17043, abs=5e-4)
-    lumps = [(elbow.mass, elbow.inertia_left + elbow.inertia_right), (arm.payload.mass, arm.payload.inertia)]
-    omega = clamped_frequencies([first, second], lumps)[0]
+    scene = Scene("straight", arm, duration=1.0, dt=0.01, rigid_joints=(1,))
+    omega = modes(scene, 1, "geometrically_exact", elements=4, clamped=True).frequencies[0]
     assert omega / (2 * math.pi) == pytest.approx(1.67, abs=0.01)
     assert arm.tau_d == pytest.approx(2 * 0.01 / omega, rel=0.01)
 

@@ -18,9 +18,8 @@ import pytest
 from flexarm_env.cli import checkout, main, play
 from flexarm_env.recording import EpisodeRecorder, frames, load_episodes, replay, save_episodes, to_minari
 from tests.cli_tools import refused
-from tests.processes import python
+from tests.processes import ROOT, python
 
-ROOT = Path(__file__).resolve().parents[1]
 SHORT = ["play", "--policy", "pd", "--env-kwargs", '{"duration": 0.2}']
 HEADLESS = [*SHORT, "--headless"]
 

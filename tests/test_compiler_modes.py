@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import ast
 import inspect
-import os
-import subprocess
-import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from numba import config
 
 from flexarm_env.compiler import private
+from tests.processes import ROOT, python
 from tests.test_parts import FOREIGN
 
-ROOT = Path(__file__).resolve().parents[1]
 ROOM = ROOT / "flexarm_env" / "compiler"
 WHOLE_ONLY = ("whole.py", "cache.py", "private.py")
 GUIDE = "numba.core.cgutils"
@@ -24,14 +22,11 @@ GUIDE = "numba.core.cgutils"
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
 
-def run(lines: str, mode: str, folder: Path, *, check: bool = True) -> subprocess.CompletedProcess[str]:
+def run(lines: str, mode: str, folder: Path, code: int = 0) -> Any:
     """Python in a process of its own, with nothing in the cache."""
-    own = {"FLEXARM_COMPILER": mode, "NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": str(ROOT)}
     script = folder / "script.py"
     script.write_text(lines, encoding="utf-8")
-    return subprocess.run(
-        [sys.executable, script], env=os.environ | own, capture_output=True, text=True, check=check, cwd=folder
-    )
+    return python(script, code=code, cwd=folder, FLEXARM_COMPILER=mode, NUMBA_CACHE_DIR=str(folder))
 
 
 # ------------------------------------------------------------------ the list
@@ -95,9 +90,9 @@ def test_the_choice(tmp_path: Path) -> None:
     broken = run(BREAK + ASK, "", tmp_path)
     assert broken.stdout.startswith("plain inf plain, because") and "CompileResult._reduce" in broken.stdout
     assert "the compiler is plain, because" in broken.stderr
-    refused = run(BREAK + ASK, "whole", tmp_path, check=False)
-    assert refused.returncode and "FLEXARM_COMPILER = 'whole': Numba" in refused.stderr
-    refused = run(ASK, "fast", tmp_path, check=False)
+    refused = run(BREAK + ASK, "whole", tmp_path, code=1)
+    assert "FLEXARM_COMPILER = 'whole': Numba" in refused.stderr
+    refused = run(ASK, "fast", tmp_path, code=1)
     assert "FLEXARM_COMPILER = 'fast': must be 'whole' or 'plain'" in refused.stderr
 
 
@@ -217,6 +212,35 @@ def test_every_word_gives_the_same_bits_in_both_modes(tmp_path: Path) -> None:
     assert "[ 2.  4.  6." in told["plain"].stdout, "the array that was put in the place of z is read"
     assert told["plain"].stderr.strip() == "[]", "plain mode loads nothing that is private"
     assert "compiler.whole" in told["whole"].stderr
+
+
+MAYBE = """
+from flexarm_env.compiler import kernel, load, traced
+
+@traced(lambda p: 1)
+def asked(lane, order, x, factor):
+    return [load(lane, x, 0) if factor is None else load(lane, x, 0) * factor]
+
+@kernel
+def maybe(number):
+    return None if number > 1.0 else number
+
+@kernel
+def ask(lane, x, number):
+    return asked(lane, (0,), x, maybe(number))[0]
+
+import numpy as np
+try:
+    print(ask((0,), np.full(1, 3.0), 0.5))
+except Exception as error:
+    print("whether it is None must be known" in str(error))
+"""
+
+
+@pytest.mark.parametrize("mode", ["whole", "plain"])
+def test_straight_line_code_refuses_what_may_be_none(mode: str, tmp_path: Path) -> None:
+    """It cannot branch on it, and must not take it for None."""
+    assert run(MAYBE, mode, tmp_path).stdout.split() == ["True"]
 
 
 def test_plain_keeps_nothing_that_could_be_stale(tmp_path: Path) -> None:

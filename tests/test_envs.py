@@ -1,4 +1,4 @@
-"""The single environments: Gymnasium's rules, the specification in the docstrings, errors."""
+"""The single environments: Gymnasium's rules, the specification in the docstrings."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import pytest
 import flexarm_env
 from flexarm_env import arms
 from flexarm_env.envs.task import REACH, REWARDS, SLEW, inertia_beyond
-from tests.env_tools import ENERGIES, IDS, RANDOM, STANDARD, assert_same, episode, rich
+from tests.env_tools import ENERGIES, IDS, MULTI, RANDOM, STANDARD, assert_same, episode, rich, turned
 
 
-@pytest.fixture(scope="module", params=IDS)
+@pytest.fixture(scope="module", params=(*IDS, MULTI))
 def env(request: pytest.FixtureRequest) -> Any:
     made = gym.make(request.param)
     yield made
@@ -38,7 +38,8 @@ FORMULATIONS: dict[str, dict[str, Any]] = {
         pytest.param(env_id, name, marks=pytest.mark.slow if env_id == IDS[1] and name != "elastica" else ())
         for env_id in IDS
         for name in FORMULATIONS
-    ],
+    ]
+    + [(MULTI, "elastica")],
 )
 def test_both_checkers_without_a_warning(env_id: str, formulation: str) -> None:
     from gymnasium.utils.env_checker import check_env
@@ -61,7 +62,7 @@ def test_checkers_without_a_warning_with_everything(env_id: str) -> None:
 
 
 def test_registered_with_strings_and_without_a_time_limit() -> None:
-    for env_id in IDS:
+    for env_id in (*IDS, MULTI):
         spec = gym.spec(env_id)
         assert isinstance(spec.entry_point, str)
         assert isinstance(spec.vector_entry_point, str)
@@ -85,8 +86,9 @@ def test_fresh_objects_every_step(env: Any) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(arrays, before, strict=True))
 
 
-def test_info_has_the_same_keys_and_types_throughout(env: Any) -> None:
-    full = gym.make(env.spec.id, **rich(env.spec.id))
+@pytest.mark.parametrize("env_id", IDS)
+def test_info_has_the_same_keys_and_types_throughout(env_id: str) -> None:
+    full = gym.make(env_id, **rich(env_id))
     outcomes = episode(full, 2, 10)
     wanted = STANDARD | ENERGIES | {f"reward_{name}" for name in REWARDS}
     kinds = {key: type(value) for key, value in outcomes[0][-1].items()}
@@ -95,20 +97,10 @@ def test_info_has_the_same_keys_and_types_throughout(env: Any) -> None:
         assert {key: type(value) for key, value in outcome[-1].items()} == kinds
         for value in outcome[-1].values():
             assert not isinstance(value, np.ndarray) or value.dtype == np.float64
-    assert set(env.reset(seed=0)[1]) == wanted - ENERGIES
+    assert set(gym.make(env_id).reset(seed=0)[1]) == wanted - ENERGIES
 
 
 # ---------------------------------------------------------------------------------------- the specification
-def turned(angle: float, vector: np.ndarray) -> np.ndarray:
-    """Components of a vector in the frame at an angle."""
-    return np.array(
-        [
-            math.cos(angle) * vector[0] + math.sin(angle) * vector[1],
-            math.cos(angle) * vector[1] - math.sin(angle) * vector[0],
-        ]
-    )
-
-
 def expected_observation(env: Any) -> np.ndarray:
     """The docstring's table, computed from link poses."""
     plain = env.unwrapped
@@ -129,8 +121,8 @@ def expected_observation(env: Any) -> np.ndarray:
         error -= 2 * math.pi * round((error - (target[0] - hub)) / (2 * math.pi))
         values = [math.sin(hub), math.cos(hub), rate, bends[0], rates[0], error]
     else:
-        angles = [poses[0, 2], poses[1, 2] - poses[0, 8]]
-        spins = [poses[0, 5], poses[1, 5] - poses[0, 11]]
+        angles = poses[:, 2] - np.append(0.0, poses[:-1, 8])
+        spins = poses[:, 5] - np.append(0.0, poses[:-1, 11])
         sines = [f(a) for a in angles for f in (math.sin, math.cos)]
         way = turned(angles[0], target - tip)
         values = [*sines, *spins, *bends, *rates, *turned(angles[0], velocity), *way]
@@ -183,7 +175,8 @@ def test_reward_is_the_sum_of_bounded_terms(env: Any) -> None:
         for name in ("accuracy", "settle"):
             assert 0.0 <= terms[name] <= weights[name]
         for name in ("distance", "effort", "vibration", "failure"):
-            assert -weights[name] * (2 if name == "effort" else 1) <= terms[name] <= 0.0
+            joints = env.unwrapped.plan.arm.n_links if name == "effort" else 1
+            assert -weights[name] * joints <= terms[name] <= 0.0
         if env.unwrapped.plan.arm.n_links == 1:
             error = float(observation[5])
             assert terms["accuracy"] == pytest.approx(0.5 * math.exp(-((error / 0.1) ** 2)), abs=1e-5)
@@ -272,152 +265,36 @@ def test_arms_and_formulations_by_name_and_value() -> None:
     assert flexarm_env.Arm is type(own)
 
 
-def test_a_reduction_to_modes_says_how_far_it_holds() -> None:
-    modal = {"formulation": "floating_frame", "modes": 2}
-    for keywords, bound in ((modal, 0.25), ({}, np.inf)):
-        assert gym.make("FlexibleArm-v0", **keywords).reset(seed=1)[1]["deflection_bound"] == bound
-        info = gym.make_vec("FlexibleArm-v0", num_envs=3, **keywords).reset(seed=1)[1]
-        np.testing.assert_array_equal(info["deflection_bound"], bound)
+VECTORS = pytest.mark.parametrize("vectors", [False, pytest.param(True, marks=pytest.mark.slow)])
+"""Vectors of all formulations are compiled for the slow tests alone."""
 
 
-def test_an_error_that_is_not_known_does_not_read_as_exact() -> None:
-    """Infinite for what has no estimate before a run; alone, in a vector, at resets and at steps."""
-    segments = {"formulation": "floating_frame", "segments": 2}
-    for keywords, known in ((segments, False), ({"formulation": "geometrically_exact"}, False), ({}, True)):
-        env = gym.make("FlexibleArm-v0", **keywords)
-        vector = gym.make_vec("FlexibleArm-v0", num_envs=3, **keywords)
-        infos = [env.reset(seed=1)[1], env.step(env.action_space.sample())[4]]
-        infos += [vector.reset(seed=1)[1], vector.step(vector.action_space.sample())[4]]
-        values = np.concatenate([np.ravel(info["error_estimate"]) for info in infos])
-        assert (values == values[0]).all()
-        assert 0.0 < values[0] < 1e-3 if known else values[0] == np.inf
+def said(vectors: bool, key: str, keywords: dict[str, Any]) -> float:
+    """An entry of info, the same alone and in a vector, at resets and at steps."""
+    envs: list[Any] = [gym.make("FlexibleArm-v0", **keywords)]
+    if vectors or not keywords:
+        envs.append(gym.make_vec("FlexibleArm-v0", num_envs=3, **keywords))
+    infos = [info for env in envs for info in (env.reset(seed=1)[1], env.step(env.action_space.sample())[4])]
+    values = np.concatenate([np.ravel(info[key]) for info in infos])
+    assert (values == values[0]).all()
+    return float(values[0])
 
 
-# ---------------------------------------------------------------------------------------- what is not allowed
-@pytest.mark.parametrize(
-    ("kwargs", "words"),
-    [
-        ({"colour": "red"}, ("colour", "unknown argument")),
-        ({"control_dt": 0.0}, ("control_dt = 0.0", "positive")),
-        ({"dt": 0.003}, ("dt = 0.003", "whole number")),
-        ({"formulation": "elastica", "segments": 3}, ("segments", "floating_frame")),
-        ({"arm": "de_luca_siciliano"}, ("arm", "1 link")),
-        ({"arm": "no_such_arm"}, ("no_such_arm", "strip")),
-        ({"action_mode": "voltage"}, ("action_mode", "torque", "residual_pd")),
-        ({"residual_share": 1.0}, ("residual_share = 1.0", 'action_mode="residual_pd"')),
-        ({"action_mode": "residual_pd", "residual_share": 0.0}, ("residual_share = 0.0", "positive")),
-        ({"task": "juggle"}, ("task", "slew", "track", "replay")),
-        ({"reference": [[0, 0], [1, 1]]}, ("reference", 'task="track"')),
-        ({"reward": {"glory": 1.0}}, ("reward.glory", "accuracy")),
-        ({"randomization": {"payload": (2.0, 0.5)}}, ("randomization.payload", "low")),
-        ({"randomization": {"EI": (0.0, 1.0)}}, ("randomization.EI[0] = 0.0", "positive")),
-        ({"randomization": {"colour": (1, 2)}}, ("randomization.colour", "payload")),
-        ({"sensors": {"delay": 0.01}}, ("sensors.delay = 0.01", "control_dt")),
-        ({"sensors": {"noise": {"hub": 1.0}}}, ("sensors.noise.hub", "hub_rate")),
-        ({"sensors": {"strain_gauges": [1.5]}}, ("strain_gauges[0]", "1")),
-        ({"sensors": "noisy"}, ("sensors = 'noisy'", "table")),
-        ({"sensors": {"delay": 1e9}}, ("sensors.delay", "at most 1000")),
-        ({"task": "track", "reference": "nope.csv"}, ("reference = 'nope.csv'", "exists")),
-        ({"task": "track", "reference": 5}, ("reference = 5", "TimeFunction")),
-        ({"task": "replay", "motion": "nope.csv"}, ("motion = 'nope.csv'", "exists")),
-        ({"task": "replay", "motion": "nope.toml"}, ("motion = 'nope.toml'", "exists")),
-        ({"task": "replay", "motion": {"t": [0, 1]}}, ("motion.psi", "missing")),
-        ({"actuator": {"lag": -1.0}}, ("actuator.lag = -1.0",)),
-        ({"actuator": {"coulomb": 5.0}}, ("friction too stiff", "dt")),
-        ({"info_level": "loud"}, ("info_level", "full")),
-        ({"render_mode": "ascii"}, ("render_mode", "rgb_array")),
-        ({"initial_vibration": 2.0}, ("initial_vibration = 2.0",)),
-    ],
-)
-def test_a_wrong_argument_is_named(kwargs: dict[str, Any], words: tuple[str, ...]) -> None:
-    with pytest.raises(ValueError) as error:
-        gym.make("FlexibleArm-v0", **kwargs)
-    for word in words:
-        assert word in str(error.value)
+@VECTORS
+def test_a_reduction_to_modes_says_how_far_it_holds(vectors: bool) -> None:
+    assert said(vectors, "deflection_bound", FORMULATIONS["modes"]) == 0.25
+    assert said(vectors, "deflection_bound", {}) == np.inf
 
 
-@pytest.mark.parametrize("reference", [[[0, 0.5, 0.1], [1, 5.0, 0.2]], [[[0, 2], [1, 2]], [[0, 0], [1, 1]]]])
-def test_a_path_out_of_reach_is_named(reference: Any) -> None:
-    with pytest.raises(ValueError, match=r"reference = \(.* at .* s: must stay within reach, 0 to 1 m"):
-        gym.make("TwoLinkFlexArm-v0", task="track", reference=reference)
+@VECTORS
+def test_an_error_that_is_not_known_does_not_read_as_exact(vectors: bool) -> None:
+    """Infinite for what has no estimate before a run."""
+    for name in ("segments", "exact"):
+        assert said(vectors, "error_estimate", FORMULATIONS[name]) == np.inf
+    assert 0.0 < said(vectors, "error_estimate", {}) < 1e-3
 
 
-def test_a_target_is_the_reference_s_matter() -> None:
-    env = gym.make("TwoLinkFlexArm-v0", **rich("TwoLinkFlexArm-v0"))
-    with pytest.raises(ValueError, match=r"options\.target = .*track"):
-        env.reset(options={"target": [0.5, 0.0]})
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"colour": 1}, ("options.colour", "target", "motion")),
-        ({"target": [0.99, 0.99]}, ("options.target", "within reach")),
-        ({"target": [0.5, math.nan]}, ("options.target[1]", "finite")),
-        ({"start": [0.0, 3.0]}, ("options.start[1] = 3.0", "limits")),
-        ({"start": 0.0}, ("options.start",)),
-        ({"motion": {"joint2": "robot_arm_motion"}}, ("options.motion.joint2", "joint1")),
-        ({"motion": "no_such_motion"}, ("no_such_motion", "two_link_motion")),
-        ({"motion": "flying_rod"}, ("options.motion", "free")),
-        ({"motion": [[0.0, 0.0], [0.0, 1.0]]}, ("options.motion", "t[1]")),
-        ({"interpolation": "linear"}, ("options.interpolation", "options.motion")),
-        ({"motion": "two_link_motion", "start": [0.3, 0.0]}, ("options.start[0] = 0.3", "motion begins")),
-        ({"motion": "two_link_motion", "vibration": 0.1}, ("options.vibration = 0.1", "motion")),
-    ],
-)
-def test_a_wrong_option_is_named_and_changes_nothing(options: dict[str, Any], words: tuple[str, ...]) -> None:
-    env = gym.make("TwoLinkFlexArm-v0").unwrapped
-    env.reset(seed=1)
-    env.step(np.zeros(2, np.float32))
-    before = env.get_state()
-    with pytest.raises(ValueError) as error:
-        env.reset(seed=2, options=options)
-    for word in words:
-        assert word in str(error.value)
-    after = env.get_state()
-    assert_same(before["arm"], after["arm"])
-    assert before["generator"].bit_generator.state == after["generator"].bit_generator.state
-
-
-@pytest.mark.parametrize(
-    "action", [np.zeros(3, np.float32), np.float32(0.0), "up", np.array([0.0, 1j]), None, [[0.0, 0.0]]]
-)
-def test_an_action_of_a_wrong_shape_or_kind_moves_nothing(action: Any) -> None:
-    env = gym.make("TwoLinkFlexArm-v0").unwrapped
-    env.reset(seed=1)
-    before = env.get_state()["arm"]
-    with pytest.raises(ValueError, match="action"):
-        env.step(action)
-    assert_same(before, env.get_state()["arm"])
-
-
-def test_actions_beyond_one_are_clipped_and_other_kinds_of_numbers_taken(env: Any) -> None:
-    n = env.action_space.shape[0]
-    outcomes = []
-    for action in (np.full(n, 1.0, np.float32), np.full(n, 7.0, np.float32), [1] * n, np.full(n, 1e300)):
-        env.reset(seed=9)
-        outcomes.append(env.step(action))
-    for other in outcomes[1:]:
-        assert_same(outcomes[0], other)
-
-
-def test_an_action_that_is_not_finite_ends_the_episode_where_it_was(env: Any) -> None:
-    for bad in (math.nan, math.inf):
-        env.reset(seed=1)
-        last = env.step(env.action_space.sample())
-        state = env.unwrapped.batch.motion(0)
-        observation, reward, terminated, truncated, info = env.step(np.full(env.action_space.shape, bad, np.float32))
-        assert terminated and not truncated
-        assert info["termination_reason"] == "action_not_finite"
-        assert reward == info["reward_failure"] == -5.0
-        assert_same(observation, last[0])
-        assert_same(info["tip_position"], last[-1]["tip_position"])
-        for a, b in zip(state[:2], env.unwrapped.batch.motion(0)[:2], strict=True):
-            assert_same(a, b)
-        with pytest.raises(gym.error.ResetNeeded):
-            env.step(env.action_space.sample())
-
-
+# ---------------------------------------------------------------------------------------- failures, parameters, films
 def test_a_solver_that_fails_ends_the_episode_with_a_reason() -> None:
     env = gym.make("FlexibleArm-v0", max_iterations=1, tolerance=1e-14, max_halvings=0)
     observation, _ = env.reset(seed=0)

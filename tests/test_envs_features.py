@@ -12,7 +12,7 @@ import pytest
 
 from flexarm_env import arms
 from flexarm_env.tasks.program import GOAL
-from tests.env_tools import assert_same, episode, rich
+from tests.env_tools import assert_same, episode, rich, turned
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 
@@ -288,12 +288,6 @@ def test_a_given_path_is_followed() -> None:
         np.testing.assert_allclose(observation[14:16] * env.unwrapped.plan.scales[14], speed, atol=2e-4)
         ahead = (0.1 * math.cos(0.02 * k + 0.3) + 0.5 - wanted[0], 0.2 * math.sin(0.02 * k + 0.3) - wanted[1])
         np.testing.assert_allclose(observation[18:20] * 0.5, turned(hub, ahead), atol=2e-5)
-
-
-def turned(angle: float, vector: tuple[float, float]) -> list[float]:
-    """Components of a vector in the frame at an angle."""
-    c, s = math.cos(angle), math.sin(angle)
-    return [c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]]
 
 
 def test_the_reward_of_a_moving_target_counts_its_rate() -> None:

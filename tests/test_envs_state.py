@@ -15,15 +15,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.env_tools import IDS, RANDOM, assert_same, pair, rich
+from tests.env_tools import IDS, LIVELY, RANDOM, assert_same, rich
 from tests.processes import python
-
-LIVELY: dict[str, Any] = {
-    "randomization": RANDOM,
-    "sensors": {"noise": 0.01, "delay": 0.04},
-    "actuator": {"lag": 0.01, "delay": 0.08 / 3, "coulomb": 0.01},
-    "initial_vibration": 0.02,
-}
 
 
 def actions(n: int, shape: tuple[int, ...], seed: int = 0) -> list[np.ndarray]:
@@ -293,12 +286,3 @@ def test_the_interpreter_ends_without_a_word() -> None:
     code += "env.reset(seed=0)\nenv.step(env.action_space.sample())\nimport sys\nsys.modules['keep'] = env\n"
     done = python("-c", code)
     assert done.stdout + done.stderr == ""
-
-
-def test_pairs_after_copies() -> None:
-    """A copied native vector still is n single environments."""
-    sync, native = pair("FlexibleArm-v0", 3, duration=0.2)
-    native = copy.deepcopy(native)
-    assert_same(sync.reset(seed=1), native.reset(seed=1))
-    for move in actions(15, (3, 1)):
-        assert_same(sync.step(move), native.step(move))

@@ -27,7 +27,7 @@ def run(
     arm = replace(STRIP, tau_d=tau_d)
     scene = Scene("jump", arm, duration=0.3, dt=dt, motions=(Motion(coordinate, function),))
     found = simulate(scene, formulation, rho_inf=rho_inf, sample=0.012, estimate_error=False, **MESH[formulation])
-    assert found.finished, found.message
+    assert found.status == "ok", found.message
     return found
 
 

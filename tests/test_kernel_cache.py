@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -19,8 +16,7 @@ from flexarm_env.compiler import cache
 from flexarm_env.compiler import decorator as jit
 from flexarm_env.compiler.cache import KernelCache, Shelf
 from flexarm_env.compiler.private import MODE
-
-ROOT = Path(__file__).parents[1]
+from tests.processes import python
 
 
 def shelf(folder: Path, stamp: str = "sources", base: str = "rollout.advance-12.py311") -> Shelf:
@@ -133,10 +129,8 @@ def test_an_edited_source_is_compiled_anew(monkeypatch: pytest.MonkeyPatch, tmp_
     """A kernel outside the package, whose own file changes."""
     lines = "import sys; from flexarm_env.compiler.decorator import kernel\n@kernel\ndef f(x):\n    return x + {}\n"
     lines += "print(f(1.0), sum(f._cache_hits.values()))"
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
     script, told = tmp_path / "script.py", []
     for added in ("1.0", "1.0", "5.0"):
         script.write_text(lines.format(added), encoding="utf-8")
-        run = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=True)
-        told.append(run.stdout.split())
+        told.append(python(script, NUMBA_CACHE_DIR=str(tmp_path)).stdout.split())
     assert told == [["2.0", "0"], ["2.0", "1"], ["6.0", "0"]]

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from flexarm_env.compiler.decorator import kernel
 from flexarm_env.layout import Field, Layout
+from flexarm_env.physics.exact.layout import CHAIN, ELEMENT_FACTORS, FACTORS
+from flexarm_env.physics.integrator.work import WORK
+from flexarm_env.physics.layout import BOOKS, COUNTS, LOAD, MOTION, POSES
 
 PAIR = Layout("Pair", "", Field("k", (), "N/m", "stiffness"), Field("g", (2, 2), "1/m", "coupling"))
 BLOCK = Layout(
@@ -62,3 +68,44 @@ def test_what_does_not_fit_is_refused() -> None:
 def test_it_says_what_is_in_it() -> None:
     assert "stiffness" in str(PAIR)
     assert str(BLOCK).splitlines()[1].split() == ["G", "(n,", "n)", "kg", "matrix"]
+
+
+@pytest.mark.parametrize("room", ["exact", "elastica", "integrator"])
+def test_no_kernel_holds_a_place_as_a_number(room: str) -> None:
+    """In what is loaded, stored or indexed, no sum or product with a number above 1."""
+    found = []
+    for file in (Path(__file__).resolve().parents[1] / "flexarm_env" / "physics" / room).glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("load", "store"):
+                index = node.args[2 if node.func.id == "load" else 1]
+            elif isinstance(node, ast.Subscript) and file.name != "element.py":  # there of lists and tables
+                index = node.slice
+            else:
+                continue
+            sums = [part for part in ast.walk(index) if isinstance(part, ast.BinOp)]
+            numbers = [x.value for part in sums for x in (part.left, part.right) if isinstance(x, ast.Constant)]
+            found += [
+                f"{file.name}:{node.lineno}: {ast.unparse(index)}" for x in numbers if isinstance(x, int) and x > 1
+            ]
+    assert not found, "\n".join(found)
+
+
+def test_layouts_of_the_physics_have_the_sizes_that_follow_from_counting() -> None:
+    """An arm of 3 links of 2 cubic elements, under 2 motions, in 8 lanes."""
+    chain, factors = CHAIN.offsets(0, 3, 2, 3), FACTORS.offsets(0, 3, 2, 3)
+    assert chain.end == 3 * (3 * 3 * 2 + 1) + 2  # x, y, psi of all nodes, and two hinges
+    inner = 6
+    element = sum(1 + (inner - 1 - m) + 6 for m in range(inner)) + (6 + 9 + 6) + 2 * 3
+    assert ELEMENT_FACTORS.offsets(0, 3).end == element
+    assert factors.end == (3 + 6) + 2 * (1 + 3) + 6 * element
+    assert (POSES.places.end, LOAD.places.end, MOTION.places.end, BOOKS.places.end, COUNTS.places.end) == (
+        12,
+        3,
+        3,
+        3,
+        4,
+    )
+    rows = 8 * chain.end
+    assert WORK.offsets(0, 8, chain.end, 0, factors.end, 3, 2).end == (
+        9 * rows + 8 * (factors.end + 4 * 3 + 2 * 2 * 3 + 2 * 2 + 1 + 3) + 4
+    )

@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.processes import ROOT
+
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
@@ -39,10 +40,7 @@ def test_wheel_holds_the_package_alone(dist: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
         entry_points = archive.read(f"flexarm_env-{PROJECT['version']}.dist-info/entry_points.txt").decode()
-    assert {name.split("/")[0] for name in names} == {
-        "flexarm_env",
-        f"flexarm_env-{PROJECT['version']}.dist-info",
-    }
+    assert {name.split("/")[0] for name in names} == {"flexarm_env", f"flexarm_env-{PROJECT['version']}.dist-info"}
     assert "flexarm = flexarm_env.cli:main" in entry_points
     assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc"))]
 

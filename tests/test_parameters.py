@@ -42,12 +42,7 @@ def test_derived_quantities() -> None:
 
 
 def test_values_are_floats_and_sequences_tuples() -> None:
-    arm = Arm(
-        "a",
-        [LINK, LINK],
-        torque_limits=[1, np.float32(2)],
-        joint_limits=[None, (np.int64(-1), 2)],
-    )
+    arm = Arm("a", [LINK, LINK], torque_limits=[1, np.float32(2)], joint_limits=[None, (np.int64(-1), 2)])
     assert arm.links == (LINK, LINK)
     assert arm.torque_limits == (1.0, 2.0)
     assert all(type(v) is float for v in arm.torque_limits)
@@ -90,10 +85,7 @@ def test_a_stiffness_must_be_positive(bad: object) -> None:
         (lambda: Arm("a", (LINK, 3)), "links[1] = 3: must be a Link"),
         (lambda: Arm(" ", (LINK,)), "name = ' ': must be a text that is not empty"),
         (lambda: Arm("a", (LINK,), tau_d="0"), "tau_d = '0': must be a number, zero or positive (s)"),
-        (
-            lambda: Arm("a", (LINK,), torque_limits=(0.0,)),
-            "torque_limits[0] = 0.0: must be a positive number (N m)",
-        ),
+        (lambda: Arm("a", (LINK,), torque_limits=(0.0,)), "torque_limits[0] = 0.0: must be a positive number (N m)"),
         (
             lambda: Arm("a", (LINK,), torque_limits=(1.0, 2.0)),
             "torque_limits = (1.0, 2.0): must be a sequence of 1 positive numbers (N m), one a joint",
@@ -134,12 +126,7 @@ def test_errors_keep_their_parts_and_can_be_pickled() -> None:
 
 def test_defaults_of_each_formulation() -> None:
     frame = Settings.make()
-    assert (frame.formulation, frame.segments, frame.elements, frame.coupling) == (
-        "floating_frame",
-        5,
-        1,
-        "von_karman",
-    )
+    assert (frame.formulation, frame.segments, frame.elements, frame.coupling) == ("floating_frame", 5, 1, "von_karman")
     assert (frame.rho_inf, frame.tolerance, frame.newton, frame.dt) == (0.9, 1e-10, "full", None)
     exact = Settings.make("geometrically_exact")
     assert (exact.elements, exact.order, exact.rho_inf, exact.segments, exact.coupling) == (5, 2, 0.7, None, None)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +13,7 @@ from numba.core.registry import CPUDispatcher
 from flexarm_env.compiler.decorator import kernel
 from flexarm_env.compiler.private import MODE
 from flexarm_env.compiler.whole import KernelDispatcher, PartMarker
+from tests.processes import python
 
 pytestmark = pytest.mark.skipif(
     bool(config.DISABLE_JIT) or MODE == "plain", reason="nothing is compiled, or nothing in parts"
@@ -62,14 +60,7 @@ def test_from_the_disk(tmp_path: Path) -> None:
     """A second process runs what the first has compiled, and compiles nothing."""
     lines = "import numpy as np; from tests import test_parts as t; x = np.arange(3.0)"
     lines += "; print(t._outer(x), t._middle(x), t._inner(2.0), sum(t._outer._cache_hits.values()))"
-    root = Path(__file__).parents[1]
-    told = [
-        subprocess.run(
-            [sys.executable, "-c", lines], cwd=root, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True, text=True, check=True,
-        ).stdout.split()
-        for _ in range(2)
-    ]  # fmt: skip
+    told = [python("-c", lines, NUMBA_CACHE_DIR=str(tmp_path)).stdout.split() for _ in range(2)]
     assert told == [["11.0", "8.0", "5.0", "0"], ["11.0", "8.0", "5.0", "1"]]
 
 
@@ -125,11 +116,9 @@ def test_foreign_functions_stay_what_they_are(first: str, tmp_path: Path) -> Non
     script, kernel_says, helpers_say = tmp_path / "foreign.py", ["18.0", "19.0"], ["4.0", "8.0", "6.0"]
     script.write_text(FOREIGN, encoding="utf-8")
     said = kernel_says + helpers_say if first == "kernel" else helpers_say + kernel_says
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[1])}
     for _ in range(2):
-        run = subprocess.run([sys.executable, script, first], env=environment, capture_output=True, text=True)
-        assert run.returncode == 0, run.stderr
-        assert run.stdout.split() == said + said + ["raised"] * 3
+        told = python(script, first, NUMBA_CACHE_DIR=str(tmp_path)).stdout.split()
+        assert told == said + said + ["raised"] * 3
 
 
 def test_every_allowed_numba_takes_the_dispatcher(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,16 +33,8 @@ CHAIN = Arm(
 def corrected(name: str, **options: Any) -> tuple[float, float]:
     """Largest tip error (m) against a fine run without it, without and with the correction."""
     scene, sample = scenes.named(name), options["dt"]
-    fine = simulate(
-        scene,
-        EXACT,
-        elements=8,
-        order=3,
-        dt=options["dt"] / 20,
-        rho_inf=1.0,
-        sample=sample,
-        estimate_error=False,
-    )
+    mesh = {"elements": 8, "order": 3, "rho_inf": 1.0}
+    fine = simulate(scene, EXACT, dt=options["dt"] / 20, sample=sample, estimate_error=False, **mesh)
     errors = []
     for correction in (False, True):
         run = simulate(scene, EXACT, sample=sample, estimate_error=False, period_correction=correction, **options)

@@ -1,4 +1,4 @@
-"""README.md: its code runs as printed, its tables are what the results say, its links lead somewhere."""
+"""README.md: its code runs as printed, its links lead somewhere."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import readme_tables
 from flexarm_env.cli.parser import SCRIPTS, build_parser
 from flexarm_env.scenes import names
-from tests.processes import python
+from tests.processes import ROOT, python
 from tests.test_docs import script_of
 
-ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -41,15 +39,6 @@ def test_scenes_come_with_the_package() -> None:
     """Who has the wheel alone has no configs/."""
     scenes = re.findall(r"^    flexarm (?:simulate|replay) (\S+)", TEXT, re.MULTILINE)
     assert scenes and set(scenes) <= set(names())
-
-
-def test_tables_are_up_to_date() -> None:
-    assert len(readme_tables.MARKED.findall(TEXT)) == 3
-    assert readme_tables.filled(TEXT, readme_tables.results()) == TEXT, "run python -m benchmarks.readme_tables"
-
-
-def test_tables_say_where_results_are_missing() -> None:
-    assert readme_tables.filled(TEXT, {}).count("Not measured yet") == 3
 
 
 def test_links_and_pictures_are_there() -> None:

@@ -35,8 +35,7 @@ def test_there_is_a_recipe_for_each() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "uncompiled"),
-    [*((name, "1") for name in RECIPES), pytest.param("A task", "0", marks=pytest.mark.slow)],
+    ("name", "uncompiled"), [*((name, "1") for name in RECIPES), pytest.param("A task", "0", marks=pytest.mark.slow)]
 )
 def test_recipe(name: str, uncompiled: str, tmp_path: Path) -> None:
     """Uncompiled, which takes seconds; a task, whose functions are a stranger's, compiled too."""

@@ -11,9 +11,8 @@ import pytest
 from flexarm_env import arms, scenes
 from flexarm_env import time_functions as tf
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene, toml
+from tests.processes import ROOT
 from tests.scene_tools import ONE, TWO, scene
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.mark.parametrize("name", scenes.names(parameter_sets=True))
@@ -80,10 +79,7 @@ arm = "strip"
         ("lenght = 3", "lenght: unknown key; allowed: name, arm, duration,"),
         ("[[motions]]\nkind = 'ramp'", 'motions[0].coordinate: missing; must be "joint0"'),
         ("[[motions]]\ncoordinate = 'joint0'", 'motions[0].kind: missing; must be one of "constant"'),
-        (
-            "[[motions]]\ncoordinate = 'joint0'\nkind = 'step'",
-            "motions[0].kind = 'step': must be one of \"constant\"",
-        ),
+        ("[[motions]]\ncoordinate = 'joint0'\nkind = 'step'", "motions[0].kind = 'step': must be one of \"constant\""),
         (
             "[[motions]]\ncoordinate = 'joint0'\nkind = 'ramp'\nrise = 1.0\ntime = 2.0",
             'motions[0].time: unknown parameter of kind "ramp"; allowed: rise, duration, offset',

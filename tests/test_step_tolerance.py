@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.fitted_steps import run
 from benchmarks.work_precision import scene_named
-from flexarm_env.batch import Batch
+from flexarm_env.batch import Batch, standing_scene
 from flexarm_env.runtime.fitted import FITS
-from flexarm_env.simulation import simulate
+from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.tasks.program import LEVEL
 from tests.env_tools import assert_pair_same, assert_same, pair
 
@@ -29,7 +29,7 @@ def levels(batch: Batch) -> np.ndarray[Any, Any]:
     ("env_id", "n", "threads", "kwargs"),
     [
         ("FlexibleArm-v0", 7, 1, {}),
-        ("FlexibleArm-v0", 64, 2, {}),
+        ("FlexibleArm-v0", 20, 2, {}),
         pytest.param("TwoLinkFlexArm-v0", 9, 2, {"step_tolerance": 1e-6}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 9, 1, {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 9, 1, {"actuator": {"lag": 0.01, "viscous": 0.01}}, marks=pytest.mark.slow),
@@ -46,6 +46,24 @@ def test_any_number_of_arms_gives_the_same_bits(env_id: str, n: int, threads: in
         native.step(native.action_space.sample())
         found |= set(levels(native.batch).tolist())
     assert len(found) > 1 and found <= set(range(FITS))
+
+
+def test_delayed_observations_and_fitted_steps_go_together() -> None:
+    """What comes late leaves the motion as it is."""
+    plain = gym.make("FlexibleArm-v0", **FITTED).unwrapped
+    late = gym.make("FlexibleArm-v0", **FITTED, sensors={"delay": 0.04}).unwrapped
+    far = {"start": 0.0, "target": 1.5}  # the last entry of the observation is larger than 1
+    plain.reset(seed=5, options=far), late.reset(seed=5, options=far)
+    rng = np.random.default_rng(0)
+    seen = []
+    for k in range(15):
+        action = rng.choice([-1.0, 1.0], 1).astype(np.float32)
+        observation, _, _, _, here = plain.step(action)
+        delayed, _, _, _, there = late.step(action)
+        assert here["tip_position"].tolist() == there["tip_position"].tolist(), k
+        seen.append(observation)
+        if k >= 2:
+            assert_same(delayed, seen[k - 2])
 
 
 def test_a_failed_lane_is_repeated_alone() -> None:
@@ -90,10 +108,10 @@ def test_a_period_adds_no_more_than_is_tolerated() -> None:
 
 def test_a_scene_fits_its_steps_and_says_how_far_it_is_off() -> None:
     scene = scene_named("FlexibleArm-v0")
-    fine = simulate(scene, "elastica", nodes=6, dt=2.5e-4, sample=0.02, estimate_error=False)
+    fine = simulate(scene, "elastica", nodes=4, dt=2.5e-4, sample=0.02, estimate_error=False)
     steps, errors = [], []
     for tolerance in (1e-3, 1e-4, 1e-5):
-        run_ = simulate(scene, "elastica", nodes=6, dt=0.02, sample=0.02, step_tolerance=tolerance)
+        run_ = simulate(scene, "elastica", nodes=4, dt=0.02, sample=0.02, step_tolerance=tolerance)
         errors.append(float(np.hypot(*(run_.tip - fine.tip)[:, :2].T).max()))
         steps.append(run_.steps)
         assert run_.status == "ok"
@@ -103,14 +121,35 @@ def test_a_scene_fits_its_steps_and_says_how_far_it_is_off() -> None:
     assert steps[0] < steps[1] < steps[2] and errors[0] > errors[1] > errors[2]
 
 
+def test_a_scene_fits_as_an_environment_does() -> None:
+    """A constant torque, by periods of 20 ms in one and by stretches as long in the other: the same halvings, all steps
+    counted, those to compare with among them, and the same arm to the last digits."""
+    env = gym.make("FlexibleArm-v0", step_tolerance=1e-4, nodes=6, dt=0.02, joint_limits=None)
+    env.reset(seed=0, options={"start": 0.0, "target": 0.5})
+    batch: Batch = env.unwrapped.batch
+    scene = Simulation(standing_scene(batch.arm, 0.02, None), batch.settings)
+    steps, of_env, of_scene = 0, [], []
+    for k in range(40):
+        env.step(np.ones(1, np.float32))
+        of_env.append(int(batch.record(0)[LEVEL]))
+        scene.set_torques(batch.motion(0)[2])
+        first = max(1, scene._level) - 1
+        assert scene.advance_to(0.02 * (k + 1))
+        of_scene.append(scene._level)
+        steps += sum(2**j for j in range(first, scene.levels[-1] + 1))
+    assert scene.work.counts[3] == steps == batch.counts[0, 3]
+    assert of_env == of_scene and len(set(of_env)) > 1
+    assert np.abs(scene.work.q[:6] - batch.motion(0)[0]).max() < 1e-9
+
+
 def test_a_prescribed_motion_is_the_scene_bit_for_bit() -> None:
     """Through the environment and through `simulate`: the same steps."""
-    env = gym.make("FlexibleArm-v0", dt=0.02, step_tolerance=1e-4, nodes=6, tolerance=1e-10)
+    env = gym.make("FlexibleArm-v0", dt=0.02, step_tolerance=1e-4, tolerance=1e-10)
     env.reset(seed=0, options={"motion": "robot_arm_motion"})
     found = [env.step(np.zeros(1, np.float32))[4]["tip_position"] for _ in range(200)]
     guide = env.unwrapped.guide
     run_ = simulate(
-        guide.simulation.scene, "elastica", nodes=6, dt=0.02, sample=0.02, duration=4.0, step_tolerance=1e-4,
+        guide.simulation.scene, "elastica", nodes=4, dt=0.02, sample=0.02, duration=4.0, step_tolerance=1e-4,
         estimate_error=False,
     )  # fmt: skip
     assert np.array_equal(run_.tip[1:, :2], np.array(found))

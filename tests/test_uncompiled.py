@@ -11,7 +11,7 @@ import pytest
 from numba import config
 
 import flexarm_env  # noqa: F401  (registers the ids)
-from tests.processes import python
+from tests.processes import python, uncompiled_tests
 
 CASES: list[tuple[str, int, dict[str, Any]]] = [
     ("FlexibleArm-v0", 4, {}),
@@ -50,3 +50,8 @@ def test_lanes_are_refused() -> None:
     lines = "import numpy as np; from flexarm_env.compiler.lanes import *; load(EIGHT, np.arange(16.0), 1)"
     run = python("-c", lines, code=1, NUMBA_DISABLE_JIT="1")
     assert "8 lanes: there is only one where compilation is disabled" in run.stderr
+
+
+def test_what_formulations_owe_the_integrator() -> None:
+    """Damping forces that come from a potential, and `update` (`uncompiled_coordinates.py`)."""
+    uncompiled_tests("uncompiled_coordinates.py")

@@ -15,7 +15,8 @@ from numpy.polynomial import legendre
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.exact import equations as kernels
-from flexarm_env.physics.exact.build import build, factor_size
+from flexarm_env.physics.exact.build import build
+from flexarm_env.physics.exact.layout import ELEMENT_FACTORS
 from flexarm_env.physics.exact.tables import interior, tables
 from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
@@ -84,7 +85,9 @@ def test_tables(order: int) -> None:
         slopes = (interior(order, at + h) - interior(order, at - h)) / h
         assert np.allclose(t.slope[1:], slopes, atol=1e-8)
     inner = 3 * (order - 1)
-    assert factor_size(order) == sum(1 + (inner - 1 - m) + 6 for m in range(inner)) + 21 + 2 * order
+    at = ELEMENT_FACTORS.offsets(0, order)
+    assert at.condensed == sum(1 + (inner - 1 - m) + 6 for m in range(inner))
+    assert (at.circle - at.condensed, at.end - at.circle) == (21, 2 * order)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])

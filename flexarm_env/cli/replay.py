@@ -6,7 +6,6 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Mapping
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,8 @@ from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 
 OPTIONS = (
-    "segments", "elements", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance", "step_tolerance",
-    "period_correction",
+    "segments", "elements", "frame", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance",
+    "step_tolerance", "period_correction",
 )  # fmt: skip
 TABLES, FIGURES, FILMS = (".csv", ".npz"), (".png", ".pdf", ".svg"), (".mp4", ".gif", ".webm", ".mkv", ".mov")
 NEEDED = {"plot": ("matplotlib", "plot"), "video": ("pygame", "render")}
@@ -118,46 +117,32 @@ def _errors(trajectory: Any, reference: Columns) -> dict[str, Any]:
 
 def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> tuple[Any, float]:
     """The run, and the wall time (s) that compiling or loading compiled code took before it."""
-    run = partial(_through_env if args.through_env else _directly, args=args)
+    run = _through_env if args.through_env else _directly
     start = time.perf_counter()
     first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
-    run(scene, settings, first, first, None)
+    run(scene, settings, argparse.Namespace(**vars(args) | {"duration": first, "sample": first}), None)
     compiling = time.perf_counter() - start
     bar = ProgressBar(scene.name)
     try:
-        return run(scene, settings, args.duration, args.sample, bar), compiling
+        return run(scene, settings, args, bar), compiling
     finally:
         bar.close()
 
 
-def _directly(
-    scene: Scene,
-    settings: Settings,
-    duration: float | None,
-    sample: float | None,
-    bar: ProgressBar | None,
-    args: argparse.Namespace,
-) -> Any:
+def _directly(scene: Scene, settings: Settings, args: argparse.Namespace, bar: ProgressBar | None) -> Any:
     from flexarm_env.simulation import simulate
 
-    options: dict[str, Any] = {"duration": duration, "sample": sample, "progress": bar}
-    options |= {"error_limit": args.error_limit, "time_limit": args.time_limit}
-    return simulate(scene, settings.formulation, **options, **settings.options())
+    names = ("duration", "sample", "error_limit", "time_limit")
+    options: dict[str, Any] = {name: getattr(args, name) for name in names}
+    return simulate(scene, settings.formulation, progress=bar, **options, **settings.options())
 
 
-def _through_env(
-    scene: Scene,
-    settings: Settings,
-    duration: float | None,
-    sample: float | None,
-    bar: ProgressBar | None,
-    args: argparse.Namespace,
-) -> Any:
+def _through_env(scene: Scene, settings: Settings, args: argparse.Namespace, bar: ProgressBar | None) -> Any:
     from flexarm_env.envs.replay import through_env
 
-    period = scene.sample if sample is None else check.number("sample", sample, "s", above=0.0)
-    if duration is not None:
-        length = check.number("duration", duration, "s", above=0.0)
+    period = scene.sample if args.sample is None else check.number("sample", args.sample, "s", above=0.0)
+    if args.duration is not None:
+        length = check.number("duration", args.duration, "s", above=0.0)
         dt, shortest = min(scene.dt, length), min(period or length, length)
         scene = dataclasses.replace(scene, duration=length, dt=dt, sample=shortest)
     return through_env(scene, settings, period, args.error_limit)

@@ -2,7 +2,7 @@
 
 from .arrays import bare, stack
 from .crew import Crew, OneAtATime, holders, one_at_a_time
-from .decorator import kernel
+from .decorator import inlined, kernel, uncompiled
 from .dispatch import NONE, NUMBER, TUPLE, Family, by_kind, size
 from .entry import Placed, entry, follow, native
 from .lanes import (
@@ -24,7 +24,7 @@ from .private import MODE, WHY, selfcheck
 from .trace import aligned_frame, traced, unrolled
 
 __all__ = [
-    "kernel",
+    "kernel", "inlined", "uncompiled",
     "SINGLE", "EIGHT", "WIDEST", "load", "store", "splat",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
     "bare", "stack", "unrolled", "traced", "aligned_frame",

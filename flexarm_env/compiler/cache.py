@@ -27,7 +27,9 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-COMPILED = ("compiler/**/*.py", "physics/**/*.py", "runtime/**/*.py", "tasks/**/*.py", "layout.py")
+COMPILED = (
+    "compiler/**/*.py", "physics/**/*.py", "runtime/**/*.py", "tasks/**/*.py", "layout.py", "time_functions.py",
+)  # fmt: skip
 """Sources that compiled code is made of."""
 
 _DIGEST = hashlib.sha256().digest_size

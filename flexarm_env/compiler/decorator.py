@@ -35,6 +35,11 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     return KernelDispatcher(function, targetoptions=options | {"no_cfunc_wrapper": True})
 
 
+def uncompiled(function: Any) -> Any:
+    """The Python function behind a kernel, for what is called once."""
+    return getattr(function, "py_func", function)
+
+
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """A kernel that is always written into the kernels that call it: a phase with so many arrays at hand that passing
     them would cost more than what is saved by having its code once."""

@@ -192,6 +192,8 @@ class _Tracer:
             return Value(self.builder, value, 1)
         if isinstance(kind, lanes.LanesType):
             return Value(self.builder, value, kind.count)
+        if isinstance(kind, types.Optional):
+            raise TypeError(f"{kind}: whether it is None must be known when the kernel is written out")
         return None
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .. import scenes, time_functions
 from .. import validation as check
 from ..batch import CLIP, View, scene_gauges
+from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import DIVERGED, OK
 from ..scene import Motion, Scene
 from ..settings import Settings
@@ -187,11 +188,10 @@ class Guide:
 
     def _start(self) -> None:
         self.simulation.reset()
-        self.gross = abs(float(self.simulation.work.books[0]))
         self.start_energy = float(self.simulation.observe()[1].sum())
 
     def set_parameters(self, par: Array) -> None:
-        """The arm's own payload, stiffness and damping (see `model.PAYLOAD_MASS`), before the first step."""
+        """The arm's own payload, stiffness and damping (see `physics.model.PAYLOAD_MASS`), before the first step."""
         if not np.array_equal(par, self.simulation.par):
             self.simulation.par[:] = par
             self._start()
@@ -209,12 +209,10 @@ class Guide:
         if self.free.any() and not self.scene.loads and not np.array_equal(simulation.work.u[: len(torques)], torques):
             simulation.set_torques(torques)
         self.steps += 1
-        before = float(simulation.work.books[0])
         self.moved = simulation.advance_to(min(self.steps * self.period, self.scene.duration))
         if not self.moved:
             return simulation.status
-        self.gross += abs(float(simulation.work.books[0]) - before)
-        if simulation.gained(self.start_energy, self.gross):
+        if simulation.gained(self.start_energy):
             simulation.work.flag[0] = DIVERGED
             return DIVERGED
         return OK
@@ -223,7 +221,7 @@ class Guide:
         """Poses (N, 12), torques (N,) and energies (5,): kinetic, strain, gravity, dissipated, work."""
         poses, energies = self.simulation.observe()
         books = self.simulation.work.books
-        return poses, self.simulation.joint_torques(), np.concatenate([energies, [books[1], books[0]]])
+        return poses, self.simulation.joint_torques(), np.concatenate([energies, [books[DISSIPATED], books[WORK_DONE]]])
 
     def strains(self) -> Array:
         """What the strain gauges read, in their scales."""
@@ -241,14 +239,16 @@ class Guide:
     def __getstate__(self) -> dict[str, Any]:
         kept = {k: v for k, v in vars(self).items() if k != "simulation"}
         own = self.simulation
-        return kept | {"memory": (own._flat.copy(), own.par.copy(), own.t, own._level, own.levels.copy())}
+        numbers = own._flat.copy(), own.par.copy(), own.t, own.gross, own._level, own.levels.copy(), own._restarted
+        return kept | {"memory": numbers}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        flat, par, t, level, levels = state["memory"]
+        flat, par, t, gross, level, levels, restarted = state["memory"]
         vars(self).update({k: v for k, v in state.items() if k != "memory"})
         self.simulation = Simulation(self.scene, self.settings)
-        self.simulation._flat[:], self.simulation.par[:], self.simulation.t = flat, par, t
-        self.simulation._level, self.simulation.levels = level, levels.copy()
+        self.simulation._flat[:], self.simulation.par[:] = flat, par
+        self.simulation.t, self.simulation.gross = t, gross
+        self.simulation._level, self.simulation.levels, self.simulation._restarted = level, levels.copy(), restarted
 
 
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:

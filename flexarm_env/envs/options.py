@@ -31,9 +31,12 @@ DEFAULT_FORMULATION = "elastica"
 DEFAULT_OPTIONS: dict[str, dict[str, Any]] = {
     "elastica": {"nodes": 4, "dt": 0.02 / 3.0, "tolerance": 1e-5},
     "geometrically_exact": {"elements": 3, "dt": 0.0025, "tolerance": 1e-6},
-    "floating_frame": {"segments": 5, "dt": 0.0025, "tolerance": 1e-6},
+    "floating_frame": {"segments": 2, "dt": 0.0025, "tolerance": 1e-6},
 }
-"""What the environments use where nothing is said; benchmarks/choose_default.py is the reason."""
+OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
+"""What the environments use where nothing is said; where links are reduced to modes, `OF_MODES`.
+
+benchmarks/choose_default.py is the reason."""
 
 FACTORS = ("payload", "EI", "damping", "torque_constant")
 """Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
@@ -206,7 +209,8 @@ def _settings(formulation: str | None, period: float, options: dict[str, Any]) -
     for name in options:
         if not _known(name):
             raise check.UnknownArgument(name, ARGUMENTS)
-    settings = Settings.make(chosen, **merged(DEFAULT_OPTIONS[chosen], options))
+    base = DEFAULT_OPTIONS[chosen] if options.get("modes") is None else OF_MODES
+    settings = Settings.make(chosen, **merged(base, options))
     if "dt" not in options or options["dt"] is None:
         assert settings.dt is not None
         if not period / settings.dt <= MOST_STEPS:

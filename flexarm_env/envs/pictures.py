@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
+from ..physics.layout import ROOT
 from .drawing import PAPER, pygame_module
 from .options import Plan
 from .rendering import Renderer
@@ -73,7 +74,7 @@ def chain(points: NDArray[np.float64], poses: NDArray[np.float64]) -> list[NDArr
     """Points from root to tip of the whole arm divided into its links, at the points nearest to the hinges."""
     cuts = [0]
     for pose in poses[1:]:
-        distance = np.hypot(*(points[cuts[-1] + 1 : -1] - pose[:2]).T)
+        distance = np.hypot(*(points[cuts[-1] + 1 : -1] - pose[ROOT][:2]).T)
         cuts.append(cuts[-1] + 1 + int(distance.argmin()))
     cuts.append(len(points) - 1)
     return [points[a : b + 1] for a, b in pairwise(cuts)]

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..physics.layout import POSE
+from ..trajectory import joint_angles
 from .drawing import (
     FAINT,
     INK,
@@ -116,7 +118,7 @@ class Renderer:
 
         Args:
             shape_points: for each of the N links its points (n, 2) from root to tip, m.
-            poses: (N, 12): x, y, angle and their rates of each link's root, then of its tip (m, rad).
+            poses: (N, 12), of the links, as `physics.layout` says.
             target: (2,) m, or None. time: s; an earlier time than before starts a new episode.
             torques: (N,) in shares of the limit, or None. deflection: (N,) tip deflections over L, or None.
         Returns:
@@ -125,10 +127,11 @@ class Renderer:
         if not self.ready():
             return None
         points = [np.asarray(p, dtype=np.float64).reshape(-1, 2) for p in shape_points]
-        pose = np.asarray(poses, dtype=np.float64).reshape(len(points), 12)
+        pose = np.asarray(poses, dtype=np.float64).reshape(len(points), POSE.end)
         if time < self._time:
             self._restart()
-        good = bool(np.isfinite(pose[:, [2, 8]]).all() and all(np.isfinite(p).all() for p in points))
+        angles = pose[:, [POSE.angle, POSE.tip_angle]]
+        good = bool(np.isfinite(angles).all() and all(np.isfinite(p).all() for p in points))
         if good:
             self._follow(np.concatenate(points))
             if time > self._time:
@@ -137,7 +140,7 @@ class Renderer:
 
         sheet = Sheet(self.size, self.reach, MARGIN, self._center, self._cell)
         if good:
-            chain = [smooth(p, pose[k, 2], pose[k, 8]) for k, p in enumerate(points)]
+            chain = [smooth(p, pose[k, POSE.angle], pose[k, POSE.tip_angle]) for k, p in enumerate(points)]
             _draw_ghost(sheet, rigid_arm(chain, pose))
             _draw_trace(sheet, self._trace)
             if target is not None:
@@ -260,11 +263,10 @@ def stroke_widths(k: int, n: int) -> tuple[float, float]:
 
 def rigid_arm(chain: Sequence[Array], poses: Array) -> list[Array]:
     """Straight links (2, 2) of the chain's lengths at the joint angles of `poses` (N, 12)."""
-    at, angle = chain[0][0], float(poses[0, 2])
+    at, angle = chain[0][0], 0.0
     arm = []
-    for k, line in enumerate(chain):
-        if k:
-            angle += float(poses[k, 2] - poses[k - 1, 8])
+    for line, turn in zip(chain, joint_angles(poses)[0].tolist(), strict=True):
+        angle += turn
         end = at + length_of(line) * np.array([math.cos(angle), math.sin(angle)])
         arm.append(np.array([at, end]))
         at = end

@@ -12,8 +12,8 @@ import numpy as np
 from .. import validation as check
 from ..scene import JointTorque, Scene
 from ..settings import Settings
-from ..simulation import check_work, judge
-from ..trajectory import Recorder, Trajectory
+from ..simulation import judge
+from ..trajectory import Recorder, Trajectory, check_work
 from .flexible_arm import FlexibleArmEnv
 from .multi_link import MultiLinkFlexArmEnv
 from .two_link import TwoLinkFlexArmEnv

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import ACTION_NOT_FINITE, GUIDED, Batch
+from ..trajectory import joint_angles
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
 
@@ -79,7 +80,7 @@ def guide_of(plan: Plan, asked: Request) -> Guide | None:
         return None
     own = guide(plan, asked.motion, asked.angles)
     poses, _, _ = own.report()
-    starts = [float(poses[0, 2]), *(float(poses[k, 2] - poses[k - 1, 8]) for k in range(1, len(poses)))]
+    starts = joint_angles(poses)[0].tolist()
     for k, angle in enumerate(asked.angles.tolist()):
         if not math.isnan(angle) and abs(angle - starts[k]) > 1e-9:
             what = f"must be where the motion begins, {starts[k]:g} rad, or be left out"

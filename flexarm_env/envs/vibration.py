@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..batch import standing_scene
 from ..parameters import Arm
+from ..physics.layout import ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..settings import Settings
 from ..simulation import Simulation
 from ..trajectory import link_deflection
@@ -51,7 +52,7 @@ def _rates(arm: Arm, settings: Settings, gravity: tuple[float, float] | None, an
     poses, _ = simulation.observe()
     moved = poses.copy()
     step = 1e-6
-    for k in (0, 1, 2, 6, 7, 8):
-        moved[:, k] = poses[:, k] + step * poses[:, k + 3]
+    for where, rates_of in ((ROOT, ROOT_RATES), (TIP, TIP_RATES)):
+        moved[:, where] = poses[:, where] + step * poses[:, rates_of]
     deflection = (link_deflection(moved)[0] - link_deflection(poses)[0]) / step
     return np.asarray(rates / deflection * arm.links[0].length * math.sqrt(squares[first]))

@@ -16,6 +16,7 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..physics.layout import POSE, ROOT, TIP
 from ..trajectory import Trajectory
 from .rendering import Renderer
 
@@ -153,12 +154,12 @@ def _hinge_points(trajectory: Trajectory) -> list[int]:
 
 def _poses(trajectory: Trajectory, i: int, chain: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Link poses (N, 12) as far as a picture needs them; a link's tip angle is that of its last piece."""
-    poses = np.zeros((len(chain), 12))
+    poses = np.zeros((len(chain), POSE.end))
     angle = 0.0
     for k, line in enumerate(chain):
         along = line[-1] - line[-2]
-        poses[k, :2], poses[k, 6:8] = line[0], line[-1]
-        poses[k, 2] = angle + trajectory.joint_angles[i, k]
-        angle = poses[k, 8] = np.arctan2(along[1], along[0])
-    poses[0, 2], poses[-1, 8] = trajectory.start[i, 2], trajectory.tip[i, 2]
+        poses[k, ROOT][:2], poses[k, TIP][:2] = line[0], line[-1]
+        poses[k, POSE.angle] = angle + trajectory.joint_angles[i, k]
+        angle = poses[k, POSE.tip_angle] = np.arctan2(along[1], along[0])
+    poses[0, POSE.angle], poses[-1, POSE.tip_angle] = trajectory.start[i, 2], trajectory.tip[i, 2]
     return poses

@@ -16,15 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.dispatch import size
-from ..compiler.lanes import SINGLE
+from ..compiler import SINGLE, size
 from ..physics.assembly import assemble, physical
 from ..physics.equations import equations
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
+from ..physics.layout import POSE
 from ..physics.model import FloatingFrame
 from ..physics.protocol import State
-from ..runtime.record import observe_arm
+from ..runtime.sampling import observe_arm
 from ..simulation import Simulation, room_for_points
+from ..trajectory import joint_angles
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -154,7 +155,7 @@ class Equations:
         grounded = simulation.scene.root == "pinned"
         self.inputs: Rows = np.array([k for k in self.joints if k > 0 or grounded], np.int64)
         self._no_inputs, self._psi = np.zeros(int(size(model.n_inputs))), simulation.work.psi.copy()
-        self._poses, self._energies = np.zeros(12 * self.n_links), np.zeros(3)
+        self._poses, self._energies = np.zeros(POSE.end * self.n_links), np.zeros(3)
 
     def under(self, share: float) -> Equations:
         """The same arm under a share of its gravity."""
@@ -181,9 +182,9 @@ class Equations:
         return int(equations(SINGLE, self.model, self.par, State(p.q, p.v, p.a), p.u, p.psi, level, r, self._room))
 
     def poses(self, q: Array, v: Array) -> Array:
-        """Root x, y, angle, their rates, tip x, y, angle, their rates of each link, (n_links, 12)."""
+        """Poses of the links (`physics.layout`), (n_links, 12)."""
         self._observe(q, v, np.zeros((0, 2)))
-        return self._poses.reshape(-1, 12).copy()
+        return self._poses.reshape(-1, POSE.end).copy()
 
     def points(self, q: Array) -> Array:
         """Points along the chain, root to tip, (points, 2), m."""
@@ -195,11 +196,7 @@ class Equations:
 
     def joint_angles(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Joint angles and rates (n_links,) each: a link's root less the tip before it."""
-        poses = self.poses(q, v)
-        angles, rates = poses[:, 2].copy(), poses[:, 5].copy()
-        angles[1:] -= poses[:-1, 8]
-        rates[1:] -= poses[:-1, 11]
-        return angles, rates
+        return joint_angles(self.poses(q, v))
 
     def joint_slopes(self, q: Array) -> Array:
         """Joint angles by the rows that can move (n_links, f): constant, angles being linear in q."""

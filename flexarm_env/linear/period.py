@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..compiler.lanes import SINGLE
+from ..compiler import SINGLE
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.work import Work
+from ..physics.layout import HALVINGS
 from ..physics.model import MESSAGE, OK, Drive, Scheme
 from ..simulation import Simulation
 from .equations import Derivatives, Equations, Point, Reduced, Rows, slopes
@@ -84,7 +85,7 @@ def _advance(simulation: Simulation, drive: Drive, flat: Array, w: Work, at: flo
         bound = float(getattr(simulation.model, "bound", 0.0))
         text = MESSAGE[int(w.flag[0])].format(t=at, h=h, halvings=scheme.max_halvings, bound=bound)
         raise RuntimeError(f"the solver failed within the period: {text}")
-    if w.counts[2] > 0:
+    if w.counts[HALVINGS] > 0:
         raise RuntimeError(f"the solver halved the step of {h:.3g} s from t = {at:.6g} s; take a smaller dt")
 
 

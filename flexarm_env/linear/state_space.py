@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..compiler.lanes import SINGLE
+from ..compiler import SINGLE, uncompiled
 from ..physics.integrator.start import restart
 from ..physics.integrator.work import Work, unpack
+from ..physics.layout import POSE, ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..scene import Scene
-from ..simulation import Simulation, uncompiled
+from ..simulation import Simulation
 from ..trajectory import link_deflection
 from .equations import Equations, Point, Reduced, exact_slopes, slopes
 from .period import point_of, solved
@@ -157,11 +158,10 @@ def _outputs(equations: Equations, point: Point, reduced: Reduced) -> tuple[tupl
     def outputs(q: Array, v: Array) -> Array:
         poses = equations.poses(q, v)
         angles, rates = equations.joint_angles(q, v)
-        cos, sin, spin = np.cos(poses[:, 2]), np.sin(poses[:, 2]), poses[:, 5]
-        dx, dy = poses[:, 6] - poses[:, 0], poses[:, 7] - poses[:, 1]
-        vx, vy = poses[:, 9] - poses[:, 3], poses[:, 10] - poses[:, 4]
+        cos, sin, spin = np.cos(poses[:, POSE.angle]), np.sin(poses[:, POSE.angle]), poses[:, POSE.rate]
+        (dx, dy, _), (vx, vy, _) = (poses[:, TIP] - poses[:, ROOT]).T, (poses[:, TIP_RATES] - poses[:, ROOT_RATES]).T
         turning = cos * vy - sin * vx - spin * (cos * dx + sin * dy)
-        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, 6:8]])
+        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, TIP][:2]])
 
     q, v = point.q, point.v
     by_q = slopes(lambda x: outputs(x, v), q, equations.free, equations.steps)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..compiler.decorator import kernel
-from ..compiler.lanes import absolute, select_lt, square_root, store
+from ..compiler import absolute, kernel, select_lt, square_root, store
 
 
 @kernel

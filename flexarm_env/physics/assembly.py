@@ -11,7 +11,8 @@ from .. import validation as check
 from ..scene import JointTorque, Scene
 from ..settings import Settings
 from ..time_functions import TimeFunction
-from .model import Drive, Elastica, System
+from .layout import OF_LOAD
+from .model import Drive, Elastica, Scheme, System, scheme
 
 _BUILDERS = {
     "floating_frame": "floating.build",
@@ -33,6 +34,11 @@ def assemble(scene: Scene, settings: Settings) -> System:
             "mass_damping", drag, f"must be 0 under {given}: it is drag relative to a link's frame, which one floating "
             "frame a link has (segments=1, or modes alone); tau_d damps under every formulation"
         )  # fmt: skip
+    if drag > 0.0 and settings.frame == "chord":
+        raise check.InvalidValue(
+            "mass_damping", drag, "must be 0 with frame='chord': it is drag relative to a frame clamped to the link's "
+            "root (give frame='root'); tau_d damps under every formulation"
+        )  # fmt: skip
     module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
     system: System = module.build(scene, settings)
     return system
@@ -45,6 +51,14 @@ def physical(model: Any) -> Any:
 
         return without_correction(model)
     return model
+
+
+def scheme_of(settings: Settings) -> Scheme:
+    """The integrator's coefficients and limits that the settings name."""
+    return scheme(
+        settings.rho_inf, settings.newmark, settings.tolerance, settings.max_iterations, settings.max_halvings,
+        settings.newton == "modified",
+    )  # fmt: skip
 
 
 def drive(scene: Scene, system: System) -> Drive:
@@ -62,7 +76,7 @@ def drive(scene: Scene, system: System) -> Drive:
         if isinstance(load, JointTorque):
             add(load.joint, load.function)
         else:
-            first_entry = scene.arm.n_links + 3 * point
+            first_entry = scene.arm.n_links + OF_LOAD.end * point
             for k, function in enumerate((load.force_x, load.force_y, load.torque)):
                 add(first_entry + k, function)
             point += 1

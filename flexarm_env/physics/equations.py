@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ..compiler.arrays import bare
-from ..compiler.decorator import kernel
+from ..compiler import bare, kernel
 from .protocol import RESIDUAL_ALONE, assemble, constrain, out_of_range
 
 

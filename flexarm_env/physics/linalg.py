@@ -6,7 +6,7 @@ with `width = 2*below + above + 1`: the extra `below` columns take the fill that
 
 from __future__ import annotations
 
-from ..compiler.decorator import kernel
+from ..compiler import kernel
 
 
 @kernel
@@ -15,11 +15,11 @@ def band_lu(A, pivot, n, below, above):
     width = 2 * below + above + 1
     for k in range(n):
         last = min(n - 1, k + below)
-        best, p = abs(A[k * width + below]), k
+        pivot_size, p = abs(A[k * width + below]), k
         for i in range(k + 1, last + 1):
             candidate = abs(A[i * width + k - i + below])
-            if candidate > best:
-                best, p = candidate, i
+            if candidate > pivot_size:
+                pivot_size, p = candidate, i
         pivot[k] = p
         right = min(n - 1, k + below + above)
         if p != k:

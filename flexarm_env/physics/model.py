@@ -32,9 +32,6 @@ MESSAGE = (
 )
 """Sentences of the status codes."""
 
-LINEAR, PAPER, VON_KARMAN = range(3)
-COUPLINGS = {"linear": LINEAR, "paper": PAPER, "von_karman": VON_KARMAN}
-
 PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D = range(4)
 """Entries of an arm's own parameters `par` (kg, kg m^2, factor on EI, s): what may differ between arms of a batch."""
 
@@ -91,35 +88,8 @@ class Drive(NamedTuple):
     motions: np.ndarray
 
 
-class FloatingFrame(NamedTuple):
-    """B bodies in a chain. Few arrays, because each one passed to a kernel costs time to compile and to call.
-
-    table  int64 (B, 8), a row a body: `physics.floating.layout.ROW`
-    data   float64: block by block, `physics.floating.layout.BODY`, from the constants of `physics.floating.constants`
-    loads  int64 (n_loads, 2): body and end (0 root, 1 tip) of each point load
-    """
-
-    n: int
-    n_factor: int
-    n_inputs: int
-    fixed: np.ndarray
-    algebraic: np.ndarray
-    weight: np.ndarray
-    predictor: float
-    correction: None
-    half: int  # half width of the band
-    coupling: int
-    mass_damping: float  # 1/s
-    gravity: np.ndarray  # (2,) m/s^2
-    n_links: int
-    bound: float  # largest tip deflection of a reduced link over its length
-    table: np.ndarray
-    data: np.ndarray
-    loads: np.ndarray
-
-
 class Mesh(NamedTuple):
-    """The elastic coordinates that every body of a chain of floating frames has, and what there is of them.
+    """The elastic coordinates that every body of a chain with floating frames has, and what there is of them.
 
     Tags: (0,) where something is there, None where it is not and is compiled out.
     """
@@ -134,6 +104,33 @@ class Mesh(NamedTuple):
     full: tuple[int, ...] | None  # coupling="von_karman"
     damped: tuple[int, ...] | None  # tau_d > 0
     drag: tuple[int, ...] | None  # damping that goes with mass
+
+
+class FloatingFrame(NamedTuple):
+    """The bodies of a `FloatingChain`, each with a frame of its own, joined by multipliers; SINGLE only.
+
+    table  int64 (bodies, 5), a row a body: `physics.floating.layout.ROW`
+    data, gravity, loads  as `FloatingChain` has them
+    """
+
+    n: int
+    n_factor: int
+    n_inputs: int
+    fixed: np.ndarray
+    algebraic: np.ndarray
+    weight: np.ndarray
+    predictor: float
+    correction: None
+    half: int  # half width of the band
+    mesh: Mesh
+    links: int
+    segments: int  # bodies of a link
+    block: int  # numbers of a body in `data`
+    bound: float  # largest tip deflection of a reduced body over its length
+    table: np.ndarray
+    data: np.ndarray
+    gravity: np.ndarray | None
+    loads: np.ndarray | None
 
 
 class FloatingChain(NamedTuple):
@@ -160,6 +157,7 @@ class FloatingChain(NamedTuple):
     segments: int  # bodies of a link
     block: int  # numbers of a body in `data`
     bound: float  # largest tip deflection of a reduced body over its length
+    table: None
     data: np.ndarray
     gravity: np.ndarray | None
     loads: np.ndarray | None
@@ -169,10 +167,13 @@ class ExactBeam(NamedTuple):
     """N links of equal numbers of geometrically exact elements, a link's vertices shared with its neighbours.
 
     order     tuple of p zeros: polynomial order, a compile-time constant
-    sections  float64 (N, 6): EA / 2l, C / 2l, EI / 2l, l, m l / 2, J l / 2 of each link's elements of length l
-    elbows    float64 (N - 1, 3): mass (kg), inertia left, inertia right (kg m^2)
-    damped    (0,) where tau_d > 0, otherwise None; gravity float64 (2,) m/s^2 or None; loads int64 or None: absent
-              features are compiled out
+    sections  float64: for each link `physics.exact.layout.SECTION`
+    elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
+    damped    (0,) where tau_d > 0, otherwise None
+    gravity   float64 (2,) m/s^2, or None
+    loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
+
+    What is None is compiled out.
     """
 
     n: int

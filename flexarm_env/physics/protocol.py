@@ -4,7 +4,7 @@ A formulation's Model is a NamedTuple of arrays and numbers, never written after
 
     n          int, or a tuple of n zeros where n is to be a compile-time constant: rows of the system
     n_factor   likewise: float64 entries per arm that the iteration matrix and its factors need
-    n_inputs   likewise: entries of u (joint torques first, then force x, force y, torque of each point load)
+    n_inputs   likewise: entries of u (joint torques first, then a `layout.LOAD` for each point load)
     fixed      int64 (n_fixed,), may be empty: coordinates that never move (a ground pin)
     algebraic  int64 (n_multipliers,) or None: rows of q that hold Lagrange multipliers
     weight     float64 (n,): one over the size that matters of each coordinate (1/L for lengths, 1 for angles)
@@ -35,7 +35,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
         lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
-    link_poses(lane, model, par, q, v, out)   12 numbers a link: root x, y, angle and rates, tip x, y, angle and rates
+    link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
     shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
 """
@@ -46,9 +46,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler.decorator import inlined, kernel
-from ..compiler.dispatch import Family, size
-from ..compiler.lanes import load, store
+from ..compiler import Family, inlined, kernel, load, size, store
 
 
 class State(NamedTuple):

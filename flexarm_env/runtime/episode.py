@@ -14,13 +14,10 @@ import math
 
 import numpy as np
 
-from ..compiler.arrays import stack
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
-from ..compiler.entry import follow
-from ..compiler.lanes import absolute, load, select_lt, splat, store
+from ..compiler import absolute, follow, kernel, load, select_lt, size, splat, stack, store
 from ..physics.arithmetic import put
 from ..physics.integrator.work import unpack
+from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
 from ..physics.protocol import energy, link_poses, out_of_range
 from ..tasks.program import (
@@ -29,13 +26,14 @@ from ..tasks.program import (
     FRICTION,
     GUIDED,
     JOINT_LIMIT,
-    LIMIT,
     MODE,
     OVER,
+    PERIODS,
+    PERIODS_ALLOWED,
     RETRY,
     RUNNING,
-    STEP,
     SUCCESS,
+    energies_at,
     record_at,
 )
 from ..tasks.task import info_of, judge, observe
@@ -151,12 +149,12 @@ def note_energies(lane, books, task, model, par, record, w, live, info):
     if books is not None:
         kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)
         friction = load(lane, record, FRICTION)
-        first = info_of(task).energies
-        put(live, info, first, kinetic, load(lane, info, first))
-        put(live, info, first + 1, strain, load(lane, info, first + 1))
-        put(live, info, first + 2, gravity, load(lane, info, first + 2))
-        put(live, info, first + 3, load(lane, w.books, 1) + friction, load(lane, info, first + 3))
-        put(live, info, first + 4, load(lane, w.books, 0) + friction, load(lane, info, first + 4))
+        at = energies_at(info_of(task).energies)
+        put(live, info, at.kinetic, kinetic, load(lane, info, at.kinetic))
+        put(live, info, at.strain, strain, load(lane, info, at.strain))
+        put(live, info, at.gravity, gravity, load(lane, info, at.gravity))
+        put(live, info, at.dissipated, load(lane, w.books, DISSIPATED) + friction, load(lane, info, at.dissipated))
+        put(live, info, at.work, load(lane, w.books, WORK_DONE) + friction, load(lane, info, at.work))
 
 
 @kernel
@@ -223,9 +221,9 @@ def settle(lanes, p, arm, outcome, reason, record, seen, info):
         lost = -task.weights[n_terms - 1]
     info[(at.terms + n_terms - 1) * lanes + i] = lost
     info[at.reason * lanes + i] = reason
-    steps = record[STEP * lanes + i] + 1.0
-    record[STEP * lanes + i] = steps
-    over = steps > record[LIMIT * lanes + i] - 0.5
+    steps = record[PERIODS * lanes + i] + 1.0
+    record[PERIODS * lanes + i] = steps
+    over = steps > record[PERIODS_ALLOWED * lanes + i] - 0.5
     info[at.reward * lanes + i] = reward + lost
     info[at.truncated * lanes + i] = 1.0 if over else 0.0
     p.reward[arm] = reward + lost

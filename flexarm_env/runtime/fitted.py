@@ -5,20 +5,22 @@ another period, is the error of the finer run. It is kept where that is allowed;
 so on. The next period begins with the pair that did, or with the one before where the error was an eighth of what is
 allowed. In lanes all arms of a group go through each step size that one of them asks for, and keep what is theirs: an
 arm depends on nothing but itself. (Theory, section 6.)
+
+An environment does so with its control periods (`move`) and a scene with its stretches between samples and kinks
+(`simulation.Simulation`), by the same functions: `open_fit`, `begin_run` and `end_run` for each step size, `close_fit`.
 """
 
 from __future__ import annotations
 
 import math
 
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
-from ..compiler.lanes import load, store
+from ..compiler import kernel, load, size, store
+from ..physics.layout import POSE
 from ..physics.model import NEWTON_FAILED, OK
 from ..physics.protocol import link_poses
-from ..tasks.program import LEVEL, POSE, RETRY, SCRATCH, scratch_at
+from ..tasks.program import LEVEL, RETRY, SCRATCH, scratch_at
 from .keeping import keep, keep_lane, put_back
-from .motors import drive
+from .motors import take_steps
 
 FITS = 6
 """Step sizes there are: of `program.Models`."""
@@ -34,35 +36,43 @@ _FLAG, _FINE, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.tips
 def move(lane, p, models, par, poses, record, action, saved, scratch, block, w):
     """The steps of one period: those that are set, or fitted."""
     if models is None:
-        drive(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+        take_steps(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
     else:
         _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w)
 
 
 @kernel
 def _fit(lane, p, models, par, poses, record, action, saved, scratch, block, w):
-    lanes, n, links = len(lane), size(p.model.n), size(p.task.links)
-    first = scratch_at(0, links, 0).result * lanes
-    result = scratch[first : first + saved.shape[0]]
-    level = record[LEVEL * lanes : (LEVEL + 1) * lanes]
-    for i in range(lanes):
-        scratch[_FLAG * lanes + i] = w.flag[i]
-        scratch[_FINE * lanes + i] = max(1.0, level[i]) if w.flag[i] == OK else -1.0
-    keep(lane, n, w, record, result)  # of those that do not take part
+    n, links, level = size(p.model.n), size(p.task.links), record[LEVEL * len(lane) : (LEVEL + 1) * len(lane)]
+    open_fit(lane, n, links, level, record, saved, scratch, w)
     for k in range(FITS):
-        if _begin(lane, k, n, saved, scratch, record, w):
-            drive(lane, p, models[k], 2**k, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+        if begin_run(lane, k, n, saved, scratch, record, w):
+            take_steps(lane, p, models[k], 2**k, p.controller, p.actuator, par, poses, record, action, saved, block, w)
             link_poses(lane, models[k], par, w.q, w.v, poses)
-            for i in range(lanes):
-                _look(lanes, i, k, n, links, p.allowed, p.period, poses, record, scratch, result, level, w)
-    for i in range(lanes):
-        put_back(lanes, i, n, w, result, record)
-    store(w.flag, 0, load(lane, scratch, _FLAG))
+            if not end_run(lane, k, n, links, p.allowed, p.period, poses, record, saved, scratch, level, w):
+                break
+    close_fit(lane, n, links, record, saved, scratch, w)
 
 
 @kernel
-def _begin(lane, k, n, saved, scratch, record, w):
-    """Whether an arm asks for k halvings; if so, all are where the period began, and only those that ask will move."""
+def _result(lane, links, saved, scratch):
+    """The part of `scratch` that is a `SAVED`."""
+    first = scratch_at(0, links, 0).result * len(lane)
+    return scratch[first : first + saved.shape[0]]
+
+
+@kernel
+def open_fit(lane, n, links, level, record, saved, scratch, w):
+    """Where a period or stretch begins, whose start is in `saved`; level: halvings that each arm's last one took."""
+    for i in range(len(lane)):
+        scratch[_FLAG * len(lane) + i] = w.flag[i]
+        scratch[_FINE * len(lane) + i] = max(1.0, level[i]) if w.flag[i] == OK else -1.0
+    keep(lane, n, w, record, _result(lane, links, saved, scratch))  # of those that do not take part
+
+
+@kernel
+def begin_run(lane, k, n, saved, scratch, record, w):
+    """Whether an arm asks for k halvings; if so, all are at the start, and only those that ask will move."""
     lanes, asked = len(lane), False
     for i in range(lanes):
         fine = scratch[_FINE * lanes + i]
@@ -77,8 +87,30 @@ def _begin(lane, k, n, saved, scratch, record, w):
 
 
 @kernel
-def _look(lanes, i, k, n, links, allowed, period, poses, record, scratch, result, level, w):
-    """What k halvings gave arm i: its period's result, or to be compared with the run that follows."""
+def end_run(lane, k, n, links, allowed, period, poses, record, saved, scratch, level, w):
+    """What k halvings gave each arm: its result, or to be compared with the run that follows.
+
+    Returns whether an arm is still to be moved.
+    """
+    result, asked = _result(lane, links, saved, scratch), False
+    for i in range(len(lane)):
+        _compare(len(lane), i, k, n, links, allowed, period, poses, record, scratch, result, level, w)
+        if scratch[_FINE * len(lane) + i] >= 0.0:
+            asked = True
+    return asked
+
+
+@kernel
+def close_fit(lane, n, links, record, saved, scratch, w):
+    """Every arm at its result."""
+    for i in range(len(lane)):
+        put_back(len(lane), i, n, w, _result(lane, links, saved, scratch), record)
+    store(w.flag, 0, load(lane, scratch, _FLAG))
+
+
+@kernel
+def _compare(lanes, i, k, n, links, allowed, period, poses, record, scratch, result, level, w):
+    """`end_run` of arm i."""
     fine, flag = scratch[_FINE * lanes + i], w.flag[i]
     if fine != k and fine != k + 1:
         return

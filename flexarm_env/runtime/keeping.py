@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from ..compiler.decorator import kernel
-from ..compiler.lanes import load, store
+from ..compiler import kernel, load, store
 from ..tasks.program import saved_at
 
 
 @kernel
 def keep(lane, n, w, record, saved):
     """All lanes into `saved`."""
-    inputs = w.u.shape[0] // len(lane)
-    at = saved_at(0, n, inputs, 0)
+    inputs, motions = w.u.shape[0] // len(lane), w.reaction.shape[0] // len(lane)
+    at = saved_at(0, n, inputs, motions, 0)
     for k in range(n):
         store(saved, at.q + k, load(lane, w.q, k))
         store(saved, at.v + k, load(lane, w.v, k))
@@ -21,6 +20,10 @@ def keep(lane, n, w, record, saved):
         store(saved, at.books + k, load(lane, w.books, k))
     for k in range(inputs):
         store(saved, at.inputs + k, load(lane, w.u, k))
+    for k in range(3 * motions):
+        store(saved, at.psi + k, load(lane, w.psi, k))
+    for k in range(motions):
+        store(saved, at.reaction + k, load(lane, w.reaction, k))
     first = at.record * len(lane)
     for k in range(saved.shape[0] - first):  # the record too, where a period may change it on the way
         saved[first + k] = record[k]
@@ -28,9 +31,9 @@ def keep(lane, n, w, record, saved):
 
 @kernel
 def put_back(lanes, i, n, w, saved, record):
-    """Lane i as it was when the period began."""
-    inputs = w.u.shape[0] // lanes
-    at = saved_at(0, n, inputs, 0)
+    """Lane i as it was kept."""
+    inputs, motions = w.u.shape[0] // lanes, w.reaction.shape[0] // lanes
+    at = saved_at(0, n, inputs, motions, 0)
     for k in range(n):
         w.q[k * lanes + i] = saved[(at.q + k) * lanes + i]
         w.v[k * lanes + i] = saved[(at.v + k) * lanes + i]
@@ -40,6 +43,10 @@ def put_back(lanes, i, n, w, saved, record):
         w.books[k * lanes + i] = saved[(at.books + k) * lanes + i]
     for k in range(inputs):
         w.u[k * lanes + i] = saved[(at.inputs + k) * lanes + i]
+    for k in range(3 * motions):
+        w.psi[k * lanes + i] = saved[(at.psi + k) * lanes + i]
+    for k in range(motions):
+        w.reaction[k * lanes + i] = saved[(at.reaction + k) * lanes + i]
     for k in range(saved.shape[0] // lanes - at.record):
         record[k * lanes + i] = saved[(at.record + k) * lanes + i]
 
@@ -47,8 +54,8 @@ def put_back(lanes, i, n, w, saved, record):
 @kernel
 def keep_lane(lanes, i, n, w, record, saved):
     """Lane i into `saved`: what `put_back` takes out."""
-    inputs = w.u.shape[0] // lanes
-    at = saved_at(0, n, inputs, 0)
+    inputs, motions = w.u.shape[0] // lanes, w.reaction.shape[0] // lanes
+    at = saved_at(0, n, inputs, motions, 0)
     for k in range(n):
         saved[(at.q + k) * lanes + i] = w.q[k * lanes + i]
         saved[(at.v + k) * lanes + i] = w.v[k * lanes + i]
@@ -58,5 +65,9 @@ def keep_lane(lanes, i, n, w, record, saved):
         saved[(at.books + k) * lanes + i] = w.books[k * lanes + i]
     for k in range(inputs):
         saved[(at.inputs + k) * lanes + i] = w.u[k * lanes + i]
+    for k in range(3 * motions):
+        saved[(at.psi + k) * lanes + i] = w.psi[k * lanes + i]
+    for k in range(motions):
+        saved[(at.reaction + k) * lanes + i] = w.reaction[k * lanes + i]
     for k in range(saved.shape[0] // lanes - at.record):
         saved[(at.record + k) * lanes + i] = record[k * lanes + i]

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler.dispatch import size
+from ..compiler import size, uncompiled
 from ..physics.integrator.work import work_size
-from ..tasks.program import INFO, PARAMETERS, POSE, RECORD, SAVED, SCRATCH, Block
+from ..physics.layout import POSE
+from ..tasks.program import INFO, PARAMETERS, RECORD, SAVED, SCRATCH, Block
 
 
 def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int]:
@@ -29,13 +30,19 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
     info = INFO.offsets(0, links, len(task.targets), len(task.terms)).end
     kept = 0 if extras.actuator is None and extras.reference is None else record
-    saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), kept).end
-    first = -(-int(getattr(work_size, "py_func", work_size)(lanes, model, 0)) // 8) * 8
+    saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
+    first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
     for count in (PARAMETERS, POSE.end * links, record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
     scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
     return Block(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]
+
+
+def fit_rooms(rows: int, inputs: int, motions: int, links: int) -> tuple[np.ndarray, np.ndarray]:
+    """A `SAVED` and a `SCRATCH` for one arm of a scene, whose steps are fitted."""
+    saved = SAVED.offsets(0, rows, inputs, motions, 0).end
+    return np.zeros(saved), np.zeros(SCRATCH.offsets(0, links, saved).end)
 
 
 def aligned(rows: int, columns: int) -> np.ndarray:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..compiler.arrays import stack
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import TUPLE, by_kind, size
-from ..compiler.lanes import load, square_root, store
+from ..compiler import TUPLE, by_kind, kernel, load, size, square_root, stack, store
 from ..physics.arithmetic import clip
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
+from ..physics.layout import POSE
 from ..physics.protocol import link_poses
-from ..tasks.program import FRICTION, GOAL, POSE, STEP, TORQUE_FACTOR, record_at, saved_at
+from ..tasks.program import FRICTION, GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
 
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
@@ -42,7 +40,7 @@ def command(lane, task, controller, action, poses, record, u):
 
 
 @kernel
-def drive(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
+def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
     """The steps of one period under an action, each in so many parts."""
     _see_joints(lane, controller, actuator, model, par, w.q, w.v, poses)
     for k in range(size(p.task.links)):
@@ -52,7 +50,7 @@ def drive(lane, p, model, parts, controller, actuator, par, poses, record, actio
         _jump(lane, model.predictor, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
-        _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w)
+        _run_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w)
 
 
 @kernel
@@ -72,16 +70,16 @@ def _jump_afresh(lane, predictor, p, model, par, record, saved, block, w):
 def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
     lanes, n, any_first = len(lane), size(model.n), False
     for i in range(lanes):
-        if record[STEP * lanes + i] < 0.5:
+        if record[PERIODS * lanes + i] < 0.5:
             any_first = True
     if any_first:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
         for i in range(lanes):
-            if record[STEP * lanes + i] < 0.5:
+            if record[PERIODS * lanes + i] < 0.5:
                 for k in range(size(p.task.links)):
                     w.u0[k * lanes + i] = w.u[k * lanes + i]
             else:
-                at = saved_at(0, n, 0, 0)
+                at = saved_at(0, n, 0, 0, 0)
                 for k in range(n):
                     w.a[k * lanes + i] = saved[(at.a + k) * lanes + i]
                     w.b[k * lanes + i] = saved[(at.b + k) * lanes + i]
@@ -99,7 +97,7 @@ def _jump(kind: str) -> Any:
 
 
 @kernel
-def _drive_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w):
+def _run_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w):
     """The motors' torques followed through each step.
 
     Friction acts with the rate that the last step's change leads to expect at the end of the step.

@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
-from ..compiler.lanes import load, splat, store
+from ..compiler import kernel, load, size, splat, store
 from ..physics.arithmetic import clip
 from ..tasks.program import CLIP
 from ..tasks.stream import uniform

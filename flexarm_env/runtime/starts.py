@@ -6,24 +6,22 @@ import math
 
 import numpy as np
 
-from ..compiler.arrays import stack
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
-from ..compiler.entry import follow
-from ..compiler.lanes import load, splat, store
+from ..compiler import follow, kernel, load, size, splat, stack, store
 from ..physics.integrator.work import unpack
+from ..physics.layout import POSE
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from ..physics.protocol import link_poses
 from ..tasks.program import (
     GOAL,
     HOLD,
-    LIMIT,
     MODE,
     PARAMETERS,
-    POSE,
+    PERIODS_ALLOWED,
+    SHAKE,
     START,
     TARGET,
     TORQUE_FACTOR,
+    basis_at,
     report_at,
     request_at,
     start_at,
@@ -34,6 +32,7 @@ from ..tasks.track import start_path
 from .episode import OUTCOME, look, note_energies, settle, show, weigh
 from .sensors import read_gauges, sense
 
+_SHAKE = SHAKE.places
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
@@ -57,10 +56,10 @@ def _start(lane, p, arm, mode, block, w):
     seen, action = block[layout.seen : layout.info], block[layout.action : layout.seen]
     own, at = stack(_ONE, task.links + _START), start_at(0, n_joints)
     _draw(task, p.ranges, p.stream, p.request, arm, own)
-    limit = record[LIMIT * lanes + i]
+    limit = record[PERIODS_ALLOWED * lanes + i]
     for k in range(record.shape[0] // lanes):
         record[k * lanes + i] = 0.0
-    record[LIMIT * lanes + i], record[MODE * lanes + i] = limit, float(mode)
+    record[PERIODS_ALLOWED * lanes + i], record[MODE * lanes + i] = limit, float(mode)
     record[TORQUE_FACTOR * lanes + i] = own[at.torque_factor]
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[at.target], own[at.target + 1]
     _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
@@ -135,15 +134,17 @@ def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
     at = start_at(0, n_joints)
     first, vibration = own[at.angles], own[at.vibration]
     cosine, sine = math.cos(first), math.sin(first)
+    length = basis_at(0, n_joints).end
     for row in range(rows):
-        o = row * (1 + 3 * n_joints)
-        alpha, value = 0.0, pose[o]
+        by, o = basis_at(row * length, n_joints), _SHAKE.end * row
+        alpha, value = 0.0, pose[by.one]
         for k in range(n_joints):
             alpha += own[at.angles + k]
-            value += pose[o + 1 + k] * alpha
-            value += pose[o + 1 + n_joints + k] * math.cos(alpha) + pose[o + 1 + 2 * n_joints + k] * math.sin(alpha)
+            value += pose[by.angles + k] * alpha
+            value += pose[by.cosines + k] * math.cos(alpha) + pose[by.sines + k] * math.sin(alpha)
         q[row * lanes + i] = value
-        v[row * lanes + i] = (shake[3 * row] + shake[3 * row + 1] * cosine + shake[3 * row + 2] * sine) * vibration
+        rate = shake[o + _SHAKE.one] + shake[o + _SHAKE.cosine] * cosine + shake[o + _SHAKE.sine] * sine
+        v[row * lanes + i] = rate * vibration
         a[row * lanes + i], b[row * lanes + i] = 0.0, 0.0
 
 

@@ -1,5 +1,6 @@
-"""Scenes: what an arm goes through (``definition``), and their TOML files (``toml``)."""
+"""Scenes: what an arm goes through (``definition``, ``drives``), and their TOML files (``toml``)."""
 
-from flexarm_env.scene.definition import JointTorque, Load, Motion, PointLoad, Scene
+from flexarm_env.scene.definition import Scene
+from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
 
 __all__ = ["Scene", "Motion", "JointTorque", "PointLoad", "Load"]

@@ -9,90 +9,19 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
+from flexarm_env.scene import toml
+from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
 from flexarm_env.settings import FORMULATIONS, Settings, check_options, default_options, merged
 from flexarm_env.time_functions import TimeFunction
 
 _SAME_TIME = 1e-9
 """Instants of different functions this close (s, and relative to the duration) are one instant."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A coordinate that is prescribed.
-
-    Args:
-        coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the
-            tip section of link k-1), "root_x" or "root_y" (position of the root, m).
-        function: its value (rad or m) over time; the value must not jump.
-    """
-
-    coordinate: str
-    function: TimeFunction
-
-    def __post_init__(self) -> None:
-        name = self.coordinate
-        if not isinstance(name, str) or not (
-            name in ("root_x", "root_y") or re.fullmatch(r"joint(0|[1-9][0-9]*)", name)
-        ):
-            raise check.InvalidValue("coordinate", name, 'must be "joint0", "joint1", ..., "root_x" or "root_y"')
-        check.instance("function", self.function, TimeFunction).check_no_jump()
-
-    @property
-    def joint(self) -> int | None:
-        """Index of the joint, or None for a coordinate of the root's position."""
-        return int(self.coordinate[5:]) if self.coordinate.startswith("joint") else None
-
-
-@dataclass(frozen=True)
-class JointTorque:
-    """A torque (N m) of joint ``k``: + on the root of link k, - on the tip of link k-1 (k = 0: on the ground)."""
-
-    joint: int
-    function: TimeFunction
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "joint", check.integer("joint", self.joint, minimum=0))
-        check.instance("function", self.function, TimeFunction)
-
-    @property
-    def functions(self) -> tuple[TimeFunction, ...]:
-        """The functions of time in it."""
-        return (self.function,)
-
-
-@dataclass(frozen=True)
-class PointLoad:
-    """A force in global axes (N) and a torque (N m) on the "root" or "tip" of a link; at least one of the three."""
-
-    link: int
-    end: str
-    force_x: TimeFunction | None = None
-    force_y: TimeFunction | None = None
-    torque: TimeFunction | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "link", check.integer("link", self.link, minimum=0))
-        check.choice("end", self.end, ("root", "tip"))
-        for name in ("force_x", "force_y", "torque"):
-            if getattr(self, name) is not None:
-                check.instance(name, getattr(self, name), TimeFunction)
-        if not self.functions:
-            raise check.MissingKey("force_x", "a point load needs force_x, force_y or torque")
-
-    @property
-    def functions(self) -> tuple[TimeFunction, ...]:
-        """The functions of time in it."""
-        return tuple(f for f in (self.force_x, self.force_y, self.torque) if f is not None)
-
-
-Load = JointTorque | PointLoad
 
 
 @dataclass(frozen=True)
@@ -283,15 +212,11 @@ class Scene:
             ValueError: names the file, the key path, the value and what is allowed.
             OSError: there is no such file.
         """
-        from flexarm_env.scene.toml import read_scene
-
-        return read_scene(source, parameter_set)
+        return toml.read(cls, source, parameter_set)
 
     def to_toml(self) -> str:
         """TOML text that :meth:`from_toml` reads back to an equal scene."""
-        from flexarm_env.scene.toml import scene_text
-
-        return scene_text(self)
+        return toml.text_of(self)
 
 
 def _numbers(path: str, values: object, unit: str, n: int) -> tuple[Any, ...]:

@@ -7,45 +7,48 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
-from flexarm_env.scene.definition import JointTorque, Load, Motion, PointLoad, Scene
+from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
 from flexarm_env.time_functions import TimeFunction
 
-KEYS = tuple(f.name for f in fields(Scene))
-"""Keys of a scene in TOML: the fields of :class:`Scene`."""
+T = TypeVar("T")
+
 _OPTIONAL_TEXT = ("description", "source", "note")
 _FORCES = ("force_x", "force_y", "torque")
 
 
-def read_scene(source: str | os.PathLike[str], parameter_set: str | None = None) -> Scene:
-    """See :meth:`Scene.from_toml`. A parameter set ``S`` replaces keys of the scene and names it ``NAME@S``."""
+def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: str | None = None) -> T:
+    """See :meth:`Scene.from_toml`. A parameter set ``S`` replaces keys of the scene and names it ``NAME@S``.
+
+    kind: what is made of the file's keys, which are its fields: ``Scene``.
+    """
     table, path = arms.read_toml(source)
     with check.in_file(path):
-        return _read(table, path, parameter_set)
+        return _read(kind, table, path, parameter_set)
 
 
-def _read(table: dict[str, Any], path: Path | None, parameter_set: str | None) -> Scene:
+def _read(kind: Callable[..., T], table: dict[str, Any], path: Path | None, parameter_set: str | None) -> T:
     directory = path.parent if path else Path()
     if path:
         table.setdefault("name", path.stem)
     sets = check.table_of("parameter_sets", table.pop("parameter_sets", {}))
-    scene = _scene(table, directory)
-    variants: dict[str, Scene] = {}
+    scene = _scene(kind, table, directory)
+    variants: dict[str, T] = {}
     for name, changes in sets.items():
         prefix = f"parameter_sets.{name}"
         changed = check.table_of(prefix, changes)
-        check.known_keys(prefix, changed, [key for key in KEYS if key != "name"])
+        check.known_keys(prefix, changed, [key for key in _keys(kind) if key != "name"])
         with check.under(prefix):
-            variants[name] = _scene({**table, **changed, "name": f"{table['name']}@{name}"}, directory)
+            variants[name] = _scene(kind, {**table, **changed, "name": f"{table['name']}@{name}"}, directory)
     if parameter_set is None:
         return scene
     if parameter_set not in variants:
         known = ", ".join(variants) or "none"
-        raise check.InvalidValue("parameter_set", parameter_set, f"must be one that {scene.name} has: {known}")
+        raise check.InvalidValue("parameter_set", parameter_set, f"must be one that {table['name']} has: {known}")
     return variants[parameter_set]
 
 
@@ -55,8 +58,12 @@ def parameter_sets(source: str | os.PathLike[str]) -> tuple[str, ...]:
     return tuple(check.table_of("parameter_sets", table.get("parameter_sets", {})))
 
 
-def _scene(table: Mapping[str, Any], directory: Path) -> Scene:
-    check.known_keys("", table, (*KEYS, "parameter_sets"))
+def _keys(kind: Any) -> tuple[str, ...]:
+    return tuple(f.name for f in fields(kind))
+
+
+def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) -> T:
+    check.known_keys("", table, (*_keys(kind), "parameter_sets"))
     values = dict(table)
     name = check.text("name", check.needed("", values, "name", "must be a text"), empty=False)
     check.needed("", values, "duration", "must be a positive number (s)")
@@ -70,7 +77,7 @@ def _scene(table: Mapping[str, Any], directory: Path) -> Scene:
         if key in values:
             values[key] = check.sequence(key, values[key], "numbers")
     solver = check.table_of("solver", values.pop("solver", {}))
-    return Scene(**values, solver=tuple(solver.items()))
+    return kind(**values, solver=tuple(solver.items()))
 
 
 def _arm(value: object, name: str, directory: Path) -> Arm:
@@ -111,7 +118,7 @@ def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
         return PointLoad(entry["link"], end, **forces)
 
 
-def scene_text(scene: Scene) -> str:
+def text_of(scene: Any) -> str:
     """See :meth:`Scene.to_toml`."""
     import tomli_w
 

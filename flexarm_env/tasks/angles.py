@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from ..compiler.decorator import kernel
+from ..compiler import kernel
 
 _CLOSE = 1e-13
 """How far the tip may be from its target, over the arm's length."""

@@ -6,29 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler.decorator import kernel
+from ..compiler import kernel
 from ..layout import Field, Layout
+from ..physics.layout import BOOKS, POSES
 from ..physics.model import STATUS
-
-POSES = Layout(
-    "Pose", "",
-    Field("x", (), "m", "of the link's root"),
-    Field("y", (), "m", ""),
-    Field("angle", (), "rad", "of its tangent there"),
-    Field("vx", (), "m/s", "their rates"),
-    Field("vy", (), "m/s", ""),
-    Field("rate", (), "rad/s", ""),
-    Field("tip_x", (), "m", "the same of its tip"),
-    Field("tip_y", (), "m", ""),
-    Field("tip_angle", (), "rad", ""),
-    Field("tip_vx", (), "m/s", ""),
-    Field("tip_vy", (), "m/s", ""),
-    Field("tip_rate", (), "rad/s", ""),
-)  # fmt: skip
-"""What is known of a link, as `physics.protocol.link_poses` writes it."""
-
-POSE = POSES.places
-"""Where these are; POSE.end: numbers a link."""
 
 PARAMETERS = 4
 """Numbers of an arm's own parameters `par`, see `physics.model.PAYLOAD_MASS`."""
@@ -45,8 +26,8 @@ PATH = Layout(
 
 RECORD = Layout(
     "Record", "joints, motors, commands, memory",
-    Field("step", (), "", "control periods done"),
-    Field("limit", (), "", "control periods allowed"),
+    Field("periods", (), "", "control periods done"),
+    Field("periods_allowed", (), "", "control periods until the episode is cut off"),
     Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
     Field("hold", (), "", "instants in the band"),
     Field("target", (2,), "m or rad", "a point, or an angle and nothing"),
@@ -61,6 +42,42 @@ RECORD = Layout(
     Field("seen", ("memory",), "", "past observations, the newest first, where they come late"),
 )  # fmt: skip
 """An arm's record: all that its episode remembers beside the state of the arm."""
+
+ENERGIES = Layout(
+    "Energies", "",
+    Field("kinetic", (), "J", ""),
+    Field("strain", (), "J", ""),
+    Field("gravity", (), "J", ""),
+    Field("dissipated", (), "J", "by damping and friction"),
+    Field("work", (), "J", "of the motors"),
+)  # fmt: skip
+"""Energies of an arm, where they are kept."""
+
+BASIS = Layout(
+    "Basis", "joints",
+    Field("one", (), "", "1"),
+    Field("angles", ("joints",), "rad", "absolute angles of the links"),
+    Field("cosines", ("joints",), "", "of these"),
+    Field("sines", ("joints",), "", ""),
+)  # fmt: skip
+"""What coordinates of straight links are linear in: columns of `Ranges.pose`."""
+
+SHAKE = Layout(
+    "Shake", "",
+    Field("one", (), "1/s", "always"),
+    Field("cosine", (), "1/s", "times that of the hub's angle"),
+    Field("sine", (), "1/s", "likewise"),
+)  # fmt: skip
+"""Velocity of a coordinate for a unit of initial vibration: columns of `Ranges.shake`."""
+
+MOVING = Layout(
+    "Moving", "",
+    Field("x", (), "m or rad", "a point, or an angle and nothing"),
+    Field("y", (), "m", ""),
+    Field("vx", (), "m/s or rad/s", "its rate"),
+    Field("vy", (), "m/s", ""),
+)  # fmt: skip
+"""Where a moving target is, and how fast it goes."""
 
 START = Layout(
     "Start", "joints",
@@ -91,7 +108,7 @@ INFO = Layout(
     Field("in_range", (), "", "1 where the formulation holds, or 0"),
     Field("error", (), "", "estimate of the formulation's own error, over L"),
     Field("reason", (), "", "why the episode has ended; 0: it has not"),
-    Field("energies", (5,), "J", "kinetic, strain, gravity, dissipated, work of the motors"),
+    Field("energies", (ENERGIES.length,), "J", "an `ENERGIES`"),
     Field("reward", (), "", "sum of the terms"),
     Field("truncated", (), "", "1 or 0"),
 )  # fmt: skip
@@ -102,15 +119,15 @@ REPORT = Layout(
     Field("poses", ("links", POSES.length), "m, rad", "of the links"),
     Field("torque", ("links",), "N m", "of the joints"),
     Field("action", ("links",), "", "as clipped"),
-    Field("energies", (5,), "J", "as in `INFO`"),
+    Field("energies", (ENERGIES.length,), "J", "as in `INFO`"),
     Field("in_range", (), "", "1 or 0"),
     Field("gauges", ("gauges",), "", "strain gauges, scaled"),
 )  # fmt: skip
 """What there is to be told of a guided arm's period, which is moved elsewhere."""
 
 _FIRST = RECORD.offsets(0, 0, 0, 0, 0)
-STEP, LIMIT, MODE, HOLD, TARGET, TARGET_RATE = (
-    _FIRST.step, _FIRST.limit, _FIRST.mode, _FIRST.hold, _FIRST.target, _FIRST.target_rate,
+PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE = (
+    _FIRST.periods, _FIRST.periods_allowed, _FIRST.mode, _FIRST.hold, _FIRST.target, _FIRST.target_rate,
 )  # fmt: skip
 TORQUE_FACTOR, FRICTION, LEVEL, PATH_AT, GOAL = (
     _FIRST.torque_factor, _FIRST.friction, _FIRST.level, _FIRST.path, _FIRST.goal,
@@ -122,13 +139,15 @@ SUCCESS, TIP, DEFLECTION = _FIRST_OF_INFO.success, _FIRST_OF_INFO.tip, _FIRST_OF
 """Likewise of info."""
 
 SAVED = Layout(
-    "Saved", "rows, inputs, record",
-    Field("q", ("rows",), "", "state at the start of the period"),
+    "Saved", "rows, inputs, motions, record",
+    Field("q", ("rows",), "", "state, at the start of the period or stretch"),
     Field("v", ("rows",), "", ""),
     Field("a", ("rows",), "", ""),
     Field("b", ("rows",), "", ""),
-    Field("books", (3,), "J", "as in `physics.integrator.work.Work`"),
+    Field("books", (BOOKS.length,), "J", "a `BOOKS`"),
     Field("inputs", ("inputs",), "N m", "torques and loads"),
+    Field("psi", ("motions", 3), "", "prescribed coordinates, their rates and accelerations"),
+    Field("reaction", ("motions",), "N m or N", "what holds them"),
     Field("record", ("record",), "", "a `RECORD`, where a period may change it; otherwise none of it"),
 )  # fmt: skip
 """What is kept of an arm, to be gone back to."""
@@ -146,6 +165,8 @@ saved_at = kernel(SAVED.offsets)
 scratch_at = kernel(SCRATCH.offsets)
 record_at = kernel(RECORD.offsets)
 start_at = kernel(START.offsets)
+basis_at = kernel(BASIS.offsets)
+energies_at = kernel(ENERGIES.offsets)
 request_at = kernel(REQUEST.offsets)
 info_at = kernel(INFO.offsets)
 report_at = kernel(REPORT.offsets)
@@ -187,8 +208,8 @@ class Block(NamedTuple):
 class Ranges(NamedTuple):
     """What a fresh start is drawn from, uniformly; tables by rows, ranges (low, high). N links, n rows of the state."""
 
-    pose: np.ndarray  # (n, 1 + 3 N): q = pose (1, alpha_k, cos alpha_k, sin alpha_k), alpha the links' absolute angles
-    shake: np.ndarray  # (n, 3): velocities of a unit of initial vibration: constant, cos and sin of alpha_0
+    pose: np.ndarray  # (n, 1 + 3 N): q = pose times a `BASIS`
+    shake: np.ndarray  # (n, 3): a `SHAKE` for each row of the state
     nominal: np.ndarray  # (4,) of par
     start: np.ndarray  # (N, 2) rad, joint angles
     target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
-from ..compiler.lanes import load, select_lt, sincos, splat, square_root
+from ..compiler import kernel, load, select_lt, sincos, size, splat, square_root
 from ..physics.arithmetic import decay, put, smaller
+from ..physics.layout import POSE
 from .angles import least_angles, next_angles, sooner_angles
-from .program import DEFLECTION, GOAL, PATH, POSE, TARGET, TARGET_RATE
+from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
 
-_PATH = PATH.places
+_PATH, _MOVING = PATH.places, MOVING.places
 
 
 class Reach(Task):
@@ -127,8 +126,8 @@ def reach_path_at(task, path, t, out):
     """On the circle."""
     radius, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
-    out[0], out[1] = path[_PATH.x] + radius * math.cos(angle), path[_PATH.y] + radius * math.sin(angle)
-    out[2], out[3] = -radius * rate * math.sin(angle), radius * rate * math.cos(angle)
+    out[_MOVING.x], out[_MOVING.y] = path[_PATH.x] + radius * math.cos(angle), path[_PATH.y] + radius * math.sin(angle)
+    out[_MOVING.vx], out[_MOVING.vy] = -radius * rate * math.sin(angle), radius * rate * math.cos(angle)
 
 
 @kernel

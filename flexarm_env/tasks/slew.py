@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from ..compiler.decorator import kernel
-from ..compiler.lanes import absolute, load, select_lt, splat
+from ..compiler import absolute, kernel, load, select_lt, splat
 from ..physics.arithmetic import arctangent, decay, put, smaller
-from .program import DEFLECTION, GOAL, PATH, POSE, TARGET, TARGET_RATE
+from ..physics.layout import POSE
+from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
 
-_PATH = PATH.places
+_PATH, _MOVING = PATH.places, MOVING.places
 
 
 class Slew(Task):
@@ -80,8 +80,8 @@ def slew_path_at(task, path, t, out):
     """To and fro, from rest."""
     width, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
-    out[0] = path[_PATH.x] + 0.5 * width * (1.0 - math.cos(angle))
-    out[2] = 0.5 * width * rate * math.sin(angle)
+    out[_MOVING.x] = path[_PATH.x] + 0.5 * width * (1.0 - math.cos(angle))
+    out[_MOVING.vx] = 0.5 * width * rate * math.sin(angle)
 
 
 @kernel

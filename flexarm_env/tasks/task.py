@@ -1,7 +1,7 @@
 """What every task has in common: its record, the functions that it brings, and what their kernels are made of.
 
 A task is a record (a subclass of `Task`) and kernels that are registered for it; `slew` and `reach` are two. `poses`
-holds a `program.POSES` a link; each observed entry is divided by its scale and clipped to +-10.
+holds a `physics.layout.POSES` a link; each observed entry is divided by its scale and clipped to +-10.
 Everything here is arithmetic on lanes, so that a batch and a single arm give the same bits.
 
     observe(lane, task, poses, record, out)                the scaled observation into the first entries of `out`
@@ -16,7 +16,7 @@ and for one arm, whose `record` is its own (`program.RECORD`):
     pursue(task, record)                       the same, where the target has moved on from these angles' own
     draw_path(task, stream, arm, start, drawn, path)   numbers of a moving target's path (`program.PATH`), from the
                                                angle of joint 0 and four numbers that were drawn
-    path_at(task, path, t, out)                out[0:2] <- target, out[2:4] <- its rate, at t (s)
+    path_at(task, path, t, out)                out <- a `program.MOVING`: the target at t (s)
     in_hub_frame(task, cosine, sine, x, y)     a target's two numbers as an observation shows them
 """
 
@@ -26,11 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import Family, size
-from ..compiler.lanes import load, select_lt, sincos, splat, store
+from ..compiler import Family, kernel, load, select_lt, sincos, size, splat, store
 from ..physics.arithmetic import clip, put
-from .program import CLIP, HOLD, POSE, SUCCESS, TARGET, TIP, info_at
+from ..physics.layout import POSE
+from .program import CLIP, HOLD, SUCCESS, TARGET, TIP, info_at
 
 
 class Task(NamedTuple):

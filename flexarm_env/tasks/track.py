@@ -4,27 +4,27 @@ from __future__ import annotations
 
 import math
 
-from ..compiler.arrays import stack
-from ..compiler.decorator import kernel
-from ..compiler.dispatch import size
+from ..compiler import kernel, size, stack
 from ..physics.arithmetic import clip
-from .program import CLIP, GOAL, MODE, PATH_AT, POSE, RUNNING, STEP, TARGET, TARGET_RATE
+from ..physics.layout import POSE
+from .program import CLIP, GOAL, MODE, MOVING, PATH_AT, PERIODS, RUNNING, TARGET, TARGET_RATE
 from .stream import uniform
 from .task import draw_path, in_hub_frame, path_at, pursue
 
-_ONE, _PLACE, _DRAWN, _PATH = (0,), (0,) * 4, (0,) * 4, (0,) * (GOAL - PATH_AT)
+_MOVING = MOVING.places
+_ONE, _PLACE, _DRAWN, _PATH = (0,), (0,) * _MOVING.end, (0,) * 4, (0,) * (GOAL - PATH_AT)
 _RECORD = (0,) * GOAL
 
 
 @kernel
 def _on_path(reference, task, record, lanes, i, t, k, out):
-    """out[0:D] <- target, out[2:2+D] <- its rate, for arm i's path at t (s), which is control instant k."""
+    """out <- a `MOVING`, for arm i's path at t (s), which is control instant k."""
     targets = size(task.targets)
     if reference.table.shape[0] > 0:
         rows = reference.table.shape[0] // (2 * targets)
         row = min(k, rows - 1) * 2 * targets
         for d in range(targets):
-            out[d], out[2 + d] = reference.table[row + d], reference.table[row + targets + d]
+            out[_MOVING.x + d], out[_MOVING.vx + d] = reference.table[row + d], reference.table[row + targets + d]
         return
     path = stack(_ONE, _PATH)
     for j in range(GOAL - PATH_AT):
@@ -44,14 +44,14 @@ def move_targets(lane, reference, task, period, record):
 @kernel
 def _move_target(lanes, reference, task, period, record, i):
     out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
-    k = record[STEP * lanes + i] + 1.0
+    k = record[PERIODS * lanes + i] + 1.0
     _on_path(reference, task, record, lanes, i, k * period, int(k), out)
     for d in range(size(task.targets)):
-        record[(TARGET + d) * lanes + i] = out[d]
-        record[(TARGET_RATE + d) * lanes + i] = out[2 + d]
+        record[(TARGET + d) * lanes + i] = out[_MOVING.x + d]
+        record[(TARGET_RATE + d) * lanes + i] = out[_MOVING.vx + d]
     for j in range(GOAL, GOAL + size(task.links)):
         mine[j] = record[j * lanes + i]
-    mine[TARGET], mine[TARGET + 1] = out[0], out[1]
+    mine[TARGET], mine[TARGET + 1] = out[_MOVING.x], out[_MOVING.y]
     pursue(task, mine)
     for j in range(GOAL, GOAL + size(task.links)):
         record[j * lanes + i] = mine[j]
@@ -72,16 +72,17 @@ def look_ahead(lanes, reference, task, period, first, poses, record, seen):
 def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i):
     targets, at = size(task.targets), size(task.entries)
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
-    k = record[STEP * lanes + i] + (0.0 if first else 1.0)
+    k = record[PERIODS * lanes + i] + (0.0 if first else 1.0)
     hub = poses[POSE.angle * lanes + i]
     cosine, sine = math.cos(hub), math.sin(hub)
     for row in range(rows + 1):
         step = k if row == 0 else k + reference.ahead[row - 1]
         _on_path(reference, task, record, lanes, i, step * period, int(step), out)
         if row == 0:
-            x, y = out[2], out[3]
+            x, y = out[_MOVING.vx], out[_MOVING.vy]
         else:
-            x, y = out[0] - record[TARGET * lanes + i], out[1] - record[(TARGET + 1) * lanes + i]
+            x = out[_MOVING.x] - record[TARGET * lanes + i]
+            y = out[_MOVING.y] - record[(TARGET + 1) * lanes + i]
         x, y = in_hub_frame(task, cosine, sine, x, y)
         o = row * targets
         for d in range(targets):
@@ -110,4 +111,5 @@ def _start_path(reference, task, stream, arm, record, lanes):
         record[(PATH_AT + k) * lanes + i] = path[k]
     _on_path(reference, task, record, lanes, i, 0.0, 0, out)
     for d in range(targets):
-        record[(TARGET + d) * lanes + i], record[(TARGET_RATE + d) * lanes + i] = out[d], out[2 + d]
+        record[(TARGET + d) * lanes + i] = out[_MOVING.x + d]
+        record[(TARGET_RATE + d) * lanes + i] = out[_MOVING.vx + d]

@@ -12,7 +12,7 @@ from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.linear import modes as frequencies
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.floating.build import MARGIN_LOST, MODAL_BOUND
-from flexarm_env.physics.floating.multipliers import energy
+from flexarm_env.physics.protocol import energy
 from flexarm_env.scene import JointTorque, Scene
 from flexarm_env.scenes import named
 from flexarm_env.simulation import Simulation

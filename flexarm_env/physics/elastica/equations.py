@@ -1,4 +1,4 @@
-"""The elastica's equations of motion and their tangent (model: `flexarm_env.model.Elastica`).
+"""The elastica's equations of motion and their tangent (model: `physics.model.Elastica`).
 
 With e_j = (cos phi_j, sin phi_j), second rate e_j'', the inertia force on node i is (-sin phi_i, cos phi_i) . A_i,
 A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads: no sine of a difference is needed. Its derivative by node j is
@@ -13,14 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...compiler.arrays import stack
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.trace import aligned_frame, unrolled
-from ..model import Elastica
+from ...compiler import aligned_frame, kernel, load, sincos, size, splat, stack, store, unrolled
+from ..layout import OF_LOAD
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import register
-from .layout import constants, load_at, node_angles, weighted
+from .layout import X, Y, constants, load_at, node_angles, weighted
 from .output import damping_work, energy, link_poses, out_of_range, ports, shape
 
 
@@ -44,10 +41,10 @@ def _frame_acceleration(lane, model, a, ex, ey):
     x, y = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
-        x = load(lane, a, m) - weighted(lane, D, at.beta, ex, m)
-        y = load(lane, a, m + 1) - weighted(lane, D, at.beta, ey, m)
+        x = load(lane, a, m + X) - weighted(lane, D, at.beta, ex, m)
+        y = load(lane, a, m + Y) - weighted(lane, D, at.beta, ey, m)
     if model.gravity is not None:
-        x, y = x - D[at.gravity], y - D[at.gravity + 1]
+        x, y = x - D[at.gravity + X], y - D[at.gravity + Y]
     return x, y
 
 
@@ -74,7 +71,7 @@ def _forces(lane, model, par, state, u, on, r):
     at = constants(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
-    payload, stiffness, tau_d = load(lane, par, 0), load(lane, par, 2), load(lane, par, 3)
+    payload, stiffness, tau_d = load(lane, par, PAYLOAD_MASS), load(lane, par, STIFFNESS_FACTOR), load(lane, par, TAU_D)
     x, z = stack(lane, model.scratch), stack(lane, model.scratch)
     node_angles(lane, model, q, x)
     node_angles(lane, model, v, y)
@@ -109,12 +106,12 @@ def _forces(lane, model, par, state, u, on, r):
         store(fy, i, fyi)
     _less_forces(lane, model, model.loads, u, fx, fy)
     if model.root is not None:  # momentum of the whole chain
-        store(r, m, frame_x * D[at.mass] + weighted(lane, D, at.b, ex, m) + tip_x)
-        store(r, m + 1, frame_y * D[at.mass] + weighted(lane, D, at.b, ey, m) + tip_y)
+        store(r, m + X, frame_x * D[at.mass] + weighted(lane, D, at.b, ex, m) + tip_x)
+        store(r, m + Y, frame_y * D[at.mass] + weighted(lane, D, at.b, ey, m) + tip_y)
         _less_total(lane, model, model.loads, u, r)
         for i in range(m):
-            store(fx, i, load(lane, fx, i) - load(lane, r, m) * D[at.beta + i])
-            store(fy, i, load(lane, fy, i) - load(lane, r, m + 1) * D[at.beta + i])
+            store(fx, i, load(lane, fx, i) - load(lane, r, m + X) * D[at.beta + i])
+            store(fy, i, load(lane, fy, i) - load(lane, r, m + Y) * D[at.beta + i])
     for k in range(links):
         for i in range(k * n, k * n + n):
             total = load(lane, z, k * n) * D[at.R + i * n]
@@ -124,7 +121,7 @@ def _forces(lane, model, par, state, u, on, r):
                 total = total + load(lane, x, k * n + j) * D[at.K + i * n + j]
             store(r, i, total + (load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)))
     _less_torques(lane, model, model.loads, u, r)
-    _payload_turns(lane, model, load(lane, par, 1), z, r)
+    _payload_turns(lane, model, load(lane, par, PAYLOAD_INERTIA), z, r)
     for k in range(links - 1, 0, -1):  # from angles to coordinates, see _to_relative
         store(r, k * n - 1, load(lane, r, k * n - 1) + load(lane, r, k * n))
     for k in range(links):
@@ -141,10 +138,10 @@ def _tangent(lane, model, par, on, weights, S):
     at = constants(model)
     n, links, rows = size(model.nodes), size(model.links), size(model.n)
     m = n * links
-    payload = load(lane, par, 0)
-    slope = load(lane, par, 2) * ck
+    payload = load(lane, par, PAYLOAD_MASS)
+    slope = load(lane, par, STIFFNESS_FACTOR) * ck
     if model.damping is not None:
-        slope = load(lane, par, 2) * (load(lane, par, 3) * cc + ck)
+        slope = load(lane, par, STIFFNESS_FACTOR) * (load(lane, par, TAU_D) * cc + ck)
     for i in range(m):
         cosine, sine, ax, ay = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         twice = load(lane, y, i) * (2.0 * cc)
@@ -177,8 +174,8 @@ def _tangent(lane, model, par, on, weights, S):
             p = p - (moment + (moment - mass * D[at.beta + i])) * D[at.beta + i]
         own = p * (ci * dyi - si * dxi) + (slope * D[at.K + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
-    _payload_turns_tangent(lane, model, load(lane, par, 1), cm, S)
-    _root_tangent(lane, model, payload, c, s, ex, ey, cm, S)
+    _payload_turns_tangent(lane, model, load(lane, par, PAYLOAD_INERTIA), cm, S)
+    _root_tangent(lane, model, payload, on, cm, S)
     _to_relative(lane, model, S)
 
 
@@ -188,9 +185,10 @@ def _less_forces(lane, model, loads, u, fx, fy):
     if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range((size(model.n_inputs) - links) // 3):
+        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
             at = load_at(model, f)
-            force_x, force_y = load(lane, u, links + 3 * f), load(lane, u, links + 3 * f + 1)
+            k = links + OF_LOAD.end * f
+            force_x, force_y = load(lane, u, k + OF_LOAD.x), load(lane, u, k + OF_LOAD.y)
             for i in range(m):
                 store(fx, i, load(lane, fx, i) - force_x * loads[at.arm + i])
                 store(fy, i, load(lane, fy, i) - force_y * loads[at.arm + i])
@@ -202,9 +200,9 @@ def _less_torques(lane, model, loads, u, r):
     if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range((size(model.n_inputs) - links) // 3):
+        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
             at = load_at(model, f)
-            torque = load(lane, u, links + 3 * f + 2)
+            torque = load(lane, u, links + OF_LOAD.end * f + OF_LOAD.torque)
             for i in range(m):
                 store(r, i, load(lane, r, i) - torque * loads[at.angle + i])
 
@@ -237,7 +235,7 @@ def _payload_turns_tangent(lane, model, inertia, cm, S):
 
 
 @kernel
-def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):
+def _root_tangent(lane, model, payload, on, cm, S):
     """Rows and columns of the root, or of the centre of mass (where little or nothing is left of `moment`)."""
     D = model.data
     at = constants(model)
@@ -245,15 +243,15 @@ def _root_tangent(lane, model, payload, c, s, dx, dy, cm, S):
         m, rows = size(model.links) * size(model.nodes), size(model.n)
         for j in range(m):
             moment = payload * D[at.w + j] + D[at.b + j] - (payload + D[at.mass]) * D[at.beta + j]
-            store(S, m * rows + j, moment * load(lane, dx, j))
-            store(S, (m + 1) * rows + j, moment * load(lane, dy, j))
-            store(S, j * rows + m, moment * load(lane, s, j) * -cm)
-            store(S, j * rows + m + 1, moment * load(lane, c, j) * cm)
+            store(S, (m + X) * rows + j, moment * load(lane, on.ex, j))
+            store(S, (m + Y) * rows + j, moment * load(lane, on.ey, j))
+            store(S, j * rows + m + X, moment * load(lane, on.s, j) * -cm)
+            store(S, j * rows + m + Y, moment * load(lane, on.c, j) * cm)
         mass = (payload + D[at.mass]) * cm
-        store(S, m * rows + m, mass)
-        store(S, m * rows + m + 1, splat(lane, 0.0))
-        store(S, (m + 1) * rows + m, splat(lane, 0.0))
-        store(S, (m + 1) * rows + m + 1, mass)
+        store(S, (m + X) * rows + m + X, mass)
+        store(S, (m + X) * rows + m + Y, splat(lane, 0.0))
+        store(S, (m + Y) * rows + m + X, splat(lane, 0.0))
+        store(S, (m + Y) * rows + m + Y, mass)
 
 
 @kernel
@@ -262,9 +260,10 @@ def _less_total(lane, model, loads, u, r):
     if loads is not None:
         links = size(model.links)
         m = links * size(model.nodes)
-        for f in range((size(model.n_inputs) - links) // 3):
-            store(r, m, load(lane, r, m) - load(lane, u, links + 3 * f))
-            store(r, m + 1, load(lane, r, m + 1) - load(lane, u, links + 3 * f + 1))
+        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
+            k = links + OF_LOAD.end * f
+            store(r, m + X, load(lane, r, m + X) - load(lane, u, k + OF_LOAD.x))
+            store(r, m + Y, load(lane, r, m + Y) - load(lane, u, k + OF_LOAD.y))
 
 
 @kernel

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, size, splat, store
 from ...layout import Field, Layout
+
+POINT = Layout("Point", "", Field("x", (), "m", ""), Field("y", (), "m", ""))
+"""The root's rows, or the centre of mass's, behind those of the angles."""
+X, Y, _ = POINT.places
 
 DATA = Layout(
     "Data", "links, nodes, points",
@@ -17,8 +19,8 @@ DATA = Layout(
     Field("tips", ("links * nodes",), "", "weights of a link's angles in its tip's angle"),
     Field("beta", ("links * nodes",), "m", "root = last rows - sum beta_j e_j"),
     Field("mass", (), "kg", "payload left out"),
-    Field("root", (2,), "m", "place of a root that cannot move"),
-    Field("gravity", (2,), "m/s^2", ""),
+    Field("root", (POINT.length,), "m", "place of a root that cannot move"),
+    Field("gravity", (POINT.length,), "m/s^2", ""),
     Field("C", ("links", "nodes", "nodes"), "kg m^2", "correction of the integrator's period"),
     Field("points", ("points", "links * nodes"), "m", "of each point drawn: sum of weights times e_j = point - root"),
 )  # fmt: skip

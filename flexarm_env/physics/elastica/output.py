@@ -1,12 +1,11 @@
-"""What is read off an elastica's state: energies, ports, poses, shape (equations of motion: `elastica.py`)."""
+"""What is read off an elastica's state: energies, ports, poses, shape (equations of motion: `equations`)."""
 
 from __future__ import annotations
 
-from ...compiler.arrays import stack
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, sincos, splat, store
-from .layout import constants, load_at, node_angles, weighted
+from ...compiler import kernel, load, sincos, size, splat, stack, store
+from ..layout import OF_LOAD, POSE
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from .layout import X, Y, constants, load_at, node_angles, weighted
 
 
 @kernel
@@ -30,9 +29,9 @@ def _root(lane, model, q, c, s):
     at = constants(model)
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
-        x = load(lane, q, m) - weighted(lane, D, at.beta, c, m)
-        return x, load(lane, q, m + 1) - weighted(lane, D, at.beta, s, m)
-    return splat(lane, D[at.root]), splat(lane, D[at.root + 1])
+        x = load(lane, q, m + X) - weighted(lane, D, at.beta, c, m)
+        return x, load(lane, q, m + Y) - weighted(lane, D, at.beta, s, m)
+    return splat(lane, D[at.root + X]), splat(lane, D[at.root + Y])
 
 
 @kernel
@@ -57,11 +56,11 @@ def _load_ports(lane, model, loads, q, y):
             store(c, i, cosine)
             store(s, i, sine)
         root_x, root_y = _root(lane, model, q, c, s)
-        for f in range((size(model.n_inputs) - links) // 3):
-            at = load_at(model, f)
-            store(y, links + 3 * f, root_x + weighted(lane, loads, at.arm, c, m))
-            store(y, links + 3 * f + 1, root_y + weighted(lane, loads, at.arm, s, m))
-            store(y, links + 3 * f + 2, weighted(lane, loads, at.angle, x, m))
+        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
+            at, k = load_at(model, f), links + OF_LOAD.end * f
+            store(y, k + OF_LOAD.x, root_x + weighted(lane, loads, at.arm, c, m))
+            store(y, k + OF_LOAD.y, root_y + weighted(lane, loads, at.arm, s, m))
+            store(y, k + OF_LOAD.torque, weighted(lane, loads, at.angle, x, m))
 
 
 @kernel
@@ -89,7 +88,7 @@ def damping_work(lane, model, par, q, v, x):
     y, z = stack(lane, model.scratch), stack(lane, model.scratch)
     node_angles(lane, model, v, y)
     node_angles(lane, model, x, z)
-    return _bending(lane, model, z, y) * (load(lane, par, 2) * load(lane, par, 3))
+    return _bending(lane, model, z, y) * (load(lane, par, STIFFNESS_FACTOR) * load(lane, par, TAU_D))
 
 
 @kernel
@@ -99,7 +98,7 @@ def energy(lane, model, par, q, v):
     at = constants(model)
     n, links = size(model.nodes), size(model.links)
     m = n * links
-    payload = load(lane, par, 0)
+    payload = load(lane, par, PAYLOAD_MASS)
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
     c, s, ex, ey = (
         stack(lane, model.scratch),
@@ -110,12 +109,12 @@ def energy(lane, model, par, q, v):
     node_angles(lane, model, q, x)
     node_angles(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
-    strain = _bending(lane, model, x, x) * (load(lane, par, 2) * 0.5)
+    strain = _bending(lane, model, x, x) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
     tip_x, tip_y = weighted(lane, D, at.w, ex, m), weighted(lane, D, at.w, ey, m)
-    turn = splat(lane, 0.0)
+    tip_spin = splat(lane, 0.0)
     for i in range(m - n, m):
-        turn = turn + load(lane, y, i) * D[at.tips + i]
-    twice = payload * (tip_x * tip_x + tip_y * tip_y) + load(lane, par, 1) * (turn * turn)
+        tip_spin = tip_spin + load(lane, y, i) * D[at.tips + i]
+    twice = payload * (tip_x * tip_x + tip_y * tip_y) + load(lane, par, PAYLOAD_INERTIA) * (tip_spin * tip_spin)
     for i in range(m):
         px, py, rate, spin = splat(lane, 0.0), splat(lane, 0.0), load(lane, y, i), splat(lane, 0.0)
         for j in range(n):
@@ -126,8 +125,8 @@ def energy(lane, model, par, q, v):
         twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + rate * spin)
     mass = payload + D[at.mass]
     if model.root is not None:
-        vx = load(lane, v, m) - weighted(lane, D, at.beta, ex, m)
-        vy = load(lane, v, m + 1) - weighted(lane, D, at.beta, ey, m)
+        vx = load(lane, v, m + X) - weighted(lane, D, at.beta, ex, m)
+        vy = load(lane, v, m + Y) - weighted(lane, D, at.beta, ey, m)
         px = payload * tip_x + weighted(lane, D, at.b, ex, m)
         py = payload * tip_y + weighted(lane, D, at.b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
@@ -146,12 +145,12 @@ def _gravity_energy(lane, model, payload, q, c, s):
     root_x, root_y = _root(lane, model, q, c, s)
     cx = payload * weighted(lane, D, at.w, c, m) + weighted(lane, D, at.b, c, m) + mass * root_x
     cy = payload * weighted(lane, D, at.w, s, m) + weighted(lane, D, at.b, s, m) + mass * root_y
-    return -(cx * D[at.gravity] + cy * D[at.gravity + 1])
+    return -(cx * D[at.gravity + X] + cy * D[at.gravity + Y])
 
 
 @kernel
 def link_poses(lane, model, par, q, v, out):
-    """12 numbers a link: root x, y, angle and their rates, tip x, y, angle and their rates."""
+    """Of each link: x, y, angle of its root and their rates, then those of its tip (`POSES`)."""
     D = model.data
     at = constants(model)
     n, links = size(model.nodes), size(model.links)
@@ -169,27 +168,27 @@ def link_poses(lane, model, par, q, v, out):
     px, py = _root(lane, model, q, c, s)
     vx, vy = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
-        vx = load(lane, v, m) - weighted(lane, D, at.beta, ex, m)
-        vy = load(lane, v, m + 1) - weighted(lane, D, at.beta, ey, m)
+        vx = load(lane, v, m + X) - weighted(lane, D, at.beta, ex, m)
+        vy = load(lane, v, m + Y) - weighted(lane, D, at.beta, ey, m)
     for k in range(links):
-        o = 12 * k
-        store(out, o, px)
-        store(out, o + 1, py)
-        store(out, o + 2, load(lane, x, k * n))
-        store(out, o + 3, vx)
-        store(out, o + 4, vy)
-        store(out, o + 5, load(lane, y, k * n))
+        o = POSE.end * k
+        store(out, o + POSE.x, px)
+        store(out, o + POSE.y, py)
+        store(out, o + POSE.angle, load(lane, x, k * n))
+        store(out, o + POSE.vx, vx)
+        store(out, o + POSE.vy, vy)
+        store(out, o + POSE.rate, load(lane, y, k * n))
         angle, rate = splat(lane, 0.0), splat(lane, 0.0)
         for i in range(k * n, k * n + n):
             px, py = px + load(lane, c, i) * D[at.w + i], py + load(lane, s, i) * D[at.w + i]
             vx, vy = vx + load(lane, ex, i) * D[at.w + i], vy + load(lane, ey, i) * D[at.w + i]
             angle, rate = angle + load(lane, x, i) * D[at.tips + i], rate + load(lane, y, i) * D[at.tips + i]
-        store(out, o + 6, px)
-        store(out, o + 7, py)
-        store(out, o + 8, angle)
-        store(out, o + 9, vx)
-        store(out, o + 10, vy)
-        store(out, o + 11, rate)
+        store(out, o + POSE.tip_x, px)
+        store(out, o + POSE.tip_y, py)
+        store(out, o + POSE.tip_angle, angle)
+        store(out, o + POSE.tip_vx, vx)
+        store(out, o + POSE.tip_vy, vy)
+        store(out, o + POSE.tip_rate, rate)
 
 
 @kernel

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm
-from flexarm_env.physics.elastica.build import Chain
+from flexarm_env.physics.elastica.chain import Chain
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.time_functions import TimeFunction
 
@@ -49,9 +49,11 @@ def stretch_and_shear(scene: Scene, chain: Chain) -> float:
         off = (sheared - bent) / max(1.0, bow * np.abs(bent).max())  # a deflection is bounded, its linear model is not
         tip += np.outer(modes.tip(shape) / length, off)
         deflection += bow * np.abs(off)
-    turn, rate = modes.turn(t)
-    # An arm that turns goes on from a deflection that is off to another angle; at small angles the two do not mix.
-    bending = np.hypot(*tip).max() + (1.0 - np.cos(min(turn, 0.5 * np.pi))) * deflection.max()
+    angle, between, rate = modes.swing(t)
+    # An arm that turns goes on from a deflection that is off to another angle; at small angles the two do not mix. They
+    # do where links turn against each other: modes are those of the chain as it began.
+    share = max(1.0 - np.cos(min(angle, 0.5 * np.pi)), 2.0 * np.sin(0.5 * min(between, np.pi / 3.0)))
+    bending = np.hypot(*tip).max() + share * deflection.max()
     return float(min(1.0, bending + along_the_arm(scene, rate)))
 
 
@@ -140,8 +142,9 @@ class _Modes:
         links = [slice(k * n, (k + 1) * n) for k in range(self.scene.arm.n_links)]
         return max(abs(float(self.chain.w[own] @ (shape[own] - shape[own.start]))) for own in links)
 
-    def turn(self, t: Array) -> tuple[float, float]:
-        """How far links turn at most, rad, without strain, and how fast if it were not for gravity, rad/s."""
+    def swing(self, t: Array) -> tuple[float, float, float]:
+        """How far links swing at most, and against each other, rad, without strain; how fast if it were not for
+        gravity, rad/s."""
         n, end = self.chain.n, float(t[-1])
         angle, rate = np.zeros((self.scene.arm.n_links, t.size)), np.zeros((self.scene.arm.n_links, t.size))
         for shape in self.rigid.T:
@@ -150,7 +153,9 @@ class _Modes:
             rate += np.outer(shape[::n], driven)
         own = [m.function for m in self.scene.motions if m.joint is not None]
         given = sum(float(np.ptp(f(t))) for f in own), sum(_largest(f, end, 1) for f in own)
-        return float(np.abs(angle).max()) + given[0], float(np.abs(rate).max()) + given[1]
+        between = float(np.ptp(angle, axis=0).max())
+        between += sum(float(np.ptp(m.function(t))) for m in self.scene.motions if m.joint)  # elbows
+        return float(np.abs(angle).max()) + given[0], between, float(np.abs(rate).max()) + given[1]
 
     def tip(self, shape: Array) -> Array:
         """Displacement of the tip, m per unit of the mode, (2,)."""
@@ -178,26 +183,26 @@ class _Modes:
         return total
 
     def force(self, shape: Array, t: Array, weight: bool = True) -> Array:
-        """What drives a mode at the times t (s): the scene's loads, motions and gravity, which starts at once, and the
+        """What excites a mode at the times t (s): the scene's loads, motions and gravity, which starts at once, and the
         arm's largest torques, applied at once, where the scene has neither loads nor motions."""
         scene, arm, n = self.scene, self.scene.arm, self.chain.n
         across = np.array([-np.sin(self.angles), np.cos(self.angles)])
         force: Array = np.zeros(t.size)
         root = self._steps(shape)[1][0]
-        turns = [float(shape[k * n]) for k in range(arm.n_links)]  # of the joints
+        joints = [float(shape[k * n]) for k in range(arm.n_links)]  # their angles
         for k in range(1, arm.n_links):
-            turns[k] -= float(self.chain.lines[k - 1].tip_angle @ shape[(k - 1) * n : k * n])
+            joints[k] -= float(self.chain.lines[k - 1].tip_angle @ shape[(k - 1) * n : k * n])
         for load in scene.loads:
             if isinstance(load, JointTorque):
-                force += turns[load.joint] * load.function(t)
+                force += joints[load.joint] * load.function(t)
                 continue
             s = 0.0 if load.end == "root" else arm.links[load.link].length
             point = across @ (self.chain.arm_to(load.link, s) * shape) + root
-            turn = float(self.chain.angle_at(load.link, s) @ shape)
-            parts = ((load.force_x, point[0]), (load.force_y, point[1]), (load.torque, turn))
+            angle = float(self.chain.angle_at(load.link, s) @ shape)
+            parts = ((load.force_x, point[0]), (load.force_y, point[1]), (load.torque, angle))
             force += sum((f(t) * x for f, x in parts if f is not None), np.zeros(t.size))
         if not scene.loads and not scene.motions and arm.torque_limits:
-            force += sum(limit * abs(turn) for limit, turn in zip(arm.torque_limits, turns, strict=True))
+            force += sum(limit * abs(angle) for limit, angle in zip(arm.torque_limits, joints, strict=True))
         if weight and scene.gravity is not None:
             force += float(np.asarray(scene.gravity) @ ((across * shape) @ self.b + self.mass * root))
         for motion in scene.motions:

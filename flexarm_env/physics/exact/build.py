@@ -2,7 +2,8 @@
 
 Strains Gamma_1 = cos psi x' + sin psi y' - 1, Gamma_2 = -sin psi x' + cos psi y', kappa = psi' store the energy
 1/2 (EA Gamma_1^2 + C Gamma_2^2 + EI kappa^2); elements of order p, p-point (reduced) Gauss quadrature for the energy,
-p + 1 points for the consistent mass, which is constant. Absolute coordinates: there are no quadratic-velocity terms.
+p + 1 points for the consistent mass, which is constant. Coordinates are those of the inertial frame: there are no
+quadratic-velocity terms.
 """
 
 from __future__ import annotations
@@ -11,17 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm
+from flexarm_env.physics.exact.layout import AXES, CHAIN, ELBOW, FACTORS, SECTION, T, X, Y
+from flexarm_env.physics.layout import OF_LOAD
 from flexarm_env.physics.model import ExactBeam, System
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 
 Array = NDArray[np.float64]
-
-
-def factor_size(order: int) -> int:
-    """Numbers of S an element takes: factors of its interior with their couplings, 21 condensed entries, 2 a point."""
-    inner = 3 * (order - 1)
-    return inner * (inner - 1) // 2 + 7 * inner + 21 + 2 * order
 
 
 LEAST_ROTARY = 1e-8
@@ -30,31 +27,41 @@ matrix would be singular."""
 
 
 def sections(arm: Arm, elements: int) -> Array:
-    """Constants of each link's elements, see `ExactBeam.sections`."""
+    """A `SECTION` for each link, one after the other."""
     rows = []
     for link in arm.links:
         h, s = 0.5 * link.length / elements, link.section
         J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
-        rows.append([0.25 * s.EA / h, 0.25 * s.C / h, 0.25 * s.EI / h, 2.0 * h, s.m * h, J * h])
-    return np.array(rows)
+        stiffness = {"k1": 0.25 * s.EA / h, "k2": 0.25 * s.C / h, "kb": 0.25 * s.EI / h}
+        rows.append(SECTION.pack({}, **stiffness, length=2.0 * h, ml=s.m * h, jl=J * h))
+    return np.concatenate(rows)
+
+
+def elbows(arm: Arm) -> Array:
+    """An `ELBOW` for each link but the first."""
+    found = [arm.elbow(k) for k in range(1, arm.n_links)]
+    packed = [ELBOW.pack({}, mass=e.mass, left=e.inertia_left, right=e.inertia_right) for e in found]
+    return np.concatenate([np.zeros(0), *packed])
 
 
 def straight(scene: Scene, elements: int, order: int) -> Array:
     """Coordinates of the chain with straight links at the scene's initial angles: interior coordinates vanish."""
     arm = scene.arm
-    q = np.zeros(3 * order * elements * arm.n_links + 3 + arm.n_links - 1)
+    at = CHAIN.offsets(0, arm.n_links, elements, order)
+    q = np.zeros(at.end)
     x, y = scene.position
-    q[:3] = x, y, scene.angles[0]
-    row = 0
+    row = at.elements
+    q[row : row + AXES] = x, y, scene.angles[0]
     for k, link in enumerate(arm.links):
         step = link.length / elements
         for e in range(elements):
-            row += 3 * order
+            row += AXES * order
             share = (e + 1) * step
-            q[row : row + 3] = x + share * np.cos(scene.angles[k]), y + share * np.sin(scene.angles[k]), scene.angles[k]
-        x, y = q[row], q[row + 1]
+            angle = scene.angles[k]
+            q[row : row + AXES] = x + share * np.cos(angle), y + share * np.sin(angle), angle
+        x, y = q[row + X], q[row + Y]
         if k > 0:
-            q[-arm.n_links + k] = scene.angles[k] - scene.angles[k - 1]
+            q[at.hinges + k - 1] = scene.angles[k] - scene.angles[k - 1]
     return q
 
 
@@ -72,13 +79,11 @@ def rows(arm: Arm, elements: int, order: int) -> tuple[tuple[str, ...], dict[str
 
 
 def load_rows(load: PointLoad, arm: Arm, elements: int, order: int) -> list[int]:
-    """Rows of x, y, psi, and of the joint angle (-1: none) that make up the position and angle a load works on."""
-    span = 3 * order * elements
-    if load.end == "tip" or load.link == 0:
-        first = span * (load.link + (load.end == "tip"))
-        return [first, first + 1, first + 2, -1]
-    first = span * load.link
-    return [first, first + 1, first + 2, span * arm.n_links + 2 + load.link]
+    """The `ROWS_OF_LOAD` that make up the position and angle a load works on."""
+    at, at_tip = CHAIN.offsets(0, arm.n_links, elements, order), load.end == "tip"
+    first = at.elements + AXES * order * elements * (load.link + at_tip)
+    hinge = -1 if at_tip or load.link == 0 else at.hinges + load.link - 1
+    return [first + X, first + Y, first + T, hinge]
 
 
 def build(scene: Scene, settings: Settings) -> System:
@@ -91,11 +96,10 @@ def build(scene: Scene, settings: Settings) -> System:
         fixed += [coordinates[name] for name in ("root_x", "root_y") if scene.motion_of(name) is None]
     loads = [load_rows(load, arm, elements, order) for load in scene.loads if isinstance(load, PointLoad)]
     lengths = np.array([name.startswith("root") or ".x" in name or ".y" in name for name in names])
-    elbows = [arm.elbow(k) for k in range(1, arm.n_links)]
     model = ExactBeam(
         n=len(names),
-        n_factor=9 + 4 * (arm.n_links - 1) + elements * arm.n_links * factor_size(order),
-        n_inputs=arm.n_links + 3 * len(loads),
+        n_factor=FACTORS.offsets(0, arm.n_links, elements, order).end,
+        n_inputs=arm.n_links + OF_LOAD.end * len(loads),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.where(lengths, 1.0 / arm.total_length, 1.0),
@@ -104,8 +108,8 @@ def build(scene: Scene, settings: Settings) -> System:
         order=(0,) * order,
         links=arm.n_links,
         elements=elements,
-        sections=sections(arm, elements).ravel(),
-        elbows=np.array([[e.mass, e.inertia_left, e.inertia_right] for e in elbows]).ravel(),
+        sections=sections(arm, elements),
+        elbows=elbows(arm),
         hub_inertia=arm.hub_inertia,
         damped=(0,) if arm.tau_d > 0.0 else None,
         gravity=None if scene.gravity is None else np.array(scene.gravity),

@@ -10,24 +10,41 @@ strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = (l psi')/l, and with p
 
     sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l psi')^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l.
 
-Inertia: ml = m l/2, jl = J l/2. Arrays of coordinates begin at the left vertex, then interior, then right one; lists of
-an axis hold left, right, interior. All of this runs when a kernel is compiled (see trace.py): what is left of it are
-the operations on values.
+Inertia: ml = m l/2, jl = J l/2. Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of an axis
+hold left, right, interior. All of this runs when a kernel is compiled (see trace.py): what is left of it are the
+operations on values.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
-from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.trace import traced
+from ...compiler import kernel, load, sincos, splat, store, traced
+from .layout import AXES, COSINE, ELEMENT, ELEMENT_FACTORS, PAIR, SINE, T, Vertex, X, Y
 from .tables import Tables, tables
 
-X, Y, T = range(3)
-VERTEX = 12
-"""What is known of a vertex: x, y, psi, their rates, their accelerations (less gravity), the forces on them so far."""
-POINT = 6
-"""What is known of a Gauss point: c, s, g1, g2, n1, n2 (resultants, with the point's weight)."""
+RATE, ACCELERATION, FORCE, VERTEX = (AXES * k for k in range(1, 5))
+"""Where the parts of a `Vertex` begin in what `forces` returns, and where they end."""
+
+
+class Point(NamedTuple):
+    """What is known of a Gauss point."""
+
+    c: Any  # cos psi
+    s: Any  # sin psi
+    g1: Any
+    g2: Any
+    n1: Any  # normal force and
+    n2: Any  # shear force, with the point's weight
+
+
+POINT = len(Point._fields)
+
+
+@kernel
+def handed_on(out):
+    """What `forces` returns: the right `Vertex`, and a `Point` after the other."""
+    return Vertex(out[:RATE], out[RATE:ACCELERATION], out[ACCELERATION:FORCE], out[FORCE:VERTEX]), out[VERTEX:]
 
 
 class Sums:
@@ -65,7 +82,8 @@ def _times(value: Any, factor: float) -> Any:
 
 def _at(node: int, order: int) -> int:
     """Where the coordinates of the left (0), right (1) or an interior (2 ...) node begin."""
-    return (0, 3 * order)[node] if node < 2 else 3 * (node - 1)
+    at = ELEMENT.offsets(0, order)
+    return int((at.left, at.right)[node] if node < 2 else at.interior + AXES * (node - 2))
 
 
 def _axis(lane: Any, x: Any, order: int, axis: int) -> list[Any]:
@@ -101,17 +119,17 @@ def _momenta(sums: Sums, t: Tables, nodes: list[Any], unit: Any) -> tuple[list[A
     return rows, mean, sums([0.5 * (m[1, 1] - m[0, 1]), *m[1, 3::2]], odd, 1.0, unit)
 
 
-@traced(lambda p: 6)
-def momentum(lane, order, a, left, ml, jl, r):
+@traced(lambda p: 2 * AXES)
+def momentum(lane, order, a, left, section, r):
     """Write the left vertex's and the interior rows of r = M a. `left`: x, y, psi of a there and r so far; returns the
     same of the right vertex."""
     p, sums = len(order), Sums()
     t = tables(p)
     ends, rest = [], []
-    for k, unit in ((X, ml), (Y, ml), (T, jl)):
+    for k, unit in ((X, section.ml), (Y, section.ml), (T, section.jl)):
         nodes = [left[k], *[load(lane, a, _at(n, p) + k) for n in range(1, p + 1)]]
         rows, mean, half = _momenta(sums, t, nodes, unit)
-        store(r, k, left[3 + k] + (mean - half))
+        store(r, k, left[AXES + k] + (mean - half))
         for n, row in enumerate(rows, 2):
             store(r, _at(n, p) + k, row)
         ends.append(nodes[1])
@@ -120,90 +138,90 @@ def momentum(lane, order, a, left, ml, jl, r):
 
 
 @traced(lambda p: 0)
-def turns(lane, order, q, turn, circle):
-    """circle <- sine and cosine of psi at each Gauss point; `turn`: psi at the left."""
+def directions(lane, order, q, psi, circle):
+    """circle <- sine and cosine of psi at each Gauss point; `psi`: that at the left."""
     p, sums = len(order), Sums()
     t = tables(p)
-    nodes = [turn, *[load(lane, q, _at(n, p) + T) for n in range(1, p + 1)]]
+    nodes = [psi, *[load(lane, q, _at(n, p) + T) for n in range(1, p + 1)]]
     for g, angle in enumerate(_values(sums, t, nodes, nodes[1] - nodes[0])):
         s, c = sincos(angle)
-        store(circle, 2 * g, s)
-        store(circle, 2 * g + 1, c)
+        store(circle, PAIR * g + SINE, s)
+        store(circle, PAIR * g + COSINE, c)
 
 
 @traced(lambda p: VERTEX + POINT * p)
-def forces(lane, order, damped, gravity, q, v, a, left, k1, k2, kb, length, ml, jl, tau, r, circle):
-    """Write the left vertex's and the interior rows of r; return VERTEX of the right vertex and POINT of each point."""
+def forces(lane, order, gravity, state, left, section, r, circle):
+    """Write the left vertex's and the interior rows of r; return the right `Vertex` and a `Point` for each point."""
     p, sums = len(order), Sums()
-    t = tables(p)
+    t, tau = tables(p), section.tau
     here, nodes = range(p), range(p + 1)
-    place = [[load(lane, q, _at(n, p) + k) for n in nodes[1:]] for k in (X, Y, T)]
-    place = [[left[k], *place[k]] for k in (X, Y, T)]
-    inertia = [[load(lane, a, _at(n, p) + k) for n in nodes[1:]] for k in (X, Y, T)]
-    inertia = [[left[6 + k], *inertia[k]] for k in (X, Y, T)]
+    place = [[load(lane, state.q, _at(n, p) + k) for n in nodes[1:]] for k in (X, Y, T)]
+    place = [[left.place[k], *place[k]] for k in (X, Y, T)]
+    inertia = [[load(lane, state.a, _at(n, p) + k) for n in nodes[1:]] for k in (X, Y, T)]
+    inertia = [[left.acceleration[k], *inertia[k]] for k in (X, Y, T)]
     if gravity is not None:
         for k in (X, Y):
             inertia[k][1] = inertia[k][1] - gravity[k]
     zero = splat(lane, 0.0)
     rate = [[zero] * (p + 1)] * 3
-    if damped is not None:
-        rate = [[left[3 + k], *[load(lane, v, _at(n, p) + k) for n in nodes[1:]]] for k in (X, Y, T)]
+    if tau is not None:
+        rate = [[left.rate[k], *[load(lane, state.v, _at(n, p) + k) for n in nodes[1:]]] for k in (X, Y, T)]
         ux, uy = (_slopes(sums, t, rate[k])[1] for k in (X, Y))
         turning = rate[T][1] - rate[T][0]
         omega = _values(sums, t, rate[T], turning)
     dx, dy = (_slopes(sums, t, place[k])[1] for k in (X, Y))
-    turn = place[T][1] - place[T][0]
+    span = place[T][1] - place[T][0]
     points, fx, fy, moment = [], [], [], []
     for g in here:
-        s, c = load(lane, circle, 2 * g), load(lane, circle, 2 * g + 1)
+        s, c = load(lane, circle, PAIR * g + SINE), load(lane, circle, PAIR * g + COSINE)
         g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
-        e1, e2 = g1 - length, g2
-        if damped is not None:
+        e1, e2 = g1 - section.length, g2
+        if tau is not None:
             e1 = e1 + tau * ((c * ux[g] + s * uy[g]) + g2 * omega[g])
             e2 = e2 + tau * ((c * uy[g] - s * ux[g]) - g1 * omega[g])
         w = float(t.weights[g])
-        n1, n2 = e1 * _times(k1, w), e2 * _times(k2, w)
+        n1, n2 = e1 * _times(section.k1, w), e2 * _times(section.k2, w)
         fx.append(c * n1 - s * n2)
         fy.append(s * n1 + c * n2)
         moment.append(n1 * g2 - n2 * g1)
-        points += [c, s, g1, g2, n1, n2]
-    bent = [turn, *place[T][2:]]
-    if damped is not None:
+        points += Point(c, s, g1, g2, n1, n2)
+    bent = [span, *place[T][2:]]
+    if tau is not None:
         bent = [x + tau * y for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
     force = []
-    for k, unit in ((X, ml), (Y, ml), (T, jl)):
+    for k, unit in ((X, section.ml), (Y, section.ml), (T, section.jl)):
         rows, mean, half = _momenta(sums, t, inertia[k], unit)
         if k != T:
             pull = [sums(row, fx if k == X else fy) for row in t.slope]
         else:
-            pull = [x * (kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
+            pull = [x * (section.kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
             mean = mean + sums([0.5] * p, moment)
             half = half + sums(0.5 * (t.value[1] - t.value[0]), moment) if p > 1 else half
             rows = [row + sums(t.value[n], moment) for n, row in enumerate(rows, 2)]
         half = half + pull[0]
         force.append([mean - half, mean + half, *[row + x for row, x in zip(rows, pull[1:], strict=True)]])
     for k in (X, Y, T):
-        store(r, k, left[9 + k] + force[k][0])
+        store(r, k, left.force[k] + force[k][0])
         for n in nodes[2:]:
             store(r, _at(n, p) + k, force[k][n])
     return [x[k][1] for x in (place, rate, inertia, force) for k in (X, Y, T)] + points
 
 
 @traced(lambda p: 0)
-def tangent(lane, order, damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S):
+def tangent(lane, order, points, section, weights, S):
     """S <- factors of the interior with their couplings to both vertices, then the matrix condensed to these.
 
-    cm M + cc D + ck K. Of each interior coordinate: inverse pivot, couplings over it to later ones and to the vertices;
-    then LL (xx xy xt yy yt tt), LR (row by row), RR. An entry of the tangent is written where it is needed first:
-    there are more of them than registers.
+    Of the sum of M, C and K by their weights; see `layout.ELEMENT_FACTORS`. An entry of the tangent is written where it
+    is needed first: there are more of them than registers.
     """
     p, sums = len(order), Sums()
     t = tables(p)
-    share = ck if damped is None else tau * cc + ck
-    k1, k2, kb = k1 * share, k2 * share, kb * share
+    ck, tau = weights.stiffness, section.tau
+    share = ck if tau is None else tau * weights.damping + ck
+    k1, k2, kb = section.k1 * share, section.k2 * share, section.kb * share
     h = [[] for _ in range(6)]  # by d_x, d_y, psi: xx xy yy xt yt tt
     for g in range(p):
-        c, s, g1, g2, n1, n2 = points[POINT * g : POINT * (g + 1)]
+        c, s, g1, g2, n1, n2 = Point(*points[POINT * g : POINT * (g + 1)])
         w = float(t.weights[g])
         j1, j2, both = _times(k1, w), _times(k2, w), _times(k1 + k2, w)
         part = c * _times(k1 - k2, w)
@@ -214,7 +232,7 @@ def tangent(lane, order, damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S)
         )  # fmt: skip
         for kind, entry in zip(h, entries, strict=True):
             kind.append(entry)
-    cml, cjl = ml * cm, jl * cm
+    cml, cjl = section.ml * weights.mass, section.jl * weights.mass
 
     def slope(node: int) -> Any:
         return -t.slope[0] if node == 0 else t.slope[max(node - 1, 0)]
@@ -255,10 +273,11 @@ def tangent(lane, order, damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S)
         at += 1
         rows.append(row)
         ratios.append(ratio)
-    lefts, rights = outer[:3], outer[3:]
-    pairs = [(lefts[i], lefts[j]) for i in range(3) for j in range(i, 3)]
+    lefts, rights = outer[:AXES], outer[AXES:]
+    assert at == ELEMENT_FACTORS.offsets(0, p).condensed
+    pairs = [(lefts[i], lefts[j]) for i in range(AXES) for j in range(i, AXES)]
     pairs += [(i, j) for i in lefts for j in rights]
-    pairs += [(rights[i], rights[j]) for i in range(3) for j in range(i, 3)]
+    pairs += [(rights[i], rights[j]) for i in range(AXES) for j in range(i, AXES)]
     for one, two in pairs:
         value = entry(one, two)
         for row, ratio in zip(rows, ratios, strict=True):
@@ -267,62 +286,62 @@ def tangent(lane, order, damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S)
         at += 1
 
 
-def _starts(inner: int) -> list[int]:
-    """Where the numbers of each interior coordinate begin in S, and where they end."""
-    starts = [0]
+def _starts(order: int) -> tuple[int, int, list[int]]:
+    """How many interior coordinates there are, where they begin in x, and where the numbers of each begin in S."""
+    at = ELEMENT.offsets(0, order)
+    inner, starts = at.right - at.interior, [0]
     for m in range(inner):
-        starts.append(starts[-1] + inner - m + 6)
-    return starts
+        starts.append(starts[-1] + inner - m + 2 * AXES)
+    return inner, at.interior, starts
 
 
-@traced(lambda p: 6)
+@traced(lambda p: 2 * AXES)
 def forward(lane, order, S, x):
     """Reduce the interior entries of x; return what they take from those of the left and the right vertex."""
-    n = 3 * (len(order) - 1)
-    starts = _starts(n)
-    inside = [load(lane, x, 3 + k) for k in range(n)]
-    taken = [None] * 6
+    n, first, starts = _starts(len(order))
+    inside = [load(lane, x, first + k) for k in range(n)]
+    taken = [None] * (2 * AXES)
     for m in range(n):
         for k in range(m + 1, n):
             inside[k] = inside[k] - load(lane, S, starts[m] + k - m) * inside[m]
-        for k in range(6):
+        for k in range(2 * AXES):
             product = load(lane, S, starts[m] + n - m + k) * inside[m]
             taken[k] = product if m == 0 else taken[k] + product
-        store(x, 3 + m, inside[m])
+        store(x, first + m, inside[m])
     return [splat(lane, 0.0) for _ in taken] if n == 0 else taken
 
 
 @traced(lambda p: 0)
 def backward(lane, order, S, x, left, right):
     """Interior entries of x from the reduced ones and those of the vertices."""
-    n = 3 * (len(order) - 1)
-    starts = _starts(n)
+    n, first, starts = _starts(len(order))
     solved = {}
     for m in reversed(range(n)):
-        value = load(lane, x, 3 + m) * load(lane, S, starts[m])
+        value = load(lane, x, first + m) * load(lane, S, starts[m])
         for k, y in enumerate([*left, *right]):
             value = value - load(lane, S, starts[m] + n - m + k) * y
         for k in range(m + 1, n):
             value = value - load(lane, S, starts[m] + k - m) * solved[k]
         solved[m] = value
-        store(x, 3 + m, value)
+        store(x, first + m, value)
 
 
 @traced(lambda p: 4)
-def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):
-    """(kinetic, strain energy, mass moments x, y); `turn`, `spin`: the left psi, its rate."""
+def measure(lane, order, q, v, psi, spin, section):
+    """(kinetic, strain energy, mass moments x, y); `psi`, `spin`: that at the left, its rate."""
     p, sums = len(order), Sums()
     t = tables(p)
     place, rate = ([_axis(lane, x, p, k) for k in (X, Y, T)] for x in (q, v))
-    place[T][0], rate[T][0] = turn, spin
+    place[T][0], rate[T][0] = psi, spin
     (_, dx), (_, dy), (turned, bend) = (_slopes(sums, t, nodes) for nodes in place)
     angle = _values(sums, t, place[T], turned)
     strain = splat(lane, 0.0)
     for g in range(p):
         s, c = sincos(angle[g])
         g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
-        e1, w = g1 - length, float(t.weights[g])
-        strain = strain + ((e1 * e1) * k1 + (g2 * g2) * k2 + (bend[g] * bend[g]) * kb) * (0.5 * w)
+        e1, w = g1 - section.length, float(t.weights[g])
+        stretch = (e1 * e1) * section.k1
+        strain = strain + (stretch + (g2 * g2) * section.k2 + (bend[g] * bend[g]) * section.kb) * (0.5 * w)
     squares, moments = [], []
     for k in (X, Y, T):
         total = splat(lane, 0.0)
@@ -330,17 +349,17 @@ def measure(lane, order, q, v, turn, spin, k1, k2, kb, length, ml, jl):
             total = total + rate[k][n] * sums(t.mass[n], rate[k])
         squares.append(total)
         moments.append(sums(t.mass[0] + t.mass[1], place[k]))
-    kinetic = (squares[X] + squares[Y]) * (ml * 0.5) + squares[T] * (jl * 0.5)
-    return [kinetic, strain, moments[X] * ml, moments[Y] * ml]
+    kinetic = (squares[X] + squares[Y]) * (section.ml * 0.5) + squares[T] * (section.jl * 0.5)
+    return [kinetic, strain, moments[X] * section.ml, moments[Y] * section.ml]
 
 
 @traced(lambda p: 1)
-def damp(lane, order, q, v, x, turns, k1, k2, kb):
-    """Work of the damping forces of rates v over rates x, per tau_d; `turns`: the left psi in q, v and x."""
+def damp(lane, order, q, v, x, psi, section):
+    """Work of the damping forces of rates v over rates x, per tau_d; `psi`: the left one in q, v and x."""
     p, sums = len(order), Sums()
     t = tables(p)
     place, *rates = ([_axis(lane, y, p, k) for k in (X, Y, T)] for y in (q, v, x))
-    place[T][0], rates[0][T][0], rates[1][T][0] = turns
+    place[T][0], rates[0][T][0], rates[1][T][0] = psi
     (_, dx), (_, dy), (turned, _) = (_slopes(sums, t, nodes) for nodes in place)
     angle = _values(sums, t, place[T], turned)
     circle = [sincos(w) for w in angle]
@@ -356,11 +375,12 @@ def damp(lane, order, q, v, x, turns, k1, k2, kb):
         strains.append(rows)
     total = splat(lane, 0.0)
     for w, one, two in zip(t.weights, *strains, strict=True):
-        total = total + (one[0] * two[0] * k1 + one[1] * two[1] * k2 + one[2] * two[2] * kb) * float(w)
+        parts = one[0] * two[0] * section.k1 + one[1] * two[1] * section.k2 + one[2] * two[2] * section.kb
+        total = total + parts * float(w)
     return [total]
 
 
-def _small_turn(w: Any) -> tuple[Any, Any]:
+def _small_rotation(w: Any) -> tuple[Any, Any]:
     """Sine and cosine of a small angle to its sixth power."""
     z = w * w
     return w + w * (z * (z * (1.0 / 120.0) - 1.0 / 6.0)), z * (z * (1.0 / 24.0 - z * (1.0 / 720.0)) - 0.5) + 1.0
@@ -369,28 +389,28 @@ def _small_turn(w: Any) -> tuple[Any, Any]:
 @traced(lambda p: 0)
 def rotate_pair(lane, order, x, w):
     """Rotate the vector at the beginning of x by a small angle w."""
-    s, c = _small_turn(w)
-    ahead, aside = load(lane, x, 0), load(lane, x, 1)
-    store(x, 0, c * ahead - s * aside)
-    store(x, 1, s * ahead + c * aside)
+    s, c = _small_rotation(w)
+    ahead, aside = load(lane, x, X), load(lane, x, Y)
+    store(x, X, c * ahead - s * aside)
+    store(x, Y, s * ahead + c * aside)
 
 
 @traced(lambda p: 2)
-def carry(lane, order, start, q, turn, new_turn, x, y):
+def carry(lane, order, start, q, psi, new_psi, x, y):
     """Interior and right positions in q from the left one (x, y) and the angles in q, with the strains of `start`.
 
-    d turns with psi at each Gauss point; sine and cosine of that turn to its sixth power, which is plenty for a guess.
-    `turn`, `new_turn`: psi at the left. Returns the right position.
+    d rotates with psi at each Gauss point; sine and cosine of that angle to its sixth power, plenty for a guess.
+    `psi`, `new_psi`: those at the left. Returns the right position.
     """
     p, sums = len(order), Sums()
     t = tables(p)
     old, new = ([load(lane, z, _at(n, p) + T) for n in range(1, p + 1)] for z in (start, q))
-    turns = [b - a for a, b in zip([turn, *old], [new_turn, *new], strict=True)]
-    angle = _values(sums, t, turns, turns[1] - turns[0])
+    change = [b - a for a, b in zip([psi, *old], [new_psi, *new], strict=True)]
+    angle = _values(sums, t, change, change[1] - change[0])
     dx, dy = (_slopes(sums, t, _axis(lane, start, p, k))[1] for k in (X, Y))
     moved = ([], [])
     for g in range(p):
-        s, c = _small_turn(angle[g])
+        s, c = _small_rotation(angle[g])
         moved[X].append(c * dx[g] - s * dy[g])
         moved[Y].append(s * dx[g] + c * dy[g])
     ends = []

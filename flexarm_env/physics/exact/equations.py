@@ -1,36 +1,50 @@
-"""Chains of geometrically exact beams: residual, tangent and its factors (model: `flexarm_env.model.ExactBeam`).
+"""Chains of geometrically exact beams: residual, tangent and its factors (model: `physics.model.ExactBeam`).
 
-Elements (`exact_element`) hand what they know of a vertex to the next one, so that each row is written once. A link
+Elements (`element`) hand what they know of a vertex to the next one, so that each row is written once. A link
 hinged to the tip before it shares that vertex's position; its root's angle there is psi + delta, hence a force on that
 angle acts on psi and on delta. The interior of each element is condensed as soon as its tangent is known; the vertices
 are eliminated from the tip to the root, without pivoting (the matrix is symmetric, and cm M outweighs what is not
 positive in it). A free hinge passes only forces on to the link before it: its angle is eliminated on the way.
 
-S holds: 3 flags of pinned root coordinates, 6 factors of the root, 4 numbers a hinge (flag, couplings of its angle
-with x and y, inverse pivot), then for each element its factors (see `exact_element.tangent`), its condensed matrix
-LL, LR, RR, and the sines and cosines at its Gauss points.
+Where all that is in coordinates and in S is told in `layout`: CHAIN and FACTORS.
 """
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
-from ...compiler.trace import aligned_frame
-from ..model import ExactBeam
-from ..protocol import register
-from .element import VERTEX, backward, forces, forward, tangent, turns
+from ...compiler import aligned_frame, kernel, load, splat, store
+from ..layout import OF_LOAD
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
+from ..protocol import State, register
+from .element import backward, directions, forces, forward, handed_on, tangent
 from .inertia import inertia, rotate
+from .layout import (
+    AXES,
+    LL,
+    LR_T,
+    LR_X,
+    LR_Y,
+    OF_HINGE,
+    ROWS_OF_LOAD,
+    RR,
+    TT,
+    XT,
+    XX,
+    XY,
+    YT,
+    YY,
+    T,
+    Vertex,
+    X,
+    Y,
+    elbow_of,
+    element_factors_at,
+    factors_of,
+    put_three,
+    rows_of,
+    section_of,
+    three,
+)
 from .output import damping_work, energy, link_poses, out_of_range, ports, predict, shape
-
-HEAD = 9
-HINGE = 4
-
-
-@kernel
-def _stride(order):
-    """`factor_size` of the order."""
-    n = 3 * (len(order) - 1)
-    return n * (n - 1) // 2 + 7 * n + 21 + 2 * len(order)
 
 
 @kernel
@@ -39,11 +53,11 @@ def _add(lane, array, k, value):
 
 
 @kernel
-def _falling(lane, gravity, a, i, k):
-    """Acceleration less gravity, component k, of the vertex at row i."""
+def _falling(lane, gravity, a, i):
+    """Acceleration less gravity of the vertex at row i."""
     if gravity is None:
-        return load(lane, a, i + k)
-    return load(lane, a, i + k) - gravity[k]
+        return three(lane, a, i)
+    return load(lane, a, i + X) - gravity[0], load(lane, a, i + Y) - gravity[1], load(lane, a, i + T)
 
 
 @kernel
@@ -51,7 +65,7 @@ def _rates(lane, damped, v, i):
     """Rates of the vertex at row i where anything depends on them."""
     if damped is None:
         return splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
-    return load(lane, v, i), load(lane, v, i + 1), load(lane, v, i + 2)
+    return three(lane, v, i)
 
 
 @kernel
@@ -65,114 +79,107 @@ def _rate(lane, damped, v, k):
 def _loaded(lane, loads, links, u, r):
     """r less the point loads."""
     if loads is not None:
-        for f in range(loads.shape[0] // 4):
-            k = links + 3 * f
-            _add(lane, r, loads[4 * f], -load(lane, u, k))
-            _add(lane, r, loads[4 * f + 1], -load(lane, u, k + 1))
-            _add(lane, r, loads[4 * f + 2], -load(lane, u, k + 2))
-            if loads[4 * f + 3] >= 0:
-                _add(lane, r, loads[4 * f + 3], -load(lane, u, k + 2))
+        for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
+            at, k = ROWS_OF_LOAD.end * f, links + OF_LOAD.end * f
+            _add(lane, r, loads[at + ROWS_OF_LOAD.x], -load(lane, u, k + OF_LOAD.x))
+            _add(lane, r, loads[at + ROWS_OF_LOAD.y], -load(lane, u, k + OF_LOAD.y))
+            _add(lane, r, loads[at + ROWS_OF_LOAD.psi], -load(lane, u, k + OF_LOAD.torque))
+            if loads[at + ROWS_OF_LOAD.hinge] >= 0:
+                _add(lane, r, loads[at + ROWS_OF_LOAD.hinge], -load(lane, u, k + OF_LOAD.torque))
 
 
 @kernel
 def _lumps(lane, model, par, cm, S):
     """Pin flags cleared; inertia of hub, elbows and payload added to the condensed matrices."""
     if cm != 0.0:
-        links, stride = model.links, _stride(model.order)
-        first = HEAD + HINGE * (links - 1)
+        factors, own = factors_of(model), element_factors_at(0, len(model.order))
         zero = splat(lane, 0.0)
-        for k in range(3):
-            store(S, k, zero)
-        block = first + stride - 21 - 2 * len(model.order)
-        _add(lane, S, block + 5, splat(lane, cm * model.hub_inertia))
-        for k in range(1, links):
-            store(S, HEAD + HINGE * (k - 1), zero)
-            after = block + stride * model.elements * k
-            before = after - stride
-            mass = splat(lane, cm * model.elbows[3 * k - 3])
-            _add(lane, S, before + 15, mass)
-            _add(lane, S, before + 18, mass)
-            _add(lane, S, before + 20, splat(lane, cm * model.elbows[3 * k - 2]))
-            _add(lane, S, after + 5, splat(lane, cm * model.elbows[3 * k - 1]))
-        last = block + stride * (model.elements * links - 1)
-        mass = cm * load(lane, par, 0)
-        _add(lane, S, last + 15, mass)
-        _add(lane, S, last + 18, mass)
-        _add(lane, S, last + 20, cm * load(lane, par, 1))
+        for k in range(AXES):
+            store(S, factors.pinned + k, zero)
+        _add(lane, S, factors.elements + own.condensed + LL + TT, splat(lane, cm * model.hub_inertia))
+        for k in range(1, model.links):
+            store(S, factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.pinned, zero)
+            elbow = elbow_of(model, k)
+            after = factors.elements + own.end * model.elements * k + own.condensed
+            before = after - own.end
+            mass = splat(lane, cm * elbow.mass)
+            _add(lane, S, before + RR + XX, mass)
+            _add(lane, S, before + RR + YY, mass)
+            _add(lane, S, before + RR + TT, splat(lane, cm * elbow.left))
+            _add(lane, S, after + LL + TT, splat(lane, cm * elbow.right))
+        last = factors.end - own.end + own.condensed
+        mass = cm * load(lane, par, PAYLOAD_MASS)
+        _add(lane, S, last + RR + XX, mass)
+        _add(lane, S, last + RR + YY, mass)
+        _add(lane, S, last + RR + TT, cm * load(lane, par, PAYLOAD_INERTIA))
 
 
 @kernel
-def _circles(lane, model, q, S):
+def _directions(lane, model, q, S):
     """Sines and cosines at all Gauss points, ahead of the elements: long chains, but none waits for another."""
-    p, stride = len(model.order), _stride(model.order)
-    deltas = 3 * p * model.elements * model.links + 3
-    i, o = 3, HEAD + HINGE * (model.links - 1) + stride - 2 * p
+    rows, own = rows_of(model), element_factors_at(0, len(model.order))
+    i, o = rows.elements, factors_of(model).elements + own.circle
     for k in range(model.links):
-        turn = load(lane, q, i - 1)
+        psi = load(lane, q, i + T)
         if k > 0:
-            turn = turn + load(lane, q, deltas + k - 1)
+            psi = psi + load(lane, q, rows.hinges + k - 1)
         for _ in range(model.elements):
-            turns(lane, model.order, q[(i - 3) * len(lane) :], turn, S[o * len(lane) :])
-            i += 3 * p
-            o += stride
-            turn = load(lane, q, i - 1)
+            directions(lane, model.order, q[i * len(lane) :], psi, S[o * len(lane) :])
+            i += AXES * len(model.order)
+            o += own.end
+            psi = load(lane, q, i + T)
+
+
+@kernel
+def _behind_hinge(lane, model, state, k, left):
+    """The vertex before link k as the link's root has it: its own angle, and the elbow's part that goes with it."""
+    (x, y, psi), (vx, vy, spin), (ax, ay, alpha), (fx, fy, _) = left.place, left.rate, left.acceleration, left.force
+    elbow, d = elbow_of(model, k), rows_of(model).hinges + k - 1
+    alpha = alpha + load(lane, state.a, d)
+    place = x, y, psi + load(lane, state.q, d)
+    rate = vx, vy, spin + _rate(lane, model.damped, state.v, d)
+    return Vertex(place, rate, (ax, ay, alpha), (fx + ax * elbow.mass, fy + ay * elbow.mass, alpha * elbow.right))
 
 
 @kernel
 def assemble(lane, model, par, state, u, weights, r, S):
     """r and, where the weight of M is not 0, the tangent condensed to the vertices."""
-    (q, v, a), (cm, cc, ck) = state, weights
     aligned_frame(lane)
-    links, p, stride = model.links, len(model.order), _stride(model.order)
-    stiffness, tau = load(lane, par, 2), load(lane, par, 3)
+    q, v, a = state
+    p, rows, own = len(model.order), rows_of(model), element_factors_at(0, len(model.order))
     zero = splat(lane, 0.0)
-    vx, vy, vt = _rates(lane, model.damped, v, 0)
-    at = load(lane, a, 2)
-    left = (
-        load(lane, q, 0), load(lane, q, 1), load(lane, q, 2), vx, vy, vt,
-        _falling(lane, model.gravity, a, 0, 0), _falling(lane, model.gravity, a, 0, 1), at,
-        zero, zero, at * model.hub_inertia - load(lane, u, 0),
-    )  # fmt: skip
-    i, o = 3, HEAD + HINGE * (links - 1)
-    deltas = 3 * p * model.elements * links + 3
-    _circles(lane, model, q, S)
-    for k in range(links):
-        root, before, turn = i, zero, zero
+    torque = load(lane, a, T) * model.hub_inertia - load(lane, u, 0)
+    left = Vertex(
+        three(lane, q, 0), _rates(lane, model.damped, v, 0), _falling(lane, model.gravity, a, 0), (zero, zero, torque)
+    )
+    i, o = rows.elements, factors_of(model).elements
+    _directions(lane, model, q, S)
+    for k in range(model.links):
+        root, before = i + T, zero
         if k > 0:
-            x, y, t, vx, vy, vt, ax, ay, at, fx, fy, ft = left
-            mass = model.elbows[3 * k - 3]
-            before = ft + at * model.elbows[3 * k - 2]
-            d = deltas + k - 1
-            turn = at + load(lane, a, d)
-            left = (
-                x, y, t + load(lane, q, d), vx, vy, vt + _rate(lane, model.damped, v, d), ax, ay, turn,
-                fx + ax * mass, fy + ay * mass, turn * model.elbows[3 * k - 1],
-            )  # fmt: skip
-        k1, k2, kb = model.sections[6 * k], model.sections[6 * k + 1], stiffness * model.sections[6 * k + 2]
-        length, ml, jl = model.sections[6 * k + 3], model.sections[6 * k + 4], model.sections[6 * k + 5]
+            before = left.force[T] + left.acceleration[T] * elbow_of(model, k).left
+            left = _behind_hinge(lane, model, state, k, left)
+        section = section_of(lane, model, par, k)
         for _ in range(model.elements):
-            j = (i - 3) * len(lane)
+            j = i * len(lane)
+            here = State(q[j:], v[j:], a[j:])
             out = forces(
-                lane, model.order, model.damped, model.gravity, q[j:], v[j:], a[j:], left,
-                k1, k2, kb, length, ml, jl, tau, r[j:], S[(o + stride - 2 * p) * len(lane) :],
-            )  # fmt: skip
-            left, points = out[:VERTEX], out[VERTEX:]
-            if cm != 0.0:
-                tangent(
-                    lane, model.order, model.damped, points, k1, k2, kb, ml, jl, tau, cm, cc, ck, S[o * len(lane) :]
-                )
-            i += 3 * p
-            o += stride
+                lane, model.order, model.gravity, here, left, section, r[j:], S[(o + own.circle) * len(lane) :]
+            )
+            left, points = handed_on(out)
+            if weights.mass != 0.0:
+                tangent(lane, model.order, points, section, weights, S[o * len(lane) :])
+            i += AXES * p
+            o += own.end
         if k > 0:
-            ft = load(lane, r, root - 1)
-            store(r, root - 1, before + ft)
-            store(r, deltas + k - 1, ft - load(lane, u, k))
-    mass, inertia = load(lane, par, 0), load(lane, par, 1)
-    store(r, i - 3, left[9] + left[6] * mass)
-    store(r, i - 2, left[10] + left[7] * mass)
-    store(r, i - 1, left[11] + left[8] * inertia)
-    _loaded(lane, model.loads, links, u, r)
-    _lumps(lane, model, par, cm, S)
+            moment = load(lane, r, root)
+            store(r, root, before + moment)
+            store(r, rows.hinges + k - 1, moment - load(lane, u, k))
+    (fx, fy, moment), (ax, ay, alpha) = left.force, left.acceleration
+    mass = load(lane, par, PAYLOAD_MASS)
+    put_three(r, i, fx + ax * mass, fy + ay * mass, moment + alpha * load(lane, par, PAYLOAD_INERTIA))
+    _loaded(lane, model.loads, model.links, u, r)
+    _lumps(lane, model, par, weights.mass, S)
 
 
 @kernel
@@ -183,56 +190,69 @@ def constrain(lane, model, psi, state, level, scale, r):
 @kernel
 def pin(lane, model, S, k):
     """Flag coordinate k, of the root or of a joint, for `factor`."""
-    slot = k
-    if k > 2:
-        slot = HEAD + HINGE * (k - 3 * len(model.order) * model.elements * model.links - 3)
+    factors = factors_of(model)
+    slot = factors.pinned + k
+    if k >= AXES:
+        slot = factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges) + OF_HINGE.pinned
     store(S, slot, splat(lane, 1.0))
 
 
 @kernel
-def _eliminate(lane, S, o, tail):
-    """Eliminate the right vertex of the element whose condensed matrix is at o; what remains on the left one.
+def _six(lane, S, o):
+    """The `SYMMETRIC` at o."""
+    return (
+        load(lane, S, o + XX), load(lane, S, o + XY), load(lane, S, o + XT),
+        load(lane, S, o + YY), load(lane, S, o + YT), load(lane, S, o + TT),
+    )  # fmt: skip
 
-    `tail`: what the elements behind left on the right vertex (xx, xy, xt, yy, yt, tt).
-    """
-    xx, xy, xt = load(lane, S, o + 15) + tail[0], load(lane, S, o + 16) + tail[1], load(lane, S, o + 17) + tail[2]
-    yy, yt, tt = load(lane, S, o + 18) + tail[3], load(lane, S, o + 19) + tail[4], load(lane, S, o + 20) + tail[5]
+
+@kernel
+def _factor_three(S, o, xx, xy, xt, yy, yt, tt):
+    """Write the factors of a `SYMMETRIC` to o and return them."""
     i0 = 1.0 / xx
     l1, l2 = xy * i0, xt * i0
     i1 = 1.0 / (yy - xy * l1)
     m2 = yt - xy * l2
     l3 = m2 * i1
     i2 = 1.0 / ((tt - xt * l2) - m2 * l3)
-    store(S, o + 15, i0)
-    store(S, o + 16, l1)
-    store(S, o + 17, l2)
-    store(S, o + 18, i1)
-    store(S, o + 19, l3)
-    store(S, o + 20, i2)
-    x0, x1, x2 = load(lane, S, o + 6), load(lane, S, o + 7), load(lane, S, o + 8)  # row x of the left vertex
-    y0, y1, y2 = load(lane, S, o + 9), load(lane, S, o + 10), load(lane, S, o + 11)
-    t0, t1, t2 = load(lane, S, o + 12), load(lane, S, o + 13), load(lane, S, o + 14)
+    store(S, o + XX, i0)
+    store(S, o + XY, l1)
+    store(S, o + XT, l2)
+    store(S, o + YY, i1)
+    store(S, o + YT, l3)
+    store(S, o + TT, i2)
+    return i0, l1, l2, i1, l3, i2
+
+
+@kernel
+def _eliminate(lane, S, o, tail):
+    """Eliminate the right vertex of the element whose `CONDENSED` is at o; what remains on the left one.
+
+    `tail`: what the elements behind left on the right vertex, a `SYMMETRIC`.
+    """
+    xx, xy, xt, yy, yt, tt = _six(lane, S, o + RR)
+    i0, l1, l2, i1, l3, i2 = _factor_three(
+        S, o + RR, xx + tail[0], xy + tail[1], xt + tail[2], yy + tail[3], yt + tail[4], tt + tail[5]
+    )
+    x0, x1, x2 = three(lane, S, o + LR_X)
+    y0, y1, y2 = three(lane, S, o + LR_Y)
+    t0, t1, t2 = three(lane, S, o + LR_T)
     x1, y1, t1 = x1 - l1 * x0, y1 - l1 * y0, t1 - l1 * t0
     x2, y2, t2 = (x2 - l2 * x0) - l3 * x1, (y2 - l2 * y0) - l3 * y1, (t2 - l2 * t0) - l3 * t1
     p0, p1, p2 = x0 * i0, x1 * i1, x2 * i2
     q0, q1, q2 = y0 * i0, y1 * i1, y2 * i2
     r0, r1, r2 = t0 * i0, t1 * i1, t2 * i2
-    store(S, o + 6, p0)
-    store(S, o + 7, p1)
-    store(S, o + 8, p2)
-    store(S, o + 9, q0)
-    store(S, o + 10, q1)
-    store(S, o + 11, q2)
-    store(S, o + 12, r0)
-    store(S, o + 13, r1)
-    store(S, o + 14, r2)
+    put_three(S, o + LR_X, p0, p1, p2)
+    put_three(S, o + LR_Y, q0, q1, q2)
+    put_three(S, o + LR_T, r0, r1, r2)
+    xx, xy, xt, yy, yt, tt = _six(lane, S, o + LL)
     return (
-        ((load(lane, S, o) - p0 * x0) - p1 * x1) - p2 * x2,
-        ((load(lane, S, o + 1) - p0 * y0) - p1 * y1) - p2 * y2,
-        ((load(lane, S, o + 2) - p0 * t0) - p1 * t1) - p2 * t2,
-        ((load(lane, S, o + 3) - q0 * y0) - q1 * y1) - q2 * y2,
-        ((load(lane, S, o + 4) - q0 * t0) - q1 * t1) - q2 * t2,
-        ((load(lane, S, o + 5) - r0 * t0) - r1 * t1) - r2 * t2,
+        ((xx - p0 * x0) - p1 * x1) - p2 * x2,
+        ((xy - p0 * y0) - p1 * y1) - p2 * y2,
+        ((xt - p0 * t0) - p1 * t1) - p2 * t2,
+        ((yy - q0 * y0) - q1 * y1) - q2 * y2,
+        ((yt - q0 * t0) - q1 * t1) - q2 * t2,
+        ((tt - r0 * t0) - r1 * t1) - r2 * t2,
     )
 
 
@@ -240,129 +260,125 @@ def _eliminate(lane, S, o, tail):
 def factor(lane, model, S):
     """L D L' over the vertices from tip to root; inverse pivots are kept."""
     aligned_frame(lane)
-    links, stride = model.links, _stride(model.order)
+    factors, own = factors_of(model), element_factors_at(0, len(model.order))
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
     tail = (zero, zero, zero, zero, zero, zero)
-    o = HEAD + HINGE * (links - 1) + stride * (links * model.elements + 1) - 21 - 2 * len(model.order)
-    for k in range(links - 1, -1, -1):
+    o = factors.end
+    for k in range(model.links - 1, -1, -1):
         for _ in range(model.elements):
-            o -= stride
-            tail = _eliminate(lane, S, o, tail)
+            o -= own.end
+            tail = _eliminate(lane, S, o + own.condensed, tail)
         if k > 0:
-            h = HEAD + HINGE * (k - 1)
-            if S[h * len(lane)] == 0.0:
+            h = factors.hinges + OF_HINGE.end * (k - 1)
+            if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 xx, xy, xt, yy, yt, tt = tail
                 inverse = 1.0 / tt
                 zx, zy = xt * inverse, yt * inverse
-                store(S, h + 1, zx)
-                store(S, h + 2, zy)
-                store(S, h + 3, inverse)
+                store(S, h + OF_HINGE.x, zx)
+                store(S, h + OF_HINGE.y, zy)
+                store(S, h + OF_HINGE.inverse, inverse)
                 tail = (xx - zx * xt, xy - zx * yt, zero, yy - zy * yt, zero, zero)
     xx, xy, xt, yy, yt, tt = tail
-    if S[0] != 0.0:
+    pinned = factors.pinned
+    if S[(pinned + X) * len(lane)] != 0.0:
         xx, xy, xt = one, zero, zero
-    if S[len(lane)] != 0.0:
+    if S[(pinned + Y) * len(lane)] != 0.0:
         yy, xy, yt = one, zero, zero
-    if S[2 * len(lane)] != 0.0:
+    if S[(pinned + T) * len(lane)] != 0.0:
         tt, xt, yt = one, zero, zero
-    i0 = 1.0 / xx
-    l1, l2 = xy * i0, xt * i0
-    i1 = 1.0 / (yy - xy * l1)
-    m2 = yt - xy * l2
-    l3 = m2 * i1
-    store(S, 3, i0)
-    store(S, 4, l1)
-    store(S, 5, l2)
-    store(S, 6, i1)
-    store(S, 7, l3)
-    store(S, 8, 1.0 / ((tt - xt * l2) - m2 * l3))
+    _factor_three(S, factors.root, xx, xy, xt, yy, yt, tt)
+
+
+@kernel
+def _forward_three(lane, S, o, x, y, t):
+    """Right side (x, y, t), reduced by the factored `SYMMETRIC` at o."""
+    y = y - load(lane, S, o + XY) * x
+    return x, y, (t - load(lane, S, o + XT) * x) - load(lane, S, o + YT) * y
+
+
+@kernel
+def _backward_three(lane, S, o, x, y, t):
+    """Solution from the reduced right side over the pivots."""
+    y = y - load(lane, S, o + YT) * t
+    return (x - load(lane, S, o + XY) * y) - load(lane, S, o + XT) * t, y, t
 
 
 @kernel
 def _reduce(lane, S, o, x, y, t):
-    """Right side of the right vertex at o, reduced; and what it takes from the left one."""
-    y = y - load(lane, S, o + 16) * x
-    t = (t - load(lane, S, o + 17) * x) - load(lane, S, o + 19) * y
-    return (
-        x, y, t,
-        (load(lane, S, o + 6) * x + load(lane, S, o + 7) * y) + load(lane, S, o + 8) * t,
-        (load(lane, S, o + 9) * x + load(lane, S, o + 10) * y) + load(lane, S, o + 11) * t,
-        (load(lane, S, o + 12) * x + load(lane, S, o + 13) * y) + load(lane, S, o + 14) * t,
-    )  # fmt: skip
+    """Right side of the right vertex of the `CONDENSED` at o, reduced; and what it takes from the left one."""
+    x, y, t = _forward_three(lane, S, o + RR, x, y, t)
+    x0, x1, x2 = three(lane, S, o + LR_X)
+    y0, y1, y2 = three(lane, S, o + LR_Y)
+    t0, t1, t2 = three(lane, S, o + LR_T)
+    return x, y, t, (x0 * x + x1 * y) + x2 * t, (y0 * x + y1 * y) + y2 * t, (t0 * x + t1 * y) + t2 * t
 
 
 @kernel
-def _restore(lane, S, o, x, y, t, a, b, c):
-    """Solution (x, y, t) at the right vertex from its reduced right side and the solution (a, b, c) at the left one."""
-    t = ((t * load(lane, S, o + 20) - load(lane, S, o + 8) * a) - load(lane, S, o + 11) * b) - load(lane, S, o + 14) * c
-    y = ((y * load(lane, S, o + 18) - load(lane, S, o + 7) * a) - load(lane, S, o + 10) * b) - load(lane, S, o + 13) * c
-    x = ((x * load(lane, S, o + 15) - load(lane, S, o + 6) * a) - load(lane, S, o + 9) * b) - load(lane, S, o + 12) * c
-    y = y - load(lane, S, o + 19) * t
-    x = (x - load(lane, S, o + 16) * y) - load(lane, S, o + 17) * t
-    return x, y, t
+def _restore(lane, S, o, right, left):
+    """Solution at the right vertex from its reduced right side and the solution at the left one."""
+    (x, y, t), (a, b, c) = right, left
+    x0, x1, x2 = three(lane, S, o + LR_X)
+    y0, y1, y2 = three(lane, S, o + LR_Y)
+    t0, t1, t2 = three(lane, S, o + LR_T)
+    t = ((t * load(lane, S, o + RR + TT) - x2 * a) - y2 * b) - t2 * c
+    y = ((y * load(lane, S, o + RR + YY) - x1 * a) - y1 * b) - t1 * c
+    x = ((x * load(lane, S, o + RR + XX) - x0 * a) - y0 * b) - t0 * c
+    return _backward_three(lane, S, o + RR, x, y, t)
 
 
 @kernel
 def solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `factor`."""
     aligned_frame(lane)
-    links, p, stride = model.links, len(model.order), _stride(model.order)
-    zero = splat(lane, 0.0)
-    deltas = 3 * p * model.elements * links + 3
-    i, o = deltas, HEAD + HINGE * (links - 1) + stride * links * model.elements
-    tx, ty, tt, taken = load(lane, x, i - 3), load(lane, x, i - 2), load(lane, x, i - 1), zero
-    for k in range(links - 1, -1, -1):
+    rows, factors, own = rows_of(model), factors_of(model), element_factors_at(0, len(model.order))
+    span = AXES * len(model.order)
+    i, o, taken = rows.tip, factors.end, splat(lane, 0.0)
+    tx, ty, tt = three(lane, x, i)
+    for k in range(model.links - 1, -1, -1):
         for _ in range(model.elements):
-            i -= 3 * p
-            o -= stride
-            lx, ly, lt, rx, ry, rt = forward(lane, model.order, S[o * len(lane) :], x[(i - 3) * len(lane) :])
-            tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + stride - 21 - 2 * p, tx - rx, ty - ry, tt - rt)
-            store(x, i + 3 * p - 3, tx)
-            store(x, i + 3 * p - 2, ty)
-            store(x, i + 3 * p - 1, tt)
+            i -= span
+            o -= own.end
+            lx, ly, lt, rx, ry, rt = forward(lane, model.order, S[o * len(lane) :], x[i * len(lane) :])
+            tx, ty, tt, ux, uy, ut = _reduce(lane, S, o + own.condensed, tx - rx, ty - ry, tt - rt)
+            put_three(x, i + span, tx, ty, tt)
             taken = lt + ut
-            tx, ty = (load(lane, x, i - 3) - lx) - ux, (load(lane, x, i - 2) - ly) - uy
-            tt = load(lane, x, i - 1) - taken
+            tx, ty, tt = three(lane, x, i)
+            tx, ty, tt = (tx - lx) - ux, (ty - ly) - uy, tt - taken
         if k > 0:
-            h, d = HEAD + HINGE * (k - 1), deltas + k - 1
-            if S[h * len(lane)] == 0.0:
-                turn = load(lane, x, d)
-                both = turn - taken
-                tt = load(lane, x, i - 1) - turn
-                tx, ty = tx - load(lane, S, h + 1) * both, ty - load(lane, S, h + 2) * both
+            h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
+            if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
+                own_side = load(lane, x, d)
+                both = own_side - taken
+                tt = load(lane, x, i + T) - own_side
+                tx, ty = tx - load(lane, S, h + OF_HINGE.x) * both, ty - load(lane, S, h + OF_HINGE.y) * both
                 store(x, d, both)
-    if S[0] != 0.0:
-        tx = load(lane, x, 0)
-    if S[len(lane)] != 0.0:
-        ty = load(lane, x, 1)
-    if S[2 * len(lane)] != 0.0:
-        tt = load(lane, x, 2)
-    ty = ty - load(lane, S, 4) * tx
-    tt = (tt - load(lane, S, 5) * tx) - load(lane, S, 7) * ty
-    tt = tt * load(lane, S, 8)
-    ty = ty * load(lane, S, 6) - load(lane, S, 7) * tt
-    tx = (tx * load(lane, S, 3) - load(lane, S, 4) * ty) - load(lane, S, 5) * tt
-    store(x, 0, tx)
-    store(x, 1, ty)
-    store(x, 2, tt)
-    for k in range(links):
+    pinned, root = factors.pinned, factors.root
+    if S[(pinned + X) * len(lane)] != 0.0:
+        tx = load(lane, x, X)
+    if S[(pinned + Y) * len(lane)] != 0.0:
+        ty = load(lane, x, Y)
+    if S[(pinned + T) * len(lane)] != 0.0:
+        tt = load(lane, x, T)
+    tx, ty, tt = _forward_three(lane, S, root, tx, ty, tt)
+    tx, ty, tt = tx * load(lane, S, root + XX), ty * load(lane, S, root + YY), tt * load(lane, S, root + TT)
+    tx, ty, tt = _backward_three(lane, S, root, tx, ty, tt)
+    put_three(x, 0, tx, ty, tt)
+    for k in range(model.links):
         if k > 0:
-            h, d = HEAD + HINGE * (k - 1), deltas + k - 1
-            turn = tt
-            if S[h * len(lane)] == 0.0:
-                turn = (load(lane, x, d) * load(lane, S, h + 3) - load(lane, S, h + 1) * tx) - load(lane, S, h + 2) * ty
-            store(x, d, turn - tt)
-            tt = turn
+            h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
+            psi = tt
+            if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
+                psi = load(lane, x, d) * load(lane, S, h + OF_HINGE.inverse) - load(lane, S, h + OF_HINGE.x) * tx
+                psi = psi - load(lane, S, h + OF_HINGE.y) * ty
+            store(x, d, psi - tt)
+            tt = psi
         for _ in range(model.elements):
-            j, b = i + 3 * p - 3, o + stride - 21 - 2 * p
-            rx, ry, rt = _restore(lane, S, b, load(lane, x, j), load(lane, x, j + 1), load(lane, x, j + 2), tx, ty, tt)
-            store(x, j, rx)
-            store(x, j + 1, ry)
-            store(x, j + 2, rt)
-            backward(lane, model.order, S[o * len(lane) :], x[(i - 3) * len(lane) :], (tx, ty, tt), (rx, ry, rt))
-            tx, ty, tt = rx, ry, rt
-            i += 3 * p
-            o += stride
+            left = tx, ty, tt
+            tx, ty, tt = _restore(lane, S, o + own.condensed, three(lane, x, i + span), left)
+            put_three(x, i + span, tx, ty, tt)
+            backward(lane, model.order, S[o * len(lane) :], x[i * len(lane) :], left, (tx, ty, tt))
+            i += span
+            o += own.end
 
 
 register(

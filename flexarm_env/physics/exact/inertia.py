@@ -2,59 +2,57 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, splat, store
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from .element import momentum, rotate_pair
+from .layout import AXES, T, elbow_of, put_three, rows_of, section_of, three
 
 
 @kernel
 def inertia(lane, model, par, a, r):
     """r <- M a: that of the elements, hub, elbows and payload."""
-    links, p = model.links, len(model.order)
-    deltas = 3 * p * model.elements * links + 3
-    zero = splat(lane, 0.0)
-    turn = load(lane, a, 2)
-    left = (load(lane, a, 0), load(lane, a, 1), turn, zero, zero, turn * model.hub_inertia)
-    i = 3
-    for k in range(links):
-        root, before, d = i, zero, deltas + k - 1
+    rows, zero = rows_of(model), splat(lane, 0.0)
+    x, y, psi = three(lane, a, 0)
+    left = (x, y, psi, zero, zero, psi * model.hub_inertia)
+    i = rows.elements
+    for k in range(model.links):
+        root, before, d = i + T, zero, rows.hinges + k - 1
         if k > 0:
-            ax, ay, at, fx, fy, ft = left
-            mass = model.elbows[3 * k - 3]
-            before = ft + at * model.elbows[3 * k - 2]
-            turn = at + load(lane, a, d)
-            left = (ax, ay, turn, fx + ax * mass, fy + ay * mass, turn * model.elbows[3 * k - 1])
-        ml, jl = model.sections[6 * k + 4], model.sections[6 * k + 5]
+            x, y, psi, fx, fy, moment = left
+            elbow = elbow_of(model, k)
+            before = moment + psi * elbow.left
+            psi = psi + load(lane, a, d)
+            left = (x, y, psi, fx + x * elbow.mass, fy + y * elbow.mass, psi * elbow.right)
+        section = section_of(lane, model, par, k)
         for _ in range(model.elements):
-            j = (i - 3) * len(lane)
-            left = momentum(lane, model.order, a[j:], left, ml, jl, r[j:])
-            i += 3 * p
+            j = i * len(lane)
+            left = momentum(lane, model.order, a[j:], left, section, r[j:])
+            i += AXES * len(model.order)
         if k > 0:
-            ft = load(lane, r, root - 1)
-            store(r, root - 1, before + ft)
-            store(r, d, ft)
-    mass = load(lane, par, 0)
-    store(r, i - 3, left[3] + left[0] * mass)
-    store(r, i - 2, left[4] + left[1] * mass)
-    store(r, i - 1, left[5] + left[2] * load(lane, par, 1))
+            moment = load(lane, r, root)
+            store(r, root, before + moment)
+            store(r, d, moment)
+    x, y, psi, fx, fy, moment = left
+    mass = load(lane, par, PAYLOAD_MASS)
+    put_three(r, i, fx + x * mass, fy + y * mass, moment + psi * load(lane, par, PAYLOAD_INERTIA))
 
 
 @kernel
 def rotate(lane, model, start, q, share, x):
-    """Rotate each node's vector (x, y) in x by a share of what its section turns by from start to q."""
-    order, links, p = model.order, model.links, len(model.order)
-    deltas = 3 * p * model.elements * links + 3
-    left = load(lane, q, 2) - load(lane, start, 2)
+    """Rotate each node's vector (x, y) in x by a share of the angle that its section turns by from start to q."""
+    order, p, rows = model.order, len(model.order), rows_of(model)
+    i = rows.elements
+    left = load(lane, q, i + T) - load(lane, start, i + T)
     rotate_pair(lane, order, x, left * share)
-    i = 3
-    for k in range(links):
+    for k in range(model.links):
         if k > 0:
-            left = left + (load(lane, q, deltas + k - 1) - load(lane, start, deltas + k - 1))
+            d = rows.hinges + k - 1
+            left = left + (load(lane, q, d) - load(lane, start, d))
         for _ in range(model.elements):
-            last = i + 3 * (p - 1)
-            right = load(lane, q, last + 2) - load(lane, start, last + 2)
-            for j in range(p - 1):
-                rotate_pair(lane, order, x[(i + 3 * j) * len(lane) :], (left + right) * (0.5 * share))
+            last = i + AXES * p
+            right = load(lane, q, last + T) - load(lane, start, last + T)
+            for j in range(1, p):
+                rotate_pair(lane, order, x[(i + AXES * j) * len(lane) :], (left + right) * (0.5 * share))
             rotate_pair(lane, order, x[last * len(lane) :], right * share)
             left = right
-            i = last + 3
+            i = last

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiler.decorator import kernel
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, splat, store
+from ..layout import OF_LOAD, POSE
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, TAU_D
 from .element import carry, damp, measure
+from .layout import AXES, ROWS_OF_LOAD, T, X, Y, elbow_of, element_at, rows_of, section_of, three
 from .tables import interior
 
 
@@ -21,58 +23,54 @@ def _fall(gravity, k):
 @kernel
 def ports(lane, model, par, q, y):
     """Joint angles, then position and angle of the point of each load."""
-    links = model.links
-    store(y, 0, load(lane, q, 2))
-    for k in range(1, links):
-        store(y, k, load(lane, q, 3 * len(model.order) * model.elements * links + 2 + k))
-    _load_points(lane, model.loads, links, q, y)
+    rows = rows_of(model)
+    store(y, 0, load(lane, q, T))
+    for k in range(1, model.links):
+        store(y, k, load(lane, q, rows.hinges + k - 1))
+    _load_points(lane, model.loads, model.links, q, y)
 
 
 @kernel
 def _load_points(lane, loads, links, q, y):
     if loads is not None:
-        for f in range(loads.shape[0] // 4):
-            k = links + 3 * f
-            store(y, k, load(lane, q, loads[4 * f]))
-            store(y, k + 1, load(lane, q, loads[4 * f + 1]))
-            turn = load(lane, q, loads[4 * f + 2])
-            if loads[4 * f + 3] >= 0:
-                turn = turn + load(lane, q, loads[4 * f + 3])
-            store(y, k + 2, turn)
+        for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
+            at, k = ROWS_OF_LOAD.end * f, links + OF_LOAD.end * f
+            store(y, k + OF_LOAD.x, load(lane, q, loads[at + ROWS_OF_LOAD.x]))
+            store(y, k + OF_LOAD.y, load(lane, q, loads[at + ROWS_OF_LOAD.y]))
+            psi = load(lane, q, loads[at + ROWS_OF_LOAD.psi])
+            if loads[at + ROWS_OF_LOAD.hinge] >= 0:
+                psi = psi + load(lane, q, loads[at + ROWS_OF_LOAD.hinge])
+            store(y, k + OF_LOAD.torque, psi)
 
 
 @kernel
 def _totals(lane, model, par, q, v):
     """(kinetic energy, strain energy, first mass moments x, y) of the whole chain."""
-    links, p = model.links, len(model.order)
-    deltas = 3 * p * model.elements * links + 3
-    stiffness = load(lane, par, 2)
-    w = load(lane, v, 2)
-    kinetic = (w * w) * (0.5 * model.hub_inertia)
+    rows = rows_of(model)
+    i = rows.elements
+    psi, spin = load(lane, q, i + T), load(lane, v, i + T)
+    kinetic = (spin * spin) * (0.5 * model.hub_inertia)
     strain, mx, my = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
-    i = 3
-    for k in range(links):
-        turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
+    for k in range(model.links):
         if k > 0:
-            mass = model.elbows[3 * k - 3]
-            vx, vy = load(lane, v, i - 3), load(lane, v, i - 2)
-            kinetic = kinetic + (vx * vx + vy * vy) * (0.5 * mass) + (spin * spin) * (0.5 * model.elbows[3 * k - 2])
-            mx, my = mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
-            turn, spin = turn + load(lane, q, deltas + k - 1), spin + load(lane, v, deltas + k - 1)
-            kinetic = kinetic + (spin * spin) * (0.5 * model.elbows[3 * k - 1])
-        k1, k2, kb = model.sections[6 * k], model.sections[6 * k + 1], stiffness * model.sections[6 * k + 2]
-        length, ml, jl = model.sections[6 * k + 3], model.sections[6 * k + 4], model.sections[6 * k + 5]
+            elbow, d = elbow_of(model, k), rows.hinges + k - 1
+            vx, vy = load(lane, v, i + X), load(lane, v, i + Y)
+            kinetic = kinetic + (vx * vx + vy * vy) * (0.5 * elbow.mass) + (spin * spin) * (0.5 * elbow.left)
+            mx, my = mx + load(lane, q, i + X) * elbow.mass, my + load(lane, q, i + Y) * elbow.mass
+            psi, spin = psi + load(lane, q, d), spin + load(lane, v, d)
+            kinetic = kinetic + (spin * spin) * (0.5 * elbow.right)
+        section = section_of(lane, model, par, k)
         for _ in range(model.elements):
-            j = (i - 3) * len(lane)
-            part = measure(lane, model.order, q[j:], v[j:], turn, spin, k1, k2, kb, length, ml, jl)
+            j = i * len(lane)
+            part = measure(lane, model.order, q[j:], v[j:], psi, spin, section)
             kinetic, strain = kinetic + part[0], strain + part[1]
             mx, my = mx + part[2], my + part[3]
-            i += 3 * p
-            turn, spin = load(lane, q, i - 1), load(lane, v, i - 1)
-    mass = load(lane, par, 0)
-    vx, vy = load(lane, v, i - 3), load(lane, v, i - 2)
-    kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * load(lane, par, 1)) * 0.5
-    return kinetic, strain, mx + load(lane, q, i - 3) * mass, my + load(lane, q, i - 2) * mass
+            i += AXES * len(model.order)
+            psi, spin = load(lane, q, i + T), load(lane, v, i + T)
+    mass = load(lane, par, PAYLOAD_MASS)
+    vx, vy = load(lane, v, i + X), load(lane, v, i + Y)
+    kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * load(lane, par, PAYLOAD_INERTIA)) * 0.5
+    return kinetic, strain, mx + load(lane, q, i + X) * mass, my + load(lane, q, i + Y) * mass
 
 
 @kernel
@@ -85,22 +83,20 @@ def damping_work(lane, model, par, q, v, x):
 def _damped(lane, damped, model, par, q, v, x):
     if damped is None:
         return splat(lane, 0.0)
-    links, p = model.links, len(model.order)
-    deltas = 3 * p * model.elements * links + 3
-    total = splat(lane, 0.0)
-    i = 3
-    for k in range(links):
-        turns = load(lane, q, i - 1), load(lane, v, i - 1), load(lane, x, i - 1)
+    rows, total = rows_of(model), splat(lane, 0.0)
+    i = rows.elements
+    for k in range(model.links):
+        psi = load(lane, q, i + T), load(lane, v, i + T), load(lane, x, i + T)
         if k > 0:
-            d = deltas + k - 1
-            turns = turns[0] + load(lane, q, d), turns[1] + load(lane, v, d), turns[2] + load(lane, x, d)
-        k1, k2, kb = model.sections[6 * k], model.sections[6 * k + 1], load(lane, par, 2) * model.sections[6 * k + 2]
+            d = rows.hinges + k - 1
+            psi = psi[0] + load(lane, q, d), psi[1] + load(lane, v, d), psi[2] + load(lane, x, d)
+        section = section_of(lane, model, par, k)
         for _ in range(model.elements):
-            j = (i - 3) * len(lane)
-            total = total + damp(lane, model.order, q[j:], v[j:], x[j:], turns, k1, k2, kb)[0]
-            i += 3 * p
-            turns = load(lane, q, i - 1), load(lane, v, i - 1), load(lane, x, i - 1)
-    return total * load(lane, par, 3)
+            j = i * len(lane)
+            total = total + damp(lane, model.order, q[j:], v[j:], x[j:], psi, section)[0]
+            i += AXES * len(model.order)
+            psi = load(lane, q, i + T), load(lane, v, i + T), load(lane, x, i + T)
+    return total * load(lane, par, TAU_D)
 
 
 @kernel
@@ -112,19 +108,19 @@ def energy(lane, model, par, q, v):
 
 @kernel
 def link_poses(lane, model, par, q, v, out):
-    """Of each link: x, y, angle of its root and their rates, then those of its tip."""
-    span = 3 * len(model.order) * model.elements
-    deltas = span * model.links + 3
+    """Of each link: x, y, angle of its root and their rates, then those of its tip (`POSES`)."""
+    rows, span = rows_of(model), AXES * len(model.order) * model.elements
     for k in range(model.links):
-        for part in range(2):
-            for j in range(3):
-                i = span * (k + part) + j
+        for end in range(2):
+            at = POSE.end * k + (POSE.tip_x - POSE.x) * end
+            for j in range(AXES):
+                i = rows.elements + span * (k + end) + j
                 position, rate = load(lane, q, i), load(lane, v, i)
-                if k > 0 and part == 0 and j == 2:
-                    position = position + load(lane, q, deltas + k - 1)
-                    rate = rate + load(lane, v, deltas + k - 1)
-                store(out, 12 * k + 6 * part + j, position)
-                store(out, 12 * k + 6 * part + j + 3, rate)
+                if k > 0 and end == 0 and j == T:
+                    position = position + load(lane, q, rows.hinges + k - 1)
+                    rate = rate + load(lane, v, rows.hinges + k - 1)
+                store(out, at + POSE.x + j, position)
+                store(out, at + POSE.vx + j, rate)
 
 
 @kernel
@@ -142,22 +138,22 @@ for _order in range(2, 4):
 @kernel
 def shape(model, q, points):
     """Positions along the chain at p equal steps of each element, as many as `points` has room for; their number."""
-    p = len(model.order)
+    p, rows = len(model.order), rows_of(model)
+    at = element_at(0, p)
     count = 0
     for e in range(model.links * model.elements):
-        i = 3 * p * e
+        i = rows.elements + at.right * e
         for j in range(p):
             if count < points.shape[0]:
                 share = j / p
                 for axis in range(2):
-                    value = q[i + axis] * (1.0 - share) + q[i + 3 * p + axis] * share
+                    value = q[i + at.left + axis] * (1.0 - share) + q[i + at.right + axis] * share
                     for k in range(p - 1):
-                        value += STATIONS[p, j, k] * q[i + 3 + 3 * k + axis]
+                        value += STATIONS[p, j, k] * q[i + at.interior + AXES * k + axis]
                     points[count, axis] = value
                 count += 1
     if count < points.shape[0]:
-        last = 3 * p * model.links * model.elements
-        points[count, 0], points[count, 1] = q[last], q[last + 1]
+        points[count, 0], points[count, 1] = q[rows.tip + X], q[rows.tip + Y]
         count += 1
     return count
 
@@ -169,16 +165,16 @@ def predict(lane, model, start, q):
     A chain whose nodes move on along their velocities stretches by half the square of the angle it turns, which a
     stiff arm answers with forces that spoil the first iterations.
     """
-    links, p = model.links, len(model.order)
-    deltas = 3 * p * model.elements * links + 3
-    i = 3
-    x, y = load(lane, q, 0), load(lane, q, 1)
-    for k in range(links):
-        turn, new_turn = load(lane, start, i - 1), load(lane, q, i - 1)
+    rows = rows_of(model)
+    i = rows.elements
+    x, y, _ = three(lane, q, i)
+    for k in range(model.links):
+        psi, new_psi = load(lane, start, i + T), load(lane, q, i + T)
         if k > 0:
-            turn, new_turn = turn + load(lane, start, deltas + k - 1), new_turn + load(lane, q, deltas + k - 1)
+            d = rows.hinges + k - 1
+            psi, new_psi = psi + load(lane, start, d), new_psi + load(lane, q, d)
         for _ in range(model.elements):
-            j = (i - 3) * len(lane)
-            x, y = carry(lane, model.order, start[j:], q[j:], turn, new_turn, x, y)
-            i += 3 * p
-            turn, new_turn = load(lane, start, i - 1), load(lane, q, i - 1)
+            j = i * len(lane)
+            x, y = carry(lane, model.order, start[j:], q[j:], psi, new_psi, x, y)
+            i += AXES * len(model.order)
+            psi, new_psi = load(lane, start, i + T), load(lane, q, i + T)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ...parameters import Arm, Link, Payload
 from ...scene import PointLoad, Scene
 from ...settings import MODAL_BOUND, Settings
-from ..model import COUPLINGS, FloatingChain, FloatingFrame, Mesh, System
+from ..model import FloatingChain, FloatingFrame, Mesh, System
 from .beam_element import BENDING
 from .constants import Body, finite_element_body, free_coordinates
-from .layout import BODY, ELEMENT, FACTORS, JOINED, JOINT, ROOT, ROW, SPAN, STATION, window
+from .layout import BODY, FACTORS, JOINT, ROOT, ROW, SPAN, STATION, window
 from .reduction import inertia_margins, modal_body
 
 WRITTEN_OUT = 8
@@ -78,33 +78,6 @@ def _limits(scene: Scene, bodies: list[Body], links: list[int], reduced: bool) -
     return [MARGIN_LOST * limit for limit in limits]
 
 
-def _block(body: Body, offset: float, most_lost: float) -> NDArray[np.float64]:
-    """A body's block of `FloatingFrame.data`."""
-    n = {"n": body.n}
-    elements = [ELEMENT.pack({}, stiffness=ea, G=g) for ea, g in zip(body.element_ea, body.element_g, strict=True)]
-    return JOINED.pack(
-        {**n, "elements": len(elements), "stations": body.stations.size},
-        **_constants(body, offset, most_lost),
-        elements=elements,
-        stations=_stations(body),
-    )
-
-
-def _constants(body: Body, offset: float, most_lost: float) -> dict[str, Any]:
-    """What `BODY` and `JOINED` both say of a body."""
-    values = dict[str, Any](
-        length=body.length, mass=body.mass, S0=body.s0, I0=body.i0, offset=offset, most_lost=most_lost,
-        S_bar=body.s_bar, c_u=body.c_u, c=body.c, tip=body.tip,
-        G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
-    )  # fmt: skip
-    return values
-
-
-def _stations(body: Body) -> list[NDArray[np.float64]]:
-    places = zip(body.stations, body.shapes, body.station_h, strict=True)
-    return [STATION.pack({"n": body.n}, x=x, u=shape[0], v=shape[1], H=h) for x, shape, h in places]
-
-
 def build(scene: Scene, settings: Settings) -> System:
     """Assemble a scene in the floating-frame formulation."""
     return _joined(scene, settings) if settings.multipliers else _chain(scene, settings)
@@ -123,14 +96,11 @@ def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.floa
     return SPAN.pack({"window": wide}, stiffness=body.element_ea[e], stretch=stretch[own], H=H[np.ix_(own, own)])
 
 
-def _chain(scene: Scene, settings: Settings) -> System:
-    """The scene's chain without multipliers."""
-    arm, gravity = scene.arm, scene.gravity
-    bodies, links = _bodies(arm, settings)
-    n, count, segments = bodies[0].n, len(bodies), settings.segments or 1
-    elements = bodies[0].element_ea.size if settings.coupling != "linear" else 0
-    wide = min(n, 6)
-    mesh = Mesh(
+def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
+    """What all the bodies have."""
+    n = bodies[0].n
+    elements, wide = bodies[0].element_ea.size if settings.coupling != "linear" else 0, min(n, 6)
+    return Mesh(
         n=(0,) * n if n <= WRITTEN_OUT else n,
         scratch=(0,) * (5 * n),
         window=(0,) * wide,
@@ -142,14 +112,55 @@ def _chain(scene: Scene, settings: Settings) -> System:
         damped=(0,) if arm.tau_d > 0.0 else None,
         drag=(0,) if arm.mass_damping > 0.0 else None,
     )
+
+
+def _block(body: Body, mesh: Mesh, frame: str, drag: float, offset: float, most_lost: float) -> NDArray[np.float64]:
+    """A body's block of `data`."""
+    n, elements = body.n, len(mesh.elements)
+    stations = [
+        STATION.pack({"n": n}, x=x, u=shape[0], v=shape[1], H=h)
+        for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
+    ]
+    return BODY.pack(
+        {"n": n, "window": len(mesh.window), "elements": elements, "stations": len(stations)},
+        length=body.length, mass=body.mass, S0=body.s0, I0=body.i0, offset=offset, most_lost=most_lost,
+        S_bar=body.s_bar, c_u=body.c_u, c=body.c, tip=body.tip,
+        G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
+        drag=drag, root=body.root, spans=[_span(body, e, n, mesh, frame) for e in range(elements)], stations=stations,
+    )  # fmt: skip
+
+
+def _shared(
+    scene: Scene, settings: Settings, bodies: list[Body], links: list[int], offsets: NDArray[np.float64]
+) -> dict[str, Any]:
+    """Fields that `FloatingChain` and `FloatingFrame` both have. offsets: angles of the rigid joints, rad."""
+    arm, mesh = scene.arm, _mesh(bodies, scene.arm, settings)
+    assert settings.frame is not None
     limits = _limits(scene, bodies, links, settings.modes is not None)
-    blocks = []
-    for body, limit in zip(bodies, limits, strict=True):
-        sizes = {"n": n, "window": wide, "elements": elements, "stations": body.stations.size}
-        assert settings.frame is not None
-        spans = [_span(body, e, n, mesh, settings.frame) for e in range(elements)]
-        values = {**_constants(body, 0.0, limit), "stations": _stations(body)}
-        blocks.append(BODY.pack(sizes, **values, drag=arm.mass_damping, root=body.root, spans=spans))
+    blocks = [
+        _block(body, mesh, settings.frame, arm.mass_damping, offset, limit)
+        for body, offset, limit in zip(bodies, offsets, limits, strict=True)
+    ]
+    point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
+    return {
+        "n_inputs": arm.n_links + 3 * len(point_loads),
+        "correction": None,
+        "mesh": mesh,
+        "links": arm.n_links,
+        "segments": settings.segments or 1,
+        "block": blocks[0].size,
+        "bound": 0.0 if settings.modes is None else MODAL_BOUND,
+        "data": np.concatenate(blocks),
+        "gravity": None if scene.gravity is None else np.array(scene.gravity),
+        "loads": np.array([(p.link, p.end == "tip") for p in point_loads], np.int64) if point_loads else None,
+    }
+
+
+def _chain(scene: Scene, settings: Settings) -> System:
+    """The scene's chain without multipliers."""
+    arm = scene.arm
+    bodies, links = _bodies(arm, settings)
+    n, count, segments = bodies[0].n, len(bodies), settings.segments or 1
     names = ["root_x", "root_y", "joint0"]
     names += [f"link{k}.body{b % segments}.q{i}" for b, k in enumerate(links) for i in range(n)]
     names += [f"joint{k}" for k in range(1, arm.n_links)]
@@ -163,25 +174,16 @@ def _chain(scene: Scene, settings: Settings) -> System:
         q0[-arm.n_links + k] = scene.angles[k] - scene.angles[k - 1]
     weight[:2] = 1.0 / arm.total_length
     weight[3 : 3 + n * count] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
-    point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
     model = FloatingChain(
         n=len(names),
         n_factor=ROOT.end + JOINT.end * (arm.n_links - 1) + count * FACTORS.offsets(0, n).end,
-        n_inputs=arm.n_links + 3 * len(point_loads),
         fixed=np.array(fixed, np.int64),
         algebraic=None,
         weight=weight,
         # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
         predictor=1.0 if settings.modes is None else (1.0, 10.0),
-        correction=None,
-        mesh=mesh,
-        links=arm.n_links,
-        segments=segments,
-        block=blocks[0].size,
-        bound=0.0 if settings.modes is None else MODAL_BOUND,
-        data=np.concatenate(blocks),
-        gravity=None if gravity is None else np.array(gravity),
-        loads=np.array([(p.link, p.end == "tip") for p in point_loads], np.int64) if point_loads else None,
+        table=None,
+        **_shared(scene, settings, bodies, links, np.zeros(count)),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
     return System(model, par, q0, np.zeros(len(names)), coordinates, tuple(names), {})
@@ -241,40 +243,20 @@ def _joined(scene: Scene, settings: Settings) -> System:
         weight[start[b] : start[b] + 2] = 1.0 / arm.total_length
         elastic = slice(start[b] + 3, start[b] + 3 + body.n)
         weight[elastic] = _sizes(body, settings, arm)
-    heads = [links.index(k) for k in range(arm.n_links)]
-    tails = [count - 1 - links[::-1].index(k) for k in range(arm.n_links)]
-    point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
-    places = [(heads[p.link], 0) if p.end == "root" else (tails[p.link], 1) for p in point_loads]
-    limits = _limits(scene, bodies, links, settings.modes is not None)
-    blocks = [_block(body, float(offset[b]), limits[b]) for b, body in enumerate(bodies)]
-    places_of_blocks = np.cumsum([0] + [block.size for block in blocks[:-1]])
-    elements = [body.element_ea.size for body in bodies]
-    stations = [body.stations.size for body in bodies]
     table = np.zeros((count, ROW.places.end), np.int64)
-    columns = {
-        "start": start[:-1], "size": sizes, "link": links, "multipliers": rows, "motion": angle,
-        "elements": elements, "stations": stations, "block": places_of_blocks,
-    }  # fmt: skip
+    columns = {"start": start[:-1], "size": sizes, "link": links, "multipliers": rows, "motion": angle}
     for name, values in columns.items():
         table[:, getattr(ROW.places, name)] = values
     model = FloatingFrame(
         n=n,
-        n_factor=n * (3 * int(half) + 2),
-        n_inputs=arm.n_links + 3 * len(point_loads),
+        n_factor=n * (3 * int(half) + 2) + FACTORS.offsets(0, bodies[0].n).end,
         fixed=np.array(fixed, np.int64),
         algebraic=np.array(algebraic, np.int64),
         weight=weight,
         predictor=1.0,
-        correction=None,
         half=int(half),
-        coupling=COUPLINGS[settings.coupling or "linear"],
-        mass_damping=arm.mass_damping,
-        gravity=np.array(scene.gravity or (0.0, 0.0)),
-        n_links=arm.n_links,
-        bound=0.0 if settings.modes is None else MODAL_BOUND,
         table=table,
-        data=np.concatenate(blocks),
-        loads=np.array(places, np.int64).reshape(-1, 2),
+        **_shared(scene, settings, bodies, links, offset),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
     return System(model, par, q0, np.zeros(n), coordinates, tuple(names), {})

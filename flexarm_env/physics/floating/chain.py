@@ -17,9 +17,10 @@ from ...compiler.lanes import load, splat, store
 from ...compiler.trace import aligned_frame
 from ..model import FloatingChain
 from ..protocol import register
-from .body import carry, condense, forces, reduce, restore, tangent
-from .chain_output import damping_work, energy, link_poses, out_of_range, ports, shape
+from .body import carry, forces
+from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
 from .layout import JOINT, KNOWN, ROOT, factors_at
+from .matrix import condense, reduce, restore, tangent
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS = (0,) * KNOWN.end
@@ -38,14 +39,7 @@ def _bodies_at(model):
 
 
 @kernel
-def _fall(gravity, k):
-    if gravity is None:
-        return 0.0
-    return gravity[k]
-
-
-@kernel
-def _less_loads(lane, loads, model, link, end, u, force):
+def less_loads(lane, loads, model, link, end, u, force):
     """force (x, y, moment) less the point loads at an end of a link."""
     if loads is not None:
         for f in range(loads.shape[0]):
@@ -67,8 +61,8 @@ def assemble(lane, model, par, state, u, weights, r, S):
     store(pose, 0, load(lane, q, 2))
     store(pose, 1, load(lane, v, 2))
     store(pose, 2, load(lane, a, 2))
-    store(pose, 3, load(lane, a, 0) - _fall(model.gravity, 0))
-    store(pose, 4, load(lane, a, 1) - _fall(model.gravity, 1))
+    store(pose, 3, load(lane, a, 0) - fall(model.gravity, 0))
+    store(pose, 4, load(lane, a, 1) - fall(model.gravity, 1))
     for k in range(model.links):
         if k > 0:
             store(pose, 0, load(lane, pose, 0) + load(lane, q, elbows + k))
@@ -84,7 +78,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
     store(carried, 0, mass)
     store(carried, 1, inertia)
     for k in range(model.links - 1, -1, -1):
-        _less_loads(lane, model.loads, model, k, 1, u, force)
+        less_loads(lane, model.loads, model, k, 1, u, force)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             e, D, own = (3 + n * b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
             forces(
@@ -96,7 +90,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
                 )  # fmt: skip
             store(carried, 0, splat(lane, 0.0))
             store(carried, 1, splat(lane, 0.0))
-        _less_loads(lane, model.loads, model, k, 0, u, force)
+        less_loads(lane, model.loads, model, k, 0, u, force)
         if k > 0:
             store(r, elbows + k, load(lane, force, 2) - load(lane, u, k))
     store(r, 0, load(lane, force, 0))

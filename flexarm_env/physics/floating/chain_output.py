@@ -1,4 +1,7 @@
-"""What is read off a chain of floating frames: ports, energies, poses, range, shape."""
+"""What is read off floating frames, in a chain or joined by multipliers: ports, energies, poses, range, shape.
+
+model: `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, whose bodies have frames of their own.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from ...compiler.lanes import absolute, load, select_lt, sincos, splat, store
 from ...compiler.trace import unrolled
 from ..model import DIVERGED, OUT_OF_RANGE
 from .body import constants, dot, product, tip, turn_of_root
-from .layout import station_at, window
+from .layout import START, station_at, window
 
 POSE = (0,) * 6
 FRAME = (0,) * 6
@@ -17,20 +20,33 @@ FOUR = (0,) * 4
 
 
 @kernel
-def begin(lane, q, v, pose):
-    """pose <- x, y, angle of the root's section and their rates."""
+def _begin(lane, q, v, pose):
+    """pose <- x, y, angle of a section and their rates."""
     for i in range(3):
         store(pose, i, load(lane, q, i))
         store(pose, 3 + i, load(lane, v, i))
 
 
 @kernel
-def bend(lane, model, q, v, k, pose):
-    """Over the elbow to the root section of link k."""
-    if k > 0:
+def _enter(lane, model, table, q, v, k, b, pose):
+    """To the root section of body b, of link k: from the tip section before it, or to where its own frame stands."""
+    if table is not None:
+        at = table[b, START] * len(lane)
+        _begin(lane, q[at:], v[at:], pose)
+    elif b == 0:
+        _begin(lane, q, v, pose)
+    elif b == k * model.segments:
         i = 2 + size(model.mesh.n) * model.links * model.segments + k
         store(pose, 2, load(lane, pose, 2) + load(lane, q, i))
         store(pose, 5, load(lane, pose, 5) + load(lane, v, i))
+
+
+@kernel
+def _elastic(table, n, b):
+    """Row of body b's first elastic coordinate."""
+    if table is None:
+        return 3 + n * b
+    return table[b, START] + 3
 
 
 @unrolled
@@ -80,19 +96,20 @@ def ports(lane, model, par, q, y):
     store(y, 0, load(lane, q, 2))
     for k in range(1, model.links):
         store(y, k, load(lane, q, 2 + n * model.links * model.segments + k))
-    _ports_of_loads(lane, model, model.loads, n, q, y)
+    ports_of_loads(lane, model, model.loads, n, q, y)
 
 
 @kernel
-def _ports_of_loads(lane, model, loads, n, q, y):
+def ports_of_loads(lane, model, loads, n, q, y):
+    """Those of the point loads alone."""
     if loads is not None:
         pose, frame = stack(lane, POSE), stack(lane, FRAME)
-        begin(lane, q, q, pose)
         for k in range(model.links):
-            bend(lane, model, q, q, k, pose)
-            _note(lane, loads, model, k, 0, pose, y)
             for b in range(k * model.segments, (k + 1) * model.segments):
-                own = q[(3 + n * b) * len(lane) :]
+                _enter(lane, model, model.table, q, q, k, b, pose)
+                if b == k * model.segments:
+                    _note(lane, loads, model, k, 0, pose, y)
+                own = q[_elastic(model.table, n, b) * len(lane) :]
                 place(lane, model.mesh, model.data[model.block * b :], own, own, pose, frame)
             _note(lane, loads, model, k, 1, pose, y)
 
@@ -149,9 +166,9 @@ def damping_work(lane, model, par, q, v, x):
     store(total, 0, splat(lane, 0.0))
     bodies = model.links * model.segments
     for b in range(bodies):
-        e = (3 + size(model.mesh.n) * b) * len(lane)
+        e = _elastic(model.table, size(model.mesh.n), b) * len(lane)
         _damping(lane, model.mesh, model.data[model.block * b :], par, q[e:], v[e:], x[e:], total)
-    e = (3 + size(model.mesh.n) * (bodies - 1)) * len(lane)
+    e = _elastic(model.table, size(model.mesh.n), bodies - 1) * len(lane)
     _payload_drag(lane, model.mesh, model.data[model.block * (bodies - 1) :], par, q[e:], v[e:], x[e:], total)
     return load(lane, total, 0)
 
@@ -199,7 +216,8 @@ def _energies(lane, model, D, par, q, v, frame, totals):
 
 
 @kernel
-def _fall(gravity, k):
+def fall(gravity, k):
+    """Gravity along axis k, m/s^2."""
     if gravity is None:
         return 0.0
     return gravity[k]
@@ -212,13 +230,12 @@ def energy(lane, model, par, q, v):
     pose, frame, totals = stack(lane, POSE), stack(lane, FRAME), stack(lane, FOUR)
     for i in range(4):
         store(totals, i, splat(lane, 0.0))
-    begin(lane, q, v, pose)
-    gx, gy = _fall(model.gravity, 0), _fall(model.gravity, 1)
+    gx, gy = fall(model.gravity, 0), fall(model.gravity, 1)
     gravity = splat(lane, 0.0)
     for k in range(model.links):
-        bend(lane, model, q, v, k, pose)
         for b in range(k * model.segments, (k + 1) * model.segments):
-            e, D = (3 + n * b) * L, model.data[model.block * b :]
+            _enter(lane, model, model.table, q, v, k, b, pose)
+            e, D = _elastic(model.table, n, b) * L, model.data[model.block * b :]
             x, y, mass = load(lane, pose, 0), load(lane, pose, 1), D[constants(model.mesh).mass]
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             _energies(lane, model.mesh, D, par, q[e:], v[e:], frame, totals)
@@ -241,12 +258,12 @@ def link_poses(lane, model, par, q, v, out):
     """Of each link: x, y, angle of its root and their rates, then those of its tip."""
     n, L = size(model.mesh.n), len(lane)
     pose, frame = stack(lane, POSE), stack(lane, FRAME)
-    begin(lane, q, v, pose)
     for k in range(model.links):
-        bend(lane, model, q, v, k, pose)
-        _write(lane, pose, out, 12 * k)
         for b in range(k * model.segments, (k + 1) * model.segments):
-            e = (3 + n * b) * L
+            _enter(lane, model, model.table, q, v, k, b, pose)
+            if b == k * model.segments:
+                _write(lane, pose, out, 12 * k)
+            e = _elastic(model.table, n, b) * L
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
         _write(lane, pose, out, 12 * k + 6)
 
@@ -257,9 +274,10 @@ def _ranges(lane, model, D, payload, q, out):
     """out: the tip's deflection over the length; what the inertia about the root has lost over what it may lose."""
     own, n = constants(model), size(model.n)
     y = dot(lane, model, D, own.tip + n, q)
+    far = y
     if model.chord is not None:  # against the tangent at the root
-        y = y - (tip(lane, model, D, q)[0] + D[own.length]) * dot(lane, model, D, own.root, q)
-    store(out, 0, absolute(y) * (1.0 / D[own.length]))
+        far = y - dot(lane, model, D, own.root, q) * D[own.length]
+    store(out, 0, absolute(far) * (1.0 / D[own.length]))
     store(out, 1, splat(lane, 0.0))
     if model.modal is not None:
         lost = product(lane, model, D, own.tip_H, q, q) * D[own.length] - y * y
@@ -277,7 +295,8 @@ def out_of_range(lane, model, par, q):
     bodies = model.links * model.segments
     store(payload, 0, load(lane, par, 0))
     for b in range(bodies - 1, -1, -1):
-        _ranges(lane, model.mesh, model.data[model.block * b :], payload, q[(3 + n * b) * L :], out)
+        own = q[_elastic(model.table, n, b) * L :]
+        _ranges(lane, model.mesh, model.data[model.block * b :], payload, own, out)
         store(payload, 0, splat(lane, 0.0))
         deflection = load(lane, out, 0)
         if model.mesh.modal is not None:
@@ -293,14 +312,13 @@ def shape(model, q, points):
     lane = (0,)
     mesh, n = model.mesh, size(model.mesh.n)
     pose, frame = stack(lane, POSE), stack(lane, FRAME)
-    begin(lane, q, q, pose)
     points[0, 0], points[0, 1] = q[0], q[1]
     count, own = 1, constants(mesh)
     length = station_at(0, n).end
     for k in range(model.links):
-        bend(lane, model, q, q, k, pose)
         for b in range(k * model.segments, (k + 1) * model.segments):
-            D, e = model.data[model.block * b :], q[3 + n * b :]
+            _enter(lane, model, model.table, q, q, k, b, pose)
+            D, e = model.data[model.block * b :], q[_elastic(model.table, n, b) :]
             x0, y0 = pose[0], pose[1]
             place(lane, mesh, D, e, e, pose, frame)
             for i in range((model.block - own.stations) // length):

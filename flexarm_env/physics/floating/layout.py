@@ -1,4 +1,4 @@
-"""Where things are in a floating-frame Model's arrays: a body's row in `table`, its constants in `data`."""
+"""Where things are in a floating-frame Model's arrays: in `table` (a row a body), `data` (a block a body) and S."""
 
 from __future__ import annotations
 
@@ -12,22 +12,14 @@ ROW = Layout(
     Field("link", (), "", "number of the link that it is part of"),
     Field("multipliers", (), "", "of the joint behind it: 0, 2 (hinge), 3 (with angle)"),
     Field("motion", (), "", "that prescribes that joint's angle; -1: rigid"),
-    Field("elements", (), "", "finite elements; 0: reduced to modes"),
-    Field("stations", (), "", "points that it is drawn through"),
-    Field("block", (), "", "where its constants begin in `data`"),
 )  # fmt: skip
-START, SIZE, LINK, MULTIPLIERS, MOTION, ELEMENTS, STATIONS, BLOCK, _ = ROW.places
+START, SIZE, LINK, MULTIPLIERS, MOTION, _ = ROW.places
 
 SPAN = Layout(
     "Span", "window",
     Field("stiffness", (), "N/m", "EA / l"),
     Field("stretch", ("window",), "", "g: the linear stretch (u2 - u1) of a finite element is g'q of its window"),
     Field("H", ("window", "window"), "1/m", "its stretch of second order is q'H q / 2 (von Karman), or G of eq. [45]"),
-)  # fmt: skip
-ELEMENT = Layout(
-    "Element", "",
-    Field("stiffness", (), "N/m", "EA / l"),
-    Field("G", (4, 4), "1/m", "of eq. [45] on (v1, phi1, v2, phi2); H for von Karman"),
 )  # fmt: skip
 STATION = Layout(
     "Station", "n",
@@ -36,7 +28,8 @@ STATION = Layout(
     Field("v", ("n",), "", "and across it"),
     Field("H", ("n", "n"), "1/m", "foreshortening: u -= q'H q / 2"),
 )  # fmt: skip
-_CONSTANTS = (
+BODY = Layout(
+    "Body", "n, window, elements, stations",
     Field("length", (), "m", ""),
     Field("mass", (), "kg", "m_t"),
     Field("S0", (), "kg m", "first moment along the axis"),
@@ -54,32 +47,13 @@ _CONSTANTS = (
     Field("K_bend", ("n", "n"), "N/m", "bending part"),
     Field("D0", ("n", "n"), "kg", "foreshortening in the first moment"),
     Field("tip_H", ("n", "n"), "1/m", "foreshortening of the tip"),
-)
-BODY = Layout(
-    "Body", "n, window, elements, stations", *_CONSTANTS,
     Field("drag", (), "1/s", "damping that goes with mass"),
     Field("root", ("n",), "", "rho: the root section is turned by rho'q against the frame"),
     Field("spans", ("elements", SPAN.length), "", "a `SPAN` each"),
     Field("stations", ("stations", STATION.length), "", "a `STATION` each"),
 )  # fmt: skip
-JOINED = Layout(
-    "Joined", "n, elements, stations", *_CONSTANTS,
-    Field("elements", ("elements", ELEMENT.length), "", "an `ELEMENT` each"),
-    Field("stations", ("stations", STATION.length), "", "a `STATION` each"),
-)  # fmt: skip
-
-OF_ELEMENT = ELEMENT.places
-_joined_at = kernel(JOINED.offsets)
 body_at = kernel(BODY.offsets)
 station_at = kernel(STATION.offsets)
-
-
-@kernel
-def constants(m, body):
-    """Where a body's constants are in `data`: the fields of JOINED."""
-    t = m.table
-    return _joined_at(t[body, BLOCK], t[body, SIZE], t[body, ELEMENTS], t[body, STATIONS])
-
 
 NOW = Layout(
     "Now", "",

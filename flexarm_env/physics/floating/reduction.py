@@ -144,14 +144,15 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
     first = 2
     for k, body in enumerate(bodies):
         modes = np.eye(body.n, size, first)
-        own = np.vstack([across, turn, modes])
+        frame = turn - body.root @ modes
+        own = np.vstack([across, frame, modes])
         angles.append(turn)
         inertia = np.zeros((body.n + 2, body.n + 2))
         inertia[0, 0], inertia[1, 1], inertia[2:, 2:] = body.mass, body.i0, body.m_ff
         inertia[0, 1:] = inertia[1:, 0] = [body.s0, *body.s_bar[1]]
         inertia[1, 2:] = inertia[2:, 1] = body.c
         mass += own.T @ inertia @ own
-        across, turn = across + body.length * turn + body.tip[1] @ modes, turn + body.tip[2] @ modes
+        across, turn = across + body.length * frame + body.tip[1] @ modes, frame + body.tip[2] @ modes
         if k + 1 == len(bodies):
             mass += payload.mass * np.outer(across, across) + payload.inertia * np.outer(turn, turn)
         first += body.n

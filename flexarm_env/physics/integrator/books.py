@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, store
+from ...compiler import kernel, load, size, store
+from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
 from ..protocol import damping_work, ports
 
 
@@ -30,7 +29,7 @@ def keep_books(lane, model, drive, par, w, h):
     the step has succeeded.
     """
     ports(lane, model, par, w.q, w.y)
-    work = load(lane, w.books, 0)
+    work = load(lane, w.books, WORK_DONE)
     for i in range(size(model.n_inputs)):
         force = (load(lane, w.u0, i) + load(lane, w.u, i)) * 0.5
         work = work + force * (load(lane, w.y, i) - load(lane, w.y0, i))
@@ -38,12 +37,13 @@ def keep_books(lane, model, drive, par, w, h):
         store(w.y0, i, load(lane, w.y, i))
     if drive is not None:
         for i in range(drive.known.shape[0]):
-            work += 0.5 * (w.reaction0[i] + w.reaction[i]) * (w.psi[3 * i] - w.psi0[3 * i])
+            k = OF_MOTION.end * i + OF_MOTION.value
+            work += 0.5 * (w.reaction0[i] + w.reaction[i]) * (w.psi[k] - w.psi0[k])
             w.reaction0[i] = w.reaction[i]
         for i in range(w.psi.shape[0]):
             w.psi0[i] = w.psi[i]
-    store(w.books, 0, work)
+    store(w.books, WORK_DONE, work)
     for k in range(size(model.n)):
         store(w.r, k, (load(lane, w.q, k) - load(lane, w.q0, k)) * (1.0 / h))
     taken = damping_work(lane, model, par, w.q0, w.v0, w.r) + damping_work(lane, model, par, w.q, w.v, w.r)
-    store(w.books, 1, load(lane, w.books, 1) + taken * (0.5 * h))
+    store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + taken * (0.5 * h))

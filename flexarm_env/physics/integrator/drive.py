@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import math
 
-from ...compiler.decorator import kernel
+from ... import time_functions
+from ...compiler import kernel
+from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, T0
+from ..layout import OF_MOTION
+
+cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
+"""A piece's values, by the same lines as a `TimeFunction`'s."""
 
 
 @kernel
@@ -13,7 +19,7 @@ def piece_at(drive, f, t):
     low, high = drive.first[f], drive.first[f + 1] - 1
     while low < high:
         middle = (low + high + 1) // 2
-        if drive.pieces[middle, 0] <= t:
+        if drive.pieces[middle, T0] <= t:
             low = middle
         else:
             high = middle - 1
@@ -24,15 +30,12 @@ def piece_at(drive, f, t):
 def evaluate(drive, f, t, side):
     """(value, rate, second derivative) of function f at t; the piece is the one that holds at `side`."""
     p = drive.pieces[piece_at(drive, f, side)]
-    s = t - p[0]
-    value = p[1] + s * (p[2] + s * (p[3] + s * p[4]))
-    rate = p[2] + s * (2.0 * p[3] + 3.0 * s * p[4])
-    second = 2.0 * p[3] + 6.0 * s * p[4]
-    if p[5] != 0.0:
-        phase = p[6] * s + p[7]
-        value += p[5] * math.sin(phase)
-        rate += p[5] * p[6] * math.cos(phase)
-        second -= p[5] * p[6] * p[6] * math.sin(phase)
+    s = t - p[T0]
+    value, rate, second, _ = cubic(p[C0], p[C1], p[C2], p[C3], s)
+    if p[AMPLITUDE] != 0.0:
+        phase = p[OMEGA] * s + p[PHASE]
+        swing, swing_rate, swing_second, _ = wave(p[AMPLITUDE], p[OMEGA], math.sin(phase), math.cos(phase))
+        value, rate, second = value + swing, rate + swing_rate, second + swing_second
     return value, rate, second
 
 
@@ -50,7 +53,8 @@ def set_inputs(drive, u, t, side):
 
 @kernel
 def set_motions(drive, psi, t, side):
-    """Fill psi (n_motions * 3: position, velocity, acceleration) at time t."""
+    """Fill psi, a `MOTION` for each prescribed coordinate, at time t."""
     for i in range(drive.motions.shape[0]):
         value, rate, second = evaluate(drive, drive.motions[i], t, side)
-        psi[3 * i], psi[3 * i + 1], psi[3 * i + 2] = value, rate, second
+        at = OF_MOTION.end * i
+        psi[at + OF_MOTION.value], psi[at + OF_MOTION.rate], psi[at + OF_MOTION.second] = value, rate, second

@@ -6,27 +6,42 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiler.decorator import inlined, kernel
-from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
-from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
+from ...compiler import (
+    NONE,
+    NUMBER,
+    TUPLE,
+    absolute,
+    by_kind,
+    inlined,
+    kernel,
+    largest,
+    load,
+    maximum,
+    select_lt,
+    size,
+    splat,
+    store,
+)
+from ..layout import FACTORISATIONS, ITERATIONS
 from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
 from .period import correct_period
 from .work import state_of, take_out_known
 
 
 class Slopes(NamedTuple):
-    """What v, a and b of a step's end change by where its q changes by one."""
+    """What v, a and b of a step's end change by where its q changes by one; the step's length."""
 
     v: float  # 1/s
     a: float  # 1/s^2
     b: float  # 1/s^2
+    h: float  # s
 
 
 @kernel
 def slopes_of(scheme, h):
     """Those of a step of h."""
     b = 1.0 / (scheme.beta * h * h)
-    return Slopes(scheme.gamma / (scheme.beta * h), b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f), b)
+    return Slopes(scheme.gamma / (scheme.beta * h), b * (1.0 - scheme.alpha_m) / (1.0 - scheme.alpha_f), b, h)
 
 
 @kernel
@@ -79,7 +94,7 @@ def _take_multipliers(lane, algebraic, w, active, c_m):
 
 
 @inlined
-def _correct(lane, model, w, active, slopes):
+def _move(lane, model, w, active, slopes):
     """Apply the increment -r where `active`, eqs. [80]-[82]; return its weighted size, NaN if not finite."""
     _take_multipliers(lane, model.algebraic, w, active, slopes.a)
     largest_of = splat(lane, 0.0)
@@ -99,8 +114,8 @@ def _correct(lane, model, w, active, slopes):
 
 
 @inlined
-def newton(lane, model, drive, par, w, slopes, h, scheme, plain):
-    """Solve the equations of a step of h; returns lanes that are 1 where that did not succeed, 0 elsewhere.
+def newton(lane, model, drive, par, w, slopes, scheme, plain):
+    """Solve the equations of a step; returns lanes that are 1 where that did not succeed, 0 elsewhere.
 
     Arms that have converged, or failed before, are left as they are while the others go on. plain: without the
     correction of the period.
@@ -119,11 +134,11 @@ def newton(lane, model, drive, par, w, slopes, h, scheme, plain):
         take_out_known(lane, model, drive, w.r, w.S, fresh)
         if fresh:
             factor(lane, model, w.S)
-            w.counts[1] += 1.0
+            w.counts[FACTORISATIONS] += 1.0
         solve(lane, model, w.S, w.r)
-        corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes, h)
-        increment = _correct(lane, model, w, active, slopes)
-        w.counts[0] += 1.0
+        corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
+        increment = _move(lane, model, w, active, slopes)
+        w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
         if iteration == 0:

@@ -14,9 +14,7 @@ from __future__ import annotations
 
 import math
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import absolute, largest, load, maximum, select_lt, splat, store
+from ...compiler import absolute, kernel, largest, load, maximum, select_lt, size, splat, store
 from ..model import TAU_D
 from ..protocol import inertia, rotate, solve
 from .work import take_out_known
@@ -37,14 +35,14 @@ def _filtered(lane, model, drive, par, w, c_m, x, y):
 
 
 @kernel
-def correct_period(lane, model, drive, par, tolerance, w, corrected, active, slopes, h):
+def correct_period(lane, model, drive, par, tolerance, w, corrected, active, slopes):
     """Where Newton's increment -r of an `active` arm is small for the first time in a step, w.shift <- the correction d
     and r <- what brings a and v to the step so corrected; elsewhere w.shift <- 0. Returns which arms are corrected."""
-    return _correct(lane, model, drive, par, model.correction, tolerance, w, corrected, active, slopes, h)
+    return _correct(lane, model, drive, par, model.correction, tolerance, w, corrected, active, slopes)
 
 
 @kernel
-def _correct(lane, model, drive, par, correction, tolerance, w, corrected, active, slopes, h):
+def _correct(lane, model, drive, par, correction, tolerance, w, corrected, active, slopes):
     """`correct_period` where the formulation has one."""
     if correction is None:
         return corrected
@@ -65,7 +63,7 @@ def _correct(lane, model, drive, par, correction, tolerance, w, corrected, activ
         take_out_known(lane, model, drive, y, w.S, False)
         shift = zero
         for k in range(n):
-            moved = load(lane, y, k) * (-correction * h * h)
+            moved = load(lane, y, k) * (-correction * slopes.h * slopes.h)
             shift = maximum(absolute(moved) * model.weight[k], shift)
             store(d, k, moved)
         small = select_lt(shift, FAR, now, zero)

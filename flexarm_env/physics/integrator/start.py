@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from ...compiler.arrays import bare
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
+from ...compiler import bare, kernel, load, size, splat, store
+from ..layout import DISSIPATED, FACTORISATIONS, OF_MOTION, WORK_DONE
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, damping_work, factor, solve
 from .drive import set_inputs, set_motions
 from .work import move_multipliers, note_reactions, set_known, state_of, take_out_known, unpack
@@ -77,7 +75,7 @@ def _solve(lane, model, drive, w, matrix):
     take_out_known(lane, model, drive, w.r, w.S, matrix)
     if matrix:
         factor(lane, model, w.S)
-        w.counts[1] += 1.0
+        w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
 
 
@@ -93,17 +91,17 @@ def _book_impulse(drive, w, share, scale):
     """Book the work of the impulses in `reaction`, times `scale`: the velocity there is a share of that before the jump
     and the rest of that after it."""
     for i in range(drive.known.shape[0]):
-        k, speed = drive.known[i], w.psi[3 * i + 1]
-        before = w.v0[k] if k >= 0 else w.psi0[3 * i + 1]
-        w.books[0] += (speed + share * (before - speed)) * w.reaction[i] * scale
+        k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
+        speed, before = w.psi[at], w.v0[k] if k >= 0 else w.psi0[at]
+        w.books[WORK_DONE] += (speed + share * (before - speed)) * w.reaction[i] * scale
 
 
 @kernel
 def _jumps(drive, w):
     """Whether a prescribed velocity jumps, by more than round-off."""
     for i in range(drive.known.shape[0]):
-        k, after = drive.known[i], w.psi[3 * i + 1]
-        before = w.v0[k] if k >= 0 else w.psi0[3 * i + 1]
+        k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
+        after, before = w.psi[at], w.v0[k] if k >= 0 else w.psi0[at]
         if abs(after - before) > 1e-12 * (abs(after) + abs(before)):
             return True
     return False
@@ -145,7 +143,7 @@ def _solve_jump(lane, model, drive, par, w):
     for i in range(drive.known.shape[0]):
         k = drive.known[i]
         if k >= 0:
-            w.a0[k] = w.psi[3 * i + 1] - w.v0[k]
+            w.a0[k] = w.psi[OF_MOTION.end * i + OF_MOTION.rate] - w.v0[k]
     for k in range(n):
         w.a[k] = w.a0[k]
     move_multipliers(model.algebraic, w.a, w.a, True)
@@ -198,7 +196,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
         w.r[k] = w.v0[k] + w.a0[k] - 0.5 * e  # mean of the velocities before and after the layer
         w.a0[k] -= e
     move_multipliers(model.algebraic, w.v, w.v, True)
-    w.books[1] += damping_work(lane, model, par, w.q, w.v, w.r) / _SMALL  # v is `part` times g - e
+    w.books[DISSIPATED] += damping_work(lane, model, par, w.q, w.v, w.r) / _SMALL  # v is `part` times g - e
     _forces(lane, model, par, w, RESIDUAL_ALONE)
     _less(n, w.r, w.b0, 1.0)
     note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)

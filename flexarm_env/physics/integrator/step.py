@@ -12,10 +12,22 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...compiler.arrays import bare
-from ...compiler.decorator import inlined, kernel
-from ...compiler.dispatch import NONE, NUMBER, TUPLE, by_kind, size
-from ...compiler.lanes import largest, load, select_lt, splat, store
+from ...compiler import (
+    NONE,
+    NUMBER,
+    TUPLE,
+    bare,
+    by_kind,
+    inlined,
+    kernel,
+    largest,
+    load,
+    select_lt,
+    size,
+    splat,
+    store,
+)
+from ..layout import FACTORISATIONS, HALVINGS, STEPS
 from ..model import NEWTON_FAILED
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, assemble, constrain, factor, out_of_range, predict, solve, update
 from .books import keep_books, open_books
@@ -148,7 +160,7 @@ def _across(lane, model, drive, w, level):
     take_out_known(lane, model, drive, w.r, w.S, level == 1)
     if level == 1:
         factor(lane, model, w.S)
-        w.counts[1] += 1.0
+        w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
 
 
@@ -187,17 +199,17 @@ def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):
     """`advance` on bare arrays."""
     if books is not None:
         open_books(lane, model, drive, par, w)
-    done, left, piece, again = 0, h, h, False  # of the step under way: what is left, the part tried now, once more
+    done, left, part, again = 0, h, h, False  # of the step under way: what is left, the part tried now, once more
     while done < n_steps:
         start = t + done * h + (h - left)
-        slopes = slopes_of(scheme, piece)
-        _predict(lane, model, w, piece, scheme)
+        slopes = slopes_of(scheme, part)
+        _predict(lane, model, w, part, scheme)
         if len(lane) == 1:
             if again:
                 _stay(lane, model, w, slopes)
-        _prescribe(drive, w, start + piece, piece)
+        _prescribe(drive, w, start + part, part)
         _guess(lane, model, model.predictor, w, slopes)
-        active = newton(lane, model, drive, par, w, slopes, piece, scheme, again)
+        active = newton(lane, model, drive, par, w, slopes, scheme, again)
         _settle(lane, model, drive, par, model.algebraic, w)
         _react(lane, model, drive, par, w)
         flag = select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), load(lane, w.flag, 0))
@@ -205,25 +217,25 @@ def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):
             if largest(flag) > 0.5:
                 _go_back(lane, model, w)
                 if again:
-                    piece *= 0.5
-                    w.counts[2] += 1.0
+                    part *= 0.5
+                    w.counts[HALVINGS] += 1.0
                 again = True
-                if piece < h * 0.5**scheme.max_halvings:
+                if part < h * 0.5**scheme.max_halvings:
                     store(w.flag, 0, flag)
                     return start
                 continue
-        w.counts[3] += 1.0
+        w.counts[STEPS] += 1.0
         if books is not None:
-            keep_books(lane, model, drive, par, w, piece)
+            keep_books(lane, model, drive, par, w, part)
         flag = select_lt(flag, 0.5, out_of_range(lane, model, par, w.q), flag)
         store(w.flag, 0, flag)
         if len(lane) == 1:
             if largest(flag) > 0.5:
-                return start + piece
-        left -= piece
+                return start + part
+        left -= part
         if left <= 1e-9 * h:
             done += 1
-            left, piece, again = h, h, False
+            left, part, again = h, h, False
         else:
-            piece = min(piece, left)
+            part = min(part, left)
     return t + n_steps * h

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from ...compiler.arrays import bare
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
+from ...compiler import bare, kernel, load, size, splat, store
+from ..layout import FACTORISATIONS
 from ..protocol import Weights, assemble, factor, solve
 from .work import state_of, take_out_known, unpack
 
@@ -34,7 +32,7 @@ def _switch(lane, model, par, w):
         store(w.r, k, load(lane, w.r, k) - load(lane, w.q0, k))
     take_out_known(lane, model, None, w.r, w.S, True)
     factor(lane, model, w.S)
-    w.counts[1] += 1.0
+    w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
     _jump_multipliers(lane, model.algebraic, w.q, w.r)
     for k in range(n):

@@ -2,41 +2,48 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
-import numpy as np
-
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import splat, store
+from ...compiler import kernel, size, splat, store
+from ...layout import Field, Layout
+from ..layout import BOOKS, COUNTS, MOTION, OF_MOTION
 from ..protocol import State, pin
 
+_ROWS = ("n", "lanes")
+_INPUTS = ("inputs", "lanes")
+_MOTIONS = ("motions", MOTION.length, "lanes")
+WORK = Layout(
+    "Work", "lanes, n, shift, factor, inputs, motions",
+    Field("q", _ROWS, "m, rad", "coordinates; forces in rows of multipliers"),
+    Field("v", _ROWS, "1/s", "their rates"),
+    Field("a", _ROWS, "1/s^2", "their second rates"),
+    Field("b", _ROWS, "1/s^2", "the integrator's auxiliary accelerations"),
+    Field("q0", _ROWS, "m, rad", "the same at the step's start"),
+    Field("v0", _ROWS, "1/s", ""),
+    Field("a0", _ROWS, "1/s^2", ""),
+    Field("b0", _ROWS, "1/s^2", ""),
+    Field("r", _ROWS, "N, N m", "residual, and what it is solved for"),
+    Field("shift", ("shift", "lanes"), "m, rad", "2 n rows where the period is corrected, otherwise none"),
+    Field("S", ("factor", "lanes"), "", "iteration matrix and its factors"),
+    Field("u", _INPUTS, "N m, N", "inputs"),
+    Field("u0", _INPUTS, "N m, N", ""),
+    Field("y", _INPUTS, "rad, m", "ports: what the inputs work on"),
+    Field("y0", _INPUTS, "rad, m", ""),
+    Field("psi", _MOTIONS, "", "a `MOTION` for each prescribed coordinate"),
+    Field("psi0", _MOTIONS, "", ""),
+    Field("reaction", ("motions", "lanes"), "N, N m", "forces that hold the prescribed coordinates"),
+    Field("reaction0", ("motions", "lanes"), "N, N m", ""),
+    Field("flag", ("lanes",), "", "status of each lane"),
+    Field("books", (BOOKS.length, "lanes"), "J", "a `BOOKS`"),
+    Field("counts", (COUNTS.length,), "", "a `COUNTS` for all lanes together"),
+)  # fmt: skip
+"""The integrator's memory of an arm, or of a group of lanes."""
 
-class Work(NamedTuple):
-    """Views of one flat float64 array; n rows, L lanes. q v a b: state; *0: state at the step's start."""
+Work = Any
+"""A named tuple of one-dimensional views: the fields of WORK."""
 
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    b: np.ndarray
-    q0: np.ndarray
-    v0: np.ndarray
-    a0: np.ndarray
-    b0: np.ndarray
-    r: np.ndarray
-    shift: np.ndarray  # 2 n rows where the model's period is corrected, otherwise none
-    S: np.ndarray
-    u: np.ndarray
-    u0: np.ndarray
-    y: np.ndarray
-    y0: np.ndarray
-    psi: np.ndarray
-    psi0: np.ndarray
-    reaction: np.ndarray
-    reaction0: np.ndarray
-    flag: np.ndarray  # status of each lane
-    books: np.ndarray  # work of the drives, dissipated energy, unused
-    counts: np.ndarray  # Newton iterations, factorisations, halvings, steps
+_work_at = kernel(WORK.offsets)
+_views = kernel(WORK.views)
 
 
 @kernel
@@ -47,28 +54,15 @@ def _rows_of_shift(correction, n):
 @kernel
 def work_size(lanes, model, n_motions):
     """Length of the flat array behind `Work`."""
-    n, n_u = size(model.n), size(model.n_inputs)
-    shift = _rows_of_shift(model.correction, n)
-    return lanes * (9 * n + shift + size(model.n_factor) + 4 * n_u + 8 * n_motions + 4) + 4
+    n, shift = size(model.n), _rows_of_shift(model.correction, size(model.n))
+    return _work_at(0, lanes, n, shift, size(model.n_factor), size(model.n_inputs), n_motions).end
 
 
 @kernel
 def unpack(lane, model, flat, n_motions):
     """`Work` as views of `flat`."""
-    lanes = len(lane)
-    n, n_u, m, s = size(model.n) * lanes, size(model.n_inputs) * lanes, n_motions * lanes, size(model.n_factor) * lanes
-    k = 9 * n + _rows_of_shift(model.correction, n)
-    i = k + s
-    j = i + 4 * n_u
-    e = j + 8 * m
-    return Work(
-        flat[0:n], flat[n : 2 * n], flat[2 * n : 3 * n], flat[3 * n : 4 * n],
-        flat[4 * n : 5 * n], flat[5 * n : 6 * n], flat[6 * n : 7 * n], flat[7 * n : 8 * n], flat[8 * n : 9 * n],
-        flat[9 * n : k], flat[k:i],
-        flat[i : i + n_u], flat[i + n_u : i + 2 * n_u], flat[i + 2 * n_u : i + 3 * n_u], flat[i + 3 * n_u : j],
-        flat[j : j + 3 * m], flat[j + 3 * m : j + 6 * m], flat[j + 6 * m : j + 7 * m], flat[j + 7 * m : e],
-        flat[e : e + lanes], flat[e + lanes : e + 4 * lanes], flat[e + 4 * lanes : e + 4 * lanes + 4],
-    )  # fmt: skip
+    n, shift = size(model.n), _rows_of_shift(model.correction, size(model.n))
+    return _views(flat, 0, len(lane), n, shift, size(model.n_factor), size(model.n_inputs), n_motions)
 
 
 @kernel
@@ -110,7 +104,9 @@ def set_known(known, psi, q, v, a, b):
     for i in range(known.shape[0]):
         k = known[i]
         if k >= 0:
-            q[k], v[k], a[k], b[k] = psi[3 * i], psi[3 * i + 1], psi[3 * i + 2], psi[3 * i + 2]
+            at = OF_MOTION.end * i
+            q[k], v[k], a[k] = psi[at + OF_MOTION.value], psi[at + OF_MOTION.rate], psi[at + OF_MOTION.second]
+            b[k] = a[k]
 
 
 @kernel

@@ -1,4 +1,7 @@
-"""The floating frame's equations against an oracle of another derivation, its tangents against finite differences."""
+"""Floating frames joined by multipliers against an oracle of another derivation, tangents against finite differences.
+
+`test_floating_frame.py` runs this file, on plain Python numbers: the kernels are those that are compiled elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import config
 from numpy.typing import NDArray
 
 from flexarm_env.compiler.lanes import SINGLE
@@ -16,7 +20,11 @@ from flexarm_env.physics.protocol import REGISTRY, RESIDUAL_ALONE, State, Weight
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant
+from tests.physics.oracle_chain import STEP, Chain
 from tests.physics.oracle_floating import Oracle, element_fields
+from tests.physics.uncompiled_chain import close
+
+pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
 
 Array = NDArray[np.float64]
 MESHES = [(1, 2, "von_karman"), (2, 1, "von_karman"), (1, 3, "paper"), (2, 1, "linear")]
@@ -53,7 +61,7 @@ class Kernel:
     """The compiled functions of a scene's model, called alone on random states."""
 
     def __init__(self, scene: Scene, **options: Any) -> None:
-        self.simulation = Simulation(scene, scene.settings("floating_frame", **options))
+        self.simulation = Simulation(scene, scene.settings("floating_frame", multipliers=True, **options))
         self.model, self.par = self.simulation.model, self.simulation.par
         self.functions: dict[str, Callable[..., Any]] = REGISTRY[type(self.model)]
         self.n = int(self.model.n)
@@ -69,11 +77,12 @@ class Kernel:
         return q, v, a, rng.normal(size=self.model.n_inputs)
 
     def residual(self, q: Array, v: Array, a: Array, u: Array) -> Array:
-        """Every entry is written: the array starts as NaN."""
+        """Every entry is written, none of the matrix and its pivots: both start as NaN."""
         r = np.full(self.n, np.nan)
         S = np.full(self.model.n_factor, np.nan)
         self.functions["assemble"](SINGLE, self.model, self.par, State(q, v, a), u, RESIDUAL_ALONE, r, S)
-        assert np.isnan(S).all(), "the residual alone must leave the matrix as it is"
+        matrix = S[: self.n * (3 * self.model.half + 2)]
+        assert np.isnan(matrix).all(), "the residual alone must leave the matrix as it is"
         r[self.constrained] = 0.0
         return r
 
@@ -108,12 +117,6 @@ def pair(request: pytest.FixtureRequest) -> tuple[Kernel, Oracle]:
         scene = replace(scene, arm=replace(scene.arm, mass_damping=0.0))
     kernel = Kernel(scene, segments=segments, elements=elements, coupling=coupling)
     return kernel, Oracle(scene, segments, elements, coupling)
-
-
-def close(mine: Any, other: Any, tolerance: float) -> bool:
-    """Largest difference relative to the largest value."""
-    mine, other = np.asarray(mine), np.asarray(other)
-    return bool(np.abs(mine - other).max() <= tolerance * max(1.0, np.abs(other).max()))
 
 
 def test_rows_are_those_of_the_oracle(pair: tuple[Kernel, Oracle]) -> None:
@@ -186,6 +189,32 @@ def test_constraints_and_their_rates(pair: tuple[Kernel, Oracle], rng: np.random
     assert close(kernel.constraint(q, v, a, 2), (phi(step) - 2 * phi(0.0) + phi(-step)) / step**2, 1e-4)
 
 
+@pytest.mark.parametrize("mesh", [{"segments": 2, "elements": 2}, {"segments": 2, "modes": 3}], ids=str)
+def test_velocities_that_joints_allow(mesh: dict[str, int], rng: np.random.Generator) -> None:
+    """Residual on the velocities that its constraints allow is that of the chain without: multipliers do no work."""
+    scene = chain()
+    scene = replace(scene, rigid_joints=(), arm=replace(scene.arm, mass_damping=0.0))
+    joined = Kernel(scene, **mesh)
+    oracle = Chain(scene, mesh["segments"], mesh.get("elements", 1), modes=mesh.get("modes"))
+    starts = joined.model.table[:, 0]
+
+    def absolute(q: Array, v: Array) -> tuple[Array, Array]:
+        shape = (*np.broadcast(q[..., 0], v[..., 0]).shape, joined.n)
+        places, rates = np.zeros((2, *shape), np.result_type(q, v))
+        for at, m in zip(starts, oracle.motion(q, v), strict=True):
+            size = m.p.shape[-1]
+            for target, values in ((places, (m.X, m.angle, m.p)), (rates, (m.X_rate, m.rate, m.p_rate))):
+                target[..., at : at + 2], target[..., at + 2], target[..., at + 3 : at + 3 + size] = values
+        return places, rates
+
+    q, v, a = 0.1 * rng.normal(size=oracle.n), rng.normal(size=oracle.n), rng.normal(size=oracle.n)
+    u = rng.normal(size=joined.model.n_inputs)
+    Q, V = absolute(q, v)
+    A = absolute(q + 1j * STEP * v, v + 1j * STEP * a)[1].imag / STEP
+    allowed = absolute(q, np.eye(oracle.n))[1]
+    assert close(allowed @ joined.residual(Q, V, A, u), oracle.residual(q, v, a, u), 3e-8 if "modes" in mesh else 1e-12)
+
+
 def test_tangents_are_derivatives(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None:
     """cm, cc and ck parts of the iteration matrix, the constraints' curvature included, by central differences."""
     kernel, _ = pair
@@ -223,12 +252,11 @@ def check_tangents(kernel: Kernel, rng: np.random.Generator) -> None:
 def test_reduction_is_lagrangian(rng: np.random.Generator) -> None:
     """Reduced to modes: all forces are d/dt dT/dv - dT/dq + d(U + V)/dq of the model's own energies."""
     scene = chain()
-    kernel = Kernel(scene, modes=2)
+    kernel = Kernel(replace(scene, arm=replace(scene.arm, mass_damping=0.0)), modes=2)
     q, v, a, u = kernel.state(rng)
     q[kernel.constrained], u[:] = 0.0, 0.0
     kernel.par = kernel.par.copy()
     kernel.par[3] = 0.0  # no material damping
-    kernel.model = kernel.model._replace(mass_damping=0.0)
     step, unit = 1e-5, np.eye(kernel.n)
 
     def momentum(q: Array, v: Array) -> Array:

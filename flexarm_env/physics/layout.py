@@ -1,0 +1,60 @@
+"""Where things are in what every formulation reads or writes: inputs, motions, link poses, an arm's books."""
+
+from __future__ import annotations
+
+from ..layout import Field, Layout
+
+POSES = Layout(
+    "Pose", "",
+    Field("x", (), "m", "of the link's root"),
+    Field("y", (), "m", ""),
+    Field("angle", (), "rad", "of its tangent there"),
+    Field("vx", (), "m/s", "their rates"),
+    Field("vy", (), "m/s", ""),
+    Field("rate", (), "rad/s", ""),
+    Field("tip_x", (), "m", "the same of its tip"),
+    Field("tip_y", (), "m", ""),
+    Field("tip_angle", (), "rad", ""),
+    Field("tip_vx", (), "m/s", ""),
+    Field("tip_vy", (), "m/s", ""),
+    Field("tip_rate", (), "rad/s", ""),
+)  # fmt: skip
+"""What is known of a link, as `protocol.link_poses` writes it."""
+
+POSE = POSES.places
+"""Where these are; POSE.end: numbers a link."""
+
+ROOT, ROOT_RATES = slice(POSE.x, POSE.vx), slice(POSE.vx, POSE.tip_x)
+TIP, TIP_RATES = slice(POSE.tip_x, POSE.tip_vx), slice(POSE.tip_vx, POSE.end)
+"""x, y, angle and their rates, of a link's root and of its tip: along the last axis of poses (..., links, POSE.end)."""
+
+LOAD = Layout(
+    "PointLoad", "",
+    Field("x", (), "N", "force; as a port: position, m"),
+    Field("y", (), "N", ""),
+    Field("torque", (), "N m", "as a port: angle, rad"),
+)  # fmt: skip
+"""A point load's entries of the inputs u, behind the joints' torques, and of the ports y."""
+OF_LOAD = LOAD.places
+
+MOTION = Layout(
+    "Motion", "",
+    Field("value", (), "m or rad", "of the prescribed coordinate"),
+    Field("rate", (), "1/s", ""),
+    Field("second", (), "1/s^2", "second rate"),
+)  # fmt: skip
+"""A prescribed motion's entries of psi."""
+OF_MOTION = MOTION.places
+
+BOOKS = Layout(
+    "Books", "",
+    Field("work", (), "J", "of inputs and motions"),
+    Field("dissipated", (), "J", "by damping"),
+    Field("unused", (), "J", ""),
+)  # fmt: skip
+WORK_DONE, DISSIPATED, *_ = BOOKS.places
+
+COUNTS = Layout(
+    "Counts", "", *(Field(name, (), "", "") for name in ("iterations", "factorisations", "halvings", "steps"))
+)
+ITERATIONS, FACTORISATIONS, HALVINGS, STEPS, *_ = COUNTS.places

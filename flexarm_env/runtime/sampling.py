@@ -1,0 +1,143 @@
+"""Entry points from Python that look at one arm, or move it and look at it at many instants."""
+
+from __future__ import annotations
+
+import math
+
+from ..compiler import bare, inlined, kernel, size
+from ..layout import Field, Layout
+from ..physics.integrator.step import advance_bare
+from ..physics.integrator.work import unpack
+from ..physics.layout import DISSIPATED, POSES, WORK_DONE
+from ..physics.model import DIVERGED, NOT_FINITE, OK
+from ..physics.protocol import energy, link_poses, shape
+
+SAMPLE = Layout(
+    "Sample", "rows, links, motions",
+    Field("time", (), "s", ""),
+    Field("poses", ("links", POSES.length), "m, rad", "of the links"),
+    Field("energies", (3,), "J", "kinetic, strain, gravity"),
+    Field("work", (), "J", "of the drives"),
+    Field("dissipated", (), "J", "by damping"),
+    Field("torque", ("links",), "N m", "on the joints"),
+    Field("reaction", ("motions",), "N m or N", "that holds each prescribed coordinate"),
+    Field("q", ("rows",), "", "state"),
+    Field("v", ("rows",), "", "its rate"),
+)  # fmt: skip
+"""What is recorded of an instant."""
+
+STRETCH = Layout(
+    "Stretch", "",
+    Field("time", (), "s", "reached"),
+    Field("longest", (), "s", "longest step"),
+    Field("gross", (), "J", "gross work of the drives"),
+    Field("start_energy", (), "J", "at the start of the run"),
+    Field("gain", (), "", "how many times what can account for it the energy may become"),
+    Field("begun", (), "s", "where the way to the next instant began, where it is under way"),
+    Field("done", (), "", "steps of that way that are done; 0: none is under way"),
+)  # fmt: skip
+"""What a run carries from one call of `sample_rows` to the next."""
+
+sample_at = kernel(SAMPLE.offsets)
+_AT = STRETCH.places
+
+
+@kernel
+def observe_arm(lane, model, par, q, v, poses, energies, points):
+    """Link poses (`POSES`), (kinetic, strain, gravity) energy and points along the chain; SINGLE only.
+
+    Returns how many points were written; none where `points` is empty.
+    """
+    m, p, x, y = bare(model), bare(par), bare(q), bare(v)  # the types that the step has compiled much of this for
+    link_poses(lane, m, p, x, y, bare(poses))
+    energies[0], energies[1], energies[2] = energy(lane, m, p, x, y)
+    if points.shape[0] == 0:
+        return 0
+    return shape(m, x, points)
+
+
+@kernel
+def gained(kinetic, strain, gravity, start, gross, dissipated, gain):
+    """Whether there is `gain` times the energy that start (J), gross work (J), dissipation and gravity account for."""
+    total = abs(kinetic + strain + gravity)
+    known = abs(start) + gross + abs(dissipated) + abs(gravity)
+    return not total <= gain * (known + 1e-300) and total > 1e-9
+
+
+@inlined
+def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
+    """Equal steps of at most stretch.longest to `stop`; returns how many chunks of `most` are left, -1 where the arm
+    has failed or there were too few: what is done is then noted in `stretch`."""
+    start, done = stretch[_AT.time], int(stretch[_AT.done])
+    if done > 0:
+        start = stretch[_AT.begun]
+    if start < stop - 1e-12 * max(1.0, stop):
+        n_steps = max(1, math.ceil((stop - start) / stretch[_AT.longest] * (1.0 - 1e-9)))
+        h = (stop - start) / n_steps
+        while done < n_steps:
+            if most == 0:
+                stretch[_AT.begun], stretch[_AT.done] = start, done
+                return -1
+            most -= 1
+            before = w.books[WORK_DONE]
+            steps = min(chunk, n_steps - done)
+            stretch[_AT.time] = advance_bare(lane, arm, drive, p, w, start + done * h, h, steps, scheme, books)
+            stretch[_AT.gross] += abs(w.books[WORK_DONE] - before)
+            if w.flag[0] != OK:
+                return -1
+            for k in range(size(arm.n)):
+                if not math.isfinite(w.q[k]):
+                    w.flag[0] = NOT_FINITE
+                    return -1
+            done += steps
+        stretch[_AT.time], stretch[_AT.done] = stop, 0.0
+    return most
+
+
+@kernel
+def sample_rows(
+    lane, model, drive, par, flat, n_motions, links, stretch, instants, chunk, most, scheme, books, table, points
+):
+    """Advance through a smooth stretch, stopping at instants; a row of `table` (a `SAMPLE`) and points (P, 2) each.
+
+    Steps are equal between instants and at most stretch.longest. `chunk`: steps after which the work done is looked at.
+    books: a tag, (0,), where books are kept, or None. Returns how many rows were written; fewer than there are
+    instants where the arm has failed (its flag says why; a row of a diverged arm is written), or after `most` chunks:
+    called again with the instants that are left, it goes on with the same steps. No points where P = 0. SINGLE only.
+    """
+    arm, p, x = bare(model), bare(par), bare(flat)
+    w = unpack(lane, model, x, n_motions)
+    n = size(model.n)
+    at = sample_at(0, n, links, n_motions)
+    for i in range(instants.shape[0]):
+        moving = stretch[_AT.time] < instants[i] or stretch[_AT.done] > 0.0
+        most = _go(lane, arm, drive, p, w, stretch, instants[i], chunk, most, scheme, books)
+        if most < 0:
+            return i
+        row = bare(table[i])
+        row[at.time] = stretch[_AT.time]
+        link_poses(lane, arm, p, w.q, w.v, row[at.poses : at.energies])
+        kinetic, strain, gravity = energy(lane, arm, p, w.q, w.v)
+        row[at.energies], row[at.energies + 1], row[at.energies + 2] = kinetic, strain, gravity
+        row[at.work], row[at.dissipated] = w.books[WORK_DONE], w.books[DISSIPATED]
+        for k in range(links):
+            row[at.torque + k] = w.u[k]
+        for k in range(n_motions):
+            row[at.reaction + k] = w.reaction[k]
+        for k in range(n):
+            row[at.q + k], row[at.v + k] = w.q[k], w.v[k]
+        if points.shape[1] > 0:
+            shape(arm, w.q, points[i])
+        if moving:
+            if gained(
+                kinetic,
+                strain,
+                gravity,
+                stretch[_AT.start_energy],
+                stretch[_AT.gross],
+                w.books[DISSIPATED],
+                stretch[_AT.gain],
+            ):
+                w.flag[0] = DIVERGED
+                return i + 1
+    return instants.shape[0]

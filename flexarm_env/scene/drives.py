@@ -1,0 +1,81 @@
+"""What moves and loads the arm of a scene: prescribed coordinates, joint torques, point loads."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from flexarm_env import validation as check
+from flexarm_env.time_functions import TimeFunction
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A coordinate that is prescribed.
+
+    Args:
+        coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the
+            tip section of link k-1), "root_x" or "root_y" (position of the root, m).
+        function: its value (rad or m) over time; the value must not jump.
+    """
+
+    coordinate: str
+    function: TimeFunction
+
+    def __post_init__(self) -> None:
+        name = self.coordinate
+        if not isinstance(name, str) or not (
+            name in ("root_x", "root_y") or re.fullmatch(r"joint(0|[1-9][0-9]*)", name)
+        ):
+            raise check.InvalidValue("coordinate", name, 'must be "joint0", "joint1", ..., "root_x" or "root_y"')
+        check.instance("function", self.function, TimeFunction).check_no_jump()
+
+    @property
+    def joint(self) -> int | None:
+        """Index of the joint, or None for a coordinate of the root's position."""
+        return int(self.coordinate[5:]) if self.coordinate.startswith("joint") else None
+
+
+@dataclass(frozen=True)
+class JointTorque:
+    """A torque (N m) of joint ``k``: + on the root of link k, - on the tip of link k-1 (k = 0: on the ground)."""
+
+    joint: int
+    function: TimeFunction
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint", check.integer("joint", self.joint, minimum=0))
+        check.instance("function", self.function, TimeFunction)
+
+    @property
+    def functions(self) -> tuple[TimeFunction, ...]:
+        """The functions of time in it."""
+        return (self.function,)
+
+
+@dataclass(frozen=True)
+class PointLoad:
+    """A force in global axes (N) and a torque (N m) on the "root" or "tip" of a link; at least one of the three."""
+
+    link: int
+    end: str
+    force_x: TimeFunction | None = None
+    force_y: TimeFunction | None = None
+    torque: TimeFunction | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "link", check.integer("link", self.link, minimum=0))
+        check.choice("end", self.end, ("root", "tip"))
+        for name in ("force_x", "force_y", "torque"):
+            if getattr(self, name) is not None:
+                check.instance(name, getattr(self, name), TimeFunction)
+        if not self.functions:
+            raise check.MissingKey("force_x", "a point load needs force_x, force_y or torque")
+
+    @property
+    def functions(self) -> tuple[TimeFunction, ...]:
+        """The functions of time in it."""
+        return tuple(f for f in (self.force_x, self.force_y, self.torque) if f is not None)
+
+
+Load = JointTorque | PointLoad

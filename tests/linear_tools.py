@@ -1,0 +1,46 @@
+"""What the tests of linear models, modes and equilibria share: the formulations, arms, scenes at rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from flexarm_env.parameters import Arm, Link, Section
+from flexarm_env.scene import Scene
+
+SEGMENTS = ("floating_frame", {"segments": 2, "elements": 2})
+MODES = ("floating_frame", {"modes": 3})
+EXACT = ("geometrically_exact", {"elements": 4})
+ELASTICA = ("elastica", {})
+ALL = (SEGMENTS, MODES, EXACT, ELASTICA)
+FULL = (SEGMENTS, EXACT, ELASTICA)
+
+
+def names(choices: Any) -> list[str]:
+    return ["_".join([f, *(f"{k}{v}" for k, v in o.items())]) for f, o in choices]
+
+
+def every(choices: Any, slow: tuple[str, ...] = ()) -> Any:
+    """Each formulation with its options; those named in `slow` have to compile kernels that no other test needs."""
+    sets = [
+        pytest.param(f, o, id=name, marks=[pytest.mark.slow] if f in slow else [])
+        for (f, o), name in zip(choices, names(choices), strict=True)
+    ]
+    return pytest.mark.parametrize(("formulation", "options"), sets)
+
+
+SLENDER = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)
+"""Nearly without stretch, shear and rotary inertia; with L = 1 frequencies are those of the dimensionless tables."""
+
+
+def one_link(section: Section = SLENDER, length: float = 1.0, **arm: Any) -> Arm:
+    return Arm("one", (Link(length, section),), **arm)
+
+
+def two_links(section: Section = SLENDER, **arm: Any) -> Arm:
+    return Arm("two", (Link(1.0, section), Link(1.0, section)), **arm)
+
+
+def at_rest(arm: Arm, **more: Any) -> Scene:
+    return Scene("rest", arm, duration=1.0, dt=0.01, **more)

@@ -1,0 +1,131 @@
+"""What every formulation owes the integrator, on plain Python numbers: damping forces that come from a potential, and
+coordinates that move as they say; `test_uncompiled.py` runs this file with NUMBA_DISABLE_JIT=1."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import config
+
+from flexarm_env.compiler import SINGLE, load, store
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.assembly import assemble
+from flexarm_env.physics.equations import equations
+from flexarm_env.physics.model import TAU_D, ExactBeam
+from flexarm_env.physics.protocol import FORMULATIONS, State, damping_work
+from flexarm_env.scene import Scene
+from flexarm_env.settings import Settings
+from flexarm_env.simulation import Simulation
+
+pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
+
+SECTION = Section(EI=3.0, EA=4e3, C=2e3, m=0.5, J=0.02)
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "exact": ("geometrically_exact", {"elements": 2}),
+    "exact, cubic": ("geometrically_exact", {"elements": 1, "order": 3}),
+    "elastica": ("elastica", {"nodes": 4}),
+    "one frame a link": ("floating_frame", {"segments": 1, "elements": 3, "frame": "root"}),
+    "segments": ("floating_frame", {"segments": 2, "frame": "root"}),
+    "chord": ("floating_frame", {"segments": 2, "frame": "chord"}),
+    "modes": ("floating_frame", {"modes": 2, "frame": "root"}),
+    "linear": ("floating_frame", {"segments": 2, "coupling": "linear"}),
+    "multipliers": ("floating_frame", {"segments": 2, "multipliers": True}),
+    "paper": ("floating_frame", {"segments": 1, "elements": 2, "coupling": "paper", "multipliers": True}),
+}
+
+
+def scene(mass_damping: float = 0.0) -> Scene:
+    """Two unlike links, bent at the elbow, damped."""
+    links = (Link(0.7, SECTION), Link(0.4, SECTION))
+    arm = Arm(
+        "two", links, hub_inertia=0.05, elbows=(Elbow(0.1, 0.01, 0.02),), payload=Payload(0.2, 0.03), tau_d=0.02,
+        mass_damping=mass_damping,
+    )  # fmt: skip
+    return Scene("s", arm, duration=1.0, dt=0.01, angles=(0.3, 1.1))
+
+
+@pytest.mark.parametrize(
+    ("method", "drag"), [(method, 0.0) for method in METHODS] + [("one frame a link", 0.3), ("modes", 0.3)]
+)
+def test_damping_forces_are_the_slopes_of_rayleighs_function(method: str, drag: float) -> None:
+    """R(q, v) is half the power that is lost at rates v; x'C(q) v, at any rates x, is x . dR/dv, and what the equations
+    of motion lose when damping is taken away. Bent and stretched, where the strains' rates are not linear in q."""
+    formulation, options = METHODS[method]
+    settings = Settings.make(formulation, dt=0.01, **options)
+    system = assemble(scene(drag), settings)
+    model, par, rng = system.model, system.par, np.random.default_rng(1)
+    moving = np.ones(len(system.q0), bool)
+    moving[list(model.fixed)] = False
+    if model.algebraic is not None:
+        moving[list(model.algebraic)] = False
+    q = system.q0 + 0.05 * moving * rng.standard_normal(len(moving))
+    v, x = moving * rng.standard_normal((2, len(moving)))
+
+    def rayleigh(rates: np.ndarray) -> float:
+        return 0.5 * float(damping_work(SINGLE, model, par, q, rates, rates))
+
+    assert rayleigh(v) > 0.0
+    slope = 0.5 * (rayleigh(v + x) - rayleigh(v - x))  # exact of a quadratic function
+    work = float(damping_work(SINGLE, model, par, q, v, x))
+    assert abs(work) > 1e-3 * math.sqrt(rayleigh(v) * rayleigh(x))
+    assert work == pytest.approx(slope, rel=1e-9)
+
+    def force(own: Any, tau_d: float) -> np.ndarray:
+        r, S, zero = np.zeros(len(q)), np.zeros(len(own.weight) ** 2 * 8), np.zeros(len(q))
+        mine = par.copy()
+        mine[TAU_D] = tau_d
+        inputs = np.zeros(own.n_inputs if isinstance(own.n_inputs, int) else len(own.n_inputs))
+        equations(SINGLE, own, mine, State(q, v, zero), inputs, np.zeros(0), 0, r, S)
+        return r
+
+    lost = force(model, par[TAU_D]) - force(assemble(scene(), settings).model, 0.0)
+    assert work == pytest.approx(float(x @ lost), rel=1e-8)
+
+
+class Wrapped(ExactBeam):
+    """Two links of one linear element: the second one's angles are told within half a turn of the elbow, as rotations
+    in space would be."""
+
+    __slots__ = ()
+
+
+TIP_ANGLE, ELBOW = 8, 9
+"""Rows of the second link's angles."""
+
+
+updates: list[int] = []
+
+
+def wrapped_update(lane: Any, model: Any, q: Any, d: Any) -> None:
+    """Their sum, with whole turns of the elbow taken out."""
+    updates.append(1)
+    for k in range(model.n):
+        store(q, k, load(lane, q, k) + load(lane, d, k))
+    turns = math.floor(q[ELBOW] / (2.0 * math.pi) + 0.5)
+    q[TIP_ANGLE] -= 2.0 * math.pi * turns
+    q[ELBOW] -= 2.0 * math.pi * turns
+
+
+def test_coordinates_move_as_their_formulation_says() -> None:
+    """An elbow that spins: predictor and Newton's iteration take its turns out, and the arm moves as it always does."""
+    FORMULATIONS.register(Wrapped, **{**FORMULATIONS.members[ExactBeam], "update": wrapped_update})
+    runs = []
+    for kind in (ExactBeam, Wrapped):
+        run = Simulation(scene(), Settings.make("geometrically_exact", elements=1, order=1, dt=0.01))
+        assert run.system.coordinates["joint1"] == ELBOW and len(run.work.q) == ELBOW + 1
+        run.model = kind(*run.model._replace(predictor=1.0))  # its guess knows nothing of turns
+        run.set_torques(np.array([0.0, 4.0]))
+        found = []
+        for k in range(40):
+            assert run.advance_to(0.01 * (k + 1), books=False), run.message
+            found.append(run.work.q.copy())
+        runs.append(np.array(found))
+    turns = (runs[0] - runs[1]) / (2.0 * math.pi)
+    assert np.abs(runs[1][:, ELBOW]).max() <= math.pi and np.round(turns[-1, ELBOW]) >= 1.0
+    assert np.abs(turns - np.round(turns)).max() < 1e-9
+    assert not np.round(turns)[:, :TIP_ANGLE].any()
+    iterations, _, _, steps = run.work.counts
+    assert len(updates) == iterations + 2 * steps  # two for a prediction
