@@ -222,7 +222,8 @@ def test_the_form_with_multipliers_is_approached(scene: Scene, dt: float, mesh: 
     apart = []
     for k in range(4):
         options = {"dt": dt / 2**k, "rho_inf": 1.0, "sample": 0.1, "estimate_error": False, **mesh}
-        apart.append(tips_apart(simulate(scene, **options), simulate(scene, multipliers=True, **options)))
+        joined = simulate(scene, multipliers=True, **options)
+        apart.append(tips_apart(simulate(scene, frame="root", **options), joined))
     assert np.log2(np.array(apart[:-1]) / apart[1:]) == pytest.approx(2.0, abs=0.15)
     assert apart[-1] < 3e-6
 
@@ -277,7 +278,7 @@ def test_segments_converge_where_beams_are_slender(frame: str, mesh: dict[str, i
 
 @pytest.mark.parametrize("modes", [2, 4])
 def test_chord_modes_stop_where_they_should(modes: int) -> None:
-    """A driven link whose root has no inertia goes to the bound of deflection, where clamped modes stop early."""
+    """A driven link whose root has no inertia: a sentence, no step halved, and a mass matrix that is still definite."""
     section = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)
     arm = Arm("arm", (Link(1.0, section),), payload=Payload(0.3))
     scene = Scene("arm", arm, duration=2.0, dt=1e-3, loads=(JointTorque(0, sine(1.0, np.pi, 0.0, 2.0)),))
@@ -285,5 +286,5 @@ def test_chord_modes_stop_where_they_should(modes: int) -> None:
     assert not simulation.advance_to(2.0)
     assert simulation.work.counts[2] == 0.0
     assert "is beyond the range of the reduction to modes" in simulation.message
-    tip = simulation.observe()[0][0]
-    assert 0.2 < abs(np.cos(tip[2]) * tip[7] - np.sin(tip[2]) * tip[6]) < 0.26
+    mass = Chain(scene, 1, modes=modes, frame="chord").mass_matrix(simulation.work.q)[2:, 2:]
+    assert np.linalg.eigvalsh(mass)[0] > 0.0
