@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,10 @@ from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics import protocol
 from flexarm_env.physics.model import FloatingChain
 from flexarm_env.physics.protocol import State, Weights
-from flexarm_env.scene import Motion, PointLoad, Scene
+from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.scenes import named
 from flexarm_env.simulation import Simulation
-from flexarm_env.time_functions import constant, cycloid
+from flexarm_env.time_functions import constant, cycloid, sine
 from tests.physics.oracle_chain import STEP, Chain
 from tests.physics.uncompiled_chain import close
 from tests.processes import uncompiled_tests
@@ -224,3 +225,65 @@ def test_the_form_with_multipliers_is_approached(scene: Scene, dt: float, mesh: 
         apart.append(tips_apart(simulate(scene, **options), simulate(scene, multipliers=True, **options)))
     assert np.log2(np.array(apart[:-1]) / apart[1:]) == pytest.approx(2.0, abs=0.15)
     assert apart[-1] < 3e-6
+
+
+@pytest.mark.parametrize("mesh", [{"segments": 3}, {"modes": 3}], ids=str)
+def test_spin_up_through_both_ends(mesh: dict[str, int]) -> None:
+    """Deepest lag near 6.75 s (geometrically exact: -0.5739 m), none at full speed, and the books balance."""
+    run = simulate(named("spin_up"), frame="chord", sample=0.02, estimate_error=False, **mesh)
+    lag = 10.0 * run.tip_deflection[:, 0]
+    assert run.status == "ok"
+    assert lag.min() == pytest.approx(-0.5739, abs=5e-4)
+    assert run.t[lag.argmin()] == pytest.approx(6.75, abs=0.05)
+    assert np.abs(lag[run.t > 15.0]).max() < 0.02
+    left = run.energy - run.energy[0] - (run.work - run.dissipated)
+    assert np.abs(left).max() < 1e-5 * run.energy.max()
+
+
+def test_a_chord_bears_a_large_deflection() -> None:
+    """robot_arm_motion_smooth, 80 % of L: a frame through both ends halves the rotation that it has to bear. Four
+    segments of it are nearer than eight clamped ones, and both frames' segments come to the exact beam."""
+    scene, options = named("robot_arm_motion_smooth"), {"dt": 0.00625, "rho_inf": 1.0, "sample": 0.1}
+    exact = simulate(scene, "geometrically_exact", elements=12, order=3, estimate_error=False, **options)
+    errors = {
+        frame: [
+            tips_apart(simulate(scene, segments=n, elements=2, frame=frame, estimate_error=False, **options), exact)
+            for n in (2, 4, 8)
+        ]
+        for frame in FRAMES
+    }
+    for found in errors.values():
+        assert (np.log2(np.array(found[:-1]) / found[1:]) > 1.5).all()
+    assert errors["chord"][1] < 0.5 * errors["root"][2]
+    assert errors["chord"][0] < 0.01 < 0.1 < errors["root"][0]
+
+
+@pytest.mark.slow
+@BOTH_FRAMES
+@pytest.mark.parametrize("mesh", [{}, {"modes": 2}], ids=str)
+def test_segments_converge_where_beams_are_slender(frame: str, mesh: dict[str, int]) -> None:
+    """Deflection 0.7 L with hardly any shear or stretch: second order at least in both frames, down to 2e-6 of L."""
+    section = Section(2.0, 4e6, 1.5e6, 0.5, 1e-5)
+    arm = Arm("slender", (Link(1.0, section),), hub_inertia=0.05, payload=Payload(0.1, 1e-3))
+    scene = Scene("slender", arm, duration=0.6, dt=5e-4, sample=0.02, loads=(JointTorque(0, sine(2.0, 8.0)),))
+    exact = simulate(scene, "geometrically_exact", elements=16, rho_inf=0.9, estimate_error=False)
+    apart = [
+        tips_apart(simulate(scene, segments=n, frame=frame, rho_inf=0.9, estimate_error=False, **mesh), exact)
+        for n in (6, 12, 24)
+    ]
+    assert all(fine < max(coarse / 2**1.5, 2e-6) for coarse, fine in itertools.pairwise(apart))
+    assert apart[-1] < (1e-4 if frame == "root" else 2e-6)
+
+
+@pytest.mark.parametrize("modes", [2, 4])
+def test_chord_modes_stop_where_they_should(modes: int) -> None:
+    """A driven link whose root has no inertia goes to the bound of deflection, where clamped modes stop early."""
+    section = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)
+    arm = Arm("arm", (Link(1.0, section),), payload=Payload(0.3))
+    scene = Scene("arm", arm, duration=2.0, dt=1e-3, loads=(JointTorque(0, sine(1.0, np.pi, 0.0, 2.0)),))
+    simulation = Simulation(scene, scene.settings("floating_frame", modes=modes, rho_inf=1.0, frame="chord"))
+    assert not simulation.advance_to(2.0)
+    assert simulation.work.counts[2] == 0.0
+    assert "is beyond the range of the reduction to modes" in simulation.message
+    tip = simulation.observe()[0][0]
+    assert 0.2 < abs(np.cos(tip[2]) * tip[7] - np.sin(tip[2]) * tip[6]) < 0.26

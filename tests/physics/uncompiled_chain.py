@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.floating.build import build
-from flexarm_env.physics.model import FloatingChain
+from flexarm_env.physics.model import DIVERGED, OK, FloatingChain
 from flexarm_env.physics.protocol import REGISTRY, RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
@@ -122,7 +122,7 @@ class Case:
             column = weights[0] * 0.5 * (self.residual(q, v, a + d, u) - self.residual(q, v, a - d, u))
             column += weights[1] * 0.5 * (self.residual(q, v + d, a, u) - self.residual(q, v - d, a, u))
             if weights[2]:
-                slopes = (1.5 * along(d, h) - 0.6 * along(d, 2.0 * h) + 0.1 * along(d, 3.0 * h))
+                slopes = 1.5 * along(d, h) - 0.6 * along(d, 2.0 * h) + 0.1 * along(d, 3.0 * h)
                 column += weights[2] * slopes
             columns.append(column)
         return np.array(columns).T
@@ -135,18 +135,14 @@ def close(mine: Any, other: Any, tolerance: float) -> bool:
 
 
 MESHES: list[dict[str, Any]] = [
-    {"segments": 1, "elements": 1},
-    {"segments": 1, "elements": 2},
-    {"segments": 1, "elements": 4},
+    {"segments": 1, "elements": 3},
     {"segments": 2, "elements": 1},
     {"segments": 3, "elements": 2},
     {"segments": 2, "elements": 2, "coupling": "paper"},
     {"segments": 2, "elements": 1, "coupling": "linear"},
     {"modes": 1},
-    {"modes": 2},
     {"modes": 3},
     {"segments": 3, "modes": 2},
-    {"segments": 2, "modes": 4},
 ]
 FRAMES = ("root", "chord")
 FEATURES: list[dict[str, Any]] = [
@@ -166,7 +162,7 @@ def cases() -> list[Any]:
         for mesh in MESHES:
             if frame == "chord" and mesh.get("modes") == 1:
                 continue
-            for links in (1, 2, 3):
+            for links in (1, 3) if "coupling" not in mesh else (2,):
                 found.append(pytest.param(links, {**mesh, "frame": frame}, id=f"{links}-{frame}-{named(mesh)}"))
     return found
 
@@ -197,12 +193,25 @@ def test_drag_and_a_softer_arm(frame: str, mesh: dict[str, Any]) -> None:
         assert close(case.residual(*state), case.oracle.residual(*state), case.tolerance)
 
 
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("mesh", [{"segments": 2, "elements": 2}, {"segments": 2, "modes": 2}], ids=named)
+def test_numbers_that_are_none_are_out_of_range(frame: str, mesh: dict[str, Any]) -> None:
+    case = Case(2, {}, frame=frame, **mesh)
+    ask = case.functions["out_of_range"]
+    assert ask(SINGLE, case.model, case.par, case.system.q0) == OK
+    for wrong in (np.nan, np.inf):
+        for k in range(3, case.oracle.betas):
+            q = np.where(np.arange(case.n) == k, wrong, case.system.q0)
+            with np.errstate(invalid="ignore"):
+                assert ask(SINGLE, case.model, case.par, q) == DIVERGED
+
+
 @ALL
 def test_tangents_solve_what_differences_say(links: int, mesh: dict[str, Any]) -> None:
     """S = cm dr/da + cc dr/dv + ck dr/dq, factored and solved; the root's and the joints' coordinates can be pinned."""
     case = Case(links, {"mass_damping": 0.2 if mesh.get("segments", 1) == 1 else 0.0}, **mesh)
     state, rng = case.state(3, 0.15 if mesh.get("modes") is None else 0.03), np.random.default_rng(5)
-    for weights in ((1.0, 0.0, 0.0), (2.0, 0.7, 1.3), (1.0, 0.3, 20.0)):
+    for weights in ((1.0, 0.0, 0.0), (2.0, 0.7, 20.0)):
         wanted = case.tangent(state, weights)
         S, b = case.factored(state, weights), rng.normal(size=case.n)
         before = case.solved(S, b)
