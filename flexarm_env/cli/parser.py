@@ -168,6 +168,7 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     solver.add_argument(
         "--elements", type=int, metavar="N", help="per segment (floating_frame), per link (geometrically_exact)"
     )
+    solver.add_argument("--frame", metavar="NAME", help="chord or root: where the frame floats (floating_frame)")
     solver.add_argument("--coupling", metavar="NAME", help="von_karman, paper or linear (floating_frame)")
     solver.add_argument(
         "--modes", type=int, metavar="N", help="bending modes per link, per segment with --segments (floating_frame)"
