@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 HORIZON = {"FlexibleArm-v0": 4.0, "TwoLinkFlexArm-v0": 2.0}
 LIMIT, AIM, SHARE = 0.5, 0.1, 99.0
+WEAK = 0.4
+"""Share of the torque under which links that are reduced to modes stay within their range."""
 """Errors in % of L, and the percentile of the episodes that they are asked of."""
 
 EXACT: dict[str, Any] = {
@@ -54,6 +56,7 @@ class Candidate:
     single: float = float("nan")  # the same of `step` of a single environment
     failed: int = 0
     default: bool = False
+    of_formulation: bool = False  # the default where its formulation, or modes, is asked for
 
     @property
     def worst(self) -> float:
@@ -67,10 +70,16 @@ class Candidate:
         for name, value in self.options.items():
             if name == "dt":
                 parts.append(f"dt {value * 1e3:.4g} ms")
+            elif name == "multipliers":
+                parts.append(name)
+            elif name == "frame":
+                parts.append(f"frame {value}")
             elif name == "period_correction":
                 parts.append("period corrected")
             elif name != "formulation":
                 parts.append(f"{name} {value:g}")
+        if reduced(self.options):
+            parts.append(f"{WEAK:g} of the torque")
         return ", ".join(parts)
 
     def table(self) -> dict[str, Any]:
@@ -107,12 +116,19 @@ def candidates() -> list[dict[str, Any]]:
             rows += [mesh | {"dt": 0.02 / steps, "tolerance": 1e-6} for steps in (8, 4)]
             mesh |= {"period_correction": True}
             rows += [mesh | {"dt": 0.02 / steps, "tolerance": 1e-6} for steps in (8, 4, 3, 2)]
-    whole = [{"modes": modes, "dt": 0.0025} for modes in (2, 3)]  # a link reduced as a whole leaves its range
-    cut = [{"segments": segments, "dt": 0.02 / steps} for segments in (3, 4, 5) for steps in (20, 10, 8, 5)]
-    pieces = [{"segments": segments, "modes": 2, "dt": dt} for segments in (3, 4, 5) for dt in (0.001, 0.002)]
-    rows += [{"formulation": "floating_frame", **mesh, "tolerance": 1e-6} for mesh in (*whole, *pieces)]
-    rows += [{"formulation": "floating_frame", **mesh, "tolerance": 1e-6} for mesh in cut]
+    whole = [{"modes": modes, "dt": 0.02 / steps} for modes in (2, 3) for steps in (8, 4, 2)]
+    whole += [{"modes": 2, "frame": "root", "dt": 0.005}]
+    cut = [{"segments": segments, "dt": 0.02 / steps} for segments in (2, 3, 4) for steps in (10, 8, 6, 4)]
+    cut += [{"segments": segments, "frame": "root", "dt": 0.0025} for segments in (3, 5, 8)]
+    cut += [{"segments": 5, "frame": "root", "multipliers": True, "dt": 0.0025}]
+    pieces = [{"segments": segments, "modes": 2, "dt": 0.0025} for segments in (3, 5)]
+    rows += [{"formulation": "floating_frame", **mesh, "tolerance": 1e-6} for mesh in (*whole, *pieces, *cut)]
     return rows
+
+
+def reduced(options: dict[str, Any]) -> bool:
+    """Whether links are reduced to modes as a whole: asked within their range, `WEAK` of the torque."""
+    return "modes" in options and "segments" not in options
 
 
 def actions_of(env_id: str, episodes: int, joints: int) -> Array:
@@ -150,7 +166,7 @@ class Stopwatch:
     """CPU time of a control period with some settings: in a vector of 512 arms on one thread, and alone."""
 
     def __init__(self, env_id: str, options: dict[str, Any], alone: bool) -> None:
-        self.arms = 32 if options["formulation"] == "floating_frame" else 512  # the former go one by one
+        self.arms = 32 if options.get("multipliers") else 512  # the former go one by one
         more = {"joint_limits": None, "duration": 1e6, **options}
         self.vector = gym.make_vec(env_id, num_envs=self.arms, threads=1, **more)
         self.single = gym.make(env_id, **more).unwrapped if alone else None
@@ -187,18 +203,24 @@ def measure(env_id: str, episodes: int) -> tuple[list[Candidate], dict[str, floa
     actions = actions_of(env_id, episodes, joints)
     exact, _ = tips(env_id, actions, EXACT)
 
-    def errors(places: Array) -> Array:
-        distance = np.hypot(*np.moveaxis(places - exact, 2, 0)) / own.arm.total_length * 100.0
+    def errors(places: Array, truth: Array) -> Array:
+        distance = np.hypot(*np.moveaxis(places - truth, 2, 0)) / own.arm.total_length * 100.0
         return np.asarray(np.where(np.isnan(distance).any(axis=0), np.inf, distance.max(axis=0)))
 
-    spread = {word: percentile(errors(tips(env_id, actions, options)[0])) for word, options in COARSER.items()}
+    weak, _ = tips(env_id, WEAK * actions, EXACT)
+    spread = {word: percentile(errors(tips(env_id, actions, options)[0], exact)) for word, options in COARSER.items()}
     print(f"{env_id}: the reference differs from coarser ones by {spread} % of L", flush=True)
     found = []
     for options in candidates():
-        places, failed = tips(env_id, actions, options)
-        error = errors(places)
-        own_too = plan(own.kind, **options).settings == own.settings
+        share, truth = (WEAK, weak) if reduced(options) else (1.0, exact)
+        places, failed = tips(env_id, share * actions, options)
+        error = errors(places, truth)
+        settings = plan(own.kind, **options).settings
+        own_too = settings == own.settings
+        formulation = {name: options[name] for name in ("formulation", "modes") if name in options}
+        of_formulation = settings == plan(own.kind, **formulation).settings
         found.append(Candidate(options, error[:episodes], error[episodes:], failed=failed, default=own_too))
+        found[-1].of_formulation = of_formulation
         print(f"  {found[-1].label:60s} {found[-1].worst:9.4f} %{' (default)' * own_too}", flush=True)
     if not any(row.default for row in found):
         raise SystemExit(f"add the defaults of {env_id} to the candidates: {own.settings}")
@@ -220,6 +242,7 @@ def table_of(env_id: str, rows: list[Candidate], spread: dict[str, float], episo
         parts = [f"{percentile(e):.3f} %" if np.isfinite(percentile(e)) else "-" for e in (row.random, row.bang_bang)]
         mark = "aim" if row.worst <= AIM else "yes" if row.worst <= LIMIT else "no"
         name = f"**{row.label}** (default)" if row.default else row.label
+        name += " (default of the formulation)" if row.of_formulation and not row.default else ""
         alone = "" if np.isnan(row.single) else f"{row.single:.2f}"
         lines.append(f"| {name} | {parts[0]} | {parts[1]} | {row.failed} | {row.vector:.3f} | {alone} | {mark} |")
     return "\n".join([*lines, ""])
@@ -231,7 +254,7 @@ def verdict(found: dict[str, list[Candidate]]) -> list[str]:
     for limit in (LIMIT, AIM):
         every = []
         for env_id, rows in found.items():
-            good = {row.label: row.vector for row in rows if row.worst <= limit}
+            good = {row.label: row.vector for row in rows if row.worst <= limit and not reduced(row.options)}
             best = min(good, key=good.__getitem__, default="none")
             lines.append(f"- {env_id}, within {limit:g} %: {best} ({good.get(best, np.nan):.3f} us)")
             every.append(good)

@@ -232,8 +232,8 @@ class Settings:
 
 
 def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
-    """``base`` overridden by ``options``: modes drops the mesh of ``base`` (and a mesh option drops its modes), one mode
-    or multipliers its frame, newmark drops rho_inf and the other way about. None in ``options`` overrides nothing."""
+    """``base`` overridden by ``options``: modes drops the mesh of ``base`` (and a mesh option drops its modes), one
+    mode or multipliers its frame, newmark drops rho_inf and the other way about. None overrides nothing."""
     given = {name: value for name, value in options.items() if value is not None}
     kept = dict(base)
     if "modes" in given:

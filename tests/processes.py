@@ -28,6 +28,6 @@ def _path() -> str:
 
 def uncompiled_tests(file: str) -> None:
     """Run a file of tests on plain Python numbers, where all sizes and features come at no compile time."""
-    path = Path(__file__).with_name(file)
+    path = Path(__file__).parent / file
     done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", path, NUMBA_DISABLE_JIT="1")
     assert "skipped" not in done.stdout

@@ -15,7 +15,8 @@ from flexarm_env import simulate
 from flexarm_env.compiler.decorator import kernel
 from flexarm_env.compiler.lanes import EIGHT, SINGLE, load, sincos, store
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
-from flexarm_env.physics.elastica.build import Chain, build, chain, nodes, phase_correction
+from flexarm_env.physics.elastica.build import build, phase_correction
+from flexarm_env.physics.elastica.chain import Chain, chain, nodes
 from flexarm_env.physics.elastica.equations import energy
 from flexarm_env.physics.elastica.slenderness import stretch_and_shear
 from flexarm_env.physics.integrator.start import restart

@@ -168,11 +168,11 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     solver.add_argument(
         "--elements", type=int, metavar="N", help="per segment (floating_frame), per link (geometrically_exact)"
     )
+    solver.add_argument("--frame", metavar="NAME", help="chord or root: where the frame floats (floating_frame)")
     solver.add_argument("--coupling", metavar="NAME", help="von_karman, paper or linear (floating_frame)")
     solver.add_argument(
         "--modes", type=int, metavar="N", help="bending modes per link, per segment with --segments (floating_frame)"
     )
-    solver.add_argument("--frame", metavar="NAME", help="where a body's frame floats: chord or root (floating_frame)")
     solver.add_argument(
         "--multipliers", action=argparse.BooleanOptionalAction, default=None,
         help="bodies joined by Lagrange multipliers, the paper's own form (floating_frame)",

@@ -124,9 +124,9 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
 
     Formulations, with what an environment takes where nothing is said: "elastica" (`nodes` 4, `dt` 0.02/3 s,
     `tolerance` 1e-5), "geometrically_exact" (`elements` 3, `order` 2, `dt` 0.0025 s, `tolerance` 1e-6) and
-    "floating_frame" (`segments` 5, or `modes` in or beside them, `dt` 0.0025 s, `tolerance` 1e-6). The step is made
-    shorter where it does not divide `control_dt`. All options are those of `flexarm_env.Settings`; why these:
-    docs/results/default_settings.md.
+    "floating_frame" (`segments` 2, `dt` 0.0025 s, or with `modes`, alone or beside `segments`, 0.005 s, `tolerance`
+    1e-6). The step is made shorter where it does not divide `control_dt`. All options are those of
+    `flexarm_env.Settings`; why these: docs/results/default_settings.md.
 
     make_vec also takes `autoreset_mode` ("NextStep", the default, "SameStep", "Disabled") and `threads` (as many as
     there are processors, one for each 128 arms at most).

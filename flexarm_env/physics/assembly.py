@@ -36,8 +36,8 @@ def assemble(scene: Scene, settings: Settings) -> System:
         )  # fmt: skip
     if drag > 0.0 and settings.frame == "chord":
         raise check.InvalidValue(
-            "mass_damping", drag, "must be 0 with frame='chord': it is drag relative to a frame clamped to the link's root "
-            "(give frame='root'); tau_d damps under every formulation"
+            "mass_damping", drag, "must be 0 with frame='chord': it is drag relative to a frame clamped to the link's "
+            "root (give frame='root'); tau_d damps under every formulation"
         )  # fmt: skip
     module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
     system: System = module.build(scene, settings)

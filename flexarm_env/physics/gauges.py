@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..scene import Scene
 from ..settings import Settings
-from .elastica import build as elastica
+from .elastica.chain import chain
 from .floating import build as floating_chain
 from .model import System
 
@@ -34,7 +34,7 @@ def curvature_rows(scene: Scene, settings: Settings, system: System, places: Seq
 def _elastica(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:
     assert settings.nodes is not None
     n, row = settings.nodes, np.zeros(len(system.q0))
-    line = elastica.chain(scene.arm, n).lines[link]
+    line = chain(scene.arm, n).lines[link]
     row[link * n : (link + 1) * n] = line.slope(np.array([s]))[0]
     if link > 0:  # the first node's angle is that of the tip before it, and the joint's on top
         row[link * n - 1] += row[link * n]

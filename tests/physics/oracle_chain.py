@@ -1,9 +1,10 @@
-"""Chains of floating frames without multipliers, of another derivation: Lagrange's equations from energies by quadrature.
+"""Chains of floating frames without multipliers, derived otherwise: Lagrange's equations from energies by quadrature.
 
-Nothing here uses the package's mechanics. A body is a list of points of its axis with rows of u, v, phi, v' and phi' over
-its elastic coordinates p; the frame stands at theta_root - rho'p. Kinetic energy, potentials and Rayleigh's function are
-sums over those points; their derivatives are complex steps (exact to round-off) and differences of quadratic forms (exact
-likewise). Arrays of coordinates may have any leading axes: the derivatives for all coordinates are taken at once.
+Nothing here uses the package's mechanics. A body is a list of points of its axis with rows of u, v, phi, v' and phi'
+over its elastic coordinates p; the frame stands at theta_root - rho'p. Kinetic energy, potentials and Rayleigh's
+function are sums over those points; their derivatives are complex steps (exact to round-off) and differences of
+quadratic forms (exact likewise). Arrays of coordinates may have any leading axes: the derivatives for all coordinates
+are taken at once.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from tests.physics.oracle_floating import element_fields
 Array = NDArray[Any]
 STEP = 1e-30
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)
+QUADRATURE = tuple(zip(POINTS, WEIGHTS, strict=True))
 MESH = 32  # elements from which modes are taken
 
 
@@ -81,8 +83,8 @@ class Body:
 
 
 def finite_elements(link: int, section: Section, length: float, elements: int, frame: str) -> Body:
-    """Frame through the root section ("root": p = u, v, phi of nodes 1..E) or both ends ("chord": p = phi of node 0, then
-    u, v, phi of the others but v of the last)."""
+    """Frame through the root section ("root": p = u, v, phi of nodes 1..E) or both ends ("chord": p = phi of node 0,
+    then u, v, phi of the others but v of the last)."""
     last = 3 * elements
     kept = list(range(3, last + 3)) if frame == "root" else [2, *range(3, last + 1), last + 2]
     basis = np.eye(last + 3)[:, kept]
@@ -128,7 +130,7 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
         own = basis[3 * e : 3 * e + 6]
         for k, xi in enumerate([*(0.5 * (1.0 + POINTS)), 1.0]):
             upto = total.copy()
-            for point, weight in zip(POINTS, WEIGHTS, strict=True):
+            for point, weight in QUADRATURE:
                 fields = element_fields(section.EI, section.C, l, 0.5 * xi * (1.0 + point))
                 slope, shear = fields[3] @ own, (fields[3] - fields[2]) @ own
                 upto += 0.5 * weight * xi * l * (np.outer(slope, slope) - np.outer(shear, shear))
@@ -138,7 +140,8 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
         at_nodes.append(total)
     ends = _only(mesh_points(section, length, MESH, np.array([0.0, 1.0]), np.zeros(2)), -1)
     rho = np.zeros(n) if frame == "root" else basis[2].copy()
-    return Body(link, length, section, inner.combined(basis, H), ends.combined(basis, total[None]), rho, [], basis, np.array(at_nodes))
+    shapes = inner.combined(basis, H), ends.combined(basis, total[None])
+    return Body(link, length, section, *shapes, rho, [], basis, np.array(at_nodes))
 
 
 def lowest_modes(stiff: Array, mass: Array, n: int) -> Array:
@@ -176,8 +179,8 @@ class Motion(NamedTuple):
 class Chain:
     """The oracle of a scene: `segments` bodies a link, of `elements` each or reduced to `modes`.
 
-    Reduced to modes, what a body's own mass and an elbow's have of third and higher order in p within their frame is left
-    out of the kinetic energy (theory, 2.3 and section 4); the payload moves exactly.
+    Reduced to modes, what a body's own mass and an elbow's have of third and higher order in p within their frame is
+    left out of the kinetic energy (theory, 2.3 and section 4); the payload moves exactly.
     """
 
     def __init__(
@@ -214,12 +217,12 @@ class Chain:
         """Mass and inertia about a point `rest` before the tip of a link of all that follows, straight: by points."""
         items = []  # mass, inertia, distance
         s, at = self.arm.links[link].section, rest
-        items += [(s.m * rest * 0.5 * w, s.J * rest * 0.5 * w, rest * 0.5 * (1 + x)) for x, w in zip(POINTS, WEIGHTS)]
+        items += [(s.m * rest * 0.5 * w, s.J * rest * 0.5 * w, rest * 0.5 * (1 + x)) for x, w in QUADRATURE]
         for k in range(link + 1, self.arm.n_links):
             elbow, item = self.arm.elbow(k), self.arm.links[k]
             items.append((elbow.mass, elbow.inertia_left + elbow.inertia_right, at))
             s, l = item.section, item.length
-            items += [(s.m * l * 0.5 * w, s.J * l * 0.5 * w, at + l * 0.5 * (1 + x)) for x, w in zip(POINTS, WEIGHTS)]
+            items += [(s.m * l * 0.5 * w, s.J * l * 0.5 * w, at + l * 0.5 * (1 + x)) for x, w in QUADRATURE]
             at += l
         items.append((self.arm.payload.mass, self.arm.payload.inertia, at))
         return sum(m for m, _, _ in items), sum(j + m * d**2 for m, j, d in items)

@@ -20,7 +20,7 @@ from flexarm_env.scenes import named
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant, cycloid
 from tests.physics.oracle_chain import STEP, Chain
-from tests.physics.test_floating_equations import Kernel, chain, close
+from tests.physics.uncompiled_chain import close
 from tests.processes import uncompiled_tests
 
 Array = NDArray[Any]
@@ -118,34 +118,6 @@ def test_oracle_frames_agree_where_nothing_bends() -> None:
     assert close(change.T @ root.mass_matrix(zero) @ change, chord.mass_matrix(zero), 1e-12)
     p = 1e-7 * np.random.default_rng(3).normal(size=root.n)
     assert root.strain(change @ p) == pytest.approx(float(chord.strain(p)), rel=1e-5)
-
-
-@pytest.mark.parametrize("mesh", [{"segments": 2, "elements": 2}, {"segments": 2, "modes": 3}], ids=str)
-def test_oracle_is_the_form_with_multipliers(mesh: dict[str, int], rng: np.random.Generator) -> None:
-    """The paper's residual, of another code, on the velocities that its constraints allow: multipliers do no work."""
-    from dataclasses import replace
-
-    scene = chain()
-    scene = replace(scene, rigid_joints=(), arm=replace(scene.arm, mass_damping=0.0))
-    joined = Kernel(scene, **mesh, multipliers=True)
-    oracle = Chain(scene, mesh["segments"], mesh.get("elements", 1), modes=mesh.get("modes"))
-    starts = joined.model.table[:, 0]
-
-    def absolute(q: Array, v: Array) -> tuple[Array, Array]:
-        shape = (*np.broadcast(q[..., 0], v[..., 0]).shape, joined.n)
-        places, rates = np.zeros((2, *shape), np.result_type(q, v))
-        for at, m in zip(starts, oracle.motion(q, v), strict=True):
-            size = m.p.shape[-1]
-            for target, values in ((places, (m.X, m.angle, m.p)), (rates, (m.X_rate, m.rate, m.p_rate))):
-                target[..., at : at + 2], target[..., at + 2], target[..., at + 3 : at + 3 + size] = values
-        return places, rates
-
-    q, v, a = 0.1 * rng.normal(size=oracle.n), rng.normal(size=oracle.n), rng.normal(size=oracle.n)
-    u = rng.normal(size=joined.model.n_inputs)
-    Q, V = absolute(q, v)
-    A = absolute(q + 1j * STEP * v, v + 1j * STEP * a)[1].imag / STEP
-    allowed = absolute(q, np.eye(oracle.n))[1]
-    assert close(allowed @ joined.residual(Q, V, A, u), oracle.residual(q, v, a, u), 3e-8 if "modes" in mesh else 1e-12)
 
 
 # ------------------------------------------------------------------------------ lanes

@@ -20,6 +20,7 @@ from flexarm_env.scenes import named, reference
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import constant, sine
 from flexarm_env.trajectory import Trajectory
+from tests.processes import uncompiled_tests
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,11 @@ Array = NDArray[np.float64]
 def orders(errors: list[float]) -> Array:
     """Orders of convergence between steps that are halved."""
     return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+
+
+def test_equations_uncompiled() -> None:
+    """With multipliers: residual, tangents, constraints, energies, losses and places against an oracle."""
+    uncompiled_tests("physics/uncompiled_multipliers.py")
 
 
 # ----------------------------------------------------------------- spin-up

@@ -5,7 +5,6 @@ The kernels are the very ones that are compiled elsewhere; here all meshes, fram
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -111,8 +110,8 @@ class Case:
         return x
 
     def tangent(self, state: tuple[Array, ...], weights: tuple[float, ...]) -> Array:
-        """cm dr/da + cc dr/dv + ck dr/dq by central differences of the residual, which is linear in a and of second order
-        in v; those of q are extrapolated (sixth order)."""
+        """cm dr/da + cc dr/dv + ck dr/dq by central differences of the residual, which is linear in a and of second
+        order in v; those of q are extrapolated (sixth order)."""
         q, v, a, u = state
 
         def along(d: Array, h: float) -> Array:

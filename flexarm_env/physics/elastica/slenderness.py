@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm
-from flexarm_env.physics.elastica.build import Chain
+from flexarm_env.physics.elastica.chain import Chain
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.time_functions import TimeFunction
 

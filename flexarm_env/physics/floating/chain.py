@@ -17,9 +17,10 @@ from ...compiler.lanes import load, splat, store
 from ...compiler.trace import aligned_frame
 from ..model import FloatingChain
 from ..protocol import register
-from .body import carry, condense, forces, reduce, restore, tangent
+from .body import carry, forces
 from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
 from .layout import JOINT, KNOWN, ROOT, factors_at
+from .matrix import condense, reduce, restore, tangent
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS = (0,) * KNOWN.end

@@ -16,10 +16,11 @@ from ...compiler.dispatch import size
 from ..linalg import band_lu, band_lu_solve
 from ..model import FloatingFrame
 from ..protocol import register
-from .body import carry, constants, forces, take_in, tangent, tip
+from .body import carry, constants, forces, tip
 from .chain import less_loads
 from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports_of_loads, shape
 from .layout import KNOWN, MOTION, MULTIPLIERS, NOW, START, factors_at
+from .matrix import take_in, tangent
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS, MOVES = (0,) * KNOWN.end, (0,) * NOW.end

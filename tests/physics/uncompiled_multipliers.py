@@ -1,4 +1,7 @@
-"""The joined floating frames' equations against an oracle of another derivation, its tangents against finite differences."""
+"""Floating frames joined by multipliers against an oracle of another derivation, tangents against finite differences.
+
+`test_floating_frame.py` runs this file, on plain Python numbers: the kernels are those that are compiled elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import config
 from numpy.typing import NDArray
 
 from flexarm_env.compiler.lanes import SINGLE
@@ -16,7 +20,11 @@ from flexarm_env.physics.protocol import REGISTRY, RESIDUAL_ALONE, State, Weight
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import constant
+from tests.physics.oracle_chain import STEP, Chain
 from tests.physics.oracle_floating import Oracle, element_fields
+from tests.physics.uncompiled_chain import close
+
+pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
 
 Array = NDArray[np.float64]
 MESHES = [(1, 2, "von_karman"), (2, 1, "von_karman"), (1, 3, "paper"), (2, 1, "linear")]
@@ -111,12 +119,6 @@ def pair(request: pytest.FixtureRequest) -> tuple[Kernel, Oracle]:
     return kernel, Oracle(scene, segments, elements, coupling)
 
 
-def close(mine: Any, other: Any, tolerance: float) -> bool:
-    """Largest difference relative to the largest value."""
-    mine, other = np.asarray(mine), np.asarray(other)
-    return bool(np.abs(mine - other).max() <= tolerance * max(1.0, np.abs(other).max()))
-
-
 def test_rows_are_those_of_the_oracle(pair: tuple[Kernel, Oracle]) -> None:
     kernel, oracle = pair
     assert kernel.n == oracle.n
@@ -185,6 +187,32 @@ def test_constraints_and_their_rates(pair: tuple[Kernel, Oracle], rng: np.random
     assert close(kernel.constraint(q, v, a, 0), phi(0.0), 1e-13)
     assert close(kernel.constraint(q, v, a, 1), (phi(step) - phi(-step)) / (2 * step), 1e-8)
     assert close(kernel.constraint(q, v, a, 2), (phi(step) - 2 * phi(0.0) + phi(-step)) / step**2, 1e-4)
+
+
+@pytest.mark.parametrize("mesh", [{"segments": 2, "elements": 2}, {"segments": 2, "modes": 3}], ids=str)
+def test_velocities_that_joints_allow(mesh: dict[str, int], rng: np.random.Generator) -> None:
+    """Residual on the velocities that its constraints allow is that of the chain without: multipliers do no work."""
+    scene = chain()
+    scene = replace(scene, rigid_joints=(), arm=replace(scene.arm, mass_damping=0.0))
+    joined = Kernel(scene, **mesh)
+    oracle = Chain(scene, mesh["segments"], mesh.get("elements", 1), modes=mesh.get("modes"))
+    starts = joined.model.table[:, 0]
+
+    def absolute(q: Array, v: Array) -> tuple[Array, Array]:
+        shape = (*np.broadcast(q[..., 0], v[..., 0]).shape, joined.n)
+        places, rates = np.zeros((2, *shape), np.result_type(q, v))
+        for at, m in zip(starts, oracle.motion(q, v), strict=True):
+            size = m.p.shape[-1]
+            for target, values in ((places, (m.X, m.angle, m.p)), (rates, (m.X_rate, m.rate, m.p_rate))):
+                target[..., at : at + 2], target[..., at + 2], target[..., at + 3 : at + 3 + size] = values
+        return places, rates
+
+    q, v, a = 0.1 * rng.normal(size=oracle.n), rng.normal(size=oracle.n), rng.normal(size=oracle.n)
+    u = rng.normal(size=joined.model.n_inputs)
+    Q, V = absolute(q, v)
+    A = absolute(q + 1j * STEP * v, v + 1j * STEP * a)[1].imag / STEP
+    allowed = absolute(q, np.eye(oracle.n))[1]
+    assert close(allowed @ joined.residual(Q, V, A, u), oracle.residual(q, v, a, u), 3e-8 if "modes" in mesh else 1e-12)
 
 
 def test_tangents_are_derivatives(pair: tuple[Kernel, Oracle], rng: np.random.Generator) -> None:

@@ -1,0 +1,302 @@
+"""A body's matrix, cm dr/da + cc dr/dv + ck dr/dq, and its elimination from a chain (docs: theory, section 3).
+
+Rows and columns: the body's n elastic coordinates, then x, y of the acceleration of its origin and its angle.
+"""
+
+from __future__ import annotations
+
+from ...compiler.decorator import kernel
+from ...compiler.dispatch import size
+from ...compiler.lanes import load, splat, store
+from ...compiler.trace import unrolled
+from .body import constants, dot, turn_of_root
+from .layout import KNOWN, NOW, factors_at, window
+
+
+@unrolled
+@kernel
+def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, strains, S):
+    """The body's matrix cm dr/da + cc dr/dv + ck dr/dq, with the lever arms of the force at its tip; how the tip moves
+    (`arm`) and how its acceleration changes (`swept`)."""
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    cos, sin = load(lane, S, at.now + NOW.cos), load(lane, S, at.now + NOW.sin)
+    ax, ay = load(lane, S, at.now + NOW.a), load(lane, S, at.now + NOW.a + 1)
+    w, alpha = load(lane, S, at.now + NOW.rate), load(lane, S, at.now + NOW.second)
+    sx, sy = load(lane, known, KNOWN.s), load(lane, known, KNOWN.s + 1)
+    tx, ty = load(lane, known, KNOWN.t), load(lane, known, KNOWN.t + 1)
+    dx, dy = load(lane, known, KNOWN.d), load(lane, known, KNOWN.d + 1)
+    gx, gy = load(lane, known, KNOWN.g), load(lane, known, KNOWN.g + 1)
+    inertia, spin_rate = load(lane, known, KNOWN.inertia), load(lane, known, KNOWN.spin_rate)
+    stiffness, tau = load(lane, par, 2), load(lane, par, 3)
+    store(S, at.frame, cos)
+    store(S, at.frame + 1, sin)
+    mass = splat(lane, D[own.mass])
+    square, twice = w * w, w * (2.0 * cc)
+    x, y = load(lane, S, at.now + NOW.tip), load(lane, S, at.now + NOW.tip + 1)
+    ux, uy = load(lane, S, at.now + NOW.tip_rate), load(lane, S, at.now + NOW.tip_rate + 1)
+    bx, by = load(lane, S, at.now + NOW.tip_second), load(lane, S, at.now + NOW.tip_second + 1)
+    store(S, at.arm + n, -y)
+    store(S, at.arm + n + 1 + n, x)
+    store(S, at.swept + n, -(y * cm + uy * (2.0 * cc) + by * ck))
+    store(S, at.swept + n + 1 + n, x * cm + ux * (2.0 * cc) + bx * ck)
+    zero = splat(lane, 0.0)
+    px, py, pt = W + n * wide, W + (n + 1) * wide, W + (n + 2) * wide  # rows of x, y, angle
+    store(S, px + n, mass)
+    store(S, px + n + 1, zero)
+    store(S, py + n, zero)
+    store(S, py + n + 1, mass)
+    store(S, pt + n, -sy)
+    store(S, pt + n + 1, sx)
+    store(S, px + n + 2, -(sy * cm) - (w * sx + ty) * (2.0 * cc) - dy * ck)
+    store(S, py + n + 2, sx * cm - (w * sy - tx) * (2.0 * cc) + dx * ck)
+    store(S, pt + n + 2, inertia * cm + spin_rate * (2.0 * cc) - ((sx * ax + sy * ay) + (x * gx + y * gy)) * ck)
+    slope = splat(lane, ck)  # of elastic forces
+    if model.damped is not None:
+        slope = tau * cc + ck
+    bend = slope * stiffness
+    spun, turned = twice + alpha * ck, square * ck
+    for i in range(n):
+        gq, cb, bv = load(lane, vectors, i), load(lane, vectors, n + i), load(lane, vectors, 2 * n + i)
+        gsx, gsy = load(lane, vectors, 3 * n + i), splat(lane, D[own.S_bar + n + i])
+        tipx, tipy = load(lane, vectors, 4 * n + i), splat(lane, D[own.tip + n + i])
+        along = gsx * cm - gsy * spun - gsx * turned
+        across = gsy * cm + gsx * spun - gsy * turned
+        swept_x = tipx * cm - tipy * spun - tipx * turned
+        swept_y = tipy * cm + tipx * spun - tipy * turned
+        if model.modal is not None:
+            dv, da = dot(lane, model, D, own.D0 + i * n, v), dot(lane, model, D, own.D0 + i * n, a)
+            along, across = along - (dv * (2.0 * cc) + da * ck), across - (w * dv) * (2.0 * ck)
+            dv, da = dot(lane, model, D, own.tip_H + i * n, v), dot(lane, model, D, own.tip_H + i * n, a)
+            swept_x, swept_y = swept_x - (dv * (2.0 * cc) + da * ck), swept_y - (w * dv) * (2.0 * ck)
+        store(S, at.arm + i, tipx)
+        store(S, at.arm + n + 1 + i, tipy)
+        store(S, at.swept + i, swept_x)
+        store(S, at.swept + n + 1 + i, swept_y)
+        store(S, px + i, along)
+        store(S, py + i, across)
+        ba = load(lane, a, 0) * D[own.B + i]
+        for j in range(1, n):
+            ba = ba + load(lane, a, j) * D[own.B + j * n + i]
+        gv = dot(lane, model, D, own.G + i * n, v)
+        lever = (gsx * ay - gsy * ax) + (tipx * gy - tipy * gx)
+        about = lever + (alpha * gq) * 2.0 + ba + (w * gv) * 2.0
+        store(S, pt + i, cb * cm + gq * twice + about * ck)
+        row = W + i * wide
+        store(S, row + n, gsx)
+        store(S, row + n + 1, gsy)
+        store(S, row + n + 2, cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck)
+        for j in range(n):
+            entry = bend * D[own.K_bend + i * n + j] + cm * D[own.M_ff + i * n + j]
+            entry = entry - turned * D[own.G + i * n + j] + spun * D[own.B + i * n + j]
+            if model.full is None:
+                entry = entry + slope * D[own.K_axial + i * n + j]
+            if model.modal is not None:
+                entry = entry - (ax * D[own.D0 + i * n + j] + gx * D[own.tip_H + i * n + j]) * ck
+            if model.drag is not None:
+                entry = entry + (cc * D[own.drag]) * D[own.M_ff + i * n + j]
+            store(S, row + j, entry)
+    _stretching(lane, model, D, tau, cc, ck, strains, S)
+    if model.drag is not None:
+        _drag_tangent(lane, model, D, carried, cc, ck, v, vectors, S)
+
+
+@kernel
+def _stretching(lane, model, D, tau, cc, ck, strains, S):
+    """The elements' part of the matrix: through the axial force, and its turning."""
+    n, wide = size(model.n), len(model.window)
+    W, own = factors_at(0, n).matrix, constants(model).spans
+    for e in range(len(model.elements)):
+        first, k = window(model, n, e), e * (2 * wide + 1)
+        ea, g, H = own, own + 1, own + 1 + wide
+        own = H + wide * wide
+        force = load(lane, strains, k) * ck
+        both, lag = splat(lane, D[ea] * ck), splat(lane, 0.0)
+        if model.damped is not None:
+            both, lag = (tau * cc + ck) * D[ea], (tau * ck) * D[ea]
+        for j in range(wide):
+            if model.full is None:
+                change = splat(lane, ck * D[ea] * D[g + j])
+            else:
+                change = both * load(lane, strains, k + 1 + j)
+                if model.damped is not None:
+                    change = change + lag * load(lane, strains, k + 1 + wide + j)
+            for i in range(wide):
+                entry = load(lane, strains, k + 1 + i) * change + force * D[H + i * wide + j]
+                place = W + (first + i) * (n + 3) + first + j
+                store(S, place, load(lane, S, place) + entry)
+
+
+@kernel
+def _drag_tangent(lane, model, D, carried, cc, ck, v, vectors, S):
+    """What drag on the carried mass adds to the matrix."""
+    own, n = constants(model), size(model.n)
+    W = factors_at(0, n).matrix
+    mass, inertia = load(lane, carried, 0) * D[own.drag], load(lane, carried, 1) * D[own.drag]
+    tx = splat(lane, 0.0)
+    for i in range(n):
+        tx = tx + load(lane, vectors, 4 * n + i) * load(lane, v, i)
+    for i in range(n):
+        xi, yi, phi = load(lane, vectors, 4 * n + i), D[own.tip + n + i], D[own.tip + 2 * n + i]
+        for j in range(n):
+            entry = (xi * load(lane, vectors, 4 * n + j) + yi * D[own.tip + n + j]) * mass
+            entry = (entry + inertia * (phi * D[own.tip + 2 * n + j])) * cc
+            if model.modal is not None:
+                lost = xi * dot(lane, model, D, own.tip_H + j * n, v) + tx * D[own.tip_H + i * n + j]
+                entry = entry - (lost * mass) * ck
+            place = W + i * (n + 3) + j
+            store(S, place, load(lane, S, place) + entry)
+
+
+@unrolled
+@kernel
+def take_in(lane, model, D, S, tail):
+    """The body's matrix with what lies behind it.
+
+    tail (9, by rows, global axes): change of force and moment by a change of the acceleration and the angle at the tip
+    section; it is turned to the frame's axes.
+    """
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    _turn_matrix(lane, tail, load(lane, S, at.frame), -load(lane, S, at.frame + 1))
+    for j in range(wide):  # what comes back through the tip by column j
+        if j < n:
+            bx, by = load(lane, S, at.swept + j), load(lane, S, at.swept + n + 1 + j)
+            fx, fy, m = _times(lane, tail, bx, by, splat(lane, D[own.tip + 2 * n + j]))
+        elif j == wide - 1:
+            bx, by = load(lane, S, at.swept + n), load(lane, S, at.swept + n + 1 + n)
+            fx, fy, m = _times(lane, tail, bx, by, splat(lane, 1.0))
+        else:
+            fx, fy, m = load(lane, tail, j - n), load(lane, tail, 3 + j - n), load(lane, tail, 6 + j - n)
+        for i in range(wide):
+            k = W + i * wide + j
+            if i < n:
+                part = load(lane, S, at.arm + i) * fx + load(lane, S, at.arm + n + 1 + i) * fy
+                part = part + m * D[own.tip + 2 * n + i]
+            elif i == n:
+                part = fx
+            elif i == n + 1:
+                part = fy
+            else:
+                part = load(lane, S, at.arm + n) * fx + load(lane, S, at.arm + n + 1 + n) * fy + m
+            store(S, k, load(lane, S, k) + part)
+
+
+@unrolled
+@kernel
+def condense(lane, model, D, S, tail):
+    """Take in what lies behind, eliminate the elastic coordinates, hand on what is left.
+
+    tail (9, by rows, global axes): change of force and moment by a change of the acceleration and the angle; in at the
+    tip section, out at the root section. Factors stay in the matrix, pivots inverted: no pivoting, since cm M, positive
+    definite, outweighs the rest.
+    """
+    take_in(lane, model, D, S, tail)
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    if model.chord is not None:  # from the frame's angle to the root section's
+        for i in range(wide):
+            last = load(lane, S, W + i * wide + n + 2)
+            for j in range(n):
+                k = W + i * wide + j
+                store(S, k, load(lane, S, k) - last * D[own.root + j])
+        for j in range(wide):
+            last = load(lane, S, W + (n + 2) * wide + j)
+            for i in range(n):
+                k = W + i * wide + j
+                store(S, k, load(lane, S, k) - last * D[own.root + i])
+    for k in range(n):
+        inverse = 1.0 / load(lane, S, W + k * wide + k)
+        store(S, W + k * wide + k, inverse)
+        for i in range(k + 1, wide):
+            f = load(lane, S, W + i * wide + k) * inverse
+            store(S, W + i * wide + k, f)
+            for j in range(k + 1, wide):
+                place = W + i * wide + j
+                store(S, place, load(lane, S, place) - f * load(lane, S, W + k * wide + j))
+    for i in range(3):
+        for j in range(3):
+            store(tail, 3 * i + j, load(lane, S, W + (n + i) * wide + n + j))
+    _turn_matrix(lane, tail, load(lane, S, at.frame), load(lane, S, at.frame + 1))
+
+
+@kernel
+def _times(lane, tail, x, y, turn):
+    """The matrix of three rows times (x, y, turn)."""
+    return (
+        load(lane, tail, 0) * x + load(lane, tail, 1) * y + load(lane, tail, 2) * turn,
+        load(lane, tail, 3) * x + load(lane, tail, 4) * y + load(lane, tail, 5) * turn,
+        load(lane, tail, 6) * x + load(lane, tail, 7) * y + load(lane, tail, 8) * turn,
+    )
+
+
+@kernel
+def _turn_matrix(lane, tail, c, s):
+    """The matrix of three rows in axes turned back by the angle with cosine c and sine s."""
+    for j in range(3):
+        x, y = load(lane, tail, j), load(lane, tail, 3 + j)
+        store(tail, j, c * x - s * y)
+        store(tail, 3 + j, s * x + c * y)
+    for i in range(3):
+        x, y = load(lane, tail, 3 * i), load(lane, tail, 3 * i + 1)
+        store(tail, 3 * i, c * x - s * y)
+        store(tail, 3 * i + 1, s * x + c * y)
+
+
+@unrolled
+@kernel
+def reduce(lane, model, D, S, x, flow):
+    """Right sides from tip to root: flow (3, global axes) is what is left of those behind, in force and moment."""
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
+    fx, fy, moment = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
+    gx, gy = c * fx + s * fy, c * fy - s * fx
+    turning = load(lane, S, at.arm + n) * gx + load(lane, S, at.arm + n + 1 + n) * gy + moment
+    left_x, left_y, left_t = gx, gy, turning
+    for i in range(n):
+        total = load(lane, x, i) - (load(lane, S, at.arm + i) * gx + load(lane, S, at.arm + n + 1 + i) * gy)
+        total = total - moment * D[own.tip + 2 * n + i]
+        if model.chord is not None:
+            total = total + turning * D[own.root + i]
+        for j in range(i):
+            total = total - load(lane, S, W + i * wide + j) * load(lane, x, j)
+        store(x, i, total)
+        left_x = left_x + load(lane, S, W + n * wide + i) * total
+        left_y = left_y + load(lane, S, W + (n + 1) * wide + i) * total
+        left_t = left_t + load(lane, S, W + (n + 2) * wide + i) * total
+    store(flow, 0, c * left_x - s * left_y)
+    store(flow, 1, s * left_x + c * left_y)
+    store(flow, 2, left_t)
+
+
+@unrolled
+@kernel
+def restore(lane, model, D, S, x, flow):
+    """Solution from root to tip: flow (3, global axes) is the change of acceleration and angle at a section."""
+    own, n = constants(model), size(model.n)
+    at = factors_at(0, n)
+    W, wide = at.matrix, n + 3
+    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
+    fx, fy, turn = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
+    bx, by = c * fx + s * fy, c * fy - s * fx
+    for i in range(n - 1, -1, -1):
+        row = W + i * wide
+        total = load(lane, x, i) - load(lane, S, row + n) * bx - load(lane, S, row + n + 1) * by
+        total = total - load(lane, S, row + n + 2) * turn
+        for j in range(i + 1, n):
+            total = total - load(lane, S, row + j) * load(lane, x, j)
+        store(x, i, total * load(lane, S, row + i))
+    if model.chord is not None:
+        turn = turn - turn_of_root(lane, model, D, x)
+    bx, by = bx + load(lane, S, at.swept + n) * turn, by + load(lane, S, at.swept + n + 1 + n) * turn
+    for j in range(n):
+        bx = bx + load(lane, S, at.swept + j) * load(lane, x, j)
+        by = by + load(lane, S, at.swept + n + 1 + j) * load(lane, x, j)
+    store(flow, 0, c * bx - s * by)
+    store(flow, 1, s * bx + c * by)
+    store(flow, 2, turn + dot(lane, model, D, own.tip + 2 * n, x))
