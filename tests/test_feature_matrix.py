@@ -18,7 +18,8 @@ CELLS = [(cell, method) for cell in SINGLE + PAIRS for method in TIP if cell not
 
 def check(features: tuple[str, ...], method: str) -> None:
     row = matrix.measure(features, method)
-    assert (row["bent"] <= 0.1) if method in matrix.WHOLE else (row["bent"] >= 0.2), "the arm is bent as the cell asks for"
+    as_asked = row["bent"] <= 0.1 if method in matrix.WHOLE else row["bent"] >= 0.2
+    assert as_asked, "the arm is bent as the cell asks for"
     assert row["tip"] <= TIP[method]
     assert row["torque"] <= matrix.TORQUE
     fronts = not set(matrix.FRONTS).isdisjoint(features)
