@@ -30,8 +30,8 @@ from .trajectory import Recorder, Trajectory, check_work
 
 Array = NDArray[np.float64]
 
-Start = tuple[float, float, bool | None]
-"""Time, s, and gross work, J, that a stretch begins with, and the restart before its first step (None: none)."""
+Start = tuple[float, float, bool]
+"""Time, s, and gross work, J, that a stretch begins with, and whether it begins with a fresh restart."""
 
 _NO_POINTS = np.zeros((0, 2))
 _AT = STRETCH.places
@@ -87,7 +87,7 @@ class Simulation:
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
         self.deadline: float | None = None
-        self._restarted: tuple[Array, Array, float, bool] | None = None
+        self._restarted: tuple[Array, Array, float] | None = None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = scene.kinks
         self._poses = np.zeros(POSE.end * scene.arm.n_links)
@@ -158,18 +158,18 @@ class Simulation:
         self.model, self.dt = self.system.model, float(self.settings.dt or 0.0)
 
     def _start(self) -> Start:
-        """Where a stretch begins; back before the restart that it begins with, which is the steps' own to make."""
+        """Where a stretch begins; back before a fresh restart, which each step size makes anew, as in environments."""
         if self._restarted is None or not np.array_equal(self._flat, self._restarted[1]):
-            return self.t, self.gross, None
-        self._flat[:], _, gross, fresh = self._restarted
-        return self.t, gross, fresh
+            return self.t, self.gross, False
+        self._flat[:], _, gross = self._restarted
+        return self.t, gross, True
 
     def _halved(self, k: int, start: Start, run: Callable[[], Array]) -> Array:
         """What `run` gives with dt halved k times."""
         self.t, self.gross, fresh = start
         self.model, self.dt = self._systems[k].model, float(self.settings.dt or 0.0) * 0.5**k
-        if fresh is not None:
-            self._restart(fresh)
+        if fresh:
+            self._restart()
         return run()
 
     def _next_kink(self) -> float:
@@ -303,7 +303,7 @@ class Simulation:
         kept, before, gross = self._flat.copy(), float(self.work.books[WORK_DONE]), self.gross
         restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt, fresh)
         self.gross += abs(float(self.work.books[WORK_DONE]) - before)
-        self._restarted = kept, self._flat.copy(), gross, fresh
+        self._restarted = (kept, self._flat.copy(), gross) if fresh else None
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""

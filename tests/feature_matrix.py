@@ -165,11 +165,17 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "segments": ("floating_frame", {"segments": 8}),
     "modes in segments": ("floating_frame", {"segments": 5, "modes": 2}),
     "modes": ("floating_frame", {"modes": 3}),
+    "clamped segments": ("floating_frame", {"segments": 8, "frame": "root"}),
+    "joined segments": ("floating_frame", {"segments": 8, "multipliers": True}),
+    "clamped modes": ("floating_frame", {"modes": 3, "frame": "root"}),
     "exact, fine": ("geometrically_exact", {"elements": 12}),
     "paper": ("floating_frame", {"segments": 8, "coupling": "paper"}),
     "linear": ("floating_frame", {"segments": 8, "coupling": "linear"}),
 }
-TIP = {"exact": 3e-4, "elastica": 3e-4, "segments": 1.5e-3, "modes in segments": 3e-3, "modes": 3e-3}
+TIP = {
+    "exact": 3e-4, "elastica": 3e-4, "segments": 1.5e-3, "modes in segments": 3e-3, "modes": 3e-3,
+    "clamped segments": 1.5e-3, "joined segments": 1.5e-3, "clamped modes": 3e-3,
+}  # fmt: skip
 """Largest distance of the tip from the reference's over the arm's length, for the formulations that are held to it."""
 TORQUE, DISSIPATED, BALANCE, RATIO = 0.02, 0.03, 0.02, 0.1
 """Largest relative errors: of the torques that enforce motions, of what is dissipated, of the energy's balance as a
@@ -223,7 +229,9 @@ CORE = [
     ("rigid elbow", "free flight"),
     ("payload inertia", "shaken base"),
 ]
-"""Features of the cells that every run of the tests looks at."""
+"""Features of the cells that every run of the tests looks at, under each formulation as it is by default."""
+WHOLE = ("modes", "clamped modes")
+"""Links reduced as a whole."""
 
 
 def scene_of(features: tuple[str, ...], scale: float = 1.0) -> Scene:
@@ -247,7 +255,7 @@ def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
 
     nan where the run did not come to its end; torque 0 where no motion is prescribed.
     """
-    scale = SMALL if method == "modes" else LARGE
+    scale = SMALL if method in WHOLE else LARGE
     other = reference(features, scale)
     formulation, options = METHODS[method]
     run = simulate(other.scene, formulation, estimate_error=False, **options)

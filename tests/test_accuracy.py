@@ -67,7 +67,7 @@ def test_companions_can_be_left_out() -> None:
 
 
 def test_failed_runs_have_no_estimate() -> None:
-    run = simulate(named("spin_up"), segments=1, elements=5, coupling="linear", dt=0.02)
+    run = simulate(named("spin_up"), segments=1, elements=5, coupling="linear", frame="root", dt=0.02)
     assert run.status == "diverged"
     assert np.isnan(run.error_estimate)
 

@@ -124,6 +124,14 @@ def undamped(formulation: str, function: TimeFunction, rho_inf: float | None) ->
     return simulate(scene, formulation, sample=0.02, estimate_error=False, **options)
 
 
+@pytest.mark.parametrize("frame", ["chord", "root"])
+def test_an_undamped_rod_that_is_shaken_along_keeps_its_energy(frame: str) -> None:
+    shaken = Motion("root_x", sine(0.03, 15.0))
+    scene = Scene("along", replace(STRIP, tau_d=0.0), duration=1.0, dt=1e-3, motions=(shaken,))
+    found = simulate(scene, FLOATING, segments=8, frame=frame, rho_inf=1.0, sample=0.02, estimate_error=False)
+    assert found.status == "ok" and share(found) < 1e-5
+
+
 @pytest.mark.parametrize("formulation", [EXACT, FLOATING])
 def test_an_undamped_jump_is_not_for_undamped_steps(formulation: str) -> None:
     """The trapezoidal rule keeps for ever what a jump leaves in vibrations that no step resolves, and fails in the end

@@ -173,6 +173,10 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     solver.add_argument(
         "--modes", type=int, metavar="N", help="bending modes per link, per segment with --segments (floating_frame)"
     )
+    solver.add_argument(
+        "--multipliers", action=argparse.BooleanOptionalAction, default=None,
+        help="bodies joined by Lagrange multipliers, the paper's own form (floating_frame)",
+    )  # fmt: skip
     solver.add_argument("--order", type=int, metavar="P", help="of the elements, 1 to 3 (geometrically_exact)")
     solver.add_argument("--nodes", type=int, metavar="N", help="per link, 3 to 12 (elastica)")
     solver.add_argument("--dt", type=float, metavar="H", help="step, s")

@@ -22,7 +22,7 @@ from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 
 OPTIONS = (
-    "segments", "elements", "frame", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance",
+    "segments", "elements", "frame", "multipliers", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance",
     "step_tolerance", "period_correction",
 )  # fmt: skip
 TABLES, FIGURES, FILMS = (".csv", ".npz"), (".png", ".pdf", ".svg"), (".mp4", ".gif", ".webm", ".mkv", ".mov")

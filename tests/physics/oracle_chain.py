@@ -96,31 +96,23 @@ def finite_elements(link: int, section: Section, length: float, elements: int, f
 
 
 def modal(link: int, section: Section, length: float, n: int, frame: str, carried: tuple[float, float]) -> Body:
-    """Bending modes with foreshortening: clamped with `carried` (mass, inertia) at the tip, or, through both ends, the
-    static shapes of a unit turn of either end and pinned-pinned modes. Of unit generalised mass, the tip's deflection
-    ("root") or the root's turn ("chord") positive."""
+    """Bending modes with foreshortening: clamped with `carried` (mass, inertia) at the tip, of unit generalised mass,
+    the tip's deflection positive; the same shapes where the frame goes through both ends."""
     inner = mesh_points(section, length, MESH, 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS)
     mass = _gram(inner, section.m, inner.v) + _gram(inner, section.J, inner.phi)
     stiff = _gram(inner, section.EI, inner.curvature) + _gram(inner, section.C, inner.slope - inner.phi)
     nodes, last = np.arange(MESH + 1), 3 * MESH
     bending = np.sort(np.concatenate([3 * nodes + 1, 3 * nodes + 2]))
-    if frame == "root":
-        mass[last + 1, last + 1] += carried[0]
-        mass[last + 2, last + 2] += carried[1]
-        free = bending[2:]
-        lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n)
-        basis = np.zeros((last + 3, n))
-        basis[free] = lowest * np.sign(lowest[-2])
-    else:
-        basis = np.zeros((last + 3, n))
-        free = np.array([k for k in bending if k not in (1, last + 1)])
-        inside = np.array([k for k in free if k not in (2, last + 2)])
-        for k, end in enumerate((2, last + 2)):  # the other end held
-            basis[end, k] = 1.0
-            basis[inside, k] = -np.linalg.solve(stiff[np.ix_(inside, inside)], stiff[inside, end])
-        if n > 2:
-            lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n - 2)
-            basis[free, 2:] = lowest * np.sign(lowest[0])
+    mass[last + 1, last + 1] += carried[0]
+    mass[last + 2, last + 2] += carried[1]
+    free = bending[2:]
+    lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n)
+    basis = np.zeros((last + 3, n))
+    basis[free] = lowest * np.sign(lowest[-2])
+    if frame == "chord":  # turned so that the tip stays on the axis
+        turn = basis[last + 1] / length
+        basis[1::3] -= np.outer(nodes * length / MESH, turn)
+        basis[2::3] -= turn
     # H: integral of v'^2 - (v' - phi)^2 up to each point, by quadrature within its element
     l, size = length / MESH, POINTS.size
     H = np.zeros((inner.x.size, n, n))

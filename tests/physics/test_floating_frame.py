@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from benchmarks.physics_figures import center_of_mass, known_path
 from flexarm_env.comparison import tip_error
-from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm, Link, Payload, Section
-from flexarm_env.physics.protocol import REGISTRY, State, Weights
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.scenes import named, reference
 from flexarm_env.simulation import Simulation, simulate
@@ -164,61 +162,6 @@ def test_modified_newton() -> None:
     assert modified.factorizations < run.factorizations
     assert modified.iterations > run.iterations
     assert np.abs(modified.tip - run.tip).max() < 1e-6
-
-
-# ------------------------------------------------------------- frequencies
-def frequencies(speed: float, elements: int) -> Array:
-    """First three of a slender unit cantilever (EI = m = L = 1) turning steadily, rad/s: eigenvalues of the tangent."""
-    arm = Arm("cantilever", (Link(1.0, Section(1.0, 1e8, 1e8, 1.0, 1e-10)),))
-    scene = Scene("cantilever", arm, duration=1.0, dt=0.1)
-    simulation = Simulation(scene, scene.settings("floating_frame", segments=1, elements=elements, multipliers=True))
-    m, functions = simulation.model, REGISTRY[type(simulation.model)]
-    q, v, zero = simulation.system.q0.copy(), np.zeros(m.n), np.zeros(m.n)
-    v[2] = speed
-    width, u = 3 * m.half + 1, np.zeros(m.n_inputs)
-
-    def tangent(cc: float, ck: float) -> tuple[Array, Array]:
-        r, S = np.zeros(m.n), np.zeros(m.n_factor)
-        functions["assemble"](SINGLE, m, simulation.par, State(q, v, zero), u, Weights(1.0, cc, ck), r, S)
-        full = np.zeros((m.n, m.n))
-        for i in range(m.n):
-            columns = np.arange(max(0, i - m.half), min(m.n, i + m.half + 1))
-            full[i, columns] = S[i * width + columns - i + m.half]
-        return r[3:], full[3:, 3:]
-
-    for _ in range(5):  # the steady shape: stretched
-        r, mass = tangent(0.0, 0.0)
-        q[3:] -= np.linalg.solve(tangent(0.0, 1.0)[1] - mass, r)
-    r, mass = tangent(0.0, 0.0)
-    assert np.abs(r).max() < 1e-6 * max(1.0, speed**2)
-    gyroscopic, stiffness = tangent(1.0, 0.0)[1] - mass, tangent(0.0, 1.0)[1] - mass
-    n = len(mass)
-    state = np.block(
-        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, gyroscopic)]]
-    )
-    values = np.linalg.eigvals(state)
-    assert np.abs(values.real).max() < 1e-6 * np.abs(values.imag).max()
-    return np.sort(values.imag[values.imag > 1e-6])[:3]
-
-
-@pytest.mark.parametrize(
-    ("speed", "exact"),
-    [
-        (0.0, (1.87510407**2, 4.69409113**2, 7.85475744**2)),  # clamped-free
-        (2.0, (3.6218, 22.5263, 62.2411)),  # rotating: 24-term Ritz
-        (6.0, (4.2632, 26.1290, 66.4134)),
-        (12.0, (5.4270, 35.6370, 78.7049)),
-    ],
-)
-def test_frequencies_of_a_turning_cantilever(speed: float, exact: tuple[float, ...]) -> None:
-    assert frequencies(speed, 32) == pytest.approx(exact, rel=5e-4)
-
-
-def test_frequencies_converge_at_second_order() -> None:
-    """The stretch of the centrifugal force is constant in an element: first mode 5.472, 5.439, 5.430 at speed 12."""
-    first = [float(frequencies(12.0, elements)[0]) for elements in (5, 10, 20)]
-    assert first == pytest.approx([5.472, 5.439, 5.430], abs=6e-4)
-    assert orders([value - 5.4270 for value in first]) == pytest.approx(2.0, abs=0.1)
 
 
 # ---------------------------------------------------------------- segments
