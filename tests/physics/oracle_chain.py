@@ -95,9 +95,12 @@ def finite_elements(link: int, section: Section, length: float, elements: int, f
     return Body(link, length, section, inner, _only(ends, -1), ends.phi[0].copy(), slices, basis, None)
 
 
-def modal(link: int, section: Section, length: float, n: int, frame: str, carried: tuple[float, float]) -> Body:
+def modal(
+    link: int, section: Section, length: float, n: int, frame: str, carried: tuple[float, float], whole: bool
+) -> Body:
     """Bending modes with foreshortening: clamped with `carried` (mass, inertia) at the tip, of unit generalised mass,
-    the tip's deflection positive; the same shapes where the frame goes through both ends."""
+    the tip's deflection positive; the same shapes where the frame goes through both ends of a whole
+    link; in a piece of one the static shapes of a unit turn of either end, then pinned-pinned modes."""
     inner = mesh_points(section, length, MESH, 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS)
     mass = _gram(inner, section.m, inner.v) + _gram(inner, section.J, inner.phi)
     stiff = _gram(inner, section.EI, inner.curvature) + _gram(inner, section.C, inner.slope - inner.phi)
@@ -109,7 +112,19 @@ def modal(link: int, section: Section, length: float, n: int, frame: str, carrie
     lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n)
     basis = np.zeros((last + 3, n))
     basis[free] = lowest * np.sign(lowest[-2])
-    if frame == "chord":  # turned so that the tip stays on the axis
+    if frame == "chord" and not whole and n > 1:
+        mass[last + 1, last + 1] -= carried[0]
+        mass[last + 2, last + 2] -= carried[1]
+        basis = np.zeros((last + 3, n))
+        free = np.array([k for k in bending if k not in (1, last + 1)])
+        inside = np.array([k for k in free if k not in (2, last + 2)])
+        for k, end in enumerate((2, last + 2)):  # the other end held
+            basis[end, k] = 1.0
+            basis[inside, k] = -np.linalg.solve(stiff[np.ix_(inside, inside)], stiff[inside, end])
+        if n > 2:
+            lowest = lowest_modes(stiff[np.ix_(free, free)], mass[np.ix_(free, free)], n - 2)
+            basis[free, 2:] = lowest * np.sign(lowest[0])
+    elif frame == "chord":  # turned so that the tip stays on the axis
         turn = basis[last + 1] / length
         basis[1::3] -= np.outer(nodes * length / MESH, turn)
         basis[2::3] -= turn
@@ -196,7 +211,7 @@ class Chain:
                     self.bodies.append(finite_elements(k, link.section, part, elements, frame))
                 else:
                     load = self._carried(k, part * (segments - 1 - i))
-                    self.bodies.append(modal(k, link.section, part, modes, frame, load))
+                    self.bodies.append(modal(k, link.section, part, modes, frame, load, segments == 1))
         self.starts, at = [], 3
         for body in self.bodies:
             self.starts.append(at)

@@ -80,6 +80,7 @@ def bent(oracle: Chain, u: Array) -> Array:
     [
         ("root", {"elements": 1}, 2.9, 5e-4),
         ("chord", {"elements": 1}, 3.9, 2e-6),
+        ("chord", {"modes": 2}, 3.9, 2e-6),
     ],
 )
 def test_oracle_rolled_up_by_an_end_moment(frame: str, mesh: dict[str, int], order: float, error: float) -> None:

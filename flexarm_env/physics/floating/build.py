@@ -51,7 +51,7 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
         if settings.modes is not None:
             piece = Link(part, link.section)
             rests = [part * (segments - 1 - i) for i in range(segments)]
-            pieces = [modal_body(piece, settings.modes, *carried(arm, k, rest), frame) for rest in rests]
+            pieces = [modal_body(piece, settings.modes, *carried(arm, k, rest), frame, segments == 1) for rest in rests]
         else:
             assert settings.elements is not None
             coupling = settings.coupling or "linear"

@@ -59,13 +59,37 @@ def clamped_modes(link: Link, n: int, tip_mass: float, tip_inertia: float) -> tu
     return frequencies, shapes
 
 
-def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float, frame: str = "root") -> Body:
-    """A link reduced to its n lowest clamped modes, in a frame that is clamped to its root section ("root") or goes
-    through both ends ("chord"). The tip mass and inertia shape the modes but are not part of the body's inertia."""
+def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
+    """The static shapes of a link between pins whose root, and whose tip, is turned by 1 rad, and its lowest n - 2
+    bending modes between pins: stiffness matrix (n, n) and nodal shapes as `clamped_modes` has them."""
+    from scipy.linalg import solve
+
+    stiffness, mass = _bending_matrices(link)
+    size = len(mass)
+    ends, inner = [1, size - 1], [k for k in range(size) if k not in (0, 1, size - 2, size - 1)]
+    shapes = np.zeros((size, n))
+    shapes[ends, [0, 1]] = 1.0
+    shapes[inner, :2] = -solve(stiffness[np.ix_(inner, inner)], stiffness[np.ix_(inner, ends)], assume_a="pos")
+    if n > 2:
+        free = [k for k in range(size) if k not in (0, size - 2)]
+        shapes[free, 2:] = _lowest(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], n - 2)[1]
+        shapes[:, 2:] *= np.sign(shapes[1, 2:])  # root turned positive
+    return shapes.T @ stiffness @ shapes, shapes
+
+
+def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float, frame: str = "root", whole: bool = True) -> Body:
+    """A link, or a piece of one, reduced to n shapes.
+
+    Frame "root": clamped modes, which the tip mass and inertia shape without being part of the body's inertia. "chord":
+    of a whole link the same, seen from the line through both ends; of a piece, which its neighbours bend by moments
+    at both ends, `pinned_modes` (one shape alone is the clamped one).
+    """
     section, length = link.section, link.length
     frequencies, nodal = clamped_modes(link, n, tip_mass, tip_inertia)
     k = np.diag(frequencies**2)
-    if frame == "chord":  # the same shapes, seen from the line through both ends
+    if frame == "chord" and not whole and n > 1:
+        k, nodal = pinned_modes(link, n)
+    elif frame == "chord":
         turn = nodal[-2] / length
         nodal[0::2] -= np.linspace(0.0, length, MESH + 1)[:, None] * turn
         nodal[1::2] -= turn
@@ -127,7 +151,7 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
         modes = np.eye(body.n, size, first)
         frame = turn - body.root @ modes
         own = np.vstack([across, frame, modes])
-        angles.append(turn)
+        angles.append(frame)
         inertia = np.zeros((body.n + 2, body.n + 2))
         inertia[0, 0], inertia[1, 1], inertia[2:, 2:] = body.mass, body.i0, body.m_ff
         inertia[0, 1:] = inertia[1:, 0] = [body.s0, *body.s_bar[1]]
