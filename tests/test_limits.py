@@ -36,7 +36,9 @@ def test_a_mesh_has_limits() -> None:
         with pytest.raises(ValueError, match=f"{name} = 1000000: must be a whole number, from 1 to 1000"):
             Settings.make(formulation, **{name: 10**6})
     with pytest.raises(ValueError, match="must be at most 1000 elements a link"):
-        Settings.make("floating_frame", segments=100, elements=100)
+        Settings.make("floating_frame", segments=100, elements=20)
+    with pytest.raises(ValueError, match="elements = 33: must be at most 32 a segment"):
+        Settings.make("floating_frame", elements=33)
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     |---|---|---|
     | `arm` | "strip" | name, TOML file, or `flexarm_env.Arm` of one link with a torque limit |
     | `formulation` | "elastica" | or "geometrically_exact", "floating_frame"; with its options as flat keywords |
-    | `nodes`, `elements`, `order`, `segments`, `coupling`, `modes` | | mesh of the formulation, see below |
+    | `nodes`, `elements`, `order` | | mesh of the formulation, see below |
+    | `segments`, `modes`, `frame`, `coupling`, `multipliers` | | likewise, "floating_frame" |
     | `rho_inf`, `newmark`, `tolerance`, `newton`, `max_iterations`, `max_halvings` | | of its solver |
     | `period_correction` | False | of "geometrically_exact": take the integrator's error of the period out of steps |
     | `step_tolerance` | None | error that a period may add, over L: each arm halves `dt` where needed |

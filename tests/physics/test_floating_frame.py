@@ -53,7 +53,7 @@ def test_spin_up_stretch() -> None:
 
 
 def test_spin_up_without_coupling_diverges() -> None:
-    run = simulate(named("spin_up"), segments=1, elements=5, coupling="linear")
+    run = simulate(named("spin_up"), segments=1, elements=5, coupling="linear", frame="root")
     assert run.status == "diverged"
     assert 5.0 < run.t[-1] < 12.0
     assert all(np.isfinite(getattr(run, name)).all() for name in ("t", "tip", "q", "v", "kinetic", "strain"))
@@ -179,7 +179,7 @@ def test_modified_newton() -> None:
 def test_segments_approach_the_exact_beam(segments: int, elements: int, coupling: str, error: float) -> None:
     """Largest tip error (m) on robot_arm_motion, as an independent prototype of the same equations has it."""
     options = {"segments": segments, "elements": elements, "coupling": coupling}
-    run = simulate(named("robot_arm_motion"), dt=0.025 if segments == 8 else 0.05, **options)
+    run = simulate(named("robot_arm_motion"), dt=0.025 if segments == 8 else 0.05, frame="root", **options)
     found = tip_error(run.t, run.tip, reference("robot_arm_motion").columns)
     assert found.instants == 181
     assert found.max_tip_error == pytest.approx(error, abs=max(0.15 * error, 0.003))
@@ -191,7 +191,7 @@ def test_smooth_motion_needs_more_segments() -> None:
     scene = named("robot_arm_motion_smooth")
     five, eight = (
         tip_error(run.t, run.tip, table).max_tip_error
-        for run in (simulate(scene, segments=5), simulate(scene, segments=8, dt=0.025))
+        for run in (simulate(scene, frame="root", **mesh) for mesh in ({"segments": 5}, {"segments": 8, "dt": 0.025}))
     )
     assert five == pytest.approx(0.145, rel=0.15)
     assert eight == pytest.approx(0.03, rel=0.15)
@@ -214,6 +214,7 @@ def test_buckling_where_shear_matters(options: dict[str, int], EA: float | None)
     def square(load: float, **own: Any) -> float:
         push = PointLoad(0, "tip", force_x=constant(-load))
         scene = Scene("column", Arm("column", (Link(1.0, STUBBY),)), duration=1.0, dt=0.01, loads=(push,))
+        own = {"frame": "root", **own}
         return float((modes(scene, 1, "floating_frame", clamped=True, **own).eigenvalues[0] ** 2).real)
 
     def critical(**own: Any) -> float:
@@ -247,11 +248,12 @@ def test_segments_converge_where_shear_matters(EA: float) -> None:
     assert np.abs(exact.tip_deflection).max() > 0.5
     errors, reduced = [], []
     for n in (6, 12, 24):
-        run = simulate(scene, "floating_frame", segments=n, rho_inf=0.9)
+        run = simulate(scene, "floating_frame", segments=n, frame="root", rho_inf=0.9)
         errors.append(float(np.hypot(*(run.tip - exact.tip)[:, :2].T).max()))
         assert run.status == "ok" and errors[-1] < 2.0 * run.error_estimate
         if EA > 1e3:  # modes do not stretch
-            run = simulate(scene, "floating_frame", segments=n, modes=2, rho_inf=0.9, estimate_error=False)
+            options = {"segments": n, "modes": 2, "frame": "root", "rho_inf": 0.9, "estimate_error": False}
+            run = simulate(scene, "floating_frame", **options)
             reduced.append(float(np.hypot(*(run.tip - exact.tip)[:, :2].T).max()))
     assert errors[-1] < 1e-4
     assert (orders(errors) > 1.7).all()

@@ -276,7 +276,10 @@ def _ranges(lane, model, D, payload, q, out):
     y = dot(lane, model, D, own.tip + n, q)
     far = y
     if model.chord is not None:  # against the tangent at the root
-        far = y - dot(lane, model, D, own.root, q) * D[own.length]
+        turn, x = dot(lane, model, D, own.root, q), tip(lane, model, D, q)[0] + D[own.length]
+        if model.modal is not None:
+            x = x - product(lane, model, D, own.tip_H, q, q) * 0.5
+        far = y - (turn - turn * (turn * turn) * (1.0 / 6.0)) * x
     store(out, 0, absolute(far) * (1.0 / D[own.length]))
     store(out, 1, splat(lane, 0.0))
     if model.modal is not None:

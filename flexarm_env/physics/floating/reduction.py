@@ -77,7 +77,9 @@ def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
     return shapes.T @ stiffness @ shapes, shapes
 
 
-def modal_body(link: Link, n: int, tip_mass: float, tip_inertia: float, frame: str = "root", whole: bool = True) -> Body:
+def modal_body(
+    link: Link, n: int, tip_mass: float, tip_inertia: float, frame: str = "root", whole: bool = True
+) -> Body:
     """A link, or a piece of one, reduced to n shapes.
 
     Frame "root": clamped modes, which the tip mass and inertia shape without being part of the body's inertia. "chord":
