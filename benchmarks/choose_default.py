@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 HORIZON = {"FlexibleArm-v0": 4.0, "TwoLinkFlexArm-v0": 2.0}
 LIMIT, AIM, SHARE = 0.5, 0.1, 99.0
-WEAK = 0.4
+WEAK = 0.25
 """Share of the torque under which links that are reduced to modes stay within their range."""
 """Errors in % of L, and the percentile of the episodes that they are asked of."""
 
