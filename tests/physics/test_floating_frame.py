@@ -156,8 +156,8 @@ def test_work_of_newton() -> None:
 
 @pytest.mark.slow  # compiles its own variant of the step
 def test_modified_newton() -> None:
-    """One factorisation a step, more iterations, the same answer (what 1e-10 leaves after a slow contraction is small in
-    length, but not in the force of a stiff segment: 5e-7 of L in the end)."""
+    """One factorisation a step, more iterations, the same answer. (What a tolerance of 1e-10 leaves after a slow
+    contraction is small in length, not in the force of a stiff segment: 5e-7 of L in the end.)"""
     options = {"segments": 5, "elements": 1, "frame": "root", "dt": 0.05, "tolerance": 1e-12}
     run = simulate(named("robot_arm_motion"), **options)
     modified = simulate(named("robot_arm_motion"), newton="modified", **options)
