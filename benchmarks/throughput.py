@@ -162,7 +162,7 @@ def figure(results: dict[str, Any], path: Path) -> None:
                     axis.plot([0.8], [r["steps_per_second"]], marker=">", color=colours[r["formulation"]], ms=7)
             axis.set(xscale="log", yscale="log", title=env_id, xlabel="environments")
         axes[0].set_ylabel("environment steps per second")
-        axes[1].legend(ncols=2, loc="center", bbox_to_anchor=(0.5, 0.28))
+        fig.legend(*axes[1].get_legend_handles_labels(), ncols=3, loc="outside lower center")
 
 
 def main(arguments: list[str] | None = None) -> None:
