@@ -6,8 +6,8 @@ The error has these parts, each a fraction of the arm's length:
                 order leaves; the rest is for safety); all of that from an eighth of the step where the step does not
                 resolve the slowest vibration, or its decay
     mesh        half the distance between that companion and another of twice the step and half the mesh; all of it
-                where the other mesh is the finer one; at least the distance from frames that are clamped at their roots,
-                where links are so stubby that chords keep an error on any mesh (theory, section 3)
+                where the other mesh is the finer one; at least the distance from frames that are clamped at their
+                roots, where links are so stubby that chords keep an error on any mesh (theory, section 3)
     energy      five times the energy that appeared from nowhere, or half of what the scheme dissipated, as a share of
                 the energy turned over (`Trajectory.turned_over`)
     others      what the formulation knows of itself before the run: System.notes
