@@ -167,7 +167,8 @@ class ExactBeam(NamedTuple):
     """N links of equal numbers of geometrically exact elements, a link's vertices shared with its neighbours.
 
     order     tuple of p zeros: polynomial order, a compile-time constant
-    sections  float64: for each link `physics.exact.layout.SECTION`
+    varying   (0,) where sections vary along links, otherwise None
+    sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
     elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
     damped    (0,) where tau_d > 0, otherwise None
     gravity   float64 (2,) m/s^2, or None
@@ -187,6 +188,7 @@ class ExactBeam(NamedTuple):
     order: tuple[int, ...]
     links: int
     elements: int
+    varying: tuple[int, ...] | None
     sections: np.ndarray
     elbows: np.ndarray
     hub_inertia: float

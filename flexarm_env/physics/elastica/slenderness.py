@@ -77,7 +77,7 @@ def along_the_arm(scene: Scene, rate: float) -> float:
     arm, end = scene.arm, scene.duration
     length = arm.total_length
     mass = arm.payload.mass + sum(0.5 * link.mass for link in arm.links) + sum(elbow.mass for elbow in arm.elbows)
-    square = min(link.section.EA for link in arm.links) / (length * mass)
+    square = min(link.series("EA") for link in arm.links) / (length * mass)
     move = rate**2 * length / square
     for motion in scene.motions:
         f = motion.function
@@ -173,11 +173,13 @@ class _Modes:
             force = force + (arm.payload.mass if last else arm.elbow(k + 1).mass) * starts[k + 1]
             finer = np.linspace(0.0, link.length, 65)
             field = starts[k][:, None] + move[:, own] @ line.integral(finer).T
-            steps = 0.5 * (field[:, 1:] + field[:, :-1]) * (link.section.m * link.length / 64)
+            masses = link.along(0.5 * (finer[1:] + finer[:-1])).m
+            steps = 0.5 * (field[:, 1:] + field[:, :-1]) * (masses * link.length / 64)
             momentum = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
             beyond = force[:, None] + momentum[:, -1:] - momentum
             along, across = e[:, own][:, 0] @ beyond, np.array([-e[1, own][0], e[0, own][0]]) @ beyond
-            density = along**2 / link.section.EA + across**2 / link.section.C
+            sections = link.along(finer)
+            density = along**2 / sections.EA + across**2 / sections.C
             total += float(np.sum(0.5 * (density[1:] + density[:-1]))) * link.length / 64
             force = force + momentum[:, -1]
         return total

@@ -5,6 +5,7 @@ Each link is cut into `segments` bodies joined rigidly, of finite elements or re
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,16 +29,32 @@ MARGIN_LOST = 0.5
 
 def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
     """Mass (kg) and inertia (kg m^2) that link k carries `rest` m before its tip, all of it straight and locked."""
-    section = arm.links[link].section
-    mass, inertia, distance = section.m * rest, section.m * rest**3 / 3 + section.J * rest, rest
+    own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest
+    if own.uniform is not None:
+        section = own.uniform
+        mass, inertia = section.m * rest, section.m * rest**3 / 3 + section.J * rest
+    elif rest > 0.0:
+        behind = own.part(own.length - rest, own.length)
+        mass, inertia = behind.mass, behind.moment(2) + behind.rotary
     for k in range(link + 1, arm.n_links):
         elbow, item = arm.elbow(k), arm.links[k]
-        m, length = item.section.m, item.length
-        mass += elbow.mass + m * length
+        length = item.length
+        mass += elbow.mass + item.mass
         inertia += elbow.inertia_left + elbow.inertia_right + elbow.mass * distance**2
-        inertia += m * ((distance + length) ** 3 - distance**3) / 3 + item.section.J * length
+        if item.uniform is not None:
+            inertia += item.uniform.m * ((distance + length) ** 3 - distance**3) / 3 + item.rotary
+        else:
+            inertia += item.moment(2) + distance * (2.0 * item.moment(1) + distance * item.mass) + item.rotary
         distance += length
     return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * distance**2
+
+
+def _cut(link: Link, segments: int) -> list[Link]:
+    """A link in segments: at its jumps where there are segments enough, otherwise even ones with jumps inside."""
+    if segments > len(link.jumps):
+        return link.cut(segments, "segments")
+    ends = np.linspace(0.0, link.length, segments + 1).tolist()
+    return [link.part(a, b) for a, b in pairwise(ends)]
 
 
 def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
@@ -47,16 +64,19 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
     frame = settings.frame or "root"
     for k, link in enumerate(arm.links):
         segments = settings.segments or 1
-        part = link.length / segments
+        parts = _cut(link, segments)
         if settings.modes is not None:
-            piece = Link(part, link.section)
-            rests = [part * (segments - 1 - i) for i in range(segments)]
-            pieces = [modal_body(piece, settings.modes, *carried(arm, k, rest), frame, segments == 1) for rest in rests]
+            rests = [sum(part.length for part in parts[i + 1 :]) for i in range(segments)]
+            if link.uniform is not None:
+                rests = [parts[0].length * (segments - 1 - i) for i in range(segments)]
+            pieces = [
+                modal_body(part, settings.modes, *carried(arm, k, rest), frame, segments == 1)
+                for part, rest in zip(parts, rests, strict=True)
+            ]
         else:
             assert settings.elements is not None
             coupling = settings.coupling or "linear"
-            made = (link.section, part, settings.elements, coupling, frame)
-            pieces = [finite_element_body(*made) for _ in range(segments)]
+            pieces = [finite_element_body(part, settings.elements, coupling, frame) for part in parts]
         pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
         if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it
             pieces[-1].add_tip_mass(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left)
