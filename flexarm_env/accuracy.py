@@ -138,7 +138,7 @@ def slowest_rate(scene: Scene) -> float:
     else:
         stiffness = min(section.EI for section in sections)
         square = 3.0 * stiffness / ((carried + 33.0 / 140.0 * beam) * arm.total_length**3)
-    return max(math.sqrt(square), arm.tau_d * square)
+    return max(math.sqrt(square), arm.damping[0] * square)
 
 
 def _varying_rate(arm: Arm) -> float:

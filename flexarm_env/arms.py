@@ -15,6 +15,7 @@ from flexarm_env.parameters import Arm, Elbow, Link, Payload, Points, Section, T
 
 _SECTION = ("EI", "EA", "C", "m", "J")
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
+_OF_LINK = ("tau_d",)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
 _ELBOW = ("mass", "inertia_left", "inertia_right")
 _ARM = (
@@ -125,23 +126,24 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
 
 def _link(path: str, entry: object) -> Link:
     table = check.table_of(path, entry)
-    check.known_keys(path, table, ("length", "section"))
+    check.known_keys(path, table, ("length", "section", *_OF_LINK))
+    own = {key: table[key] for key in _OF_LINK if key in table}
     length = check.needed(path, table, "length", "must be a positive number (m)")
     given = check.needed(path, table, "section", _SECTIONS)
     if isinstance(given, list | tuple):
         points = [_point(f"{path}.section[{i}]", entry) for i, entry in enumerate(given)]
         with check.under(path):
-            return Link(length, tuple(points))
+            return Link(length, tuple(points), **own)
     section = check.table_of(f"{path}.section", given)
     if "widths" in section or "thicknesses" in section:
         check.known_keys(f"{path}.section", section, _TAPER)
         for key in _TAPER[:-1]:
             check.needed(f"{path}.section", section, key, _SECTIONS)
         with check.under(path):
-            return Link.tapered(length, **section)
+            return Link.tapered(length, **section, **own)
     made = _section(path, section)
     with check.under(path):
-        return Link(length, made)
+        return Link(length, made, **own)
 
 
 _SECTIONS = (
@@ -182,6 +184,12 @@ def _part(path: str, kind: type[Any], entry: object, keys: tuple[str, ...]) -> A
         return kind(**table)
 
 
+def _link_table(link: Link) -> dict[str, Any]:
+    plain = Link(link.length, link.section)
+    own = {key: getattr(link, key) for key in _OF_LINK if getattr(link, key) != getattr(plain, key)}
+    return {"length": link.length, "section": _section_table(link.section), **own}
+
+
 def _section_table(section: Section | Taper | Points) -> Any:
     """What `_link` reads back."""
     if isinstance(section, tuple):
@@ -203,7 +211,7 @@ def to_table(arm: Arm) -> dict[str, Any]:
         table["joint_limits"] = tuple(() if limits is None else limits for limits in arm.joint_limits)
     if arm.payload != Payload():
         table["payload"] = {key: getattr(arm.payload, key) for key in ("mass", "inertia")}
-    table["links"] = [{"length": link.length, "section": _section_table(link.section)} for link in arm.links]
+    table["links"] = [_link_table(link) for link in arm.links]
     if arm.elbows:
         table["elbows"] = [{key: getattr(elbow, key) for key in _ELBOW} for elbow in arm.elbows]
     return table

@@ -66,7 +66,8 @@ class Arm:
         hub_inertia: at the root of link 0, kg m^2.
         elbows: N-1 elbows, or () for massless ones.
         payload: at the tip of the last link.
-        tau_d: Kelvin-Voigt time constant, s: stress = D (strain + tau_d strain rate), so zeta_k = tau_d omega_k / 2.
+        tau_d: Kelvin-Voigt time constant, s: stress = D (strain + tau_d strain rate), so zeta_k = tau_d omega_k / 2; of
+            the links that have none of their own.
         mass_damping: 1/s, drag on what a link, its elbow's mass and the payload move relative to the link's floating
             frame, eq. [65]: zeta_k gains mass_damping / (2 omega_k). Only one frame a link (formulation
             "floating_frame" with segments=1 or modes alone) has it; elsewhere an error.
@@ -127,6 +128,13 @@ class Arm:
     def mass(self) -> float:
         """Mass of links, elbows and payload, kg."""
         return sum(k.mass for k in self.links) + sum(e.mass for e in self.elbows) + self.payload.mass
+
+    @property
+    def damping(self) -> tuple[float, tuple[float, ...] | None]:
+        """The largest tau_d of the links, s, and each link's share of it; None where they are alike."""
+        own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
+        largest = max(own)
+        return largest, None if min(own) == largest else tuple(tau / largest for tau in own)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -133,13 +133,17 @@ class Link:
         section: a :class:`Section`; a :class:`Taper`; or a sequence of (s, Section), s in m from the root, from 0 to
             the length in ascending order. Properties are linear between points; two points of the same s are a jump.
             Points that are all alike are one Section.
+        tau_d: Kelvin-Voigt time constant of this link, s; None: the arm's.
     """
 
     length: float
     section: Section | Taper | Points
+    tau_d: float | None = None
 
     def __post_init__(self) -> None:
         store(self, length=check.number("length", self.length, "m", above=0.0))
+        if self.tau_d is not None:
+            store(self, tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0))
         if not isinstance(self.section, Section | Taper):
             store(self, section=_points(self.section, self.length))
 
@@ -154,11 +158,15 @@ class Link:
         rho: float,
         G: float,
         kappa: float = 0.85,
+        **more: Any,
     ) -> Link:
-        """A rectangle whose sides go linearly from root to tip; see :class:`Taper`. Equal ones are one Section."""
+        """A rectangle whose sides go linearly from root to tip; see :class:`Taper`. Equal ones are one Section.
+
+        more: the other fields of :class:`Link`.
+        """
         taper = Taper(widths, thicknesses, E, rho, G, kappa)
         even = taper.sides(0.0) == taper.sides(1.0)
-        return cls(length, taper.rectangle(0.0) if even else taper)
+        return cls(length, taper.rectangle(0.0) if even else taper, **more)
 
     @property
     def uniform(self) -> Section | None:

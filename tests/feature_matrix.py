@@ -9,6 +9,7 @@ bent by a fifth of their length and more (links reduced to modes as a whole: by 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
 from collections.abc import Callable
@@ -156,6 +157,12 @@ def _stepped(d: Draft) -> None:
     d.link = lambda length: Link(length, [(0.0, STRIP), (0.6 * length, STRIP), (0.6 * length, thin), (length, end)])
 
 
+def _own_damping(d: Draft) -> None:
+    """Links damped unlike; of two the second one hardly."""
+    made, taus = d.link, iter((8e-3, 5e-4))
+    d.link = lambda length: dataclasses.replace(made(length), tau_d=next(taus))
+
+
 FEATURES: dict[str, Callable[[Draft], None]] = {
     "hub torque": lambda d: None,
     "light damping": _light,
@@ -174,6 +181,7 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "free flight": _free_flight,
     "tapered": _tapered,
     "stepped": _stepped,
+    "own damping": _own_damping,
 }
 """A feature is a change of the draft. Those that make two links come before those that prescribe or load them."""
 
@@ -239,6 +247,8 @@ PAIRS = [
     ("tapered", "elbow masses"),
     ("stepped", "elbow masses"),
     ("stepped", "free flight"),
+    ("elbow masses", "own damping"),
+    ("prescribed elbow", "own damping"),
 ]
 CORE = [
     ("heavy damping",),
@@ -250,6 +260,7 @@ CORE = [
     ("rigid elbow", "free flight"),
     ("payload inertia", "shaken base"),
     ("tapered", "elbow masses"),
+    ("elbow masses", "own damping"),
 ]
 """Features of the cells that every run of the tests looks at, under each formulation as it is by default."""
 WHOLE = ("modes", "clamped modes")

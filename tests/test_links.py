@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from flexarm_env.physics.assembly import assemble
 from flexarm_env.physics.floating.constants import finite_element_body
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
+from flexarm_env.simulation import simulate
 
 THICK = Section(EI=2.0, EA=2e7, C=7e6, m=0.3)
 THIN = Section(EI=0.5, EA=1e7, C=3e6, m=0.15)
@@ -215,3 +217,25 @@ def test_a_refusal_names_what_is_wrong(make: Any, message: str) -> None:
     with pytest.raises(ValueError) as caught:
         make()
     assert message in str(caught.value)
+
+
+def test_damping_of_one_link_alone() -> None:
+    """Links of the same tau_d, their own or the arm's, are one model; of others each loses what the exact beam does."""
+    kept = Link(0.6, THICK, tau_d=4e-3), Link(0.4, THICK, tau_d=4e-3)
+    same = Arm("a", kept, payload=Payload(0.1), tau_d=1.0), Arm("a", tuple(Link(k.length, THICK) for k in kept),
+        payload=Payload(0.1), tau_d=4e-3)  # fmt: skip
+    for formulation, options in METHODS.values():
+        one, other = (assemble(scene(arm), Settings.make(formulation, dt=0.01, **options)) for arm in same)
+        assert np.array_equal(one.par, other.par)
+        assert [x is None for x in one.model] == [x is None for x in other.model]
+    arm = dataclasses.replace(same[1], links=(kept[0], Link(0.4, THICK)), tau_d=2e-4, hub_inertia=0.05)
+    assert arm.damping == (4e-3, (1.0, 0.05))
+    assert arms.from_toml(arms.to_toml(arm)) == arm
+    fall = Scene("fall", arm, duration=0.5, dt=1e-3, sample=0.05, gravity=(0.0, -9.81))  # kernels of its own sizes
+    lost = [
+        simulate(fall, formulation, estimate_error=False, **options).dissipated[-1]
+        for formulation, options in (METHODS["exact"], ("elastica", {"nodes": 6}))
+    ]
+    assert lost[0] == pytest.approx(lost[1], rel=2e-3)
+    with pytest.raises(ValueError, match=r"^period_correction = True: must be False where the links' tau_d differ"):
+        assemble(fall, Settings.make("geometrically_exact", period_correction=True))

@@ -42,7 +42,7 @@ def stretch_and_shear(scene: Scene, chain: Chain) -> float:
     tip, deflection = np.zeros((2, t.size)), np.zeros(t.size)
     for k in range(count):
         square, shape = modes.omega[k] ** 2, modes.shapes[:, k]
-        force, damping = modes.force(shape, t), scene.arm.tau_d
+        force, damping = modes.force(shape, t), modes.damping(shape, square)
         bent = _response(square, damping, force, t)
         sheared = _response(square / (1.0 + square * modes.section_work(shape)), damping, force, t)
         bow = modes.deflection(shape) / length
@@ -125,6 +125,14 @@ class _Modes:
         self.shapes: Array = self.basis @ self.vectors[:, flexible]
         self.rigid: Array = self.basis @ self.vectors[:, ~flexible]
         self.root = free_root
+
+    def damping(self, shape: Array, square: float) -> float:
+        """tau_d of a mode, s: the mean of the links' by their strain energy."""
+        largest, shares = self.scene.arm.damping
+        if shares is None:
+            return largest
+        energies = [u @ K @ u for u, K in zip(np.split(shape, len(shares)), self.chain.K, strict=True)]
+        return float(largest * np.dot(shares, energies) / square)
 
     def _steps(self, shape: Array) -> tuple[Array, list[Array]]:
         """Changes of the unit tangents (2, Nn), displacements of the links' roots and of the tip (2,), in a mode."""

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Link
 from flexarm_env.physics.exact.layout import AXES, CHAIN, ELBOW, FACTORS, SECTION, VARYING, T, X, Y
 from flexarm_env.physics.exact.tables import functions
 from flexarm_env.physics.layout import OF_LOAD
-from flexarm_env.physics.model import ExactBeam, System
+from flexarm_env.physics.model import ExactBeam, System, damped
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 
@@ -115,6 +116,8 @@ def build(scene: Scene, settings: Settings) -> System:
     """The scene's chain with ``settings.elements`` elements of ``settings.order`` a link."""
     assert settings.elements is not None and settings.order is not None
     arm, elements, order = scene.arm, settings.elements, settings.order
+    if settings.period_correction and arm.damping[1]:
+        raise check.InvalidValue("period_correction", True, "must be False where the links' tau_d differ")
     names, coordinates = rows(arm, elements, order)
     fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
     if scene.root == "pinned":
@@ -137,10 +140,10 @@ def build(scene: Scene, settings: Settings) -> System:
         sections=sections(arm, elements, order),
         elbows=elbows(arm),
         hub_inertia=arm.hub_inertia,
-        damped=(0,) if arm.tau_d > 0.0 else None,
+        damped=damped(arm),
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.array(loads, dtype=np.int64).ravel() if loads else None,
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     q0 = straight(scene, elements, order)
     return System(model, par, q0, np.zeros(len(names)), coordinates, names, {})

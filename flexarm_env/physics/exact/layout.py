@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from ...compiler import NONE, by_kind, kernel, load, store
 from ...layout import Field, Layout
+from ..arithmetic import share_of
 from ..model import STIFFNESS_FACTOR, TAU_D
 
 NODE = Layout(
@@ -152,16 +153,16 @@ class Varying(NamedTuple):
 
 
 @kernel
-def _none(lane, damped, par):
+def _none(lane, damped, par, k):
     return None
 
 
 @kernel
-def _own(lane, damped, par):
-    return load(lane, par, TAU_D)
+def _own(lane, damped, par, k):
+    return share_of(damped, k, load(lane, par, TAU_D))
 
 
-@by_kind("damped", "lane, damped, par")
+@by_kind("damped", "lane, damped, par, k")
 def _tau(kind: str) -> Any:
     """tau_d of a damped arm, otherwise None."""
     return _none if kind == NONE else _own
@@ -172,14 +173,14 @@ def _uniform(lane, varying, model, par, k):
     at, of = _OF_SECTION.end * k, model.sections
     return Section(
         of[at + _OF_SECTION.k1], of[at + _OF_SECTION.k2], load(lane, par, STIFFNESS_FACTOR) * of[at + _OF_SECTION.kb],
-        of[at + _OF_SECTION.length], of[at + _OF_SECTION.ml], of[at + _OF_SECTION.jl], _tau(lane, model.damped, par),
+        of[at + _OF_SECTION.length], of[at + _OF_SECTION.ml], of[at + _OF_SECTION.jl], _tau(lane, model.damped, par, k),
     )  # fmt: skip
 
 
 @kernel
 def _first_of(lane, varying, model, par, k):
     numbers = _varying_at(0, len(model.order)).end * model.elements * k
-    return Varying(model.sections[numbers:], load(lane, par, STIFFNESS_FACTOR), _tau(lane, model.damped, par))
+    return Varying(model.sections[numbers:], load(lane, par, STIFFNESS_FACTOR), _tau(lane, model.damped, par, k))
 
 
 @by_kind("varying", "lane, varying, model, par, k")

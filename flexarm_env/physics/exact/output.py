@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiler import kernel, load, splat, store
+from ..arithmetic import share_of
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, TAU_D
 from .element import carry, damp, measure
@@ -94,7 +95,7 @@ def _damped(lane, damped, model, par, q, v, x):
         section = section_of(lane, model, par, k)
         for _ in range(model.elements):
             j = i * len(lane)
-            total = total + damp(lane, model.order, q[j:], v[j:], x[j:], psi, section)[0]
+            total = total + share_of(damped, k, damp(lane, model.order, q[j:], v[j:], x[j:], psi, section)[0])
             section = next_section(model, section)
             i += AXES * len(model.order)
             psi = load(lane, q, i + T), load(lane, v, i + T), load(lane, x, i + T)

@@ -121,6 +121,7 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
     """What all the bodies have."""
     n = bodies[0].n
     elements, wide = bodies[0].element_ea.size if settings.coupling != "linear" else 0, min(n, 6)
+    largest, shares = arm.damping
     return Mesh(
         n=(0,) * n if n <= WRITTEN_OUT else n,
         scratch=(0,) * VECTORS.offsets(0, n).end,
@@ -130,12 +131,14 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
         modal=None if settings.modes is None else (0,),
         chord=(0,) if settings.frame == "chord" else None,
         full=(0,) if settings.coupling == "von_karman" else None,
-        damped=(0,) if arm.tau_d > 0.0 else None,
+        damped=None if largest == 0.0 else (0,) if shares is None else (0, 0),
         drag=(0,) if arm.mass_damping > 0.0 else None,
     )
 
 
-def _block(body: Body, mesh: Mesh, frame: str, drag: float, offset: float, most_lost: float) -> NDArray[np.float64]:
+def _block(
+    body: Body, mesh: Mesh, frame: str, drag: float, damped: float, offset: float, most_lost: float
+) -> NDArray[np.float64]:
     """A body's block of `data`."""
     n, elements = body.n, len(mesh.elements)
     stations = [
@@ -148,7 +151,8 @@ def _block(body: Body, mesh: Mesh, frame: str, drag: float, offset: float, most_
         S_bar_x=body.s_bar[0], S_bar_y=body.s_bar[1], c_u=body.c_u, c=body.c,
         tip_u=body.tip[0], tip_v=body.tip[1], tip_phi=body.tip[2],
         G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
-        drag=drag, root=body.root, spans=[_span(body, e, n, mesh, frame) for e in range(elements)], stations=stations,
+        drag=drag, damped=damped, root=body.root, stations=stations,
+        spans=[_span(body, e, n, mesh, frame) for e in range(elements)],
     )  # fmt: skip
 
 
@@ -159,9 +163,10 @@ def _shared(
     arm, mesh = scene.arm, _mesh(bodies, scene.arm, settings)
     assert settings.frame is not None
     limits = _limits(scene, bodies, links, settings.modes is not None)
+    shares = arm.damping[1] or (1.0,) * arm.n_links
     blocks = [
-        _block(body, mesh, settings.frame, arm.mass_damping, offset, limit)
-        for body, offset, limit in zip(bodies, offsets, limits, strict=True)
+        _block(body, mesh, settings.frame, arm.mass_damping, shares[link], offset, limit)
+        for body, link, offset, limit in zip(bodies, links, offsets, limits, strict=True)
     ]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
     return {
@@ -207,7 +212,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         table=None,
         **_shared(scene, settings, bodies, links, np.zeros(count)),
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     return System(model, par, q0, np.zeros(len(names)), coordinates, tuple(names), {})
 
 
@@ -280,5 +285,5 @@ def _joined(scene: Scene, settings: Settings) -> System:
         table=table,
         **_shared(scene, settings, bodies, links, offset),
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     return System(model, par, q0, np.zeros(n), coordinates, tuple(names), {})
