@@ -14,7 +14,7 @@ from gymnasium.envs.registration import register, registry
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .parameters import Arm, Elbow, Link, Payload, Section
+    from .parameters import Arm, Elbow, Link, Payload, Section, Taper
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
     from .settings import Settings
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 _HOME = {
-    **dict.fromkeys(("Arm", "Elbow", "Link", "Payload", "Section"), "parameters"),
+    **dict.fromkeys(("Arm", "Elbow", "Link", "Payload", "Section", "Taper"), "parameters"),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
     "Settings": "settings",
@@ -35,7 +35,7 @@ _HOME = {
 
 __all__ = [
     "Arm", "Elbow", "JointTorque", "Link", "Motion", "Payload", "PointLoad", "Scene", "Section", "Settings",
-    "Simulation", "TimeFunction", "Trajectory", "__version__", "named", "simulate",
+    "Simulation", "Taper", "TimeFunction", "Trajectory", "__version__", "named", "simulate",
 ]  # fmt: skip
 
 

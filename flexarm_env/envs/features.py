@@ -157,7 +157,8 @@ def gauge_scales(frame: Frame, places: Sequence[tuple[int, float]]) -> list[floa
     """Scale of each gauge, 1/m: the curvature under the full torque of the link's joint."""
     limits = frame.arm.torque_limits
     assert limits is not None
-    return [limits[link] / frame.arm.links[link].section.EI for link, _ in places]
+    links = frame.arm.links
+    return [limits[k] / float(links[k].along(place * links[k].length).EI) for k, place in places]
 
 
 def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
