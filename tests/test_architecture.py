@@ -18,7 +18,7 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_DESCRIPTION = {"validation", "parameters", "rigid", "settings", "time_functions", "arms", "scene", "scenes"}
+_DESCRIPTION = {"validation", "parameters", "sensors", "rigid", "settings", "time_functions", "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
@@ -26,11 +26,12 @@ _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting",
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
-    "parameters": {"validation"},
+    "sensors": {"validation"},
+    "parameters": {"validation", "sensors"},
     "rigid": {"validation", "parameters"},
     "settings": {"validation"},
     "time_functions": {"validation"},
-    "arms": {"validation", "parameters"},
+    "arms": {"validation", "parameters", "sensors"},
     "scene": {"validation", "parameters", "settings", "time_functions", "arms"},
     "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms"},
     "data": set(),
