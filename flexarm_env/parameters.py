@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from flexarm_env import validation as check
+from flexarm_env.sensors import Sensors
 
 JointRange = tuple[float, float]
 
@@ -145,6 +146,7 @@ class Arm:
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).
         source: where the numbers come from.
+        sensors: what `observation="measured"` and `Trajectory.measured` read; None: ideal ones.
     """
 
     name: str
@@ -157,6 +159,7 @@ class Arm:
     torque_limits: tuple[float, ...] | None = None
     joint_limits: tuple[JointRange | None, ...] | None = None
     source: str = ""
+    sensors: Sensors | None = None
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
@@ -173,6 +176,10 @@ class Arm:
             check.instance(f"elbows[{i}]", elbow, Elbow)
         check.instance("payload", self.payload, Payload)
         check.text("source", self.source)
+        if self.sensors is not None:
+            check.instance("sensors", self.sensors, Sensors)
+            with check.under("sensors"):
+                self.sensors.check_for(n)
         _store(
             self,
             links=links,

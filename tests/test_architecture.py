@@ -40,7 +40,7 @@ ROOMS: dict[str, set[str]] = {
     "physics": {*_DESCRIPTION, "compiler", "layout"},
     "tasks": {"compiler", "layout", "physics"},
     "runtime": {"compiler", "layout", "physics", "tasks"},
-    "trajectory": {*_DESCRIPTION, "physics"},
+    "trajectory": {*_DESCRIPTION, "physics", "runtime"},
     "accuracy": {*_DESCRIPTION},
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},

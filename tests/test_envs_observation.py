@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import pickle
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 from flexarm_env import control
+from flexarm_env.envs.options import plan
+from flexarm_env.envs.task import SLEW
 from flexarm_env.recording import EpisodeRecorder, load_episodes, replay, save_episodes
 from flexarm_env.tasks.program import GOAL
 from tests.env_tools import IDS, MULTI, assert_pair_same, assert_same, episode, pair
@@ -34,9 +37,9 @@ def measured_names(env_id: str) -> tuple[str, ...]:
 
 def values(env: Any, observation: np.ndarray) -> dict[str, float]:
     """The newest observation, in SI units by name."""
-    plan = env.unwrapped.plan
-    newest = observation[-len(plan.names) :].astype(float) * plan.scales
-    return dict(zip(plan.names, newest.tolist(), strict=True))
+    own = env.unwrapped.plan
+    newest = observation[-len(own.names) :].astype(float) * own.scales
+    return dict(zip(own.names, newest.tolist(), strict=True))
 
 
 def angles_of(env: Any) -> np.ndarray:
@@ -50,10 +53,10 @@ def angles_of(env: Any) -> np.ndarray:
 def test_measured_is_what_ideal_sensors_give(env_id: str) -> None:
     """Encoders, filtered differences of them and gauges at the roots; the target, and no word of the tip."""
     env, full = gym.make(env_id, **MEASURED), gym.make(env_id, sensors={"strain_gauges": roots(env_id)})
-    plan, joints = env.unwrapped.plan, JOINTS[env_id]
-    assert plan.names == measured_names(env_id)
-    assert env.observation_space.shape == (3 * len(plan.names),)
-    assert not any("tip" in name or "to_target" in name for name in plan.names)
+    names, joints = env.unwrapped.plan.names, JOINTS[env_id]
+    assert names == measured_names(env_id)
+    assert env.observation_space.shape == (3 * len(names),)
+    assert not any("tip" in name or "to_target" in name for name in names)
     observation, info = env.reset(seed=4)
     full.reset(seed=4)
     kept = math.exp(-2.0 * math.pi * 20.0 * 0.02)
@@ -106,11 +109,10 @@ def test_goals_and_gauges_by_name_need_nothing_else() -> None:
 
 
 def test_full_is_the_default_and_nothing_of_it_is_compiled() -> None:
-    env = gym.make(ONE, observation="full", history=1)
-    program = env.unwrapped.batch.program
-    assert program.selection is None
-    assert program.instruments is None
-    assert env.unwrapped.plan.names == gym.make(ONE).unwrapped.plan.names
+    extras = plan(SLEW, observation="full", history=1).extras
+    assert extras.selection is None
+    assert extras.instruments is None
+    assert plan(SLEW, observation="full").names == plan(SLEW).names
 
 
 def test_history_holds_the_last_observations_oldest_first() -> None:
@@ -195,13 +197,14 @@ def test_controllers_that_need_more_say_what(name: str) -> None:
     ):
         control.make(name, gym.make(ONE, **MEASURED))
     with pytest.raises(ValueError, match=r"observation: PD needs the entry hub_cos"):
-        control.make("pd", gym.make(ONE, observation=("hub_sin", "hub_rate", "hub_error")))
+        own = plan(SLEW, observation=("hub_sin", "hub_rate", "hub_error"))
+        control.make("pd", control.Setup.of(SimpleNamespace(unwrapped=SimpleNamespace(plan=own))))
 
 
 def test_a_policy_is_held_to_its_observation() -> None:
     """Names, scales and how many stand in one."""
     setups = [
-        control.Setup.of(gym.make(ONE, **keywords))
+        control.Setup.of(SimpleNamespace(unwrapped=SimpleNamespace(plan=plan(SLEW, **keywords))))
         for keywords in ({}, {"history": 3}, {"observation": "measured"}, MEASURED, {"observation": ("hub_sin",)})
     ]
     assert len({setup.layout for setup in setups}) == 5

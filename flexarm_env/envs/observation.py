@@ -69,7 +69,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
     Under "measured" an arm that names none has ideal ones, and one that names no encoders has ideal encoders.
     """
     n = arm.n_links
-    own = getattr(arm, "sensors", None)
+    own = arm.sensors
     if isinstance(given, description.Sensors):
         found, named = given, set(description.KEYS)
     else:

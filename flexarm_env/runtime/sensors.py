@@ -10,7 +10,7 @@ import numpy as np
 from ..compiler import kernel, load, size, splat, store
 from ..physics.arithmetic import clip
 from ..physics.layout import POSE
-from ..tasks.program import CLIP, GOAL, LAW, TARGET, channel_at
+from ..tasks.program import CHANNEL, CLIP, GOAL, LAW, TARGET, channel_at
 from ..tasks.stream import uniform
 
 _LAW = LAW.places
@@ -60,6 +60,11 @@ def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
 def room_of(laws: np.ndarray) -> int:
     """Room for the past that these laws (c, LAW) need."""
     return int((laws[:, _LAW.late] + (laws[:, _LAW.share] > 0.0)).max(initial=0.0))
+
+
+def memory_of(channels: int, room: int) -> np.ndarray:
+    """A `CHANNEL` for each."""
+    return np.zeros(channels * CHANNEL.offsets(0, room).end)
 
 
 @kernel
@@ -137,6 +142,32 @@ def tip_acceleration(memory, base, room, c, lanes, i, vx, vy, angle, period, gra
     memory[x], memory[y] = vx, vy
     cosine, sine = math.cos(angle), math.sin(angle)
     return cosine * ax + sine * ay, cosine * ay - sine * ax
+
+
+@kernel
+def read_rows(laws, room, memory, stream, period, gravity_x, gravity_y, encoders, accelerometers, inputs, out):
+    """Readings at instants `period` apart, an instant a row of `out`; all in SI, not in scales.
+
+    Columns of inputs: an angle for each encoder; tip velocity x, y and angle for each accelerometer; then what is
+    read as it stands. Columns of out: angle and rate for each encoder, then one for each channel.
+    """
+    for k in range(inputs.shape[0]):
+        first, c, column, put = k == 0, 0, 0, 0
+        for _ in range(encoders):
+            angle, rate = read_encoder(laws, room, c, memory, 0, 1, stream, 0, inputs[k, column], first)
+            out[k, put], out[k, put + 1] = angle, rate
+            c, column, put = c + 1, column + 1, put + 2
+        for _ in range(accelerometers):
+            vx, vy, angle = inputs[k, column], inputs[k, column + 1], inputs[k, column + 2]
+            along, across = tip_acceleration(
+                memory, 0, room, c, 1, 0, vx, vy, angle, period, gravity_x, gravity_y, first
+            )
+            out[k, put] = read(laws, room, c, memory, 0, 1, stream, 0, along, first)
+            out[k, put + 1] = read(laws, room, c + 1, memory, 0, 1, stream, 0, across, first)
+            c, column, put = c + 2, column + 3, put + 2
+        while put < out.shape[1]:
+            out[k, put] = read(laws, room, c, memory, 0, 1, stream, 0, inputs[k, column], first)
+            c, column, put = c + 1, column + 1, put + 1
 
 
 # --- in an environment ---------------------------------------------------------------------------------
