@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from flexarm_env import sensors
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Points, Section, Taper
 
@@ -29,6 +30,7 @@ _ARM = (
     "torque_limits",
     "joint_limits",
     "source",
+    "sensors",
 )
 
 
@@ -121,6 +123,8 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
     )
     if "payload" in values:
         values["payload"] = _part("payload", Payload, values["payload"], ("mass", "inertia"))
+    if "sensors" in values:
+        values["sensors"] = sensors.from_table(check.table_of("sensors", values["sensors"]))
     return Arm(**values)
 
 
@@ -214,4 +218,6 @@ def to_table(arm: Arm) -> dict[str, Any]:
     table["links"] = [_link_table(link) for link in arm.links]
     if arm.elbows:
         table["elbows"] = [{key: getattr(elbow, key) for key in _ELBOW} for elbow in arm.elbows]
+    if arm.sensors is not None:
+        table["sensors"] = sensors.to_table(arm.sensors)
     return table

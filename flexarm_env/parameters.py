@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from flexarm_env import validation as check
 from flexarm_env.sections import Link, Points, Section, Taper
 from flexarm_env.sections import store as _store
+from flexarm_env.sensors import Sensors
 
 __all__ = ["Arm", "Elbow", "JointRange", "Link", "Payload", "Points", "Section", "Taper"]
 
@@ -75,6 +76,7 @@ class Arm:
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).
         source: where the numbers come from.
+        sensors: what `observation="measured"` and `Trajectory.measured` read; None: ideal ones.
     """
 
     name: str
@@ -87,6 +89,7 @@ class Arm:
     torque_limits: tuple[float, ...] | None = None
     joint_limits: tuple[JointRange | None, ...] | None = None
     source: str = ""
+    sensors: Sensors | None = None
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
@@ -103,6 +106,10 @@ class Arm:
             check.instance(f"elbows[{i}]", elbow, Elbow)
         check.instance("payload", self.payload, Payload)
         check.text("source", self.source)
+        if self.sensors is not None:
+            check.instance("sensors", self.sensors, Sensors)
+            with check.under("sensors"):
+                self.sensors.check_for(n)
         _store(
             self,
             links=links,

@@ -103,7 +103,7 @@ def _run_motors(lane, p, model, parts, actuator, par, poses, record, saved, bloc
     Friction acts with the rate that the last step's change leads to expect at the end of the step.
     """
     n = size(p.task.links)
-    at = record_at(0, n, 1, actuator.age + 2, 0)
+    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
     before, now = stack(lane, p.task.links), stack(lane, p.task.links)
     for k in range(n):
         _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
@@ -141,7 +141,7 @@ def _book(lane, books, task, poses, record, u, sign):
     """Friction's loss over a step: its torque times the way turned, in two halves."""
     if books is not None:
         n = size(task.links)
-        torque = record_at(0, n, 1, 0, 0).torque
+        torque = record_at(0, n, 1, 0, 0, 0).torque
         lost = load(lane, record, FRICTION)
         for k in range(n):
             friction = load(lane, record, torque + k) - load(lane, u, k)
