@@ -14,7 +14,7 @@ from gymnasium.envs.registration import register, registry
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .parameters import Arm, Elbow, Link, Payload, Section
+    from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
     from .settings import Settings
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 _HOME = {
-    **dict.fromkeys(("Arm", "Elbow", "Link", "Payload", "Section"), "parameters"),
+    **dict.fromkeys(("Arm", "Elbow", "Joint", "Link", "Motor", "Payload", "Section"), "parameters"),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
     "Settings": "settings",
@@ -34,8 +34,8 @@ _HOME = {
 """Where each public name is defined."""
 
 __all__ = [
-    "Arm", "Elbow", "JointTorque", "Link", "Motion", "Payload", "PointLoad", "Scene", "Section", "Settings",
-    "Simulation", "TimeFunction", "Trajectory", "__version__", "named", "simulate",
+    "Arm", "Elbow", "Joint", "JointTorque", "Link", "Motion", "Motor", "Payload", "PointLoad", "Scene", "Section",
+    "Settings", "Simulation", "TimeFunction", "Trajectory", "__version__", "named", "simulate",
 ]  # fmt: skip
 
 

@@ -11,8 +11,9 @@ from .. import validation as check
 from ..scene import JointTorque, Scene
 from ..settings import Settings
 from ..time_functions import TimeFunction
+from .joints.build import jointed
 from .layout import OF_LOAD
-from .model import Drive, Elastica, Scheme, System, scheme
+from .model import Drive, Elastica, Jointed, Scheme, System, scheme
 
 _BUILDERS = {
     "floating_frame": "floating.build",
@@ -41,16 +42,24 @@ def assemble(scene: Scene, settings: Settings) -> System:
         )  # fmt: skip
     module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
     system: System = module.build(scene, settings)
-    return system
+    return jointed(scene, settings, system)
 
 
 def physical(model: Any) -> Any:
-    """The model with the inertia that the arm has: without what makes up for the integrator's longer period."""
+    """The model with the inertia that the arm has, without what makes up for the integrator's longer period, and smooth:
+    without Coulomb friction."""
+    if isinstance(model, Jointed):
+        return smooth(model)._replace(arm=physical(model.arm))
     if isinstance(model, Elastica):
         from .elastica.build import physical as without_correction
 
         return without_correction(model)
     return model
+
+
+def smooth(model: Any) -> Any:
+    """The model without Coulomb friction, which has no derivative."""
+    return model._replace(rough=None) if isinstance(model, Jointed) else model
 
 
 def scheme_of(settings: Settings) -> Scheme:

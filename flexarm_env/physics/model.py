@@ -172,6 +172,7 @@ class ExactBeam(NamedTuple):
     damped    (0,) where tau_d > 0, otherwise None
     gravity   float64 (2,) m/s^2, or None
     loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
+    jointed   (0,) in a `Jointed` arm, otherwise None
 
     What is None is compiled out.
     """
@@ -193,6 +194,7 @@ class ExactBeam(NamedTuple):
     damped: tuple[int, ...] | None
     gravity: np.ndarray | None
     loads: np.ndarray | None
+    jointed: tuple[int, ...] | None
 
 
 class Elastica(NamedTuple):
@@ -225,6 +227,32 @@ class Elastica(NamedTuple):
     damping: tuple[int, ...] | None  # likewise for tau_d
     data: np.ndarray
     loads: np.ndarray | None
+
+
+class Jointed(NamedTuple):
+    """An arm of any formulation without multipliers (`arm`), and what turns its joints (`physics.joints`). SI.
+
+    Rows: the arm's, then the angle of each motor behind an elastic gear, over its ratio, relative to the link before.
+
+    table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
+    rough  (0,) where a joint has Coulomb friction, otherwise None
+    step   s: half of it is how far ahead friction looks where accelerations are solved for
+    """
+
+    n: int | tuple[int, ...]
+    n_factor: int | tuple[int, ...]
+    n_inputs: int | tuple[int, ...]
+    fixed: np.ndarray
+    algebraic: None
+    weight: np.ndarray
+    predictor: float | tuple[float, float] | None
+    correction: float | None
+    bound: float
+    arm: Any
+    table: np.ndarray
+    data: np.ndarray
+    rough: tuple[int, ...] | None
+    step: float
 
 
 @dataclass(frozen=True)

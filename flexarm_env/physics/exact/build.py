@@ -114,6 +114,7 @@ def build(scene: Scene, settings: Settings) -> System:
         damped=(0,) if arm.tau_d > 0.0 else None,
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.array(loads, dtype=np.int64).ravel() if loads else None,
+        jointed=(0,) if arm.jointed else None,
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
     q0 = straight(scene, elements, order)
