@@ -6,7 +6,8 @@ The error has these parts, each a fraction of the arm's length:
                 order leaves; the rest is for safety); all of that from an eighth of the step where the step does not
                 resolve the slowest vibration, or its decay
     mesh        half the distance between that companion and another of twice the step and half the mesh; all of it
-                where the other mesh is the finer one
+                where the other mesh is the finer one; at least the distance from frames that are clamped at their
+                roots, where links are so stubby that chords keep an error on any mesh (theory, section 3)
     energy      five times the energy that appeared from nowhere, or half of what the scheme dissipated, as a share of
                 the energy turned over (`Trajectory.turned_over`)
     others      what the formulation knows of itself before the run: System.notes
@@ -109,6 +110,18 @@ COARSE, FINER = 0.5, 0.125
 with so much of it."""
 
 
+STUBBY = 5e-3
+"""EI / (C L^2) of a link above which frames along chords are compared with clamped ones."""
+
+
+def clamped(scene: Scene, settings: Settings) -> Settings | None:
+    """Settings of the same mesh with frames clamped at the roots, where what chords leave out of shear may count."""
+    along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
+    if along and any(link.slenderness > STUBBY for link in scene.arm.links):
+        return settings.replace(frame="root")
+    return None
+
+
 def slowest_rate(scene: Scene) -> float:
     """Rate (1/s) of the arm's slowest vibration or, where that is overdamped, of its faster decay; root held, straight.
 
@@ -169,6 +182,8 @@ def estimate(
         time_step = HALF * distance(mine, run(scene, settings, sample, [level - 1 for level in levels]))
         base = run(bare, settings, sample, levels) if drag else mine
         mesh = factor * distance(base, run(bare, other, sample, levels))
+        if (root := clamped(scene, settings)) is not None:
+            mesh = max(mesh, distance(base, run(bare, root, sample, levels)))
         return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
     if count_steps(scene, end, wide, 2.0 * dt) <= 0.75 * steps:
         companion = run(scene, doubled, wide)
@@ -185,6 +200,8 @@ def estimate(
     if math.isinf(mesh):
         base = run(bare, settings, sample) if drag else mine
         mesh = distance(base, run(bare, finer_mesh(settings).replace(dt=0.5 * dt), sample))
+    elif (root := clamped(scene, doubled)) is not None:
+        mesh = max(mesh, distance(base, run(bare, root, wide)))
     return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
 
 

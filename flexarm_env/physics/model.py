@@ -95,10 +95,10 @@ class Mesh(NamedTuple):
     """
 
     n: int | tuple[int, ...]  # elastic coordinates of a body; a tuple of n zeros: kernels are written out for n
-    scratch: tuple[int, ...]  # 5 n zeros: room on the stack
+    scratch: tuple[int, ...]  # zeros, room on the stack for `VECTORS` (floating/layout.py)
     window: tuple[int, ...]  # as many zeros as an element has coordinates at most
     elements: tuple[int, ...]  # as many zeros as a body has finite elements
-    strains: tuple[int, ...]  # room for their strains
+    strains: tuple[int, ...]  # room for a `STRAIN` each
     modal: tuple[int, ...] | None  # reduced to modes, with foreshortening
     chord: tuple[int, ...] | None  # the frame goes through both ends: rho is not zero
     full: tuple[int, ...] | None  # coupling="von_karman"

@@ -16,7 +16,7 @@ from ...settings import MODAL_BOUND, Settings
 from ..model import FloatingChain, FloatingFrame, Mesh, System
 from .beam_element import BENDING
 from .constants import Body, finite_element_body, free_coordinates
-from .layout import BODY, FACTORS, JOINT, ROOT, ROW, SPAN, STATION, window
+from .layout import ANGLE, BODY, ELASTIC, FACTORS, JOINT, ROOT, ROW, SPAN, STATION, STRAIN, VECTORS, window
 from .reduction import inertia_margins, modal_body
 
 WRITTEN_OUT = 8
@@ -87,11 +87,12 @@ def _span(body: Body, e: int, n: int, mesh: Mesh, frame: str) -> NDArray[np.floa
     """What `SPAN` says of finite element e."""
     elements = len(mesh.elements)
     free, wide = list(free_coordinates(elements, frame)), len(mesh.window)
-    first = window(mesh, n, e)
-    own = free[first : first + wide]  # of all nodes' coordinates, those in the window
+    begin = window(mesh, n, e)
+    own = free[begin : begin + wide]  # of all nodes' coordinates, those in the window
     stretch, H = np.zeros(3 * elements + 3), np.zeros((3 * elements + 3,) * 2)
-    stretch[[3 * e, 3 * e + 3]] = -1.0, 1.0
-    bending = 3 * e + BENDING
+    first = 3 * e  # three coordinates a node
+    stretch[[first, first + 3]] = -1.0, 1.0
+    bending = first + BENDING
     H[np.ix_(bending, bending)] = body.element_g[e]
     return SPAN.pack({"window": wide}, stiffness=body.element_ea[e], stretch=stretch[own], H=H[np.ix_(own, own)])
 
@@ -102,10 +103,10 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
     elements, wide = bodies[0].element_ea.size if settings.coupling != "linear" else 0, min(n, 6)
     return Mesh(
         n=(0,) * n if n <= WRITTEN_OUT else n,
-        scratch=(0,) * (5 * n),
+        scratch=(0,) * VECTORS.offsets(0, n).end,
         window=(0,) * wide,
         elements=(0,) * elements,
-        strains=(0,) * max(1, elements * (2 * wide + 1)),
+        strains=(0,) * max(1, elements * STRAIN.offsets(0, wide).end),
         modal=None if settings.modes is None else (0,),
         chord=(0,) if settings.frame == "chord" else None,
         full=(0,) if settings.coupling == "von_karman" else None,
@@ -124,7 +125,8 @@ def _block(body: Body, mesh: Mesh, frame: str, drag: float, offset: float, most_
     return BODY.pack(
         {"n": n, "window": len(mesh.window), "elements": elements, "stations": len(stations)},
         length=body.length, mass=body.mass, S0=body.s0, I0=body.i0, offset=offset, most_lost=most_lost,
-        S_bar=body.s_bar, c_u=body.c_u, c=body.c, tip=body.tip,
+        S_bar_x=body.s_bar[0], S_bar_y=body.s_bar[1], c_u=body.c_u, c=body.c,
+        tip_u=body.tip[0], tip_v=body.tip[1], tip_phi=body.tip[2],
         G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
         drag=drag, root=body.root, spans=[_span(body, e, n, mesh, frame) for e in range(elements)], stations=stations,
     )  # fmt: skip
@@ -173,7 +175,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
     for k in range(1, arm.n_links):
         q0[-arm.n_links + k] = scene.angles[k] - scene.angles[k - 1]
     weight[:2] = 1.0 / arm.total_length
-    weight[3 : 3 + n * count] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
+    weight[ELASTIC : ELASTIC + n * count] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
     model = FloatingChain(
         n=len(names),
         n_factor=ROOT.end + JOINT.end * (arm.n_links - 1) + count * FACTORS.offsets(0, n).end,
@@ -232,16 +234,16 @@ def _joined(scene: Scene, settings: Settings) -> System:
             names += [f"joint{b}.lambda{i}" for i in range(rows[b])]
         start[b + 1] = start[b] + 3 + sizes[b] + rows[b]
     n = int(start[-1])
-    half = max(max(3 + sizes[b] + rows[b] - 1, rows[b] + 2) for b in range(count))
+    half = max(max(ELASTIC + sizes[b] + rows[b] - 1, rows[b] + 2) for b in range(count))
     fixed = [k for k, name in ((0, "root_x"), (1, "root_y")) if scene.root == "pinned" and name not in motions]
     q0, weight = np.zeros(n), np.ones(n)
     x, y = scene.position
     for b, body in enumerate(bodies):
         theta = scene.angles[links[b]]
-        q0[start[b] : start[b] + 3] = x, y, theta
+        q0[start[b] : start[b] + ELASTIC] = x, y, theta
         x, y = x + body.length * np.cos(theta), y + body.length * np.sin(theta)
-        weight[start[b] : start[b] + 2] = 1.0 / arm.total_length
-        elastic = slice(start[b] + 3, start[b] + 3 + body.n)
+        weight[start[b] : start[b] + ANGLE] = 1.0 / arm.total_length
+        elastic = slice(start[b] + ELASTIC, start[b] + ELASTIC + body.n)
         weight[elastic] = _sizes(body, settings, arm)
     table = np.zeros((count, ROW.places.end), np.int64)
     columns = {"start": start[:-1], "size": sizes, "link": links, "multipliers": rows, "motion": angle}
