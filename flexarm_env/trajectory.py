@@ -68,8 +68,8 @@ class Trajectory:
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
         tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
         joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis, joint k from the tip of link k-1.
-        motor_angles, motor_rates (n, N): of the motors, over the ratio, relative to the link before: those of the joints
-            but for elastic gears.
+        motor_angles, motor_rates (n, N): of the motors, over the ratio, relative to the link before; those of the
+            joints where the gear does not give.
         joint_torque (n, N): N m, as applied, or as needed where the joint's angle is prescribed.
         tip_deflection (n, N): each link's tip normal to its tangent at its root, over the link's length.
         kinetic, strain, gravity (n,): energies, J. dissipated, work (n,): J, since the start; work is the drives'.
@@ -157,7 +157,7 @@ class Trajectory:
         return table
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write t, energy, start, tip, hinges and motors behind elastic gears with all their digits, whole or not at all. Raises OSError."""
+        """Write t, energy, start, tip, hinges, elastic gears' motors with all digits, whole or not. Raises OSError."""
         table = self.columns()
         text = [",".join(table)]
         text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]

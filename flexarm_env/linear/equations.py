@@ -209,7 +209,7 @@ class Equations:
 
     def motor_angles(self, q: Array) -> Array:
         """Angles (n_links,) that the joints' torques act on: the motors', relative to the link before."""
-        angles = self.joint_angles(q, q)[0]
+        angles = self.joint_angles(q, np.zeros(self.n))[0]
         for k, row in self.motors.items():
             angles[k] = q[row]
         return angles

@@ -365,7 +365,7 @@ class _Search:
             if s != 0.0:
                 M = self.inertia(point)
                 A, pull = A + s * M, s * M @ (point.q - start.q)[e.free]
-            angles = e.joint_angles(point.q, np.zeros(e.n))[0][self.held]
+            angles = e.motor_angles(point.q)[self.held]
             x = self.solve(A, G, B, -np.concatenate([r[e.free] + pull, r[e.algebraic], angles - self.target]))
             if not np.isfinite(x).all():
                 return None

@@ -46,8 +46,8 @@ def assemble(scene: Scene, settings: Settings) -> System:
 
 
 def physical(model: Any) -> Any:
-    """The model with the inertia that the arm has, without what makes up for the integrator's longer period, and smooth:
-    without Coulomb friction."""
+    """The model with the inertia that the arm has, without what corrects the integrator's longer period, and without
+    Coulomb friction, which has no derivative."""
     if isinstance(model, Jointed):
         return smooth(model)._replace(arm=physical(model.arm))
     if isinstance(model, Elastica):

@@ -142,6 +142,7 @@ class FloatingChain(NamedTuple):
     data      float64: a block a body, `physics.floating.layout.BODY`
     gravity   float64 (2,) m/s^2 or None; loads int64 (n_loads, 2): link and end (0 root, 1 tip) of each point load,
               or None: absent features are compiled out
+    jointed   (0,) in a `Jointed` arm, otherwise None
     """
 
     n: int
@@ -161,6 +162,7 @@ class FloatingChain(NamedTuple):
     data: np.ndarray
     gravity: np.ndarray | None
     loads: np.ndarray | None
+    jointed: tuple[int, ...] | None
 
 
 class ExactBeam(NamedTuple):

@@ -37,7 +37,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
-    loosen(lane, model, S, loose)    whether Coulomb friction is left out (loose: 1.0) of the residual until told otherwise
+    loosen(lane, model, S, loose)    leave Coulomb friction out of the residual (1.0) until told otherwise (0.0)
     open_friction(lane, model, par, state, u, r, S)  where books are opened: friction as it is now; r is free
     book_friction(lane, model, S, start, q, books)  add what Coulomb friction has taken from start to q, by the mean of
         what it was there and in the last residual

@@ -127,7 +127,7 @@ class Scene:
         for k, joint in enumerate(self.arm.joints):
             path = f"arm.joints[{k}]"
             if joint.moves and (k in self.rigid_joints or (k == 0 and self.root == "free")):
-                where = "where the joint is rigid" if k else "where the root is free: there is no ground to turn it from"
+                where = "where the joint is rigid" if k else "where the root is free: nothing is there to turn it from"
                 raise check.InvalidValue(path, joint, f"must be an ideal Joint() {where}")
 
     def _check_loads(self) -> None:
@@ -183,7 +183,7 @@ class Scene:
             yield from load.functions
 
     def initial_value(self, coordinate: str) -> float:
-        """Value at t = 0 of "joint0", ... and "motor0", ... (rad), whose gears are not wound up, "root_x", "root_y" (m)."""
+        """Value at t = 0 of "joint0", ... (rad), of "motor0", ... (the same: at rest), "root_x", "root_y" (m)."""
         if coordinate in ("root_x", "root_y"):
             return self.position[0 if coordinate == "root_x" else 1]
         joint = int(coordinate[5:])

@@ -39,7 +39,8 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     motors = {k: first + i for i, k in enumerate(elastic)}
     _check_rotors(scene, elastic)
     count, rough = len(motors), any(arm.joint(k).friction_coulomb > 0.0 for k in joints)
-    table, data = zip(*[_law(scene, k, system.coordinates[f"joint{k}"], motors.get(k, -1)) for k in joints], strict=True)
+    rows = [system.coordinates[f"joint{k}"] for k in joints]
+    laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
     more = 1 + GEAR.end * len(joints)
     assert settings.dt is not None
     model = Jointed(
@@ -53,8 +54,8 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         correction=inner.correction,
         bound=float(getattr(inner, "bound", 0.0)),
         arm=inner,
-        table=np.array(table, np.int64).ravel(),
-        data=np.concatenate(data),
+        table=np.array([place for place, _ in laws], np.int64).ravel(),
+        data=np.concatenate([law for _, law in laws]),
         rough=(0,) if rough else None,
         step=settings.dt,
     )

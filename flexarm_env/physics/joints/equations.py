@@ -3,7 +3,7 @@
 The arm's own equations see a joint's torque as an input. Here that torque is the gear's, of the difference of two
 angles; the torque asked for acts on the motor, which has a row of its own:
 
-    J psi'' + k (psi - q) + d (psi' - q') + friction = u,      the arm's row of q:  ... - k (psi - q) - d (psi' - q') = 0
+    J psi'' + k (psi - q) + d (psi' - q') + friction = u,    the arm's row of q:  ... - k (psi - q) - d (psi' - q') = 0
 
 Of all other rows the motor's is coupled with that of q alone. It is eliminated before the arm's matrix is factored: one
 number more in its row of q (`protocol.stiffen`), one term more on the right, and the motor's increment follows from
