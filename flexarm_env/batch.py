@@ -48,6 +48,7 @@ from .tasks.program import (
     SUCCESS,
     TARGET,
     Actuator,
+    Amplifier,
     Controller,
     Models,
     Program,
@@ -97,6 +98,7 @@ class Extras:
     """What an ideal environment lacks; None: absent, and not compiled."""
 
     controller: Controller | None = None
+    amplifier: Amplifier | None = None
     actuator: Actuator | None = None
     sensors: Sensors | None = None
     reference: Reference | None = None
@@ -211,7 +213,8 @@ class Batch:
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
-            ranges=self._ranges(), controller=self.extras.controller, actuator=self.extras.actuator,
+            ranges=self._ranges(), controller=self.extras.controller,
+            amplifier=self.extras.amplifier, actuator=self.extras.actuator,
             sensors=self.extras.sensors, reference=self.extras.reference, layout=self.layout, entries=self.entries,
             books=(0,) if self.books else None, estimate=self.estimate, period=self.period,
             h=self.period / n_steps, n_steps=n_steps, n=count,

@@ -16,7 +16,7 @@ from .. import validation as check
 from ..batch import CLIP, Batch, Extras, Starts
 from ..parameters import Arm
 from ..settings import Settings, check_options, default_options, merged
-from .features import Frame, controller, gauge_names, gauge_scales, gauges
+from .features import ACTION_MODES, Frame, amplified, controller, gauge_names, gauge_scales, gauges, rubbed
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
@@ -131,7 +131,8 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
-    own = _arm(kind, arm, joint_limits)
+    own = rubbed(_arm(kind, arm, joint_limits), actuator)
+    own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", control_dt, "s", above=0.0)
     settings = _settings(formulation, period, options)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
@@ -157,6 +158,7 @@ def plan(
     places = gauges(frame, sensors)
     extras = Extras(
         controller=controller(frame, action_mode, residual_share),
+        amplifier=amplifier,
         actuator=make_actuator(frame, actuator),
         sensors=make_sensors(frame, sensors, names, scales),
         reference=make_reference(frame, reference, limit) if word == "track" else None,
@@ -172,7 +174,7 @@ def plan(
         starts=starts, rewards=tuple(weights.tolist()), extras=extras,
         names=(*names, *gauge_names(len(places))), scales=(*scales, *gauge_scales(frame, places)), gauges=tuple(places),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
-        entries=info_entries(kind, kind.build(own, weights, period), full),
+        entries=info_entries(kind, kind.build(own, weights, period), full, full and own.jointed and word != "replay"),
     )  # fmt: skip
 
 
