@@ -14,7 +14,7 @@ from gymnasium.envs.registration import register, registry
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .parameters import Arm, Elbow, Link, Payload, Section, Taper
+    from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
     from .sensors import Accelerometer, Camera, Encoder, LowPass, Sensors, StrainGauge
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 _HOME = {
-    **dict.fromkeys(("Arm", "Elbow", "Link", "Payload", "Section", "Taper"), "parameters"),
+    **dict.fromkeys(("Arm", "Elbow", "Joint", "Link", "Motor", "Payload", "Section", "Taper"), "parameters"),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
     **dict.fromkeys(("Accelerometer", "Camera", "Encoder", "LowPass", "Sensors", "StrainGauge"), "sensors"),
@@ -36,9 +36,9 @@ _HOME = {
 """Where each public name is defined."""
 
 __all__ = [
-    "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "JointTorque", "Link", "LowPass", "Motion", "Payload",
-    "PointLoad", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "Taper", "TimeFunction",
-    "Trajectory", "__version__", "named", "simulate",
+    "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "Joint", "JointTorque", "Link", "LowPass", "Motion", "Motor",
+    "Payload", "PointLoad", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "Taper",
+    "TimeFunction", "Trajectory", "__version__", "named", "simulate",
 ]  # fmt: skip
 
 

@@ -49,6 +49,7 @@ from .tasks.program import (
     SUCCESS,
     TARGET,
     Actuator,
+    Amplifier,
     Controller,
     Instruments,
     Models,
@@ -100,6 +101,7 @@ class Extras:
     """What an ideal environment lacks; None: absent, and not compiled."""
 
     controller: Controller | None = None
+    amplifier: Amplifier | None = None
     actuator: Actuator | None = None
     sensors: Sensors | None = None
     reference: Reference | None = None
@@ -219,9 +221,10 @@ class Batch:
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
-            ranges=self._ranges(), controller=self.extras.controller, actuator=self.extras.actuator,
-            sensors=self.extras.sensors, reference=self.extras.reference, instruments=self.extras.instruments,
-            selection=self.extras.selection, layout=self.layout, entries=self.entries,
+            ranges=self._ranges(), controller=self.extras.controller, amplifier=self.extras.amplifier,
+            actuator=self.extras.actuator, sensors=self.extras.sensors, reference=self.extras.reference,
+            instruments=self.extras.instruments, selection=self.extras.selection, layout=self.layout,
+            entries=self.entries,
             books=(0,) if self.books else None, estimate=self.estimate, period=self.period,
             h=self.period / n_steps, n_steps=n_steps, n=count,
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
@@ -434,8 +437,8 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL", "GUIDED",
-    "INFO", "Instruments", "LAW_SIZE", "PERIODS_ALLOWED", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING", "Reach",
-    "Reference", "STATUS_WORDS", "PERIODS", "SUCCESS", "Selection", "Sensors", "Slew", "Starts", "TARGET", "Task",
-    "View", "gauge_table", "info_places", "law_of", "one_at_a_time", "room_of", "scene_gauges", "standing_scene",
+    "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
+    "GUIDED", "INFO", "Instruments", "LAW_SIZE", "PERIODS_ALLOWED", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING",
+    "Reach", "Reference", "STATUS_WORDS", "PERIODS", "SUCCESS", "Selection", "Sensors", "Slew", "Starts", "TARGET",
+    "Task", "View", "gauge_table", "info_places", "law_of", "one_at_a_time", "room_of", "scene_gauges", "standing_scene",
 ]  # fmt: skip

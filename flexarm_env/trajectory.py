@@ -71,6 +71,8 @@ class Trajectory:
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
         tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
         joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis, joint k from the tip of link k-1.
+        motor_angles, motor_rates (n, N): of the motors, over the ratio, relative to the link before; those of the
+            joints where the gear does not give.
         joint_torque (n, N): N m, as applied, or as needed where the joint's angle is prescribed.
         tip_deflection (n, N): each link's tip normal to its tangent at its root, over the link's length.
         kinetic, strain_energy, gravity (n,): energies, J.
@@ -122,6 +124,8 @@ class Trajectory:
     deflection_bound: float = float("inf")
     gross_work: float = 0.0
     step_levels: tuple[int, ...] = ()
+    motor_angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    motor_rates: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def finished(self) -> bool:
@@ -228,10 +232,13 @@ class Trajectory:
         for k in range(self.hinges.shape[1]):
             mark = "" if self.hinges.shape[1] == 1 else str(k + 1)
             table[f"hinge{mark}_x"], table[f"hinge{mark}_y"] = self.hinges[:, k].T
+        for k in range(len(self.scene.arm.links)):
+            if self.scene.arm.joint(k).elastic:
+                table[f"motor{k}"], table[f"motor{k}_rate"] = self.motor_angles[:, k], self.motor_rates[:, k]
         return table
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write t, energy, start, tip and hinges with all their digits, whole or not at all. Raises OSError."""
+        """Write t, energy, start, tip, hinges, elastic gears' motors with all digits, whole or not. Raises OSError."""
         table = self.columns()
         text = [",".join(table)]
         text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]
@@ -308,6 +315,9 @@ class Recorder:
         data = {name: np.array(rows) for name, rows in self.rows.items()}
         poses = data["poses"]
         angles, rates = joint_angles(poses)
+        motors = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(self.scene.arm.n_links)}
+        turned = [angles[:, k] if row is None else data["q"][:, row] for k, row in motors.items()]
+        spun = [rates[:, k] if row is None else data["v"][:, row] for k, row in motors.items()]
         lengths = np.array([link.length for link in self.scene.arm.links])
         counts = simulation.work.counts
         return Trajectory(
@@ -342,4 +352,6 @@ class Recorder:
             gross_work=simulation.gross,
             step_levels=tuple(simulation.levels),
             deflection_bound=simulation.settings.deflection_bound,
+            motor_angles=np.array(turned).T,
+            motor_rates=np.array(spun).T,
         )

@@ -17,7 +17,7 @@ from ..batch import CLIP, Batch, Extras, Starts
 from ..parameters import Arm
 from ..sensors import Sensors
 from ..settings import Settings, check_options, default_options, merged
-from .features import Frame, controller, gauge_scales
+from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, rubbed
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
@@ -139,7 +139,8 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
-    own = _arm(kind, arm, joint_limits)
+    own = rubbed(_arm(kind, arm, joint_limits), actuator)
+    own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", control_dt, "s", above=0.0)
     settings = _settings(formulation, period, options)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
@@ -164,6 +165,7 @@ def plan(
     gauges = carried.strain_gauges
     extras = Extras(
         controller=controller(frame, action_mode, residual_share),
+        amplifier=amplifier,
         actuator=make_actuator(frame, actuator),
         sensors=make_sensors(frame, sensors, gauges, seen.names, seen.scales),
         reference=make_reference(frame, reference, limit) if word == "track" else None,
@@ -182,7 +184,7 @@ def plan(
         names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames,
         gauges=tuple((gauge.link, gauge.place) for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
-        entries=info_entries(kind, kind.build(own, weights, period), full),
+        entries=info_entries(kind, kind.build(own, weights, period), full, full and own.jointed and word != "replay"),
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..compiler import SINGLE, uncompiled
+from ..physics.assembly import smooth
 from ..physics.gauges import curvature_rows
 from ..physics.integrator.start import restart
 from ..physics.integrator.work import Work, unpack
@@ -39,7 +41,8 @@ class LinearModel:
         inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m; with `motions` then the
             accelerations of prescribed coordinates, "joint0_acceleration", ..., rad/s^2 or m/s^2.
         outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its root's tangent, m),
-            their rates, "tip_x", "tip_y" (m), and what `gauges` asks for, "curvature0@0", ... (1/m).
+            their rates, "tip_x", "tip_y" (m); behind elastic gears "motor0", "motor0_rate", ...; and what `gauges` asks
+            for, "curvature0@0", ... (1/m).
         x, u, y: the point of the motion. rate: x' there; with dt, the state one period later.
         t: its time, s. dt: period, s, or None (continuous).
         growing: how many motions of the continuous model grow about the point, joints free; 0 where it is stable. The
@@ -94,7 +97,7 @@ def linearize(
         gauges: (link, place from 0 at its root to 1 at its tip) of curvatures among the outputs; times half the
             thickness they are strains.
     Returns:
-        The LinearModel.
+        The LinearModel. Coulomb friction is left out.
     Raises:
         ValueError: a value that is not allowed, or a kink of the scene within the period.
         RuntimeError: the solver fails within the period.
@@ -107,7 +110,7 @@ def linearize(
     stepping = discrete is not None and method == "solver"
     if motions and stepping:
         raise check.InvalidValue("method", method, "must be 'zoh' where motions are inputs of a discrete model")
-    simulation = simulation_of(target, formulation, options)
+    simulation = without_friction(simulation_of(target, formulation, options))
     if motions and (simulation.drive.known < 0).any():
         what = "must be False where multipliers join bodies: they prescribe the joints"
         raise check.InvalidValue("motions", motions, what)
@@ -166,6 +169,16 @@ def simulation_of(target: Simulation | Scene, formulation: str | None, options: 
     return Simulation(check.instance("target", target, Scene), target.settings(formulation, **options))
 
 
+def without_friction(simulation: Simulation) -> Simulation:
+    """The simulation, or a view of it without Coulomb friction, which has no derivative."""
+    model = smooth(simulation.model)
+    if model is simulation.model:
+        return simulation
+    view = copy(simulation)
+    view.model = model
+    return view
+
+
 def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
     """A copy of the simulation's state, consistent at t+ by the model: its work array and the views of it."""
     work, n_motions = simulation.work, simulation.n_motions
@@ -197,14 +210,16 @@ def _outputs(equations: Equations, point: Point, reduced: Reduced) -> tuple[tupl
         cos, sin, spin = np.cos(poses[:, POSE.angle]), np.sin(poses[:, POSE.angle]), poses[:, POSE.rate]
         (dx, dy, _), (vx, vy, _) = (poses[:, TIP] - poses[:, ROOT]).T, (poses[:, TIP_RATES] - poses[:, ROOT_RATES]).T
         turning = cos * vy - sin * vx - spin * (cos * dx + sin * dy)
-        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, TIP][:2]])
+        motors = [x[row] for row in equations.motors.values() for x in (q, v)]
+        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, TIP][:2], motors])
 
     q, v = point.q, point.v
     by_q = slopes(lambda x: outputs(x, v), q, equations.free, equations.steps)
     by_v = exact_slopes(lambda x: outputs(q, x), v, equations.free)
     names = [f"{what}{k}{end}" for what in ("joint", "deflection") for end in ("", "_rate") for k in links]
     C = np.hstack([by_q @ reduced.lift + by_v @ reduced.drift, by_v @ reduced.lift])
-    return (*names, "tip_x", "tip_y"), outputs(q, v), C
+    names += ["tip_x", "tip_y", *(f"motor{k}{end}" for k in equations.motors for end in ("", "_rate"))]
+    return tuple(names), outputs(q, v), C
 
 
 def state_of(simulation: Simulation) -> Array:

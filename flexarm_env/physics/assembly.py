@@ -13,8 +13,9 @@ from .. import validation as check
 from ..scene import JointTorque, Motion, Scene
 from ..settings import Settings
 from ..time_functions import TimeFunction, constant
+from .joints.build import jointed
 from .layout import OF_LOAD
-from .model import Drive, Elastica, Scheme, System, scheme
+from .model import Drive, Elastica, Jointed, Scheme, System, scheme
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ def assemble(scene: Scene, settings: Settings) -> System:
 def _built(scene: Scene, settings: Settings) -> System:
     module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
     system: System = module.build(scene, settings)
-    return system
+    return jointed(scene, settings, system)
 
 
 _WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
@@ -81,12 +82,20 @@ def _rates(scene: Scene, settings: Settings) -> Array:
 
 
 def physical(model: Any) -> Any:
-    """The model with the inertia that the arm has: without what makes up for the integrator's longer period."""
+    """The model with the inertia that the arm has, without what corrects the integrator's longer period, and without
+    Coulomb friction, which has no derivative."""
+    if isinstance(model, Jointed):
+        return smooth(model)._replace(arm=physical(model.arm))
     if isinstance(model, Elastica):
         from .elastica.build import physical as without_correction
 
         return without_correction(model)
     return model
+
+
+def smooth(model: Any) -> Any:
+    """The model without Coulomb friction, which has no derivative."""
+    return model._replace(rough=None) if isinstance(model, Jointed) else model
 
 
 def scheme_of(settings: Settings) -> Scheme:

@@ -92,6 +92,7 @@ class Scene:
             object.__setattr__(self, name, value)
         self._check_rates()
         self._check_motions()
+        self._check_joints()
         self._check_loads()
         self._join_instants()
 
@@ -129,12 +130,23 @@ class Scene:
             if joint is not None and joint >= self.arm.n_links:
                 last = self.arm.n_links - 1
                 raise check.InvalidValue(path, name, f'must be a joint of the arm, "joint0" to "joint{last}"')
+            if motion.on_motor and joint is not None and not self.arm.joint(joint).elastic:
+                what = f'must be "joint{joint}": the gear there does not give, and the motor has no angle of its own'
+                raise check.InvalidValue(path, name, what)
             if joint in self.rigid_joints:
                 raise check.InvalidValue(path, name, f"must be a joint that can turn; rigid: {self.rigid_joints}")
             initial = self.initial_value(name)
             if abs(motion.function.start - initial) > 1e-9 * max(1.0, abs(initial)):
                 what = f"must be {initial!r}, the value of {name} that position and angles give at t = 0"
                 raise check.InvalidValue(f"motions[{i}].function(0)", motion.function.start, what)
+
+    def _check_joints(self) -> None:
+        """What turns a joint needs one that turns, and a link or ground before it."""
+        for k, joint in enumerate(self.arm.joints):
+            path = f"arm.joints[{k}]"
+            if joint.moves and (k in self.rigid_joints or (k == 0 and self.root == "free")):
+                where = "where the joint is rigid" if k else "where the root is free: nothing is there to turn it from"
+                raise check.InvalidValue(path, joint, f"must be an ideal Joint() {where}")
 
     def _check_loads(self) -> None:
         n, prescribed = self.arm.n_links, [motion.joint for motion in self.motions]
@@ -189,7 +201,7 @@ class Scene:
             yield from load.functions
 
     def initial_value(self, coordinate: str) -> float:
-        """Value at t = 0 of "joint0", "joint1", ... (rad), "root_x" or "root_y" (m)."""
+        """Value at t = 0 of "joint0", ... (rad), of "motor0", ... (the same: at rest), "root_x", "root_y" (m)."""
         if coordinate in ("root_x", "root_y"):
             return self.position[0 if coordinate == "root_x" else 1]
         joint = int(coordinate[5:])

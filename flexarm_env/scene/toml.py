@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
-from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
+from flexarm_env.scene.drives import COORDINATES, JointTorque, Load, Motion, PointLoad
 from flexarm_env.time_functions import TimeFunction
 
 T = TypeVar("T")
@@ -94,8 +94,7 @@ def _tables(key: str, values: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
 
 def _motion(path: str, entry: dict[str, Any], directory: Path) -> Motion:
     with check.under(path):
-        what = 'must be "joint0", "joint1", ..., "root_x" or "root_y"'
-        coordinate = check.needed("", entry, "coordinate", what)
+        coordinate = check.needed("", entry, "coordinate", f"must be {COORDINATES}")
         rest = {key: value for key, value in entry.items() if key != "coordinate"}
         return Motion(coordinate, function_from_table(rest, directory))
 

@@ -65,7 +65,6 @@ RECORD = Layout(
     Field("target", (2,), "m or rad", "a point, or an angle and nothing"),
     Field("target_rate", (2,), "m/s or rad/s", "its rate"),
     Field("torque_factor", (), "", "on the torque constant"),
-    Field("friction", (), "J", "energy lost in joint friction"),
     Field("level", (), "", "halvings of the step that the last period took, where steps are fitted"),
     Field("path", (PATH.length,), "", "a `PATH`"),
     Field("goal", ("joints",), "rad", "joint angles that reach the target"),
@@ -144,6 +143,7 @@ INFO = Layout(
     Field("energies", (ENERGIES.length,), "J", "an `ENERGIES`"),
     Field("reward", (), "", "sum of the terms"),
     Field("truncated", (), "", "1 or 0"),
+    Field("motors", (2, "links"), "rad, rad/s", "their angles and rates, after the ratio, where energies are kept"),
 )  # fmt: skip
 """What the caller is told of an arm."""
 
@@ -162,8 +162,8 @@ _FIRST = RECORD.offsets(0, 0, 0, 0, 0, 0)
 PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE = (
     _FIRST.periods, _FIRST.periods_allowed, _FIRST.mode, _FIRST.hold, _FIRST.target, _FIRST.target_rate,
 )  # fmt: skip
-TORQUE_FACTOR, FRICTION, LEVEL, PATH_AT, GOAL = (
-    _FIRST.torque_factor, _FIRST.friction, _FIRST.level, _FIRST.path, _FIRST.goal,
+TORQUE_FACTOR, LEVEL, PATH_AT, GOAL = (
+    _FIRST.torque_factor, _FIRST.level, _FIRST.path, _FIRST.goal,
 )  # fmt: skip
 """Where the fields of a record are that no size moves."""
 
@@ -258,18 +258,24 @@ class Controller(NamedTuple):
     stiffness: np.ndarray  # (N,) N m/rad
     damping: np.ndarray  # (N,) N m s/rad
     share: float
+    motors: tuple[int, ...] | None  # a tag where they look at motors that have angles of their own
+
+
+class Amplifier(NamedTuple):
+    """What turns an action into torques: currents, or voltages less what the motors make themselves."""
+
+    gain: np.ndarray  # (N,) N m: torque of the largest current, or of the largest voltage at rest
+    emf: np.ndarray  # (N,) N m s/rad: what a rate takes of that
+    limits: np.ndarray  # (N,) N m
 
 
 class Actuator(NamedTuple):
-    """Motors that are not ideal, and friction in the joints."""
+    """Motors that are not ideal."""
 
     share: float  # 1 - exp(-h / lag): of the way to the command that a motor makes in a step; 1: no lag
     age: int  # whole control periods by which commands come late
     late: int  # and whole steps
     limits: np.ndarray  # (N,) N m, saturation
-    viscous: np.ndarray  # (N,) N m s/rad
-    coulomb: np.ndarray  # (N,) N m
-    creep: float  # rad/s: Coulomb friction is coulomb w / sqrt(w^2 + creep^2)
 
 
 class Sensors(NamedTuple):
@@ -338,6 +344,7 @@ class Program(NamedTuple):
     task: Any
     ranges: Ranges
     controller: Controller | None
+    amplifier: Amplifier | None
     actuator: Actuator | None
     sensors: Sensors | None
     reference: Reference | None

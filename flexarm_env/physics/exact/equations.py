@@ -259,6 +259,54 @@ def _eliminate(lane, S, o, tail):
 
 
 @kernel
+def stiffen(lane, model, S, k, x):
+    """See `protocol`: the hub's turns the first section, an elbow's is kept for `factor`."""
+    factors = factors_of(model)
+    if k < AXES:
+        _add(lane, S, factors.elements + element_factors_at(0, len(model.order)).condensed + LL + TT, x)
+    else:
+        store(S, factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges) + OF_HINGE.own, x)
+
+
+@kernel
+def _turn_free(lane, jointed, S, h, tail):
+    """Eliminate psi behind the hinge at h; what remains at the vertex."""
+    xx, xy, xt, yy, yt, tt = tail
+    zero = splat(lane, 0.0)
+    if jointed is None:
+        inverse = 1.0 / tt
+        zx, zy = xt * inverse, yt * inverse
+        store(S, h + OF_HINGE.x, zx)
+        store(S, h + OF_HINGE.y, zy)
+        store(S, h + OF_HINGE.inverse, inverse)
+        return xx - zx * xt, xy - zx * yt, zero, yy - zy * yt, zero, zero
+    own = load(lane, S, h + OF_HINGE.own)
+    inverse = 1.0 / (tt + own)
+    zx, zy, zt = xt * inverse, yt * inverse, own * inverse
+    store(S, h + OF_HINGE.x, zx)
+    store(S, h + OF_HINGE.y, zy)
+    store(S, h + OF_HINGE.inverse, inverse)
+    store(S, h + OF_HINGE.own, zt)
+    return xx - zx * xt, xy - zx * yt, xt * zt, yy - zy * yt, yt * zt, tt * zt
+
+
+@kernel
+def _passed_on(lane, jointed, S, h, moment, behind):
+    """The moment on psi before the hinge, with its part of the one behind."""
+    if jointed is None:
+        return moment
+    return moment + load(lane, S, h + OF_HINGE.own) * behind
+
+
+@kernel
+def _carried(lane, jointed, S, h, psi, before):
+    """psi behind the hinge, with the part that psi before it carries along."""
+    if jointed is None:
+        return psi
+    return psi + load(lane, S, h + OF_HINGE.own) * before
+
+
+@kernel
 def factor(lane, model, S):
     """L D L' over the vertices from tip to root; inverse pivots are kept."""
     aligned_frame(lane)
@@ -273,13 +321,7 @@ def factor(lane, model, S):
         if k > 0:
             h = factors.hinges + OF_HINGE.end * (k - 1)
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
-                xx, xy, xt, yy, yt, tt = tail
-                inverse = 1.0 / tt
-                zx, zy = xt * inverse, yt * inverse
-                store(S, h + OF_HINGE.x, zx)
-                store(S, h + OF_HINGE.y, zy)
-                store(S, h + OF_HINGE.inverse, inverse)
-                tail = (xx - zx * xt, xy - zx * yt, zero, yy - zy * yt, zero, zero)
+                tail = _turn_free(lane, model.jointed, S, h, tail)
     xx, xy, xt, yy, yt, tt = tail
     pinned = factors.pinned
     if S[(pinned + X) * len(lane)] != 0.0:
@@ -351,7 +393,7 @@ def solve(lane, model, S, x):
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 own_side = load(lane, x, d)
                 both = own_side - taken
-                tt = load(lane, x, i + T) - own_side
+                tt = _passed_on(lane, model.jointed, S, h, load(lane, x, i + T) - own_side, both)
                 tx, ty = tx - load(lane, S, h + OF_HINGE.x) * both, ty - load(lane, S, h + OF_HINGE.y) * both
                 store(x, d, both)
     pinned, root = factors.pinned, factors.root
@@ -371,7 +413,7 @@ def solve(lane, model, S, x):
             psi = tt
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 psi = load(lane, x, d) * load(lane, S, h + OF_HINGE.inverse) - load(lane, S, h + OF_HINGE.x) * tx
-                psi = psi - load(lane, S, h + OF_HINGE.y) * ty
+                psi = _carried(lane, model.jointed, S, h, psi - load(lane, S, h + OF_HINGE.y) * ty, tt)
             store(x, d, psi - tt)
             tt = psi
         for _ in range(model.elements):
@@ -391,6 +433,7 @@ register(
     rotate=rotate,
     constrain=constrain,
     pin=pin,
+    stiffen=stiffen,
     factor=factor,
     solve=solve,
     ports=ports,
