@@ -20,11 +20,15 @@ from flexarm_env.scenes import named, names
 from flexarm_env.simulation import simulate
 
 EXACT = "geometrically_exact"
+MIDDLE = ("geometrically exact, 5 quadratic elements", EXACT, {"elements": 5, "order": 2})
 CASES: tuple[tuple[str, str, dict[str, Any]], ...] = (
-    ("floating frame, 5 segments x 1", "floating_frame", {"segments": 5, "elements": 1}),
-    ("floating frame, 16 segments x 1", "floating_frame", {"segments": 16, "elements": 1}),
+    ("floating frame, 5 segments", "floating_frame", {"segments": 5}),
+    ("floating frame, 16 segments", "floating_frame", {"segments": 16}),
+    ("floating frame, 5 segments, clamped", "floating_frame", {"segments": 5, "frame": "root"}),
+    ("floating frame, 16 segments, clamped", "floating_frame", {"segments": 16, "frame": "root"}),
     ("floating frame, 3 modes", "floating_frame", {"modes": 3}),
-    ("geometrically exact, 5 quadratic elements", EXACT, {"elements": 5, "order": 2}),
+    ("floating frame, 3 clamped modes", "floating_frame", {"modes": 3, "frame": "root"}),
+    MIDDLE,
     ("geometrically exact, 8 quadratic elements", EXACT, {"elements": 8, "order": 2}),
     ("geometrically exact, 16 quadratic elements", EXACT, {"elements": 16, "order": 2}),
     ("elastica, 8 nodes", "elastica", {"nodes": 8}),
@@ -163,7 +167,7 @@ def main(arguments: list[str] | None = None) -> None:
     for name in names():
         rows += [measure(name, label, formulation, settings) for label, formulation, settings in CASES]
         for label, settings, dt in MORE.get(name, ()):
-            rows.append(measure(name, f"{CASES[3][0]}, {label}", EXACT, {**CASES[3][2], **settings}, dt))
+            rows.append(measure(name, f"{MIDDLE[0]}, {label}", EXACT, {**MIDDLE[2], **settings}, dt))
         if name in exudyn_peer.SCENES and find_spec("exudyn"):
             rows.append(peer(name))
         print(name, flush=True)

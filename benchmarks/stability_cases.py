@@ -16,6 +16,7 @@ import numpy as np
 
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
+from flexarm_env.settings import MOST_IN_SEGMENT
 from flexarm_env.time_functions import TimeFunction, constant, cycloid, linear_table, pulse, ramp, sine, spin_up
 from flexarm_env.time_functions import steps as stairs
 
@@ -29,11 +30,17 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "modes": ("floating_frame", {"modes": 3}),
     "exact": ("geometrically_exact", {"elements": 5, "order": 2}),
     "elastica": ("elastica", {"nodes": 6}),
-    "one frame": ("floating_frame", {"segments": 1, "elements": 5}),
-    "one frame, paper": ("floating_frame", {"segments": 1, "elements": 5, "coupling": "paper"}),
-    "one frame, linear": ("floating_frame", {"segments": 1, "elements": 5, "coupling": "linear"}),
+    "clamped frames": ("floating_frame", {"segments": 5, "frame": "root"}),
+    "joined frames": ("floating_frame", {"segments": 5, "frame": "root", "multipliers": True}),
+    "modes in segments": ("floating_frame", {"modes": 2, "segments": 3}),
+    "clamped modes": ("floating_frame", {"modes": 3, "frame": "root"}),
+    "one frame": ("floating_frame", {"segments": 1, "elements": 5, "frame": "root"}),
+    "one frame, paper": ("floating_frame", {"segments": 1, "elements": 5, "frame": "root", "coupling": "paper"}),
+    "one frame, linear": ("floating_frame", {"segments": 1, "elements": 5, "frame": "root", "coupling": "linear"}),
 }
 MAIN = ("floating frame", "modes", "exact", "elastica")
+FORMS = ("clamped frames", "joined frames", "modes in segments", "clamped modes")
+"""Of the floating frame, beside its two of MAIN."""
 
 DEFAULTS: Case = {
     "drive": "pulse", "amplitude": 1.0, "dwell": 0.25, "slender": 1e6, "payload": 0.5, "zeta": 0.0, "mass_damping": 0.0,
@@ -156,6 +163,7 @@ def _step(more: int) -> Iterator[Case]:
     yield from _grid(
         method=MAIN, h=h, rho=[0.0, 0.3, 0.6, 0.8, 0.9, 1.0], drive=["pulse", "ramp", "thrown"], amplitude=[0.3]
     )
+    yield from _grid(method=FORMS, h=h, rho=[0.0, 0.9, 1.0], drive=["pulse", "ramp"], amplitude=[0.3])
 
 
 def _stiffness(more: int) -> Iterator[Case]:
@@ -163,11 +171,16 @@ def _stiffness(more: int) -> Iterator[Case]:
         method=MAIN, slender=np.geomspace(1e1, 1e9, 8 * more + 1).tolist(),
         payload=np.geomspace(1e-4, 1e4, 9).tolist(), drive=["pulse", "ramp"], amplitude=[0.3],
     )  # fmt: skip
+    yield from _grid(
+        method=FORMS, slender=np.geomspace(1e1, 1e9, 4 * more + 1).tolist(),
+        payload=np.geomspace(1e-4, 1e4, 5).tolist(), drive=["pulse"], amplitude=[0.3],
+    )  # fmt: skip
 
 
 def _spin(more: int) -> Iterator[Case]:
     methods = (*MAIN, "one frame", "one frame, paper", "one frame, linear")
     rates = [0.1, 0.3, 0.6, 0.9, 1.2, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0]
+    yield from _grid(method=FORMS, amplitude=rates, h=np.geomspace(5e-4, 0.05, 3 * more).tolist(), drive=["spin"])
     yield from _grid(method=methods, amplitude=rates, h=np.geomspace(5e-4, 0.05, 4 * more).tolist(), drive=["spin"],
                      slender=[1e3, 1e6])  # fmt: skip
 
@@ -177,19 +190,23 @@ def _bang(more: int) -> Iterator[Case]:
         method=(*MAIN, "one frame"), amplitude=np.geomspace(0.1, 100.0, 10).tolist(), dwell=[0.01, 0.1, 0.7],
         h=[0.002, 0.007, 0.03], drive=["bang"], seed=list(range(2 * more)),
     )  # fmt: skip
+    yield from _grid(method=FORMS, amplitude=np.geomspace(0.1, 100.0, 7).tolist(), dwell=[0.01, 0.7],
+                     h=[0.002, 0.03], drive=["bang"], seed=list(range(more)))  # fmt: skip
 
 
 def _damping(more: int) -> Iterator[Case]:
     zeta = [0.0, 1e-3, 0.01, 0.1, 0.5, 1.0, 2.0, 5.0]
+    yield from _grid(method=FORMS, zeta=zeta, h=np.geomspace(1e-3, 0.3, 4 * more).tolist(), drive=["pulse"],
+                     amplitude=[0.5])  # fmt: skip
     yield from _grid(method=MAIN, zeta=zeta, h=np.geomspace(1e-3, 0.3, 6 * more).tolist(), drive=["pulse", "ramp"],
                      amplitude=[0.5])  # fmt: skip
-    yield from _grid(method=["one frame", "modes"], mass_damping=[0.01, 1.0, 30.0], h=[0.003, 0.03, 0.2],
+    yield from _grid(method=["one frame", "clamped modes"], mass_damping=[0.01, 1.0, 30.0], h=[0.003, 0.03, 0.2],
                      drive=["pulse", "ramp"], amplitude=[0.5])  # fmt: skip
 
 
 def _bent(more: int) -> Iterator[Case]:
     """Damped arms that are bent by a fifth of their length and more: by their weight, by full torques."""
-    methods = (*MAIN, "one frame")
+    methods = (*MAIN, *FORMS, "one frame")
     zeta = [1e-3, 0.01, 0.05, 0.2, 1.0]
     yield from _grid(method=methods, zeta=zeta, gravity=[0.7, 2.0], links=[1, 2], h=[0.002, 0.01],
                      drive=["gravity", "pulse"], amplitude=[0.5], horizon=[1.5])  # fmt: skip
@@ -202,7 +219,8 @@ def _sizes(more: int) -> Iterator[Case]:
     counts = [1, 2, 3, 5, 8, 16, 32, 64]
     kinds: list[tuple[str, list[Case]]] = [
         ("floating frame", [{"segments": s, "elements": e} for s in counts for e in (1, 2, 4)]),
-        ("floating frame", [{"segments": 1, "elements": e} for e in counts]),
+        ("floating frame", [{"segments": 1, "elements": e} for e in counts if e <= MOST_IN_SEGMENT]),
+        ("joined frames", [{"segments": s, "elements": e} for s in counts[:6] for e in (1, 2)]),
         ("modes", [{"modes": k} for k in range(1, 9)] + [{"modes": 2, "segments": s} for s in (2, 5, 16)]),
         ("exact", [{"elements": e, "order": p} for e in counts for p in (1, 2, 3)]),
         ("elastica", [{"nodes": k} for k in range(3, 13)]),
@@ -210,7 +228,7 @@ def _sizes(more: int) -> Iterator[Case]:
     for method, options in kinds:
         for given, amplitude, h in itertools.product(options, (0.3, 3.0), (0.01, 0.003)):
             bodies = given.get("segments", 1) * given.get("elements", 1)
-            if bodies <= 64 or method != "floating frame":
+            if bodies <= 64 or not method.endswith("frame"):
                 yield {"method": method, "options": given, "amplitude": amplitude, "h": h, "horizon": 1.0}
     yield from (
         {**row, "horizon": 1.0, "hub": 0.02}
@@ -228,8 +246,8 @@ def _kinks(more: int) -> Iterator[Case]:
 
 
 def _gravity(more: int) -> Iterator[Case]:
-    yield from _grid(method=MAIN, drive=["gravity"], gravity=[0.1, 1.0, 10.0], h=[0.001, 0.01, 0.05], links=[1, 2],
-                     rho=[None, 1.0], zeta=[1e-6, 0.05], horizon=[1.5])  # fmt: skip
+    yield from _grid(method=(*MAIN, *FORMS), drive=["gravity"], gravity=[0.1, 1.0, 10.0], h=[0.001, 0.01, 0.05],
+                     links=[1, 2], rho=[None, 1.0], zeta=[1e-6, 0.05], horizon=[1.5])  # fmt: skip
 
 
 def _fitted(more: int) -> Iterator[Case]:
@@ -255,10 +273,10 @@ def _corrected(more: int) -> Iterator[Case]:
 def _random(more: int) -> Iterator[Case]:
     rng = np.random.default_rng(20261121)
     drives = ["pulse", "bang", "ramp", "cycloid", "spin", "jumps", "root", "thrown", "gravity"]
-    for k in range(1200 * more):
+    for k in range(1600 * more):
         drive = str(rng.choice(drives))
         row = {
-            "method": str(rng.choice(MAIN)),
+            "method": str(rng.choice(MAIN if k < 1200 * more else FORMS)),
             "drive": drive,
             "amplitude": float(10 ** rng.uniform(-1.5, 1.3)),
             "dwell": float(10 ** rng.uniform(-2.0, 0.0)),

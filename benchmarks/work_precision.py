@@ -33,7 +33,7 @@ from benchmarks.converged import tip_error as converged_error
 from benchmarks.long_runs import torques
 from benchmarks.machine import command, cpu_seconds, describe_machine, table, told, write_text
 from benchmarks.running import run_all
-from benchmarks.work_precision_figures import PEERS, scene_figure, summary_figure
+from benchmarks.work_precision_figures import JOINED, PEERS, scene_figure, summary_figure
 from flexarm_env import arms
 from flexarm_env.comparison import tip_error
 from flexarm_env.envs.options import DEFAULT_OPTIONS
@@ -60,6 +60,7 @@ STEPS = {
 SAMPLE = {"spin_up": 0.1, "FlexibleArm-v0": 0.02, "TwoLinkFlexArm-v0": 0.02}
 TARGETS = (5.0, 1.0, 0.3, 0.1, 0.03)
 """Errors in % of L for which advice is given."""
+CHAINS = ("floating frame", "modes")
 
 
 # -------------------------------------------------------------------- scenes
@@ -96,15 +97,22 @@ def reference_of(name: str) -> dict[str, Array]:
 def meshes(full: bool) -> list[tuple[str, str, dict[str, Any]]]:
     """Label, formulation and options of all that is tried, steps left out."""
     found: list[tuple[str, str, dict[str, Any]]] = []
-    for segments, rho in itertools.product((2, 3, 5, 8, 16), (0.9, 0.6, 1.0) if full else (0.9, 1.0)):
-        found.append(("floating frame", "floating_frame", {"segments": segments, "rho_inf": rho}))
-    for coupling in ("von_karman", "paper", "linear"):
-        found.append(("floating frame", "floating_frame", {"segments": 1, "elements": 5, "coupling": coupling}))
-    found.append(("floating frame", "floating_frame", {"segments": 5, "coupling": "paper"}))
-    for modes in (2, 3, 4):
-        found.append(("modes", "floating_frame", {"modes": modes}))
-    for segments in (3, 5, 8):
-        found.append(("modes", "floating_frame", {"modes": 2, "segments": segments}))
+    own: tuple[tuple[str, str, dict[str, Any]], ...] = (
+        ("floating frame", "modes", {}),
+        ("floating frame", "modes", {"frame": "root"}),
+        (JOINED, JOINED, {"frame": "root", "multipliers": True}),
+    )
+    for label, reduced, form in own:
+        for segments, rho in itertools.product((2, 3, 5, 8, 16), (0.9, 0.6, 1.0) if full else (0.9, 1.0)):
+            found.append((label, "floating_frame", {"segments": segments, "rho_inf": rho, **form}))
+        for modes in (2, 3, 4):
+            found.append((reduced, "floating_frame", {"modes": modes, **form}))
+        for segments in (3, 5, 8):
+            found.append((reduced, "floating_frame", {"modes": 2, "segments": segments, **form}))
+        if form:
+            for coupling in ("von_karman", "paper", "linear"):
+                found.append((label, "floating_frame", {"segments": 1, "elements": 5, "coupling": coupling, **form}))
+            found.append((label, "floating_frame", {"segments": 5, "coupling": "paper", **form}))
     kinds = ((1, (16, 64)), (2, (2, 3, 5, 8, 16)), (3, (2, 4, 8)))
     for (order, counts), rho in itertools.product(kinds, (0.5, 0.7, 0.9, 1.0) if full else (0.7, 1.0)):
         for elements in counts:
@@ -188,13 +196,15 @@ def describe(case: Case) -> str:
     if case.get("default"):
         return f"{case['label']}, default, {h}"
     rho = f"rho {options['rho_inf']:g}" if "rho_inf" in options else ""
+    form = "".join(f", {name}" for name in ("joined" if options.get("multipliers") else options.get("frame"),) if name)
     if "modes" in options:
-        mesh = f"{options['modes']} modes" + (f", {options['segments']} segments" if "segments" in options else "")
+        pieces = f", {options['segments']} segments" if "segments" in options else ""
+        mesh = f"{options['modes']} modes{pieces}{form}"
     elif "nodes" in options:
         mesh = f"elastica {options['nodes']} nodes"
-    elif case["label"] == "floating frame":
+    elif case["formulation"] == "floating_frame":
         mesh = f"{options['segments']} segments" if options["segments"] > 1 else "1 frame of 5"
-        mesh += f", {options['coupling']}" if "coupling" in options else ""
+        mesh += form + (f", {options['coupling']}" if "coupling" in options else "")
     else:
         mesh = f"{case['label']} {options['elements']} of order {options.get('order', 2)}"
     loose = f"tolerance {options['tolerance']:g}" if "tolerance" in options else ""
@@ -220,6 +230,31 @@ def advice(rows: Sequence[dict[str, Any]], target: float) -> dict[str, Any] | No
     """The quickest of our runs within an error, % of L."""
     good = [row for row in rows if row["case"]["label"] not in PEERS and row["max_error"] <= target]
     return min(good, key=lambda row: row["cpu"]) if good else None
+
+
+def floating_frames(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """The front of chains of floating frames against that of the same formulation joined by multipliers."""
+    lines = ["## Floating frames in a chain and joined", "",
+             "The quickest of floating frames within an error (columns, % of L): as joined by multipliers, the paper's "
+             "own form (`multipliers=True`), over the chain without (ms per simulated second; times). Least and most: "
+             "over all errors that the joined front reaches.", "",
+             *table(" | ".join(["scene", *(f"{target:g} %" for target in TARGETS), "least", "most"]))]  # fmt: skip
+    for name in dict.fromkeys(row["case"]["scene"] for row in rows):
+        mine = [row for row in rows if row["case"]["scene"] == name and row["status"] == "ok"]
+        joined, chain = (
+            [row for row in mine if row["case"]["label"] in labels] for labels in ((JOINED,), CHAINS)
+        )  # fmt: skip
+        cells = []
+        for target in TARGETS:
+            old, new = advice(joined, target), advice(chain, target)
+            known = old is not None and new is not None
+            cells.append(
+                f"{1e3 * old['cpu']:.2g} / {1e3 * new['cpu']:.2g} ({old['cpu'] / new['cpu']:.1f})"
+                if known and old and new else "–" if old is None else "lost"
+            )  # fmt: skip
+        gains = [row["cpu"] / new["cpu"] if (new := advice(chain, row["max_error"])) else 0.0 for row in front(joined)]
+        lines.append(f"| {name} | " + " | ".join(cells) + f" | {min(gains):.1f} | {max(gains):.1f} |")
+    return [*lines, ""]
 
 
 def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: float, cpu: float) -> str:
@@ -260,7 +295,7 @@ def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: f
                 mark = "**" if name in ENVIRONMENTS and row["case"]["formulation"] == "elastica" else ""
                 lines.append(f"| {name} | {mark}{describe(row['case'])}{mark} | {row['max_error']:.3g} | "
                              f"{1e3 * row['cpu']:.2g} | {behind(row, best_of):.1f} |")  # fmt: skip
-    lines += ["", "The environments' own default is in bold.", "", "## Pareto fronts"]
+    lines += ["", "The environments' own default is in bold.", "", *floating_frames(rows), "## Pareto fronts"]
     for name in scenes:
         mine = [row for row in rows if row["case"]["scene"] == name]
         good = [row for row in mine if row["status"] == "ok"]

@@ -13,8 +13,9 @@ from flexarm_env.plotting import COLORS, FAINT, INK, styled_figure
 
 Rows = Sequence[dict[str, Any]]
 PEERS = ("Exudyn", "PyElastica")
-LABELS = ("floating frame", "modes", "exact", "exact, period corrected", "elastica", *PEERS)
-PAINT = dict(zip(LABELS, (*COLORS[:3], "#6fc49a", COLORS[3], INK, COLORS[4]), strict=True))
+JOINED = "floating, joined"
+LABELS = ("floating frame", "modes", JOINED, "exact", "exact, period corrected", "elastica", *PEERS)
+PAINT = dict(zip(LABELS, (*COLORS[:2], "#a9b6cf", COLORS[2], "#6fc49a", COLORS[3], INK, COLORS[4]), strict=True))
 
 
 def _points(rows: Rows) -> tuple[list[float], list[float]]:

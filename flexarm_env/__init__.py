@@ -14,7 +14,7 @@ from gymnasium.envs.registration import register, registry
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .parameters import Arm, Elbow, Link, Payload, Section
+    from .parameters import Arm, Elbow, Link, Payload, Section, Taper
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
     from .sensors import Accelerometer, Camera, Encoder, LowPass, Sensors, StrainGauge
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 _HOME = {
-    **dict.fromkeys(("Arm", "Elbow", "Link", "Payload", "Section"), "parameters"),
+    **dict.fromkeys(("Arm", "Elbow", "Link", "Payload", "Section", "Taper"), "parameters"),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
     **dict.fromkeys(("Accelerometer", "Camera", "Encoder", "LowPass", "Sensors", "StrainGauge"), "sensors"),
@@ -37,8 +37,8 @@ _HOME = {
 
 __all__ = [
     "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "JointTorque", "Link", "LowPass", "Motion", "Payload",
-    "PointLoad", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "TimeFunction", "Trajectory",
-    "__version__", "named", "simulate",
+    "PointLoad", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "Taper", "TimeFunction",
+    "Trajectory", "__version__", "named", "simulate",
 ]  # fmt: skip
 
 

@@ -6,7 +6,8 @@ The error has these parts, each a fraction of the arm's length:
                 order leaves; the rest is for safety); all of that from an eighth of the step where the step does not
                 resolve the slowest vibration, or its decay
     mesh        half the distance between that companion and another of twice the step and half the mesh; all of it
-                where the other mesh is the finer one
+                where the other mesh is the finer one; at least the distance from frames that are clamped at their
+                roots, where links are so stubby that chords keep an error on any mesh (theory, section 3)
     energy      five times the energy that appeared from nowhere, or half of what the scheme dissipated, as a share of
                 the energy turned over (`Trajectory.turned_over`)
     others      what the formulation knows of itself before the run: System.notes
@@ -23,6 +24,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .parameters import Arm
 from .scene import Scene
 from .settings import MOST_ELEMENTS, Settings
 
@@ -109,17 +111,52 @@ COARSE, FINER = 0.5, 0.125
 with so much of it."""
 
 
+STUBBY = 5e-3
+"""EI / (C L^2) of a link above which frames along chords are compared with clamped ones."""
+
+
+def clamped(scene: Scene, settings: Settings) -> Settings | None:
+    """Settings of the same mesh with frames clamped at the roots, where what chords leave out of shear may count."""
+    along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
+    if along and any(link.slenderness > STUBBY for link in scene.arm.links):
+        return settings.replace(frame="root")
+    return None
+
+
 def slowest_rate(scene: Scene) -> float:
     """Rate (1/s) of the arm's slowest vibration or, where that is overdamped, of its faster decay; root held, straight.
 
-    From the frequency of a beam of the arm's length and least stiffness, all that it carries at its tip (Rayleigh).
+    From the frequency of a beam of the arm's length and least stiffness, all that it carries at its tip (Rayleigh);
+    where sections vary, of the arm as it is.
     """
     arm = scene.arm
-    stiffness = min(link.section.EI for link in arm.links)
+    sections = [link.uniform for link in arm.links if link.uniform is not None]
     beam = sum(link.mass for link in arm.links)
     carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
-    square = 3.0 * stiffness / ((carried + 33.0 / 140.0 * beam) * arm.total_length**3)
-    return max(math.sqrt(square), arm.tau_d * square)
+    if len(sections) < arm.n_links:
+        square = _varying_rate(arm)
+    else:
+        stiffness = min(section.EI for section in sections)
+        square = 3.0 * stiffness / ((carried + 33.0 / 140.0 * beam) * arm.total_length**3)
+    return max(math.sqrt(square), arm.damping[0] * square)
+
+
+def _varying_rate(arm: Arm) -> float:
+    """Square of the rate of a straight, locked arm whose sections vary: Rayleigh's, of the shape under its weight."""
+    s, EI, mass, first = [], [], [], 0.0
+    for k, link in enumerate(arm.links):
+        places = np.linspace(0.0, link.length, 201)
+        middle, piece = 0.5 * (places[1:] + places[:-1]), link.length / 200
+        s.append(first + middle)
+        sections = link.along(middle)
+        EI.append(sections.EI / piece)  # stiffness of a piece as a hinge with a spring
+        mass.append(sections.m * piece)
+        mass[-1][-1] += arm.payload.mass if k + 1 == arm.n_links else arm.elbow(k + 1).mass
+        first += link.length
+    x, weight = np.concatenate(s), np.concatenate(mass)
+    levers = np.maximum(x[:, None] - x, 0.0)  # of a weight (row) about a hinge (column)
+    deflection = levers @ ((weight @ levers) / np.concatenate(EI))
+    return float(weight @ deflection / (weight @ deflection**2))
 
 
 def count_steps(scene: Scene, end: float, sample: float, dt: float) -> int:
@@ -169,6 +206,8 @@ def estimate(
         time_step = HALF * distance(mine, run(scene, settings, sample, [level - 1 for level in levels]))
         base = run(bare, settings, sample, levels) if drag else mine
         mesh = factor * distance(base, run(bare, other, sample, levels))
+        if (root := clamped(scene, settings)) is not None:
+            mesh = max(mesh, distance(base, run(bare, root, sample, levels)))
         return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
     if count_steps(scene, end, wide, 2.0 * dt) <= 0.75 * steps:
         companion = run(scene, doubled, wide)
@@ -185,6 +224,8 @@ def estimate(
     if math.isinf(mesh):
         base = run(bare, settings, sample) if drag else mine
         mesh = distance(base, run(bare, finer_mesh(settings).replace(dt=0.5 * dt), sample))
+    elif (root := clamped(scene, doubled)) is not None:
+        mesh = max(mesh, distance(base, run(bare, root, wide)))
     return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
 
 

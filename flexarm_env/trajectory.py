@@ -160,8 +160,9 @@ class Trajectory:
         """What ideal gauges read, (n, gauges)."""
         places = [(gauge.link, gauge.place) for gauge in gauges]
         like: Any = SimpleNamespace(q0=self.q[0], names=self.names)
-        sections = [self.scene.arm.links[gauge.link].section for gauge in gauges]
-        units = [gauge.per_curvature(s.m, s.J) for gauge, s in zip(gauges, sections, strict=True)]
+        links = [self.scene.arm.links[gauge.link] for gauge in gauges]
+        sections = [link.along(gauge.place * link.length) for link, gauge in zip(links, gauges, strict=True)]
+        units = [gauge.per_curvature(float(s.m), float(s.J)) for gauge, s in zip(gauges, sections, strict=True)]
         return np.asarray(self.q @ curvature_rows(self.scene, self.settings, like, places).T * np.array(units))
 
     def measured(self, sensors: Sensors | Mapping[str, Any] | None = None, seed: int = 0) -> dict[str, Array]:

@@ -18,7 +18,8 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_DESCRIPTION = {"validation", "parameters", "sensors", "rigid", "settings", "time_functions", "arms", "scene", "scenes"}
+_BASICS = {"validation", "sections", "sensors", "parameters", "rigid", "settings", "time_functions"}
+_DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
@@ -26,8 +27,9 @@ _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting",
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
+    "sections": {"validation"},
     "sensors": {"validation"},
-    "parameters": {"validation", "sensors"},
+    "parameters": {"validation", "sections", "sensors"},
     "rigid": {"validation", "parameters"},
     "settings": {"validation"},
     "time_functions": {"validation"},

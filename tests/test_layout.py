@@ -70,11 +70,13 @@ def test_it_says_what_is_in_it() -> None:
     assert str(BLOCK).splitlines()[1].split() == ["G", "(n,", "n)", "kg", "matrix"]
 
 
-@pytest.mark.parametrize("room", ["exact", "elastica", "integrator"])
+@pytest.mark.parametrize("room", ["exact", "elastica", "floating", "integrator"])
 def test_no_kernel_holds_a_place_as_a_number(room: str) -> None:
     """In what is loaded, stored or indexed, no sum or product with a number above 1."""
     found = []
     for file in (Path(__file__).resolve().parents[1] / "flexarm_env" / "physics" / room).glob("*.py"):
+        if room == "floating" and file.name in ("build.py", "constants.py", "reduction.py"):  # NumPy: nodes' matrices
+            continue
         for node in ast.walk(ast.parse(file.read_text("utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("load", "store"):
                 index = node.args[2 if node.func.id == "load" else 1]
@@ -98,14 +100,9 @@ def test_layouts_of_the_physics_have_the_sizes_that_follow_from_counting() -> No
     element = sum(1 + (inner - 1 - m) + 6 for m in range(inner)) + (6 + 9 + 6) + 2 * 3
     assert ELEMENT_FACTORS.offsets(0, 3).end == element
     assert factors.end == (3 + 6) + 2 * (1 + 3) + 6 * element
-    assert (POSES.places.end, LOAD.places.end, MOTION.places.end, BOOKS.places.end, COUNTS.places.end) == (
-        12,
-        3,
-        3,
-        3,
-        4,
-    )
+    ends = (POSES.places.end, LOAD.places.end, MOTION.places.end, BOOKS.places.end, COUNTS.places.end)
+    assert ends == (12, 3, 3, 2, 4)
     rows = 8 * chain.end
     assert WORK.offsets(0, 8, chain.end, 0, factors.end, 3, 2).end == (
-        9 * rows + 8 * (factors.end + 4 * 3 + 2 * 2 * 3 + 2 * 2 + 1 + 3) + 4
+        9 * rows + 8 * (factors.end + 4 * 3 + 2 * 2 * 3 + 2 * 2 + 1 + 2) + 4
     )

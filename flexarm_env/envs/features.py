@@ -146,7 +146,9 @@ def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> lis
     """Scale of each gauge, 1/m: the curvature under the full torque of the link's joint."""
     limits = frame.arm.torque_limits
     assert limits is not None
-    return [limits[gauge.link] / frame.arm.links[gauge.link].section.EI for gauge in gauges]
+    links = [frame.arm.links[gauge.link] for gauge in gauges]
+    sections = [link.along(gauge.place * link.length) for link, gauge in zip(links, gauges, strict=True)]
+    return [limits[gauge.link] / float(at.EI) for gauge, at in zip(gauges, sections, strict=True)]
 
 
 def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:

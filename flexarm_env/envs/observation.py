@@ -135,9 +135,10 @@ def _scales(frame: Frame, gauges: Gauges) -> list[float]:
     """Scale of each gauge, in its unit."""
     sizes = []
     for i, (gauge, scale) in enumerate(zip(gauges, gauge_scales(frame, gauges), strict=True)):
-        section = frame.arm.links[gauge.link].section
+        link = frame.arm.links[gauge.link]
+        section = link.along(gauge.place * link.length)
         with check.under(f"sensors.strain_gauges[{i}]"):
-            sizes.append(scale * gauge.per_curvature(section.m, section.J))
+            sizes.append(scale * gauge.per_curvature(float(section.m), float(section.J)))
     return sizes
 
 

@@ -50,7 +50,6 @@ BOOKS = Layout(
     "Books", "",
     Field("work", (), "J", "of inputs and motions"),
     Field("dissipated", (), "J", "by damping"),
-    Field("unused", (), "J", ""),
 )  # fmt: skip
 WORK_DONE, DISSIPATED, *_ = BOOKS.places
 

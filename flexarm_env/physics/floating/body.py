@@ -14,13 +14,24 @@ from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, sincos, splat, store
 from ...compiler.trace import unrolled
-from .layout import KNOWN, NOW, body_at, factors_at, window
+from ..model import STIFFNESS_FACTOR, TAU_D
+from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at, vectors_at, window
 
 
 @kernel
 def constants(model):
     """Where the fields of BODY begin in a body's block."""
     return body_at(0, size(model.n), len(model.window), len(model.elements), 0)
+
+
+@kernel
+def damping_time(lane, model, D, par):
+    """tau_d of the body, s."""
+    tau = load(lane, par, TAU_D)
+    if model.damped is not None:
+        if len(model.damped) > 1:
+            tau = tau * D[constants(model).damped]
+    return tau
 
 
 @kernel
@@ -43,10 +54,19 @@ def product(lane, model, D, at, x, y):
 
 
 @kernel
+def in_window(lane, model, D, at, x, first):
+    """sum_j D[at + j] x_j over the coordinates of an element's window, which begins at `first`."""
+    total = load(lane, x, first) * D[at]
+    for j in range(1, len(model.window)):
+        total = total + load(lane, x, first + j) * D[at + j]
+    return total
+
+
+@kernel
 def tip(lane, model, D, x):
     """(u, v, phi)'x at the tip, without foreshortening."""
-    n, at = size(model.n), constants(model).tip
-    return dot(lane, model, D, at, x), dot(lane, model, D, at + n, x), dot(lane, model, D, at + 2 * n, x)
+    own = constants(model)
+    return dot(lane, model, D, own.tip_u, x), dot(lane, model, D, own.tip_v, x), dot(lane, model, D, own.tip_phi, x)
 
 
 @kernel
@@ -65,13 +85,13 @@ def carry(lane, model, D, q, v, a, pose, S):
     What the frame does now is kept in S (`NOW`).
     """
     own, now = constants(model), factors_at(0, size(model.n)).now
-    angle, w, alpha = load(lane, pose, 0), load(lane, pose, 1), load(lane, pose, 2)
+    angle, w, alpha = load(lane, pose, PASSED.angle), load(lane, pose, PASSED.rate), load(lane, pose, PASSED.second)
     if model.chord is not None:
         angle = angle - turn_of_root(lane, model, D, q)
         w = w - turn_of_root(lane, model, D, v)
         alpha = alpha - turn_of_root(lane, model, D, a)
     sine, cosine = sincos(angle)
-    gx, gy = load(lane, pose, 3), load(lane, pose, 4)
+    gx, gy = load(lane, pose, PASSED.ax), load(lane, pose, PASSED.ay)
     ax, ay = cosine * gx + sine * gy, cosine * gy - sine * gx
     x, y, phi = tip(lane, model, D, q)
     tx, ty, rate = tip(lane, model, D, v)
@@ -96,11 +116,11 @@ def carry(lane, model, D, q, v, a, pose, S):
     store(S, now + NOW.tip_second, bx)
     store(S, now + NOW.tip_second + 1, by)
     ax, ay = ax + bx, ay + by
-    store(pose, 0, angle + phi)
-    store(pose, 1, w + rate)
-    store(pose, 2, alpha + second)
-    store(pose, 3, cosine * ax - sine * ay)
-    store(pose, 4, sine * ax + cosine * ay)
+    store(pose, PASSED.angle, angle + phi)
+    store(pose, PASSED.rate, w + rate)
+    store(pose, PASSED.second, alpha + second)
+    store(pose, PASSED.ax, cosine * ax - sine * ay)
+    store(pose, PASSED.ay, sine * ax + cosine * ay)
 
 
 @kernel
@@ -110,35 +130,30 @@ def _strains(lane, model, D, stiffness, tau, q, v, strains):
     von Karman: g + H q and H v; the paper, whose force has no potential: G q and nothing.
     """
     n, wide = size(model.n), len(model.window)
-    own = constants(model).spans
+    own = span_at(constants(model).spans, wide)
+    kept = strain_at(0, wide)
     for e in range(len(model.elements)):
-        first, k = window(model, n, e), e * (2 * wide + 1)
-        ea, g, H = own, own + 1, own + 1 + wide
-        own = H + wide * wide
+        first = window(model, n, e)
         linear, half, lost = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
         for i in range(wide):
-            slope = load(lane, q, first) * D[H + i * wide]
-            for j in range(1, wide):
-                slope = slope + load(lane, q, first + j) * D[H + i * wide + j]
+            slope = in_window(lane, model, D, own.H + i * wide, q, first)
             x = load(lane, q, first + i)
-            linear, half = linear + x * D[g + i], half + x * slope
+            linear, half = linear + x * D[own.stretch + i], half + x * slope
             if model.full is None:
-                store(strains, k + 1 + i, slope)
+                store(strains, kept.slope + i, slope)
             else:
-                slope = slope + D[g + i]
+                slope = slope + D[own.stretch + i]
                 lost = lost + load(lane, v, first + i) * slope
-                store(strains, k + 1 + i, slope)
-        force = linear * D[ea]
+                store(strains, kept.slope + i, slope)
+        force = linear * D[own.stiffness]
         if model.full is not None:
-            force = (linear + half * 0.5) * D[ea]
+            force = (linear + half * 0.5) * D[own.stiffness]
             if model.damped is not None:
-                force = force + (lost * tau) * D[ea]
+                force = force + (lost * tau) * D[own.stiffness]
                 for i in range(wide):
-                    slope = load(lane, v, first) * D[H + i * wide]
-                    for j in range(1, wide):
-                        slope = slope + load(lane, v, first + j) * D[H + i * wide + j]
-                    store(strains, k + 1 + wide + i, slope)
-        store(strains, k, force)
+                    store(strains, kept.rate + i, in_window(lane, model, D, own.H + i * wide, v, first))
+        store(strains, kept.force, force)
+        own, kept = span_at(own.end, wide), strain_at(kept.end, wide)
 
 
 @unrolled
@@ -150,17 +165,17 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
     carried: mass and inertia at the tip, kg and kg m^2, for drag alone. known, vectors, strains: kept for `tangent`.
     """
     own, n = constants(model), size(model.n)
-    now = factors_at(0, n).now
+    now, vec = factors_at(0, n).now, vectors_at(0, n)
     cos, sin = load(lane, S, now + NOW.cos), load(lane, S, now + NOW.sin)
     ax, ay = load(lane, S, now + NOW.a), load(lane, S, now + NOW.a + 1)
     w, alpha = load(lane, S, now + NOW.rate), load(lane, S, now + NOW.second)
-    stiffness, tau = load(lane, par, 2), load(lane, par, 3)
+    stiffness, tau = load(lane, par, STIFFNESS_FACTOR), damping_time(lane, model, D, par)
     fx, fy, moment = load(lane, force, 0), load(lane, force, 1), load(lane, force, 2)
     gx, gy = cos * fx + sin * fy, cos * fy - sin * fx
     # s: first moment, t its rate, h its second rate in the frame
-    sx, sy = dot(lane, model, D, own.S_bar, q) + D[own.S0], dot(lane, model, D, own.S_bar + n, q)
-    tx, ty = dot(lane, model, D, own.S_bar, v), dot(lane, model, D, own.S_bar + n, v)
-    hx, hy = dot(lane, model, D, own.S_bar, a), dot(lane, model, D, own.S_bar + n, a)
+    sx, sy = dot(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
+    tx, ty = dot(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
+    hx, hy = dot(lane, model, D, own.S_bar_x, a), dot(lane, model, D, own.S_bar_y, a)
     if model.modal is not None:
         sx = sx - product(lane, model, D, own.D0, q, q) * 0.5
         tx = tx - product(lane, model, D, own.D0, q, v)
@@ -173,8 +188,8 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
         cb = dot(lane, model, D, own.B + i * n, q) + D[own.c + i]
         spin_rate = spin_rate + gq * load(lane, v, i)
         lever = lever + cb * load(lane, a, i)
-        store(vectors, i, gq)
-        store(vectors, n + i, cb)
+        store(vectors, vec.gq + i, gq)
+        store(vectors, vec.cb + i, cb)
     square = w * w
     mass = D[own.mass]
     dx = hx - alpha * sy - square * sx - (w * ty) * 2.0
@@ -184,15 +199,15 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
     turning = turning + (x * gy - y * gx) + moment
     _strains(lane, model, D, stiffness, tau, q, v, strains)
     for i in range(n):
-        gsx, gsy, px = splat(lane, D[own.S_bar + i]), D[own.S_bar + n + i], splat(lane, D[own.tip + i])
+        gsx, gsy, px = splat(lane, D[own.S_bar_x + i]), D[own.S_bar_y + i], splat(lane, D[own.tip_u + i])
         if model.modal is not None:
             gsx = gsx - dot(lane, model, D, own.D0 + i * n, q)
             px = px - dot(lane, model, D, own.tip_H + i * n, q)
         bv = dot(lane, model, D, own.B + i * n, v)
-        store(vectors, 2 * n + i, bv)
-        store(vectors, 3 * n + i, gsx)
-        store(vectors, 4 * n + i, px)
-        gq, cb = load(lane, vectors, i), load(lane, vectors, n + i)
+        store(vectors, vec.bv + i, bv)
+        store(vectors, vec.gsx + i, gsx)
+        store(vectors, vec.px + i, px)
+        gq, cb = load(lane, vectors, vec.gq + i), load(lane, vectors, vec.cb + i)
         elastic = dot(lane, model, D, own.K_bend + i * n, q)
         if model.damped is not None:
             elastic = elastic + dot(lane, model, D, own.K_bend + i * n, v) * tau
@@ -203,16 +218,18 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
                 elastic = elastic + dot(lane, model, D, own.K_axial + i * n, v) * tau
         total = (gsx * ax + ay * gsy) + alpha * cb + dot(lane, model, D, own.M_ff + i * n, a)
         total = total - square * gq + (w * bv) * 2.0 + elastic
-        total = total + (px * gx + gy * D[own.tip + n + i]) + moment * D[own.tip + 2 * n + i]
+        total = total + (px * gx + gy * D[own.tip_v + i]) + moment * D[own.tip_phi + i]
         if model.chord is not None:
             total = total - turning * D[own.root + i]
         store(r, i, total)
     wide = len(model.window)
+    kept = strain_at(0, wide)
     for e in range(len(model.elements)):
-        first, k = window(model, n, e), e * (2 * wide + 1)
+        first = window(model, n, e)
         for i in range(wide):
-            pull = load(lane, strains, k) * load(lane, strains, k + 1 + i)
+            pull = load(lane, strains, kept.force) * load(lane, strains, kept.slope + i)
             store(r, first + i, load(lane, r, first + i) + pull)
+        kept = strain_at(kept.end, wide)
     if model.drag is not None:
         _drag(lane, model, D, carried, v, vectors, r)
     store(force, 0, cos * (ax * mass + dx + gx) - sin * (ay * mass + dy + gy))
@@ -233,14 +250,14 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
 @kernel
 def _drag(lane, model, D, carried, v, vectors, r):
     """Damping that goes with mass, on rates in the frame: the body's own and that of what it carries at its tip."""
-    own, n = constants(model), size(model.n)
+    own, n, px = constants(model), size(model.n), vectors_at(0, size(model.n)).px
     mass, inertia = load(lane, carried, 0) * D[own.drag], load(lane, carried, 1) * D[own.drag]
     _, ty, turning = tip(lane, model, D, v)
     tx = splat(lane, 0.0)
     for i in range(n):
-        tx = tx + load(lane, vectors, 4 * n + i) * load(lane, v, i)
+        tx = tx + load(lane, vectors, px + i) * load(lane, v, i)
     for i in range(n):
         total = dot(lane, model, D, own.M_ff + i * n, v) * D[own.drag]
-        total = total + (load(lane, vectors, 4 * n + i) * tx + ty * D[own.tip + n + i]) * mass
-        total = total + (turning * D[own.tip + 2 * n + i]) * inertia
+        total = total + (load(lane, vectors, px + i) * tx + ty * D[own.tip_v + i]) * mass
+        total = total + (turning * D[own.tip_phi + i]) * inertia
         store(r, i, load(lane, r, i) + total)

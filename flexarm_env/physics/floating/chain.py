@@ -15,11 +15,12 @@ from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, splat, store
 from ...compiler.trace import aligned_frame
+from ..layout import OF_LOAD
 from ..model import FloatingChain
 from ..protocol import register
 from .body import carry, forces
 from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
-from .layout import JOINT, KNOWN, ROOT, factors_at
+from .layout import JOINT, KNOWN, PASSED, ROOT, cell, elastic_row, elbow_row, factors_at
 from .matrix import condense, reduce, restore, tangent
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
@@ -39,13 +40,19 @@ def _bodies_at(model):
 
 
 @kernel
+def _joint_at(k):
+    """Where the part of elbow k, from 1 on, begins."""
+    return ROOT.end + JOINT.end * (k - 1)
+
+
+@kernel
 def less_loads(lane, loads, model, link, end, u, force):
     """force (x, y, moment) less the point loads at an end of a link."""
     if loads is not None:
         for f in range(loads.shape[0]):
             if loads[f, 0] == link and loads[f, 1] == end:
                 for i in range(3):
-                    store(force, i, load(lane, force, i) - load(lane, u, model.links + 3 * f + i))
+                    store(force, i, load(lane, force, i) - load(lane, u, model.links + OF_LOAD.end * f + i))
 
 
 @kernel
@@ -53,34 +60,34 @@ def assemble(lane, model, par, state, u, weights, r, S):
     """r and, unless only that is asked for, the bodies' matrices."""
     aligned_frame(lane)
     (q, v, a), (cm, cc, ck) = state, weights
-    mesh, L, n = model.mesh, len(lane), size(model.mesh.n)
+    mesh, L = model.mesh, len(lane)
     pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
-    stride, first, bodies = _stride(model), _bodies_at(model), model.links * model.segments
-    elbows = 3 + n * bodies - 1
-    store(pose, 0, load(lane, q, 2))
-    store(pose, 1, load(lane, v, 2))
-    store(pose, 2, load(lane, a, 2))
-    store(pose, 3, load(lane, a, 0) - fall(model.gravity, 0))
-    store(pose, 4, load(lane, a, 1) - fall(model.gravity, 1))
+    stride, first = _stride(model), _bodies_at(model)
+    store(pose, PASSED.angle, load(lane, q, 2))
+    store(pose, PASSED.rate, load(lane, v, 2))
+    store(pose, PASSED.second, load(lane, a, 2))
+    store(pose, PASSED.ax, load(lane, a, 0) - fall(model.gravity, 0))
+    store(pose, PASSED.ay, load(lane, a, 1) - fall(model.gravity, 1))
     for k in range(model.links):
         if k > 0:
-            store(pose, 0, load(lane, pose, 0) + load(lane, q, elbows + k))
-            store(pose, 1, load(lane, pose, 1) + load(lane, v, elbows + k))
-            store(pose, 2, load(lane, pose, 2) + load(lane, a, elbows + k))
+            elbow = elbow_row(model, k)
+            store(pose, PASSED.angle, load(lane, pose, PASSED.angle) + load(lane, q, elbow))
+            store(pose, PASSED.rate, load(lane, pose, PASSED.rate) + load(lane, v, elbow))
+            store(pose, PASSED.second, load(lane, pose, PASSED.second) + load(lane, a, elbow))
         for b in range(k * model.segments, (k + 1) * model.segments):
-            e = (3 + n * b) * L
+            e = elastic_row(model, b) * L
             carry(lane, mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], pose, S[(first + stride * b) * L :])
     mass, inertia = load(lane, par, 0), load(lane, par, 1)
-    store(force, 0, load(lane, pose, 3) * mass)
-    store(force, 1, load(lane, pose, 4) * mass)
-    store(force, 2, load(lane, pose, 2) * inertia)
+    store(force, OF_LOAD.x, load(lane, pose, PASSED.ax) * mass)
+    store(force, OF_LOAD.y, load(lane, pose, PASSED.ay) * mass)
+    store(force, OF_LOAD.torque, load(lane, pose, PASSED.second) * inertia)
     store(carried, 0, mass)
     store(carried, 1, inertia)
     for k in range(model.links - 1, -1, -1):
         less_loads(lane, model.loads, model, k, 1, u, force)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
-            e, D, own = (3 + n * b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
+            e, D, own = elastic_row(model, b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
             forces(
                 lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:]
             )  # fmt: skip
@@ -92,7 +99,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
             store(carried, 1, splat(lane, 0.0))
         less_loads(lane, model.loads, model, k, 0, u, force)
         if k > 0:
-            store(r, elbows + k, load(lane, force, 2) - load(lane, u, k))
+            store(r, elbow_row(model, k), load(lane, force, OF_LOAD.torque) - load(lane, u, k))
     store(r, 0, load(lane, force, 0))
     store(r, 1, load(lane, force, 1))
     store(r, 2, load(lane, force, 2) - load(lane, u, 0))
@@ -100,7 +107,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
         for k in range(3):
             store(S, ROOT.pinned + k, splat(lane, 0.0))
         for k in range(1, model.links):
-            store(S, ROOT.end + JOINT.end * (k - 1) + JOINT.pinned, splat(lane, 0.0))
+            store(S, _joint_at(k) + JOINT.pinned, splat(lane, 0.0))
         store(S, ROOT.scale, splat(lane, cm))
         store(S, ROOT.scale + 1, splat(lane, 1.0 / cm))
         store(S, ROOT.tail, inertia * cm)
@@ -117,7 +124,7 @@ def pin(lane, model, S, k):
     """Flag coordinate k, of the root or of an elbow, for `factor`."""
     slot = ROOT.pinned + k
     if k > 2:
-        slot = ROOT.end + JOINT.end * (k - 3 - size(model.mesh.n) * model.links * model.segments) + JOINT.pinned
+        slot = _joint_at(k - elbow_row(model, 0)) + JOINT.pinned
     store(S, slot, splat(lane, 1.0))
 
 
@@ -130,66 +137,65 @@ def factor(lane, model, S):
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
     for i in range(9):
         store(tail, i, zero)
-    store(tail, 0, load(lane, S, ROOT.tail + 1))
-    store(tail, 4, load(lane, S, ROOT.tail + 1))
-    store(tail, 8, load(lane, S, ROOT.tail))
+    store(tail, cell(0, 0), load(lane, S, ROOT.tail + 1))
+    store(tail, cell(1, 1), load(lane, S, ROOT.tail + 1))
+    store(tail, cell(2, 2), load(lane, S, ROOT.tail))
     for k in range(model.links - 1, -1, -1):
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             condense(lane, model.mesh, model.data[model.block * b :], S[(first + stride * b) * L :], tail)
         if k > 0:
-            o = ROOT.end + JOINT.end * (k - 1)
+            o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
-                inverse = one / load(lane, tail, 8)
+                inverse = one / load(lane, tail, cell(2, 2))
                 store(S, o + JOINT.inverse, inverse)
                 for i in range(2):
-                    store(S, o + JOINT.column + i, load(lane, tail, 3 * i + 2) * inverse)
-                    store(S, o + JOINT.row + i, load(lane, tail, 6 + i) * inverse)
+                    store(S, o + JOINT.column + i, load(lane, tail, cell(i, 2)) * inverse)
+                    store(S, o + JOINT.row + i, load(lane, tail, cell(2, i)) * inverse)
                 for i in range(2):
                     for j in range(2):
-                        part = load(lane, S, o + JOINT.column + i) * load(lane, tail, 6 + j)
-                        store(tail, 3 * i + j, load(lane, tail, 3 * i + j) - part)
+                        part = load(lane, S, o + JOINT.column + i) * load(lane, tail, cell(2, j))
+                        store(tail, cell(i, j), load(lane, tail, cell(i, j)) - part)
                 for i in range(3):
-                    store(tail, 3 * i + 2, zero)
-                    store(tail, 6 + i, zero)
+                    store(tail, cell(i, 2), zero)
+                    store(tail, cell(2, i), zero)
     for i in range(3):
         for j in range(3):
-            entry = load(lane, tail, 3 * i + j)
+            entry = load(lane, tail, cell(i, j))
             if S[(ROOT.pinned + i) * L] != 0.0 or S[(ROOT.pinned + j) * L] != 0.0:
                 entry = one if i == j else zero
-            store(S, ROOT.factors + 3 * i + j, entry)
+            store(S, ROOT.factors + cell(i, j), entry)
     F = ROOT.factors
     for k in range(3):
-        inverse = one / load(lane, S, F + 4 * k)
-        store(S, F + 4 * k, inverse)
+        inverse = one / load(lane, S, F + cell(k, k))
+        store(S, F + cell(k, k), inverse)
         for i in range(k + 1, 3):
-            f = load(lane, S, F + 3 * i + k) * inverse
-            store(S, F + 3 * i + k, f)
+            f = load(lane, S, F + cell(i, k)) * inverse
+            store(S, F + cell(i, k), f)
             for j in range(k + 1, 3):
-                store(S, F + 3 * i + j, load(lane, S, F + 3 * i + j) - f * load(lane, S, F + 3 * k + j))
+                store(S, F + cell(i, j), load(lane, S, F + cell(i, j)) - f * load(lane, S, F + cell(k, j)))
 
 
 @kernel
 def solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `factor`."""
     aligned_frame(lane)
-    mesh, L, n, stride, first = model.mesh, len(lane), size(model.mesh.n), _stride(model), _bodies_at(model)
-    elbows = 3 + n * model.links * model.segments - 1
+    mesh, L, stride, first = model.mesh, len(lane), _stride(model), _bodies_at(model)
     flow = stack(lane, THREE)
     for i in range(3):
         store(flow, i, splat(lane, 0.0))
     for k in range(model.links - 1, -1, -1):
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
-            reduce(lane, mesh, D, own, x[(3 + n * b) * L :], flow)
+            reduce(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
         if k > 0:
-            o = ROOT.end + JOINT.end * (k - 1)
+            o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
-                wanted = load(lane, x, elbows + k)
+                wanted = load(lane, x, elbow_row(model, k))
                 left = wanted - load(lane, flow, 2)
                 for i in range(2):
                     store(flow, i, load(lane, flow, i) + load(lane, S, o + JOINT.column + i) * left)
                 store(flow, 2, wanted)
-                store(x, elbows + k, left)
+                store(x, elbow_row(model, k), left)
     for i in range(3):
         right = load(lane, x, i)
         if S[(ROOT.pinned + i) * L] == 0.0:
@@ -200,12 +206,12 @@ def solve(lane, model, S, x):
     F = ROOT.factors
     for i in range(1, 3):
         for j in range(i):
-            store(flow, i, load(lane, flow, i) - load(lane, S, F + 3 * i + j) * load(lane, flow, j))
+            store(flow, i, load(lane, flow, i) - load(lane, S, F + cell(i, j)) * load(lane, flow, j))
     for i in range(2, -1, -1):
         total = load(lane, flow, i)
         for j in range(i + 1, 3):
-            total = total - load(lane, S, F + 3 * i + j) * load(lane, flow, j)
-        store(flow, i, total * load(lane, S, F + 4 * i))
+            total = total - load(lane, S, F + cell(i, j)) * load(lane, flow, j)
+        store(flow, i, total * load(lane, S, F + cell(i, i)))
     store(x, 0, load(lane, flow, 0) * load(lane, S, ROOT.scale + 1))
     store(x, 1, load(lane, flow, 1) * load(lane, S, ROOT.scale + 1))
     store(x, 2, load(lane, flow, 2))
@@ -214,14 +220,14 @@ def solve(lane, model, S, x):
             o, before = ROOT.end + JOINT.end * (k - 1), load(lane, flow, 2)
             turn = before
             if S[(o + JOINT.pinned) * L] == 0.0:
-                turn = load(lane, x, elbows + k) * load(lane, S, o + JOINT.inverse)
+                turn = load(lane, x, elbow_row(model, k)) * load(lane, S, o + JOINT.inverse)
                 for i in range(2):
                     turn = turn - load(lane, S, o + JOINT.row + i) * load(lane, flow, i)
-            store(x, elbows + k, turn - before)
+            store(x, elbow_row(model, k), turn - before)
             store(flow, 2, turn)
         for b in range(k * model.segments, (k + 1) * model.segments):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
-            restore(lane, mesh, D, own, x[(3 + n * b) * L :], flow)
+            restore(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
 
 
 register(

@@ -10,21 +10,20 @@ from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import absolute, load, select_lt, sincos, splat, store
 from ...compiler.trace import unrolled
+from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE
-from .body import constants, dot, product, tip, turn_of_root
-from .layout import START, station_at, window
+from .body import constants, damping_time, dot, in_window, product, tip, turn_of_root
+from .layout import ELASTIC, FRAME, START, elastic_row, elbow_row, span_at, station_at, window
 
-POSE = (0,) * 6
-FRAME = (0,) * 6
-FOUR = (0,) * 4
+SIX, FOUR = (0,) * 6, (0,) * 4
 
 
 @kernel
 def _begin(lane, q, v, pose):
     """pose <- x, y, angle of a section and their rates."""
     for i in range(3):
-        store(pose, i, load(lane, q, i))
-        store(pose, 3 + i, load(lane, v, i))
+        store(pose, POSE.x + i, load(lane, q, i))
+        store(pose, POSE.vx + i, load(lane, v, i))
 
 
 @kernel
@@ -36,17 +35,17 @@ def _enter(lane, model, table, q, v, k, b, pose):
     elif b == 0:
         _begin(lane, q, v, pose)
     elif b == k * model.segments:
-        i = 2 + size(model.mesh.n) * model.links * model.segments + k
-        store(pose, 2, load(lane, pose, 2) + load(lane, q, i))
-        store(pose, 5, load(lane, pose, 5) + load(lane, v, i))
+        i = elbow_row(model, k)
+        store(pose, POSE.angle, load(lane, pose, POSE.angle) + load(lane, q, i))
+        store(pose, POSE.rate, load(lane, pose, POSE.rate) + load(lane, v, i))
 
 
 @kernel
-def _elastic(table, n, b):
+def _elastic(model, table, b):
     """Row of body b's first elastic coordinate."""
     if table is None:
-        return 3 + n * b
-    return table[b, START] + 3
+        return elastic_row(model, b)
+    return table[b, START] + ELASTIC
 
 
 @unrolled
@@ -54,11 +53,11 @@ def _elastic(table, n, b):
 def place(lane, model, D, q, v, pose, frame):
     """From a body's root section to its tip section; frame <- cosine, sine, its origin's velocity in its axes, rate."""
     own = constants(model)
-    angle, w = load(lane, pose, 2), load(lane, pose, 5)
+    angle, w = load(lane, pose, POSE.angle), load(lane, pose, POSE.rate)
     if model.chord is not None:
         angle, w = angle - turn_of_root(lane, model, D, q), w - turn_of_root(lane, model, D, v)
     s, c = sincos(angle)
-    vx, vy = load(lane, pose, 3), load(lane, pose, 4)
+    vx, vy = load(lane, pose, POSE.vx), load(lane, pose, POSE.vy)
     x, y, phi = tip(lane, model, D, q)
     tx, ty, rate = tip(lane, model, D, v)
     x = x + D[own.length]
@@ -66,17 +65,17 @@ def place(lane, model, D, q, v, pose, frame):
         x = x - product(lane, model, D, own.tip_H, q, q) * 0.5
         tx = tx - product(lane, model, D, own.tip_H, q, v)
     tx, ty = tx - w * y, ty + w * x
-    store(frame, 0, c)
-    store(frame, 1, s)
-    store(frame, 2, c * vx + s * vy)
-    store(frame, 3, c * vy - s * vx)
-    store(frame, 4, w)
-    store(pose, 0, load(lane, pose, 0) + (c * x - s * y))
-    store(pose, 1, load(lane, pose, 1) + (s * x + c * y))
-    store(pose, 2, angle + phi)
-    store(pose, 3, vx + (c * tx - s * ty))
-    store(pose, 4, vy + (s * tx + c * ty))
-    store(pose, 5, w + rate)
+    store(frame, FRAME.cos, c)
+    store(frame, FRAME.sin, s)
+    store(frame, FRAME.vx, c * vx + s * vy)
+    store(frame, FRAME.vy, c * vy - s * vx)
+    store(frame, FRAME.rate, w)
+    store(pose, POSE.x, load(lane, pose, POSE.x) + (c * x - s * y))
+    store(pose, POSE.y, load(lane, pose, POSE.y) + (s * x + c * y))
+    store(pose, POSE.angle, angle + phi)
+    store(pose, POSE.vx, vx + (c * tx - s * ty))
+    store(pose, POSE.vy, vy + (s * tx + c * ty))
+    store(pose, POSE.rate, w + rate)
 
 
 @kernel
@@ -86,30 +85,29 @@ def _note(lane, loads, model, link, end, pose, y):
         for f in range(loads.shape[0]):
             if loads[f, 0] == link and loads[f, 1] == end:
                 for i in range(3):
-                    store(y, model.links + 3 * f + i, load(lane, pose, i))
+                    store(y, model.links + OF_LOAD.end * f + i, load(lane, pose, POSE.x + i))
 
 
 @kernel
 def ports(lane, model, par, q, y):
     """Joint angles, then position and section angle at each point load."""
-    n = size(model.mesh.n)
     store(y, 0, load(lane, q, 2))
     for k in range(1, model.links):
-        store(y, k, load(lane, q, 2 + n * model.links * model.segments + k))
-    ports_of_loads(lane, model, model.loads, n, q, y)
+        store(y, k, load(lane, q, elbow_row(model, k)))
+    ports_of_loads(lane, model, model.loads, q, y)
 
 
 @kernel
-def ports_of_loads(lane, model, loads, n, q, y):
+def ports_of_loads(lane, model, loads, q, y):
     """Those of the point loads alone."""
     if loads is not None:
-        pose, frame = stack(lane, POSE), stack(lane, FRAME)
+        pose, frame = stack(lane, SIX), stack(lane, SIX)
         for k in range(model.links):
             for b in range(k * model.segments, (k + 1) * model.segments):
                 _enter(lane, model, model.table, q, q, k, b, pose)
                 if b == k * model.segments:
                     _note(lane, loads, model, k, 0, pose, y)
-                own = q[_elastic(model.table, n, b) * len(lane) :]
+                own = q[_elastic(model, model.table, b) * len(lane) :]
                 place(lane, model.mesh, model.data[model.block * b :], own, own, pose, frame)
             _note(lane, loads, model, k, 1, pose, y)
 
@@ -124,21 +122,17 @@ def _damping(lane, model, D, par, q, v, x, total):
         if model.full is None:
             part = part + product(lane, model, D, own.K_axial, x, v)
         else:
-            at = own.spans
+            span = span_at(own.spans, wide)
             for e in range(len(model.elements)):
                 first = window(model, n, e)
-                ea, g, H = at, at + 1, at + 1 + wide
-                at = H + wide * wide
                 rate, other = splat(lane, 0.0), splat(lane, 0.0)
                 for i in range(wide):
-                    slope = load(lane, q, first) * D[H + i * wide]
-                    for j in range(1, wide):
-                        slope = slope + load(lane, q, first + j) * D[H + i * wide + j]
-                    slope = slope + D[g + i]
+                    slope = in_window(lane, model, D, span.H + i * wide, q, first) + D[span.stretch + i]
                     rate = rate + slope * load(lane, v, first + i)
                     other = other + slope * load(lane, x, first + i)
-                part = part + (rate * other) * D[ea]
-        store(total, 0, load(lane, total, 0) + part * load(lane, par, 3))
+                part = part + (rate * other) * D[span.stiffness]
+                span = span_at(span.end, wide)
+        store(total, 0, load(lane, total, 0) + part * damping_time(lane, model, D, par))
     if model.drag is not None:
         part = product(lane, model, D, own.M_ff, x, v) * D[own.drag]
         store(total, 0, load(lane, total, 0) + part)
@@ -166,9 +160,9 @@ def damping_work(lane, model, par, q, v, x):
     store(total, 0, splat(lane, 0.0))
     bodies = model.links * model.segments
     for b in range(bodies):
-        e = _elastic(model.table, size(model.mesh.n), b) * len(lane)
+        e = _elastic(model, model.table, b) * len(lane)
         _damping(lane, model.mesh, model.data[model.block * b :], par, q[e:], v[e:], x[e:], total)
-    e = _elastic(model.table, size(model.mesh.n), bodies - 1) * len(lane)
+    e = _elastic(model, model.table, bodies - 1) * len(lane)
     _payload_drag(lane, model.mesh, model.data[model.block * (bodies - 1) :], par, q[e:], v[e:], x[e:], total)
     return load(lane, total, 0)
 
@@ -178,10 +172,10 @@ def damping_work(lane, model, par, q, v, x):
 def _energies(lane, model, D, par, q, v, frame, totals):
     """totals (kinetic, strain, first moments x, y about the body's origin) of one body; moments replace the last's."""
     own, n, wide = constants(model), size(model.n), len(model.window)
-    c, s = load(lane, frame, 0), load(lane, frame, 1)
-    vx, vy, w = load(lane, frame, 2), load(lane, frame, 3), load(lane, frame, 4)
-    sx, sy = dot(lane, model, D, own.S_bar, q) + D[own.S0], dot(lane, model, D, own.S_bar + n, q)
-    tx, ty = dot(lane, model, D, own.S_bar, v), dot(lane, model, D, own.S_bar + n, v)
+    c, s = load(lane, frame, FRAME.cos), load(lane, frame, FRAME.sin)
+    vx, vy, w = load(lane, frame, FRAME.vx), load(lane, frame, FRAME.vy), load(lane, frame, FRAME.rate)
+    sx, sy = dot(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
+    tx, ty = dot(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
     if model.modal is not None:
         sx = sx - product(lane, model, D, own.D0, q, q) * 0.5
         tx = tx - product(lane, model, D, own.D0, q, v)
@@ -192,23 +186,20 @@ def _energies(lane, model, D, par, q, v, frame, totals):
     strain = product(lane, model, D, own.K_bend, q, q) * (load(lane, par, 2) * 0.5)
     if model.full is None:
         strain = strain + product(lane, model, D, own.K_axial, q, q) * 0.5
-    at = own.spans
+    span = span_at(own.spans, wide)
     for e in range(len(model.elements)):
         first = window(model, n, e)
-        ea, g, H = at, at + 1, at + 1 + wide
-        at = H + wide * wide
         linear, second = splat(lane, 0.0), splat(lane, 0.0)
         for i in range(wide):
-            slope = load(lane, q, first) * D[H + i * wide]
-            for j in range(1, wide):
-                slope = slope + load(lane, q, first + j) * D[H + i * wide + j]
-            linear = linear + load(lane, q, first + i) * D[g + i]
+            slope = in_window(lane, model, D, span.H + i * wide, q, first)
+            linear = linear + load(lane, q, first + i) * D[span.stretch + i]
             second = second + load(lane, q, first + i) * slope
         if model.full is not None:
             linear = linear + second * 0.5
-            strain = strain + (linear * linear) * (0.5 * D[ea])
+            strain = strain + (linear * linear) * (0.5 * D[span.stiffness])
         else:  # q'K(q)q / 2 of [43]; the paper's force has no potential
-            strain = strain + (linear * second) * (0.5 * D[ea])
+            strain = strain + (linear * second) * (0.5 * D[span.stiffness])
+        span = span_at(span.end, wide)
     store(totals, 0, load(lane, totals, 0) + kinetic)
     store(totals, 1, load(lane, totals, 1) + strain)
     store(totals, 2, c * sx - s * sy)
@@ -226,8 +217,8 @@ def fall(gravity, k):
 @kernel
 def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity) energy, J."""
-    n, L = size(model.mesh.n), len(lane)
-    pose, frame, totals = stack(lane, POSE), stack(lane, FRAME), stack(lane, FOUR)
+    L = len(lane)
+    pose, frame, totals = stack(lane, SIX), stack(lane, SIX), stack(lane, FOUR)
     for i in range(4):
         store(totals, i, splat(lane, 0.0))
     gx, gy = fall(model.gravity, 0), fall(model.gravity, 1)
@@ -235,15 +226,15 @@ def energy(lane, model, par, q, v):
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, model.table, q, v, k, b, pose)
-            e, D = _elastic(model.table, n, b) * L, model.data[model.block * b :]
-            x, y, mass = load(lane, pose, 0), load(lane, pose, 1), D[constants(model.mesh).mass]
+            e, D = _elastic(model, model.table, b) * L, model.data[model.block * b :]
+            x, y, mass = load(lane, pose, POSE.x), load(lane, pose, POSE.y), D[constants(model.mesh).mass]
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             _energies(lane, model.mesh, D, par, q[e:], v[e:], frame, totals)
             gravity = gravity - (load(lane, totals, 2) + x * mass) * gx - (load(lane, totals, 3) + y * mass) * gy
-    vx, vy, w = load(lane, pose, 3), load(lane, pose, 4), load(lane, pose, 5)
+    vx, vy, w = load(lane, pose, POSE.vx), load(lane, pose, POSE.vy), load(lane, pose, POSE.rate)
     mass = load(lane, par, 0)
     kinetic = load(lane, totals, 0) + ((vx * vx + vy * vy) * mass + (w * w) * load(lane, par, 1)) * 0.5
-    gravity = gravity - mass * (load(lane, pose, 0) * gx + load(lane, pose, 1) * gy)
+    gravity = gravity - mass * (load(lane, pose, POSE.x) * gx + load(lane, pose, POSE.y) * gy)
     return kinetic, load(lane, totals, 1), gravity
 
 
@@ -256,24 +247,24 @@ def _write(lane, pose, out, k):
 @kernel
 def link_poses(lane, model, par, q, v, out):
     """Of each link: x, y, angle of its root and their rates, then those of its tip."""
-    n, L = size(model.mesh.n), len(lane)
-    pose, frame = stack(lane, POSE), stack(lane, FRAME)
+    L = len(lane)
+    pose, frame = stack(lane, SIX), stack(lane, SIX)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, model.table, q, v, k, b, pose)
             if b == k * model.segments:
-                _write(lane, pose, out, 12 * k)
-            e = _elastic(model.table, n, b) * L
+                _write(lane, pose, out, POSE.end * k)
+            e = _elastic(model, model.table, b) * L
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
-        _write(lane, pose, out, 12 * k + 6)
+        _write(lane, pose, out, POSE.end * k + POSE.tip_x)
 
 
 @unrolled
 @kernel
 def _ranges(lane, model, D, payload, q, out):
     """out: the tip's deflection over the length; what the inertia about the root has lost over what it may lose."""
-    own, n = constants(model), size(model.n)
-    y = dot(lane, model, D, own.tip + n, q)
+    own = constants(model)
+    y = dot(lane, model, D, own.tip_v, q)
     far = y
     if model.chord is not None:  # against the tangent at the root
         turn, x = dot(lane, model, D, own.root, q), tip(lane, model, D, q)[0] + D[own.length]
@@ -292,13 +283,13 @@ def _ranges(lane, model, D, payload, q, out):
 def out_of_range(lane, model, par, q):
     """DIVERGED when a body's tip deflects beyond its length; OUT_OF_RANGE when a reduced link leaves its range: by its
     deflection, or by an inertia about its root that comes near to where the mass matrix is indefinite."""
-    n, L = size(model.mesh.n), len(lane)
+    L = len(lane)
     out, payload = stack(lane, (0, 0)), stack(lane, (0,))
     status = splat(lane, 0.0)
     bodies = model.links * model.segments
     store(payload, 0, load(lane, par, 0))
     for b in range(bodies - 1, -1, -1):
-        own = q[_elastic(model.table, n, b) * L :]
+        own = q[_elastic(model, model.table, b) * L :]
         _ranges(lane, model.mesh, model.data[model.block * b :], payload, own, out)
         store(payload, 0, splat(lane, 0.0))
         deflection = load(lane, out, 0)
@@ -314,15 +305,15 @@ def shape(model, q, points):
     """Positions along the chain at the bodies' stations, as many as `points` has room for; their number."""
     lane = (0,)
     mesh, n = model.mesh, size(model.mesh.n)
-    pose, frame = stack(lane, POSE), stack(lane, FRAME)
+    pose, frame = stack(lane, SIX), stack(lane, SIX)
     points[0, 0], points[0, 1] = q[0], q[1]
     count, own = 1, constants(mesh)
     length = station_at(0, n).end
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, model.table, q, q, k, b, pose)
-            D, e = model.data[model.block * b :], q[_elastic(model.table, n, b) :]
-            x0, y0 = pose[0], pose[1]
+            D, e = model.data[model.block * b :], q[_elastic(model, model.table, b) :]
+            x0, y0 = pose[POSE.x], pose[POSE.y]
             place(lane, mesh, D, e, e, pose, frame)
             for i in range((model.block - own.stations) // length):
                 if count == points.shape[0]:
@@ -330,7 +321,7 @@ def shape(model, q, points):
                 at = station_at(own.stations + i * length, n)
                 x, y = D[at.x] + dot(lane, mesh, D, at.u, e), dot(lane, mesh, D, at.v, e)
                 x -= 0.5 * product(lane, mesh, D, at.H, e, e)
-                points[count, 0] = x0 + frame[0] * x - frame[1] * y
-                points[count, 1] = y0 + frame[1] * x + frame[0] * y
+                points[count, 0] = x0 + frame[FRAME.cos] * x - frame[FRAME.sin] * y
+                points[count, 1] = y0 + frame[FRAME.sin] * x + frame[FRAME.cos] * y
                 count += 1
     return count

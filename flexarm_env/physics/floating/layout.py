@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...compiler.decorator import kernel
+from ...compiler.dispatch import size
 from ...layout import Field, Layout
 
 ROW = Layout(
@@ -14,6 +15,9 @@ ROW = Layout(
     Field("motion", (), "", "that prescribes that joint's angle; -1: rigid"),
 )  # fmt: skip
 START, SIZE, LINK, MULTIPLIERS, MOTION, _ = ROW.places
+
+ANGLE, ELASTIC = 2, 3
+"""Behind x and y of a frame comes its angle, behind that its elastic coordinates."""
 
 SPAN = Layout(
     "Span", "window",
@@ -36,10 +40,13 @@ BODY = Layout(
     Field("I0", (), "kg m^2", "inertia about the root"),
     Field("offset", (), "rad", "angle of the rigid joint behind it"),
     Field("most_lost", (), "kg m^2", "inertia about the root that foreshortening may take; inf: as much as it likes"),
-    Field("S_bar", (2, "n"), "kg", "elastic part of the first moments"),
+    Field("S_bar_x", ("n",), "kg", "elastic part of the first moment along the axis"),
+    Field("S_bar_y", ("n",), "kg", "and across it"),
     Field("c_u", ("n",), "kg m", "I = I0 + 2 c_u'q + q'G q"),
     Field("c", ("n",), "kg m", "angular momentum (c + B q)'q'"),
-    Field("tip", (3, "n"), "", "u, v, phi at the tip"),
+    Field("tip_u", ("n",), "", "shape along the axis at the tip"),
+    Field("tip_v", ("n",), "", "across it"),
+    Field("tip_phi", ("n",), "1/m", "and of the section's angle"),
     Field("G", ("n", "n"), "kg", ""),
     Field("M_ff", ("n", "n"), "kg", "elastic mass matrix"),
     Field("B", ("n", "n"), "kg", "skew"),
@@ -48,12 +55,14 @@ BODY = Layout(
     Field("D0", ("n", "n"), "kg", "foreshortening in the first moment"),
     Field("tip_H", ("n", "n"), "1/m", "foreshortening of the tip"),
     Field("drag", (), "1/s", "damping that goes with mass"),
+    Field("damped", (), "", "share of tau_d, where links differ"),
     Field("root", ("n",), "", "rho: the root section is turned by rho'q against the frame"),
     Field("spans", ("elements", SPAN.length), "", "a `SPAN` each"),
     Field("stations", ("stations", STATION.length), "", "a `STATION` each"),
 )  # fmt: skip
 body_at = kernel(BODY.offsets)
 station_at = kernel(STATION.offsets)
+span_at = kernel(SPAN.offsets)
 
 NOW = Layout(
     "Now", "",
@@ -66,6 +75,38 @@ NOW = Layout(
     Field("tip_rate", (2,), "m/s", "how it moves against the origin"),
     Field("tip_second", (2,), "m/s^2", "its acceleration less the origin's"),
 ).places  # fmt: skip
+PASSED = Layout(
+    "Passed", "",
+    Field("angle", (), "rad", "of a section"),
+    Field("rate", (), "rad/s", ""),
+    Field("second", (), "rad/s^2", ""),
+    Field("ax", (), "m/s^2", "its acceleration less gravity, global axes"),
+    Field("ay", (), "m/s^2", ""),
+).places  # fmt: skip
+FRAME = Layout(
+    "Frame", "",
+    Field("cos", (), "", "of a body's frame"),
+    Field("sin", (), "", ""),
+    Field("vx", (), "m/s", "velocity of its origin, in its axes"),
+    Field("vy", (), "m/s", ""),
+    Field("rate", (), "rad/s", ""),
+).places  # fmt: skip
+VECTORS = Layout(
+    "Vectors", "n",
+    Field("gq", ("n",), "kg m", "c_u + G q"),
+    Field("cb", ("n",), "kg m", "c + B q"),
+    Field("bv", ("n",), "kg m/s", "B q'"),
+    Field("gsx", ("n",), "kg", "change of the first moment along the axis by q"),
+    Field("px", ("n",), "", "change of the tip's x by q"),
+)  # fmt: skip
+STRAIN = Layout(
+    "Strain", "window",
+    Field("force", (), "N", "of an element, along its axis"),
+    Field("slope", ("window",), "", "change of its stretch by its window's coordinates"),
+    Field("rate", ("window",), "1/s", "and of the stretch's rate"),
+)  # fmt: skip
+vectors_at = kernel(VECTORS.offsets)
+strain_at = kernel(STRAIN.offsets)
 KNOWN = Layout(
     "Known", "",
     Field("d", (2,), "N", "inertia force less mass times the origin's acceleration"),
@@ -83,6 +124,14 @@ FACTORS = Layout(
     Field("swept", (2, "n + 1"), "", "change of its acceleration"),
     Field("matrix", ("n + 3", "n + 3"), "", "of q, the origin's acceleration and the angle; then its factors"),
 )  # fmt: skip
+
+
+@kernel
+def cell(i, j):
+    """Place of an entry of a matrix of three rows and columns, kept by rows: of x, y and the angle."""
+    return 3 * i + j
+
+
 JOINT = Layout(
     "Joint", "",
     Field("pinned", (), "", "1: held"),
@@ -107,3 +156,15 @@ def window(model, n, e):
     if model.chord is not None:
         first = min(3 * e - 2, n - len(model.window))
     return max(first, 0)
+
+
+@kernel
+def elastic_row(model, b):
+    """Row of the first elastic coordinate of body b in a chain, behind the root's x, y and angle."""
+    return ELASTIC + size(model.mesh.n) * b
+
+
+@kernel
+def elbow_row(model, k):
+    """Row of the angle of elbow k, from 1 on, in a chain: behind all bodies."""
+    return elastic_row(model, model.links * model.segments) + k - 1

@@ -9,8 +9,9 @@ from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, splat, store
 from ...compiler.trace import unrolled
-from .body import constants, dot, turn_of_root
-from .layout import KNOWN, NOW, factors_at, window
+from ..model import STIFFNESS_FACTOR
+from .body import constants, damping_time, dot, turn_of_root
+from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at, window
 
 
 @unrolled
@@ -19,8 +20,8 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
     """The body's matrix cm dr/da + cc dr/dv + ck dr/dq, with the lever arms of the force at its tip; how the tip moves
     (`arm`) and how its acceleration changes (`swept`)."""
     own, n = constants(model), size(model.n)
-    at = factors_at(0, n)
-    W, wide = at.matrix, n + 3
+    at, vec = factors_at(0, n), vectors_at(0, n)
+    W, wide, theta = at.matrix, n + 3, n + 2
     cos, sin = load(lane, S, at.now + NOW.cos), load(lane, S, at.now + NOW.sin)
     ax, ay = load(lane, S, at.now + NOW.a), load(lane, S, at.now + NOW.a + 1)
     w, alpha = load(lane, S, at.now + NOW.rate), load(lane, S, at.now + NOW.second)
@@ -29,7 +30,7 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
     dx, dy = load(lane, known, KNOWN.d), load(lane, known, KNOWN.d + 1)
     gx, gy = load(lane, known, KNOWN.g), load(lane, known, KNOWN.g + 1)
     inertia, spin_rate = load(lane, known, KNOWN.inertia), load(lane, known, KNOWN.spin_rate)
-    stiffness, tau = load(lane, par, 2), load(lane, par, 3)
+    stiffness, tau = load(lane, par, STIFFNESS_FACTOR), damping_time(lane, model, D, par)
     store(S, at.frame, cos)
     store(S, at.frame + 1, sin)
     mass = splat(lane, D[own.mass])
@@ -42,25 +43,25 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
     store(S, at.swept + n, -(y * cm + uy * (2.0 * cc) + by * ck))
     store(S, at.swept + n + 1 + n, x * cm + ux * (2.0 * cc) + bx * ck)
     zero = splat(lane, 0.0)
-    px, py, pt = W + n * wide, W + (n + 1) * wide, W + (n + 2) * wide  # rows of x, y, angle
+    px, py, pt = W + n * wide, W + (n + 1) * wide, W + theta * wide  # rows of x, y, angle
     store(S, px + n, mass)
     store(S, px + n + 1, zero)
     store(S, py + n, zero)
     store(S, py + n + 1, mass)
     store(S, pt + n, -sy)
     store(S, pt + n + 1, sx)
-    store(S, px + n + 2, -(sy * cm) - (w * sx + ty) * (2.0 * cc) - dy * ck)
-    store(S, py + n + 2, sx * cm - (w * sy - tx) * (2.0 * cc) + dx * ck)
-    store(S, pt + n + 2, inertia * cm + spin_rate * (2.0 * cc) - ((sx * ax + sy * ay) + (x * gx + y * gy)) * ck)
+    store(S, px + theta, -(sy * cm) - (w * sx + ty) * (2.0 * cc) - dy * ck)
+    store(S, py + theta, sx * cm - (w * sy - tx) * (2.0 * cc) + dx * ck)
+    store(S, pt + theta, inertia * cm + spin_rate * (2.0 * cc) - ((sx * ax + sy * ay) + (x * gx + y * gy)) * ck)
     slope = splat(lane, ck)  # of elastic forces
     if model.damped is not None:
         slope = tau * cc + ck
     bend = slope * stiffness
     spun, turned = twice + alpha * ck, square * ck
     for i in range(n):
-        gq, cb, bv = load(lane, vectors, i), load(lane, vectors, n + i), load(lane, vectors, 2 * n + i)
-        gsx, gsy = load(lane, vectors, 3 * n + i), splat(lane, D[own.S_bar + n + i])
-        tipx, tipy = load(lane, vectors, 4 * n + i), splat(lane, D[own.tip + n + i])
+        gq, cb, bv = load(lane, vectors, vec.gq + i), load(lane, vectors, vec.cb + i), load(lane, vectors, vec.bv + i)
+        gsx, gsy = load(lane, vectors, vec.gsx + i), splat(lane, D[own.S_bar_y + i])
+        tipx, tipy = load(lane, vectors, vec.px + i), splat(lane, D[own.tip_v + i])
         along = gsx * cm - gsy * spun - gsx * turned
         across = gsy * cm + gsx * spun - gsy * turned
         swept_x = tipx * cm - tipy * spun - tipx * turned
@@ -86,7 +87,7 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
         row = W + i * wide
         store(S, row + n, gsx)
         store(S, row + n + 1, gsy)
-        store(S, row + n + 2, cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck)
+        store(S, row + theta, cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck)
         for j in range(n):
             entry = bend * D[own.K_bend + i * n + j] + cm * D[own.M_ff + i * n + j]
             entry = entry - turned * D[own.G + i * n + j] + spun * D[own.B + i * n + j]
@@ -106,42 +107,41 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
 def _stretching(lane, model, D, tau, cc, ck, strains, S):
     """The elements' part of the matrix: through the axial force, and its turning."""
     n, wide = size(model.n), len(model.window)
-    W, own = factors_at(0, n).matrix, constants(model).spans
+    W, own, kept = factors_at(0, n).matrix, span_at(constants(model).spans, wide), strain_at(0, wide)
     for e in range(len(model.elements)):
-        first, k = window(model, n, e), e * (2 * wide + 1)
-        ea, g, H = own, own + 1, own + 1 + wide
-        own = H + wide * wide
-        force = load(lane, strains, k) * ck
-        both, lag = splat(lane, D[ea] * ck), splat(lane, 0.0)
+        first = window(model, n, e)
+        force = load(lane, strains, kept.force) * ck
+        both, lag = splat(lane, D[own.stiffness] * ck), splat(lane, 0.0)
         if model.damped is not None:
-            both, lag = (tau * cc + ck) * D[ea], (tau * ck) * D[ea]
+            both, lag = (tau * cc + ck) * D[own.stiffness], (tau * ck) * D[own.stiffness]
         for j in range(wide):
             if model.full is None:
-                change = splat(lane, ck * D[ea] * D[g + j])
+                change = splat(lane, ck * D[own.stiffness] * D[own.stretch + j])
             else:
-                change = both * load(lane, strains, k + 1 + j)
+                change = both * load(lane, strains, kept.slope + j)
                 if model.damped is not None:
-                    change = change + lag * load(lane, strains, k + 1 + wide + j)
+                    change = change + lag * load(lane, strains, kept.rate + j)
             for i in range(wide):
-                entry = load(lane, strains, k + 1 + i) * change + force * D[H + i * wide + j]
+                entry = load(lane, strains, kept.slope + i) * change + force * D[own.H + i * wide + j]
                 place = W + (first + i) * (n + 3) + first + j
                 store(S, place, load(lane, S, place) + entry)
+        own, kept = span_at(own.end, wide), strain_at(kept.end, wide)
 
 
 @kernel
 def _drag_tangent(lane, model, D, carried, cc, ck, v, vectors, S):
     """What drag on the carried mass adds to the matrix."""
     own, n = constants(model), size(model.n)
-    W = factors_at(0, n).matrix
+    W, px = factors_at(0, n).matrix, vectors_at(0, n).px
     mass, inertia = load(lane, carried, 0) * D[own.drag], load(lane, carried, 1) * D[own.drag]
     tx = splat(lane, 0.0)
     for i in range(n):
-        tx = tx + load(lane, vectors, 4 * n + i) * load(lane, v, i)
+        tx = tx + load(lane, vectors, px + i) * load(lane, v, i)
     for i in range(n):
-        xi, yi, phi = load(lane, vectors, 4 * n + i), D[own.tip + n + i], D[own.tip + 2 * n + i]
+        xi, yi, phi = load(lane, vectors, px + i), D[own.tip_v + i], D[own.tip_phi + i]
         for j in range(n):
-            entry = (xi * load(lane, vectors, 4 * n + j) + yi * D[own.tip + n + j]) * mass
-            entry = (entry + inertia * (phi * D[own.tip + 2 * n + j])) * cc
+            entry = (xi * load(lane, vectors, px + j) + yi * D[own.tip_v + j]) * mass
+            entry = (entry + inertia * (phi * D[own.tip_phi + j])) * cc
             if model.modal is not None:
                 lost = xi * dot(lane, model, D, own.tip_H + j * n, v) + tx * D[own.tip_H + i * n + j]
                 entry = entry - (lost * mass) * ck
@@ -164,17 +164,18 @@ def take_in(lane, model, D, S, tail):
     for j in range(wide):  # what comes back through the tip by column j
         if j < n:
             bx, by = load(lane, S, at.swept + j), load(lane, S, at.swept + n + 1 + j)
-            fx, fy, m = _times(lane, tail, bx, by, splat(lane, D[own.tip + 2 * n + j]))
+            fx, fy, m = _times(lane, tail, bx, by, splat(lane, D[own.tip_phi + j]))
         elif j == wide - 1:
             bx, by = load(lane, S, at.swept + n), load(lane, S, at.swept + n + 1 + n)
             fx, fy, m = _times(lane, tail, bx, by, splat(lane, 1.0))
         else:
-            fx, fy, m = load(lane, tail, j - n), load(lane, tail, 3 + j - n), load(lane, tail, 6 + j - n)
+            k = j - n
+            fx, fy, m = load(lane, tail, cell(0, k)), load(lane, tail, cell(1, k)), load(lane, tail, cell(2, k))
         for i in range(wide):
             k = W + i * wide + j
             if i < n:
                 part = load(lane, S, at.arm + i) * fx + load(lane, S, at.arm + n + 1 + i) * fy
-                part = part + m * D[own.tip + 2 * n + i]
+                part = part + m * D[own.tip_phi + i]
             elif i == n:
                 part = fx
             elif i == n + 1:
@@ -196,15 +197,15 @@ def condense(lane, model, D, S, tail):
     take_in(lane, model, D, S, tail)
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
-    W, wide = at.matrix, n + 3
+    W, wide, theta = at.matrix, n + 3, n + 2
     if model.chord is not None:  # from the frame's angle to the root section's
         for i in range(wide):
-            last = load(lane, S, W + i * wide + n + 2)
+            last = load(lane, S, W + i * wide + theta)
             for j in range(n):
                 k = W + i * wide + j
                 store(S, k, load(lane, S, k) - last * D[own.root + j])
         for j in range(wide):
-            last = load(lane, S, W + (n + 2) * wide + j)
+            last = load(lane, S, W + theta * wide + j)
             for i in range(n):
                 k = W + i * wide + j
                 store(S, k, load(lane, S, k) - last * D[own.root + i])
@@ -219,7 +220,7 @@ def condense(lane, model, D, S, tail):
                 store(S, place, load(lane, S, place) - f * load(lane, S, W + k * wide + j))
     for i in range(3):
         for j in range(3):
-            store(tail, 3 * i + j, load(lane, S, W + (n + i) * wide + n + j))
+            store(tail, cell(i, j), load(lane, S, W + (n + i) * wide + n + j))
     _turn_matrix(lane, tail, load(lane, S, at.frame), load(lane, S, at.frame + 1))
 
 
@@ -227,9 +228,9 @@ def condense(lane, model, D, S, tail):
 def _times(lane, tail, x, y, turn):
     """The matrix of three rows times (x, y, turn)."""
     return (
-        load(lane, tail, 0) * x + load(lane, tail, 1) * y + load(lane, tail, 2) * turn,
-        load(lane, tail, 3) * x + load(lane, tail, 4) * y + load(lane, tail, 5) * turn,
-        load(lane, tail, 6) * x + load(lane, tail, 7) * y + load(lane, tail, 8) * turn,
+        load(lane, tail, cell(0, 0)) * x + load(lane, tail, cell(0, 1)) * y + load(lane, tail, cell(0, 2)) * turn,
+        load(lane, tail, cell(1, 0)) * x + load(lane, tail, cell(1, 1)) * y + load(lane, tail, cell(1, 2)) * turn,
+        load(lane, tail, cell(2, 0)) * x + load(lane, tail, cell(2, 1)) * y + load(lane, tail, cell(2, 2)) * turn,
     )
 
 
@@ -237,13 +238,13 @@ def _times(lane, tail, x, y, turn):
 def _turn_matrix(lane, tail, c, s):
     """The matrix of three rows in axes turned back by the angle with cosine c and sine s."""
     for j in range(3):
-        x, y = load(lane, tail, j), load(lane, tail, 3 + j)
-        store(tail, j, c * x - s * y)
-        store(tail, 3 + j, s * x + c * y)
+        x, y = load(lane, tail, cell(0, j)), load(lane, tail, cell(1, j))
+        store(tail, cell(0, j), c * x - s * y)
+        store(tail, cell(1, j), s * x + c * y)
     for i in range(3):
-        x, y = load(lane, tail, 3 * i), load(lane, tail, 3 * i + 1)
-        store(tail, 3 * i, c * x - s * y)
-        store(tail, 3 * i + 1, s * x + c * y)
+        x, y = load(lane, tail, cell(i, 0)), load(lane, tail, cell(i, 1))
+        store(tail, cell(i, 0), c * x - s * y)
+        store(tail, cell(i, 1), s * x + c * y)
 
 
 @unrolled
@@ -252,7 +253,7 @@ def reduce(lane, model, D, S, x, flow):
     """Right sides from tip to root: flow (3, global axes) is what is left of those behind, in force and moment."""
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
-    W, wide = at.matrix, n + 3
+    W, wide, theta = at.matrix, n + 3, n + 2
     c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
     fx, fy, moment = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
     gx, gy = c * fx + s * fy, c * fy - s * fx
@@ -260,7 +261,7 @@ def reduce(lane, model, D, S, x, flow):
     left_x, left_y, left_t = gx, gy, turning
     for i in range(n):
         total = load(lane, x, i) - (load(lane, S, at.arm + i) * gx + load(lane, S, at.arm + n + 1 + i) * gy)
-        total = total - moment * D[own.tip + 2 * n + i]
+        total = total - moment * D[own.tip_phi + i]
         if model.chord is not None:
             total = total + turning * D[own.root + i]
         for j in range(i):
@@ -268,7 +269,7 @@ def reduce(lane, model, D, S, x, flow):
         store(x, i, total)
         left_x = left_x + load(lane, S, W + n * wide + i) * total
         left_y = left_y + load(lane, S, W + (n + 1) * wide + i) * total
-        left_t = left_t + load(lane, S, W + (n + 2) * wide + i) * total
+        left_t = left_t + load(lane, S, W + theta * wide + i) * total
     store(flow, 0, c * left_x - s * left_y)
     store(flow, 1, s * left_x + c * left_y)
     store(flow, 2, left_t)
@@ -280,14 +281,14 @@ def restore(lane, model, D, S, x, flow):
     """Solution from root to tip: flow (3, global axes) is the change of acceleration and angle at a section."""
     own, n = constants(model), size(model.n)
     at = factors_at(0, n)
-    W, wide = at.matrix, n + 3
+    W, wide, theta = at.matrix, n + 3, n + 2
     c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
     fx, fy, turn = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
     bx, by = c * fx + s * fy, c * fy - s * fx
     for i in range(n - 1, -1, -1):
         row = W + i * wide
         total = load(lane, x, i) - load(lane, S, row + n) * bx - load(lane, S, row + n + 1) * by
-        total = total - load(lane, S, row + n + 2) * turn
+        total = total - load(lane, S, row + theta) * turn
         for j in range(i + 1, n):
             total = total - load(lane, S, row + j) * load(lane, x, j)
         store(x, i, total * load(lane, S, row + i))
@@ -299,4 +300,4 @@ def restore(lane, model, D, S, x, flow):
         by = by + load(lane, S, at.swept + n + 1 + j) * load(lane, x, j)
     store(flow, 0, c * bx - s * by)
     store(flow, 1, s * bx + c * by)
-    store(flow, 2, turn + dot(lane, model, D, own.tip + 2 * n, x))
+    store(flow, 2, turn + dot(lane, model, D, own.tip_phi, x))
