@@ -428,7 +428,7 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
+    "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
     "GUIDED", "INFO", "PERIODS_ALLOWED", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING", "Reach", "Reference",
     "STATUS_WORDS", "PERIODS", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table",
     "info_places", "one_at_a_time", "scene_gauges", "standing_scene",

@@ -17,7 +17,7 @@ from tests.processes import ROOT
 
 
 def test_names_and_sources() -> None:
-    known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "three_strips"}
+    known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "strip_geared", "three_strips"}
     assert set(arms.names()) == known
     for name in arms.names():
         arm = arms.named(name)
