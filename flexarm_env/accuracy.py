@@ -24,6 +24,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .parameters import Arm
 from .scene import Scene
 from .settings import MOST_ELEMENTS, Settings
 
@@ -125,14 +126,37 @@ def clamped(scene: Scene, settings: Settings) -> Settings | None:
 def slowest_rate(scene: Scene) -> float:
     """Rate (1/s) of the arm's slowest vibration or, where that is overdamped, of its faster decay; root held, straight.
 
-    From the frequency of a beam of the arm's length and least stiffness, all that it carries at its tip (Rayleigh).
+    From the frequency of a beam of the arm's length and least stiffness, all that it carries at its tip (Rayleigh);
+    where sections vary, of the arm as it is.
     """
     arm = scene.arm
-    stiffness = min(link.section.EI for link in arm.links)
+    sections = [link.uniform for link in arm.links if link.uniform is not None]
     beam = sum(link.mass for link in arm.links)
     carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
-    square = 3.0 * stiffness / ((carried + 33.0 / 140.0 * beam) * arm.total_length**3)
-    return max(math.sqrt(square), arm.tau_d * square)
+    if len(sections) < arm.n_links:
+        square = _varying_rate(arm)
+    else:
+        stiffness = min(section.EI for section in sections)
+        square = 3.0 * stiffness / ((carried + 33.0 / 140.0 * beam) * arm.total_length**3)
+    return max(math.sqrt(square), arm.damping[0] * square)
+
+
+def _varying_rate(arm: Arm) -> float:
+    """Square of the rate of a straight, locked arm whose sections vary: Rayleigh's, of the shape under its weight."""
+    s, EI, mass, first = [], [], [], 0.0
+    for k, link in enumerate(arm.links):
+        places = np.linspace(0.0, link.length, 201)
+        middle, piece = 0.5 * (places[1:] + places[:-1]), link.length / 200
+        s.append(first + middle)
+        sections = link.along(middle)
+        EI.append(sections.EI / piece)  # stiffness of a piece as a hinge with a spring
+        mass.append(sections.m * piece)
+        mass[-1][-1] += arm.payload.mass if k + 1 == arm.n_links else arm.elbow(k + 1).mass
+        first += link.length
+    x, weight = np.concatenate(s), np.concatenate(mass)
+    levers = np.maximum(x[:, None] - x, 0.0)  # of a weight (row) about a hinge (column)
+    deflection = levers @ ((weight @ levers) / np.concatenate(EI))
+    return float(weight @ deflection / (weight @ deflection**2))
 
 
 def count_steps(scene: Scene, end: float, sample: float, dt: float) -> int:

@@ -11,11 +11,14 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from flexarm_env import sensors
 from flexarm_env import validation as check
-from flexarm_env.parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section
+from flexarm_env.parameters import Arm, Elbow, Joint, Link, Motor, Payload, Points, Section, Taper
 
 _SECTION = ("EI", "EA", "C", "m", "J")
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
+_OF_LINK = ("tau_d",)
+_TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
 _JOINT = tuple(field.name for field in fields(Joint))
 _MOTOR = tuple(field.name for field in fields(Motor))
 _ELBOW = ("mass", "inertia_left", "inertia_right")
@@ -31,6 +34,7 @@ _ARM = (
     "torque_limits",
     "joint_limits",
     "source",
+    "sensors",
 )
 
 
@@ -127,24 +131,60 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
     )
     if "payload" in values:
         values["payload"] = _part("payload", Payload, values["payload"], ("mass", "inertia"))
+    if "sensors" in values:
+        values["sensors"] = sensors.from_table(check.table_of("sensors", values["sensors"]))
     return Arm(**values)
 
 
 def _link(path: str, entry: object) -> Link:
     table = check.table_of(path, entry)
-    check.known_keys(path, table, ("length", "section"))
+    check.known_keys(path, table, ("length", "section", *_OF_LINK))
+    own = {key: table[key] for key in _OF_LINK if key in table}
     length = check.needed(path, table, "length", "must be a positive number (m)")
+    given = check.needed(path, table, "section", _SECTIONS)
+    if isinstance(given, list | tuple):
+        points = [_point(f"{path}.section[{i}]", entry) for i, entry in enumerate(given)]
+        with check.under(path):
+            return Link(length, tuple(points), **own)
+    section = check.table_of(f"{path}.section", given)
+    if "widths" in section or "thicknesses" in section:
+        check.known_keys(f"{path}.section", section, _TAPER)
+        for key in _TAPER[:-1]:
+            check.needed(f"{path}.section", section, key, _SECTIONS)
+        with check.under(path):
+            return Link.tapered(length, **section, **own)
+    made = _section(path, section)
+    with check.under(path):
+        return Link(length, made, **own)
+
+
+_SECTIONS = (
+    f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}; or of a tapered "
+    f"rectangle's {', '.join(_TAPER)}; or a sequence of tables of s (m) and a section's keys"
+)
+
+
+def _point(path: str, entry: object) -> tuple[Any, Section]:
+    """One of the points between which sections vary."""
+    table = check.table_of(path, entry)
+    s = check.needed(path, table, "s", "must be a number (m from the link's root)")
+    section = _section(path, {key: value for key, value in table.items() if key != "s"}, path)
+    return s, section
+
+
+def _section(path: str, section: dict[str, Any], inside: str | None = None) -> Section:
+    """The section of a table; inside: its key path where that is not `path`.section."""
+    own = inside or f"{path}.section"
     what = f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}"
-    section = check.table_of(f"{path}.section", check.needed(path, table, "section", what))
     rectangle = bool(section) and all(key in _RECTANGLE for key in section)
     keys, optional = (_RECTANGLE, "kappa") if rectangle else (_SECTION, "J")
-    check.known_keys(f"{path}.section", section, keys if rectangle else (*_SECTION, *_RECTANGLE))
+    check.known_keys(own, section, keys if rectangle else (*_SECTION, *_RECTANGLE))
     for key in keys:
         if key != optional:
-            check.needed(f"{path}.section", section, key, what)
-    check.known_keys(f"{path}.section", section, keys)
+            check.needed(own, section, key, what)
+    check.known_keys(own, section, keys)
     with check.under(path):
-        return Link(length, Section.rectangle(**section) if rectangle else Section(**section))
+        return Section.rectangle(**section) if rectangle else Section(**section)
 
 
 def _joint(path: str, entry: object) -> Joint:
@@ -168,6 +208,19 @@ def _part(path: str, kind: type[Any], entry: object, keys: tuple[str, ...]) -> A
         return kind(**table)
 
 
+def _link_table(link: Link) -> dict[str, Any]:
+    plain = Link(link.length, link.section)
+    own = {key: getattr(link, key) for key in _OF_LINK if getattr(link, key) != getattr(plain, key)}
+    return {"length": link.length, "section": _section_table(link.section), **own}
+
+
+def _section_table(section: Section | Taper | Points) -> Any:
+    """What `_link` reads back."""
+    if isinstance(section, tuple):
+        return [{"s": s, **{key: getattr(at, key) for key in _SECTION}} for s, at in section]
+    return {key: getattr(section, key) for key in (_TAPER if isinstance(section, Taper) else _SECTION)}
+
+
 def to_table(arm: Arm) -> dict[str, Any]:
     """The TOML table of an arm; what is at its default is left out."""
     table: dict[str, Any] = {"name": arm.name}
@@ -182,11 +235,11 @@ def to_table(arm: Arm) -> dict[str, Any]:
         table["joint_limits"] = tuple(() if limits is None else limits for limits in arm.joint_limits)
     if arm.payload != Payload():
         table["payload"] = {key: getattr(arm.payload, key) for key in ("mass", "inertia")}
-    table["links"] = [
-        {"length": link.length, "section": {key: getattr(link.section, key) for key in _SECTION}} for link in arm.links
-    ]
+    table["links"] = [_link_table(link) for link in arm.links]
     if arm.elbows:
         table["elbows"] = [{key: getattr(elbow, key) for key in _ELBOW} for elbow in arm.elbows]
+    if arm.sensors is not None:
+        table["sensors"] = sensors.to_table(arm.sensors)
     if arm.joints:
         table["joints"] = [_changed(joint, Joint()) for joint in arm.joints]
     return table

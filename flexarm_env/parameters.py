@@ -13,83 +13,13 @@ import math
 from dataclasses import dataclass, field
 
 from flexarm_env import validation as check
+from flexarm_env.sections import Link, Points, Section, Taper
+from flexarm_env.sections import store as _store
+from flexarm_env.sensors import Sensors
+
+__all__ = ["Arm", "Elbow", "JointRange", "Link", "Payload", "Points", "Section", "Taper"]
 
 JointRange = tuple[float, float]
-
-
-def _store(item: object, **values: object) -> None:
-    """Set fields of a frozen dataclass from within its ``__post_init__``."""
-    for name, value in values.items():
-        object.__setattr__(item, name, value)
-
-
-@dataclass(frozen=True)
-class Section:
-    """Cross-section of a beam, constant along a link (symbols of docs/theory.md; paper [41], [52]).
-
-    Args:
-        EI: bending stiffness, N m^2, positive.
-        EA: stretching stiffness, N, positive.
-        C: shear stiffness kappa G A, N, positive.
-        m: mass per length, kg/m, positive.
-        J: rotary inertia per length, kg m (rho I for a homogeneous section), zero or positive.
-    """
-
-    EI: float
-    EA: float
-    C: float
-    m: float
-    J: float = 0.0
-
-    def __post_init__(self) -> None:
-        _store(
-            self,
-            EI=check.number("section.EI", self.EI, "N m^2", above=0.0),
-            EA=check.number("section.EA", self.EA, "N", above=0.0),
-            C=check.number("section.C", self.C, "N", above=0.0),
-            m=check.number("section.m", self.m, "kg/m", above=0.0),
-            J=check.number("section.J", self.J, "kg m", minimum=0.0),
-        )
-
-    @classmethod
-    def rectangle(cls, width: float, thickness: float, E: float, rho: float, G: float, kappa: float = 0.85) -> Section:
-        """Homogeneous rectangle that bends about its ``width`` axis: I = width thickness^3 / 12.
-
-        Args:
-            width: m, across the plane of motion. thickness: m, in the plane of motion.
-            E: Young's modulus, Pa. rho: density, kg/m^3. G: shear modulus, Pa. kappa: shear coefficient, 0 to 1.
-        """
-        width = check.number("section.width", width, "m", above=0.0)
-        thickness = check.number("section.thickness", thickness, "m", above=0.0)
-        E = check.number("section.E", E, "Pa", above=0.0)
-        rho = check.number("section.rho", rho, "kg/m^3", above=0.0)
-        G = check.number("section.G", G, "Pa", above=0.0)
-        kappa = check.number("section.kappa", kappa, above=0.0, maximum=1.0)
-        A = width * thickness
-        second_moment = width * thickness**3 / 12.0
-        return cls(EI=E * second_moment, EA=E * A, C=kappa * G * A, m=rho * A, J=rho * second_moment)
-
-
-@dataclass(frozen=True)
-class Link:
-    """A straight beam of one section: ``length`` in m, positive."""
-
-    length: float
-    section: Section
-
-    def __post_init__(self) -> None:
-        _store(self, length=check.number("length", self.length, "m", above=0.0))
-        check.instance("section", self.section, Section)
-
-    @property
-    def mass(self) -> float:
-        """Mass of the beam, kg."""
-        return self.length * self.section.m
-
-    @property
-    def slenderness(self) -> float:
-        """EI / (C L^2): how much shear counts beside bending; the elastica leaves it out (about 1e-3 is stubby)."""
-        return self.section.EI / (self.section.C * self.length**2)
 
 
 @dataclass(frozen=True)
@@ -247,7 +177,8 @@ class Arm:
         elbows: N-1 elbows, or () for massless ones.
         joints: N of :class:`Joint`, what turns them, or () for ideal ones.
         payload: at the tip of the last link.
-        tau_d: Kelvin-Voigt time constant, s: stress = D (strain + tau_d strain rate), so zeta_k = tau_d omega_k / 2.
+        tau_d: Kelvin-Voigt time constant, s: stress = D (strain + tau_d strain rate), so zeta_k = tau_d omega_k / 2; of
+            the links that have none of their own.
         mass_damping: 1/s, drag on what a link, its elbow's mass and the payload move relative to the link's floating
             frame, eq. [65]: zeta_k gains mass_damping / (2 omega_k). Only one frame a link (formulation
             "floating_frame" with segments=1 or modes alone) has it; elsewhere an error.
@@ -255,6 +186,7 @@ class Arm:
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).
         source: where the numbers come from.
+        sensors: what `observation="measured"` and `Trajectory.measured` read; None: ideal ones.
     """
 
     name: str
@@ -268,6 +200,7 @@ class Arm:
     joint_limits: tuple[JointRange | None, ...] | None = None
     source: str = ""
     joints: tuple[Joint, ...] = ()
+    sensors: Sensors | None = None
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
@@ -289,6 +222,10 @@ class Arm:
             check.instance(f"joints[{i}]", joint, Joint)
         check.instance("payload", self.payload, Payload)
         check.text("source", self.source)
+        if self.sensors is not None:
+            check.instance("sensors", self.sensors, Sensors)
+            with check.under("sensors"):
+                self.sensors.check_for(n)
         _store(
             self,
             links=links,
@@ -315,6 +252,13 @@ class Arm:
     def mass(self) -> float:
         """Mass of links, elbows and payload, kg."""
         return sum(k.mass for k in self.links) + sum(e.mass for e in self.elbows) + self.payload.mass
+
+    @property
+    def damping(self) -> tuple[float, tuple[float, ...] | None]:
+        """The largest tau_d of the links, s, and each link's share of it; None where they are alike."""
+        own = [self.tau_d if link.tau_d is None else link.tau_d for link in self.links]
+        largest = max(own)
+        return largest, None if min(own) == largest else tuple(tau / largest for tau in own)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -41,7 +41,11 @@ def link_inertia(arm: Arm) -> Array:
             elbow = arm.elbow(k)
             add(elbow.mass, k - 1, lengths[k - 1], elbow.inertia_left)
             add(0.0, k, 0.0, elbow.inertia_right)
-        add(link.mass, k, 0.5 * link.length, link.mass * link.length**2 / 12.0 + link.section.J * link.length)
+        if link.uniform is not None:
+            add(link.mass, k, 0.5 * link.length, link.mass * link.length**2 / 12.0 + link.rotary)
+        else:
+            centre = link.moment(1) / link.mass
+            add(link.mass, k, centre, link.moment(2) - link.mass * centre**2 + link.rotary)
     add(arm.payload.mass, n - 1, lengths[-1], arm.payload.inertia)
     return total
 

@@ -9,6 +9,7 @@ bent by a fifth of their length and more (links reduced to modes as a whole: by 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
 from collections.abc import Callable
@@ -30,6 +31,9 @@ REFERENCE = {"elements": 24, "order": 2, "dt": 2.5e-4, "rho_inf": 0.9}
 """Options of the exact beam that the others are held against, elements in all links together."""
 
 
+STRIP = Section(2.0, 2e6, 7e5, 0.3, 1e-7)
+
+
 @dataclass
 class Draft:
     """A scene in the making; `scale` is what drives it times that of the scenes that bend by a fifth."""
@@ -45,16 +49,16 @@ class Draft:
     gravity: float = 0.0
     joint: Joint = field(default_factory=Joint)
     drive: bool = True  # by the joints' torques
+    link: Callable[[float], Link] = field(default=lambda length: Link(length, STRIP))  # of a length
     motions: list[Motion] = field(default_factory=list)
     loads: list[Load] = field(default_factory=list)
 
     def scene(self) -> Scene:
         """The scene. One link of 1 m, or two of 0.6 and 0.4 m, of a strip that a fly could bend."""
-        strip = Section(2.0, 2e6, 7e5, 0.3, 1e-7)
         lengths = (1.0,) if self.links == 1 else (0.6, 0.4)
         elbows = (self.elbow,) * (self.links - 1)
         arm = Arm(
-            "cell", tuple(Link(length, strip) for length in lengths), hub_inertia=0.02, elbows=elbows,
+            "cell", tuple(self.link(length) for length in lengths), hub_inertia=0.02, elbows=elbows,
             payload=self.payload, tau_d=self.tau_d, joints=(self.joint,) * len(lengths),
         )  # fmt: skip
         held = {motion.joint for motion in self.motions}
@@ -149,6 +153,25 @@ def _free_flight(d: Draft) -> None:
     d.loads.append(PointLoad(0, "root", *load))
 
 
+def _tapered(d: Draft) -> None:
+    """A strip half as thick at its tip as at its root."""
+    sides = {"widths": (0.02, 0.015), "thicknesses": (6.5e-3, 3.25e-3)}
+    d.link = lambda length: Link.tapered(length, **sides, E=7e9, rho=2700.0, G=2.6e9)
+
+
+def _stepped(d: Draft) -> None:
+    """A strip that goes on thinner from three fifths of its length, and thinner still towards its tip."""
+    thin = Section(1.4, 1.6e6, 5.6e5, 0.25, 8e-8)
+    end = Section(0.9, 1.3e6, 4.5e5, 0.2, 6e-8)
+    d.link = lambda length: Link(length, [(0.0, STRIP), (0.6 * length, STRIP), (0.6 * length, thin), (length, end)])
+
+
+def _own_damping(d: Draft) -> None:
+    """Links damped unlike; of two the second one hardly."""
+    made, taus = d.link, iter((8e-3, 5e-4))
+    d.link = lambda length: dataclasses.replace(made(length), tau_d=next(taus))
+
+
 FEATURES: dict[str, Callable[[Draft], None]] = {
     "hub torque": lambda d: None,
     "light damping": _light,
@@ -167,6 +190,9 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "free flight": _free_flight,
     "elastic gears": _elastic_gears,
     "friction": _friction,
+    "tapered": _tapered,
+    "stepped": _stepped,
+    "own damping": _own_damping,
 }
 """A feature is a change of the draft. Those that make two links come before those that prescribe or load them."""
 
@@ -234,6 +260,11 @@ PAIRS = [
     ("elastic gears", "gravity"),
     ("elastic gears", "tip load"),
     ("elastic gears", "held hub"),
+    ("tapered", "elbow masses"),
+    ("stepped", "elbow masses"),
+    ("stepped", "free flight"),
+    ("elbow masses", "own damping"),
+    ("prescribed elbow", "own damping"),
 ]
 CORE = [
     ("heavy damping",),
@@ -246,6 +277,8 @@ CORE = [
     ("payload inertia", "shaken base"),
     ("elbow masses", "elastic gears"),
     ("elbow masses", "friction"),
+    ("tapered", "elbow masses"),
+    ("elbow masses", "own damping"),
 ]
 """Features of the cells that every run of the tests looks at, under each formulation as it is by default."""
 JOINED = ("joined segments",)

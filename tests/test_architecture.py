@@ -18,7 +18,8 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_DESCRIPTION = {"validation", "parameters", "rigid", "settings", "time_functions", "arms", "scene", "scenes"}
+_BASICS = {"validation", "sections", "parameters", "sensors", "rigid", "settings", "time_functions"}
+_DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
@@ -26,11 +27,13 @@ _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting",
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
-    "parameters": {"validation"},
+    "sections": {"validation"},
+    "sensors": {"validation"},
+    "parameters": {"validation", "sections", "sensors"},
     "rigid": {"validation", "parameters"},
     "settings": {"validation"},
     "time_functions": {"validation"},
-    "arms": {"validation", "parameters"},
+    "arms": {"validation", "parameters", "sensors"},
     "scene": {"validation", "parameters", "settings", "time_functions", "arms"},
     "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms"},
     "data": set(),
@@ -39,7 +42,7 @@ ROOMS: dict[str, set[str]] = {
     "physics": {*_DESCRIPTION, "compiler", "layout"},
     "tasks": {"compiler", "layout", "physics"},
     "runtime": {"compiler", "layout", "physics", "tasks"},
-    "trajectory": {*_DESCRIPTION, "physics"},
+    "trajectory": {*_DESCRIPTION, "physics", "runtime"},
     "accuracy": {*_DESCRIPTION},
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},

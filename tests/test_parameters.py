@@ -78,7 +78,10 @@ def test_a_stiffness_must_be_positive(bad: object) -> None:
             "section.kappa = 1.5: must be a finite number, above 0 and at most 1",
         ),
         (lambda: Link(0.0, SECTION), "length = 0.0: must be a positive number (m)"),
-        (lambda: Link(1.0, "s"), "section = 's': must be a Section"),
+        (
+            lambda: Link(1.0, "s"),
+            "section = 's': must be a Section, a Taper or a sequence of two or more (s, Section)",
+        ),
         (lambda: Elbow(mass=-2), "mass = -2: must be a number, zero or positive (kg)"),
         (lambda: Payload(inertia=math.nan), "payload.inertia = nan: must be a number, zero or positive (kg m^2)"),
         (lambda: Arm("a", ()), "links = (): must be a sequence of at least one Link"),

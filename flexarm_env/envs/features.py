@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import sensors as description
 from .. import validation as check
 from ..batch import Actuator, Amplifier, Controller, Reference, Sensors, gauge_table
 from ..parameters import Arm
@@ -145,36 +146,24 @@ def _whole(path: str, value: Any, step: float, name: str) -> int:
 
 # --- sensors -----------------------------------------------------------------------------------------
 
-_SENSORS = ("noise", "delay", "strain_gauges")
+_SENSORS = ("noise", "delay", *description.KEYS)
 
 
-def sensors(frame: Frame, given: Any, names: Sequence[str], scales: Sequence[float]) -> Sensors | None:
-    """The sensors, or None where they are ideal. names and scales: of the observation without gauges."""
-    if given is None:
-        return None
-    table = check.table_of("sensors", given)
+def sensors(
+    frame: Frame, given: Any, gauges: Sequence[description.StrainGauge], names: Sequence[str], scales: Sequence[float]
+) -> Sensors | None:
+    """Noise and delay of all entries, and the gauges; None where there is nothing of it. names, scales: of all entries,
+    gauges last."""
+    table = {} if given is None or isinstance(given, description.Sensors) else check.table_of("sensors", given)
     check.known_keys("sensors", table, _SENSORS)
-    places = gauges(frame, given)
+    places = [(gauge.link, gauge.place) for gauge in gauges]
     rows = gauge_table(frame.arm, frame.settings, frame.gravity, places)
-    own = gauge_scales(frame, places)
-    all_names = (*names, *gauge_names(len(places)))
-    noise = _noise(table.get("noise", 0.0), all_names, (*scales, *own))
+    noise = _noise(table.get("noise", 0.0), names, scales)
     age = _whole("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt")
     if not places and age == 0 and not noise.any():
         return None
-    return Sensors(noise=noise, age=age, gauges=(rows / np.array(own)[:, None]).ravel() if places else np.zeros(0))
-
-
-def gauges(frame: Frame, given: Any) -> list[tuple[int, float]]:
-    """Links and places (0 root, 1 tip) of the strain gauges."""
-    places = []
-    wanted = {} if given is None else check.table_of("sensors", given)
-    for i, entry in enumerate(check.sequence("sensors.strain_gauges", wanted.get("strain_gauges", ()), "places")):
-        path = f"sensors.strain_gauges[{i}]"
-        link, place = (0, entry) if np.ndim(entry) == 0 else check.sequence(path, entry, "a link and a place", 2)
-        link = check.integer(f"{path}[0]", link, minimum=0, maximum=frame.arm.n_links - 1)
-        places.append((link, check.number(path, place, minimum=0.0, maximum=1.0)))
-    return places
+    own = np.array(gauge_scales(frame, gauges))
+    return Sensors(noise=noise, age=age, gauges=(rows / own[:, None]).ravel() if places else np.zeros(0))
 
 
 def gauge_names(count: int) -> tuple[str, ...]:
@@ -182,11 +171,13 @@ def gauge_names(count: int) -> tuple[str, ...]:
     return tuple(f"strain_gauge_{k + 1}" for k in range(count))
 
 
-def gauge_scales(frame: Frame, places: Sequence[tuple[int, float]]) -> list[float]:
+def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> list[float]:
     """Scale of each gauge, 1/m: the curvature under the full torque of the link's joint."""
     limits = frame.arm.torque_limits
     assert limits is not None
-    return [limits[link] / frame.arm.links[link].section.EI for link, _ in places]
+    links = frame.arm.links
+    curved = ((limits[gauge.link], links[gauge.link], gauge.place) for gauge in gauges)
+    return [limit / float(link.along(place * link.length).EI) for limit, link, place in curved]
 
 
 def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
@@ -216,6 +207,6 @@ def reference(frame: Frame, given: Any, periods: int) -> Reference:
 
 
 __all__ = [
-    "ACTION_MODES", "Frame", "actuator", "amplified", "controller", "gauge_names", "gauge_scales", "gauges",
-    "reference", "rubbed", "sensors",
+    "ACTION_MODES", "Frame", "actuator", "amplified", "controller", "gauge_names", "gauge_scales", "reference",
+    "rubbed", "sensors",
 ]  # fmt: skip

@@ -3,8 +3,25 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from ..compiler import absolute, kernel, select_lt, square_root, store
+from ..compiler import NUMBER, absolute, by_kind, kernel, select_lt, square_root, store
+
+
+@kernel
+def _itself(shares, k, value):
+    return value
+
+
+@kernel
+def _share(shares, k, value):
+    return value * shares[k]
+
+
+@by_kind("shares", "shares, k, value")
+def share_of(kind: str) -> Any:
+    """value times shares[k] where shares is an array; value where it is a tag or None."""
+    return _share if kind == NUMBER else _itself
 
 
 @kernel

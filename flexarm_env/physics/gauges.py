@@ -45,9 +45,15 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
     """Vertices' angles and interior amplitudes, whose slopes are Legendre polynomials (`physics.exact.tables`)."""
     assert settings.elements is not None and settings.order is not None
     elements, order, names = settings.elements, settings.order, list(system.names)
-    length = scene.arm.links[link].length / elements
+    own = scene.arm.links[link]
+    length = own.length / elements
     e = min(int(s / length), elements - 1)
     xi = 2.0 * (s / length - e) - 1.0
+    if own.uniform is None:
+        ends = own.mesh(elements, "elements")
+        e = int(np.clip(np.searchsorted(ends, s, side="right") - 1, 0, elements - 1))
+        length = float(ends[e + 1] - ends[e])
+        xi = 2.0 * (s - float(ends[e])) / length - 1.0
     row = np.zeros(len(names))
     row[names.index(f"link{link}.psi{e + 1}")] = 1.0 / length
     if e > 0:

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..parameters import Arm
+
 OK, NEWTON_FAILED, DIVERGED, OUT_OF_RANGE, NOT_FINITE, TIMED_OUT = range(6)
 STATUS = ("ok", "newton_failed", "diverged", "out_of_range", "not_finite", "timed_out")
 """Status words of an arm, in the order of their codes."""
@@ -34,6 +36,12 @@ MESSAGE = (
 
 PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D = range(4)
 """Entries of an arm's own parameters `par` (kg, kg m^2, factor on EI, s): what may differ between arms of a batch."""
+
+
+def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
+    """A Model's field `damped`: None without tau_d, (0,) where the links have it alike, otherwise each link's share."""
+    largest, shares = arm.damping
+    return None if largest == 0.0 else (0,) if shares is None else np.array(shares)
 
 
 class Scheme(NamedTuple):
@@ -102,7 +110,7 @@ class Mesh(NamedTuple):
     modal: tuple[int, ...] | None  # reduced to modes, with foreshortening
     chord: tuple[int, ...] | None  # the frame goes through both ends: rho is not zero
     full: tuple[int, ...] | None  # coupling="von_karman"
-    damped: tuple[int, ...] | None  # tau_d > 0
+    damped: tuple[int, ...] | None  # (0,): tau_d > 0, (0, 0): a body's own share of it
     drag: tuple[int, ...] | None  # damping that goes with mass
 
 
@@ -169,9 +177,10 @@ class ExactBeam(NamedTuple):
     """N links of equal numbers of geometrically exact elements, a link's vertices shared with its neighbours.
 
     order     tuple of p zeros: polynomial order, a compile-time constant
-    sections  float64: for each link `physics.exact.layout.SECTION`
+    varying   (0,) where sections vary along links, otherwise None
+    sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
     elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
-    damped    (0,) where tau_d > 0, otherwise None
+    damped    see `damped`
     gravity   float64 (2,) m/s^2, or None
     loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
     jointed   (0,) in a `Jointed` arm, otherwise None
@@ -190,10 +199,11 @@ class ExactBeam(NamedTuple):
     order: tuple[int, ...]
     links: int
     elements: int
+    varying: tuple[int, ...] | None
     sections: np.ndarray
     elbows: np.ndarray
     hub_inertia: float
-    damped: tuple[int, ...] | None
+    damped: tuple[int, ...] | np.ndarray | None
     gravity: np.ndarray | None
     loads: np.ndarray | None
     jointed: tuple[int, ...] | None
@@ -226,7 +236,7 @@ class Elastica(NamedTuple):
     gravity: tuple[int, ...] | None  # a tag where there is gravity
     payload: tuple[int, ...] | None  # a tag where there is a payload; without it its mass in `par` is not read
     payload_turns: tuple[int, ...] | None  # likewise for its rotary inertia
-    damping: tuple[int, ...] | None  # likewise for tau_d
+    damping: tuple[int, ...] | np.ndarray | None  # see `damped`
     data: np.ndarray
     loads: np.ndarray | None
 

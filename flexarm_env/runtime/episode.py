@@ -81,7 +81,7 @@ def _period(lane, p, g, block, w):
     in_range = info_of(task).in_range
     put(live, info, in_range, inside, load(lane, info, in_range))
     note_energies(lane, p.books, task, model, par, record, w, live, info)
-    return _close(lane, p, g, w, record, seen, info, saved, outcome)
+    return _close(lane, p, g, w, poses, record, seen, info, saved, outcome)
 
 
 @kernel
@@ -137,7 +137,7 @@ def _note(lane, task, actuator, estimate, record, u, live, info):
     for k in range(n):
         torque = load(lane, u, k)
         if actuator is not None:
-            torque = load(lane, record, record_at(0, n, 1, 0, 0).torque + k)
+            torque = load(lane, record, record_at(0, n, 1, 0, 0, 0).torque + k)
         put(live, info, at.torque + k, torque, load(lane, info, at.torque + k))
     put(live, info, at.error, splat(lane, estimate), load(lane, info, at.error))
     put(live, info, at.reason, splat(lane, 0.0), load(lane, info, at.reason))
@@ -173,7 +173,7 @@ def note_energies(lane, books, task, model, par, record, w, live, info):
 
 
 @kernel
-def _close(lane, p, g, w, record, seen, info, saved, outcome):
+def _close(lane, p, g, w, poses, record, seen, info, saved, outcome):
     """Arm by arm: what the caller sees; returns how many arms have ended, are guided, or must be repeated alone.
 
     outcome: see `weigh`.
@@ -189,7 +189,7 @@ def _close(lane, p, g, w, record, seen, info, saved, outcome):
         if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
                 put_back(lanes, i, n, w, saved, record)
-            count += settle(lanes, p, arm, outcome, reason, record, seen, info)
+            count += settle(lanes, p, arm, outcome, reason, poses, record, seen, info)
             continue
         put_back(lanes, i, n, w, saved, record)
         if mode == RUNNING:
@@ -212,7 +212,7 @@ def show(lane, g, groups, info, table):
 
 
 @kernel
-def settle(lanes, p, arm, outcome, reason, record, seen, info):
+def settle(lanes, p, arm, outcome, reason, poses, record, seen, info):
     """The outcome of one arm's period into the arrays that the caller reads; returns 1 where its episode has ended.
 
     outcome: see `weigh`. reason: a status code, or ACTION_NOT_FINITE.
@@ -223,7 +223,7 @@ def settle(lanes, p, arm, outcome, reason, record, seen, info):
         reason = float(JOINT_LIMIT)
     n_terms, at = size(task.terms), info_of(task)
     if reason == OK or reason == JOINT_LIMIT:
-        sense(lanes, p.sensors, p.entries, p.stream, arm, record, seen, p.observation, False)
+        sense(lanes, p, arm, poses, record, seen, False)
     else:
         info[SUCCESS * lanes + i] = 0.0
         for k in range(at.terms, at.terms + n_terms):

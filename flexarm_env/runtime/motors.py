@@ -153,7 +153,7 @@ def _jump(kind: str) -> Any:
 def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
     """The motors' torques followed through each step."""
     n = size(p.task.links)
-    at = record_at(0, n, 1, actuator.age + 2, 0)
+    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
     for k in range(n):
         _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
     for s in range(p.n_steps):

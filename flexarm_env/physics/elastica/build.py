@@ -9,7 +9,7 @@ from flexarm_env.physics.elastica.chain import Chain, chain
 from flexarm_env.physics.elastica.layout import DATA, LOAD
 from flexarm_env.physics.elastica.slenderness import stretch_and_shear
 from flexarm_env.physics.layout import OF_LOAD
-from flexarm_env.physics.model import Elastica, System
+from flexarm_env.physics.model import Elastica, System, damped
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 
@@ -103,6 +103,9 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         P=parts.P, R=parts.R - correction, K=parts.K, b=parts.b, w=parts.w, tips=tips, beta=beta,
         mass=parts.mass, root=scene.position, gravity=scene.gravity or (0.0, 0.0), C=correction, points=stations,
     )  # fmt: skip
+    damping = damped(arm)
+    if damping is None and not own:
+        damping = (0,)
     model = Elastica(
         n=tag(rows, own),
         n_factor=tag(rows * rows, own),
@@ -119,11 +122,11 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         gravity=None if own and scene.gravity is None else (0,),
         payload=None if own and not arm.payload.mass else (0,),
         payload_turns=None if own and not arm.payload.inertia else (0,),
-        damping=None if own and not arm.tau_d else (0,),
+        damping=damping,
         data=data,
         loads=None if own else np.concatenate([np.zeros(0), *ends]),
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")
     angles = np.repeat(scene.angles, n)
     centre = scene.position + np.array([np.cos(angles), np.sin(angles)]) @ beta

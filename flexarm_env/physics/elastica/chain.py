@@ -13,12 +13,15 @@ the next link hangs) and Radau's on the last link (one at the root, none at the 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Link
 
 Array = NDArray[np.float64]
@@ -39,44 +42,96 @@ def nodes(n: int, tip: bool) -> Array:
 
 @dataclass(frozen=True)
 class Line:
-    """One link of n nodes: its interpolation and its own matrices, SI. `at` are nodes on [-1, 1]."""
+    """One link of n nodes: its interpolation, continuous, and a polynomial between two jumps.
 
-    length: float
-    at: Array  # (n,)
-    coefficients: Array  # (n, n): column l holds the Legendre coefficients of l_l
+    SI. `pieces`: of each smooth piece its ends on the link, its first node, and the Legendre coefficients (k, k) of its
+    functions on [-1, 1], a column each; neighbouring pieces share a node.
+    """
+
+    link: Link
+    n: int
+    pieces: tuple[tuple[float, float, int, Array], ...]
 
     @classmethod
-    def of(cls, length: float, n: int, tip: bool) -> Line:
-        """The interpolation of a link; ``tip``: a node at its tip."""
-        at = nodes(n, tip)
-        return cls(length, at, np.asarray(np.linalg.inv(legendre.legvander(at, n - 1))))
+    def of(cls, link: Link, n: int, tip: bool) -> Line:
+        """The interpolation of a link; ``tip``: a node at its tip. Nodes go to the pieces as mesh cells would."""
+        ends = np.array([0.0, *link.jumps, link.length])
+        if n < len(ends):
+            what = f"must be at least {len(ends)} for a link whose sections jump {len(ends) - 2} times"
+            raise check.InvalidValue("nodes", n, what)
+        own = link.mesh(n - 1, "nodes")
+        pieces, first = [], 0
+        for a, b in pairwise(ends.tolist()):
+            steps = int(np.sum((own[:-1] >= a) & (own[:-1] < b)))
+            last = b == link.length and not tip
+            at = nodes(steps + 1, not last)
+            pieces.append((a, b, first, np.asarray(np.linalg.inv(legendre.legvander(at, steps)))))
+            first += steps
+        return cls(link, n, tuple(pieces))
 
-    def _position(self, s: Array) -> Array:
-        return 2.0 * np.asarray(s) / self.length - 1.0
+    @property
+    def length(self) -> float:
+        """m."""
+        return self.link.length
+
+    def _table(self, s: Array, of_piece: Callable[[Array, Array, float], Array]) -> Array:
+        """(len(s), n): what `of_piece` (points on [-1, 1], coefficients, length) gives of each piece's functions."""
+        s = np.asarray(s, np.float64)
+        table = np.zeros((s.size, self.n))
+        for a, b, first, coefficients in self.pieces:
+            here = (s >= a) & ((s < b) | (b == self.length))
+            x = 2.0 * (s[here] - a) / (b - a) - 1.0
+            table[here, first : first + len(coefficients)] = of_piece(x, coefficients, b - a)
+        return table
 
     def lagrange(self, s: Array) -> Array:
         """l_l(s), shape (len(s), n), s in m from the root."""
-        return legendre.legvander(self._position(s), self.at.size - 1) @ self.coefficients
+        return self._table(s, lambda x, own, length: legendre.legvander(x, len(own) - 1) @ own)
 
     def slope(self, s: Array) -> Array:
         """l_l'(s), 1/m, shape (len(s), n)."""
-        rate = legendre.legder(self.coefficients, axis=0)
-        values = legendre.legvander(self._position(s), max(self.at.size - 2, 0)) @ rate
-        return values * (2.0 / self.length)
+
+        def of_piece(x: Array, own: Array, length: float) -> Array:
+            rate = legendre.legder(own, axis=0)
+            return np.asarray(legendre.legvander(x, max(len(own) - 2, 0)) @ rate * (2.0 / length))
+
+        return self._table(s, of_piece)
 
     def integral(self, s: Array) -> Array:
         """S_l(s) = int_0^s l_l, m, shape (len(s), n)."""
-        primitive = legendre.legint(self.coefficients, lbnd=-1.0, axis=0)
-        return legendre.legvander(self._position(s), self.at.size) @ primitive * (0.5 * self.length)
+
+        def of_piece(x: Array, own: Array, length: float) -> Array:
+            primitive = legendre.legint(own, lbnd=-1.0, axis=0)
+            return np.asarray(legendre.legvander(x, len(own)) @ primitive * (0.5 * length))
+
+        table = self._table(s, of_piece)
+        for _, b, first, own in self.pieces[:-1]:  # what lies wholly before s
+            table[np.asarray(s) >= b, first : first + len(own)] += of_piece(np.ones(1), own, b - self._start(first))[0]
+        return table
+
+    def _start(self, first: int) -> float:
+        return next(a for a, _, node, _ in self.pieces if node == first)
 
     def quadrature(self) -> tuple[Array, Array]:
         """Gauss points and weights, m, exact for all matrices of the link."""
-        x, weights = legendre.leggauss(self.at.size + 1)
+        if self.link.uniform is None:
+            return self.link.quadrature()
+        x, weights = legendre.leggauss(self.n + 1)
         return 0.5 * self.length * (x + 1.0), 0.5 * self.length * weights
 
-    def matrix(self, table: Array) -> Array:
-        """int table table' ds for a table at the quadrature's points."""
-        return (table.T * self.quadrature()[1]) @ table
+    def matrix(self, table: Array, what: str) -> Array:
+        """int (section's `what`) table table' ds for a table at the quadrature's points."""
+        s, weights = self.quadrature()
+        if self.link.uniform is not None:
+            return np.asarray(getattr(self.link.uniform, what) * ((table.T * weights) @ table))
+        return np.asarray((table.T * (weights * getattr(self.link.along(s), what))) @ table)
+
+    def total(self, table: Array, what: str) -> Array:
+        """int (section's `what`) table ds."""
+        s, weights = self.quadrature()
+        if self.link.uniform is not None:
+            return np.asarray(getattr(self.link.uniform, what) * (weights @ table))
+        return np.asarray((weights * getattr(self.link.along(s), what)) @ table)
 
     @property
     def tip_weights(self) -> Array:
@@ -104,7 +159,7 @@ class Chain:
     @property
     def n(self) -> int:
         """Nodes of a link."""
-        return self.lines[0].at.size
+        return self.lines[0].n
 
     def arm_to(self, link: int, s: float) -> Array:
         """Weights (Nn,) in m with which the unit tangents add up to the point at s on a link."""
@@ -124,21 +179,21 @@ class Chain:
 def chain(arm: Arm, n: int) -> Chain:
     """The matrices of an arm, mechanics of docs/theory.md, with n nodes a link."""
     count = arm.n_links
-    lines = tuple(Line.of(link.length, n, k < count - 1) for k, link in enumerate(arm.links))
+    lines = tuple(Line.of(link, n, k < count - 1) for k, link in enumerate(arm.links))
     total = count * n
     P, R, K = np.zeros((total, total)), np.zeros((count, n, n)), np.zeros((count, n, n))
     b, w = np.zeros(total), np.zeros(total)
     beyond = 0.0  # mass that hangs on the link's tip
     for k in reversed(range(count)):
         link, line, own = arm.links[k], lines[k], slice(k * n, (k + 1) * n)
-        s, weights = line.quadrature()
+        s = line.quadrature()[0]
         if k < count - 1:
             beyond += arm.elbow(k + 1).mass
         w[own] = line.tip_weights
-        b[own] = link.section.m * (weights @ line.integral(s)) + beyond * w[own]
-        P[own, own] = link.section.m * line.matrix(line.integral(s)) + beyond * np.outer(w[own], w[own])
-        R[k] = _rotary(arm, k, line, link)
-        K[k] = link.section.EI * line.matrix(line.slope(s))
+        b[own] = line.total(line.integral(s), "m") + beyond * w[own]
+        P[own, own] = line.matrix(line.integral(s), "m") + beyond * np.outer(w[own], w[own])
+        R[k] = _rotary(arm, k, line)
+        K[k] = line.matrix(line.slope(s), "EI")
         beyond += link.mass
     for k in range(count):
         own, later = slice(k * n, (k + 1) * n), slice((k + 1) * n, total)
@@ -147,12 +202,15 @@ def chain(arm: Arm, n: int) -> Chain:
     return Chain(lines, P, R, K, b, w, beyond)
 
 
-def _rotary(arm: Arm, k: int, line: Line, link: Link) -> Array:
+def _rotary(arm: Arm, k: int, line: Line) -> Array:
     """Rotary inertia at the nodes of link k: sections by the nodes' own quadrature, hub or elbows' halves at its ends.
 
     That is exact for Radau's nodes; of Lobatto's it is the usual lumping, which errs in the highest polynomial alone.
     """
-    R = link.section.J * line.tip_weights
+    if line.link.uniform is not None:
+        R = line.link.uniform.J * line.tip_weights
+    else:
+        R = line.total(line.lagrange(line.quadrature()[0]), "J")
     R[0] += arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
     if k < arm.n_links - 1:
         R[-1] += arm.elbow(k + 1).inertia_left

@@ -9,11 +9,12 @@ beta = 0 where it is prescribed; in free flight x is the centre of mass, so that
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiler import aligned_frame, kernel, load, sincos, size, splat, stack, store, unrolled
+from ...compiler import NUMBER, aligned_frame, by_kind, kernel, load, sincos, size, splat, stack, store, unrolled
+from ..arithmetic import share_of
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import register
@@ -86,7 +87,7 @@ def _forces(lane, model, par, state, u, on, r):
         store(ex, i, ax)
         store(ey, i, ay)
         if model.damping is not None:
-            angle = angle + rate * tau_d
+            angle = angle + rate * share_of(model.damping, i // n, tau_d)
         store(x, i, angle * stiffness)
     frame_x, frame_y = _frame_acceleration(lane, model, a, ex, ey)
     tip_x, tip_y = splat(lane, 0.0), splat(lane, 0.0)
@@ -128,6 +129,22 @@ def _forces(lane, model, par, state, u, on, r):
         store(r, k * n, load(lane, r, k * n) - load(lane, u, k))
 
 
+@kernel
+def _alike(damping, slope, factor, tau_d, cc, ck, k):
+    return slope
+
+
+@kernel
+def _of_link(damping, slope, factor, tau_d, cc, ck, k):
+    return factor * (tau_d * (damping[k] * cc) + ck)
+
+
+@by_kind("damping", "damping, slope, factor, tau_d, cc, ck, k")
+def _slope(kind: str) -> Any:
+    """Of bending stiffness of link k in the tangent: `slope`, which all have, or the link's own."""
+    return _of_link if kind == NUMBER else _alike
+
+
 @unrolled
 @kernel
 def _tangent(lane, model, par, on, weights, S):
@@ -138,10 +155,10 @@ def _tangent(lane, model, par, on, weights, S):
     at = constants(model)
     n, links, rows = size(model.nodes), size(model.links), size(model.n)
     m = n * links
-    payload = load(lane, par, PAYLOAD_MASS)
-    slope = load(lane, par, STIFFNESS_FACTOR) * ck
+    payload, factor, tau_d = load(lane, par, PAYLOAD_MASS), load(lane, par, STIFFNESS_FACTOR), load(lane, par, TAU_D)
+    slope = factor * ck
     if model.damping is not None:
-        slope = load(lane, par, STIFFNESS_FACTOR) * (load(lane, par, TAU_D) * cc + ck)
+        slope = factor * (tau_d * cc + ck)
     for i in range(m):
         cosine, sine, ax, ay = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         twice = load(lane, y, i) * (2.0 * cc)
@@ -153,6 +170,7 @@ def _tangent(lane, model, par, on, weights, S):
         moment = share + D[at.b + i]
         ci, si, dxi, dyi = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         k = i // n
+        steep = _slope(model.damping, slope, factor, tau_d, cc, ck, k)
         for j in range(i):
             p = splat(lane, D[at.P + i * m + j])
             if model.payload is not None:
@@ -163,7 +181,7 @@ def _tangent(lane, model, par, on, weights, S):
             lower = p * (ci * load(lane, ey, j) - si * load(lane, ex, j))
             upper = p * (load(lane, c, j) * dyi - load(lane, s, j) * dxi)
             if j >= k * n:
-                bend = slope * D[at.K + i * n + j - k * n] + cm * D[at.R + i * n + j - k * n]
+                bend = steep * D[at.K + i * n + j - k * n] + cm * D[at.R + i * n + j - k * n]
                 lower, upper = lower + bend, upper + bend
             store(S, i * rows + j, lower)
             store(S, j * rows + i, upper)
@@ -172,7 +190,7 @@ def _tangent(lane, model, par, on, weights, S):
             p = share * D[at.w + i] + D[at.P + i * m + i]
         if model.root is not None:
             p = p - (moment + (moment - mass * D[at.beta + i])) * D[at.beta + i]
-        own = p * (ci * dyi - si * dxi) + (slope * D[at.K + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
+        own = p * (ci * dyi - si * dxi) + (steep * D[at.K + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
     _payload_turns_tangent(lane, model, load(lane, par, PAYLOAD_INERTIA), cm, S)
     _root_tangent(lane, model, payload, on, cm, S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...compiler import kernel, load, sincos, size, splat, stack, store
+from ..arithmetic import share_of
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from .layout import X, Y, constants, load_at, node_angles, weighted
@@ -64,8 +65,11 @@ def _load_ports(lane, model, loads, q, y):
 
 
 @kernel
-def _bending(lane, model, x, y):
-    """x' K y over all links; x, y: angles or rates of the nodes. Differences from the root's keep spins exact."""
+def _bending(lane, model, shares, x, y):
+    """x' K y over all links, by their `shares`; x, y: angles or rates of the nodes.
+
+    Differences from the root's keep spins exact.
+    """
     D = model.data
     at = constants(model)
     n = size(model.nodes)
@@ -76,7 +80,7 @@ def _bending(lane, model, x, y):
             row = splat(lane, 0.0)
             for j in range(1, n):
                 row = row + (load(lane, y, k * n + j) - from_y) * D[at.K + (k * n + i) * n + j]
-            total = total + row * (load(lane, x, k * n + i) - from_x)
+            total = total + share_of(shares, k, row * (load(lane, x, k * n + i) - from_x))
     return total
 
 
@@ -88,7 +92,7 @@ def damping_work(lane, model, par, q, v, x):
     y, z = stack(lane, model.scratch), stack(lane, model.scratch)
     node_angles(lane, model, v, y)
     node_angles(lane, model, x, z)
-    return _bending(lane, model, z, y) * (load(lane, par, STIFFNESS_FACTOR) * load(lane, par, TAU_D))
+    return _bending(lane, model, model.damping, z, y) * (load(lane, par, STIFFNESS_FACTOR) * load(lane, par, TAU_D))
 
 
 @kernel
@@ -109,7 +113,7 @@ def energy(lane, model, par, q, v):
     node_angles(lane, model, q, x)
     node_angles(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
-    strain = _bending(lane, model, x, x) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
+    strain = _bending(lane, model, None, x, x) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
     tip_x, tip_y = weighted(lane, D, at.w, ex, m), weighted(lane, D, at.w, ey, m)
     tip_spin = splat(lane, 0.0)
     for i in range(m - n, m):

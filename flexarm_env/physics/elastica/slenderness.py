@@ -42,7 +42,7 @@ def stretch_and_shear(scene: Scene, chain: Chain) -> float:
     tip, deflection = np.zeros((2, t.size)), np.zeros(t.size)
     for k in range(count):
         square, shape = modes.omega[k] ** 2, modes.shapes[:, k]
-        force, damping = modes.force(shape, t), scene.arm.tau_d
+        force, damping = modes.force(shape, t), modes.damping(shape, square)
         bent = _response(square, damping, force, t)
         sheared = _response(square / (1.0 + square * modes.section_work(shape)), damping, force, t)
         bow = modes.deflection(shape) / length
@@ -77,7 +77,7 @@ def along_the_arm(scene: Scene, rate: float) -> float:
     arm, end = scene.arm, scene.duration
     length = arm.total_length
     mass = arm.payload.mass + sum(0.5 * link.mass for link in arm.links) + sum(elbow.mass for elbow in arm.elbows)
-    square = min(link.section.EA for link in arm.links) / (length * mass)
+    square = min(link.series("EA") for link in arm.links) / (length * mass)
     move = rate**2 * length / square
     for motion in scene.motions:
         f = motion.function
@@ -126,6 +126,14 @@ class _Modes:
         self.rigid: Array = self.basis @ self.vectors[:, ~flexible]
         self.root = free_root
 
+    def damping(self, shape: Array, square: float) -> float:
+        """tau_d of a mode, s: the mean of the links' by their strain energy."""
+        largest, shares = self.scene.arm.damping
+        if shares is None:
+            return largest
+        energies = [u @ K @ u for u, K in zip(np.split(shape, len(shares)), self.chain.K, strict=True)]
+        return float(largest * np.dot(shares, energies) / square)
+
     def _steps(self, shape: Array) -> tuple[Array, list[Array]]:
         """Changes of the unit tangents (2, Nn), displacements of the links' roots and of the tip (2,), in a mode."""
         n = self.chain.n
@@ -173,11 +181,13 @@ class _Modes:
             force = force + (arm.payload.mass if last else arm.elbow(k + 1).mass) * starts[k + 1]
             finer = np.linspace(0.0, link.length, 65)
             field = starts[k][:, None] + move[:, own] @ line.integral(finer).T
-            steps = 0.5 * (field[:, 1:] + field[:, :-1]) * (link.section.m * link.length / 64)
+            masses = link.along(0.5 * (finer[1:] + finer[:-1])).m
+            steps = 0.5 * (field[:, 1:] + field[:, :-1]) * (masses * link.length / 64)
             momentum = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
             beyond = force[:, None] + momentum[:, -1:] - momentum
             along, across = e[:, own][:, 0] @ beyond, np.array([-e[1, own][0], e[0, own][0]]) @ beyond
-            density = along**2 / link.section.EA + across**2 / link.section.C
+            sections = link.along(finer)
+            density = along**2 / sections.EA + across**2 / sections.C
             total += float(np.sum(0.5 * (density[1:] + density[:-1]))) * link.length / 64
             force = force + momentum[:, -1]
         return total

@@ -9,12 +9,15 @@ quadratic-velocity terms.
 from __future__ import annotations
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from flexarm_env.parameters import Arm
-from flexarm_env.physics.exact.layout import AXES, CHAIN, ELBOW, FACTORS, SECTION, T, X, Y
+from flexarm_env import validation as check
+from flexarm_env.parameters import Arm, Link
+from flexarm_env.physics.exact.layout import AXES, CHAIN, ELBOW, FACTORS, SECTION, VARYING, T, X, Y
+from flexarm_env.physics.exact.tables import functions
 from flexarm_env.physics.layout import OF_LOAD
-from flexarm_env.physics.model import ExactBeam, System
+from flexarm_env.physics.model import ExactBeam, System, damped
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 
@@ -26,15 +29,38 @@ LEAST_ROTARY = 1e-8
 matrix would be singular."""
 
 
-def sections(arm: Arm, elements: int) -> Array:
-    """A `SECTION` for each link, one after the other."""
+def sections(arm: Arm, elements: int, order: int) -> Array:
+    """A `SECTION` for each link, one after the other; a `VARYING` for each element where one of them varies."""
     rows = []
     for link in arm.links:
-        h, s = 0.5 * link.length / elements, link.section
+        if varies(arm):
+            rows += [_varying(part, order) for part in link.cut(elements, "elements")]
+            continue
+        assert link.uniform is not None
+        h, s = 0.5 * link.length / elements, link.uniform
         J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
         stiffness = {"k1": 0.25 * s.EA / h, "k2": 0.25 * s.C / h, "kb": 0.25 * s.EI / h}
         rows.append(SECTION.pack({}, **stiffness, length=2.0 * h, ml=s.m * h, jl=J * h))
     return np.concatenate(rows)
+
+
+def varies(arm: Arm) -> bool:
+    """Whether a link of the arm has more than one section."""
+    return any(link.uniform is None for link in arm.links)
+
+
+def _varying(part: Link, order: int) -> Array:
+    """`VARYING` of one element: stretch and shear at its (reduced) Gauss points, all else integrated exactly."""
+    l = part.length
+    points = part.along(0.5 * l * (1.0 + legendre.leggauss(order)[0]))
+    s, weights = part.quadrature()
+    fine, (value, slope) = part.along(s), functions(order, 2.0 * s / l - 1.0)
+    J = np.maximum(fine.J, LEAST_ROTARY * fine.m * l**2)
+    return VARYING.pack(
+        {"order": order}, length=l, stretch=0.5 * points.EA / l, shear=0.5 * points.C / l,
+        bend=(slope * (fine.EI * weights)) @ slope.T / l**2, mass=(value * (fine.m * weights)) @ value.T,
+        rotary=(value * (J * weights)) @ value.T,
+    )  # fmt: skip
 
 
 def elbows(arm: Arm) -> Array:
@@ -53,10 +79,10 @@ def straight(scene: Scene, elements: int, order: int) -> Array:
     row = at.elements
     q[row : row + AXES] = x, y, scene.angles[0]
     for k, link in enumerate(arm.links):
-        step = link.length / elements
+        step, ends = link.length / elements, None if link.uniform else link.mesh(elements, "elements")
         for e in range(elements):
             row += AXES * order
-            share = (e + 1) * step
+            share = (e + 1) * step if ends is None else float(ends[e + 1])
             angle = scene.angles[k]
             q[row : row + AXES] = x + share * np.cos(angle), y + share * np.sin(angle), angle
         x, y = q[row + X], q[row + Y]
@@ -90,6 +116,8 @@ def build(scene: Scene, settings: Settings) -> System:
     """The scene's chain with ``settings.elements`` elements of ``settings.order`` a link."""
     assert settings.elements is not None and settings.order is not None
     arm, elements, order = scene.arm, settings.elements, settings.order
+    if settings.period_correction and arm.damping[1]:
+        raise check.InvalidValue("period_correction", True, "must be False where the links' tau_d differ")
     names, coordinates = rows(arm, elements, order)
     fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
     if scene.root == "pinned":
@@ -108,14 +136,15 @@ def build(scene: Scene, settings: Settings) -> System:
         order=(0,) * order,
         links=arm.n_links,
         elements=elements,
-        sections=sections(arm, elements),
+        varying=(0,) if varies(arm) else None,
+        sections=sections(arm, elements, order),
         elbows=elbows(arm),
         hub_inertia=arm.hub_inertia,
-        damped=(0,) if arm.tau_d > 0.0 else None,
+        damped=damped(arm),
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.array(loads, dtype=np.int64).ravel() if loads else None,
         jointed=(0,) if arm.jointed else None,
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     q0 = straight(scene, elements, order)
     return System(model, par, q0, np.zeros(len(names)), coordinates, names, {})

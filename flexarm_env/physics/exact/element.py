@@ -10,9 +10,10 @@ strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = (l psi')/l, and with p
 
     sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l psi')^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l.
 
-Inertia: ml = m l/2, jl = J l/2. Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of an axis
-hold left, right, interior. All of this runs when a kernel is compiled (see trace.py): what is left of it are the
-operations on values.
+Inertia: ml = m l/2, jl = J l/2. Where sections vary within the element (`layout.Varying`) k1 and k2 are those of each
+point, and bending and inertia have matrices of their own (`constants`). Arrays of coordinates begin at the left vertex
+(`layout.ELEMENT`); lists of an axis hold left, right, interior. All of this runs when a kernel is compiled (see
+trace.py): what is left of it are the operations on values.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, sincos, splat, store, traced
+from .constants import bending_entries, dot, inertia_entries, inertia_row, length_of, moments_of, of_points
 from .layout import AXES, COSINE, ELEMENT, ELEMENT_FACTORS, PAIR, SINE, T, Vertex, X, Y
 from .tables import Tables, tables
 
@@ -107,10 +109,13 @@ def _values(sums: Sums, t: Tables, nodes: list[Any], span: Any) -> list[Any]:
     return values
 
 
-def _momenta(sums: Sums, t: Tables, nodes: list[Any], unit: Any) -> tuple[list[Any], Any, Any]:
+def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -> tuple[list[Any], Any, Any]:
     """Consistent mass times the coordinates of an axis: of the interior functions; of both vertices, their mean and
-    half their difference. `unit`: mass over length times half the length."""
-    m = t.mass
+    half their difference."""
+    if not hasattr(section, "ml"):
+        all_of = [dot(inertia_row(section, len(nodes) - 1, axis, n), nodes) for n in range(len(nodes))]
+        return all_of[2:], (all_of[0] + all_of[1]) * 0.5, (all_of[1] - all_of[0]) * 0.5
+    m, unit = t.mass, section.jl if axis == T else section.ml
     both, across = nodes[0] + nodes[1], nodes[1] - nodes[0]
     even, odd = [both, *nodes[2::2]], [across, *nodes[3::2]]
     inner = range(2, len(nodes))
@@ -126,9 +131,9 @@ def momentum(lane, order, a, left, section, r):
     p, sums = len(order), Sums()
     t = tables(p)
     ends, rest = [], []
-    for k, unit in ((X, section.ml), (Y, section.ml), (T, section.jl)):
+    for k in (X, Y, T):
         nodes = [left[k], *[load(lane, a, _at(n, p) + k) for n in range(1, p + 1)]]
-        rows, mean, half = _momenta(sums, t, nodes, unit)
+        rows, mean, half = _momenta(sums, t, section, nodes, k)
         store(r, k, left[AXES + k] + (mean - half))
         for n, row in enumerate(rows, 2):
             store(r, _at(n, p) + k, row)
@@ -172,15 +177,16 @@ def forces(lane, order, gravity, state, left, section, r, circle):
     dx, dy = (_slopes(sums, t, place[k])[1] for k in (X, Y))
     span = place[T][1] - place[T][0]
     points, fx, fy, moment = [], [], [], []
+    length, stiffness = length_of(section), of_points(section, p)
     for g in here:
         s, c = load(lane, circle, PAIR * g + SINE), load(lane, circle, PAIR * g + COSINE)
         g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
-        e1, e2 = g1 - section.length, g2
+        e1, e2 = g1 - length, g2
         if tau is not None:
             e1 = e1 + tau * ((c * ux[g] + s * uy[g]) + g2 * omega[g])
             e2 = e2 + tau * ((c * uy[g] - s * ux[g]) - g1 * omega[g])
         w = float(t.weights[g])
-        n1, n2 = e1 * _times(section.k1, w), e2 * _times(section.k2, w)
+        n1, n2 = e1 * _times(stiffness[g][0], w), e2 * _times(stiffness[g][1], w)
         fx.append(c * n1 - s * n2)
         fy.append(s * n1 + c * n2)
         moment.append(n1 * g2 - n2 * g1)
@@ -189,12 +195,12 @@ def forces(lane, order, gravity, state, left, section, r, circle):
     if tau is not None:
         bent = [x + tau * y for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
     force = []
-    for k, unit in ((X, section.ml), (Y, section.ml), (T, section.jl)):
-        rows, mean, half = _momenta(sums, t, inertia[k], unit)
+    for k in (X, Y, T):
+        rows, mean, half = _momenta(sums, t, section, inertia[k], k)
         if k != T:
             pull = [sums(row, fx if k == X else fy) for row in t.slope]
         else:
-            pull = [x * (section.kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
+            pull = moments_of(section, t, bent)
             mean = mean + sums([0.5] * p, moment)
             half = half + sums(0.5 * (t.value[1] - t.value[0]), moment) if p > 1 else half
             rows = [row + sums(t.value[n], moment) for n, row in enumerate(rows, 2)]
@@ -218,11 +224,12 @@ def tangent(lane, order, points, section, weights, S):
     t = tables(p)
     ck, tau = weights.stiffness, section.tau
     share = ck if tau is None else tau * weights.damping + ck
-    k1, k2, kb = section.k1 * share, section.k2 * share, section.kb * share
+    stiffness = [(k1 * share, k2 * share) for k1, k2 in of_points(section, p)]
     h = [[] for _ in range(6)]  # by d_x, d_y, psi: xx xy yy xt yt tt
     for g in range(p):
         c, s, g1, g2, n1, n2 = Point(*points[POINT * g : POINT * (g + 1)])
         w = float(t.weights[g])
+        k1, k2 = stiffness[g]
         j1, j2, both = _times(k1, w), _times(k2, w), _times(k1 + k2, w)
         part = c * _times(k1 - k2, w)
         hxx = part * c + j2
@@ -232,7 +239,7 @@ def tangent(lane, order, points, section, weights, S):
         )  # fmt: skip
         for kind, entry in zip(h, entries, strict=True):
             kind.append(entry)
-    cml, cjl = section.ml * weights.mass, section.jl * weights.mass
+    bending, inertia = bending_entries(section, t, share), inertia_entries(section, t, weights.mass)
 
     def slope(node: int) -> Any:
         return -t.slope[0] if node == 0 else t.slope[max(node - 1, 0)]
@@ -240,17 +247,16 @@ def tangent(lane, order, points, section, weights, S):
     def entry(one: tuple[int, int], two: tuple[int, int]) -> Any:
         """Entry of the tangent for two coordinates (node, axis)."""
         (n1, a1), (n2, a2) = (one, two) if one[1] <= two[1] else (two, one)
-        mass = float(t.mass[n1, n2])
         if a2 != T:
             value = sums(slope(n1) * slope(n2), h[a1 + a2])
-            return value + cml * mass if a1 == a2 and mass else value
+            mass = inertia(n1, n2, a1) if a1 == a2 else None
+            return value if mass is None else value + mass
         if a1 != T:
             return sums(slope(n1) * t.value[n2], h[3 + a1])
         value = sums(t.value[n1] * t.value[n2], h[5])
-        bend = float((t.weights * slope(n1) * slope(n2)).sum())
-        if abs(bend) < 1e-13:
-            return value + cjl * mass if mass else value
-        return value + (kb * bend + cjl * mass if mass else kb * bend)
+        bend, mass = bending(n1, n2), inertia(n1, n2, T)
+        both = mass if bend is None else bend if mass is None else bend + mass
+        return value if both is None else value + both
 
     inner = [(n, k) for n in range(2, p + 1) for k in (X, Y, T)]
     outer = [(n, k) for n in (0, 1) for k in (X, Y, T)]
@@ -335,14 +341,25 @@ def measure(lane, order, q, v, psi, spin, section):
     place[T][0], rate[T][0] = psi, spin
     (_, dx), (_, dy), (turned, bend) = (_slopes(sums, t, nodes) for nodes in place)
     angle = _values(sums, t, place[T], turned)
-    strain = splat(lane, 0.0)
+    strain, uniform = splat(lane, 0.0), hasattr(section, "kb")
+    length, stiffness = length_of(section), of_points(section, p)
     for g in range(p):
         s, c = sincos(angle[g])
         g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
-        e1, w = g1 - section.length, float(t.weights[g])
-        stretch = (e1 * e1) * section.k1
-        strain = strain + (stretch + (g2 * g2) * section.k2 + (bend[g] * bend[g]) * section.kb) * (0.5 * w)
+        e1, w = g1 - length, float(t.weights[g])
+        k1, k2 = stiffness[g]
+        stretch = (e1 * e1) * k1
+        both = stretch + (g2 * g2) * k2
+        strain = strain + (both + (bend[g] * bend[g]) * section.kb if uniform else both) * (0.5 * w)
     squares, moments = [], []
+    if not uniform:
+        bent = [turned, *place[T][2:]]
+        strain = strain + dot(moments_of(section, t, bent), bent) * 0.5
+        for k in (X, Y, T):
+            rows = [inertia_row(section, p, k, n) for n in range(p + 1)]
+            squares.append(dot([dot(row, rate[k]) for row in rows], rate[k]) * 0.5)
+            moments.append(dot(rows[0], place[k]) + dot(rows[1], place[k]))
+        return [squares[X] + squares[Y] + squares[T], strain, moments[X], moments[Y]]
     for k in (X, Y, T):
         total = splat(lane, 0.0)
         for n in range(p + 1):
@@ -363,9 +380,10 @@ def damp(lane, order, q, v, x, psi, section):
     (_, dx), (_, dy), (turned, _) = (_slopes(sums, t, nodes) for nodes in place)
     angle = _values(sums, t, place[T], turned)
     circle = [sincos(w) for w in angle]
-    strains = []
+    strains, bends = [], []
     for rate in rates:
         (_, ux), (_, uy), (turning, bending) = (_slopes(sums, t, nodes) for nodes in rate)
+        bends.append([turning, *rate[T][2:]])
         omega = _values(sums, t, rate[T], turning)
         rows = []
         for g, (s, c) in enumerate(circle):
@@ -374,10 +392,11 @@ def damp(lane, order, q, v, x, psi, section):
             rows.append((r1, r2, bending[g]))
         strains.append(rows)
     total = splat(lane, 0.0)
-    for w, one, two in zip(t.weights, *strains, strict=True):
-        parts = one[0] * two[0] * section.k1 + one[1] * two[1] * section.k2 + one[2] * two[2] * section.kb
-        total = total + parts * float(w)
-    return [total]
+    uniform = hasattr(section, "kb")
+    for w, one, two, (k1, k2) in zip(t.weights, *strains, of_points(section, p), strict=True):
+        parts = one[0] * two[0] * k1 + one[1] * two[1] * k2
+        total = total + (parts + one[2] * two[2] * section.kb if uniform else parts) * float(w)
+    return [total if uniform else total + dot(moments_of(section, t, bends[0]), bends[1])]
 
 
 def _small_rotation(w: Any) -> tuple[Any, Any]:

@@ -39,6 +39,7 @@ from .layout import (
     elbow_of,
     element_factors_at,
     factors_of,
+    next_section,
     put_three,
     rows_of,
     section_of,
@@ -171,6 +172,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
                 tangent(lane, model.order, points, section, weights, S[o * len(lane) :])
             i += AXES * p
             o += own.end
+            section = next_section(model, section)
         if k > 0:
             moment = load(lane, r, root)
             store(r, root, before + moment)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...compiler import kernel, load, splat, store
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from .element import momentum, rotate_pair
-from .layout import AXES, T, elbow_of, put_three, rows_of, section_of, three
+from .layout import AXES, T, elbow_of, next_section, put_three, rows_of, section_of, three
 
 
 @kernel
@@ -28,6 +28,7 @@ def inertia(lane, model, par, a, r):
             j = i * len(lane)
             left = momentum(lane, model.order, a[j:], left, section, r[j:])
             i += AXES * len(model.order)
+            section = next_section(model, section)
         if k > 0:
             moment = load(lane, r, root)
             store(r, root, before + moment)

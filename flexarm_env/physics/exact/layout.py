@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from ...compiler import NONE, by_kind, kernel, load, store
 from ...layout import Field, Layout
+from ..arithmetic import share_of
 from ..model import STIFFNESS_FACTOR, TAU_D
 
 NODE = Layout(
@@ -41,6 +42,17 @@ SECTION = Layout(
     Field("ml", (), "kg", "m l / 2"),
     Field("jl", (), "kg m^2", "J l / 2"),
 )  # fmt: skip
+VARYING = Layout(
+    "Varying", "order",
+    Field("length", (), "m", "l of this element"),
+    Field("stretch", ("order",), "N/m", "EA / 2l at the Gauss points"),
+    Field("shear", ("order",), "N/m", "C / 2l there"),
+    Field("bend", ("order", "order"), "N m", "int EI of products of the slopes (`Tables`), over l^2"),
+    Field("mass", ("order + 1", "order + 1"), "kg", "int m of products of the functions"),
+    Field("rotary", ("order + 1", "order + 1"), "kg m^2", "int J of them"),
+)  # fmt: skip
+"""What stands for a `SECTION` in each element of an arm whose sections vary."""
+
 ELBOW = Layout(
     "Elbow", "",
     Field("mass", (), "kg", ""),
@@ -105,6 +117,7 @@ _OF_SECTION, _OF_ELBOW = SECTION.places, ELBOW.places
 _chain_at = kernel(CHAIN.offsets)
 _factors_at = kernel(FACTORS.offsets)
 element_at = kernel(ELEMENT.offsets)
+_varying_at = kernel(VARYING.offsets)
 element_factors_at = kernel(ELEMENT_FACTORS.offsets)
 
 
@@ -132,30 +145,75 @@ class Section(NamedTuple):
     tau: Any
 
 
+class Varying(NamedTuple):
+    """Of an element whose sections vary: its numbers of `VARYING`, an arm's own factor on EI, and `Section.tau`."""
+
+    numbers: Any
+    factor: Any
+    tau: Any
+
+
 @kernel
-def _none(lane, damped, par):
+def _none(lane, damped, par, k):
     return None
 
 
 @kernel
-def _own(lane, damped, par):
-    return load(lane, par, TAU_D)
+def _own(lane, damped, par, k):
+    return share_of(damped, k, load(lane, par, TAU_D))
 
 
-@by_kind("damped", "lane, damped, par")
+@by_kind("damped", "lane, damped, par, k")
 def _tau(kind: str) -> Any:
     """tau_d of a damped arm, otherwise None."""
     return _none if kind == NONE else _own
 
 
 @kernel
-def section_of(lane, model, par, k):
-    """The `Section` of link k."""
+def _uniform(lane, varying, model, par, k):
     at, of = _OF_SECTION.end * k, model.sections
     return Section(
         of[at + _OF_SECTION.k1], of[at + _OF_SECTION.k2], load(lane, par, STIFFNESS_FACTOR) * of[at + _OF_SECTION.kb],
-        of[at + _OF_SECTION.length], of[at + _OF_SECTION.ml], of[at + _OF_SECTION.jl], _tau(lane, model.damped, par),
+        of[at + _OF_SECTION.length], of[at + _OF_SECTION.ml], of[at + _OF_SECTION.jl], _tau(lane, model.damped, par, k),
     )  # fmt: skip
+
+
+@kernel
+def _first_of(lane, varying, model, par, k):
+    numbers = _varying_at(0, len(model.order)).end * model.elements * k
+    return Varying(model.sections[numbers:], load(lane, par, STIFFNESS_FACTOR), _tau(lane, model.damped, par, k))
+
+
+@by_kind("varying", "lane, varying, model, par, k")
+def _section(kind: str) -> Any:
+    return _uniform if kind == NONE else _first_of
+
+
+@kernel
+def section_of(lane, model, par, k):
+    """The `Section` of link k, or the `Varying` of its first element."""
+    return _section(lane, model.varying, model, par, k)
+
+
+@kernel
+def _same(varying, model, section):
+    return section
+
+
+@kernel
+def _following(varying, model, section):
+    return Varying(section.numbers[_varying_at(0, len(model.order)).end :], section.factor, section.tau)
+
+
+@by_kind("varying", "varying, model, section")
+def _next(kind: str) -> Any:
+    return _same if kind == NONE else _following
+
+
+@kernel
+def next_section(model, section):
+    """That of the link's next element."""
+    return _next(model.varying, model, section)
 
 
 class ElbowInertia(NamedTuple):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiler import kernel, load, splat, store
+from ..arithmetic import share_of
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, TAU_D
 from .element import carry, damp, measure
-from .layout import AXES, ROWS_OF_LOAD, T, X, Y, elbow_of, element_at, rows_of, section_of, three
+from .layout import AXES, ROWS_OF_LOAD, T, X, Y, elbow_of, element_at, next_section, rows_of, section_of, three
 from .tables import interior
 
 
@@ -65,6 +66,7 @@ def _totals(lane, model, par, q, v):
             part = measure(lane, model.order, q[j:], v[j:], psi, spin, section)
             kinetic, strain = kinetic + part[0], strain + part[1]
             mx, my = mx + part[2], my + part[3]
+            section = next_section(model, section)
             i += AXES * len(model.order)
             psi, spin = load(lane, q, i + T), load(lane, v, i + T)
     mass = load(lane, par, PAYLOAD_MASS)
@@ -93,7 +95,8 @@ def _damped(lane, damped, model, par, q, v, x):
         section = section_of(lane, model, par, k)
         for _ in range(model.elements):
             j = i * len(lane)
-            total = total + damp(lane, model.order, q[j:], v[j:], x[j:], psi, section)[0]
+            total = total + share_of(damped, k, damp(lane, model.order, q[j:], v[j:], x[j:], psi, section)[0])
+            section = next_section(model, section)
             i += AXES * len(model.order)
             psi = load(lane, q, i + T), load(lane, v, i + T), load(lane, x, i + T)
     return total * load(lane, par, TAU_D)

@@ -37,6 +37,17 @@ def interior(order: int, x: np.ndarray) -> np.ndarray:
     return np.array(rows).reshape(order - 1, np.size(x))
 
 
+def functions(order: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """At points x of [-1, 1]: values (order + 1, len(x)) and slopes (order, len(x)) as :class:`Tables` has them."""
+    points = legendre.leggauss(order)[0]
+    slopes = [np.ones(np.size(x))]
+    for k in range(1, order):
+        values = legendre.legval(points, np.eye(order)[k])
+        scale = values[np.argmax(np.abs(values).round(12))]
+        slopes.append(legendre.legval(x, np.eye(order)[k]) / scale)
+    return np.vstack([0.5 * (1.0 - x), 0.5 * (1.0 + x), interior(order, x)]), np.array(slopes)
+
+
 @cache
 def tables(order: int) -> Tables:
     """The tables of an order from 1 to 3 (or more)."""

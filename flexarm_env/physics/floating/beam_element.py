@@ -6,10 +6,13 @@ mu = 1 / (1 + 12 EI / (C l^2)); mu = 1 is Euler-Bernoulli.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ...parameters import Section
+from ...parameters import Link, Section
 
 Array = NDArray[np.float64]
 
@@ -19,6 +22,91 @@ BENDING = np.array([1, 2, 4, 5])
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(4)
 QUADRATURE = (0.5 * (1.0 + _GAUSS_X), 0.5 * _GAUSS_W)
 """Points xi in (0, 1) and weights; four integrate every product of shape functions exactly."""
+
+
+FINER = np.polynomial.legendre.leggauss(8)
+"""On each smooth piece of an element whose sections vary."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """A piece of a link as one finite element, which begins at `start` (m) of its body; `number`: in an even mesh.
+
+    Where its sections vary its shape functions are those of their mean, and stiffness and mass are integrals.
+    """
+
+    link: Link
+    number: int | None
+    start: float
+
+    @property
+    def length(self) -> float:
+        """m."""
+        return self.link.length
+
+    @cached_property
+    def section(self) -> Section:
+        """The section, or the mean of what vary."""
+        return self.link.mean
+
+    @cached_property
+    def mu(self) -> float:
+        """Shear factor of the shape functions."""
+        return shear_factor(self.section, self.length)
+
+    @cached_property
+    def points(self) -> list[tuple[float, float, Section]]:
+        """Points xi in (0, 1), weights and sections."""
+        if self.link.uniform is not None:
+            return [(x, weight, self.link.uniform) for x, weight in zip(*QUADRATURE, strict=True)]
+        x, weights = FINER
+        ends = np.array(self.link.points)
+        half = 0.5 * np.diff(ends)[:, None]
+        s = (ends[:-1, None] + half * (1.0 + x)).ravel()
+        values = np.array(self.link.along(s)).T
+        shares = (half * weights).ravel() / self.length
+        return [(a / self.length, b, Section(*map(float, c))) for a, b, c in zip(s, shares, values, strict=True)]
+
+    def at(self, xi: float) -> float:
+        """x of a point, m from the body's root."""
+        return self.start + xi * self.length if self.number is None else (self.number + xi) * self.length
+
+    def shapes(self, xi: float) -> Array:
+        """`shape_functions` here."""
+        return shape_functions(xi, self.length, self.mu)
+
+    def stiffness(self) -> Array:
+        """Axial and bending stiffness, (6, 6)."""
+        if self.link.uniform is not None:
+            return linear_stiffness(self.link.uniform, self.length)
+        l, total = self.length, np.zeros((6, 6))
+        gamma = (self.mu - 1.0) * np.array([0.0, 1.0 / l, 0.5, 0.0, -1.0 / l, 0.5])  # v' - phi
+        stretch = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 0.0]) / l
+        for xi, weight, at in self.points:
+            a, b = 6.0 * self.mu * (1.0 - 2.0 * xi) / l**2, 3.0 * self.mu
+            bend = np.array([0.0, -a, (-1.0 - b + 2.0 * b * xi) / l, 0.0, a, (1.0 - b + 2.0 * b * xi) / l])  # phi'
+            for stiffness, strain in ((at.EI, bend), (at.C, gamma), (at.EA, stretch)):
+                total += weight * l * stiffness * np.outer(strain, strain)
+        return total
+
+    def mass(self) -> Array:
+        """Consistent mass with rotary inertia, eq. [52], (6, 6)."""
+        mass = np.zeros((6, 6))
+        for xi, weight, at in self.points:
+            n_u, n_v, n_phi = self.shapes(xi)
+            translational = np.outer(n_u, n_u) + np.outer(n_v, n_v)
+            mass += weight * self.length * (at.m * translational + at.J * np.outer(n_phi, n_phi))
+        return mass
+
+
+def mesh(link: Link, n: int, option: str) -> list[Element]:
+    """A link, or a piece of one, in n elements, which break at its jumps; `option` gave n."""
+    if link.uniform is not None:
+        l = link.length / n
+        return [Element(Link(l, link.uniform), e, e * l) for e in range(n)]
+    parts = link.cut(n, option)
+    starts = np.cumsum([0.0] + [part.length for part in parts])
+    return [Element(part, None, float(start)) for part, start in zip(parts, starts[:-1], strict=True)]
 
 
 def shear_factor(section: Section, length: float) -> float:
@@ -83,10 +171,4 @@ def coupling_matrix(section: Section, length: float) -> Array:
 
 def consistent_mass(section: Section, length: float) -> Array:
     """Consistent mass with rotary inertia, eq. [52] by quadrature, shape (6, 6)."""
-    mu = shear_factor(section, length)
-    mass = np.zeros((6, 6))
-    for xi, weight in zip(*QUADRATURE, strict=True):
-        n_u, n_v, n_phi = shape_functions(xi, length, mu)
-        translational = np.outer(n_u, n_u) + np.outer(n_v, n_v)
-        mass += weight * length * (section.m * translational + section.J * np.outer(n_phi, n_phi))
-    return mass
+    return Element(Link(length, section), 0, 0.0).mass()

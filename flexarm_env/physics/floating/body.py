@@ -14,6 +14,7 @@ from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, sincos, splat, store
 from ...compiler.trace import unrolled
+from ..model import STIFFNESS_FACTOR, TAU_D
 from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at, vectors_at, window
 
 
@@ -21,6 +22,16 @@ from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at,
 def constants(model):
     """Where the fields of BODY begin in a body's block."""
     return body_at(0, size(model.n), len(model.window), len(model.elements), 0)
+
+
+@kernel
+def damping_time(lane, model, D, par):
+    """tau_d of the body, s."""
+    tau = load(lane, par, TAU_D)
+    if model.damped is not None:
+        if len(model.damped) > 1:
+            tau = tau * D[constants(model).damped]
+    return tau
 
 
 @kernel
@@ -158,7 +169,7 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
     cos, sin = load(lane, S, now + NOW.cos), load(lane, S, now + NOW.sin)
     ax, ay = load(lane, S, now + NOW.a), load(lane, S, now + NOW.a + 1)
     w, alpha = load(lane, S, now + NOW.rate), load(lane, S, now + NOW.second)
-    stiffness, tau = load(lane, par, 2), load(lane, par, 3)
+    stiffness, tau = load(lane, par, STIFFNESS_FACTOR), damping_time(lane, model, D, par)
     fx, fy, moment = load(lane, force, 0), load(lane, force, 1), load(lane, force, 2)
     gx, gy = cos * fx + sin * fy, cos * fy - sin * fx
     # s: first moment, t its rate, h its second rate in the frame

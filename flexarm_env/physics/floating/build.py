@@ -5,6 +5,7 @@ Each link is cut into `segments` bodies joined rigidly, of finite elements or re
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,16 +29,32 @@ MARGIN_LOST = 0.5
 
 def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
     """Mass (kg) and inertia (kg m^2) that link k carries `rest` m before its tip, all of it straight and locked."""
-    section = arm.links[link].section
-    mass, inertia, distance = section.m * rest, section.m * rest**3 / 3 + section.J * rest, rest
+    own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest
+    if own.uniform is not None:
+        section = own.uniform
+        mass, inertia = section.m * rest, section.m * rest**3 / 3 + section.J * rest
+    elif rest > 0.0:
+        behind = own.part(own.length - rest, own.length)
+        mass, inertia = behind.mass, behind.moment(2) + behind.rotary
     for k in range(link + 1, arm.n_links):
         elbow, item = arm.elbow(k), arm.links[k]
-        m, length = item.section.m, item.length
-        mass += elbow.mass + m * length
+        length = item.length
+        mass += elbow.mass + item.mass
         inertia += elbow.inertia_left + elbow.inertia_right + elbow.mass * distance**2
-        inertia += m * ((distance + length) ** 3 - distance**3) / 3 + item.section.J * length
+        if item.uniform is not None:
+            inertia += item.uniform.m * ((distance + length) ** 3 - distance**3) / 3 + item.rotary
+        else:
+            inertia += item.moment(2) + distance * (2.0 * item.moment(1) + distance * item.mass) + item.rotary
         distance += length
     return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * distance**2
+
+
+def _cut(link: Link, segments: int) -> list[Link]:
+    """A link in segments: at its jumps where there are segments enough, otherwise even ones with jumps inside."""
+    if segments > len(link.jumps):
+        return link.cut(segments, "segments")
+    ends = np.linspace(0.0, link.length, segments + 1).tolist()
+    return [link.part(a, b) for a, b in pairwise(ends)]
 
 
 def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
@@ -47,16 +64,19 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
     frame = settings.frame or "root"
     for k, link in enumerate(arm.links):
         segments = settings.segments or 1
-        part = link.length / segments
+        parts = _cut(link, segments)
         if settings.modes is not None:
-            piece = Link(part, link.section)
-            rests = [part * (segments - 1 - i) for i in range(segments)]
-            pieces = [modal_body(piece, settings.modes, *carried(arm, k, rest), frame, segments == 1) for rest in rests]
+            rests = [sum(part.length for part in parts[i + 1 :]) for i in range(segments)]
+            if link.uniform is not None:
+                rests = [parts[0].length * (segments - 1 - i) for i in range(segments)]
+            pieces = [
+                modal_body(part, settings.modes, *carried(arm, k, rest), frame, segments == 1)
+                for part, rest in zip(parts, rests, strict=True)
+            ]
         else:
             assert settings.elements is not None
             coupling = settings.coupling or "linear"
-            made = (link.section, part, settings.elements, coupling, frame)
-            pieces = [finite_element_body(*made) for _ in range(segments)]
+            pieces = [finite_element_body(part, settings.elements, coupling, frame) for part in parts]
         pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
         if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it
             pieces[-1].add_tip_mass(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left)
@@ -101,6 +121,7 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
     """What all the bodies have."""
     n = bodies[0].n
     elements, wide = bodies[0].element_ea.size if settings.coupling != "linear" else 0, min(n, 6)
+    largest, shares = arm.damping
     return Mesh(
         n=(0,) * n if n <= WRITTEN_OUT else n,
         scratch=(0,) * VECTORS.offsets(0, n).end,
@@ -110,12 +131,14 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
         modal=None if settings.modes is None else (0,),
         chord=(0,) if settings.frame == "chord" else None,
         full=(0,) if settings.coupling == "von_karman" else None,
-        damped=(0,) if arm.tau_d > 0.0 else None,
+        damped=None if largest == 0.0 else (0,) if shares is None else (0, 0),
         drag=(0,) if arm.mass_damping > 0.0 else None,
     )
 
 
-def _block(body: Body, mesh: Mesh, frame: str, drag: float, offset: float, most_lost: float) -> NDArray[np.float64]:
+def _block(
+    body: Body, mesh: Mesh, frame: str, drag: float, damped: float, offset: float, most_lost: float
+) -> NDArray[np.float64]:
     """A body's block of `data`."""
     n, elements = body.n, len(mesh.elements)
     stations = [
@@ -128,7 +151,8 @@ def _block(body: Body, mesh: Mesh, frame: str, drag: float, offset: float, most_
         S_bar_x=body.s_bar[0], S_bar_y=body.s_bar[1], c_u=body.c_u, c=body.c,
         tip_u=body.tip[0], tip_v=body.tip[1], tip_phi=body.tip[2],
         G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
-        drag=drag, root=body.root, spans=[_span(body, e, n, mesh, frame) for e in range(elements)], stations=stations,
+        drag=drag, damped=damped, root=body.root, stations=stations,
+        spans=[_span(body, e, n, mesh, frame) for e in range(elements)],
     )  # fmt: skip
 
 
@@ -139,9 +163,10 @@ def _shared(
     arm, mesh = scene.arm, _mesh(bodies, scene.arm, settings)
     assert settings.frame is not None
     limits = _limits(scene, bodies, links, settings.modes is not None)
+    shares = arm.damping[1] or (1.0,) * arm.n_links
     blocks = [
-        _block(body, mesh, settings.frame, arm.mass_damping, offset, limit)
-        for body, offset, limit in zip(bodies, offsets, limits, strict=True)
+        _block(body, mesh, settings.frame, arm.mass_damping, shares[link], offset, limit)
+        for body, link, offset, limit in zip(bodies, links, offsets, limits, strict=True)
     ]
     point_loads = [load for load in scene.loads if isinstance(load, PointLoad)]
     return {
@@ -188,7 +213,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         jointed=(0,) if arm.jointed else None,
         **_shared(scene, settings, bodies, links, np.zeros(count)),
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     return System(model, par, q0, np.zeros(len(names)), coordinates, tuple(names), {})
 
 
@@ -261,5 +286,5 @@ def _joined(scene: Scene, settings: Settings) -> System:
         table=table,
         **_shared(scene, settings, bodies, links, offset),
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.tau_d])
+    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     return System(model, par, q0, np.zeros(n), coordinates, tuple(names), {})

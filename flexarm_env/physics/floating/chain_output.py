@@ -12,7 +12,7 @@ from ...compiler.lanes import absolute, load, select_lt, sincos, splat, store
 from ...compiler.trace import unrolled
 from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE
-from .body import constants, dot, in_window, product, tip, turn_of_root
+from .body import constants, damping_time, dot, in_window, product, tip, turn_of_root
 from .layout import ELASTIC, FRAME, START, elastic_row, elbow_row, span_at, station_at, window
 
 SIX, FOUR = (0,) * 6, (0,) * 4
@@ -132,7 +132,7 @@ def _damping(lane, model, D, par, q, v, x, total):
                     other = other + slope * load(lane, x, first + i)
                 part = part + (rate * other) * D[span.stiffness]
                 span = span_at(span.end, wide)
-        store(total, 0, load(lane, total, 0) + part * load(lane, par, 3))
+        store(total, 0, load(lane, total, 0) + part * damping_time(lane, model, D, par))
     if model.drag is not None:
         part = product(lane, model, D, own.M_ff, x, v) * D[own.drag]
         store(total, 0, load(lane, total, 0) + part)

@@ -12,17 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ...parameters import Section
-from .beam_element import (
-    BENDING,
-    QUADRATURE,
-    consistent_mass,
-    coupling_matrix,
-    geometric_matrix,
-    linear_stiffness,
-    shape_functions,
-    shear_factor,
-)
+from ...parameters import Link
+from .beam_element import BENDING, Element, coupling_matrix, geometric_matrix, mesh
 
 Array = NDArray[np.float64]
 
@@ -95,43 +86,40 @@ def free_coordinates(elements: int, frame: str) -> NDArray[np.int64]:
     return np.arange(3, last) if frame == "root" else np.r_[2 : last - 2, last - 1]
 
 
-def finite_element_body(section: Section, length: float, elements: int, coupling: str, frame: str = "root") -> Body:
-    """A uniform body of equal elements; n = 3 elements. coupling: of COUPLINGS. frame: "root" or "chord"."""
-    l = length / elements
+def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "root") -> Body:
+    """A link, or a piece of one, in elements; n = 3 elements. coupling: of COUPLINGS. frame: "root" or "chord"."""
+    parts = mesh(link, elements, "elements")
     n_all = 3 * (elements + 1)
-    mu = shear_factor(section, l)
     k_axial, k_bend = np.zeros((n_all, n_all)), np.zeros((n_all, n_all))
-    k = linear_stiffness(section, l)
-    bend = np.zeros((6, 6))
-    bend[np.ix_(BENDING, BENDING)] = k[np.ix_(BENDING, BENDING)]
     mass = np.zeros((n_all, n_all))
     m_uv = np.zeros((n_all, n_all))
     b = np.zeros((n_all, n_all))
     s_bar = np.zeros((2, n_all))
     c_u, c = np.zeros(n_all), np.zeros(n_all)
-    for e in range(elements):
-        at = slice(3 * e, 3 * e + 6)
+    for e, part in enumerate(parts):
+        at, k, bend = slice(3 * e, 3 * e + 6), part.stiffness(), np.zeros((6, 6))
+        bend[np.ix_(BENDING, BENDING)] = k[np.ix_(BENDING, BENDING)]
         k_axial[at, at] += k - bend
         k_bend[at, at] += bend
-        mass[at, at] += consistent_mass(section, l)
-        for xi, weight in zip(*QUADRATURE, strict=True):
-            n_u, n_v, n_phi = shape_functions(xi, l, mu)
-            dm, x = section.m * weight * l, (e + xi) * l
+        mass[at, at] += part.mass()
+        for xi, weight, section in part.points:
+            n_u, n_v, n_phi = part.shapes(xi)
+            dm, x = section.m * weight * part.length, part.at(xi)
             m_uv[at, at] += dm * (np.outer(n_u, n_u) + np.outer(n_v, n_v))
             # q'B q' = dm r'S~ r' with S~ = [[0, -1], [1, 0]]
             b[at, at] += dm * (np.outer(n_v, n_u) - np.outer(n_u, n_v))
             s_bar[:, at] += dm * np.array([n_u, n_v])
             c_u[at] += dm * x * n_u
-            c[at] += dm * x * n_v + section.J * weight * l * n_phi
+            c[at] += dm * x * n_v + section.J * weight * part.length * n_phi
     free = free_coordinates(elements, frame)
     both, n = np.ix_(free, free), n_all - 3
-    shapes, stations = _drawing_stations(l, elements, mu)
-    element_g = (coupling_matrix if coupling == "von_karman" else geometric_matrix)(section, l)
+    shapes, stations = _drawing_stations(parts)
+    stretching = coupling_matrix if coupling == "von_karman" else geometric_matrix
     return Body(
-        length=length,
-        mass=section.m * length,
-        s0=0.5 * section.m * length**2,
-        i0=section.m * length**3 / 3 + section.J * length,
+        length=link.length,
+        mass=link.mass,
+        s0=link.moment(1),
+        i0=link.moment(2) + link.rotary,
         s_bar=s_bar[:, free],
         g=m_uv[both],
         m_ff=mass[both],
@@ -144,21 +132,21 @@ def finite_element_body(section: Section, length: float, elements: int, coupling
         tip=np.eye(n_all)[-3:, free],
         tip_h=np.zeros((n, n)),
         root=np.eye(n_all)[2, free],
-        element_ea=np.full(elements, section.EA / l),
-        element_g=np.tile(element_g, (elements, 1, 1)),
+        element_ea=np.array([part.section.EA / part.length for part in parts]),
+        element_g=np.array([stretching(part.section, part.length) for part in parts]),
         shapes=shapes[:, :, free],
         stations=stations,
         station_h=np.zeros((stations.size, n, n)),
     )
 
 
-def _drawing_stations(l: float, elements: int, mu: float) -> tuple[Array, Array]:
+def _drawing_stations(parts: list[Element]) -> tuple[Array, Array]:
     """Shape functions of all nodes' coordinates at eight points of each element."""
     rows, places = [], []
-    for e in range(elements):
+    for e, part in enumerate(parts):
         for xi in np.arange(1, 9) / 8:
-            full = np.zeros((3, 3 * elements + 3))
-            full[:, 3 * e : 3 * e + 6] = shape_functions(float(xi), l, mu)
+            full = np.zeros((3, 3 * len(parts) + 3))
+            full[:, 3 * e : 3 * e + 6] = part.shapes(float(xi))
             rows.append(full)
-            places.append((e + xi) * l)
+            places.append(part.at(float(xi)))
     return np.array(rows), np.array(places)

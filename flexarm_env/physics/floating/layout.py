@@ -55,6 +55,7 @@ BODY = Layout(
     Field("D0", ("n", "n"), "kg", "foreshortening in the first moment"),
     Field("tip_H", ("n", "n"), "1/m", "foreshortening of the tip"),
     Field("drag", (), "1/s", "damping that goes with mass"),
+    Field("damped", (), "", "share of tau_d, where links differ"),
     Field("root", ("n",), "", "rho: the root section is turned by rho'q against the frame"),
     Field("spans", ("elements", SPAN.length), "", "a `SPAN` each"),
     Field("stations", ("stations", STATION.length), "", "a `STATION` each"),

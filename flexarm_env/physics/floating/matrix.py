@@ -9,7 +9,8 @@ from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
 from ...compiler.lanes import load, splat, store
 from ...compiler.trace import unrolled
-from .body import constants, dot, turn_of_root
+from ..model import STIFFNESS_FACTOR
+from .body import constants, damping_time, dot, turn_of_root
 from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at, window
 
 
@@ -29,7 +30,7 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
     dx, dy = load(lane, known, KNOWN.d), load(lane, known, KNOWN.d + 1)
     gx, gy = load(lane, known, KNOWN.g), load(lane, known, KNOWN.g + 1)
     inertia, spin_rate = load(lane, known, KNOWN.inertia), load(lane, known, KNOWN.spin_rate)
-    stiffness, tau = load(lane, par, 2), load(lane, par, 3)
+    stiffness, tau = load(lane, par, STIFFNESS_FACTOR), damping_time(lane, model, D, par)
     store(S, at.frame, cos)
     store(S, at.frame + 1, sin)
     mass = splat(lane, D[own.mass])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...parameters import Link, Payload
-from .beam_element import BENDING, QUADRATURE, consistent_mass, linear_stiffness, shape_functions, shear_factor
+from .beam_element import BENDING, mesh
 from .constants import Body
 
 Array = NDArray[np.float64]
@@ -24,13 +24,12 @@ MESH = 32
 
 def _bending_matrices(link: Link) -> tuple[Array, Array]:
     """Stiffness and mass of a free link's mesh on v, phi of each node."""
-    l, size = link.length / MESH, 2 * (MESH + 1)
+    size = 2 * (MESH + 1)
     stiffness, mass = np.zeros((size, size)), np.zeros((size, size))
-    k, m = linear_stiffness(link.section, l), consistent_mass(link.section, l)
-    for e in range(MESH):
+    for e, part in enumerate(mesh(link, MESH, "elements")):
         at = slice(2 * e, 2 * e + 4)
-        stiffness[at, at] += k[np.ix_(BENDING, BENDING)]
-        mass[at, at] += m[np.ix_(BENDING, BENDING)]
+        stiffness[at, at] += part.stiffness()[np.ix_(BENDING, BENDING)]
+        mass[at, at] += part.mass()[np.ix_(BENDING, BENDING)]
     return stiffness, mass
 
 
@@ -86,43 +85,43 @@ def modal_body(
     of a whole link the same, seen from the line through both ends; of a piece, which its neighbours bend by moments
     at both ends, `pinned_modes` (one shape alone is the clamped one).
     """
-    section, length = link.section, link.length
+    length, parts = link.length, mesh(link, MESH, "elements")
     frequencies, nodal = clamped_modes(link, n, tip_mass, tip_inertia)
     k = np.diag(frequencies**2)
     if frame == "chord" and not whole and n > 1:
         k, nodal = pinned_modes(link, n)
     elif frame == "chord":
         turn = nodal[-2] / length
-        nodal[0::2] -= np.linspace(0.0, length, MESH + 1)[:, None] * turn
+        nodes = np.linspace(0.0, length, MESH + 1) if link.uniform else np.array([*(p.start for p in parts), length])
+        nodal[0::2] -= nodes[:, None] * turn
         nodal[1::2] -= turn
-    l = length / MESH
-    mu = shear_factor(section, l)
     m_uv, m_ff, d, d0 = (np.zeros((n, n)) for _ in range(4))
     s_bar, c = np.zeros((2, n)), np.zeros(n)
     h = np.zeros((n, n))
     stations, shapes, station_h = [], [], []
-    for e in range(MESH):
-        w = nodal[2 * e : 2 * e + 4]
-        for xi, weight in zip(*QUADRATURE, strict=True):
-            _, n_v, n_phi = shape_functions(xi, l, mu)
-            v, phi, slope = n_v[BENDING] @ w, n_phi[BENDING] @ w, _slope(xi, l, mu) @ w
-            dx, x = weight * l, (e + xi) * l
+    for e, part in enumerate(parts):
+        w, l = nodal[2 * e : 2 * e + 4], part.length
+        for xi, weight, section in part.points:
+            _, n_v, n_phi = part.shapes(xi)
+            v, phi, slope = n_v[BENDING] @ w, n_phi[BENDING] @ w, _slope(xi, l, part.mu) @ w
+            dx, x = weight * l, part.at(xi)
             m_uv += section.m * dx * np.outer(v, v)
             m_ff += dx * (section.m * np.outer(v, v) + section.J * np.outer(phi, phi))
             s_bar[1] += section.m * dx * v
             c += dx * (section.m * x * v + section.J * phi)
             stretch = dx * (np.outer(slope, slope) - np.outer(slope - phi, slope - phi))
             h += stretch
-            d0 += section.m * (length - x) * stretch  # int m H dx, by parts
-            d += 0.5 * section.m * (length**2 - x**2) * stretch  # int m x H dx, by parts
-        stations.append((e + 1) * l)
+            beyond = _beyond(link, x)
+            d0 += beyond[0] * stretch  # int m H dx, by parts
+            d += beyond[1] * stretch  # int m x H dx, by parts
+        stations.append(part.at(1.0))
         shapes.append(np.array([np.zeros(n), nodal[2 * e + 2], nodal[2 * e + 3]]))
         station_h.append(h.copy())
     return Body(
         length=length,
-        mass=section.m * length,
-        s0=0.5 * section.m * length**2,
-        i0=section.m * length**3 / 3 + section.J * length,
+        mass=link.mass,
+        s0=link.moment(1),
+        i0=link.moment(2) + link.rotary,
         s_bar=s_bar,
         g=m_uv - d,
         m_ff=m_ff,
@@ -139,6 +138,15 @@ def modal_body(
         stations=np.array(stations),
         station_h=np.array(station_h),
     )
+
+
+def _beyond(link: Link, x: float) -> tuple[float, float]:
+    """Mass (kg) behind x and its first moment about the root (kg m)."""
+    if link.uniform is not None:
+        m, length = link.uniform.m, link.length
+        return m * (length - x), 0.5 * m * (length**2 - x**2)
+    rest = link.part(x, link.length)
+    return rest.mass, rest.moment(1) + x * rest.mass
 
 
 def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, held: bool) -> list[float]:

@@ -1,0 +1,87 @@
+"""An element's constants as its traced functions ask for them: of one section, or of sections that vary within it.
+
+`section` is a `layout.Section` or a `layout.Varying`, or what stands for one while a kernel is written out; which of
+the two it is, is known by then. None of this is compiled: what is left are the products that it returns.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .layout import VARYING, T
+from .tables import Tables
+
+
+def of_points(section: Any, p: int) -> list[tuple[Any, Any]]:
+    """k1 and k2 at the Gauss points."""
+    if hasattr(section, "k1"):
+        return [(section.k1, section.k2)] * p
+    at, numbers = VARYING.offsets(0, p), section.numbers
+    return [(numbers[at.stretch + g], numbers[at.shear + g]) for g in range(p)]
+
+
+def length_of(section: Any) -> Any:
+    """l."""
+    return section.length if hasattr(section, "length") else section.numbers[0]
+
+
+def _row(section: Any, first: int, n: int, width: int) -> list[Any]:
+    """Row n of a matrix of `VARYING`."""
+    return [section.numbers[first + width * n + k] for k in range(width)]
+
+
+def dot(row: list[Any], values: list[Any]) -> Any:
+    """Sum of the products."""
+    total = values[0] * row[0]
+    for factor, value in zip(row[1:], values[1:], strict=True):
+        total = total + value * factor
+    return total
+
+
+def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
+    """Bending moments of (right - left, interior ...) in psi."""
+    if hasattr(section, "kb"):
+        return [x * (section.kb * float(norm)) for x, norm in zip(bent, t.norm, strict=True)]
+    p = len(bent)
+    first = VARYING.offsets(0, p).bend
+    return [dot(_row(section, first, n, p), bent) * section.factor for n in range(p)]
+
+
+def inertia_row(section: Any, p: int, axis: int, n: int) -> list[Any]:
+    """Row n of the mass matrix of an axis, of sections that vary."""
+    at = VARYING.offsets(0, p)
+    return _row(section, at.rotary if axis == T else at.mass, n, p + 1)
+
+
+def bending_entries(section: Any, t: Tables, share: Any) -> Any:
+    """A function of two nodes: the entry of bending stiffness times share, None where it vanishes."""
+    p = len(t.weights)
+    if hasattr(section, "kb"):
+        kb = section.kb * share
+
+        def entry(n1: int, n2: int) -> Any:
+            one, two = (-t.slope[0] if n == 0 else t.slope[max(n - 1, 0)] for n in (n1, n2))
+            bend = float((t.weights * one * two).sum())
+            return None if abs(bend) < 1e-13 else kb * bend
+
+        return entry
+    first, factor = VARYING.offsets(0, p).bend, section.factor * share
+
+    def own(n1: int, n2: int) -> Any:
+        value = factor * section.numbers[first + p * max(n1 - 1, 0) + max(n2 - 1, 0)]
+        return -value if (n1 == 0) != (n2 == 0) else value
+
+    return own
+
+
+def inertia_entries(section: Any, t: Tables, weight: Any) -> Any:
+    """A function of two nodes and an axis: the entry of the mass matrix times weight, None where it vanishes."""
+    if hasattr(section, "ml"):
+        cml, cjl = section.ml * weight, section.jl * weight
+
+        def entry(n1: int, n2: int, axis: int) -> Any:
+            mass = float(t.mass[n1, n2])
+            return (cjl if axis == T else cml) * mass if mass else None
+
+        return entry
+    return lambda n1, n2, axis: inertia_row(section, len(t.weights), axis, n1)[n2] * weight

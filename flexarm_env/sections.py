@@ -1,0 +1,315 @@
+"""Cross-sections of a link: one along all of it, linear between points, or a rectangle whose sides taper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import validation as check
+
+Array = NDArray[np.float64]
+
+
+def store(item: object, **values: object) -> None:
+    """Set fields of a frozen dataclass from within its ``__post_init__``."""
+    for name, value in values.items():
+        object.__setattr__(item, name, value)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Cross-section of a beam, constant along a link (symbols of docs/theory.md; paper [41], [52]).
+
+    Args:
+        EI: bending stiffness, N m^2, positive.
+        EA: stretching stiffness, N, positive.
+        C: shear stiffness kappa G A, N, positive.
+        m: mass per length, kg/m, positive.
+        J: rotary inertia per length, kg m (rho I for a homogeneous section), zero or positive.
+    """
+
+    EI: float
+    EA: float
+    C: float
+    m: float
+    J: float = 0.0
+
+    def __post_init__(self) -> None:
+        store(
+            self,
+            EI=check.number("section.EI", self.EI, "N m^2", above=0.0),
+            EA=check.number("section.EA", self.EA, "N", above=0.0),
+            C=check.number("section.C", self.C, "N", above=0.0),
+            m=check.number("section.m", self.m, "kg/m", above=0.0),
+            J=check.number("section.J", self.J, "kg m", minimum=0.0),
+        )
+
+    @classmethod
+    def rectangle(cls, width: float, thickness: float, E: float, rho: float, G: float, kappa: float = 0.85) -> Section:
+        """Homogeneous rectangle that bends about its ``width`` axis: I = width thickness^3 / 12.
+
+        Args:
+            width: m, across the plane of motion. thickness: m, in the plane of motion.
+            E: Young's modulus, Pa. rho: density, kg/m^3. G: shear modulus, Pa. kappa: shear coefficient, 0 to 1.
+        """
+        width = check.number("section.width", width, "m", above=0.0)
+        thickness = check.number("section.thickness", thickness, "m", above=0.0)
+        E = check.number("section.E", E, "Pa", above=0.0)
+        rho = check.number("section.rho", rho, "kg/m^3", above=0.0)
+        G = check.number("section.G", G, "Pa", above=0.0)
+        kappa = check.number("section.kappa", kappa, above=0.0, maximum=1.0)
+        A = width * thickness
+        second_moment = width * thickness**3 / 12.0
+        return cls(EI=E * second_moment, EA=E * A, C=kappa * G * A, m=rho * A, J=rho * second_moment)
+
+
+class Properties(NamedTuple):
+    """What a :class:`Section` holds, at many places: an array each, in its units."""
+
+    EI: Array
+    EA: Array
+    C: Array
+    m: Array
+    J: Array
+
+
+@dataclass(frozen=True)
+class Taper:
+    """Homogeneous rectangle whose sides go linearly from a link's root to its tip: EI = E b h^3 / 12 at each place.
+
+    Args:
+        widths: m, across the plane of motion, at root and tip. thicknesses: m, in the plane of motion, likewise.
+        E: Young's modulus, Pa. rho: density, kg/m^3. G: shear modulus, Pa. kappa: shear coefficient, 0 to 1.
+    """
+
+    widths: tuple[float, float]
+    thicknesses: tuple[float, float]
+    E: float
+    rho: float
+    G: float
+    kappa: float = 0.85
+
+    def __post_init__(self) -> None:
+        for name in ("widths", "thicknesses"):
+            sides = check.sequence(f"section.{name}", getattr(self, name), "two positive numbers (m), root and tip", 2)
+            named = (check.number(f"section.{name}[{i}]", side, "m", above=0.0) for i, side in enumerate(sides))
+            store(self, **{name: tuple(named)})
+        one = self.rectangle(0.0)  # which checks the material
+        assert one.EI > 0.0
+        store(self, **{name: float(getattr(self, name)) for name in ("E", "rho", "G", "kappa")})
+
+    def sides(self, share: Any) -> tuple[Any, Any]:
+        """Width and thickness, m, at a share of the length (a number or an array)."""
+        (b0, b1), (h0, h1) = self.widths, self.thicknesses
+        return b0 + (b1 - b0) * share, h0 + (h1 - h0) * share
+
+    def rectangle(self, share: float) -> Section:
+        """The section at a share of the length."""
+        return Section.rectangle(*self.sides(share), self.E, self.rho, self.G, self.kappa)
+
+    def along(self, share: Array) -> Properties:
+        """The sections at shares of the length."""
+        b, h = self.sides(share)
+        area, second_moment = b * h, b * h**3 / 12.0
+        stretch = self.E * area, self.kappa * self.G * area
+        return Properties(self.E * second_moment, *stretch, self.rho * area, self.rho * second_moment)
+
+
+Points = tuple[tuple[float, Section], ...]
+GAUSS = np.polynomial.legendre.leggauss(16)
+"""Of each smooth piece of a link: exact for a taper's b h^3 times polynomials of degree 27."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A straight beam of one section, or of sections that vary along it.
+
+    Args:
+        length: m, positive.
+        section: a :class:`Section`; a :class:`Taper`; or a sequence of (s, Section), s in m from the root, from 0 to
+            the length in ascending order. Properties are linear between points; two points of the same s are a jump.
+            Points that are all alike are one Section.
+        tau_d: Kelvin-Voigt time constant of this link, s; None: the arm's.
+    """
+
+    length: float
+    section: Section | Taper | Points
+    tau_d: float | None = None
+
+    def __post_init__(self) -> None:
+        store(self, length=check.number("length", self.length, "m", above=0.0))
+        if self.tau_d is not None:
+            store(self, tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0))
+        if not isinstance(self.section, Section | Taper):
+            store(self, section=_points(self.section, self.length))
+
+    @classmethod
+    def tapered(
+        cls,
+        length: float,
+        widths: tuple[float, float],
+        thicknesses: tuple[float, float],
+        *,
+        E: float,
+        rho: float,
+        G: float,
+        kappa: float = 0.85,
+        **more: Any,
+    ) -> Link:
+        """A rectangle whose sides go linearly from root to tip; see :class:`Taper`. Equal ones are one Section.
+
+        more: the other fields of :class:`Link`.
+        """
+        taper = Taper(widths, thicknesses, E, rho, G, kappa)
+        even = taper.sides(0.0) == taper.sides(1.0)
+        return cls(length, taper.rectangle(0.0) if even else taper, **more)
+
+    @property
+    def uniform(self) -> Section | None:
+        """The section where there is one alone, otherwise None."""
+        return self.section if isinstance(self.section, Section) else None
+
+    @property
+    def points(self) -> tuple[float, ...]:
+        """Where sections kink or jump, m from the root, the ends among them, each once."""
+        inner = () if isinstance(self.section, Section | Taper) else tuple(s for s, _ in self.section[1:-1])
+        return tuple(sorted({0.0, *inner, self.length}))
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Where sections jump, m from the root."""
+        if isinstance(self.section, Section | Taper):
+            return ()
+        places = [s for s, _ in self.section]
+        return tuple(s for s, after in pairwise(places) if s == after)
+
+    def along(self, s: Array | float, before: bool = False) -> Properties:
+        """Properties at places s (m from the root); at a jump those behind it, or `before` it."""
+        s = np.asarray(s, np.float64)
+        if isinstance(self.section, Taper):
+            return self.section.along(s / self.length)
+        if isinstance(self.section, Section):
+            return Properties(*(np.full(s.shape, getattr(self.section, name)) for name in Properties._fields))
+        places = np.array([place for place, _ in self.section])
+        i = np.searchsorted(places, s, side="left" if before else "right") - 1
+        i = np.clip(i, 0, len(places) - 2)
+        share = np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
+        columns = [np.array([getattr(section, name) for _, section in self.section]) for name in Properties._fields]
+        return Properties(*(column[i] + (column[i + 1] - column[i]) * share for column in columns))
+
+    def quadrature(self) -> tuple[Array, Array]:
+        """Gauss points and weights, m, on each smooth piece."""
+        x, weights = GAUSS
+        ends = np.array(self.points)
+        half = 0.5 * np.diff(ends)[:, None]
+        return (ends[:-1, None] + half * (1.0 + x)).ravel(), (half * weights).ravel()
+
+    def part(self, first: float, last: float) -> Link:
+        """The beam between two places, m from the root."""
+        if isinstance(self.section, Section):
+            return Link(last - first, self.section)
+        if isinstance(self.section, Taper):
+            ends = [self.section.sides(s / self.length) for s in (first, last)]
+            material = self.section.E, self.section.rho, self.section.G, self.section.kappa
+            sides = tuple((float(a), float(b)) for a, b in zip(*ends, strict=True))
+            return Link(last - first, Taper(sides[0], sides[1], *material))
+        length = last - first
+        inner = [(s - first, section) for s, section in self.section if first < s < last]
+        ends_at = [Section(*map(float, self.along(s, end))) for s, end in ((first, False), (last, True))]
+        return Link(length, ((0.0, ends_at[0]), *inner, (length, ends_at[1])))
+
+    def mesh(self, n: int, option: str) -> Array:
+        """Ends of n pieces, (n + 1,) in m: even ones, or as even as may be with an end at each jump.
+
+        Raises ValueError, which names the `option` that gave n, where n is too few for the jumps.
+        """
+        ends = np.array([0.0, *self.jumps, self.length])
+        if n < len(ends) - 1:
+            what = f"must be at least {len(ends) - 1} for a link whose sections jump {len(ends) - 2} times"
+            raise check.InvalidValue(option, n, what)
+        spans, counts = np.diff(ends), np.ones(len(ends) - 1, np.int64)
+        for _ in range(n - len(counts)):
+            counts[np.argmax(spans / counts)] += 1
+        pieces = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(ends[:-1], ends[1:], counts, strict=True)]
+        return np.concatenate([*pieces, ends[-1:]])
+
+    def cut(self, n: int, option: str) -> list[Link]:
+        """The n pieces of :meth:`mesh`."""
+        if isinstance(self.section, Section):
+            return [Link(self.length / n, self.section)] * n
+        ends = self.mesh(n, option)
+        return [self.part(a, b) for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]
+
+    @property
+    def mass(self) -> float:
+        """Mass of the beam, kg."""
+        if isinstance(self.section, Section):
+            return self.length * self.section.m
+        return self.moment(0)
+
+    def moment(self, power: int) -> float:
+        """int m s^power ds from the root, kg m^power."""
+        if isinstance(self.section, Section):
+            return self.section.m * self.length ** (power + 1) / (power + 1)
+        s, weights = self.quadrature()
+        return float(weights @ (self.along(s).m * s**power))
+
+    @property
+    def rotary(self) -> float:
+        """int J ds, kg m^2."""
+        if isinstance(self.section, Section):
+            return self.section.J * self.length
+        s, weights = self.quadrature()
+        return float(weights @ self.along(s).J)
+
+    def series(self, what: str) -> float:
+        """The stiffness `what` of springs in series: length over int ds / stiffness."""
+        if isinstance(self.section, Section):
+            return float(getattr(self.section, what))
+        s, weights = self.quadrature()
+        return self.length / float(weights @ (1.0 / getattr(self.along(s), what)))
+
+    @property
+    def mean(self) -> Section:
+        """The section, or the mean of what vary."""
+        if isinstance(self.section, Section):
+            return self.section
+        s, weights = self.quadrature()
+        return Section(*(float(weights @ values) / self.length for values in self.along(s)))
+
+    @property
+    def slenderness(self) -> float:
+        """EI / (C L^2): how much shear counts beside bending; the elastica leaves it out (about 1e-3 is stubby).
+
+        Of sections that vary it is their mean.
+        """
+        return self.mean.EI / (self.mean.C * self.length**2)
+
+
+def _points(value: object, length: float) -> Section | Points:
+    """Points of sections, checked; one Section where all are alike."""
+    what = "must be a Section, a Taper or a sequence of two or more (s, Section)"
+    if not isinstance(value, list | tuple) or len(value) < 2:
+        raise check.InvalidValue("section", value, what)
+    found: list[tuple[float, Section]] = []
+    for i, entry in enumerate(value):
+        s, section = check.sequence(f"section[{i}]", entry, "s (m) and a Section", 2)
+        place = check.number(f"section[{i}].s", s, "m", minimum=0.0)
+        found.append((place, check.instance(f"section[{i}].section", section, Section)))
+    places = [s for s, _ in found]
+    if places[0] != 0.0:
+        raise check.InvalidValue("section[0].s", places[0], "must be 0, the link's root")
+    if abs(places[-1] - length) > 1e-9 * length:
+        raise check.InvalidValue(f"section[{len(found) - 1}].s", places[-1], f"must be the link's length, {length:g} m")
+    found[-1] = length, found[-1][1]
+    for i in range(1, len(found)):
+        thrice = i > 1 and places[i] == places[i - 2]
+        at_an_end = places[i] == places[i - 1] and i in (1, len(found) - 1)
+        if places[i] < places[i - 1] or thrice or at_an_end:
+            allowed = "must not be below the one before it; two alike are a jump, within the link and not at its ends"
+            raise check.InvalidValue(f"section[{i}].s", places[i], allowed)
+    return found[0][1] if all(section == found[0][1] for _, section in found) else tuple(found)

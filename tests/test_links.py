@@ -1,0 +1,241 @@
+"""Links whose sections vary: known frequencies, masses, what a constant one is equal to, TOML and errors."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from flexarm_env import arms, rigid
+from flexarm_env.accuracy import slowest_rate
+from flexarm_env.linear import modes
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section, Taper
+from flexarm_env.physics.assembly import assemble
+from flexarm_env.physics.floating.constants import finite_element_body
+from flexarm_env.scene import Scene
+from flexarm_env.settings import Settings
+from flexarm_env.simulation import simulate
+
+THICK = Section(EI=2.0, EA=2e7, C=7e6, m=0.3)
+THIN = Section(EI=0.5, EA=1e7, C=3e6, m=0.15)
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "exact": ("geometrically_exact", {"elements": 16}),
+    "elastica": ("elastica", {"nodes": 12}),
+    "segments": ("floating_frame", {"segments": 16}),
+    "modes": ("floating_frame", {"modes": 2}),
+}
+
+
+def scene(arm: Arm) -> Scene:
+    return Scene("s", arm, duration=1.0, dt=0.01)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("thickness", "width", "known"),
+    [(0.1, 1.0, 4.631), (0.02, 1.0, 5.124), (0.001, 1.0, 5.305), (1.0, 1e-5, 7.156)],
+)
+def test_wedge(method: str, thickness: float, width: float, known: float) -> None:
+    """c of the first clamped mode c sqrt(EI0 / m0 L^4) of a wedge, shares of the root's sides at its tip."""
+    link = Link.tapered(2.0, (0.03, 0.03 * width), (0.01, 0.01 * thickness), E=7e10, rho=2700.0, G=2.6e12, kappa=1.0)
+    root = link.along(0.0)
+    formulation, options = METHODS[method]
+    first = modes(scene(Arm("a", (link,))), 1, formulation, clamped=True, **options).frequencies[0]
+    assert first / np.sqrt(root.EI / (root.m * 2.0**4)) == pytest.approx(known, abs=6e-4)
+
+
+def stepped_frequencies(a: float, b: float, count: int) -> list[float]:
+    """Clamped-free Euler-Bernoulli beam of THICK on (0, a), THIN on (a, a + b): zeros of the boundary determinant."""
+
+    def determinant(omega: float) -> float:
+        p, r = ((omega**2 * s.m / s.EI) ** 0.25 for s in (THICK, THIN))
+        S, C, s, c = np.sinh(p * a), np.cosh(p * a), np.sin(p * a), np.cos(p * a)
+        # thick: A (cosh - cos) + B (sinh - sin) from the clamp; thin: the four functions from the free end, x' = L - x,
+        # that have no moment and no shear there: cosh + cos, sinh + sin
+        S2, C2, s2, c2 = np.sinh(r * b), np.cosh(r * b), np.sin(r * b), np.cos(r * b)
+        k, q = THICK.EI * p**2, THIN.EI * r**2
+        rows = [
+            [C - c, S - s, -(C2 + c2), -(S2 + s2)],
+            [p * (S + s), p * (C - c), r * (S2 - s2), r * (C2 + c2)],
+            [k * (C + c), k * (S + s), -q * (C2 - c2), -q * (S2 - s2)],
+            [k * p * (S - s), k * p * (C + c), q * r * (S2 + s2), q * r * (C2 - c2)],
+        ]
+        scale = np.exp(p * a + r * b) * np.array([1.0, p, k, k * p])[:, None]
+        return float(np.linalg.det(np.array(rows) / scale))
+
+    grid = np.linspace(0.5, 400.0, 8000)
+    values = [determinant(omega) for omega in grid]
+    zeros = [
+        brentq(determinant, x, y) for x, y, f, g in zip(grid, grid[1:], values, values[1:], strict=False) if f * g < 0.0
+    ]
+    return zeros[:count]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_stepped_beam(method: str) -> None:
+    """Three frequencies against the transcendental equation; the step is where an even mesh has no end."""
+    known = stepped_frequencies(0.53, 0.47, 3)
+    link = Link(1.0, [(0.0, THICK), (0.53, THICK), (0.53, THIN), (1.0, THIN)])
+    formulation, options = METHODS[method]
+    options = {"modes": 4} if method == "modes" else options
+    found = modes(scene(Arm("a", (link,))), 3, formulation, clamped=True, **options).frequencies
+    assert np.all(np.abs(found / known - 1.0) < [1e-4, 2e-4, 1e-3])
+
+
+@pytest.mark.parametrize(("formulation", "options"), METHODS.values())
+def test_a_constant_section_as_points_is_that_section(formulation: str, options: dict[str, Any]) -> None:
+    plain, points = Link(0.7, THICK), Link(0.7, [(0, THICK), (0.3, THICK), (0.3, THICK), (0.7, THICK)])
+    assert plain == points and points.uniform == THICK
+    assert Link.tapered(1.0, (0.03, 0.03), (0.002, 0.002), E=7e10, rho=2700.0, G=2.6e10) == Link(
+        1.0, Section.rectangle(0.03, 0.002, 7e10, 2700.0, 2.6e10)
+    )
+    one, other = (
+        assemble(scene(Arm("a", (link, plain))), Settings.make(formulation, **options)).model
+        for link in (plain, points)
+    )
+    numbers = "sections" if formulation == "geometrically_exact" else "data"
+    assert np.array_equal(getattr(one, numbers), getattr(other, numbers))
+
+
+@pytest.mark.parametrize(("formulation", "options"), METHODS.values())
+def test_nearly_constant_is_nearly_the_same(formulation: str, options: dict[str, Any]) -> None:
+    """A link that varies by one part in 1e9 goes through the other path and has the same frequencies."""
+    nearly = Section(*(getattr(THICK, name) * (1.0 + 1e-9) for name in ("EI", "EA", "C", "m")))
+    elbow, payload = (Elbow(0.05, 1e-3, 1e-3),), Payload(0.1, 1e-3)
+    found = [
+        modes(
+            scene(Arm("a", (link, Link(0.4, THICK)), elbows=elbow, payload=payload)), 3, formulation,
+            clamped=True, **options,
+        ).frequencies
+        for link in (Link(0.6, THICK), Link(0.6, [(0.0, THICK), (0.6, nearly)]))
+    ]  # fmt: skip
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
+
+
+VARIED = (
+    Link(1.3, [(0.0, THICK), (0.4, THIN), (0.4, THICK), (1.3, THIN)]),
+    Link.tapered(0.5, (0.03, 0.02), (0.004, 0.002), E=70e9, rho=2700.0, G=26e9),
+)
+
+
+def test_mass_properties() -> None:
+    """Masses, moments and the rigid arm's inertia against sums over short pieces."""
+    for link in VARIED:
+        s = (np.arange(130_000) + 0.5) * link.length / 130_000
+        at, ds = link.along(s), link.length / 130_000
+        sums = [float(np.sum(at.m * s**k) * ds) for k in range(3)]
+        np.testing.assert_allclose([link.mass, link.moment(1), link.moment(2)], sums, rtol=1e-9)
+        assert link.rotary == pytest.approx(float(np.sum(at.J) * ds), rel=1e-9, abs=1e-18)
+        assert sum(part.mass for part in link.cut(7, "elements")) == pytest.approx(link.mass, rel=1e-12)
+    first, second = VARIED
+    arm = Arm("a", VARIED, elbows=(Elbow(0.2, 1e-3, 2e-3),), payload=Payload(0.1, 1e-3))
+    beyond = second.moment(2) + second.rotary + 0.1 * 0.5**2 + 1e-3 + 2e-3
+    assert rigid.inertia_beyond(arm, 1) == pytest.approx(beyond, rel=1e-12)
+    whole = first.moment(2) + first.rotary + 0.2 * 1.3**2 + 1e-3 + beyond
+    whole += 1.3**2 * (second.mass + 0.1) + 2.0 * 1.3 * (second.moment(1) + 0.1 * 0.5)
+    assert rigid.inertia_beyond(arm, 0) == pytest.approx(whole, rel=1e-12)
+
+
+def test_meshes_end_at_jumps() -> None:
+    link = Link(1.0, [(0.0, THICK), (0.3, THICK), (0.3, THIN), (1.0, THIN)])
+    np.testing.assert_allclose(link.mesh(4, "elements"), [0.0, 0.3, 0.3 + 0.7 / 3, 0.3 + 1.4 / 3, 1.0])
+    assert [part.uniform for part in link.cut(3, "elements")] == [THICK, THIN, THIN]
+    for formulation, option in (("geometrically_exact", "elements"), ("floating_frame", "elements")):
+        options = {"segments": 1} if formulation == "floating_frame" else {}
+        with pytest.raises(
+            ValueError, match=r"^elements = 1: must be at least 2 for a link whose sections jump 1 times"
+        ):
+            assemble(scene(Arm("a", (link,))), Settings.make(formulation, **options, **{option: 1}))
+    many = [(0.0, THICK)] + [(0.2 * k, s) for k in (1, 2, 3) for s in (THICK, THIN)] + [(1.0, THICK)]
+    with pytest.raises(ValueError, match=r"^nodes = 4: must be at least 5"):
+        assemble(scene(Arm("a", (Link(1.0, many),))), Settings.make("elastica", nodes=4, dt=0.01))
+
+
+def test_constants_of_a_body_whose_elements_are_not_even() -> None:
+    """Of v = x^2, phi = 2 x, which the elements hold exactly: c'q = int m x v."""
+    link = Link(1.0, [(0.0, THICK), (0.3, THICK), (0.3, THIN), (1.0, THIN)])
+    for elements in (2, 5):
+        body = finite_element_body(link, elements, "linear")
+        x = link.mesh(elements, "elements")[1:]
+        q = np.stack([np.zeros_like(x), x**2, 2.0 * x], axis=1).ravel()
+        assert body.c @ q == pytest.approx(0.3 * 0.3**4 / 4 + 0.15 * (1.0 - 0.3**4) / 4, rel=1e-4)
+        np.testing.assert_allclose(body.shapes[:, 1] @ q, body.stations**2, atol=1e-4)
+        assert body.stations[-1] == pytest.approx(1.0)
+
+
+def test_slowest_rate() -> None:
+    """Of a wedge and of a stepped beam, within 5 %."""
+    wedge = Link.tapered(1.0, (0.03, 0.03), (0.01, 0.0002), E=7e10, rho=2700.0, G=2.6e10)
+    root = wedge.along(0.0)
+    assert slowest_rate(scene(Arm("a", (wedge,)))) == pytest.approx(5.124 * np.sqrt(root.EI / root.m), rel=0.05)
+    stepped = Link(1.0, [(0.0, THICK), (0.53, THICK), (0.53, THIN), (1.0, THIN)])
+    assert slowest_rate(scene(Arm("a", (stepped,)))) == pytest.approx(stepped_frequencies(0.53, 0.47, 1)[0], rel=0.02)
+
+
+def test_toml_reads_back_equal() -> None:
+    arm = Arm("a", (*VARIED, Link(1.0, THIN)))
+    assert arms.from_toml(arms.to_toml(arm)) == arm
+    rectangles = """
+name = "a"
+[[links]]
+length = 0.5
+section = [
+  { s = 0.0, width = 0.03, thickness = 0.004, E = 7e10, rho = 2700.0, G = 2.6e10 },
+  { s = 0.5, EI = 1.0, EA = 1e6, C = 1e6, m = 0.1 },
+]
+"""
+    assert arms.from_toml(rectangles).links[0].section[1] == (0.5, Section(1.0, 1e6, 1e6, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Link(1.0, [(0.0, THICK)]), "must be a Section, a Taper or a sequence of two or more (s, Section)"),
+        (lambda: Link(1.0, [(0.1, THICK), (1.0, THIN)]), "section[0].s = 0.1: must be 0, the link's root"),
+        (lambda: Link(1.0, [(0.0, THICK), (0.9, THIN)]), "section[1].s = 0.9: must be the link's length, 1 m"),
+        (lambda: Link(1.0, [(0.0, THICK), (0.6, THIN), (0.5, THICK), (1.0, THIN)]), "section[2].s = 0.5: must not be"),
+        (lambda: Link(1.0, [(0.0, THICK), (0.0, THIN), (1.0, THIN)]), "section[1].s = 0.0: must not be below the one"),
+        (lambda: Link(1.0, [(0.0, THICK), (1.0, "s")]), "section[1].section = 's': must be a Section"),
+        (
+            lambda: Taper((0.1, 0.0), (0.1, 0.1), 1.0, 1.0, 1.0),
+            "section.widths[1] = 0.0: must be a positive number (m)",
+        ),
+        (
+            lambda: arms.from_table({"name": "a", "links": [{"length": 1.0, "section": [{"s": 0.0, "EJ": 1.0}]}]}),
+            "links[0].section[0].EJ: unknown key; allowed: EI, EA,",
+        ),
+        (
+            lambda: arms.from_table({"name": "a", "links": [{"length": 1.0, "section": {"widths": [1.0, 2.0]}}]}),
+            "links[0].section.thicknesses: missing",
+        ),
+    ],
+)
+def test_a_refusal_names_what_is_wrong(make: Any, message: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        make()
+    assert message in str(caught.value)
+
+
+def test_damping_of_one_link_alone() -> None:
+    """Links of the same tau_d, their own or the arm's, are one model; of others each loses what the exact beam does."""
+    kept = Link(0.6, THICK, tau_d=4e-3), Link(0.4, THICK, tau_d=4e-3)
+    same = Arm("a", kept, payload=Payload(0.1), tau_d=1.0), Arm("a", tuple(Link(k.length, THICK) for k in kept),
+        payload=Payload(0.1), tau_d=4e-3)  # fmt: skip
+    for formulation, options in METHODS.values():
+        one, other = (assemble(scene(arm), Settings.make(formulation, dt=0.01, **options)) for arm in same)
+        assert np.array_equal(one.par, other.par)
+        assert [x is None for x in one.model] == [x is None for x in other.model]
+    arm = dataclasses.replace(same[1], links=(kept[0], Link(0.4, THICK)), tau_d=2e-4, hub_inertia=0.05)
+    assert arm.damping == (4e-3, (1.0, 0.05))
+    assert arms.from_toml(arms.to_toml(arm)) == arm
+    fall = Scene("fall", arm, duration=0.5, dt=1e-3, sample=0.05, gravity=(0.0, -9.81))  # kernels of its own sizes
+    lost = [
+        simulate(fall, formulation, estimate_error=False, **options).dissipated[-1]
+        for formulation, options in (METHODS["exact"], ("elastica", {"nodes": 6}))
+    ]
+    assert lost[0] == pytest.approx(lost[1], rel=2e-3)
+    with pytest.raises(ValueError, match=r"^period_correction = True: must be False where the links' tau_d differ"):
+        assemble(fall, Settings.make("geometrically_exact", period_correction=True))
