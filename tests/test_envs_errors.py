@@ -25,7 +25,7 @@ WRONG: dict[str, list[tuple[dict[str, Any], tuple[str, ...]]]] = {
         ({"formulation": "elastica", "segments": 3}, ("segments", "floating_frame")),
         ({"arm": "de_luca_siciliano"}, ("arm", "1 link")),
         ({"arm": "no_such_arm"}, ("no_such_arm", "strip")),
-        ({"action_mode": "voltage"}, ("action_mode", "torque", "residual_pd")),
+        ({"action_mode": "velocity"}, ("action_mode", "torque", "residual_pd")),
         ({"residual_share": 1.0}, ("residual_share = 1.0", 'action_mode="residual_pd"')),
         ({"action_mode": "residual_pd", "residual_share": 0.0}, ("residual_share = 0.0", "positive")),
         ({"task": "juggle"}, ("task", "slew", "track", "replay")),

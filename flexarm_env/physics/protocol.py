@@ -41,6 +41,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     open_friction(lane, model, par, state, u, r, S)  where books are opened: friction as it is now; r is free
     book_friction(lane, model, S, start, q, books)  add what Coulomb friction has taken from start to q, by the mean of
         what it was there and in the last residual
+    begin_friction(lane, model, S)   where inputs jump: nothing that follows depends on what S held before
+    expected(lane, model, S, theta)  contraction to expect of Newton's first iteration, theta where equations are smooth
     passes(lane, model)              how often accelerations are solved for where they are solved afresh
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
     shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
@@ -98,6 +100,17 @@ def _no_friction(lane, model, S, loose):
 
 
 @kernel
+def _nothing_to_begin(lane, model, S):
+    """`begin_friction` of such joints."""
+
+
+@kernel
+def _smooth(lane, model, S, theta):
+    """`expected` of such joints."""
+    return theta
+
+
+@kernel
 def _nothing_to_open(lane, model, par, state, u, r, S):
     """`open_friction` of such joints."""
 
@@ -115,7 +128,8 @@ def _one(lane, model):
 
 FORMULATIONS = Family(
     "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, loosen=_no_friction,
-    open_friction=_nothing_to_open, book_friction=_nothing_to_book, passes=_one,
+    open_friction=_nothing_to_open, book_friction=_nothing_to_book, begin_friction=_nothing_to_begin, expected=_smooth,
+    passes=_one,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -136,6 +150,8 @@ update = FORMULATIONS.function("update", "lane, model, q, d")
 loosen = FORMULATIONS.function("loosen", "lane, model, S, loose")
 open_friction = FORMULATIONS.function("open_friction", "lane, model, par, state, u, r, S")
 book_friction = FORMULATIONS.function("book_friction", "lane, model, S, start, q, books")
+begin_friction = FORMULATIONS.function("begin_friction", "lane, model, S")
+expected = FORMULATIONS.function("expected", "lane, model, S, theta")
 passes = FORMULATIONS.function("passes", "lane, model")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")

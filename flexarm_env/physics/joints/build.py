@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-from flexarm_env.physics.joints.layout import GEAR, LAW, PLACES
+from flexarm_env.parameters import Arm
+from flexarm_env.physics.joints.layout import GEAR, GEARS, LAW, PLACES
 from flexarm_env.physics.model import Jointed, System
 from flexarm_env.rigid import inertia_beyond
 from flexarm_env.scene import Scene
@@ -16,6 +17,9 @@ from flexarm_env.settings import Settings
 
 LEAST = 1e-3
 """Of the inertia of the rigid arm beyond a joint, what friction there is taken to hold at least; beside the rotor's."""
+
+PASSES = 2
+"""How often accelerations are solved for where friction acts on a joint's own angle."""
 
 HOLD = 1e10
 """A joint at rest by friction is held as if it had this many times that inertia."""
@@ -38,10 +42,10 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     elastic = [k for k in joints if arm.joint(k).elastic]
     motors = {k: first + i for i, k in enumerate(elastic)}
     _check_rotors(scene, elastic)
-    count, rough = len(motors), any(arm.joint(k).friction_coulomb > 0.0 for k in joints)
+    count = len(motors)
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
-    more = 1 + GEAR.end * len(joints)
+    more = GEARS.end + GEAR.end * len(joints)
     assert settings.dt is not None
     model = Jointed(
         n=_longer(inner.n, count),
@@ -50,13 +54,13 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         fixed=inner.fixed,
         algebraic=None,
         weight=np.concatenate([inner.weight, np.ones(count)]),
-        predictor=_predictor(inner.predictor) if rough else inner.predictor,
+        predictor=inner.predictor,
         correction=inner.correction,
         bound=float(getattr(inner, "bound", 0.0)),
         arm=inner,
         table=np.array([place for place, _ in laws], np.int64).ravel(),
         data=np.concatenate([law for _, law in laws]),
-        rough=(0,) if rough else None,
+        rough=_rough(arm),
         step=settings.dt,
     )
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
@@ -86,8 +90,8 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
     known = scene.motion_of(f"{'motor' if on_motor else 'joint'}{k}") is not None
     place = [k, row, motor, int(on_motor), int(known)]
     assert len(place) == PLACES
-    whole = inertia_beyond(scene.arm, k) + joint.rotor
-    least = LEAST * inertia_beyond(scene.arm, k) + (0.0 if motor >= 0 else joint.rotor)
+    whole = inertia_beyond(scene.arm, k)
+    least = LEAST * whole + (0.0 if motor >= 0 else joint.rotor)
     return place, LAW.pack(
         {}, stiffness=joint.stiffness if motor >= 0 else 0.0, damping=joint.damping, rotor=joint.rotor,
         viscous=joint.friction_viscous, coulomb=joint.friction_coulomb, least=least, hold=HOLD * whole / least,
@@ -99,8 +103,10 @@ def _longer(size: int | tuple[int, ...], more: int) -> int | tuple[int, ...]:
     return size + more if isinstance(size, int) else size + (0,) * more
 
 
-def _predictor(own: float | tuple[float, float] | None) -> float | tuple[float, float]:
-    """Where Newton starts from, with nothing known of what its first increment leaves: joints stick and slip."""
-    if isinstance(own, tuple):
-        return own[0], 0.0
-    return 0.0 if own is None else own
+def _rough(arm: Arm) -> tuple[int, ...] | None:
+    """The tag of Coulomb friction, as long as accelerations are solved for: on a motor's side its row alone says what
+    sticks."""
+    sides = [joint.elastic and joint.friction_side == "motor" for joint in arm.joints if joint.friction_coulomb > 0.0]
+    if not sides:
+        return None
+    return (0,) if all(sides) else (0,) * PASSES

@@ -26,9 +26,7 @@ from ..arithmetic import clip
 from ..layout import DISSIPATED
 from ..model import Jointed
 from ..protocol import RESIDUAL_ALONE, register
-from .layout import GEAR, LAWS, PLACE, PLACES
-
-PASSES = 3
+from .layout import GEAR, GEARS, LAWS, PLACE, PLACES
 
 
 @kernel
@@ -38,15 +36,22 @@ def _count(model):
 
 
 @kernel
-def _loose_at(model):
-    """Where the flag is in S that leaves Coulomb friction out."""
+def _gears_at(model):
+    """Where the `GEARS` are in S."""
     return size(model.arm.n_factor)
 
 
 @kernel
 def _gear_at(model, i):
     """Where the `GEAR` of law i is in S."""
-    return _loose_at(model) + 1 + GEAR.end * i
+    return _gears_at(model) + GEARS.end + GEAR.end * i
+
+
+@kernel
+def _look(lane, S, g, ahead, share):
+    """What friction is chosen by, see (6.6) of the theory."""
+    store(S, g + GEAR.ahead, splat(lane, ahead))
+    store(S, g + GEAR.share, splat(lane, share))
 
 
 @kernel
@@ -61,23 +66,26 @@ def _grip(lane, rough, model, i, rate, second, rest, pivot, weights, S):
     """A row's residual with Coulomb friction, and 1 where that holds it; `rest`, `pivot`: the row without it."""
     if rough is None:
         return rest, splat(lane, 0.0)
-    g, zero = _gear_at(model, i), splat(lane, 0.0)
+    g, zero, one = _gear_at(model, i), splat(lane, 0.0), splat(lane, 1.0)
     coulomb = model.data[LAWS.end * i + LAWS.coulomb]
     if weights.mass != 0.0:
         ahead = 0.5 * model.step
         if weights.damping != 0.0:
             ahead = weights.damping / weights.mass
-        store(S, g + GEAR.ahead, splat(lane, ahead))
-        store(S, g + GEAR.share, splat(lane, pivot / (weights.damping + ahead * weights.mass)))
+        _look(lane, S, g, ahead, pivot / (weights.damping + ahead * weights.mass))
     push = (rate + second * load(lane, S, g + GEAR.ahead)) * load(lane, S, g + GEAR.share)
     wanted = push - rest
     torque = clip(wanted, coulomb)
-    stuck = select_lt(absolute(wanted), coulomb, splat(lane, 1.0), zero)
+    stuck = select_lt(absolute(wanted), coulomb, one, zero)
     if model.table[PLACES * i + PLACE.known] != 0:
         torque, stuck = _known_friction(lane, coulomb, rate), zero
-    if S[_loose_at(model) * len(lane)] != 0.0:
+    if S[(_gears_at(model) + GEARS.loose) * len(lane)] != 0.0:
         torque, stuck = zero, zero
     store(S, g + GEAR.torque, torque)
+    way = select_lt(0.5, stuck, zero, select_lt(zero, torque, one, -one))
+    turned = _gears_at(model) + GEARS.turned
+    store(S, turned, load(lane, S, turned) + absolute(way - load(lane, S, g + GEAR.way)))
+    store(S, g + GEAR.way, way)
     return select_lt(0.5, stuck, push, rest + torque), stuck
 
 
@@ -130,6 +138,7 @@ def _at_joint(lane, model, i, state, weights, r, S):
 def assemble(lane, model, par, state, u, weights, r, S):
     """The arm's own, and what turns its joints."""
     protocol.assemble(lane, model.arm, par, state, u, weights, r, S)
+    store(S, _gears_at(model) + GEARS.turned, splat(lane, 0.0))
     for i in range(_count(model)):
         if model.table[PLACES * i + PLACE.motor] >= 0:
             _through_gear(lane, model, i, state, u, weights, r, S)
@@ -272,7 +281,37 @@ def energy(lane, model, par, q, v):
 @kernel
 def loosen(lane, model, S, loose):
     """See `protocol`."""
-    store(S, _loose_at(model), splat(lane, loose))
+    store(S, _gears_at(model) + GEARS.loose, splat(lane, loose))
+
+
+@kernel
+def begin_friction(lane, model, S):
+    """See `protocol`: friction is chosen as where accelerations are solved for."""
+    _begin(lane, model.rough, model, S)
+
+
+@kernel
+def _begin(lane, rough, model, S):
+    if rough is not None:
+        for i in range(_count(model)):
+            law, ahead = LAWS.end * i, 0.5 * model.step
+            inertia = model.data[law + LAWS.least]
+            if model.table[PLACES * i + PLACE.on_motor] != 0:
+                inertia = model.data[law + LAWS.rotor]
+            _look(lane, S, _gear_at(model, i), ahead, inertia / ahead)
+
+
+@kernel
+def expected(lane, model, S, theta):
+    """See `protocol`: no more than a half where a joint has changed between sticking and slipping."""
+    return _expected(lane, model.rough, model, S, theta)
+
+
+@kernel
+def _expected(lane, rough, model, S, theta):
+    if rough is None:
+        return theta
+    return select_lt(0.5, load(lane, S, _gears_at(model) + GEARS.turned), splat(lane, 0.5), theta)
 
 
 @kernel
@@ -313,7 +352,7 @@ def _book(lane, rough, model, S, start, q, books):
 
 @kernel
 def passes(lane, model):
-    """Some, for friction to find out what sticks."""
+    """More than one for friction to find out what sticks, where that takes others' accelerations."""
     return _passes(model.rough)
 
 
@@ -321,7 +360,7 @@ def passes(lane, model):
 def _passes(rough):
     if rough is None:
         return 1
-    return PASSES
+    return len(rough)
 
 
 @kernel
@@ -357,6 +396,8 @@ register(
     damping_work=damping_work,
     energy=energy,
     loosen=loosen,
+    begin_friction=begin_friction,
+    expected=expected,
     open_friction=open_friction,
     book_friction=book_friction,
     passes=passes,

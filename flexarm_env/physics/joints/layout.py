@@ -38,5 +38,13 @@ GEAR = Layout(
     Field("share", (), "N m s/rad", "torque that such a rate stands for in the choice between sticking and slipping"),
     Field("torque", (), "N m", "Coulomb friction of the last residual"),
     Field("before", (), "N m", "and at the step's start"),
+    Field("way", (), "", "of the last residual: 0: it sticks; 1, -1: it slips forward, backward"),
 ).places  # fmt: skip
-"""Behind the arm's own part of S: a flag, 1: Coulomb friction is left out; then one of these a joint."""
+"""One a joint, behind `GEARS`."""
+
+GEARS = Layout(
+    "Gears", "",
+    Field("loose", (), "", "1: Coulomb friction is left out"),
+    Field("turned", (), "", "more than 0: a joint has changed between sticking and slipping since the residual before"),
+).places  # fmt: skip
+"""Behind the arm's own part of S."""
