@@ -227,7 +227,7 @@ class Recorder:
         data = {name: np.array(rows) for name, rows in self.rows.items()}
         poses = data["poses"]
         angles, rates = joint_angles(poses)
-        lengths = np.array([link.length for link in self.scene.arm.links])
+        lengths = np.array([link.span for link in self.scene.arm.links])
         counts = simulation.work.counts
         return Trajectory(
             scene=self.scene,
