@@ -263,7 +263,9 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
         L, x, weights = link.length, *(0.5 * (v + (i == 0)) for i, v in enumerate(np.polynomial.legendre.leggauss(40)))
         powers = np.arange(2, degree + 2)
 
-        def at(share: float, link: Any = link, own: Any = own, joint: Any = joint) -> tuple[Any, Any]:
+        def at(
+            share: float, link: Any = link, own: Any = own, joint: Any = joint, powers: Any = powers
+        ) -> tuple[Any, Any]:
             """Displacement and angle at a share of the beam."""
             row, turn = joint.copy(), np.zeros(size)
             row[own] = [link.root_offset + share * link.length, *(share**powers)]
@@ -290,7 +292,7 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
     if not hinged:  # joints held: a link's root turns with the tip before it
         T = np.eye(size)
         keep = []
-        for k, link in enumerate(arm.links):
+        for k in range(n):
             first = k * (degree + 1)
             if k > 0:
                 before = slice(first - degree, first)
@@ -303,7 +305,7 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("clamped", [True, ()])
+@pytest.mark.parametrize("clamped", [(0, 1), ()])
 def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
     """Three of a two-link arm against its energies, joints held and free."""
     arm = Arm(
@@ -317,6 +319,7 @@ def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
     np.testing.assert_allclose(found, ritz_frequencies(arm, 3, hinged=clamped == ()), rtol=5e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "options"), METHODS.values())
 def test_no_rigid_ends_are_the_same_arm_and_small_ones_nearly(formulation: str, options: dict[str, Any]) -> None:
     plain, none = Link(0.6, THICK), Link(0.6, THICK, root_offset=0.0, tip_offset=0, tip_mass=0.0)
