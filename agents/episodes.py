@@ -84,10 +84,12 @@ def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
     misses = np.full((limit + 1, n, 2 if setup.task == "reach" else 1), np.nan)
     bends = np.full((limit + 1, n, setup.n_joints), np.nan)
     last = np.full(n, limit)
-    misses[0], bends[0] = _miss(setup, observation, info), _bend(info, n) * lengths
+    miss, bends[0] = _miss(setup, info, np.zeros((n, 2))), _bend(info, n) * lengths
+    misses[0] = miss
     for k in range(1, limit + 1):
         observation, reward, terminated, truncated, info = env.step(policy.act(observation))
-        misses[k, alive] = _miss(setup, observation, info)[alive]
+        miss = _miss(setup, info, miss)
+        misses[k, alive] = miss[alive]
         bends[k, alive] = (_bend(info, n) * lengths)[alive]
         returns += np.where(alive, reward, 0.0)
         load = np.sum((info["joint_torque"].reshape(n, -1) / limits) ** 2, axis=1) * setup.control_dt
@@ -108,10 +110,12 @@ def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
     )  # fmt: skip
 
 
-def _miss(setup: Setup, observation: NDArray[np.float32], info: Mapping[str, Any]) -> Array:
-    """Target less tip, (n, 1) rad or (n, 2) m in fixed axes."""
+def _miss(setup: Setup, info: Mapping[str, Any], before: Array) -> Array:
+    """Target less tip, (n, 1) rad, going on from the turn of that before, or (n, 2) m in fixed axes."""
     if setup.task == "slew":
-        return observation[:, -1:].astype(np.float64) * setup.scales[-1]
+        tip = np.arctan2(info["tip_position"][:, 1], info["tip_position"][:, 0])
+        turns = (info["target"] - tip - before[:, 0]) / (2.0 * np.pi)
+        return (before[:, 0] + 2.0 * np.pi * (turns - np.round(turns)))[:, None]
     miss: Array = info["target"] - info["tip_position"]
     return miss
 

@@ -14,18 +14,20 @@ from gymnasium.envs.registration import register, registry
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .parameters import Arm, Elbow, Link, Payload, Section, Taper
+    from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
+    from .sensors import Accelerometer, Camera, Encoder, LowPass, Sensors, StrainGauge
     from .settings import Settings
     from .simulation import Simulation, simulate
     from .time_functions import TimeFunction
     from .trajectory import Trajectory
 
 _HOME = {
-    **dict.fromkeys(("Arm", "Elbow", "Link", "Payload", "Section", "Taper"), "parameters"),
+    **dict.fromkeys(("Arm", "Elbow", "Joint", "Link", "Motor", "Payload", "Section", "Taper"), "parameters"),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
+    **dict.fromkeys(("Accelerometer", "Camera", "Encoder", "LowPass", "Sensors", "StrainGauge"), "sensors"),
     "Settings": "settings",
     **dict.fromkeys(("Simulation", "simulate"), "simulation"),
     "TimeFunction": "time_functions",
@@ -34,8 +36,9 @@ _HOME = {
 """Where each public name is defined."""
 
 __all__ = [
-    "Arm", "Elbow", "JointTorque", "Link", "Motion", "Payload", "PointLoad", "Scene", "Section", "Settings",
-    "Simulation", "Taper", "TimeFunction", "Trajectory", "__version__", "named", "simulate",
+    "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "Joint", "JointTorque", "Link", "LowPass", "Motion", "Motor",
+    "Payload", "PointLoad", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "Taper",
+    "TimeFunction", "Trajectory", "__version__", "named", "simulate",
 ]  # fmt: skip
 
 

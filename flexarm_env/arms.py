@@ -5,31 +5,37 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
+from dataclasses import fields
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from flexarm_env import sensors
 from flexarm_env import validation as check
-from flexarm_env.parameters import Arm, Elbow, Link, Payload, Points, Section, Taper
+from flexarm_env.parameters import Arm, Elbow, Joint, Link, Motor, Payload, Points, Section, Taper
 from flexarm_env.sections import ENDS
 
 _SECTION = ("EI", "EA", "C", "m", "J")
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
 _OF_LINK = ("tau_d", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
+_JOINT = tuple(field.name for field in fields(Joint))
+_MOTOR = tuple(field.name for field in fields(Motor))
 _ELBOW = ("mass", "inertia_left", "inertia_right")
 _ARM = (
     "name",
     "links",
     "hub_inertia",
     "elbows",
+    "joints",
     "payload",
     "tau_d",
     "mass_damping",
     "torque_limits",
     "joint_limits",
     "source",
+    "sensors",
 )
 
 
@@ -120,8 +126,14 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
         _part(f"elbows[{i}]", Elbow, entry, _ELBOW)
         for i, entry in enumerate(check.sequence("elbows", values.get("elbows", ()), "tables"))
     )
+    values["joints"] = tuple(
+        _joint(f"joints[{i}]", entry)
+        for i, entry in enumerate(check.sequence("joints", values.get("joints", ()), "tables"))
+    )
     if "payload" in values:
         values["payload"] = _part("payload", Payload, values["payload"], ("mass", "inertia"))
+    if "sensors" in values:
+        values["sensors"] = sensors.from_table(check.table_of("sensors", values["sensors"]))
     return Arm(**values)
 
 
@@ -176,6 +188,18 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
         return Section.rectangle(**section) if rectangle else Section(**section)
 
 
+def _joint(path: str, entry: object) -> Joint:
+    table = check.table_of(path, entry)
+    check.known_keys(path, table, _JOINT)
+    with check.under(path):
+        if "motor" in table:
+            motor = check.table_of("motor", table["motor"])
+            check.known_keys("motor", motor, _MOTOR)
+            check.needed("motor", motor, "torque_constant", "must be a positive number (N m/A)")
+            table["motor"] = Motor(**motor)
+        return Joint(**table)
+
+
 def _part(path: str, kind: type[Any], entry: object, keys: tuple[str, ...]) -> Any:
     table = check.table_of(path, entry)
     check.known_keys(path, table, keys)
@@ -215,4 +239,16 @@ def to_table(arm: Arm) -> dict[str, Any]:
     table["links"] = [_link_table(link) for link in arm.links]
     if arm.elbows:
         table["elbows"] = [{key: getattr(elbow, key) for key in _ELBOW} for elbow in arm.elbows]
+    if arm.sensors is not None:
+        table["sensors"] = sensors.to_table(arm.sensors)
+    if arm.joints:
+        table["joints"] = [_changed(joint, Joint()) for joint in arm.joints]
+    return table
+
+
+def _changed(item: Joint, usual: Joint) -> dict[str, Any]:
+    """The fields of a joint that are not as usual; of its motor, those that are given."""
+    table = {key: getattr(item, key) for key in _JOINT if key != "motor" and getattr(item, key) != getattr(usual, key)}
+    if item.motor is not None:
+        table["motor"] = {key: getattr(item.motor, key) for key in _MOTOR if getattr(item.motor, key) is not None}
     return table

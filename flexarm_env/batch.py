@@ -25,6 +25,7 @@ from .runtime import episode as environment
 from .runtime import starts
 from .runtime.layout import aligned, layout_of
 from .runtime.sampling import observe_arm
+from .runtime.sensors import LAW_SIZE, law_of, room_of
 from .scene import Scene
 from .settings import Settings
 from .simulation import fitted_systems, room_for_points
@@ -48,11 +49,14 @@ from .tasks.program import (
     SUCCESS,
     TARGET,
     Actuator,
+    Amplifier,
     Controller,
+    Instruments,
     Models,
     Program,
     Ranges,
     Reference,
+    Selection,
     Sensors,
 )
 from .tasks.reach import Chain, Reach
@@ -97,9 +101,12 @@ class Extras:
     """What an ideal environment lacks; None: absent, and not compiled."""
 
     controller: Controller | None = None
+    amplifier: Amplifier | None = None
     actuator: Actuator | None = None
     sensors: Sensors | None = None
     reference: Reference | None = None
+    instruments: Instruments | None = None
+    selection: Selection | None = None
 
 
 def standing_scene(arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = ()) -> Scene:
@@ -187,7 +194,8 @@ class Batch:
         assert settings.dt is not None
         gauges = 0 if self.extras.sensors is None else len(self.extras.sensors.gauges) // len(self.system.q0)
         ahead = 0 if self.extras.reference is None else len(self.extras.reference.scales)
-        self.entries = len(task.entries) + ahead + gauges
+        read = 0 if self.extras.instruments is None else self.extras.instruments.entries
+        self.entries = len(task.entries) + ahead + read + gauges
         fitted = settings.step_tolerance is not None
         self.layout = layout_of(lanes, model, task, self.entries, self.extras, fitted)
         self._work = int(uncompiled(work_size)(1, model, 0)) - COUNTS.places.end  # these are apart
@@ -195,7 +203,9 @@ class Batch:
         self.info_at = info_places(task)
         self.block = aligned(self.groups, self.layout.row)
         self.action = np.zeros((count, links), np.float32)
-        self.observation = np.zeros((count, self.entries), np.float32)
+        chosen = self.extras.selection
+        width = self.entries if chosen is None else len(chosen.chosen) * chosen.frames
+        self.observation = np.zeros((count, width), np.float32)
         size = (self.layout.saved - self.layout.info) // lanes
         self._tables = [np.zeros((size, self.groups * lanes)) for _ in range(2)]
         self.table = self._tables[0]
@@ -211,8 +221,10 @@ class Batch:
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
-            ranges=self._ranges(), controller=self.extras.controller, actuator=self.extras.actuator,
-            sensors=self.extras.sensors, reference=self.extras.reference, layout=self.layout, entries=self.entries,
+            ranges=self._ranges(), controller=self.extras.controller, amplifier=self.extras.amplifier,
+            actuator=self.extras.actuator, sensors=self.extras.sensors, reference=self.extras.reference,
+            instruments=self.extras.instruments, selection=self.extras.selection, layout=self.layout,
+            entries=self.entries,
             books=(0,) if self.books else None, estimate=self.estimate, period=self.period,
             h=self.period / n_steps, n_steps=n_steps, n=count,
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
@@ -425,8 +437,9 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "Actuator", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
-    "GUIDED", "INFO", "PERIODS_ALLOWED", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING", "Reach", "Reference",
-    "STATUS_WORDS", "PERIODS", "SUCCESS", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table",
-    "info_places", "one_at_a_time", "scene_gauges", "standing_scene",
+    "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
+    "GUIDED", "INFO", "Instruments", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS", "PERIODS_ALLOWED",
+    "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Slew", "Starts",
+    "TARGET", "Task", "View", "gauge_table", "info_places", "law_of", "one_at_a_time", "room_of", "scene_gauges",
+    "standing_scene",
 ]  # fmt: skip

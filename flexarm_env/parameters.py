@@ -9,11 +9,13 @@ and what is allowed.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from flexarm_env import validation as check
 from flexarm_env.sections import Link, Points, Section, Taper
 from flexarm_env.sections import store as _store
+from flexarm_env.sensors import Sensors
 
 __all__ = ["Arm", "Elbow", "JointRange", "Link", "Payload", "Points", "Section", "Taper"]
 
@@ -57,14 +59,123 @@ class Payload:
 
 
 @dataclass(frozen=True)
+class Motor:
+    """An electric motor: its torque is torque_constant times its current, its voltage resistance times that plus
+    back_emf times its rate; both are those of the shaft, before the gear.
+
+    Args:
+        torque_constant: N m/A, positive.
+        resistance: of the winding, ohm, positive; None: not known, and no voltage can be given.
+        back_emf: V s/rad, zero or positive; None: the torque constant, which it is in SI units.
+        current_limit: A, positive, or None. voltage_limit: V, positive, or None; it needs a resistance.
+    """
+
+    torque_constant: float
+    resistance: float | None = None
+    back_emf: float | None = None
+    current_limit: float | None = None
+    voltage_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        positive = {"resistance": "ohm", "current_limit": "A", "voltage_limit": "V"}
+        for name, unit in positive.items():
+            value = getattr(self, name)
+            _store(self, **{name: None if value is None else check.number(f"motor.{name}", value, unit, above=0.0)})
+        constant = check.number("motor.torque_constant", self.torque_constant, "N m/A", above=0.0)
+        emf = self.back_emf
+        _store(self, torque_constant=constant)
+        _store(self, back_emf=None if emf is None else check.number("motor.back_emf", emf, "V s/rad", minimum=0.0))
+        if self.resistance is None and (self.voltage_limit is not None or emf is not None):
+            raise check.MissingKey("motor.resistance", "a voltage says nothing about the current without it (ohm)")
+
+
+FRICTION_SIDES = ("motor", "link")
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What turns a joint: a motor with its rotor, a gear, friction. Angles, rates and torques are after the ratio.
+
+    The torque of the joint (`JointTorque`, an action) acts on the motor's side. An elastic gear gives the arm one more
+    coordinate, the motor's angle over the ratio, relative to the link before, as the joint's own is: "motor0" beside
+    "joint0", which is the angle of the link's root. Between the two act spring and damper.
+
+    Args:
+        stiffness: of the gear, N m/rad, positive; inf: it does not give, and there is no such coordinate.
+        damping: of the gear, N m s/rad, beside the spring; 0 where the stiffness is infinite.
+        motor_inertia: of the rotor about its own axis, kg m^2: its energy is 1/2 motor_inertia (gear_ratio rate)^2,
+            rate being that of the motor's angle relative to the link before. An elastic gear needs one, unless a
+            motion prescribes the motor's angle.
+        gear_ratio: turns of the rotor for one of the joint, positive.
+        friction_viscous: N m s/rad. friction_coulomb: N m: the torque that the joint withstands before it moves, and
+            that brakes it while it does.
+        friction_side: "motor" or "link": which side of an elastic gear the friction acts on.
+        backlash: play of the gear, rad; must be 0, it is not modelled.
+        motor: what makes the torque; None: it is given.
+    """
+
+    stiffness: float = math.inf
+    damping: float = 0.0
+    motor_inertia: float = 0.0
+    gear_ratio: float = 1.0
+    friction_viscous: float = 0.0
+    friction_coulomb: float = 0.0
+    backlash: float = 0.0
+    motor: Motor | None = None
+    friction_side: str = "motor"
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.stiffness, float) and self.stiffness == math.inf):
+            try:
+                stiffness = check.number("stiffness", self.stiffness, "N m/rad", above=0.0)
+            except check.InvalidValue as error:
+                what = "must be a positive number (N m/rad), or inf for a gear that does not give"
+                raise check.InvalidValue("stiffness", error.value, what) from None
+            _store(self, stiffness=stiffness)
+        _store(
+            self,
+            damping=check.number("damping", self.damping, "N m s/rad", minimum=0.0),
+            motor_inertia=check.number("motor_inertia", self.motor_inertia, "kg m^2", minimum=0.0),
+            gear_ratio=check.number("gear_ratio", self.gear_ratio, above=0.0),
+            friction_viscous=check.number("friction_viscous", self.friction_viscous, "N m s/rad", minimum=0.0),
+            friction_coulomb=check.number("friction_coulomb", self.friction_coulomb, "N m", minimum=0.0),
+            backlash=check.number("backlash", self.backlash, "rad", minimum=0.0),
+        )
+        check.choice("friction_side", self.friction_side, FRICTION_SIDES)
+        if self.damping > 0.0 and not self.elastic:
+            what = "must be 0 where the stiffness is infinite: the gear's two sides turn as one"
+            raise check.InvalidValue("damping", self.damping, what)
+        if self.backlash > 0.0:
+            raise check.InvalidValue("backlash", self.backlash, "must be 0: play in a gear is not modelled")
+        if self.motor is not None:
+            check.instance("motor", self.motor, Motor)
+
+    @property
+    def elastic(self) -> bool:
+        """Whether the gear gives, so that the motor has a coordinate of its own."""
+        return self.stiffness < math.inf
+
+    @property
+    def rotor(self) -> float:
+        """The rotor's inertia after the ratio, kg m^2."""
+        return self.motor_inertia * self.gear_ratio**2
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint is anything that an equation of motion knows of."""
+        return self.elastic or self.rotor > 0.0 or self.friction_viscous > 0.0 or self.friction_coulomb > 0.0
+
+
+@dataclass(frozen=True)
 class Arm:
-    """A chain of N links with hub, elbows and payload.
+    """A chain of N links with hub, elbows, joints and payload.
 
     Args:
         name: a short word.
         links: N >= 1 links, root to tip.
         hub_inertia: at the root of link 0, kg m^2.
         elbows: N-1 elbows, or () for massless ones.
+        joints: N of :class:`Joint`, what turns them, or () for ideal ones.
         payload: at the tip of the last link.
         tau_d: Kelvin-Voigt time constant, s: stress = D (strain + tau_d strain rate), so zeta_k = tau_d omega_k / 2; of
             the links that have none of their own.
@@ -75,6 +186,7 @@ class Arm:
         joint_limits: N entries, each None or (low, high) in rad (joint 0: the root angle; joint k: the angle of
             link k's root from link k-1's tip), or None (no limits at all).
         source: where the numbers come from.
+        sensors: what `observation="measured"` and `Trajectory.measured` read; None: ideal ones.
     """
 
     name: str
@@ -87,6 +199,8 @@ class Arm:
     torque_limits: tuple[float, ...] | None = None
     joint_limits: tuple[JointRange | None, ...] | None = None
     source: str = ""
+    joints: tuple[Joint, ...] = ()
+    sensors: Sensors | None = None
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
@@ -101,12 +215,22 @@ class Arm:
             raise check.InvalidValue("elbows", elbows, f"must be empty or hold {n - 1} (one less than the links)")
         for i, elbow in enumerate(elbows):
             check.instance(f"elbows[{i}]", elbow, Elbow)
+        joints = check.sequence("joints", self.joints, "Joint")
+        if joints and len(joints) != n:
+            raise check.InvalidValue("joints", joints, f"must be empty or hold {n} (one for each link)")
+        for i, joint in enumerate(joints):
+            check.instance(f"joints[{i}]", joint, Joint)
         check.instance("payload", self.payload, Payload)
         check.text("source", self.source)
+        if self.sensors is not None:
+            check.instance("sensors", self.sensors, Sensors)
+            with check.under("sensors"):
+                self.sensors.check_for(n)
         _store(
             self,
             links=links,
             elbows=elbows,
+            joints=joints,
             hub_inertia=check.number("hub_inertia", self.hub_inertia, "kg m^2", minimum=0.0),
             tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0),
             mass_damping=check.number("mass_damping", self.mass_damping, "1/s", minimum=0.0),
@@ -146,6 +270,15 @@ class Arm:
     def by_link(self, name: str) -> tuple[str, ...]:
         """A name for each of the N links: itself for a single one, otherwise with _1, _2, ... behind it."""
         return (name,) if self.n_links == 1 else tuple(f"{name}_{k + 1}" for k in range(self.n_links))
+
+    @property
+    def jointed(self) -> bool:
+        """Whether a joint is not ideal."""
+        return any(joint.moves for joint in self.joints)
+
+    def joint(self, k: int) -> Joint:
+        """What turns joint k (an ideal one where none is given)."""
+        return self.joints[k] if self.joints else Joint()
 
     def elbow(self, joint: int) -> Elbow:
         """The elbow at joint 1 ... N-1 (a massless one where none is given)."""

@@ -388,7 +388,7 @@ def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
 
 
 def _draw_energies(axes: Any, trajectory: Trajectory) -> None:
-    parts = {"kinetic": trajectory.kinetic, "strain": trajectory.strain}
+    parts = {"kinetic": trajectory.kinetic, "strain": trajectory.strain_energy}
     if np.any(trajectory.gravity != 0.0):
         parts["gravity"] = trajectory.gravity
     for color, (label, values) in zip(COLORS, parts.items(), strict=False):

@@ -29,11 +29,12 @@ import numpy as np
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from numpy.typing import NDArray
 
-from flexarm_env import arms
+from flexarm_env import arms, sensors
 from flexarm_env import validation as check
 from flexarm_env.envs.ids import permitted
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
+from flexarm_env.sensors import Sensors
 from flexarm_env.trajectory import write_whole
 
 FORMAT = 1
@@ -320,6 +321,8 @@ def _plain(path: str, value: Any) -> Any:
         return {"arm.toml": arms.to_toml(value)}
     if isinstance(value, Scene):
         return {"scene.toml": value.to_toml()}
+    if isinstance(value, Sensors):
+        return _plain(path, sensors.to_table(value))
     if isinstance(value, Mapping):
         return {str(k): _plain(check.joined(path, str(k)), v) for k, v in value.items()}
     if isinstance(value, np.ndarray):

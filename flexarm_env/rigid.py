@@ -66,8 +66,9 @@ def _of_joints(values: Array, axis: int) -> Array:
 
 
 def rigid_inertia(arm: Arm, elbows: Array) -> Array:
-    """Inertia (n, N, N) in kg m^2 about the joints, at elbow angles (n, N - 1) in rad."""
-    return _of_joints(_of_joints(link_inertia(arm) * np.cos(_differences(elbows)), 1), 2)
+    """Inertia (n, N, N) in kg m^2 about the joints, rotors included, at elbow angles (n, N - 1) in rad."""
+    rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
+    return _of_joints(_of_joints(link_inertia(arm) * np.cos(_differences(elbows)), 1), 2) + rotors
 
 
 def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:

@@ -7,7 +7,6 @@ from one float64 array. Between pieces the value or a derivative may jump; the i
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexarm_env import validation as check
+from flexarm_env.csv_files import csv_lines, numbers
 
 Array = npt.NDArray[np.float64]
 Side = Literal["right", "left"]
@@ -391,36 +391,47 @@ def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFun
     return table(**columns, interpolation=interpolation)
 
 
-def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Names in the first line of a CSV file, and the cells of the others; empty lines are left out.
+def from_csv(
+    path: str | os.PathLike[str],
+    interpolation: str | None = None,
+    *,
+    column: str | None = None,
+    time: str = "t",
+    rate: str | None = None,
+    acceleration: str | None = None,
+    scale: float = 1.0,
+) -> TimeFunction:
+    """:func:`table` of a CSV file whose first line names its columns.
 
-    Raises OSError where the file cannot be read, ValueError that names it where it is no text.
-    """
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file) if line]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{os.fspath(path)}: not a CSV file: {error}") from None
-    return (tuple(name.strip() for name in lines[0]), lines[1:]) if lines else ((), [])
-
-
-def from_csv(path: str | os.PathLike[str], interpolation: str | None = None) -> TimeFunction:
-    """:func:`table` of the CSV file at `path`, whose first line names the columns t, psi[, psi_dot[, psi_ddot]].
-
-    Raises ValueError that names file and row, OSError where the file cannot be read; interpolation as for `table`.
+    Args:
+        path: the file. interpolation: as for `table`.
+        column: the one that holds the values (rad, m, N, N m), so that one file can serve several motions and loads;
+            None: the file is this table alone, of columns t, psi[, psi_dot[, psi_ddot]]. Others are not looked at.
+        time: the column of the instants, s. rate, acceleration: columns of the values' rates, where there are such.
+        scale: factor on values and rates (units, gears).
+    Raises:
+        ValueError: names the file, the column and the row. OSError: the file cannot be read.
     """
     header, lines = csv_lines(path)
     with check.in_file(path):
-        if len(header) < 2 or header != COLUMNS[: len(header)]:
-            raise check.InvalidValue("columns", header, "must be t,psi[,psi_dot[,psi_ddot]] in the first line")
-        values: list[list[float]] = []
-        for i, line in enumerate(lines):
-            if len(line) != len(header):
-                raise check.InvalidValue(f"[{i}]", line, f"must hold {len(header)} numbers, in row {i}")
-            try:
-                values.append([float(cell) for cell in line])
-            except ValueError:
-                raise check.InvalidValue(f"[{i}]", line, f"must hold numbers, in row {i}") from None
-        if not values:
+        scale = check.number("scale", scale)
+        if column is None:
+            for name, given in (("time", time != "t"), ("rate", rate), ("acceleration", acceleration)):
+                if given:
+                    raise check.MissingKey("column", f"{name} names a column beside it")
+            if len(header) < 2 or header != COLUMNS[: len(header)]:
+                what = "must be t,psi[,psi_dot[,psi_ddot]] in the first line; otherwise name a column"
+                raise check.InvalidValue("columns", header, what)
+            wanted: dict[str, str] = dict(zip(header, header, strict=True))
+        else:
+            chosen = {"time": time, "column": column, "rate": rate, "acceleration": acceleration}
+            wanted = {word: name for word, name in zip(COLUMNS, chosen.values(), strict=True) if name is not None}
+            for key, value in chosen.items():
+                if value is not None and header.count(value) != 1:
+                    what = f"must name one column; the file has {', '.join(header) or 'none'}"
+                    raise check.InvalidValue(key, value, what)
+        values = {word: numbers(header.index(name), name, lines, len(header)) for word, name in wanted.items()}
+        if not lines:
             raise check.InvalidValue("rows", 0, "must be at least two")
-        return from_array(values, interpolation)
+        scaled = {word: cells if word == "t" else scale * cells for word, cells in values.items()}
+        return table(**scaled, interpolation=interpolation)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import validation as check
+from .physics.gauges import curvature_rows
 from .physics.layout import (
     DISSIPATED,
     FACTORISATIONS,
@@ -27,6 +29,7 @@ from .physics.layout import (
 )
 from .physics.model import STATUS
 from .scene import Scene
+from .sensors import Law, Sensors, StrainGauge, from_table
 from .settings import Settings
 
 Array = NDArray[np.float64]
@@ -68,9 +71,12 @@ class Trajectory:
         start, tip (n, 3): x, y (m) and angle (rad) of the root of link 0 and of the tip of the last link.
         tip_velocity (n, 3): m/s and rad/s. hinges (n, N-1, 2): positions of joints 1 to N-1, m.
         joint_angles, joint_rates (n, N): rad, rad/s; joint 0 from the x axis, joint k from the tip of link k-1.
+        motor_angles, motor_rates (n, N): of the motors, over the ratio, relative to the link before; those of the
+            joints where the gear does not give.
         joint_torque (n, N): N m, as applied, or as needed where the joint's angle is prescribed.
         tip_deflection (n, N): each link's tip normal to its tangent at its root, over the link's length.
-        kinetic, strain, gravity (n,): energies, J. dissipated, work (n,): J, since the start; work is the drives'.
+        kinetic, strain_energy, gravity (n,): energies, J.
+        dissipated, work (n,): J, since the start; work is the drives'.
         shapes (n, points, 2): points along the chain from root to tip, m.
         q, v (n, rows): the state and its rate; names (rows,) says what each row is.
         status: "ok", "inaccurate", or what ended the run early; message: the same in a sentence.
@@ -97,7 +103,7 @@ class Trajectory:
     joint_torque: Array
     tip_deflection: Array
     kinetic: Array
-    strain: Array
+    strain_energy: Array
     gravity: Array
     dissipated: Array
     work: Array
@@ -118,6 +124,8 @@ class Trajectory:
     deflection_bound: float = float("inf")
     gross_work: float = 0.0
     step_levels: tuple[int, ...] = ()
+    motor_angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    motor_rates: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def finished(self) -> bool:
@@ -127,7 +135,7 @@ class Trajectory:
     @property
     def energy(self) -> Array:
         """Kinetic + strain + gravity energy, J (n,)."""
-        return self.kinetic + self.strain + self.gravity
+        return self.kinetic + self.strain_energy + self.gravity
 
     @property
     def balance(self) -> Array:
@@ -139,7 +147,84 @@ class Trajectory:
     @property
     def turned_over(self) -> float:
         """Gross work, energy at the start and what gravity exchanged, J: what the balance is to be compared with."""
-        return self.gross_work + float(self.kinetic[0] + self.strain[0] + np.ptp(self.gravity))
+        return self.gross_work + float(self.kinetic[0] + self.strain_energy[0] + np.ptp(self.gravity))
+
+    def strain(self, link: int, place: float, distance: float | None = None) -> Array:
+        """Bending strain of a link at a place over time, (n,): curvature times the distance from the neutral axis.
+
+        Args:
+            link: 0 is the first. place: along it, from 0 (root) to 1 (tip).
+            distance: m. None: to the surface of a rectangle of the section's m and J, sqrt(3 J / m).
+        """
+        gauge = StrainGauge(link=link, place=place, unit="strain", distance=distance)
+        Sensors(strain_gauges=(gauge,)).check_for(self.scene.arm.n_links)
+        return self._bending((gauge,))[:, 0]
+
+    def _bending(self, gauges: Sequence[StrainGauge]) -> Array:
+        """What ideal gauges read, (n, gauges)."""
+        places = [(gauge.link, gauge.place) for gauge in gauges]
+        like: Any = SimpleNamespace(q0=self.q[0], names=self.names)
+        links = self.scene.arm.links
+        there = [links[gauge.link].along(gauge.place * links[gauge.link].length) for gauge in gauges]
+        units = [gauge.per_curvature(float(s.m), float(s.J)) for gauge, s in zip(gauges, there, strict=True)]
+        return np.asarray(self.q @ curvature_rows(self.scene, self.settings, like, places).T * np.array(units))
+
+    def measured(self, sensors: Sensors | Mapping[str, Any] | None = None, seed: int = 0) -> dict[str, Array]:
+        """What sensors read at the recorded instants, by the laws that environments have (`flexarm_env.sensors`).
+
+        Args:
+            sensors: or their table; None takes the arm's own, or where it has none ideal ones.
+            seed: of noise, gains and biases.
+        Returns:
+            By name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s), `tip_acceleration_x`, `_y`
+            (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
+        Raises:
+            ValueError: a run of fewer than two samples, or of samples that are not evenly spaced.
+        """
+        arm = self.scene.arm
+        own = arm.sensors if sensors is None else sensors
+        own = Sensors.ideal(arm.n_links) if own is None else own
+        own = own if isinstance(own, Sensors) else from_table(check.table_of("sensors", own))
+        with check.under("sensors"):
+            own.check_for(arm.n_links)
+        steps = np.diff(self.t)
+        if not len(steps) or np.ptp(steps) > 1e-6 * steps[0]:
+            what = (
+                f"must be at even distances to be measured, so `sample` a part of duration = {self.scene.duration:g} s"
+            )
+            raise ValueError(f"t: {len(self.t)} samples {what}")
+        return self._read(own, float(self.t[-1] - self.t[0]) / len(steps), seed)
+
+    def _read(self, own: Sensors, period: float, seed: int) -> dict[str, Array]:
+        from .runtime.sensors import law_of, memory_of, read_rows, room_of
+
+        joints = self.scene.arm.joint_names if own.encoders else ()
+        named: list[tuple[str, Law]] = [(f"encoders[{k}]", own.encoder(k)) for k in range(len(joints))]
+        names = [f"{joint}_{of}" for joint in joints for of in ("angle", "rate")]
+        inputs = [self.joint_angles] if joints else []
+        if own.accelerometer is not None:
+            named += [("accelerometer", own.accelerometer)] * 2
+            names += ["tip_acceleration_x", "tip_acceleration_y"]
+            inputs += [self.tip_velocity[:, :2], self.tip[:, 2:]]
+        if own.camera is not None:
+            named += [("camera", own.camera)] * 2
+            names += ["camera_x", "camera_y"]
+            inputs += [self.tip[:, :2]]
+        if own.strain_gauges:
+            named += [(f"strain_gauges[{i}]", gauge) for i, gauge in enumerate(own.strain_gauges)]
+            names += [f"strain_gauge_{i + 1}" for i in range(len(own.strain_gauges))]
+            inputs += [self._bending(own.strain_gauges)]
+        if not named:
+            return {}
+        laws = np.array([law_of(law, 1.0, period, f"sensors.{name}") for name, law in named])
+        room, out = room_of(laws), np.empty((len(self.t), len(names)))
+        gravity = self.scene.gravity or (0.0, 0.0)
+        stream = np.array(np.random.SeedSequence(seed).generate_state(1, np.uint64))
+        read_rows(
+            laws.ravel(), room, memory_of(len(laws), room), stream, period, float(gravity[0]), float(gravity[1]),
+            len(joints), int(own.accelerometer is not None), np.ascontiguousarray(np.hstack(inputs)), out,
+        )  # fmt: skip
+        return dict(zip(names, out.T.copy(), strict=True))
 
     def columns(self) -> dict[str, Array]:
         """The table that `to_csv` writes."""
@@ -147,10 +232,13 @@ class Trajectory:
         for k in range(self.hinges.shape[1]):
             mark = "" if self.hinges.shape[1] == 1 else str(k + 1)
             table[f"hinge{mark}_x"], table[f"hinge{mark}_y"] = self.hinges[:, k].T
+        for k in range(len(self.scene.arm.links)):
+            if self.scene.arm.joint(k).elastic:
+                table[f"motor{k}"], table[f"motor{k}_rate"] = self.motor_angles[:, k], self.motor_rates[:, k]
         return table
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write t, energy, start, tip and hinges with all their digits, whole or not at all. Raises OSError."""
+        """Write t, energy, start, tip, hinges, elastic gears' motors with all digits, whole or not. Raises OSError."""
         table = self.columns()
         text = [",".join(table)]
         text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]
@@ -227,6 +315,9 @@ class Recorder:
         data = {name: np.array(rows) for name, rows in self.rows.items()}
         poses = data["poses"]
         angles, rates = joint_angles(poses)
+        motors = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(self.scene.arm.n_links)}
+        turned = [angles[:, k] if row is None else data["q"][:, row] for k, row in motors.items()]
+        spun = [rates[:, k] if row is None else data["v"][:, row] for k, row in motors.items()]
         lengths = np.array([link.span for link in self.scene.arm.links])
         counts = simulation.work.counts
         return Trajectory(
@@ -242,7 +333,7 @@ class Recorder:
             joint_torque=data["torque"],
             tip_deflection=link_deflection(poses) / lengths,
             kinetic=data["energies"][:, 0],
-            strain=data["energies"][:, 1],
+            strain_energy=data["energies"][:, 1],
             gravity=data["energies"][:, 2],
             dissipated=data["dissipated"],
             work=data["work"],
@@ -261,4 +352,6 @@ class Recorder:
             gross_work=simulation.gross,
             step_levels=tuple(simulation.levels),
             deflection_bound=simulation.settings.deflection_bound,
+            motor_angles=np.array(turned).T,
+            motor_rates=np.array(spun).T,
         )

@@ -17,15 +17,15 @@ RANDOM = {"payload": (0.5, 2.0), "EI": (0.7, 1.3), "damping": (0.5, 2.0), "torqu
 
 RICH: dict[str, dict[str, Any]] = {
     "FlexibleArm-v0": {
-        "gravity": (0.0, 0.0), "actuator": {"viscous": 1e-300}, "sensors": {"strain_gauges": [0.0, 0.5]},
+        "gravity": (0.0, 0.0), "actuator": {"lag": 1e-300}, "sensors": {"strain_gauges": [0.0, 0.5]},
         "task": "track", "info_level": "full",
     },
     "TwoLinkFlexArm-v0": {
-        "gravity": (0.0, 0.0), "actuator": {"viscous": 1e-300}, "sensors": {"strain_gauges": [(0, 0.0), (1, 0.5)]},
+        "gravity": (0.0, 0.0), "actuator": {"lag": 1e-300}, "sensors": {"strain_gauges": [(0, 0.0), (1, 0.5)]},
         "task": "track", "info_level": "full", "action_mode": "residual_pd",
     },
     MULTI: {
-        "gravity": (0.0, 0.0), "actuator": {"viscous": 1e-300}, "sensors": {"strain_gauges": [(0, 0.0), (2, 0.5)]},
+        "gravity": (0.0, 0.0), "actuator": {"lag": 1e-300}, "sensors": {"strain_gauges": [(0, 0.0), (2, 0.5)]},
         "task": "track", "info_level": "full", "action_mode": "residual_pd",
     },
 }  # fmt: skip

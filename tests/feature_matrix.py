@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from flexarm_env.linear import modes
-from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, cycloid, sine, spin_up
@@ -47,6 +47,7 @@ class Draft:
     angles: tuple[float, ...] = ()
     rigid: tuple[int, ...] = ()
     gravity: float = 0.0
+    joint: Joint = field(default_factory=Joint)
     drive: bool = True  # by the joints' torques
     link: Callable[[float], Link] = field(default=lambda length: Link(length, STRIP))  # of a length
     motions: list[Motion] = field(default_factory=list)
@@ -58,7 +59,7 @@ class Draft:
         elbows = (self.elbow,) * (self.links - 1)
         arm = Arm(
             "cell", tuple(self.link(length) for length in lengths), hub_inertia=0.02, elbows=elbows,
-            payload=self.payload, tau_d=self.tau_d,
+            payload=self.payload, tau_d=self.tau_d, joints=(self.joint,) * len(lengths),
         )  # fmt: skip
         held = {motion.joint for motion in self.motions}
         loads = list(self.loads)
@@ -138,6 +139,14 @@ def _root_load(d: Draft) -> None:
     d.loads.append(PointLoad(0, "root", torque=sine(0.8 * d.scale, 4.0 * math.pi)))
 
 
+def _elastic_gears(d: Draft) -> None:
+    d.joint = Joint(stiffness=25.0, damping=0.03, motor_inertia=1e-4, gear_ratio=10.0)
+
+
+def _friction(d: Draft) -> None:
+    d.joint = Joint(motor_inertia=1e-4, gear_ratio=10.0, friction_viscous=0.05, friction_coulomb=0.2 * d.scale)
+
+
 def _free_flight(d: Draft) -> None:
     d.root = "free"
     load = sine(4.0 * d.scale, 3.0), sine(9.0 * d.scale, 2.0 * math.pi), sine(-3.0 * d.scale, 2.0 * math.pi)
@@ -192,6 +201,8 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "stepped": _stepped,
     "own damping": _own_damping,
     "rigid ends": _rigid_ends,
+    "elastic gears": _elastic_gears,
+    "friction": _friction,
 }
 """A feature is a change of the draft. Those that make two links come before those that prescribe or load them."""
 
@@ -266,6 +277,11 @@ PAIRS = [
     ("rigid ends", "gravity", "payload inertia"),
     ("rigid ends", "rigid elbow"),
     ("rigid ends", "shaken base"),
+    ("elbow masses", "elastic gears"),
+    ("elbow masses", "friction"),
+    ("elastic gears", "gravity"),
+    ("elastic gears", "tip load"),
+    ("elastic gears", "held hub"),
 ]
 CORE = [
     ("heavy damping",),
@@ -279,8 +295,12 @@ CORE = [
     ("tapered", "elbow masses"),
     ("elbow masses", "own damping"),
     ("tapered", "rigid ends", "prescribed elbow"),
+    ("elbow masses", "elastic gears"),
+    ("elbow masses", "friction"),
 ]
 """Features of the cells that every run of the tests looks at, under each formulation as it is by default."""
+JOINED = ("joined segments",)
+"""Frames joined by multipliers, which take ideal joints alone."""
 WHOLE = ("modes", "clamped modes")
 """Links reduced as a whole."""
 

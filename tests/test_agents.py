@@ -163,6 +163,30 @@ def test_normalised_observations_travel_with_the_policy(tmp_path: Path):
     assert numpy_policy.normaliser is not None
 
 
+def test_a_policy_of_measured_entries_is_trained_judged_and_played(tmp_path: Path, capsys):
+    """With several observations in one; what is judged is the true tip."""
+    from flexarm_env.cli import main
+
+    measured = {"observation": "measured", "history": 2}
+    train_ppo.train(arguments(tmp_path, config=file_of(tmp_path, SMALL | {"n_timesteps": 512}), env_kwargs=measured))
+    folder = tmp_path / "run"
+    assert control.load_policy(folder).weights[0][0].shape[0] == 10
+    words = judging.Arguments(env=ENV, policy=str(folder), episodes=3)
+    (row,), (result,), _ = (list(found.values()) for found in judging.evaluate(words))
+    assert row["episodes"] == 3
+    assert result.way == pytest.approx(np.abs(way(3)), abs=1e-5)
+    capsys.readouterr()
+    assert main(["play", "--policy", str(folder / "policy.npz"), "--headless", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["env"] == ENV
+
+
+def way(n: int) -> np.ndarray:
+    """Target less start angle of the test episodes."""
+    observation, info = episodes.make_episodes(ENV, n).reset(seed=episodes.TEST)
+    turned = info["target"] - np.arctan2(observation[:, 0], observation[:, 1])
+    return (turned + np.pi) % (2.0 * np.pi) - np.pi
+
+
 @pytest.mark.slow
 def test_sac_trains_by_the_same_script(tmp_path: Path):
     text = {"n_envs": 4, "n_timesteps": 400, "buffer_size": 1000, "learning_starts": 100, "batch_size": 64}

@@ -18,7 +18,7 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_BASICS = {"validation", "sections", "parameters", "rigid", "settings", "time_functions"}
+_BASICS = {"validation", "sections", "parameters", "sensors", "rigid", "settings", "csv_files", "time_functions"}
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
@@ -28,20 +28,22 @@ _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting",
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
     "sections": {"validation"},
-    "parameters": {"validation", "sections"},
+    "sensors": {"validation"},
+    "parameters": {"validation", "sections", "sensors"},
     "rigid": {"validation", "parameters"},
     "settings": {"validation"},
-    "time_functions": {"validation"},
-    "arms": {"validation", "parameters"},
+    "csv_files": {"validation"},
+    "time_functions": {"validation", "csv_files"},
+    "arms": {"validation", "parameters", "sensors"},
     "scene": {"validation", "parameters", "settings", "time_functions", "arms"},
-    "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms"},
+    "scenes": {"validation", "parameters", "settings", "csv_files", "scene", "arms"},
     "data": set(),
     "compiler": set(),
     "layout": set(),
     "physics": {*_DESCRIPTION, "compiler", "layout"},
     "tasks": {"compiler", "layout", "physics"},
     "runtime": {"compiler", "layout", "physics", "tasks"},
-    "trajectory": {*_DESCRIPTION, "physics"},
+    "trajectory": {*_DESCRIPTION, "physics", "runtime"},
     "accuracy": {*_DESCRIPTION},
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},

@@ -17,7 +17,7 @@ from tests.processes import ROOT
 
 
 def test_names_and_sources() -> None:
-    known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "three_strips"}
+    known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "strip_geared", "three_strips"}
     assert set(arms.names()) == known
     for name in arms.names():
         arm = arms.named(name)
@@ -139,3 +139,27 @@ def test_a_wrong_file_names_the_key_path(text: str, message: str) -> None:
     with pytest.raises(ValueError) as caught:
         arms.from_toml(text + "\n")
     assert str(caught.value).startswith(message)
+
+
+def test_joints_in_toml_and_the_geared_strip() -> None:
+    """Whole and back; the gear lowers the first held frequency by a fifth and more, friction is 3 % of the limit."""
+    arm = arms.named("strip_geared")
+    joint = arm.joints[0]
+    assert arms.from_toml(arms.to_toml(arm)) == arm
+    assert joint.friction_coulomb == pytest.approx(0.03 * arm.torque_limits[0])
+    first = [
+        modes(Scene("s", a, duration=1.0, dt=0.01), 1, "elastica", clamped=True).frequencies[0]
+        for a in (arms.named("strip"), arm)
+    ]
+    assert first[1] < 0.8 * first[0]
+    text = 'name = "a"\n[[links]]\nlength = 1.0\nsection = { EI = 1, EA = 1, C = 1, m = 1 }\n[[joints]]\n'
+    assert arms.from_toml(text + "stiffness = inf").joints[0].elastic is False
+    for line, words in (
+        ("stifness = 1.0", r"joints\[0\].stifness: unknown key \(did you mean stiffness"),
+        ("stiffness = -1.0", r"joints\[0\].stiffness = -1.0: must be a positive number \(N m/rad\), or inf"),
+        ("motor = { resistance = 1.0 }", r"joints\[0\].motor.torque_constant: missing"),
+        ("motor = { torque_constant = 1.0, voltage_limit = 3.0 }", r"joints\[0\].motor.resistance: missing"),
+        ("backlash = 0.1", r"joints\[0\].backlash = 0.1: must be 0"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            arms.from_toml(text + line)

@@ -169,10 +169,19 @@ def test_viscous_friction_stops_the_arm_and_its_loss_is_booked() -> None:
 
 
 def test_coulomb_friction_holds_against_a_small_torque() -> None:
-    env = make(actuator={"coulomb": 0.2, "coulomb_rate": 0.02}, dt=0.0025)
+    env = make(actuator={"coulomb": 0.2})
     turned = [abs(run(env, np.full((100, 1), a), **START)[-1][0][2]) for a in (0.05, 0.5)]
-    assert turned[0] < 0.01  # creeps
+    assert turned[0] < 1e-12
     assert turned[1] > 0.3
+
+
+def test_strong_friction_sets_no_limit_to_steps() -> None:
+    env = make(actuator={"viscous": 30.0, "coulomb": 0.5}, formulation="elastica", dt=0.02)
+    outcomes = run(env, np.ones((50, 1)), **START)
+    rate = (2.0 - 0.5) / 30.0
+    assert column(outcomes, "energy_kinetic").max() < 0.01
+    hub = np.unwrap([math.atan2(o[0][0], o[0][1]) for o in outcomes])
+    assert (hub[-1] - hub[24]) / 0.5 == pytest.approx(rate, rel=0.02)
 
 
 # ---------------------------------------------------------------------------------------- sensors

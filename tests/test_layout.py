@@ -70,7 +70,7 @@ def test_it_says_what_is_in_it() -> None:
     assert str(BLOCK).splitlines()[1].split() == ["G", "(n,", "n)", "kg", "matrix"]
 
 
-@pytest.mark.parametrize("room", ["exact", "elastica", "floating", "integrator"])
+@pytest.mark.parametrize("room", ["exact", "elastica", "floating", "integrator", "joints"])
 def test_no_kernel_holds_a_place_as_a_number(room: str) -> None:
     """In what is loaded, stored or indexed, no sum or product with a number above 1."""
     found = []
@@ -99,7 +99,7 @@ def test_layouts_of_the_physics_have_the_sizes_that_follow_from_counting() -> No
     inner = 6
     element = sum(1 + (inner - 1 - m) + 6 for m in range(inner)) + (6 + 9 + 6) + 2 * 3
     assert ELEMENT_FACTORS.offsets(0, 3).end == element
-    assert factors.end == (3 + 6) + 2 * (1 + 3) + 6 * element
+    assert factors.end == (3 + 6) + 2 * (1 + 3 + 1) + 6 * element
     ends = (POSES.places.end, LOAD.places.end, MOTION.places.end, BOOKS.places.end, COUNTS.places.end)
     assert ends == (12, 3, 3, 2, 4)
     rows = 8 * chain.end

@@ -12,8 +12,8 @@ from flexarm_env import arms, scenes
 from flexarm_env.linear import LinearModel, Modes, linearize, modes, set_state, state_of, static_equilibrium
 from flexarm_env.parameters import Arm, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
-from flexarm_env.simulation import Simulation
-from flexarm_env.time_functions import constant, pulse, ramp
+from flexarm_env.simulation import Simulation, simulate
+from flexarm_env.time_functions import constant, cycloid, pulse, ramp
 from tests.linear_tools import ALL, ELASTICA, FULL, SLENDER, at_rest, every, one_link, two_links
 
 
@@ -335,3 +335,66 @@ def test_bad_input_names_itself() -> None:
         static_equilibrium(scene, require_stable=1)
     with pytest.raises(ValueError, match="order"):
         modes(scene, formulation="elastica", order=2)
+
+
+@pytest.mark.parametrize(
+    ("formulation", "options", "error"),
+    [
+        ("elastica", {"nodes": 6}, 2e-4),
+        ("geometrically_exact", {"elements": 6}, 2e-3),
+        ("floating_frame", {"segments": 4}, 3e-2),
+        ("floating_frame", {"segments": 3, "frame": "root"}, 3e-2),
+        ("floating_frame", {"modes": 6}, 3e-2),
+    ],
+)
+def test_a_prescribed_hub_is_an_input(formulation: str, options: dict[str, Any], error: float) -> None:
+    """Hub acceleration to curvature at the root: the moment over EI, steadily; the poles are those of the held arm."""
+    arm = replace(arms.named("strip"), tau_d=0.0)
+    link, payload = arm.links[0], arm.payload
+    scene = Scene("driven", arm, duration=1.0, dt=1e-3, motions=(Motion("joint0", constant(0.0)),))
+    model = linearize(scene, formulation, motions=True, gauges=((0, 0.0),), **options)
+    assert model.inputs == ("joint0_acceleration",) and model.outputs[-1] == "curvature0@0"
+    assert model.states[0] == "joint0" and model.growing == 0
+    n = len(model.states) // 2
+    rest = [k for k in range(2 * n) if k not in (0, n)]
+    np.testing.assert_array_equal(model.A[n], 0.0)
+    assert model.B[n, 0] == 1.0 and model.B[0, 0] == 0.0
+    slow = 0.01j * np.abs(model.eigenvalues[np.abs(model.eigenvalues) > 1.0]).min()
+    gain = (model.C[-1] @ np.linalg.solve(slow * np.eye(2 * n) - model.A, model.B[:, 0])).real
+    moment = link.mass * link.length**2 / 3 + payload.mass * link.length**2 + payload.inertia
+    moment += link.section.J * link.length
+    assert gain == pytest.approx(-moment / link.section.EI, rel=error)
+    held = linearize(scene, formulation, **options)
+    assert held.inputs == () and "joint0" not in held.states
+    found, wanted = (np.sort(np.abs(x))[:4] for x in (np.linalg.eigvals(model.A[np.ix_(rest, rest)]), held.eigenvalues))
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+def test_the_linear_model_of_a_driven_arm_follows_the_solver() -> None:
+    """Two links, hub prescribed, elbow free: a small hub motion against the simulation."""
+    arm = replace(arms.named("de_luca_siciliano"), tau_d=1e-3)
+    swing = cycloid(0.02, 0.2)
+    scene = Scene("driven", arm, duration=0.3, dt=5e-4, sample=5e-3, motions=(Motion("joint0", swing),))
+    run = simulate(scene, "geometrically_exact", elements=2, estimate_error=False)
+    model = linearize(scene, "geometrically_exact", elements=2, motions=True, discrete=5e-4, method="zoh")
+    x, tips = model.x.copy(), []
+    assert model.inputs == ("torque1", "joint0_acceleration")
+    for k in range(600):
+        if k % 10 == 0:
+            tips.append((model.y + model.C @ (x - model.x))[-1])
+        a = 0.5 * (swing(5e-4 * k, 2) + swing(5e-4 * (k + 1), 2))
+        x = model.rate + model.A @ (x - model.x) + model.B @ (np.array([0.0, a]) - model.u)
+    assert np.abs(np.array(tips) - run.tip[:60, 1]).max() < 2e-3 * np.abs(run.tip[:, 1]).max()
+
+
+def test_motions_as_inputs_are_checked() -> None:
+    scene = Scene("s", arms.named("strip"), duration=1.0, dt=1e-3, motions=(Motion("joint0", constant(0.0)),))
+    with pytest.raises(ValueError, match="method = 'solver': must be 'zoh' where motions are inputs"):
+        linearize(scene, "elastica", motions=True, discrete=0.01)
+    with pytest.raises(ValueError, match=r"gauges\[0\]\[1\] = 1.5"):
+        linearize(scene, "elastica", gauges=((0, 1.5),))
+    joined = {"segments": 2, "frame": "root", "multipliers": True}
+    elbow = (Motion("joint1", constant(0.0)),)
+    pair = Scene("p", arms.named("de_luca_siciliano"), duration=1.0, dt=1e-3, motions=elbow)
+    with pytest.raises(ValueError, match="motions = True: must be False where multipliers"):
+        linearize(pair, "floating_frame", motions=True, **joined)

@@ -221,7 +221,7 @@ def test_arrays_and_csv_files(tmp_path: Path) -> None:
         ("", "columns = (): must be t,psi"),
         ("time,angle\n0,0\n", "columns = ('time', 'angle'): must be t,psi"),
         ("t,psi\n", "rows = 0: must be at least two"),
-        ("t,psi\n0,0\n1,x\n", "[1] = ['1', 'x']: must hold numbers, in row 1"),
+        ("t,psi\n0,0\n1,x\n", "[1] = 'x': must be a number, in row 1 of column 'psi'"),
         ("t,psi\n0,0\n1\n", "[1] = ['1']: must hold 2 numbers, in row 1"),
         ("t,psi\n0,0\n1,nan\n", "psi[1] = nan: must be a finite number, in row 1"),
     ],

@@ -6,7 +6,7 @@ import hashlib
 import json
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ class Setup:
         task: "slew" (one link, tip angle) or "reach" (two links or more, tip position).
         arm: the nominal arm. control_dt: s. torque_limits (N,): N m at an action of 1.
         names, scales: of the observation's entries, in order; entry = value / scale.
+        history: how many of these stand in an observation, the oldest first.
     """
 
     task: str
@@ -33,6 +34,7 @@ class Setup:
     torque_limits: tuple[float, ...]
     names: tuple[str, ...]
     scales: tuple[float, ...]
+    history: int = 1
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -42,7 +44,8 @@ class Setup:
         if plan is None:
             raise ValueError(f"env = {env}: must be an environment of flexarm_env, single or vector")
         scales = tuple(float(s) for s in plan.scales)
-        return cls(plan.kind.task, plan.arm, plan.period, plan.arm.torque_limits, tuple(plan.names), scales)
+        limits = plan.arm.torque_limits
+        return cls(plan.kind.task, plan.arm, plan.period, limits, tuple(plan.names), scales, plan.history)
 
     @property
     def n_joints(self) -> int:
@@ -50,9 +53,15 @@ class Setup:
         return self.arm.n_links
 
     @property
+    def size(self) -> int:
+        """Numbers in an observation."""
+        return len(self.names) * self.history
+
+    @property
     def layout(self) -> str:
         """Hash of the observation's layout, its names and scales (six digits) in order: 16 hexadecimal digits."""
-        entries = [[name, f"{scale:.6g}"] for name, scale in zip(self.names, self.scales, strict=True)]
+        entries: list[Any] = [[name, f"{scale:.6g}"] for name, scale in zip(self.names, self.scales, strict=True)]
+        entries += [] if self.history == 1 else [self.history]
         return hashlib.sha256(json.dumps(entries).encode()).hexdigest()[:16]
 
 
@@ -62,7 +71,8 @@ class Signals:
 
     Attributes: angles (n, N) rad, wrapped to one turn; rates (n, N) rad/s; bends (n, N): tip deflection over length;
         bend_rates (n, N) 1/s; error (n, 1): target minus tip angle, rad (slew), or (n, 2): tip to target in the frame
-        that turns with the hub, m (reach).
+        that turns with the hub, m (reach). Where the observation has instead the goal's joint angles less the joints'
+        (observation="measured"), these are to_go (n, N) rad, and bends, their rates and error are empty.
     """
 
     angles: Array
@@ -70,29 +80,45 @@ class Signals:
     bends: Array
     bend_rates: Array
     error: Array
+    to_go: Array | None = None
 
 
 class Reader:
-    """Observations to :class:`Signals`."""
+    """Observations to :class:`Signals`, of which the newest is read.
 
-    def __init__(self, setup: Setup) -> None:
+    Args:
+        setup: of the environment. who: that reads, for errors. bends: whether deflections are needed in any case.
+    Raises:
+        ValueError: an entry that is needed is not observed; its name.
+    """
+
+    def __init__(self, setup: Setup, who: str = "a controller", bends: bool = True) -> None:
         self.scales = np.asarray(setup.scales)
         place = {name: i for i, name in enumerate(setup.names)}
         joints = setup.arm.joint_names
-        self._sin = [place[f"{j}_sin"] for j in joints]
-        self._cos = [place[f"{j}_cos"] for j in joints]
-        self._rates = [place[f"{j}_rate"] for j in joints]
-        self._bends = [place[name] for name in setup.arm.by_link("tip_deflection")]
-        self._bend_rates = [place[name] for name in setup.arm.by_link("tip_deflection_rate")]
+        deflections, deflection_rates = (setup.arm.by_link(f"tip_deflection{rate}") for rate in ("", "_rate"))
         error = ("target_error",) if setup.task == "slew" else ("to_target_x", "to_target_y")
-        self._error = [place[name] for name in error]
+        goals = tuple(f"{joint}_error" for joint in joints)
+        self.aimed = not bends and any(name not in place for name in (*error, *deflections)) and goals[0] in place
+        needed = [f"{joint}_{of}" for of in ("sin", "cos", "rate") for joint in joints]
+        needed += goals if self.aimed else [*deflections, *error]
+        for name in (*needed, *(deflection_rates if bends else ())):
+            if name not in place:
+                known = ", ".join(setup.names)
+                raise ValueError(f"observation: {who} needs the entry {name}, which is not among {known}")
+        self._sin, self._cos, self._rates = ([place[f"{j}_{of}"] for j in joints] for of in ("sin", "cos", "rate"))
+        self._bends, self._bend_rates, self._error, self._goals = (
+            [place[name] for name in names if name in place] for names in (deflections, deflection_rates, error, goals)
+        )
 
     def __call__(self, observation: NDArray[np.floating]) -> Signals:
-        values = np.atleast_2d(np.asarray(observation, dtype=np.float64)) * self.scales
+        newest = np.atleast_2d(np.asarray(observation, dtype=np.float64))[:, -len(self.scales) :]
+        values = newest * self.scales
         angles = np.arctan2(values[:, self._sin], values[:, self._cos])
         return Signals(
-            angles, values[:, self._rates], values[:, self._bends], values[:, self._bend_rates], values[:, self._error]
-        )
+            angles, values[:, self._rates], values[:, self._bends], values[:, self._bend_rates], values[:, self._error],
+            values[:, self._goals] if self.aimed else None,
+        )  # fmt: skip
 
 
 class Controller(ABC):
@@ -103,11 +129,13 @@ class Controller(ABC):
     """
 
     action_mode = "torque"
+    needs_bends: ClassVar[bool] = False
+    """Whether it needs tip deflections and their rates, whatever else there is."""
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self.limits = np.asarray(setup.torque_limits)
-        self.read = Reader(setup)
+        self.read = Reader(setup, type(self).__name__, self.needs_bends)
         self.goal = np.zeros((0, setup.n_joints))
         """Joint angles (n, N) of the arm at rest at its target, unwrapped from the angles at the start."""
 
@@ -122,7 +150,9 @@ class Controller(ABC):
     def act(self, observation: NDArray[np.floating]) -> NDArray[np.float32]:
         """Actions in [-1, 1], (n, N), or (N,) for a single observation."""
         signals = self.read(observation)
-        if self.setup.task == "slew":
+        if signals.to_go is not None:
+            to_go = signals.to_go
+        elif self.setup.task == "slew":
             to_go = _hub_error(signals)
         else:
             self._angles += wrapped(signals.angles - self._angles)
@@ -144,6 +174,8 @@ class Controller(ABC):
         """Told the torques (n, N) that were applied."""
 
     def _goal(self, signals: Signals) -> Array:
+        if signals.to_go is not None:
+            return self._angles + signals.to_go
         if self.setup.task == "slew":
             return self._angles + _hub_error(signals)
         arm = self.setup.arm

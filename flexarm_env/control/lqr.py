@@ -106,6 +106,8 @@ def outputs_about_goal(signals: Signals, to_go: Array) -> Array:
 class LQR(Controller):
     """u = -K x, x from the observer; gains of the posture at the goal."""
 
+    needs_bends = True
+
     def __init__(self, setup: Setup, gains: LQRGains) -> None:
         super().__init__(setup)
         self.gains = gains

@@ -68,13 +68,13 @@ class NumpyPolicy:
         if setup.layout != self.meta["layout"]:
             raise ValueError(
                 f"the policy was trained on {self.meta['env_id']} with observation layout {self.meta['layout']}; "
-                f"this environment's is {setup.layout} ({len(setup.names)} entries, other names or scales)"
+                f"this environment's is {setup.layout} ({setup.size} entries, other names or scales)"
             )
         taken, given = self.weights[0][0].shape[0], self.weights[-1][0].shape[1]
-        if (taken, given) != (len(setup.names), setup.n_joints):
+        if (taken, given) != (setup.size, setup.n_joints):
             raise ValueError(
                 f"the policy makes {given} actions of {taken} entries of an observation; this environment's are "
-                f"{setup.n_joints} and {len(setup.names)}"
+                f"{setup.n_joints} and {setup.size}"
             )
 
 

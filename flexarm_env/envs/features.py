@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import sensors as description
 from .. import validation as check
-from ..batch import Actuator, Controller, Reference, Sensors, gauge_table
+from ..batch import Actuator, Amplifier, Controller, Reference, Sensors, gauge_table
 from ..parameters import Arm
 from ..settings import Settings
 from .targets import AHEAD
@@ -19,7 +20,7 @@ from .task import Kind, controller_gains
 
 Array = NDArray[np.float64]
 
-ACTION_MODES = ("torque", "residual_pd")
+ACTION_MODES = ("torque", "current", "voltage", "residual_pd")
 RESIDUAL_SHARE = 0.7
 """Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""
 
@@ -42,57 +43,86 @@ class Frame:
 
 
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
-    """The joint controllers under the action, or None where the action is the torque."""
-    if check.choice("action_mode", mode, ACTION_MODES) == "torque":
+    """The joint controllers under the action, or None where the action is a torque, a current or a voltage."""
+    if check.choice("action_mode", mode, ACTION_MODES) != "residual_pd":
         if share is not None:
             raise check.InvalidValue("residual_share", share, 'must be given with action_mode="residual_pd" only')
         return None
     part = RESIDUAL_SHARE if share is None else check.number("residual_share", share, above=0.0)
     gains = controller_gains(frame.arm).reshape(-1, 2)
-    return Controller(gains[:, 0].copy(), gains[:, 1].copy(), part)
+    return Controller(gains[:, 0].copy(), gains[:, 1].copy(), part, (0,) if frame.arm.jointed else None)
+
+
+def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
+    """The arm with the viscous friction that voltages make of back_emf, and what turns actions into torques.
+
+    Raises ValueError where a joint lacks a motor, its limit, or for voltages its resistance.
+    """
+    if mode not in ("current", "voltage"):
+        return arm, None
+    rows, joints, limits = [], [], arm.torque_limits
+    assert limits is not None
+    for k in range(arm.n_links):
+        joint, limit = arm.joint(k), limits[k]
+        motor, wanted = joint.motor, f"{mode}_limit"
+        if motor is None or getattr(motor, wanted) is None:
+            what = f'action_mode="{mode}" needs a motor with a {wanted} at each joint'
+            raise check.MissingKey(f"arm.joints[{k}].motor" + ("" if motor is None else f".{wanted}"), what)
+        constant, emf = joint.gear_ratio * motor.torque_constant, 0.0
+        gain = constant * (motor.current_limit or 0.0)
+        if mode == "voltage":
+            assert motor.resistance is not None and motor.voltage_limit is not None  # Motor has seen to it
+            own = motor.torque_constant if motor.back_emf is None else motor.back_emf
+            gain, emf = constant * motor.voltage_limit / motor.resistance, constant * joint.gear_ratio * own
+            emf /= motor.resistance
+        if motor.current_limit is not None:
+            limit = min(limit, constant * motor.current_limit)
+        rows.append((gain, emf, limit))
+        joints.append(replace(joint, friction_viscous=joint.friction_viscous + emf))
+    gain_, emf_, limits_ = (np.array(column) for column in zip(*rows, strict=True))
+    return replace(arm, joints=tuple(joints)), Amplifier(gain_, emf_, limits_)
 
 
 # --- actuators ---------------------------------------------------------------------------------------
 
-_ACTUATOR = ("lag", "delay", "saturation", "viscous", "coulomb", "coulomb_rate")
+_ACTUATOR = ("lag", "delay", "saturation", "viscous", "coulomb")
+
+
+def rubbed(arm: Arm, given: Any) -> Arm:
+    """The arm with the friction that `actuator` gives its joints, beside what they have."""
+    table = {} if given is None else check.table_of("actuator", given)
+    n = arm.n_links
+    viscous = _each("actuator.viscous", table.get("viscous", 0.0), n, "N m s/rad")
+    coulomb = _each("actuator.coulomb", table.get("coulomb", 0.0), n, "N m")
+    if not viscous.any() and not coulomb.any():
+        return arm
+    joints = []
+    for k in range(n):
+        own = arm.joint(k)
+        more = {"friction_viscous": own.friction_viscous + viscous[k]}
+        joints.append(replace(own, **more, friction_coulomb=own.friction_coulomb + coulomb[k]))
+    return replace(arm, joints=tuple(joints))
 
 
 def actuator(frame: Frame, given: Any) -> Actuator | None:
-    """The motors, or None where they are ideal and the joints without friction."""
+    """The motors, or None where they are ideal."""
     if given is None:
         return None
     table = check.table_of("actuator", given)
     check.known_keys("actuator", table, _ACTUATOR)
     arm, dt = frame.arm, frame.settings.dt
     assert dt is not None and arm.torque_limits is not None
-    n = arm.n_links
     lag = check.number("actuator.lag", table.get("lag", 0.0), "s", minimum=0.0)
     steps = _whole("actuator.delay", table.get("delay", 0.0), dt, "dt")
     per_period = round(frame.period / dt)
     share = check.number("actuator.saturation", table.get("saturation", 1.0), above=0.0, maximum=1.0)
-    viscous = _each("actuator.viscous", table.get("viscous", 0.0), n, "N m s/rad")
-    coulomb = _each("actuator.coulomb", table.get("coulomb", 0.0), n, "N m")
-    creep = check.number("actuator.coulomb_rate", table.get("coulomb_rate", 0.05), "rad/s", above=0.0)
-    for k in range(n):
-        root = arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
-        slope = viscous[k] + coulomb[k] / creep
-        if slope * dt > root:
-            raise ValueError(
-                f"actuator: friction too stiff for dt = {dt:g} s at joint {k}: (viscous + coulomb / coulomb_rate) dt = "
-                f"{slope * dt:g} kg m^2 must not exceed the inertia there, {root:g} kg m^2; take a smaller dt or a "
-                "larger coulomb_rate"
-            )
-    idle = lag == 0.0 and steps == 0 and share == 1.0 and not viscous.any() and not coulomb.any()
-    if idle:
+    if lag == 0.0 and steps == 0 and share == 1.0:
         return None
     return Actuator(
         share=1.0 if lag == 0.0 else 1.0 - math.exp(-dt / lag),
         age=steps // per_period,
         late=steps % per_period,
         limits=share * np.array(arm.torque_limits),
-        viscous=viscous,
-        coulomb=coulomb,
-        creep=creep,
     )
 
 
@@ -116,36 +146,24 @@ def _whole(path: str, value: Any, step: float, name: str) -> int:
 
 # --- sensors -----------------------------------------------------------------------------------------
 
-_SENSORS = ("noise", "delay", "strain_gauges")
+_SENSORS = ("noise", "delay", *description.KEYS)
 
 
-def sensors(frame: Frame, given: Any, names: Sequence[str], scales: Sequence[float]) -> Sensors | None:
-    """The sensors, or None where they are ideal. names and scales: of the observation without gauges."""
-    if given is None:
-        return None
-    table = check.table_of("sensors", given)
+def sensors(
+    frame: Frame, given: Any, gauges: Sequence[description.StrainGauge], names: Sequence[str], scales: Sequence[float]
+) -> Sensors | None:
+    """Noise and delay of all entries, and the gauges; None where there is nothing of it. names, scales: of all entries,
+    gauges last."""
+    table = {} if given is None or isinstance(given, description.Sensors) else check.table_of("sensors", given)
     check.known_keys("sensors", table, _SENSORS)
-    places = gauges(frame, given)
+    places = [(gauge.link, gauge.place) for gauge in gauges]
     rows = gauge_table(frame.arm, frame.settings, frame.gravity, places)
-    own = gauge_scales(frame, places)
-    all_names = (*names, *gauge_names(len(places)))
-    noise = _noise(table.get("noise", 0.0), all_names, (*scales, *own))
+    noise = _noise(table.get("noise", 0.0), names, scales)
     age = _whole("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt")
     if not places and age == 0 and not noise.any():
         return None
-    return Sensors(noise=noise, age=age, gauges=(rows / np.array(own)[:, None]).ravel() if places else np.zeros(0))
-
-
-def gauges(frame: Frame, given: Any) -> list[tuple[int, float]]:
-    """Links and places (0 root, 1 tip) of the strain gauges."""
-    places = []
-    wanted = {} if given is None else check.table_of("sensors", given)
-    for i, entry in enumerate(check.sequence("sensors.strain_gauges", wanted.get("strain_gauges", ()), "places")):
-        path = f"sensors.strain_gauges[{i}]"
-        link, place = (0, entry) if np.ndim(entry) == 0 else check.sequence(path, entry, "a link and a place", 2)
-        link = check.integer(f"{path}[0]", link, minimum=0, maximum=frame.arm.n_links - 1)
-        places.append((link, check.number(path, place, minimum=0.0, maximum=1.0)))
-    return places
+    own = np.array(gauge_scales(frame, gauges))
+    return Sensors(noise=noise, age=age, gauges=(rows / own[:, None]).ravel() if places else np.zeros(0))
 
 
 def gauge_names(count: int) -> tuple[str, ...]:
@@ -153,12 +171,13 @@ def gauge_names(count: int) -> tuple[str, ...]:
     return tuple(f"strain_gauge_{k + 1}" for k in range(count))
 
 
-def gauge_scales(frame: Frame, places: Sequence[tuple[int, float]]) -> list[float]:
+def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> list[float]:
     """Scale of each gauge, 1/m: the curvature under the full torque of the link's joint."""
     limits = frame.arm.torque_limits
     assert limits is not None
     links = frame.arm.links
-    return [limits[k] / float(links[k].along(place * links[k].length).EI) for k, place in places]
+    curved = ((limits[gauge.link], links[gauge.link], gauge.place) for gauge in gauges)
+    return [limit / float(link.along(place * link.length).EI) for limit, link, place in curved]
 
 
 def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
@@ -188,5 +207,6 @@ def reference(frame: Frame, given: Any, periods: int) -> Reference:
 
 
 __all__ = [
-    "ACTION_MODES", "Frame", "actuator", "controller", "gauge_names", "gauge_scales", "gauges", "reference", "sensors",
+    "ACTION_MODES", "Frame", "actuator", "amplified", "controller", "gauge_names", "gauge_scales", "reference",
+    "rubbed", "sensors",
 ]  # fmt: skip

@@ -54,6 +54,19 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     w), 7 and 8 the ways that the target will have gone 0.1 and 0.3 s ahead (scale 1 rad). Strain gauges come last:
     curvature, 1/m, over that under the full torque, tau/EI.
 
+    That is `observation="full"`. `observation=("hub_sin", "hub_cos", "strain_gauge_1", ...)` takes entries by name, in
+    this order: `hub_sin`, `hub_cos`, `hub_rate`, `tip_deflection`, `tip_deflection_rate`, `target_error`, with
+    `task="track"` `target_rate`, `target_ahead_1` and `target_ahead_2`; `hub_error`, the target less the hub's angle
+    (scale 1 rad); and those of sensors: `strain_gauge_1`, ... (with no word of sensors one, at the root),
+    `tip_acceleration_x`, `tip_acceleration_y` (scale w^2 L), `camera_x`, `camera_y` (scale L).
+
+    `observation="measured"` is what the sensors give and the target, and nothing else that is true of the tip:
+    `hub_sin`, `hub_cos` and `hub_rate` of the encoder, what of a moving target is known, `hub_error` (the target less
+    the encoder's angle), accelerometer, camera, strain gauges. An arm that names no sensors has an ideal encoder, its
+    rate a filtered difference, and a gauge at the root. Success and reward are the true tip's.
+
+    With `history=k` an observation is k of these in a row, the oldest first; at reset the first fills all k.
+
     ## Reward
 
     The sum of these terms, each in `info` as `reward_<name>`; e target less tip angle (rad), e' its rate, d' the rate
@@ -106,7 +119,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `step_tolerance` | None | error that a period may add, over L: each arm halves `dt` where needed |
     | `control_dt` | 0.02 | control period, s |
     | `dt` | 0.02/3 | solver's step, s; a whole number of them makes a control period |
-    | `action_mode` | "torque" | or "residual_pd": torque = k (goal - angle) - d rate + s tau a, within +-tau |
+    | `action_mode` | "torque" | or "residual_pd", "current", "voltage", see below |
     | `residual_share` | 0.7 | s of "residual_pd" |
     | `duration` | 4.0 | s |
     | `task` | "slew" | or "track": the target moves; "replay": every episode follows `motion` |
@@ -114,8 +127,10 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `motion` | None | for "replay", as in the options of reset; None: the paper's robot_arm_motion |
     | `reward` | {} | weights by name |
     | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant`: (low, high) factors on the nominal value |
-    | `sensors` | {} | `noise`, `delay`, `strain_gauges`, see below |
-    | `actuator` | {} | `lag`, `delay`, `saturation`, `viscous`, `coulomb`, `coulomb_rate`, see below |
+    | `observation` | "full" | or "measured", or names of entries in the order wanted, see below |
+    | `history` | 1 | the last so many observations in one, the oldest first |
+    | `sensors` | {} | `noise`, `delay`, `strain_gauges`, `encoders`, `accelerometer`, `camera`, see below |
+    | `actuator` | {} | `lag`, `delay`, `saturation`, `viscous`, `coulomb`, see below |
     | `initial_vibration` | 0.0 | largest initial tip deflection of the first mode, over L |
     | `joint_limits` | the arm's | [(low, high)] rad of the hub angle; None: none |
     | `gravity` | None | (x, y), m/s^2 |
@@ -132,16 +147,28 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     make_vec also takes `autoreset_mode` ("NextStep", the default, "SameStep", "Disabled") and `threads` (as many as
     there are processors, one for each 128 arms at most).
 
-    Controllers of "residual_pd": k = tau / (pi/4), d = 2 sqrt(k I); goal is the target angle.
+    "residual_pd": torque = k (goal - angle) - d rate + s tau a, within +-tau, with k = tau / (pi/4), d = 2 sqrt(k I),
+    s `residual_share` and the target angle as goal. Where the arm's joints
+    are not ideal (`Arm.joints`), angle and rate are those of the motors. "current" and "voltage" need a `Motor` in each
+    joint: the torque is r k i, or r k (V - r k_e w) / R at the rate w of the motor over the ratio r, within the limits
+    of current and torque, which are looked at at each period's start; back-emf acts throughout.
 
     Sensors: `noise` is a standard deviation, one share of the scale for all entries, or a dict by entry (`hub_sin`,
     `hub_cos`, `hub_rate`, `tip_deflection`, `tip_deflection_rate`, `target_error`, `target_rate`, `target_ahead_1`,
     `target_ahead_2`, `strain_gauge_1`, ...) in its unit; `delay` a whole number of control periods, s;
-    `strain_gauges` places along the link from 0 (root) to 1 (tip).
+    `strain_gauges` places along the link from 0 (root) to 1 (tip), or tables. `encoders` is a table (`counts`,
+    `rate_frequency`; {}: ideal), which then says `hub_sin`, `hub_cos` and `hub_rate`; `accelerometer` and `camera`
+    (`period`) tables that add their entries before the gauges'. Each may have `gain`, `bias`, `noise`, `low_pass`
+    (`frequency`, `order`, `damping`), `quantum` and `delay`: docs/tutorials/sensors.md, `flexarm_env.sensors`. Those of
+    the arm itself hold where `observation` is not "full" and nothing else is said.
 
     Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s; `saturation` a
-    share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction c w / sqrt(w^2 + coulomb_rate^2) act
-    in the joint, their loss is part of `energy_dissipated`. What is left at its default costs nothing.
+    share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction is added to what the arm's joints have
+    (`Joint.friction_viscous`, `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of
+    `energy_dissipated`. What is left at its default costs nothing.
+
+    Joints that are not ideal: the torque acts on the motor, and with `info_level` "full" info has `motor_angle` and
+    `motor_rate`, (N,) each, after the ratio.
 
     ## Options of reset
 

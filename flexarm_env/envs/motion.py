@@ -254,8 +254,7 @@ class Guide:
 def guide(plan: Any, motion: Prescribed, starts: Array) -> Guide:
     """The arm of an environment (`options.Plan`) under a motion. starts (N,): of joints left free, NaN: 0."""
     arm, settings, period = plan.arm, plan.settings, plan.period
-    n = len(plan.gauges)
-    more = {"gauges": plan.gauges, "gauge_scales": plan.scales[len(plan.scales) - n :]}
+    more = {"gauges": plan.gauges, "gauge_scales": plan.gauge_scales}
     limits = np.array(arm.torque_limits)
     if motion.scene is not None:
         scene = motion.scene

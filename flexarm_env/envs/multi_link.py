@@ -52,6 +52,7 @@ class MultiLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: se
 
     The last four are components in the frame that turns with the hub. An elbow angle is that of a link's root from the
     tip of the link before. With `task="track"` and strain gauges follow the entries that TwoLinkFlexArm-v0 has then.
+    `observation` and `history` are those of TwoLinkFlexArm-v0, with `elbow_1`, `elbow_2`, ... where it has `elbow`.
 
     ## Reward
 

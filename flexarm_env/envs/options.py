@@ -15,12 +15,14 @@ from .. import arms
 from .. import validation as check
 from ..batch import CLIP, Batch, Extras, Starts
 from ..parameters import Arm
+from ..sensors import Sensors
 from ..settings import Settings, check_options, default_options, merged
-from .features import Frame, controller, gauge_names, gauge_scales, gauges
+from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, rubbed
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
 from .motion import Prescribed, prescribed
+from .observation import asked, sensors_of, sight
 from .task import Entry, Kind, info_entries, reward_weights
 from .vibration import shake
 
@@ -60,8 +62,10 @@ OF_THE_ARM = Given()
 class Plan:
     """A checked environment: all that a Batch is made from, and what its outside looks like.
 
-    names, scales (O,): of the observation. limit: control periods to `duration` or max_episode_steps; max_steps: the
-    latter. motion: of every episode of task="replay". entries: of info. full: energies in it; words: words in it.
+    names, scales: of the entries of one observation; history: how many of these stand in what is observed, the oldest
+    first. gauges, gauge_scales: link and place of each strain gauge, 1/m. limit: control periods to `duration` or
+    max_episode_steps; max_steps: the latter. motion: of every episode of task="replay". entries: of info. full:
+    energies in it; words: words in it.
     """
 
     kind: Kind
@@ -81,7 +85,9 @@ class Plan:
     extras: Extras
     names: tuple[str, ...]
     scales: tuple[float, ...]
+    history: int
     gauges: tuple[tuple[int, float], ...]
+    gauge_scales: tuple[float, ...]
     motion: Prescribed | None
     entries: tuple[Entry, ...]
 
@@ -103,7 +109,7 @@ class Plan:
         """Largest value of each entry of the observation: CLIP scales; 1 for sines and cosines without noise."""
         noisy = self.extras.sensors is not None and self.extras.sensors.noise.any()
         exact = [name.endswith(("_sin", "_cos")) and not noisy for name in self.names]
-        return np.array([1.0 if one else CLIP for one in exact], np.float32)
+        return np.array([1.0 if one else CLIP for one in exact] * self.history, np.float32)
 
 
 def plan(
@@ -120,7 +126,9 @@ def plan(
     motion: Any = None,
     reward: Mapping[str, float] | None = None,
     randomization: Mapping[str, Sequence[float]] | None = None,
-    sensors: Mapping[str, Any] | None = None,
+    observation: str | Sequence[str] = "full",
+    history: int = 1,
+    sensors: Mapping[str, Any] | Sensors | None = None,
     actuator: Mapping[str, Any] | None = None,
     initial_vibration: float = 0.0,
     joint_limits: Any = OF_THE_ARM,
@@ -131,7 +139,8 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
-    own = _arm(kind, arm, joint_limits)
+    own = rubbed(_arm(kind, arm, joint_limits), actuator)
+    own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", control_dt, "s", above=0.0)
     settings = _settings(formulation, period, options)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
@@ -150,16 +159,18 @@ def plan(
     _only_with("reference", reference, word, "track")
     _only_with("motion", motion, word, "replay")
     frame = Frame(kind, own, settings, period, _gravity(gravity))
-    entries = kind.entries(own)
-    if word == "track":
-        entries += kind.target.entries(own)
-    names, scales = tuple(name for name, _ in entries), tuple(scale for _, scale in entries)
-    places = gauges(frame, sensors)
+    wanted, frames = asked(observation, history)
+    carried = sensors_of(own, wanted, sensors)
+    seen = sight(frame, wanted, carried, kind.target.entries(own) if word == "track" else [])
+    gauges = carried.strain_gauges
     extras = Extras(
         controller=controller(frame, action_mode, residual_share),
+        amplifier=amplifier,
         actuator=make_actuator(frame, actuator),
-        sensors=make_sensors(frame, sensors, names, scales),
+        sensors=make_sensors(frame, sensors, gauges, seen.names, seen.scales),
         reference=make_reference(frame, reference, limit) if word == "track" else None,
+        instruments=seen.instruments,
+        selection=seen.selection(frames),
     )
     weights = reward_weights(kind, reward)
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
@@ -170,9 +181,10 @@ def plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
         starts=starts, rewards=tuple(weights.tolist()), extras=extras,
-        names=(*names, *gauge_names(len(places))), scales=(*scales, *gauge_scales(frame, places)), gauges=tuple(places),
+        names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames,
+        gauges=tuple((gauge.link, gauge.place) for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
-        entries=info_entries(kind, kind.build(own, weights, period), full),
+        entries=info_entries(kind, kind.build(own, weights, period), full, full and own.jointed and word != "replay"),
     )  # fmt: skip
 
 
@@ -258,7 +270,7 @@ def _factors(given: Any) -> tuple[tuple[float, float], ...]:
 
 ARGUMENTS = (
     "arm", "formulation", "control_dt", "action_mode", "residual_share", "duration", "task", "reference", "motion",
-    "reward", "randomization", "sensors", "actuator", "initial_vibration", "joint_limits", "gravity", "info_level",
-    "render_mode", "max_episode_steps",
+    "reward", "randomization", "observation", "history", "sensors", "actuator", "initial_vibration", "joint_limits",
+    "gravity", "info_level", "render_mode", "max_episode_steps",
     *dict.fromkeys(name for f in DEFAULT_OPTIONS for name in default_options(f)),
 )  # fmt: skip

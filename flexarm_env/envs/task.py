@@ -163,8 +163,11 @@ class Entry:
     count: int | None
 
 
-def info_entries(kind: Kind, task: Task, full: bool) -> tuple[Entry, ...]:
-    """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them."""
+def info_entries(kind: Kind, task: Task, full: bool, motors: bool = False) -> tuple[Entry, ...]:
+    """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them.
+
+    motors: with their angles and rates, where joints are not ideal.
+    """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
         Entry("tip_position", at.tip, 2),
@@ -178,6 +181,8 @@ def info_entries(kind: Kind, task: Task, full: bool) -> tuple[Entry, ...]:
     if full:
         names = ("energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated", "work")
         entries += [Entry(name, at.energies + k, None) for k, name in enumerate(names)]
+    if motors:
+        entries += [Entry("motor_angle", at.motors, n), Entry("motor_rate", at.motors + n, n)]
     return tuple(entries)
 
 

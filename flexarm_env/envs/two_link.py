@@ -57,6 +57,16 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ways that the target will have gone 0.1 and 0.3 s ahead (scale 0.5 L), all in the hub's frame. Strain gauges come
     last: curvature, 1/m, over that under the full torque of the link's joint, tau_k/EI.
 
+    `observation` and `history` are as in FlexibleArm-v0. Entries by name: `hub_sin`, `hub_cos`, `elbow_sin`,
+    `elbow_cos`, `hub_rate`, `elbow_rate`, `tip_deflection_1`, `tip_deflection_2`, `tip_deflection_rate_1`,
+    `tip_deflection_rate_2`, `tip_velocity_x`, `tip_velocity_y`, `to_target_x`, `to_target_y`, with `task="track"`
+    `target_velocity_x`, ..., `target_ahead_1_x`, ...; `hub_error`, `elbow_error`: joint angles at which the rigid arm
+    reaches the target (those of "residual_pd") less the joints' (scale 1 rad); `target_x`, `target_y`: the target in
+    fixed axes (scale L); and those of sensors. `observation="measured"` are sines and cosines of both encoders, their
+    rates, what of a moving target is known (in the frame that turns with the hub's encoder), `hub_error`,
+    `elbow_error`, `target_x`, `target_y`, accelerometer, camera, strain gauges (with no word of sensors one at the root
+    of each link).
+
     ## Reward
 
     The sum of these terms, each in `info` as `reward_<name>`; e distance of the tip from the target over L, v its

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import SINGLE, size
-from ..physics.assembly import assemble, physical
+from ..physics.assembly import assemble, physical, smooth
 from ..physics.equations import equations
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
 from ..physics.layout import POSE
@@ -83,7 +83,16 @@ class Reduced:
     @property
     def accelerations(self) -> Array:
         """x'' by (x, x', u), (n, 2 n + inputs)."""
-        return np.asarray(np.linalg.solve(self.M, np.hstack([-self.K, -self.C, self.B])))
+        return self.accelerations_of(_NONE)[0]
+
+    def accelerations_of(self, driven: Rows) -> tuple[Array, Array]:
+        """x'' by (x, x', u), (n, 2 n + inputs), and by the accelerations of prescribed coordinates, (n, driven)."""
+        rest = np.setdiff1d(np.arange(len(self.M)), driven)
+        right = np.hstack([-self.K, -self.C, self.B, -self.M[:, driven]])[rest]
+        found = np.zeros((len(self.M), right.shape[1]))
+        found[rest] = np.linalg.solve(self.M[np.ix_(rest, rest)], right)
+        found[driven, right.shape[1] - len(driven) + np.arange(len(driven))] = 1.0
+        return found[:, : right.shape[1] - len(driven)], found[:, right.shape[1] - len(driven) :]
 
 
 def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array) -> Array:
@@ -122,19 +131,24 @@ class Equations:
         free: rows of q that can move (no multiplier, not fixed, not prescribed). algebraic: rows of multipliers.
         independent, dependent: positions in `free`; the frame behind a joint of the floating frame depends on the one
             before it. joints: turnable joints, each with its position among the independent coordinates.
-        names: of the independent coordinates, "joint0", "joint1" ... for the joints that can turn.
+        turned: joints that a torque can turn, each with the position of what it acts on: the motor's angle behind an
+            elastic gear, otherwise the joint's. motors: rows of the motors' angles behind elastic gears.
+        names: of the independent coordinates, "joint0", ... for the joints that can turn, "motor0", ... for motors.
+        driven: those of them that are prescribed, in the order of the scene's motions.
     """
 
-    def __init__(self, simulation: Simulation, stepping: bool = False) -> None:
-        """stepping: with the inertia that the solver steps with, which may hold a correction of its period."""
-        system, model = simulation.system, simulation.model if stepping else physical(simulation.model)
+    def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:
+        """stepping: with the inertia that the solver steps with, which may hold a correction of its period. driven:
+        prescribed coordinates are rows that can move."""
+        system, model = simulation.system, smooth(simulation.model) if stepping else physical(simulation.model)
         self._simulation = simulation
         self.model, self.par, self.n_links = model, simulation.par, simulation.scene.arm.n_links
         self.n = int(size(model.n))
         self._most_points = room_for_points(simulation.settings, self.n_links)
         self._room = np.zeros(int(size(model.n_factor)))
         self.algebraic = np.asarray(_NONE if model.algebraic is None else model.algebraic, np.int64)
-        known = [int(k) for k in simulation.drive.known if k >= 0]
+        prescribed = [int(k) for k in simulation.drive.known if k >= 0]
+        known = [] if driven else prescribed
         still = {*known, *self.algebraic.tolist(), *(() if model.fixed is None else model.fixed.tolist())}
         self.free: Rows = np.array([k for k in range(self.n) if k not in still], np.int64)
         self.steps = STEP / model.weight
@@ -145,6 +159,9 @@ class Equations:
         order = {int(self.free[i]): j for j, i in enumerate(self.independent)}
         rows = _joint_rows(simulation)
         self.joints = {k: order[row] for k, row in rows.items() if row in order}
+        self.motors = _motor_rows(simulation)
+        acted = {k: self.motors.get(k, row) for k, row in rows.items()}
+        self.turned = {k: order[row] for k, row in acted.items() if row in order}
         given = {row: f"joint{k}" for k, row in rows.items()} | {
             system.coordinates[name]: name for name in ("root_x", "root_y") if name in system.coordinates
         }
@@ -153,7 +170,9 @@ class Equations:
         self.pairs, self.angles = _kinds(system.names)
         self.in_pairs = [(order[x], order[y]) for x, y in self.pairs if x in order and y in order]
         grounded = simulation.scene.root == "pinned"
-        self.inputs: Rows = np.array([k for k in self.joints if k > 0 or grounded], np.int64)
+        turning = [k for k, i in self.turned.items() if moving[i] not in prescribed and (k > 0 or grounded)]
+        self.inputs: Rows = np.array(turning, np.int64)
+        self.driven: Rows = np.array([order[row] for row in prescribed if row in order], np.int64)
         self._no_inputs, self._psi = np.zeros(int(size(model.n_inputs))), simulation.work.psi.copy()
         self._poses, self._energies = np.zeros(POSE.end * self.n_links), np.zeros(3)
 
@@ -202,7 +221,21 @@ class Equations:
         """Joint angles by the rows that can move (n_links, f): constant, angles being linear in q."""
         return slopes(lambda x: self.joint_angles(x, np.zeros(self.n))[0], q, self.free, self.steps)
 
-    def turned(self, q: Array, spin: float) -> tuple[Array, Array]:
+    def motor_angles(self, q: Array) -> Array:
+        """Angles (n_links,) that the joints' torques act on: the motors', relative to the link before."""
+        angles = self.joint_angles(q, np.zeros(self.n))[0]
+        for k, row in self.motors.items():
+            angles[k] = q[row]
+        return angles
+
+    def motor_slopes(self, q: Array) -> Array:
+        """These angles by the rows that can move (n_links, f): constant."""
+        slope = self.joint_slopes(q)
+        for k, row in self.motors.items():
+            slope[k] = self.free == row
+        return slope
+
+    def rotating(self, q: Array, spin: float) -> tuple[Array, Array]:
         """Rates and accelerations of a rigid turn about the origin at a steady rate, rad/s."""
         v, a = np.zeros(self.n), np.zeros(self.n)
         if spin == 0.0:
@@ -330,8 +363,14 @@ def _joint_rows(simulation: Simulation) -> dict[int, int]:
     return rows
 
 
+def _motor_rows(simulation: Simulation) -> dict[int, int]:
+    """Row of each motor behind an elastic gear."""
+    found = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(simulation.scene.arm.n_links)}
+    return {k: row for k, row in found.items() if row is not None}
+
+
 _X = re.compile(r"root_x|centre_x|body\d+\.x|link\d+\.x[\d.]+")
-_ANGLE = re.compile(r"joint0|body\d+\.theta|link\d+\.psi\d+|phi\d+_\d+")
+_ANGLE = re.compile(r"joint0|motor0|body\d+\.theta|link\d+\.psi\d+|phi\d+_\d+")
 
 
 def _kinds(names: tuple[str, ...]) -> tuple[list[tuple[int, int]], list[int]]:

@@ -95,7 +95,8 @@ def static_equilibrium(
         scene: its motions keep the value they have at t = 0.
         formulation, options: as for `simulate`.
         hold_joints: True: joints stay at their initial angles, and torques hold them, in place of the scene's joint
-            torques; False: joints turn freely.
+            torques; behind an elastic gear it is the motor that stays. False: joints turn freely, without Coulomb
+            friction.
         require_stable: of an unstable rest (a straight column beyond its critical load): None: warn; True: refuse it;
             False: give it without a word.
     Returns:
@@ -146,9 +147,13 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
         return steady and not (hold_joints and isinstance(load, JointTorque))
 
     moved = replace(scene, motions=(), **changes)
+    prescribed = [m.coordinate for m in scene.motions]
+    if hold_joints:  # a motor without inertia cannot be held by a torque that goes on acting
+        massless = [k for k, joint in enumerate(scene.arm.joints) if joint.elastic and joint.rotor == 0.0]
+        prescribed += [f"motor{k}" for k in massless if f"motor{k}" not in prescribed]
     return replace(
         moved,
-        motions=tuple(Motion(m.coordinate, constant(moved.initial_value(m.coordinate))) for m in scene.motions),
+        motions=tuple(Motion(name, constant(moved.initial_value(name))) for name in prescribed),
         loads=tuple(load for load in moved.loads if kept(load)),
     )
 
@@ -161,7 +166,7 @@ def settle(equations: Equations, start: Point, held: Sequence[int], spin: float 
     """
     search = _Search(equations, start, held, spin)
     point, followed = start, 0.0
-    if len(held) == len(equations.joints):  # nothing can turn
+    if len(held) == len(equations.turned):  # nothing can turn
         point, followed = search.follow(start)
     if followed < 1.0:
         point = search.sink(point, followed)
@@ -186,8 +191,8 @@ class _Search:
         self.full, self.spin, self.held = equations, spin, list(held)
         self.loads = start.u.copy()
         self.columns = np.array([equations.inputs.tolist().index(k) for k in held], np.int64)
-        self.angles = equations.joint_slopes(start.q)[self.held]
-        self.target = equations.joint_angles(start.q, np.zeros(equations.n))[0][self.held]
+        self.angles = equations.motor_slopes(start.q)[self.held]
+        self.target = equations.motor_angles(start.q)[self.held]
         self.weight = equations.model.weight[equations.free]
         self.spent = 0
 
@@ -197,7 +202,7 @@ class _Search:
 
     def at(self, point: Point, q: Array) -> Point:
         """The point moved to q, with the loads and the rotation of the present share."""
-        v, a = self.e.turned(q, self.spin * np.sqrt(self.share))
+        v, a = self.e.rotating(q, self.spin * np.sqrt(self.share))
         u = self.share * self.loads
         u[self.held] = point.u[self.held]
         return replace(point, q=q, v=v, a=a, u=u)
@@ -277,7 +282,7 @@ class _Search:
                     return last.point
                 if self.accelerations(point)[1] < AT_REST:
                     return point
-        joints, inputs = len(self.e.joints), len(self.e.inputs)
+        joints, inputs = len(self.e.turned), len(self.e.inputs)
         why = "the loads may be too large for the arm, or the joints' torques may turn it on and on"
         if inputs < joints:
             why = "nothing holds the arm, its root being free"
@@ -360,7 +365,7 @@ class _Search:
             if s != 0.0:
                 M = self.inertia(point)
                 A, pull = A + s * M, s * M @ (point.q - start.q)[e.free]
-            angles = e.joint_angles(point.q, np.zeros(e.n))[0][self.held]
+            angles = e.motor_angles(point.q)[self.held]
             x = self.solve(A, G, B, -np.concatenate([r[e.free] + pull, r[e.algebraic], angles - self.target]))
             if not np.isfinite(x).all():
                 return None

@@ -64,7 +64,7 @@ def at_rest(equations: Equations, point: Point, held: Sequence[int] = ()) -> Sta
 
 def moving(equations: Equations, held: Sequence[int]) -> list[int]:
     """Places of the independent coordinates other than the joints `held`."""
-    still = [equations.joints[k] for k in held if k in equations.joints]
+    still = [equations.turned[k] for k in held if k in equations.turned]
     return [i for i in range(equations.independent.size) if i not in still]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..compiler import SINGLE, uncompiled
+from ..physics.assembly import smooth
+from ..physics.gauges import curvature_rows
 from ..physics.integrator.start import restart
 from ..physics.integrator.work import Work, unpack
 from ..physics.layout import POSE, ROOT, ROOT_RATES, TIP, TIP_RATES
@@ -35,9 +38,11 @@ class LinearModel:
     Attributes:
         A (2n, 2n), B (2n, m), C (p, 2n), D (p, m).
         states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI.
-        inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m.
+        inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m; with `motions` then the
+            accelerations of prescribed coordinates, "joint0_acceleration", ..., rad/s^2 or m/s^2.
         outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its root's tangent, m),
-            their rates, "tip_x", "tip_y" (m).
+            their rates, "tip_x", "tip_y" (m); behind elastic gears "motor0", "motor0_rate", ...; and what `gauges` asks
+            for, "curvature0@0", ... (1/m).
         x, u, y: the point of the motion. rate: x' there; with dt, the state one period later.
         t: its time, s. dt: period, s, or None (continuous).
         growing: how many motions of the continuous model grow about the point, joints free; 0 where it is stable. The
@@ -74,6 +79,8 @@ def linearize(
     *,
     discrete: float | None = None,
     method: str = "solver",
+    motions: bool = False,
+    gauges: Sequence[tuple[int, float]] = (),
     **options: Any,
 ) -> LinearModel:
     """The linear model of an arm about a point of its motion.
@@ -85,8 +92,12 @@ def linearize(
         discrete: period, s, over which the torques are held; None for the continuous model.
         method: "solver": the derivative of what the solver does in a period (accelerations afresh, then steps of at
             most the settings' dt), along the motion; "zoh": the exponential of the continuous model.
+        motions: True: prescribed coordinates and their rates are states, their accelerations inputs (continuous, or
+            method "zoh"); False: they are neither.
+        gauges: (link, place from 0 at its root to 1 at its tip) of curvatures among the outputs; times half the
+            thickness they are strains.
     Returns:
-        The LinearModel. Prescribed joints are no states and have no input.
+        The LinearModel. Coulomb friction is left out.
     Raises:
         ValueError: a value that is not allowed, or a kink of the scene within the period.
         RuntimeError: the solver fails within the period.
@@ -94,30 +105,58 @@ def linearize(
     check.choice("method", method, METHODS)
     if discrete is not None:
         discrete = check.number("discrete", discrete, "s", above=0.0)
-    simulation = simulation_of(target, formulation, options)
-    equations = Equations(simulation, stepping=discrete is not None and method == "solver")
+    if not isinstance(motions, bool):
+        raise check.InvalidValue("motions", motions, "must be True or False")
+    stepping = discrete is not None and method == "solver"
+    if motions and stepping:
+        raise check.InvalidValue("method", method, "must be 'zoh' where motions are inputs of a discrete model")
+    simulation = without_friction(simulation_of(target, formulation, options))
+    if motions and (simulation.drive.known < 0).any():
+        what = "must be False where multipliers join bodies: they prescribe the joints"
+        raise check.InvalidValue("motions", motions, what)
+    equations = Equations(simulation, stepping, driven=motions)
     flat, w = at_start(simulation, equations.model)
     start = point_of(w)
     reduced = equations.reduced(start)
     n, m = equations.independent.size, equations.inputs.size
     x0 = np.concatenate(equations.state(start.q, start.v))
-    accelerations = reduced.accelerations
+    driven = equations.driven
+    accelerations, moved = reduced.accelerations_of(driven)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [accelerations[:, : 2 * n]]])
-    B = np.vstack([np.zeros((n, m)), accelerations[:, 2 * n :]])
+    B = np.vstack([np.zeros((n, m + driven.size)), np.hstack([accelerations[:, 2 * n :], moved])])
     rate = np.concatenate([x0[n:], equations.state(start.q, start.a)[1]])  # joint angles are linear in q
     if discrete is not None and method == "zoh":
         A, B, rate = _held(A, B, rate, x0, discrete)
     elif discrete is not None:
         A, B, rate = solved(simulation, equations, flat, w, reduced, discrete)
     names, y0, C = _outputs(equations, start, reduced)
+    if gauges:
+        places = _places(gauges, equations.n_links)
+        rows = curvature_rows(simulation.scene, simulation.settings, simulation.system, places)
+        names += tuple(f"curvature{link}@{place:g}" for link, place in places)
+        y0, own = np.concatenate([y0, rows @ start.q]), rows[:, equations.free] @ reduced.lift
+        C = np.vstack([C, np.hstack([own, np.zeros_like(own)])])
+    free = [i for i in range(n) if i not in driven]
     return LinearModel(
-        A, B, C, np.zeros((len(names), m)),
+        A, B, C, np.zeros((len(names), B.shape[1])),
         states=(*equations.names, *(f"{name}_rate" for name in equations.names)),
-        inputs=tuple(f"torque{k}" for k in equations.inputs),
+        inputs=(
+            *(f"torque{k}" for k in equations.inputs), *(f"{equations.names[i]}_acceleration" for i in driven)
+        ),
         outputs=names,
-        x=x0, u=start.u[equations.inputs], y=y0, rate=rate, t=simulation.t, dt=discrete,
-        growing=growing(eigenpairs(reduced, list(range(n)))[0]),
+        x=x0, u=np.concatenate([start.u[equations.inputs], equations.state(start.q, start.a)[1][driven]]),
+        y=y0, rate=rate, t=simulation.t, dt=discrete, growing=growing(eigenpairs(reduced, free)[0]),
     )  # fmt: skip
+
+
+def _places(gauges: object, links: int) -> list[tuple[int, float]]:
+    """Checked places of gauges."""
+    found = []
+    for i, entry in enumerate(check.sequence("gauges", gauges, "pairs (link, place)")):
+        link, place = check.sequence(f"gauges[{i}]", entry, "a link and a place from 0 to 1", 2)
+        link = check.integer(f"gauges[{i}][0]", link, minimum=0, maximum=links - 1)
+        found.append((link, check.number(f"gauges[{i}][1]", place, minimum=0.0, maximum=1.0)))
+    return found
 
 
 def simulation_of(target: Simulation | Scene, formulation: str | None, options: dict[str, Any]) -> Simulation:
@@ -128,6 +167,16 @@ def simulation_of(target: Simulation | Scene, formulation: str | None, options: 
             raise check.InvalidValue(name, value, "must not be given with a Simulation, which brings its own settings")
         return target
     return Simulation(check.instance("target", target, Scene), target.settings(formulation, **options))
+
+
+def without_friction(simulation: Simulation) -> Simulation:
+    """The simulation, or a view of it without Coulomb friction, which has no derivative."""
+    model = smooth(simulation.model)
+    if model is simulation.model:
+        return simulation
+    view = copy(simulation)
+    view.model = model
+    return view
 
 
 def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
@@ -161,14 +210,16 @@ def _outputs(equations: Equations, point: Point, reduced: Reduced) -> tuple[tupl
         cos, sin, spin = np.cos(poses[:, POSE.angle]), np.sin(poses[:, POSE.angle]), poses[:, POSE.rate]
         (dx, dy, _), (vx, vy, _) = (poses[:, TIP] - poses[:, ROOT]).T, (poses[:, TIP_RATES] - poses[:, ROOT_RATES]).T
         turning = cos * vy - sin * vx - spin * (cos * dx + sin * dy)
-        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, TIP][:2]])
+        motors = [x[row] for row in equations.motors.values() for x in (q, v)]
+        return np.concatenate([angles, rates, link_deflection(poses), turning, poses[-1, TIP][:2], motors])
 
     q, v = point.q, point.v
     by_q = slopes(lambda x: outputs(x, v), q, equations.free, equations.steps)
     by_v = exact_slopes(lambda x: outputs(q, x), v, equations.free)
     names = [f"{what}{k}{end}" for what in ("joint", "deflection") for end in ("", "_rate") for k in links]
     C = np.hstack([by_q @ reduced.lift + by_v @ reduced.drift, by_v @ reduced.lift])
-    return (*names, "tip_x", "tip_y"), outputs(q, v), C
+    names += ["tip_x", "tip_y", *(f"motor{k}{end}" for k in equations.motors for end in ("", "_rate"))]
+    return tuple(names), outputs(q, v), C
 
 
 def state_of(simulation: Simulation) -> Array:

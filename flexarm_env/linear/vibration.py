@@ -66,7 +66,8 @@ def modes(
         spin: rad/s, about the root of a pinned Scene without gravity, its loads left out: the modes are those of the
             arm in steady rotation, stretched and bent as that makes it, as seen by an observer who turns with it.
         clamped: False: joints that are not prescribed or rigid can turn (their torques stay what they are); True: the
-            hub is held ("clamped modes"); or the indices of the joints that are held.
+            hub is held ("clamped modes"); or the indices of the joints that are held. Behind an elastic gear it is the
+            motor's side that is held. Coulomb friction is left out.
     Returns:
         The Modes.
     Raises:
@@ -79,7 +80,10 @@ def modes(
     equations, point = _about(target, formulation, options, spin)
     if isinstance(target, Scene) and spin == 0.0:
         tell(at_rest(equations, point, equations.inputs.tolist()), refuse=False)
-    keep = moving(equations, _held(clamped, equations))
+    held = _held(clamped, equations)
+    if isinstance(target, Scene):
+        _check_rotors(target, held)
+    keep = moving(equations, held)
     reduced = equations.reduced(point, spin)
     eigenvalues, vectors = eigenpairs(reduced, keep)
     unstable = growing(eigenvalues)
@@ -110,7 +114,7 @@ def _about(
     simulation = Simulation(still(scene, True, **moved), settings)
     equations = Equations(simulation)
     w = simulation.work
-    start = Point(w.q.copy(), *equations.turned(w.q, spin), w.u.copy(), w.psi.copy())
+    start = Point(w.q.copy(), *equations.rotating(w.q, spin), w.u.copy(), w.psi.copy())
     return equations, settle(equations, start, equations.inputs.tolist(), spin).point
 
 
@@ -122,6 +126,14 @@ def _held(clamped: bool | Sequence[int], equations: Equations) -> list[int]:
     for i, joint in enumerate(joints):
         check.integer(f"clamped[{i}]", joint, minimum=0, maximum=equations.n_links - 1)
     return list(joints)
+
+
+def _check_rotors(scene: Scene, held: list[int]) -> None:
+    """A motor behind an elastic gear has inertia, or is held, or prescribed."""
+    for k, joint in enumerate(scene.arm.joints):
+        if joint.elastic and joint.rotor == 0.0 and k not in held and scene.motion_of(f"motor{k}") is None:
+            what = "must be positive (kg m^2): its motor is neither held nor prescribed"
+            raise check.InvalidValue(f"arm.joints[{k}].motor_inertia", joint.motor_inertia, what)
 
 
 def _shape(equations: Equations, q: Array, vector: NDArray[np.complex128]) -> Array:

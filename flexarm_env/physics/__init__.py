@@ -4,7 +4,8 @@ from .elastica import equations as _elastica
 from .exact import equations as _exact
 from .floating import chain as _floating
 from .floating import multipliers as _joined
+from .joints import equations as _jointed
 
 __all__: list[str] = []
-FORMULATIONS = (_elastica, _exact, _floating, _joined)
+FORMULATIONS = (_elastica, _exact, _floating, _joined, _jointed)
 """Importing them registers them (`protocol.register`)."""

@@ -151,6 +151,7 @@ class FloatingChain(NamedTuple):
     data      float64: a block a body, `physics.floating.layout.BODY`
     gravity   float64 (2,) m/s^2 or None; loads int64 (n_loads, 2): link and end (0 root, 1 tip) of each point load,
               or None: absent features are compiled out
+    jointed   (0,) in a `Jointed` arm, otherwise None
     """
 
     n: int
@@ -171,6 +172,7 @@ class FloatingChain(NamedTuple):
     data: np.ndarray
     gravity: np.ndarray | None
     loads: np.ndarray | None
+    jointed: tuple[int, ...] | None
 
 
 class ExactBeam(NamedTuple):
@@ -184,6 +186,7 @@ class ExactBeam(NamedTuple):
     damped    see `damped`
     gravity   float64 (2,) m/s^2, or None
     loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
+    jointed   (0,) in a `Jointed` arm, otherwise None
 
     What is None is compiled out.
     """
@@ -207,6 +210,7 @@ class ExactBeam(NamedTuple):
     damped: tuple[int, ...] | np.ndarray | None
     gravity: np.ndarray | None
     loads: np.ndarray | None
+    jointed: tuple[int, ...] | None
 
 
 class Elastica(NamedTuple):
@@ -239,6 +243,32 @@ class Elastica(NamedTuple):
     damping: tuple[int, ...] | np.ndarray | None  # see `damped`
     data: np.ndarray
     loads: np.ndarray | None
+
+
+class Jointed(NamedTuple):
+    """An arm of any formulation without multipliers (`arm`), and what turns its joints (`physics.joints`). SI.
+
+    Rows: the arm's, then the angle of each motor behind an elastic gear, over its ratio, relative to the link before.
+
+    table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
+    rough  None where no joint has Coulomb friction, otherwise as many zeros as accelerations are solved for at a start
+    step   s: half of it is how far ahead friction looks where accelerations are solved for
+    """
+
+    n: int | tuple[int, ...]
+    n_factor: int | tuple[int, ...]
+    n_inputs: int | tuple[int, ...]
+    fixed: np.ndarray
+    algebraic: None
+    weight: np.ndarray
+    predictor: float | tuple[float, float] | None
+    correction: float | None
+    bound: float
+    arm: Any
+    table: np.ndarray
+    data: np.ndarray
+    rough: tuple[int, ...] | None
+    step: float
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     constrain(lane, model, psi, state, level, scale, r)
         the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
     pin(lane, model, S, k)           replace row and column k of S by those of the identity; k: of the root or a joint
+    stiffen(lane, model, S, k, x)    add x to row k of S, that of a joint's angle, in column k; before `factor`
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
@@ -36,6 +37,13 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
+    loosen(lane, model, S, loose)    leave Coulomb friction out of the residual (1.0) until told otherwise (0.0)
+    open_friction(lane, model, par, state, u, r, S)  where books are opened: friction as it is now; r is free
+    book_friction(lane, model, S, start, q, books)  add what Coulomb friction has taken from start to q, by the mean of
+        what it was there and in the last residual
+    begin_friction(lane, model, S)   where inputs jump: nothing that follows depends on what S held before
+    expected(lane, model, S, theta)  contraction to expect of Newton's first iteration, theta where equations are smooth
+    passes(lane, model)              how often accelerations are solved for where they are solved afresh
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
     shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
 """
@@ -81,7 +89,48 @@ def _add(lane, model, q, d):
         store(q, k, load(lane, q, k) + load(lane, d, k))
 
 
-FORMULATIONS = Family("model", predict=_no_guess, update=_add)
+@kernel
+def _no_stiffness(lane, model, S, k, x):
+    """`stiffen` of a formulation whose joints have none."""
+
+
+@kernel
+def _no_friction(lane, model, S, loose):
+    """`loosen` of joints without friction."""
+
+
+@kernel
+def _nothing_to_begin(lane, model, S):
+    """`begin_friction` of such joints."""
+
+
+@kernel
+def _smooth(lane, model, S, theta):
+    """`expected` of such joints."""
+    return theta
+
+
+@kernel
+def _nothing_to_open(lane, model, par, state, u, r, S):
+    """`open_friction` of such joints."""
+
+
+@kernel
+def _nothing_to_book(lane, model, S, start, q, books):
+    """`book_friction` of such joints."""
+
+
+@kernel
+def _one(lane, model):
+    """`passes` of equations that are linear in the accelerations."""
+    return 1
+
+
+FORMULATIONS = Family(
+    "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, loosen=_no_friction,
+    open_friction=_nothing_to_open, book_friction=_nothing_to_book, begin_friction=_nothing_to_begin, expected=_smooth,
+    passes=_one,
+)  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
 register = FORMULATIONS.register
@@ -93,10 +142,17 @@ rotate = FORMULATIONS.function("rotate", "lane, model, start, q, share, x")
 predict = FORMULATIONS.function("predict", "lane, model, start, q")
 constrain = FORMULATIONS.function("constrain", "lane, model, psi, state, level, scale, r")
 pin = FORMULATIONS.function("pin", "lane, model, S, k")
+stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
 update = FORMULATIONS.function("update", "lane, model, q, d")
+loosen = FORMULATIONS.function("loosen", "lane, model, S, loose")
+open_friction = FORMULATIONS.function("open_friction", "lane, model, par, state, u, r, S")
+book_friction = FORMULATIONS.function("book_friction", "lane, model, S, start, q, books")
+begin_friction = FORMULATIONS.function("begin_friction", "lane, model, S")
+expected = FORMULATIONS.function("expected", "lane, model, S, theta")
+passes = FORMULATIONS.function("passes", "lane, model")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")

@@ -19,11 +19,10 @@ from ..physics.arithmetic import put
 from ..physics.integrator.work import unpack
 from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
-from ..physics.protocol import energy, link_poses, out_of_range
+from ..physics.protocol import energy, link_poses, out_of_range, ports
 from ..tasks.program import (
     ACTION_NOT_FINITE,
     FRESH,
-    FRICTION,
     GUIDED,
     JOINT_LIMIT,
     MODE,
@@ -77,11 +76,12 @@ def _period(lane, p, g, block, w):
     outcome = stack(lane, OUTCOME)
     weigh(lane, p, live, poses, action, record, info, outcome)
     _note(lane, task, p.actuator, p.estimate, record, w.u, live, info)
+    _less_emf(lane, p.amplifier, task, model, par, w, live, info)
     inside = select_lt(out_of_range(lane, model, par, w.q), 0.5, splat(lane, 1.0), splat(lane, 0.0))
     in_range = info_of(task).in_range
     put(live, info, in_range, inside, load(lane, info, in_range))
     note_energies(lane, p.books, task, model, par, record, w, live, info)
-    return _close(lane, p, g, w, record, seen, info, saved, outcome)
+    return _close(lane, p, g, w, poses, record, seen, info, saved, outcome)
 
 
 @kernel
@@ -137,28 +137,43 @@ def _note(lane, task, actuator, estimate, record, u, live, info):
     for k in range(n):
         torque = load(lane, u, k)
         if actuator is not None:
-            torque = load(lane, record, record_at(0, n, 1, 0, 0).torque + k)
+            torque = load(lane, record, record_at(0, n, 1, 0, 0, 0).torque + k)
         put(live, info, at.torque + k, torque, load(lane, info, at.torque + k))
     put(live, info, at.error, splat(lane, estimate), load(lane, info, at.error))
     put(live, info, at.reason, splat(lane, 0.0), load(lane, info, at.reason))
 
 
 @kernel
+def _less_emf(lane, amplifier, task, model, par, w, live, info):
+    """Torques into info of motors under voltages: less what the rate takes."""
+    if amplifier is not None:
+        ports(lane, model, par, w.v, w.y)
+        for k in range(size(task.links)):
+            at = info_of(task).torque + k
+            told = load(lane, info, at)
+            put(live, info, at, told - load(lane, w.y, k) * amplifier.emf[k], told)
+
+
+@kernel
 def note_energies(lane, books, task, model, par, record, w, live, info):
-    """Energies into info; friction's loss is dissipation, and no work of the motors."""
+    """Energies into info, and the motors' angles and rates."""
     if books is not None:
         kinetic, strain, gravity = energy(lane, model, par, w.q, w.v)
-        friction = load(lane, record, FRICTION)
         at = energies_at(info_of(task).energies)
         put(live, info, at.kinetic, kinetic, load(lane, info, at.kinetic))
         put(live, info, at.strain, strain, load(lane, info, at.strain))
         put(live, info, at.gravity, gravity, load(lane, info, at.gravity))
-        put(live, info, at.dissipated, load(lane, w.books, DISSIPATED) + friction, load(lane, info, at.dissipated))
-        put(live, info, at.work, load(lane, w.books, WORK_DONE) + friction, load(lane, info, at.work))
+        put(live, info, at.dissipated, load(lane, w.books, DISSIPATED), load(lane, info, at.dissipated))
+        put(live, info, at.work, load(lane, w.books, WORK_DONE), load(lane, info, at.work))
+        n, motors = size(task.links), info_of(task).motors
+        for rates in range(2):
+            ports(lane, model, par, w.v if rates else w.q, w.y)
+            for k in range(n):
+                put(live, info, motors + rates * n + k, load(lane, w.y, k), load(lane, info, motors + rates * n + k))
 
 
 @kernel
-def _close(lane, p, g, w, record, seen, info, saved, outcome):
+def _close(lane, p, g, w, poses, record, seen, info, saved, outcome):
     """Arm by arm: what the caller sees; returns how many arms have ended, are guided, or must be repeated alone.
 
     outcome: see `weigh`.
@@ -174,7 +189,7 @@ def _close(lane, p, g, w, record, seen, info, saved, outcome):
         if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
                 put_back(lanes, i, n, w, saved, record)
-            count += settle(lanes, p, arm, outcome, reason, record, seen, info)
+            count += settle(lanes, p, arm, outcome, reason, poses, record, seen, info)
             continue
         put_back(lanes, i, n, w, saved, record)
         if mode == RUNNING:
@@ -197,7 +212,7 @@ def show(lane, g, groups, info, table):
 
 
 @kernel
-def settle(lanes, p, arm, outcome, reason, record, seen, info):
+def settle(lanes, p, arm, outcome, reason, poses, record, seen, info):
     """The outcome of one arm's period into the arrays that the caller reads; returns 1 where its episode has ended.
 
     outcome: see `weigh`. reason: a status code, or ACTION_NOT_FINITE.
@@ -208,7 +223,7 @@ def settle(lanes, p, arm, outcome, reason, record, seen, info):
         reason = float(JOINT_LIMIT)
     n_terms, at = size(task.terms), info_of(task)
     if reason == OK or reason == JOINT_LIMIT:
-        sense(lanes, p.sensors, p.entries, p.stream, arm, record, seen, p.observation, False)
+        sense(lanes, p, arm, poses, record, seen, False)
     else:
         info[SUCCESS * lanes + i] = 0.0
         for k in range(at.terms, at.terms + n_terms):

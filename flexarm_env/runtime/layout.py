@@ -9,16 +9,22 @@ import numpy as np
 from ..compiler import size, uncompiled
 from ..physics.integrator.work import work_size
 from ..physics.layout import POSE
-from ..tasks.program import INFO, PARAMETERS, RECORD, SAVED, SCRATCH, Block
+from ..tasks.program import CHANNEL, INFO, LAW, PARAMETERS, RECORD, SAVED, SCRATCH, Block
 
 
-def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int]:
-    """Sizes of a `RECORD`: joints, rows of motors, rows of commands, numbers of past observations."""
-    motors, sensors = extras.actuator, extras.sensors
+def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int, int]:
+    """Sizes of a `RECORD`: joints, rows of motors, rows of commands, numbers of past observations and of sensors."""
+    motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments
     return (
         len(task.links), int(motors is not None), 0 if motors is None else motors.age + 2,
-        0 if sensors is None else entries * sensors.age,
+        0 if sensors is None else entries * sensors.age, 0 if instruments is None else readings_size(instruments),
     )  # fmt: skip
+
+
+def readings_size(instruments: Any) -> int:
+    """Numbers that sensors remember."""
+    channels = len(instruments.laws) // LAW.places.end
+    return channels * int(CHANNEL.offsets(0, instruments.room).end)
 
 
 def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:

@@ -1,17 +1,17 @@
-"""From actions to joint torques: controllers under the action, and motors with lag, delay, saturation and friction."""
+"""From actions to joint torques: amplifiers, controllers under the action, motors with lag, delay and saturation."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ..compiler import TUPLE, by_kind, kernel, load, size, square_root, stack, store
+from ..compiler import TUPLE, by_kind, kernel, load, size, store
 from ..physics.arithmetic import clip
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
 from ..physics.layout import POSE
-from ..physics.protocol import link_poses
-from ..tasks.program import FRICTION, GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
+from ..physics.protocol import link_poses, ports
+from ..tasks.program import GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
 
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
@@ -26,39 +26,92 @@ def _joint(lane, poses, k, rates):
 
 
 @kernel
-def command(lane, task, controller, action, poses, record, u):
-    """u <- torques asked for, N m: the action's share of the limits, or what the controllers make of it."""
-    factor = load(lane, record, TORQUE_FACTOR)
+def _control(lane, task, controller, model, par, poses, record, w):
+    """w.u <- what the controllers make of the action's torques in it."""
+    link_poses(lane, model, par, w.q, w.v, poses)
     for k in range(size(task.links)):
         limit = task.torque_limits[k]
-        torque = load(lane, action, k) * limit
-        if controller is not None:
-            error = load(lane, record, GOAL + k) - _joint(lane, poses, k, _ANGLE)
-            torque = torque * controller.share + error * controller.stiffness[k]
-            torque = clip(torque - _joint(lane, poses, k, _RATE) * controller.damping[k], limit)
-        store(u, k, torque * factor)
+        error = load(lane, record, GOAL + k) - _joint(lane, poses, k, _ANGLE)
+        torque = load(lane, w.u, k) * controller.share + error * controller.stiffness[k]
+        store(w.u, k, clip(torque - _joint(lane, poses, k, _RATE) * controller.damping[k], limit))
+
+
+@kernel
+def _control_motors(lane, task, controller, model, par, poses, record, w):
+    """`_control` where the motors have angles of their own, which encoders on them see."""
+    for rates in range(2):
+        ports(lane, model, par, w.v if rates else w.q, w.y)
+        for k in range(size(task.links)):
+            torque, limit = load(lane, w.u, k), task.torque_limits[k]
+            if rates == 0:
+                error = load(lane, record, GOAL + k) - load(lane, w.y, k)
+                store(w.u, k, torque * controller.share + error * controller.stiffness[k])
+            else:
+                store(w.u, k, clip(torque - load(lane, w.y, k) * controller.damping[k], limit))
+
+
+@kernel
+def _ask(lane, task, controller, model, par, poses, record, w):
+    """The controllers' part of a command, where there are any."""
+    if controller is not None:
+        _choose(lane, controller.motors, task, controller, model, par, poses, record, w)
+
+
+@by_kind("motors", "lane, motors, task, controller, model, par, poses, record, w")
+def _choose(kind: str) -> Any:
+    """Which side of the gears the controllers look at."""
+    return _control_at_motors if kind == TUPLE else _control_at_links
+
+
+@kernel
+def _control_at_links(lane, motors, task, controller, model, par, poses, record, w):
+    _control(lane, task, controller, model, par, poses, record, w)
+
+
+@kernel
+def _control_at_motors(lane, motors, task, controller, model, par, poses, record, w):
+    _control_motors(lane, task, controller, model, par, poses, record, w)
+
+
+@kernel
+def _amplify(lane, task, amplifier, model, par, action, w):
+    """w.u <- torques, N m, of what the amplifiers are asked for: shares of the largest currents or voltages.
+
+    A voltage makes u = gain a less emf times the rate, which is viscous friction to the equations of motion, so that it
+    holds throughout the period and for steps of any length; limits of current and torque are looked at at its start.
+    """
+    if amplifier is not None:
+        ports(lane, model, par, w.v, w.y)
+        for k in range(size(task.links)):
+            held = load(lane, w.y, k) * amplifier.emf[k]
+            torque = clip(load(lane, action, k) * amplifier.gain[k] - held, amplifier.limits[k])
+            store(w.u, k, torque + held)
+
+
+@kernel
+def command(lane, task, controller, amplifier, model, par, action, poses, record, w):
+    """w.u <- torques asked for, N m: what the amplifiers make of the action, or its share of the limits, or what the
+    controllers make of that."""
+    factor = load(lane, record, TORQUE_FACTOR)
+    for k in range(size(task.links)):
+        store(w.u, k, load(lane, action, k) * task.torque_limits[k])
+    _amplify(lane, task, amplifier, model, par, action, w)
+    _ask(lane, task, controller, model, par, poses, record, w)
+    for k in range(size(task.links)):
+        store(w.u, k, load(lane, w.u, k) * factor)
 
 
 @kernel
 def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
     """The steps of one period under an action, each in so many parts."""
-    _see_joints(lane, controller, actuator, model, par, w.q, w.v, poses)
     for k in range(size(p.task.links)):
         store(w.u0, k, load(lane, w.u, k))
-    command(lane, p.task, controller, action, poses, record, w.u)
+    command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
     if actuator is None:
         _jump(lane, model.predictor, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
-        _run_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w)
-
-
-@kernel
-def _see_joints(lane, controller, actuator, model, par, q, v, poses):
-    if controller is not None:
-        link_poses(lane, model, par, q, v, poses)
-    elif actuator is not None:
-        link_poses(lane, model, par, q, v, poses)
+        _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w)
 
 
 @kernel
@@ -97,18 +150,12 @@ def _jump(kind: str) -> Any:
 
 
 @kernel
-def _run_motors(lane, p, model, parts, actuator, par, poses, record, saved, block, w):
-    """The motors' torques followed through each step.
-
-    Friction acts with the rate that the last step's change leads to expect at the end of the step.
-    """
+def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
+    """The motors' torques followed through each step."""
     n = size(p.task.links)
-    at = record_at(0, n, 1, actuator.age + 2, 0)
-    before, now = stack(lane, p.task.links), stack(lane, p.task.links)
+    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
     for k in range(n):
         _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
-        store(before, k, _joint(lane, poses, k, _RATE))
-        store(now, k, _joint(lane, poses, k, _RATE))
     for s in range(p.n_steps):
         age = actuator.age + 1 if s < actuator.late else actuator.age
         for k in range(n):
@@ -116,37 +163,10 @@ def _run_motors(lane, p, model, parts, actuator, par, poses, record, saved, bloc
             torque = load(lane, record, at.torque + k)
             torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
             store(record, at.torque + k, torque)
-            rate = load(lane, now, k) * 2.0 - load(lane, before, k)
-            store(w.u, k, torque - _friction(actuator, k, rate))
-            store(before, k, load(lane, now, k))
+            store(w.u, k, torque)
         if s == 0:
             _jump(lane, model.predictor, p, model, par, record, saved, block, w)
-        _book(lane, p.books, p.task, poses, record, w.u, 1.0)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
-        link_poses(lane, model, par, w.q, w.v, poses)
-        for k in range(n):
-            store(now, k, _joint(lane, poses, k, _RATE))
-        _book(lane, p.books, p.task, poses, record, w.u, -1.0)
-
-
-@kernel
-def _friction(actuator, k, rate):
-    """Torque that friction takes at a rate, N m."""
-    creep = actuator.creep
-    return rate * (actuator.viscous[k] + actuator.coulomb[k] / square_root(rate * rate + creep * creep))
-
-
-@kernel
-def _book(lane, books, task, poses, record, u, sign):
-    """Friction's loss over a step: its torque times the way turned, in two halves."""
-    if books is not None:
-        n = size(task.links)
-        torque = record_at(0, n, 1, 0, 0).torque
-        lost = load(lane, record, FRICTION)
-        for k in range(n):
-            friction = load(lane, record, torque + k) - load(lane, u, k)
-            lost = lost - friction * _joint(lane, poses, k, _ANGLE) * sign
-        store(record, FRICTION, lost)
 
 
 @kernel

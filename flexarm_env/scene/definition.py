@@ -26,7 +26,7 @@ _SAME_TIME = 1e-9
 
 @dataclass(frozen=True)
 class Scene:
-    """An arm that starts straight-linked and at rest, its joints, motions, loads and duration.
+    """An arm that starts with straight links, at rest or turning, its joints, motions, loads and duration.
 
     Args:
         name: a short word.
@@ -35,6 +35,8 @@ class Scene:
         root: "pinned" (position held or prescribed, hub angle free unless prescribed) or "free" (a free body).
         position: of the root at t = 0, m, (x, y).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x.
+        velocity: of the root before t = 0, m/s, (vx, vy). rates: absolute rates of the links then, N numbers (rad/s),
+            or () for none; links turn as rigid ones, and a motion that begins with another rate jumps.
         rigid_joints: joints k >= 1 at which link k is fixed to link k-1 (at the angle it starts with), not hinged.
         motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
@@ -52,6 +54,8 @@ class Scene:
     root: str = "pinned"
     position: tuple[float, float] = (0.0, 0.0)
     angles: tuple[float, ...] = ()
+    velocity: tuple[float, float] = (0.0, 0.0)
+    rates: tuple[float, ...] = ()
     rigid_joints: tuple[int, ...] = ()
     motions: tuple[Motion, ...] = ()
     loads: tuple[Load, ...] = ()
@@ -69,7 +73,9 @@ class Scene:
             "duration": check.number("duration", self.duration, "s", above=0.0),
             "dt": check.number("dt", self.dt, "s", above=0.0),
             "position": _numbers("position", self.position, "m", 2),
-            "angles": self._checked_angles(n),
+            "angles": self._one_a_link("angles", "rad", n),
+            "velocity": _numbers("velocity", self.velocity, "m/s", 2),
+            "rates": self._one_a_link("rates", "rad/s", n),
             "gravity": None if self.gravity is None else _numbers("gravity", self.gravity, "m/s^2", 2),
             "rigid_joints": self._checked_rigid_joints(n),
             "motions": check.sequence("motions", self.motions, "Motion"),
@@ -84,13 +90,26 @@ class Scene:
             check.text(name, getattr(self, name))
         for name, value in values.items():
             object.__setattr__(self, name, value)
+        self._check_rates()
         self._check_motions()
+        self._check_joints()
         self._check_loads()
         self._join_instants()
 
-    def _checked_angles(self, n: int) -> tuple[float, ...]:
-        given = check.sequence("angles", self.angles, f"{n} numbers (rad)")
-        return _numbers("angles", given, "rad", n) if given else (0.0,) * n
+    def _one_a_link(self, name: str, unit: str, n: int) -> tuple[float, ...]:
+        given = check.sequence(name, getattr(self, name), f"{n} numbers ({unit})")
+        return _numbers(name, given, unit, n) if given else (0.0,) * n
+
+    def _check_rates(self) -> None:
+        for k in self.rigid_joints:
+            if self.rates[k] != self.rates[k - 1]:
+                what = f"must be that of the link before, {self.rates[k - 1]!r}: joint {k} is rigid"
+                raise check.InvalidValue(f"rates[{k}]", self.rates[k], what)
+        if self.root != "free" and any(self.velocity):
+            for name, rate in zip(("root_x", "root_y"), self.velocity, strict=True):
+                if rate and self.motion_of(name) is None:
+                    what = f"must be 0 in the direction of {name}, which is held; give root='free', or a Motion"
+                    raise check.InvalidValue("velocity", self.velocity, what)
 
     def _checked_rigid_joints(self, n: int) -> tuple[int, ...]:
         joints = check.sequence("rigid_joints", self.rigid_joints, "joint indices")
@@ -111,12 +130,23 @@ class Scene:
             if joint is not None and joint >= self.arm.n_links:
                 last = self.arm.n_links - 1
                 raise check.InvalidValue(path, name, f'must be a joint of the arm, "joint0" to "joint{last}"')
+            if motion.on_motor and joint is not None and not self.arm.joint(joint).elastic:
+                what = f'must be "joint{joint}": the gear there does not give, and the motor has no angle of its own'
+                raise check.InvalidValue(path, name, what)
             if joint in self.rigid_joints:
                 raise check.InvalidValue(path, name, f"must be a joint that can turn; rigid: {self.rigid_joints}")
             initial = self.initial_value(name)
             if abs(motion.function.start - initial) > 1e-9 * max(1.0, abs(initial)):
                 what = f"must be {initial!r}, the value of {name} that position and angles give at t = 0"
                 raise check.InvalidValue(f"motions[{i}].function(0)", motion.function.start, what)
+
+    def _check_joints(self) -> None:
+        """What turns a joint needs one that turns, and a link or ground before it."""
+        for k, joint in enumerate(self.arm.joints):
+            path = f"arm.joints[{k}]"
+            if joint.moves and (k in self.rigid_joints or (k == 0 and self.root == "free")):
+                where = "where the joint is rigid" if k else "where the root is free: nothing is there to turn it from"
+                raise check.InvalidValue(path, joint, f"must be an ideal Joint() {where}")
 
     def _check_loads(self) -> None:
         n, prescribed = self.arm.n_links, [motion.joint for motion in self.motions]
@@ -171,7 +201,7 @@ class Scene:
             yield from load.functions
 
     def initial_value(self, coordinate: str) -> float:
-        """Value at t = 0 of "joint0", "joint1", ... (rad), "root_x" or "root_y" (m)."""
+        """Value at t = 0 of "joint0", ... (rad), of "motor0", ... (the same: at rest), "root_x", "root_y" (m)."""
         if coordinate in ("root_x", "root_y"):
             return self.position[0 if coordinate == "root_x" else 1]
         joint = int(coordinate[5:])

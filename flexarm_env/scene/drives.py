@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from flexarm_env import validation as check
 from flexarm_env.time_functions import TimeFunction
 
+COORDINATES = '"joint0", "joint1", ..., "motor0", ... (behind an elastic gear), "root_x" or "root_y"'
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -15,7 +17,8 @@ class Motion:
 
     Args:
         coordinate: "joint0" (absolute angle of the root of link 0), "joint1", ... (angle of link k's root from the
-            tip section of link k-1), "root_x" or "root_y" (position of the root, m).
+            tip section of link k-1), "motor0", ... (angle of the motor behind an elastic gear, over its ratio, from
+            the same), "root_x" or "root_y" (position of the root, m).
         function: its value (rad or m) over time; the value must not jump.
     """
 
@@ -25,15 +28,20 @@ class Motion:
     def __post_init__(self) -> None:
         name = self.coordinate
         if not isinstance(name, str) or not (
-            name in ("root_x", "root_y") or re.fullmatch(r"joint(0|[1-9][0-9]*)", name)
+            name in ("root_x", "root_y") or re.fullmatch(r"(joint|motor)(0|[1-9][0-9]*)", name)
         ):
-            raise check.InvalidValue("coordinate", name, 'must be "joint0", "joint1", ..., "root_x" or "root_y"')
+            raise check.InvalidValue("coordinate", name, f"must be {COORDINATES}")
         check.instance("function", self.function, TimeFunction).check_no_jump()
 
     @property
     def joint(self) -> int | None:
-        """Index of the joint, or None for a coordinate of the root's position."""
-        return int(self.coordinate[5:]) if self.coordinate.startswith("joint") else None
+        """Index of the joint, or of the motor's, or None for a coordinate of the root's position."""
+        return None if self.coordinate.startswith("root") else int(self.coordinate[5:])
+
+    @property
+    def on_motor(self) -> bool:
+        """Whether the motor's side of an elastic gear is prescribed, not the link's."""
+        return self.coordinate.startswith("motor")
 
 
 @dataclass(frozen=True)

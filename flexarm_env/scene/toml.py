@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
-from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
+from flexarm_env.scene.drives import COORDINATES, JointTorque, Load, Motion, PointLoad
 from flexarm_env.time_functions import TimeFunction
 
 T = TypeVar("T")
@@ -73,7 +73,7 @@ def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) ->
         _motion(f"motions[{i}]", entry, directory) for i, entry in enumerate(_tables("motions", values))
     )
     values["loads"] = tuple(_load(f"loads[{i}]", entry, directory) for i, entry in enumerate(_tables("loads", values)))
-    for key in ("position", "angles", "gravity", "rigid_joints"):
+    for key in ("position", "angles", "velocity", "rates", "gravity", "rigid_joints"):
         if key in values:
             values[key] = check.sequence(key, values[key], "numbers")
     solver = check.table_of("solver", values.pop("solver", {}))
@@ -94,8 +94,7 @@ def _tables(key: str, values: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
 
 def _motion(path: str, entry: dict[str, Any], directory: Path) -> Motion:
     with check.under(path):
-        what = 'must be "joint0", "joint1", ..., "root_x" or "root_y"'
-        coordinate = check.needed("", entry, "coordinate", what)
+        coordinate = check.needed("", entry, "coordinate", f"must be {COORDINATES}")
         rest = {key: value for key, value in entry.items() if key != "coordinate"}
         return Motion(coordinate, function_from_table(rest, directory))
 
@@ -125,6 +124,7 @@ def text_of(scene: Any) -> str:
     table: dict[str, Any] = {"name": scene.name}
     table |= {key: getattr(scene, key) for key in _OPTIONAL_TEXT if getattr(scene, key)}
     table |= {key: getattr(scene, key) for key in ("duration", "dt", "sample", "root", "position", "angles")}
+    table |= {key: getattr(scene, key) for key in ("velocity", "rates") if any(getattr(scene, key))}
     if scene.rigid_joints:
         table["rigid_joints"] = scene.rigid_joints
     if scene.gravity is not None:
@@ -161,7 +161,8 @@ KINDS: dict[str, Callable[..., TimeFunction]] = {
     "table": time_functions.table,
     "pieces": lambda pieces: TimeFunction(pieces),
 }
-"""The words that a TOML file uses for ``kind``; "csv" (with file and interpolation) is one more."""
+"""The words that a TOML file uses for ``kind``; "csv" (with file and what `from_csv` takes) is one more."""
+_CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 
 
 def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFunction:
@@ -170,12 +171,12 @@ def function_from_table(entry: Mapping[str, Any], directory: Path) -> TimeFuncti
     check.choice("kind", kind, (*KINDS, "csv"))
     given = {key: value for key, value in entry.items() if key != "kind"}
     if kind == "csv":
-        check.known_keys("", given, ("file", "interpolation"), 'parameter of kind "csv"')
+        check.known_keys("", given, ("file", *_CSV), 'parameter of kind "csv"')
         name = check.text("file", check.needed("", given, "file", "must be the name of a CSV file"))
         path = directory / name
         if not path.is_file():
             raise check.InvalidValue("file", name, f"must be a CSV file; there is none at {path}")
-        return time_functions.from_csv(path, given.get("interpolation"))
+        return time_functions.from_csv(path, **{key: given[key] for key in _CSV if key in given})
     signature = inspect.signature(KINDS[kind]).parameters
     check.known_keys("", given, signature, f'parameter of kind "{kind}"')
     for name, parameter in signature.items():

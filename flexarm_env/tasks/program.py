@@ -24,8 +24,40 @@ PATH = Layout(
 )  # fmt: skip
 """Numbers of a moving target's path that was drawn."""
 
+LAW = Layout(
+    "Law", "",
+    Field("gain", (2,), "", "low and high of what it is drawn from"),
+    Field("bias", (2,), "", "likewise, in scales, as all that follows"),
+    Field("noise", (), "", "standard deviation"),
+    Field("quantum", (), "", "what readings are multiples of; 0: anything"),
+    Field("own", (4,), "", "filter: (output, slope) after a period from those before it"),
+    Field("before", (2,), "", "and from the input before it"),
+    Field("after", (2,), "", "and after it"),
+    Field("late", (), "", "whole periods of delay"),
+    Field("share", (), "", "and the rest, of a period"),
+    Field("every", (), "", "periods from one reading to the next"),
+    Field("rate", (), "1/s", "of a difference of readings that comes into a rate in a period"),
+    Field("kept", (), "", "of the rate before it"),
+)  # fmt: skip
+"""How a quantity is read: the law of `sensors.Law` for a period between instants."""
+
+CHANNEL = Layout(
+    "Channel", "room",
+    Field("gain", (), "", "as drawn"),
+    Field("bias", (), "", ""),
+    Field("input", (), "", "of the filter"),
+    Field("output", (), "", ""),
+    Field("slope", (), "", "of the output, over w"),
+    Field("reading", (), "", "the last"),
+    Field("since", (), "", "periods since it was taken"),
+    Field("rate", (), "1/s", "of an encoder"),
+    Field("speed", (), "m/s", "of the tip at the instant before, in fixed axes"),
+    Field("past", ("room",), "", "outputs before the last, the newest first"),
+)  # fmt: skip
+"""What a sensor remembers of a quantity that it reads."""
+
 RECORD = Layout(
-    "Record", "joints, motors, commands, memory",
+    "Record", "joints, motors, commands, memory, readings",
     Field("periods", (), "", "control periods done"),
     Field("periods_allowed", (), "", "control periods until the episode is cut off"),
     Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
@@ -33,13 +65,13 @@ RECORD = Layout(
     Field("target", (2,), "m or rad", "a point, or an angle and nothing"),
     Field("target_rate", (2,), "m/s or rad/s", "its rate"),
     Field("torque_factor", (), "", "on the torque constant"),
-    Field("friction", (), "J", "energy lost in joint friction"),
     Field("level", (), "", "halvings of the step that the last period took, where steps are fitted"),
     Field("path", (PATH.length,), "", "a `PATH`"),
     Field("goal", ("joints",), "rad", "joint angles that reach the target"),
     Field("torque", ("motors", "joints"), "N m", "of motors that are not ideal (1 row, or none)"),
     Field("commands", ("commands", "joints"), "N m", "asked of them, the newest first"),
     Field("seen", ("memory",), "", "past observations, the newest first, where they come late"),
+    Field("readings", ("readings",), "", "a `CHANNEL` for each quantity that sensors read by a law"),
 )  # fmt: skip
 """An arm's record: all that its episode remembers beside the state of the arm."""
 
@@ -111,6 +143,7 @@ INFO = Layout(
     Field("energies", (ENERGIES.length,), "J", "an `ENERGIES`"),
     Field("reward", (), "", "sum of the terms"),
     Field("truncated", (), "", "1 or 0"),
+    Field("motors", (2, "links"), "rad, rad/s", "their angles and rates, after the ratio, where energies are kept"),
 )  # fmt: skip
 """What the caller is told of an arm."""
 
@@ -125,12 +158,12 @@ REPORT = Layout(
 )  # fmt: skip
 """What there is to be told of a guided arm's period, which is moved elsewhere."""
 
-_FIRST = RECORD.offsets(0, 0, 0, 0, 0)
+_FIRST = RECORD.offsets(0, 0, 0, 0, 0, 0)
 PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE = (
     _FIRST.periods, _FIRST.periods_allowed, _FIRST.mode, _FIRST.hold, _FIRST.target, _FIRST.target_rate,
 )  # fmt: skip
-TORQUE_FACTOR, FRICTION, LEVEL, PATH_AT, GOAL = (
-    _FIRST.torque_factor, _FIRST.friction, _FIRST.level, _FIRST.path, _FIRST.goal,
+TORQUE_FACTOR, LEVEL, PATH_AT, GOAL = (
+    _FIRST.torque_factor, _FIRST.level, _FIRST.path, _FIRST.goal,
 )  # fmt: skip
 """Where the fields of a record are that no size moves."""
 
@@ -167,6 +200,7 @@ record_at = kernel(RECORD.offsets)
 start_at = kernel(START.offsets)
 basis_at = kernel(BASIS.offsets)
 energies_at = kernel(ENERGIES.offsets)
+channel_at = kernel(CHANNEL.offsets)
 request_at = kernel(REQUEST.offsets)
 info_at = kernel(INFO.offsets)
 report_at = kernel(REPORT.offsets)
@@ -224,26 +258,56 @@ class Controller(NamedTuple):
     stiffness: np.ndarray  # (N,) N m/rad
     damping: np.ndarray  # (N,) N m s/rad
     share: float
+    motors: tuple[int, ...] | None  # a tag where they look at motors that have angles of their own
+
+
+class Amplifier(NamedTuple):
+    """What turns an action into torques: currents, or voltages less what the motors make themselves."""
+
+    gain: np.ndarray  # (N,) N m: torque of the largest current, or of the largest voltage at rest
+    emf: np.ndarray  # (N,) N m s/rad: what a rate takes of that
+    limits: np.ndarray  # (N,) N m
 
 
 class Actuator(NamedTuple):
-    """Motors that are not ideal, and friction in the joints."""
+    """Motors that are not ideal."""
 
     share: float  # 1 - exp(-h / lag): of the way to the command that a motor makes in a step; 1: no lag
     age: int  # whole control periods by which commands come late
     late: int  # and whole steps
     limits: np.ndarray  # (N,) N m, saturation
-    viscous: np.ndarray  # (N,) N m s/rad
-    coulomb: np.ndarray  # (N,) N m
-    creep: float  # rad/s: Coulomb friction is coulomb w / sqrt(w^2 + creep^2)
 
 
 class Sensors(NamedTuple):
     """Noise, delay and strain gauges."""
 
-    noise: np.ndarray  # (O,) standard deviation of each entry, in its scale
+    noise: np.ndarray  # (S,) standard deviation of each entry, in its scale
     age: int  # control periods by which observations come late
     gauges: np.ndarray  # (G, n): curvature at the stations from the state, over the scale
+
+
+class Instruments(NamedTuple):
+    """Sensors that read by a law; None: there are none of this kind. Channels stand in the order of the fields.
+
+    Their entries follow the task's and the target's, gauges last: goals, accelerometer, camera.
+    """
+
+    period: float  # s
+    laws: np.ndarray  # a `LAW` for each channel
+    entries: int  # that these add, gauges not counted
+    room: int  # of the past in a `CHANNEL`
+    goals: tuple[int, ...] | None  # a tag: joint angles at the goal less encoder angles, and a target that is a point
+    encoders: np.ndarray | None  # (3 N,) int64: entries of each joint's sine, cosine and rate
+    accelerometer: np.ndarray | None  # (3,): gravity, m/s^2; scale, m/s^2
+    camera: float | None  # scale, m
+    gauges: tuple[int, ...] | None  # a tag for each
+
+
+class Selection(NamedTuple):
+    """What of all entries is observed, and how many observations stand in one, the oldest first."""
+
+    chosen: np.ndarray  # (C,) int64
+    frames: int
 
 
 class Reference(NamedTuple):
@@ -267,7 +331,10 @@ class Models(NamedTuple):
 
 
 class Program(NamedTuple):
-    """A batch of n arms with its task; A joints, O entries of the observation. None: absent, compiled out."""
+    """A batch of n arms with its task; A joints, S entries that there are to be seen, O numbers in an observation.
+
+    None: absent, compiled out.
+    """
 
     lane: tuple[int, ...]
     model: Any
@@ -277,11 +344,14 @@ class Program(NamedTuple):
     task: Any
     ranges: Ranges
     controller: Controller | None
+    amplifier: Amplifier | None
     actuator: Actuator | None
     sensors: Sensors | None
     reference: Reference | None
+    instruments: Instruments | None
+    selection: Selection | None
     layout: Block
-    entries: int  # O
+    entries: int  # S
     books: tuple[int, ...] | None  # a tag where energies are kept
     estimate: float  # of the formulation's own error, as a fraction of L
     period: float  # s

@@ -312,6 +312,13 @@ def pin(lane, model, S, k):
     store(S, k * rows + k, splat(lane, 1.0))
 
 
+@kernel
+def stiffen(lane, model, S, k, x):
+    """See `protocol`."""
+    at = k * size(model.n) + k
+    store(S, at, load(lane, S, at) + x)
+
+
 @unrolled
 @kernel
 def _factor(lane, model, S):
@@ -363,6 +370,7 @@ register(
     assemble=assemble,
     constrain=constrain,
     pin=pin,
+    stiffen=stiffen,
     factor=factor,
     solve=solve,
     ports=ports,

@@ -177,6 +177,7 @@ def build(scene: Scene, settings: Settings) -> System:
         damped=damped(arm),
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.array(loads, dtype=np.int64).ravel() if loads else None,
+        jointed=(0,) if arm.jointed else None,
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     q0 = straight(scene, elements, order)

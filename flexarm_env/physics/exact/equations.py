@@ -16,6 +16,7 @@ from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
 from ..protocol import State, register
 from .element import backward, directions, forces, forward, handed_on, tangent
+from .hinge import passed_on, turn_free, turned_behind
 from .inertia import inertia, rotate
 from .layout import (
     AXES,
@@ -291,6 +292,16 @@ def _eliminate(lane, S, o, tail):
 
 
 @kernel
+def stiffen(lane, model, S, k, x):
+    """See `protocol`: the hub's turns the first section, an elbow's is kept for `factor`."""
+    factors = factors_of(model)
+    if k < AXES:
+        _add(lane, S, factors.elements + element_factors_at(0, len(model.order)).condensed + LL + TT, x)
+    else:
+        store(S, factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges) + OF_HINGE.own, x)
+
+
+@kernel
 def factor(lane, model, S):
     """L D L' over the vertices from tip to root; inverse pivots are kept."""
     aligned_frame(lane)
@@ -306,13 +317,7 @@ def factor(lane, model, S):
         if k > 0:
             h = factors.hinges + OF_HINGE.end * (k - 1)
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
-                xx, xy, xt, yy, yt, tt = tail
-                inverse = 1.0 / tt
-                zx, zy = xt * inverse, yt * inverse
-                store(S, h + OF_HINGE.x, zx)
-                store(S, h + OF_HINGE.y, zy)
-                store(S, h + OF_HINGE.inverse, inverse)
-                tail = (xx - zx * xt, xy - zx * yt, zero, yy - zy * yt, zero, zero)
+                tail = turn_free(lane, model.jointed, S, h, tail)
             tail = near(lane, model.rigid, model, S, k - 1, TIP_END, tail)
     xx, xy, xt, yy, yt, tt = tail
     pinned = factors.pinned
@@ -386,7 +391,7 @@ def solve(lane, model, S, x):
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 own_side = load(lane, x, d)
                 both = own_side - taken
-                tt = load(lane, x, i + T) - own_side
+                tt = passed_on(lane, model.jointed, S, h, load(lane, x, i + T) - own_side, both)
                 tx, ty = tx - load(lane, S, h + OF_HINGE.x) * both, ty - load(lane, S, h + OF_HINGE.y) * both
                 store(x, d, both)
             tt = about_tip(lane, model.rigid, model, S, k - 1, x, i, tx, ty, tt)
@@ -408,7 +413,7 @@ def solve(lane, model, S, x):
             psi = tt
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 psi = load(lane, x, d) * load(lane, S, h + OF_HINGE.inverse) - load(lane, S, h + OF_HINGE.x) * tx
-                psi = psi - load(lane, S, h + OF_HINGE.y) * ty
+                psi = turned_behind(lane, model.jointed, S, h, psi - load(lane, S, h + OF_HINGE.y) * ty, tt)
             store(x, d, psi - tt)
             tt = psi
         tx, ty = carried(lane, model.rigid, model, S, k, ROOT_END, tx, ty, tt)
@@ -429,6 +434,7 @@ register(
     rotate=rotate,
     constrain=constrain,
     pin=pin,
+    stiffen=stiffen,
     factor=factor,
     solve=solve,
     ports=ports,

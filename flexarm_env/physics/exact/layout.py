@@ -114,6 +114,7 @@ HINGE = Layout(
     Field("x", (), "", "coupling of its angle with x, over the pivot"),
     Field("y", (), "", "with y"),
     Field("inverse", (), "", "1 / pivot"),
+    Field("own", (), "", "what a jointed arm adds to its row; factored: the same over the pivot"),
 )  # fmt: skip
 FACTORS = Layout(
     "Factors", "links, elements, order",

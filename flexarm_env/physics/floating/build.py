@@ -249,6 +249,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         predictor=1.0 if settings.modes is None else (1.0, 10.0),
         rigid=_levers(arm) if _rigid(arm) else None,
         table=None,
+        jointed=(0,) if arm.jointed else None,
         **_shared(scene, settings, bodies, links, np.zeros(count)),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])

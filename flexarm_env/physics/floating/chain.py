@@ -140,6 +140,56 @@ def pin(lane, model, S, k):
 
 
 @kernel
+def stiffen(lane, model, S, k, x):
+    """See `protocol`; kept for `factor`."""
+    slot = ROOT.own
+    if k > 2:
+        slot = _joint_at(k - elbow_row(model, 0)) + JOINT.own
+    store(S, slot, x)
+
+
+@kernel
+def _pivot(lane, jointed, S, at, pivot):
+    """A joint's pivot with what stands at S[at]."""
+    if jointed is None:
+        return pivot
+    return pivot + load(lane, S, at)
+
+
+@kernel
+def _let_go(lane, jointed, S, o, inverse, tail):
+    """What is left of the angle behind an elbow, once eliminated, for that before it: nothing where it turns freely."""
+    if jointed is None:
+        zero = splat(lane, 0.0)
+        for i in range(3):
+            store(tail, cell(i, 2), zero)
+            store(tail, cell(2, i), zero)
+    else:
+        share = load(lane, S, o + JOINT.own) * inverse
+        store(S, o + JOINT.own, share)
+        for i in range(2):
+            store(tail, cell(i, 2), load(lane, tail, cell(i, 2)) * share)
+            store(tail, cell(2, i), load(lane, tail, cell(2, i)) * share)
+        store(tail, cell(2, 2), load(lane, tail, cell(2, 2)) * share)
+
+
+@kernel
+def _passed_on(lane, jointed, S, o, wanted, left):
+    """The moment on the angle before an elbow that goes with what is left behind it."""
+    if jointed is None:
+        return wanted
+    return wanted - load(lane, S, o + JOINT.own) * left
+
+
+@kernel
+def _carried(lane, jointed, S, o, turn, before):
+    """The angle behind an elbow, with the part that the angle before it carries along."""
+    if jointed is None:
+        return turn
+    return turn + load(lane, S, o + JOINT.own) * before
+
+
+@kernel
 def factor(lane, model, S):
     """Bodies condensed from tip to root, and the root's three rows factored; inverse pivots are kept."""
     aligned_frame(lane)
@@ -160,7 +210,7 @@ def factor(lane, model, S):
         if k > 0:
             o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
-                inverse = one / load(lane, tail, cell(2, 2))
+                inverse = one / _pivot(lane, model.jointed, S, o + JOINT.own, load(lane, tail, cell(2, 2)))
                 store(S, o + JOINT.inverse, inverse)
                 for i in range(2):
                     store(S, o + JOINT.column + i, load(lane, tail, cell(i, 2)) * inverse)
@@ -169,9 +219,8 @@ def factor(lane, model, S):
                     for j in range(2):
                         part = load(lane, S, o + JOINT.column + i) * load(lane, tail, cell(2, j))
                         store(tail, cell(i, j), load(lane, tail, cell(i, j)) - part)
-                for i in range(3):
-                    store(tail, cell(i, 2), zero)
-                    store(tail, cell(2, i), zero)
+                _let_go(lane, model.jointed, S, o, inverse, tail)
+    store(tail, cell(2, 2), _pivot(lane, model.jointed, S, ROOT.own, load(lane, tail, cell(2, 2))))
     for i in range(3):
         for j in range(3):
             entry = load(lane, tail, cell(i, j))
@@ -211,7 +260,7 @@ def solve(lane, model, S, x):
                 left = wanted - load(lane, flow, 2)
                 for i in range(2):
                     store(flow, i, load(lane, flow, i) + load(lane, S, o + JOINT.column + i) * left)
-                store(flow, 2, wanted)
+                store(flow, 2, _passed_on(lane, model.jointed, S, o, wanted, left))
                 store(x, elbow_row(model, k), left)
     for i in range(3):
         right = load(lane, x, i)
@@ -240,6 +289,7 @@ def solve(lane, model, S, x):
                 turn = load(lane, x, elbow_row(model, k)) * load(lane, S, o + JOINT.inverse)
                 for i in range(2):
                     turn = turn - load(lane, S, o + JOINT.row + i) * load(lane, flow, i)
+                turn = _carried(lane, model.jointed, S, o, turn, before)
             store(x, elbow_row(model, k), turn - before)
             store(flow, 2, turn)
         swept(lane, model.rigid, k, ROOT_END, S, levers, flow)
@@ -254,6 +304,7 @@ register(
     assemble=assemble,
     constrain=constrain,
     pin=pin,
+    stiffen=stiffen,
     factor=factor,
     solve=solve,
     ports=ports,

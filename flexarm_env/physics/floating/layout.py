@@ -156,12 +156,14 @@ JOINT = Layout(
     Field("column", (2,), "", "of what is behind, by the angle, over the pivot"),
     Field("row", (2,), "", "by x and y, over the pivot"),
     Field("inverse", (), "", "of the pivot"),
+    Field("own", (), "", "what a jointed arm adds to its row; factored: the same over the pivot"),
 ).places  # fmt: skip
 ROOT = Layout(
     "Root", "",
     Field("pinned", (3,), "", "x, y, angle: 1: held"),
     Field("scale", (2,), "", "cm and its inverse"),
     Field("tail", (2,), "", "cm times the payload's inertia, and its mass"),
+    Field("own", (), "", "what a jointed arm adds to the hub's row"),
     Field("factors", (3, 3), "", "of what all is to the root"),
 ).places  # fmt: skip
 factors_at = kernel(FACTORS.offsets)

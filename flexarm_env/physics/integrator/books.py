@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, size, store
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
-from ..protocol import damping_work, ports
+from ..protocol import book_friction, damping_work, open_friction, ports
+from .work import state_of
 
 
 @kernel
@@ -13,6 +14,7 @@ def open_books(lane, model, drive, par, w):
     for i in range(w.u.shape[0]):
         w.u0[i] = w.u[i]
     ports(lane, model, par, w.q, w.y0)
+    open_friction(lane, model, par, state_of(w), w.u, w.r, w.S)
     if drive is not None:
         for i in range(w.psi.shape[0]):
             w.psi0[i] = w.psi[i]
@@ -47,3 +49,4 @@ def keep_books(lane, model, drive, par, w, h):
         store(w.r, k, (load(lane, w.q, k) - load(lane, w.q0, k)) * (1.0 / h))
     taken = damping_work(lane, model, par, w.q0, w.v0, w.r) + damping_work(lane, model, par, w.q, w.v, w.r)
     store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + taken * (0.5 * h))
+    book_friction(lane, model, w.S, w.q0, w.q, w.books)

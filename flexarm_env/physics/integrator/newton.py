@@ -23,7 +23,7 @@ from ...compiler import (
     store,
 )
 from ..layout import FACTORISATIONS, ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, expected, factor, solve, update
 from .period import correct_period
 from .work import state_of, take_out_known
 
@@ -142,7 +142,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
         if iteration == 0:
-            theta = _first_contraction(lane, _trust(model.predictor), increment)
+            theta = expected(lane, model, w.S, _first_contraction(lane, _trust(model.predictor), increment))
         active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
         before = increment
         if largest(active) < 0.5:

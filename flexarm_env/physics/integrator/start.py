@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from ...compiler import bare, kernel, load, size, splat, store
 from ..layout import DISSIPATED, FACTORISATIONS, OF_MOTION, WORK_DONE
-from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, damping_work, factor, solve
+from ..protocol import (
+    MASS_ALONE,
+    RESIDUAL_ALONE,
+    Weights,
+    assemble,
+    constrain,
+    damping_work,
+    factor,
+    loosen,
+    passes,
+    solve,
+)
 from .drive import set_inputs, set_motions
 from .work import move_multipliers, note_reactions, set_known, state_of, take_out_known, unpack
 
@@ -220,16 +231,18 @@ def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
 def _restart(lane, model, drive, par, w, t, h, fresh):
     """`restart` on bare arrays."""
     n = size(model.n)
-    passes, half = 1, 0.0
+    times, half = passes(lane, model), 0.0
     if drive is not None:
         if not fresh:
             _keep(n, model.algebraic, w)
-            passes, half = 3, 0.5 * h
+            times, half = 3, 0.5 * h
         for i in range(w.psi.shape[0]):
             w.psi0[i] = w.psi[i]
         set_inputs(drive, w.u, t, t + 1e-6 * h)
         set_motions(drive, w.psi, t, t + 1e-6 * h)
+        loosen(lane, model, w.S, 1.0)  # an impulse takes no notice of friction, which is bounded
         _jump(lane, model, drive, par, w, h, fresh)
+        loosen(lane, model, w.S, 0.0)
     for k in range(n):
         store(w.a, k, splat(lane, 0.0))
     move_multipliers(model.algebraic, w.q, w.a, False)
@@ -240,11 +253,12 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
             move_multipliers(model.algebraic, w.q, w.q0, False)
             move_multipliers(model.algebraic, w.a, w.a, True)
         set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
-    for i in range(passes):
-        weights = Weights(1.0 if i == 0 else 0.0, half, half * half)
+    for i in range(times):
+        matrix = fresh or i == 0
+        weights = Weights(1.0 if matrix else 0.0, half, half * half)
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
-        _solve(lane, model, drive, w, i == 0)
+        _solve(lane, model, drive, w, matrix)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
         _take_multipliers(drive, model.algebraic, w, fresh)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...compiler import bare, kernel, load, size, splat, store
 from ..layout import FACTORISATIONS
-from ..protocol import Weights, assemble, factor, solve
+from ..protocol import Weights, assemble, begin_friction, factor, solve
 from .work import state_of, take_out_known, unpack
 
 
@@ -22,6 +22,7 @@ def switch(lane, model, par, flat, n_motions):
 def _switch(lane, model, par, w):
     """`switch` on bare arrays; q0 is scratch."""
     n = size(model.n)
+    begin_friction(lane, model, w.S)
     for stage in range(2):  # residual with the inputs as they were, then as they are
         if stage == 1:
             for k in range(n):

@@ -1,0 +1,182 @@
+"""What is observed: entries that there are to be seen, how sensors read them, which are chosen, how many in a row."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import sensors as description
+from .. import validation as check
+from ..batch import LAW_SIZE, Instruments, Selection, law_of, room_of
+from ..parameters import Arm
+from ..rigid import rate_scale
+from .features import Frame, gauge_names, gauge_scales
+from .task import Kind
+
+FULL, MEASURED = "full", "measured"
+LONGEST_HISTORY = 1000
+
+Entries = list[tuple[str, float]]
+Gauges = tuple[description.StrainGauge, ...]
+
+
+@dataclass(frozen=True)
+class Sight:
+    """names, scales (S,): of all entries, gauges last. chosen (C,): which are observed, in order; None: all, as they
+    stand. instruments: sensors that read by a law, or None."""
+
+    names: tuple[str, ...]
+    scales: tuple[float, ...]
+    chosen: tuple[int, ...] | None
+    instruments: Instruments | None
+
+    def of(self, values: Sequence[Any]) -> tuple[Any, ...]:
+        """Of one value for each entry those of the observed ones."""
+        return tuple(values) if self.chosen is None else tuple(values[k] for k in self.chosen)
+
+    def selection(self, history: int) -> Selection | None:
+        """For `history` observations in one; None: as they stand."""
+        if self.chosen is None and history == 1:
+            return None
+        chosen = range(len(self.names)) if self.chosen is None else self.chosen
+        return Selection(np.array(chosen, np.int64), history)
+
+
+def asked(observation: Any, history: Any) -> tuple[str | tuple[str, ...], int]:
+    """The arguments, checked as far as they can be alone."""
+    count = check.integer("history", history, minimum=1, maximum=LONGEST_HISTORY)
+    if observation in (FULL, MEASURED):
+        return observation, count
+    if isinstance(observation, str):
+        raise check.InvalidValue("observation", observation, f'must be "{FULL}", "{MEASURED}" or names of entries')
+    names = check.sequence("observation", observation, "names of entries")
+    for i, name in enumerate(names):
+        check.text(f"observation[{i}]", name, empty=False)
+        if name in names[:i]:
+            raise check.InvalidValue(f"observation[{i}]", name, "must not be named twice")
+    if not names:
+        raise check.InvalidValue("observation", observation, "must name at least one entry")
+    return names, count
+
+
+def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> description.Sensors:
+    """The sensors that an environment has: what it is given, and where "full" is not asked for those of the arm.
+
+    Under "measured" an arm that names none has ideal ones, and one that names no encoders has ideal encoders.
+    """
+    n = arm.n_links
+    own = arm.sensors
+    if isinstance(given, description.Sensors):
+        found, named = given, set(description.KEYS)
+    else:
+        table = {} if given is None else check.table_of("sensors", given)
+        known = {key: value for key, value in table.items() if key in description.KEYS}
+        found, named = description.from_table(known), set(known)
+    if observation != FULL:
+        base = own or description.Sensors.ideal(n)
+        if own is None and observation != MEASURED:
+            gauged = any(name.startswith("strain_gauge_") for name in observation)
+            base = description.Sensors(strain_gauges=base.strain_gauges if gauged else ())
+        found = dataclasses.replace(found, **{key: getattr(base, key) for key in description.KEYS if key not in named})
+        if observation == MEASURED and not found.encoders:
+            found = dataclasses.replace(found, encoders=(description.Encoder(),))
+    with check.under("sensors"):
+        found.check_for(n)
+    return found
+
+
+def sight(frame: Frame, observation: str | tuple[str, ...], own: description.Sensors, further: Entries) -> Sight:
+    """All of it, for these sensors. further: entries of a moving target."""
+    kind, arm = frame.kind, frame.arm
+    task = kind.entries(arm)
+    goals = goal_entries(kind, arm)
+    aimed = observation == MEASURED or (observation != FULL and any(name in observation for name, _ in goals))
+    entries = [*task, *further, *(goals if aimed else [])]
+    push = rate_scale(arm, 0) ** 2 * arm.total_length
+    if own.accelerometer is not None:
+        entries += [("tip_acceleration_x", push), ("tip_acceleration_y", push)]
+    if own.camera is not None:
+        entries += [("camera_x", arm.total_length), ("camera_y", arm.total_length)]
+    gauges = list(zip(gauge_names(len(own.strain_gauges)), _scales(frame, own.strain_gauges), strict=True))
+    entries += gauges
+    names, scales = tuple(name for name, _ in entries), tuple(scale for _, scale in entries)
+    joints = [[names.index(f"{joint}_{of}") for of in ("sin", "cos", "rate")] for joint in arm.joint_names]
+    added = len(entries) - len(task) - len(further) - len(gauges)
+    instruments = _instruments(frame, own, aimed, joints, push, [scale for _, scale in gauges], added)
+    return Sight(names, scales, _chosen(observation, names, len(task), joints), instruments)
+
+
+def goal_entries(kind: Kind, arm: Arm) -> Entries:
+    """Joint angles at the goal less encoder angles; where the target is a point, that too."""
+    point = [(f"target_{axis}", arm.total_length) for axis in "xy"] if kind.target.numbers == 2 else []
+    return [*((f"{joint}_error", 1.0) for joint in arm.joint_names), *point]
+
+
+def _chosen(
+    observation: str | tuple[str, ...], names: tuple[str, ...], task: int, joints: list[list[int]]
+) -> tuple[int, ...] | None:
+    """Which entries are observed. ValueError for a name that there is not."""
+    if observation == FULL:
+        return None
+    if observation == MEASURED:
+        measured = {place for joint in joints for place in joint}
+        return tuple(k for k in range(len(names)) if k in measured or k >= task)
+    for i, name in enumerate(observation):
+        if name not in names:
+            raise check.UnknownKey(f"observation[{i}] = {name!r}", names, "entry of the observation")
+    return tuple(names.index(name) for name in observation)
+
+
+def _scales(frame: Frame, gauges: Gauges) -> list[float]:
+    """Scale of each gauge, in its unit."""
+    sizes = []
+    for i, (gauge, scale) in enumerate(zip(gauges, gauge_scales(frame, gauges), strict=True)):
+        link = frame.arm.links[gauge.link]
+        there = link.along(gauge.place * link.length)
+        with check.under(f"sensors.strain_gauges[{i}]"):
+            sizes.append(scale * gauge.per_curvature(float(there.m), float(there.J)))
+    return sizes
+
+
+def _instruments(
+    frame: Frame,
+    own: description.Sensors,
+    aimed: bool,
+    joints: list[list[int]],
+    push: float,
+    sizes: list[float],
+    added: int,
+) -> Instruments | None:
+    """What reads by a law; gauges that are ideal do not."""
+    laws, period, length = [], frame.period, frame.arm.total_length
+    if own.encoders:
+        laws += [law_of(own.encoder(k), 1.0, period, f"sensors.encoders[{k}]") for k in range(len(joints))]
+    if own.accelerometer is not None:
+        laws += [law_of(own.accelerometer, push, period, "sensors.accelerometer")] * 2
+    if own.camera is not None:
+        laws += [law_of(own.camera, length, period, "sensors.camera")] * 2
+    lawful = not all(gauge.is_ideal for gauge in own.strain_gauges)
+    if lawful:
+        each = zip(own.strain_gauges, sizes, strict=True)
+        laws += [law_of(g, size, period, f"sensors.strain_gauges[{i}]") for i, (g, size) in enumerate(each)]
+    if not laws and not aimed:
+        return None
+    table = np.array(laws) if laws else np.zeros((0, LAW_SIZE))
+    return Instruments(
+        period=period,
+        laws=table.ravel(),
+        entries=added,
+        room=room_of(table),
+        goals=(0,) if aimed else None,
+        encoders=np.array(joints, np.int64).ravel() if own.encoders else None,
+        accelerometer=None if own.accelerometer is None else np.array([*(frame.gravity or (0.0, 0.0)), push]),
+        camera=None if own.camera is None else length,
+        gauges=(0,) * len(own.strain_gauges) if lawful else None,
+    )
+
+
+__all__ = ["Sight", "asked", "goal_entries", "sensors_of", "sight"]

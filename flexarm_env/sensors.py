@@ -1,0 +1,346 @@
+"""Sensors of an arm as they are described: encoders, strain gauges, an accelerometer and a camera; frozen, validated.
+
+Every sensor reads one or two quantities u(t) by the same law (`runtime.sensors.read` is its one definition):
+
+    reading = round_to_quantum(gain F u(t - delay) + bias + noise)
+
+F is a low-pass of order 1 or 2 with gain 1 at rest; gain and bias are constant or drawn anew for each episode; noise is
+a normal number of its own for each reading. Between the instants at which a sensor is read (control instants, or the
+samples of a trajectory) u is taken to run straight, for which filter and delay are exact. At the start of an episode
+the quantity is taken to have been what it is for ever.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, TypeVar
+
+import numpy as np
+
+from flexarm_env import validation as check
+
+Range = tuple[float, float]
+UNITS = ("curvature", "strain")
+SIDES = ("link",)
+RATE_FREQUENCY = 20.0
+"""Hz, of the first-order low-pass on an encoder's differences, where nothing is said."""
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """A filter w^2 / (s^2 + 2 damping w s + w^2), or of order 1 w / (s + w), with w = 2 pi frequency.
+
+    Args:
+        frequency: Hz, positive. order: 1 or 2. damping: ratio, positive; of order 2 alone.
+    """
+
+    frequency: float
+    order: int = 1
+    damping: float = math.sqrt(0.5)
+
+    def __post_init__(self) -> None:
+        _store(
+            self,
+            frequency=check.number("low_pass.frequency", self.frequency, "Hz", above=0.0),
+            order=check.integer("low_pass.order", self.order, minimum=1, maximum=2),
+            damping=check.number("low_pass.damping", self.damping, above=0.0),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """What every sensor may have, in the unit of its reading.
+
+    Args:
+        gain: a number, or (low, high): drawn uniformly for each episode.
+        bias: a number b: drawn uniformly from -b to b for each episode; or drawn from (low, high), which may be equal.
+        noise: standard deviation of each reading.
+        low_pass: a filter before the sensor is read, or None.
+        quantum: readings are whole multiples of it; 0: none.
+        delay: s; any number, not only of whole periods.
+    """
+
+    gain: float | Range = 1.0
+    bias: float | Range = 0.0
+    noise: float = 0.0
+    low_pass: LowPass | None = None
+    quantum: float = 0.0
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        _store(
+            self,
+            gain=_constant_or_range("gain", self.gain),
+            bias=_constant_or_range("bias", self.bias),
+            noise=check.number("noise", self.noise, minimum=0.0),
+            quantum=check.number("quantum", self.quantum, minimum=0.0),
+            delay=check.number("delay", self.delay, "s", minimum=0.0),
+        )
+        if self.low_pass is not None:
+            check.instance("low_pass", self.low_pass, LowPass)
+
+    @property
+    def gains(self) -> Range:
+        """What the gain is drawn from."""
+        return self.gain if isinstance(self.gain, tuple) else (self.gain, self.gain)
+
+    @property
+    def biases(self) -> Range:
+        """What the bias is drawn from."""
+        return self.bias if isinstance(self.bias, tuple) else (-abs(self.bias), abs(self.bias))
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether the reading is the quantity itself."""
+        return all(getattr(self, f.name) == f.default for f in fields(Law))
+
+    @property
+    def step(self) -> float:
+        """What readings are whole multiples of; 0: anything."""
+        return self.quantum
+
+    @property
+    def interval(self) -> float:
+        """Time from one reading to the next, s; 0: at every instant."""
+        return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Encoder(Law):
+    """The angle of a joint, rad, and its rate.
+
+    The rate is the difference of two readings over the time between them, through a low-pass of order 1:
+    rate_k = a rate_(k-1) + (1 - a) (reading_k - reading_(k-1)) / T with a = exp(-2 pi rate_frequency T).
+
+    Args:
+        counts: of a turn; readings are multiples of 2 pi / counts. None: as fine as you like, or as `quantum` says.
+        side: "link": the angle of the link's root from the tip before it.
+        rate_frequency: Hz.
+    """
+
+    counts: int | None = None
+    side: str = "link"
+    rate_frequency: float = RATE_FREQUENCY
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check.choice("side", self.side, SIDES)
+        _store(self, rate_frequency=check.number("rate_frequency", self.rate_frequency, "Hz", above=0.0))
+        if self.counts is not None:
+            _store(self, counts=check.integer("counts", self.counts, minimum=1))
+            if self.quantum > 0.0:
+                raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
+
+    @property
+    def step(self) -> float:
+        """rad"""
+        return self.quantum if self.counts is None else 2.0 * math.pi / self.counts
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrainGauge(Law):
+    """Bending of a link at a place.
+
+    Args:
+        link: 0 is the first. place: along it, from 0 (root) to 1 (tip).
+        unit: "curvature", 1/m, or "strain": curvature times the distance.
+        distance: m, of the gauge from the neutral axis. None: half the thickness of the rectangle that has the
+            section's m and J, sqrt(3 J / m).
+    """
+
+    link: int = 0
+    place: float = 0.0
+    unit: str = "curvature"
+    distance: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _store(
+            self,
+            link=check.integer("link", self.link, minimum=0),
+            place=check.number("place", self.place, minimum=0.0, maximum=1.0),
+        )
+        check.choice("unit", self.unit, UNITS)
+        if self.distance is not None:
+            _store(self, distance=check.number("distance", self.distance, "m", above=0.0))
+
+    def per_curvature(self, m: float, J: float) -> float:
+        """The quantity over the curvature, for a link of mass m (kg/m) and rotary inertia J (kg m) per length there."""
+        if self.unit == "curvature":
+            return 1.0
+        return surface(m, J) if self.distance is None else self.distance
+
+
+def surface(m: float, J: float) -> float:
+    """Distance of the surface from the neutral axis, m, of a rectangle with these m (kg/m) and J (kg m)."""
+    if J <= 0.0:
+        raise check.InvalidValue("distance", None, "must be given (m) where the section's J = 0 tells no thickness")
+    return math.sqrt(3.0 * J / m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accelerometer(Law):
+    """Acceleration of the arm's tip less gravity, m/s^2, along the tip's tangent (x) and across it (y).
+
+    u is the mean over the time since the last instant: the change of the tip's velocity over it. The first is at rest.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera(Law):
+    """Position of the tip, m, along fixed axes.
+
+    Args:
+        period: s from one picture to the next, a whole number of control periods (or samples); None: at each. The
+            picture that arrives at t, the first at 0, shows the tip at t - delay, and stands until the next.
+    """
+
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.period is not None:
+            _store(self, period=check.number("period", self.period, "s", above=0.0))
+
+    @property
+    def interval(self) -> float:
+        """s"""
+        return self.period or 0.0
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The sensors of an arm.
+
+    Args:
+        encoders: one for each joint; one: for all alike; (): none.
+        strain_gauges: named strain_gauge_1, strain_gauge_2, ... in this order.
+        accelerometer, camera: or None.
+    """
+
+    encoders: tuple[Encoder, ...] = ()
+    strain_gauges: tuple[StrainGauge, ...] = ()
+    accelerometer: Accelerometer | None = None
+    camera: Camera | None = None
+
+    def __post_init__(self) -> None:
+        for name, kind in (("encoders", Encoder), ("strain_gauges", StrainGauge)):
+            parts = check.sequence(name, getattr(self, name), kind.__name__)
+            for i, part in enumerate(parts):
+                check.instance(f"{name}[{i}]", part, kind)
+            _store(self, **{name: parts})
+        for name, single in (("accelerometer", Accelerometer), ("camera", Camera)):
+            if getattr(self, name) is not None:
+                check.instance(name, getattr(self, name), single)
+
+    def encoder(self, joint: int) -> Encoder:
+        """The encoder of a joint."""
+        return self.encoders[joint if len(self.encoders) > 1 else 0]
+
+    def check_for(self, n_links: int) -> None:
+        """ValueError unless an arm of so many links can carry them."""
+        if len(self.encoders) not in (0, 1, n_links):
+            raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {n_links}")
+        for i, gauge in enumerate(self.strain_gauges):
+            check.integer(f"strain_gauges[{i}].link", gauge.link, minimum=0, maximum=n_links - 1)
+
+    @classmethod
+    def ideal(cls, n_links: int) -> Sensors:
+        """Those of an arm that names none: encoders without counts and a gauge at the root of each link."""
+        return cls((Encoder(),), tuple(StrainGauge(link=k) for k in range(n_links)))
+
+
+def from_table(table: Mapping[str, Any], path: str = "sensors") -> Sensors:
+    """Sensors from a table: a TOML file's, or what an environment is given. ValueError names the key path.
+
+    encoders: a table for all joints, or a list of one each; {} are ideal ones. strain_gauges: a list of places (of link
+    0), of pairs link and place, and of tables. accelerometer, camera: a table each. Keys are the classes' arguments.
+    """
+    check.known_keys(path, table, KEYS)
+    values: dict[str, Any] = {}
+    encoders = table.get("encoders", ())
+    if isinstance(encoders, Mapping):
+        values["encoders"] = (_read(f"{path}.encoders", Encoder, encoders),)
+    else:
+        values["encoders"] = tuple(_each(f"{path}.encoders", Encoder, encoders))
+    places = check.sequence(f"{path}.strain_gauges", table.get("strain_gauges", ()), "places")
+    values["strain_gauges"] = tuple(_gauge(f"{path}.strain_gauges[{i}]", entry) for i, entry in enumerate(places))
+    for name, kind in (("accelerometer", Accelerometer), ("camera", Camera)):
+        if table.get(name) is not None:
+            values[name] = _read(f"{path}.{name}", kind, table[name])
+    with check.under(path):
+        return Sensors(**values)
+
+
+def to_table(sensors: Sensors) -> dict[str, Any]:
+    """The table that `from_table` reads back; what is at its default is left out."""
+    table: dict[str, Any] = {}
+    for name in ("encoders", "strain_gauges"):
+        if getattr(sensors, name):
+            table[name] = [_changed(part) for part in getattr(sensors, name)]
+    for name in ("accelerometer", "camera"):
+        if getattr(sensors, name) is not None:
+            table[name] = _changed(getattr(sensors, name))
+    return table
+
+
+KEYS = tuple(f.name for f in fields(Sensors))
+"""Keys of a table of sensors."""
+
+S = TypeVar("S", bound=Law)
+
+
+def _store(item: object, **values: object) -> None:
+    for name, value in values.items():
+        object.__setattr__(item, name, value)
+
+
+def _constant_or_range(path: str, value: Any) -> float | Range:
+    if not isinstance(value, list | tuple):
+        return check.number(path, value)
+    low, high = check.sequence(path, value, "a number, or two: (low, high)", 2)
+    low, high = check.number(f"{path}[0]", low), check.number(f"{path}[1]", high)
+    if low > high:
+        raise check.InvalidValue(path, (low, high), "must be (low, high) with low at most high")
+    return low, high
+
+
+def _each(path: str, kind: type[S], entries: Any) -> Iterable[S]:
+    for i, entry in enumerate(check.sequence(path, entries, "a table for each joint, or one table for all")):
+        yield _read(f"{path}[{i}]", kind, entry)
+
+
+def _gauge(path: str, entry: Any) -> StrainGauge:
+    if isinstance(entry, Mapping | StrainGauge):
+        return _read(path, StrainGauge, entry)
+    link, place = (0, entry) if np.ndim(entry) == 0 else check.sequence(path, entry, "a link and a place", 2)
+    link = check.integer(f"{path}[0]", link, minimum=0)
+    return StrainGauge(link=link, place=check.number(path, place, minimum=0.0, maximum=1.0))
+
+
+def _read(path: str, kind: type[S], entry: Any) -> S:
+    if isinstance(entry, kind):
+        return entry
+    table = check.table_of(path, entry)
+    check.known_keys(path, table, [f.name for f in fields(kind)])
+    with check.under(path):
+        if isinstance(table.get("low_pass"), Mapping):
+            low_pass = table["low_pass"]
+            check.known_keys("low_pass", low_pass, [f.name for f in fields(LowPass)])
+            check.needed("low_pass", low_pass, "frequency", "must be a positive number (Hz)")
+            table = {**table, "low_pass": LowPass(**low_pass)}
+        return kind(**table)
+
+
+def _changed(part: Any) -> dict[str, Any]:
+    """A sensor's fields that are not at their defaults."""
+    whole = asdict(part)
+    return {f.name: whole[f.name] for f in fields(part) if getattr(part, f.name) != f.default}
+
+
+__all__ = [
+    "Accelerometer", "Camera", "Encoder", "KEYS", "Law", "LowPass", "Sensors", "StrainGauge", "from_table", "surface",
+    "to_table",
+]  # fmt: skip

@@ -1,0 +1,113 @@
+"""Arms with motors, gears and friction in the environments: lanes, what info tells, currents and voltages."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from flexarm_env import arms
+from flexarm_env.parameters import Arm, Joint, Motor
+from flexarm_env.rigid import inertia_beyond
+from tests.env_tools import assert_same
+
+ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
+MOTOR = Motor(torque_constant=0.05, resistance=2.0, current_limit=1.2, voltage_limit=12.0)
+GEAR = Joint(stiffness=60.0, damping=0.05, motor_inertia=2e-5, gear_ratio=30.0, friction_coulomb=0.06, motor=MOTOR)
+
+
+def geared(name: str, joint: Joint = GEAR) -> Arm:
+    arm = arms.named(name)
+    return dataclasses.replace(arm, joints=(joint,) * arm.n_links)
+
+
+def outcomes(env: Any, actions: np.ndarray, **options: Any) -> list[Any]:
+    env.reset(seed=3, options=options or None)
+    return [env.step(a.astype(np.float32)) for a in actions]
+
+
+@pytest.mark.parametrize(
+    ("env_id", "arm", "formulation"),
+    [(ONE, "strip", "elastica"), (TWO, "de_luca_siciliano", "elastica"), (ONE, "strip", "floating_frame"),
+     pytest.param(TWO, "de_luca_siciliano", "geometrically_exact", marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_lanes_and_single_arms_are_equal_to_the_last_bit(env_id: str, arm: str, formulation: str) -> None:
+    """Motors that stick and slip among them; energies are kept, and add up."""
+    keywords: dict[str, Any] = {"arm": geared(arm), "formulation": formulation, "info_level": "full"}
+    many, one = gym.make_vec(env_id, num_envs=3, **keywords), gym.make(env_id, **keywords)
+    many.reset(seed=5)
+    one.reset(seed=6)
+    rng = np.random.default_rng(2)
+    lost = 0.0
+    for _ in range(30):
+        actions = 0.5 * rng.uniform(-1.0, 1.0, many.action_space.shape).astype(np.float32)
+        seen, reward, *_, infos = many.step(actions)
+        own = one.step(actions[1])
+        np.testing.assert_array_equal(seen[1], own[0])
+        assert reward[1] == own[1]
+        info = own[-1]
+        for key in ("motor_angle", "motor_rate", "tip_position", "energy_dissipated"):
+            np.testing.assert_array_equal(infos[key][1], info[key])
+        balance = info["energy_kinetic"] + info["energy_strain"] + info["energy_dissipated"] - info["work"]
+        assert abs(balance) < 0.02 * max(info["work"], info["energy_dissipated"], 1e-3)
+        lost = info["energy_dissipated"]
+    assert lost > 0.0
+    hub = math.atan2(seen[1, 0], seen[1, 1])
+    assert 0.0 < abs(math.remainder(info["motor_angle"][0] - hub, 2.0 * math.pi)) < 0.1 or env_id == TWO
+
+
+def test_a_held_arm_shakes_on_its_gear_and_the_motor_stands() -> None:
+    env = gym.make(ONE, arm=geared("strip"), info_level="full", initial_vibration=0.02)
+    found = [o[-1]["motor_angle"][0] for o in outcomes(env, np.zeros((50, 1)), start=0.2, vibration=0.001)]
+    assert np.ptp(found[5:]) == 0.0
+
+
+def test_a_current_is_a_torque() -> None:
+    """30 x 0.05 N m/A x 1.2 A = 1.8 N m, and the torque limit holds where that is less."""
+    asked = {"current": np.full((20, 1), 0.5), "torque": np.full((20, 1), 0.5 * 1.8 / 2.0)}
+    one, other = (outcomes(gym.make(ONE, arm=geared("strip"), action_mode=m), a, start=0.0) for m, a in asked.items())
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a[0], b[0], atol=1e-5)
+        assert a[-1]["joint_torque"][0] == pytest.approx(0.9)
+
+
+def test_a_voltage_gives_the_rate_at_which_the_motor_makes_as_much() -> None:
+    """Without friction r k w = V; at rest the torque is r k V / R, within the limits of current and torque."""
+    joint = dataclasses.replace(GEAR, friction_coulomb=0.0)
+    env = gym.make(ONE, arm=geared("strip", joint), action_mode="voltage", info_level="full", duration=20.0)
+    found = outcomes(env, np.full((600, 1), 0.25), start=0.0)
+    assert found[0][-1]["joint_torque"][0] < 1.8
+    rate = np.mean([o[-1]["motor_rate"][0] for o in found[-100:]])
+    assert rate == pytest.approx(0.25 * 12.0 / (30.0 * 0.05), rel=2e-3)
+    assert abs(np.mean([o[-1]["joint_torque"][0] for o in found[-100:]])) < 5e-3
+    first = outcomes(env, np.full((1, 1), 1.0), start=0.0)[0][-1]
+    assert first["joint_torque"][0] <= 1.8
+    with pytest.raises(ValueError, match=r"arm.joints\[0\].motor: missing; action_mode=\"voltage\" needs a motor"):
+        gym.make(ONE, action_mode="voltage")
+
+
+def test_controllers_under_the_action_look_at_the_motor() -> None:
+    env = gym.make(ONE, arm=geared("strip"), action_mode="residual_pd", info_level="full")
+    env.reset(seed=0, options={"start": 0.0, "target": 0.5})
+    limit = 2.0
+    stiffness = limit / (math.pi / 4)
+    damping = 2.0 * math.sqrt(stiffness * inertia_beyond(env.unwrapped.plan.arm, 0))
+    angle = rate = 0.0
+    for _ in range(20):
+        info = env.step(np.zeros(1, np.float32))[-1]
+        wanted = np.clip(stiffness * (0.5 - angle) - damping * rate, -limit, limit)
+        assert info["joint_torque"][0] == pytest.approx(wanted, abs=1e-9)
+        angle, rate = info["motor_angle"][0], info["motor_rate"][0]
+
+
+def test_friction_of_the_actuator_is_that_of_the_joints() -> None:
+    arm = arms.named("strip")
+    rubbed = dataclasses.replace(arm, joints=(Joint(friction_viscous=0.02, friction_coulomb=0.1),))
+    actions = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 1))
+    one = outcomes(gym.make(ONE, actuator={"viscous": 0.02, "coulomb": 0.1}), actions)
+    other = outcomes(gym.make(ONE, arm=rubbed), actions)
+    assert_same([o[0] for o in one], [o[0] for o in other])
