@@ -438,8 +438,8 @@ class Batch:
 
 __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
-    "GUIDED", "INFO", "Instruments", "LAW_SIZE", "PERIODS_ALLOWED", "MODE", "OVER", "OneAtATime", "REASONS", "RUNNING",
-    "Reach", "Reference", "STATUS_WORDS", "PERIODS", "SUCCESS", "Selection", "Sensors", "Slew", "Starts", "TARGET",
-    "Task", "View", "gauge_table", "info_places", "law_of", "one_at_a_time", "room_of", "scene_gauges",
+    "GUIDED", "INFO", "Instruments", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS", "PERIODS_ALLOWED",
+    "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Slew", "Starts",
+    "TARGET", "Task", "View", "gauge_table", "info_places", "law_of", "one_at_a_time", "room_of", "scene_gauges",
     "standing_scene",
 ]  # fmt: skip

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from flexarm_env import arms, time_functions
+from flexarm_env import arms
 from flexarm_env import validation as check
+from flexarm_env.csv_files import csv_lines
 from flexarm_env.scene import Scene, toml
 
 ORDER = (
@@ -131,7 +132,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, n
 
     Raises ValueError that names the file and the row for what is no such table, FileNotFoundError for no file.
     """
-    header, lines = time_functions.csv_lines(path)
+    header, lines = csv_lines(path)
     with check.in_file(path):
         if header[: len(COLUMNS)] != COLUMNS:
             raise check.InvalidValue("columns", header, f"must begin with {','.join(COLUMNS)}")
@@ -143,7 +144,7 @@ def read_reference(path: str | os.PathLike[str]) -> dict[str, np.ndarray[Any, np
 
     The columns may stand in any order, among others. ValueError and FileNotFoundError as :func:`read_trajectory`.
     """
-    header, lines = time_functions.csv_lines(path)
+    header, lines = csv_lines(path)
     with check.in_file(path):
         if "t" not in header or len(set(header)) < len(header) or not any(set(g) <= set(header) for g in COMPARED):
             groups = " or ".join(" and ".join(group) for group in COMPARED)

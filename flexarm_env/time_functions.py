@@ -7,7 +7,6 @@ from one float64 array. Between pieces the value or a derivative may jump; the i
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexarm_env import validation as check
+from flexarm_env.csv_files import csv_lines, numbers
 
 Array = npt.NDArray[np.float64]
 Side = Literal["right", "left"]
@@ -391,19 +391,6 @@ def from_array(data: npt.ArrayLike, interpolation: str | None = None) -> TimeFun
     return table(**columns, interpolation=interpolation)
 
 
-def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Names in the first line of a CSV file, and the cells of the others; empty lines are left out.
-
-    Raises OSError where the file cannot be read, ValueError that names it where it is no text.
-    """
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file) if line]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{os.fspath(path)}: not a CSV file: {error}") from None
-    return (tuple(name.strip() for name in lines[0]), lines[1:]) if lines else ((), [])
-
-
 def from_csv(
     path: str | os.PathLike[str],
     interpolation: str | None = None,
@@ -443,21 +430,8 @@ def from_csv(
                 if value is not None and header.count(value) != 1:
                     what = f"must name one column; the file has {', '.join(header) or 'none'}"
                     raise check.InvalidValue(key, value, what)
-        values = {word: _cells(header.index(name), name, lines, len(header)) for word, name in wanted.items()}
+        values = {word: numbers(header.index(name), name, lines, len(header)) for word, name in wanted.items()}
         if not lines:
             raise check.InvalidValue("rows", 0, "must be at least two")
         scaled = {word: cells if word == "t" else scale * cells for word, cells in values.items()}
         return table(**scaled, interpolation=interpolation)
-
-
-def _cells(k: int, name: str, lines: list[list[str]], columns: int) -> Array:
-    """The numbers of a column, (n,)."""
-    values = []
-    for i, line in enumerate(lines):
-        if len(line) != columns:
-            raise check.InvalidValue(f"[{i}]", line, f"must hold {columns} numbers, in row {i}")
-        try:
-            values.append(float(line[k]))
-        except ValueError:
-            raise check.InvalidValue(f"[{i}]", line[k], f"must be a number, in row {i} of column {name!r}") from None
-    return np.array(values)

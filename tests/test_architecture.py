@@ -18,7 +18,7 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_BASICS = {"validation", "sections", "parameters", "sensors", "rigid", "settings", "time_functions"}
+_BASICS = {"validation", "sections", "parameters", "sensors", "rigid", "settings", "csv_files", "time_functions"}
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
@@ -32,10 +32,11 @@ ROOMS: dict[str, set[str]] = {
     "parameters": {"validation", "sections", "sensors"},
     "rigid": {"validation", "parameters"},
     "settings": {"validation"},
-    "time_functions": {"validation"},
+    "csv_files": {"validation"},
+    "time_functions": {"validation", "csv_files"},
     "arms": {"validation", "parameters", "sensors"},
     "scene": {"validation", "parameters", "settings", "time_functions", "arms"},
-    "scenes": {"validation", "parameters", "settings", "time_functions", "scene", "arms"},
+    "scenes": {"validation", "parameters", "settings", "csv_files", "scene", "arms"},
     "data": set(),
     "compiler": set(),
     "layout": set(),

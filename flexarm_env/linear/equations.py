@@ -160,8 +160,8 @@ class Equations:
         rows = _joint_rows(simulation)
         self.joints = {k: order[row] for k, row in rows.items() if row in order}
         self.motors = _motor_rows(simulation)
-        acting = {k: self.motors.get(k, row) for k, row in rows.items()}
-        self.turned = {k: order[row] for k, row in acting.items() if row in order}
+        acted = {k: self.motors.get(k, row) for k, row in rows.items()}
+        self.turned = {k: order[row] for k, row in acted.items() if row in order}
         given = {row: f"joint{k}" for k, row in rows.items()} | {
             system.coordinates[name]: name for name in ("root_x", "root_y") if name in system.coordinates
         }
