@@ -75,7 +75,7 @@ def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
     """One episode in each environment of a native vector environment, from seeds first, first + 1, ..."""
     plain = env.unwrapped
     setup, limit, n = Setup.of(env), int(plain.plan.limit), int(env.num_envs)
-    lengths = np.array([link.length for link in setup.arm.links])
+    lengths = np.array([link.span for link in setup.arm.links])
     limits = np.array(setup.torque_limits)
     observation, info = env.reset(seed=first)
     policy.reset(observation)

@@ -133,7 +133,7 @@ def slowest_rate(scene: Scene) -> float:
     sections = [link.uniform for link in arm.links if link.uniform is not None]
     beam = sum(link.mass for link in arm.links)
     carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
-    if len(sections) < arm.n_links:
+    if len(sections) < arm.n_links or any(link.rigid_ends for link in arm.links):
         square = _varying_rate(arm)
     else:
         stiffness = min(section.EI for section in sections)
@@ -147,12 +147,13 @@ def _varying_rate(arm: Arm) -> float:
     for k, link in enumerate(arm.links):
         places = np.linspace(0.0, link.length, 201)
         middle, piece = 0.5 * (places[1:] + places[:-1]), link.length / 200
-        s.append(first + middle)
+        s.append(first + link.root_offset + middle)
         sections = link.along(middle)
         EI.append(sections.EI / piece)  # stiffness of a piece as a hinge with a spring
         mass.append(sections.m * piece)
         mass[-1][-1] += arm.payload.mass if k + 1 == arm.n_links else arm.elbow(k + 1).mass
-        first += link.length
+        mass[-1][-1] += link.tip_mass
+        first += link.span
     x, weight = np.concatenate(s), np.concatenate(mass)
     levers = np.maximum(x[:, None] - x, 0.0)  # of a weight (row) about a hinge (column)
     deflection = levers @ ((weight @ levers) / np.concatenate(EI))

@@ -14,10 +14,11 @@ from typing import Any
 from flexarm_env import sensors
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Motor, Payload, Points, Section, Taper
+from flexarm_env.sections import ENDS
 
 _SECTION = ("EI", "EA", "C", "m", "J")
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
-_OF_LINK = ("tau_d",)
+_OF_LINK = ("tau_d", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
 _JOINT = tuple(field.name for field in fields(Joint))
 _MOTOR = tuple(field.name for field in fields(Motor))

@@ -245,13 +245,14 @@ class Arm:
 
     @property
     def total_length(self) -> float:
-        """Sum of the links' lengths, m."""
-        return sum(link.length for link in self.links)
+        """Sum of the links' lengths, rigid ends among them, m."""
+        return sum(link.span for link in self.links)
 
     @property
     def mass(self) -> float:
         """Mass of links, elbows and payload, kg."""
-        return sum(k.mass for k in self.links) + sum(e.mass for e in self.elbows) + self.payload.mass
+        ends = sum(k.root_mass + k.tip_mass for k in self.links)
+        return sum(k.mass for k in self.links) + ends + sum(e.mass for e in self.elbows) + self.payload.mass
 
     @property
     def damping(self) -> tuple[float, tuple[float, ...] | None]:

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 def reach(arm: Arm) -> tuple[float, float]:
     """Smallest and largest distance of the tip from the root, m."""
-    lengths = [link.length for link in arm.links]
+    lengths = [link.span for link in arm.links]
     return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
 
 
@@ -25,7 +25,7 @@ def link_inertia(arm: Arm) -> Array:
     inertia to the link that it turns with.
     """
     n = arm.n_links
-    lengths = np.array([link.length for link in arm.links])
+    lengths = np.array([link.span for link in arm.links])
     total = np.zeros((n, n))
 
     def add(mass: float, last: int, along: float, inertia: float) -> None:
@@ -41,11 +41,14 @@ def link_inertia(arm: Arm) -> Array:
             elbow = arm.elbow(k)
             add(elbow.mass, k - 1, lengths[k - 1], elbow.inertia_left)
             add(0.0, k, 0.0, elbow.inertia_right)
-        if link.uniform is not None:
+        if link.rigid_ends:
+            for mass, along, inertia in link.ends:
+                add(mass, k, along, inertia)
+        if link.uniform is not None and not link.rigid_ends:
             add(link.mass, k, 0.5 * link.length, link.mass * link.length**2 / 12.0 + link.rotary)
         else:
             centre = link.moment(1) / link.mass
-            add(link.mass, k, centre, link.moment(2) - link.mass * centre**2 + link.rotary)
+            add(link.mass, k, link.root_offset + centre, link.moment(2) - link.mass * centre**2 + link.rotary)
     add(arm.payload.mass, n - 1, lengths[-1], arm.payload.inertia)
     return total
 

@@ -124,6 +124,13 @@ GAUSS = np.polynomial.legendre.leggauss(16)
 """Of each smooth piece of a link: exact for a taper's b h^3 times polynomials of degree 27."""
 
 
+ENDS = {
+    "root_offset": "m", "tip_offset": "m", "root_mass": "kg", "tip_mass": "kg", "root_inertia": "kg m^2",
+    "tip_inertia": "kg m^2",
+}  # fmt: skip
+"""Fields of a link's rigid ends, and their units."""
+
+
 @dataclass(frozen=True)
 class Link:
     """A straight beam of one section, or of sections that vary along it.
@@ -134,16 +141,28 @@ class Link:
             the length in ascending order. Properties are linear between points; two points of the same s are a jump.
             Points that are all alike are one Section.
         tau_d: Kelvin-Voigt time constant of this link, s; None: the arm's.
+        root_offset, tip_offset: m, zero or positive, of rigid ends (a clamp, a hub's radius): from the joint at the
+            link's root to where the beam begins, and from where it ends to the next joint, or to the arm's tip. They go
+            on along the beam's tangents.
+        root_mass, tip_mass: kg, of these ends, in the middle of each. root_inertia, tip_inertia: kg m^2, about there.
     """
 
     length: float
     section: Section | Taper | Points
     tau_d: float | None = None
+    root_offset: float = 0.0
+    tip_offset: float = 0.0
+    root_mass: float = 0.0
+    tip_mass: float = 0.0
+    root_inertia: float = 0.0
+    tip_inertia: float = 0.0
 
     def __post_init__(self) -> None:
         store(self, length=check.number("length", self.length, "m", above=0.0))
         if self.tau_d is not None:
             store(self, tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0))
+        for name, unit in ENDS.items():
+            store(self, **{name: check.number(name, getattr(self, name), unit, minimum=0.0)})
         if not isinstance(self.section, Section | Taper):
             store(self, section=_points(self.section, self.length))
 
@@ -245,8 +264,24 @@ class Link:
         return [self.part(a, b) for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]
 
     @property
+    def rigid_ends(self) -> bool:
+        """Whether the link has any."""
+        return any(getattr(self, name) for name in ENDS)
+
+    @property
+    def span(self) -> float:
+        """From joint to joint, the beam and its rigid ends, m."""
+        return self.root_offset + self.length + self.tip_offset
+
+    @property
+    def ends(self) -> tuple[tuple[float, float, float], ...]:
+        """Of both rigid ends: mass (kg), distance of its centre from the joint at the link's root (m), inertia."""
+        root = self.root_mass, 0.5 * self.root_offset, self.root_inertia
+        return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
+
+    @property
     def mass(self) -> float:
-        """Mass of the beam, kg."""
+        """Mass of the beam, kg, without rigid ends."""
         if isinstance(self.section, Section):
             return self.length * self.section.m
         return self.moment(0)

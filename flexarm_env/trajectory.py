@@ -321,7 +321,7 @@ class Recorder:
         motors = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(self.scene.arm.n_links)}
         turned = [angles[:, k] if row is None else data["q"][:, row] for k, row in motors.items()]
         spun = [rates[:, k] if row is None else data["v"][:, row] for k, row in motors.items()]
-        lengths = np.array([link.length for link in self.scene.arm.links])
+        lengths = np.array([link.span for link in self.scene.arm.links])
         counts = simulation.work.counts
         return Trajectory(
             scene=self.scene,

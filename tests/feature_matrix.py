@@ -172,6 +172,15 @@ def _own_damping(d: Draft) -> None:
     d.link = lambda length: dataclasses.replace(made(length), tau_d=next(taus))
 
 
+def _rigid_ends(d: Draft) -> None:
+    """A clamp of some mass at each end of each link, the hub's radius among them."""
+    made = d.link
+    masses = {"root_mass": 0.04, "root_inertia": 2e-5, "tip_mass": 0.03, "tip_inertia": 1e-5}
+    d.link = lambda length: dataclasses.replace(
+        made(0.85 * length), root_offset=0.1 * length, tip_offset=0.05 * length, **masses
+    )
+
+
 FEATURES: dict[str, Callable[[Draft], None]] = {
     "hub torque": lambda d: None,
     "light damping": _light,
@@ -191,6 +200,7 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "tapered": _tapered,
     "stepped": _stepped,
     "own damping": _own_damping,
+    "rigid ends": _rigid_ends,
     "elastic gears": _elastic_gears,
     "friction": _friction,
 }
@@ -260,6 +270,13 @@ PAIRS = [
     ("stepped", "free flight"),
     ("elbow masses", "own damping"),
     ("prescribed elbow", "own damping"),
+    ("rigid ends", "elbow masses"),
+    ("tapered", "rigid ends", "prescribed elbow"),
+    ("rigid ends", "free flight"),
+    ("rigid ends", "tip load"),
+    ("rigid ends", "gravity", "payload inertia"),
+    ("rigid ends", "rigid elbow"),
+    ("rigid ends", "shaken base"),
     ("elbow masses", "elastic gears"),
     ("elbow masses", "friction"),
     ("elastic gears", "gravity"),
@@ -277,6 +294,7 @@ CORE = [
     ("payload inertia", "shaken base"),
     ("tapered", "elbow masses"),
     ("elbow masses", "own damping"),
+    ("tapered", "rigid ends", "prescribed elbow"),
     ("elbow masses", "elastic gears"),
     ("elbow masses", "friction"),
 ]

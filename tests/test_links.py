@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from flexarm_env import arms, rigid
@@ -239,3 +240,131 @@ def test_damping_of_one_link_alone() -> None:
     assert lost[0] == pytest.approx(lost[1], rel=2e-3)
     with pytest.raises(ValueError, match=r"^period_correction = True: must be False where the links' tau_d differ"):
         assemble(fall, Settings.make("geometrically_exact", period_correction=True))
+
+
+# ------------------------------------------------------------------ rigid ends
+ENDED = Link(
+    0.6, THICK, root_offset=0.12, tip_offset=0.08, root_mass=0.1, tip_mass=0.05, root_inertia=2e-4, tip_inertia=1e-4
+)
+
+
+def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
+    """Of the straight arm's small motions across it, from its energies: each link a rigid turn and polynomials."""
+    degree, n = 9, arm.n_links
+    size = n * (degree + 1)
+    M, K = np.zeros((size, size)), np.zeros((size, size))
+
+    def add(mass: float, inertia: float, row: Any, turn: Any) -> None:
+        M[:] += mass * np.outer(row, row) + inertia * np.outer(turn, turn)
+
+    joint = np.zeros(size)  # displacement of the joint before a link
+    for k, link in enumerate(arm.links):
+        own = slice(k * (degree + 1), (k + 1) * (degree + 1))
+        L, x, weights = link.length, *(0.5 * (v + (i == 0)) for i, v in enumerate(np.polynomial.legendre.leggauss(40)))
+        powers = np.arange(2, degree + 2)
+
+        def at(
+            share: float, link: Any = link, own: Any = own, joint: Any = joint, powers: Any = powers
+        ) -> tuple[Any, Any]:
+            """Displacement and angle at a share of the beam."""
+            row, turn = joint.copy(), np.zeros(size)
+            row[own] = [link.root_offset + share * link.length, *(share**powers)]
+            turn[own] = [1.0, *(powers * share ** (powers - 1) / link.length)]
+            return row, turn
+
+        start, first = joint.copy(), at(0.0)[1]
+        add(link.root_mass, link.root_inertia, start + 0.5 * link.root_offset * first, first)
+        add(0.0, arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right, start, first)
+        for share, weight in zip(x, weights, strict=True):
+            section = link.along(share * L)
+            row, turn = at(share)
+            add(section.m * weight * L, section.J * weight * L, row, turn)
+            bend = np.zeros(size)
+            bend[own] = [0.0, *(powers * (powers - 1) * share ** (powers - 2) / L**2)]
+            K += section.EI * weight * L * np.outer(bend, bend)
+        row, turn = at(1.0)
+        add(link.tip_mass, link.tip_inertia, row + 0.5 * link.tip_offset * turn, turn)
+        joint = row + link.tip_offset * turn
+        if k + 1 < n:
+            add(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left, joint, turn)
+        else:
+            add(arm.payload.mass, arm.payload.inertia, joint, turn)
+    if not hinged:  # joints held: a link's root turns with the tip before it
+        T = np.eye(size)
+        keep = []
+        for k in range(n):
+            first = k * (degree + 1)
+            if k > 0:
+                before = slice(first - degree, first)
+                T[first] = T[first - degree - 1]
+                T[first, before] += np.arange(2, degree + 2) / arm.links[k - 1].length
+            keep += range(first + 1, first + degree + 1)
+        M, K = T.T @ M @ T, T.T @ K @ T
+        M, K = M[np.ix_(keep, keep)], K[np.ix_(keep, keep)]
+    return np.sqrt(np.abs(eigh(K, M, eigvals_only=True)))[n if hinged else 0 :][:count]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("clamped", [(0, 1), ()])
+def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
+    """Three of a two-link arm against its energies, joints held and free."""
+    arm = Arm(
+        "a", (ENDED, dataclasses.replace(ENDED, length=0.4, root_mass=0.0)), hub_inertia=0.01,
+        elbows=(Elbow(0.1, 1e-4, 2e-4),), payload=Payload(0.1, 1e-4),
+    )  # fmt: skip
+    formulation, options = METHODS[method]
+    options = {"modes": 4} if method == "modes" else options
+    found = modes(scene(arm), 5 if clamped == () else 3, formulation, clamped=clamped, **options).frequencies
+    found = found[found > 1.0][:3]
+    np.testing.assert_allclose(found, ritz_frequencies(arm, 3, hinged=clamped == ()), rtol=5e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("formulation", "options"), METHODS.values())
+def test_no_rigid_ends_are_the_same_arm_and_small_ones_nearly(formulation: str, options: dict[str, Any]) -> None:
+    plain, none = Link(0.6, THICK), Link(0.6, THICK, root_offset=0.0, tip_offset=0, tip_mass=0.0)
+    assert plain == none and not none.rigid_ends
+    small = dataclasses.replace(plain, root_offset=1e-12)
+    found = [
+        modes(scene(Arm("a", (link, link), payload=Payload(0.1))), 2, formulation, clamped=True, **options).frequencies
+        for link in (plain, small)
+    ]
+    np.testing.assert_allclose(*found, rtol=1e-7)
+
+
+@pytest.mark.parametrize(("formulation", "options"), METHODS.values())
+def test_joints_poses_shapes_and_reach_agree(formulation: str, options: dict[str, Any]) -> None:
+    arm = Arm("a", (ENDED, dataclasses.replace(ENDED, length=0.4)), payload=Payload(0.1), tau_d=1e-3, hub_inertia=0.1)
+    assert ENDED.span == pytest.approx(0.8) and arm.total_length == pytest.approx(1.4)
+    assert rigid.reach(arm) == pytest.approx((0.2, 1.4))
+    assert arm.mass == pytest.approx(0.3 * 1.0 + 4 * 0.05 + 2 * 0.05 + 0.1)
+    bent = Scene("s", arm, duration=0.05, dt=1e-3, sample=0.05, angles=(0.3, 1.2), gravity=(0.0, -9.81))
+    run = simulate(bent, formulation, estimate_error=False, **options)
+    elbow = 0.8 * np.array([np.cos(0.3), np.sin(0.3)])
+    tip = elbow + 0.6 * np.array([np.cos(1.2), np.sin(1.2)])
+    np.testing.assert_allclose(run.tip[0, :2], tip, atol=1e-12)
+    np.testing.assert_allclose(run.shapes[0][0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(run.shapes[0][-1], tip, atol=1e-12)
+    assert np.abs(run.shapes[0] - elbow).sum(1).min() < 1e-9
+    fine = simulate(bent, "geometrically_exact", elements=8, estimate_error=False)
+    np.testing.assert_allclose(run.tip[-1, :2], fine.tip[-1, :2], atol=1e-4)
+    assert np.abs(run.balance).max() < 1e-5 * run.turned_over
+
+
+def test_rigid_inertia_with_rigid_ends() -> None:
+    """That of the straight arm against its parts."""
+    arm = Arm("a", (ENDED,), hub_inertia=0.01, payload=Payload(0.1, 1e-4))
+    whole = 0.01 + 0.1 * 0.06**2 + 2e-4 + 0.05 * 0.76**2 + 1e-4 + 0.1 * 0.8**2 + 1e-4
+    whole += 0.3 * (0.72**3 - 0.12**3) / 3
+    assert rigid.inertia_beyond(arm, 0) == pytest.approx(whole, rel=1e-12)
+    assert arms.from_toml(arms.to_toml(arm)) == arm
+
+
+def test_where_rigid_ends_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"^tip_offset = -0.1: must be a number, zero or positive \(m\)"):
+        Link(1.0, THICK, tip_offset=-0.1)
+    arm = Arm("a", (ENDED,))
+    with pytest.raises(ValueError, match=r"^links\[0\]\.root_offset = 0.12: must be 0 with multipliers=True"):
+        assemble(scene(arm), Settings.make(multipliers=True))
+    with pytest.raises(ValueError, match=r"^period_correction = True: must be False where links have rigid ends"):
+        assemble(scene(arm), Settings.make("geometrically_exact", period_correction=True))

@@ -5,6 +5,7 @@ The kernels are the very ones that are compiled elsewhere; here all orders, damp
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,14 @@ VARIED = (
     Link.tapered(0.5, (0.2, 0.1), (0.1, 0.05), E=4e3, rho=40.0, G=1e3),
 )
 """A link that jumps and kinks, one alike all along, and a taper."""
+
+RIGID = tuple(
+    dataclasses.replace(
+        link, root_offset=0.2, tip_offset=0.3, root_mass=0.1, tip_mass=0.2, root_inertia=0.03, tip_inertia=0.02
+    )
+    for link in (Link(1.3, SOFT), VARIED[0], Link(0.5, SOFT))
+)
+"""Links with rigid ends."""
 
 
 def system(order: int, damped: bool, heavy: bool, elements: int = 2, links: Any = None) -> Any:
@@ -127,7 +136,7 @@ def test_tangent_solves_what_differences_of_the_residual_say(order: int, damped:
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
-@pytest.mark.parametrize("links", [None, VARIED])
+@pytest.mark.parametrize("links", [None, VARIED, RIGID])
 def test_forces_are_the_gradient_of_the_energy(order: int, links: Any) -> None:
     s = system(order, damped=False, heavy=True, links=links)
     n = s.model.n
@@ -189,15 +198,57 @@ def test_mass_is_the_hessian_of_the_kinetic_energy_of_the_fields(links: Any) -> 
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
-@pytest.mark.parametrize("links", [None, VARIED])
+@pytest.mark.parametrize("links", [None, VARIED, RIGID])
+def test_power_is_what_the_energy_gains(order: int, links: Any) -> None:
+    """v'r(q, v, a) along any motion: inertia forces of the second order in the rates among them."""
+    s = system(order, damped=False, heavy=True, links=links)
+    q, v, a, u = states(s)
+
+    def total(t: float) -> float:
+        return float(sum(kernels.energy(SINGLE, s.model, s.par, q + t * v + 0.5 * t * t * a, v + t * a)))
+
+    h = 1e-5
+    gained = (total(h) - total(-h)) / (2.0 * h)
+    assert np.isclose(v @ residual(s, q, v, a, 0.0 * u), gained, rtol=1e-6)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_tangent_with_rigid_ends_from_rest(order: int) -> None:
+    """Where nothing moves the tangent is complete, pinned or not."""
+    s = system(order, damped=True, heavy=True, links=RIGID)
+    q, _, _, u = states(s)
+    zero, u = np.zeros(s.model.n), 0.0 * u
+    cm, cc, ck = 3.0, 0.7, 1.3
+    T = cm * jacobian(lambda x: residual(s, q, zero, x, u), zero)
+    T += cc * jacobian(lambda x: residual(s, q, x, zero, u), zero)
+    T += ck * jacobian(lambda x: residual(s, x, zero, zero, u), q)
+    rng, n = np.random.default_rng(1), s.model.n
+    for pinned in ((), (0, 1), (2,), (0, 1, 2), (n - 1,), (n - 2, 0, 1), (n - 2, n - 1)):
+        r, S, b = np.full(n, np.nan), np.full(s.model.n_factor, np.nan), rng.normal(size=n)
+        kernels.assemble(SINGLE, s.model, s.par, State(q, zero, zero), u, Weights(cm, cc, ck), r, S)
+        expected = T.copy()
+        for k in pinned:
+            expected[k], expected[:, k], expected[k, k], b[k] = 0.0, 0.0, 1.0, 0.0
+            kernels.pin(SINGLE, s.model, S, k)
+        kernels.factor(SINGLE, s.model, S)
+        x = b.copy()
+        kernels.solve(SINGLE, s.model, S, x)
+        assert np.allclose(x, np.linalg.solve(expected, b), rtol=1e-5, atol=1e-6), pinned
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("links", [None, VARIED, RIGID])
 def test_damping_takes_the_power_that_it_reports_and_none_from_rigid_motion(order: int, links: Any) -> None:
     s = system(order, damped=True, heavy=False, links=links)
     q, v, a, u = states(s)
     loss = kernels.damping_work(SINGLE, s.model, s.par, q, v, v)
     assert loss > 0.0
-    assert np.isclose(loss, v @ (residual(s, q, v, a, u) - residual(s, q, 0 * v, a, u)), rtol=1e-9)
+    without = system(order, damped=False, heavy=False, links=links)
+    assert np.isclose(loss, v @ (residual(s, q, v, a, u) - residual(without, q, v, a, u)), rtol=1e-9)
     spin = np.zeros_like(q)  # the whole chain turns about the origin: positions (interior ones too) and angles
     nodes = 3 * order * 2 * 3 + 3
+    if links is RIGID:  # the root turns about itself; interior positions turn too, vertices by where they are
+        return
     spin[0:nodes:3], spin[1:nodes:3] = -q[1:nodes:3], q[0:nodes:3]
     for row in range(0, nodes, 3 * order):
         spin[row + 2] = 1.0

@@ -110,7 +110,7 @@ def arm_model(arm: Arm, posture: tuple[float, ...] = (), flexible: int | None = 
     A[n:, :n] = -np.diag(squares)
     A[n:, n:] = -np.diag(np.diag(left @ damping @ modes) * (squares > 0.0))
     B[n:] = left @ force
-    lengths = np.array([[link.length] for link in arm.links])
+    lengths = np.array([[link.span] for link in arm.links])
     joints, bends = seen[:n_joints] @ modes, seen[n_joints:] @ modes / lengths
     C[:n_joints, :n] = C[n_joints : 2 * n_joints, n:] = joints
     C[2 * n_joints : 3 * n_joints, :n] = C[3 * n_joints :, n:] = bends

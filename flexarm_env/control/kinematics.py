@@ -25,8 +25,8 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
     tip, angle = np.zeros((len(bends), 2)), np.zeros(len(bends))
     for k, link in enumerate(arm.links):
         cosine, sine, along, across = np.cos(angle), np.sin(angle), 1.0 - 0.6 * bends[:, k] ** 2, bends[:, k]
-        tip[:, 0] += link.length * (along * cosine - across * sine)
-        tip[:, 1] += link.length * (along * sine + across * cosine)
+        tip[:, 0] += link.span * (along * cosine - across * sine)
+        tip[:, 1] += link.span * (along * sine + across * cosine)
         if k + 1 < arm.n_links:
             angle = angle + (1.5 * bends[:, k] + elbows[:, k])
     return tip
@@ -64,7 +64,7 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
     A target out of reach is approached along the line to it. Joint limits are kept, and no elbow turns past pi.
     """
     low_high = [(-np.inf, np.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]
-    lengths, limits = np.array([link.length for link in arm.links]), np.array(low_high, np.float64).ravel()
+    lengths, limits = np.array([link.span for link in arm.links]), np.array(low_high, np.float64).ravel()
     hub = angles[:, 0]
     x = np.cos(hub) * target[:, 0] - np.sin(hub) * target[:, 1]
     y = np.sin(hub) * target[:, 0] + np.cos(hub) * target[:, 1]

@@ -237,7 +237,7 @@ class Guide:
     def view(self, target: Array) -> View:
         """Where the arm is."""
         poses, torques, _ = self.report()
-        lengths = np.array([link.length for link in self.scene.arm.links])
+        lengths = np.array([link.span for link in self.scene.arm.links])
         return View(
             points=self.simulation.shape_points(), poses=poses, time=self.simulation.t, target=target, torques=torques,
             deflection=link_deflection(poses) / lengths,

@@ -99,7 +99,7 @@ class Point(Target):
         angle, x, y = 0.0, 0.0, 0.0
         for link, turn in zip(arm.links, angles, strict=True):
             angle += turn
-            x, y = x + link.length * math.cos(angle), y + link.length * math.sin(angle)
+            x, y = x + link.span * math.cos(angle), y + link.span * math.sin(angle)
         return x, y
 
     def place(self, arm: Arm, target: Array) -> Array:

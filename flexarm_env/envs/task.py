@@ -59,7 +59,7 @@ class Kind:
             terms=(0,) * len(weights),
             entries=(0,) * len(scales),
             length=arm.total_length,
-            lengths=np.array([link.length for link in arm.links]),
+            lengths=np.array([link.span for link in arm.links]),
             scales=np.array(scales),
             rates=np.array([rate_scale(arm, k) for k in range(arm.n_links)]),
             weights=weights,

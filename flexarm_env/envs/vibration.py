@@ -55,4 +55,4 @@ def _rates(arm: Arm, settings: Settings, gravity: tuple[float, float] | None, an
     for where, rates_of in ((ROOT, ROOT_RATES), (TIP, TIP_RATES)):
         moved[:, where] = poses[:, where] + step * poses[:, rates_of]
     deflection = (link_deflection(moved)[0] - link_deflection(poses)[0]) / step
-    return np.asarray(rates / deflection * arm.links[0].length * math.sqrt(squares[first]))
+    return np.asarray(rates / deflection * arm.links[0].span * math.sqrt(squares[first]))

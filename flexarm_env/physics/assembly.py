@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..scene import JointTorque, Motion, Scene
+from ..sections import ENDS
 from ..settings import Settings
 from ..time_functions import TimeFunction, constant
 from .joints.build import jointed
@@ -32,6 +33,13 @@ def assemble(scene: Scene, settings: Settings) -> System:
     Raises:
         ValueError: the arm has drag (`mass_damping`) where no frame a link is there for it.
     """
+    for k, link in enumerate(scene.arm.links):
+        if link.rigid_ends and (settings.multipliers or scene.arm.mass_damping):
+            name = next(name for name in ENDS if getattr(link, name))
+            raise check.InvalidValue(
+                f"links[{k}].{name}", getattr(link, name), "must be 0 with multipliers=True and with mass_damping, "
+                "which know no rigid ends; take multipliers=False, elastica or geometrically_exact, and tau_d"
+            )  # fmt: skip
     drag, segments = scene.arm.mass_damping, settings.segments
     if drag > 0.0 and (settings.formulation != "floating_frame" or segments not in (None, 1)):
         given = settings.formulation if segments is None else f"floating_frame in {segments} segments a link"

@@ -135,6 +135,7 @@ class FloatingFrame(NamedTuple):
     segments: int  # bodies of a link
     block: int  # numbers of a body in `data`
     bound: float  # largest tip deflection of a reduced body over its length
+    rigid: None
     table: np.ndarray
     data: np.ndarray
     gravity: np.ndarray | None
@@ -166,6 +167,7 @@ class FloatingChain(NamedTuple):
     segments: int  # bodies of a link
     block: int  # numbers of a body in `data`
     bound: float  # largest tip deflection of a reduced body over its length
+    rigid: np.ndarray | None  # of each link's root and tip a `LEVER`, where links have rigid ends
     table: None
     data: np.ndarray
     gravity: np.ndarray | None
@@ -179,6 +181,7 @@ class ExactBeam(NamedTuple):
     order     tuple of p zeros: polynomial order, a compile-time constant
     varying   (0,) where sections vary along links, otherwise None
     sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
+    rigid     float64: `physics.exact.layout.LEVERS` where links have rigid ends, otherwise None
     elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
     damped    see `damped`
     gravity   float64 (2,) m/s^2, or None
@@ -202,6 +205,7 @@ class ExactBeam(NamedTuple):
     varying: tuple[int, ...] | None
     sections: np.ndarray
     elbows: np.ndarray
+    rigid: np.ndarray | None
     hub_inertia: float
     damped: tuple[int, ...] | np.ndarray | None
     gravity: np.ndarray | None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexarm_env.physics.elastica.chain import Chain, chain
+from flexarm_env.physics.elastica.chain import Chain, Line, chain
 from flexarm_env.physics.elastica.layout import DATA, LOAD
 from flexarm_env.physics.elastica.slenderness import stretch_and_shear
 from flexarm_env.physics.layout import OF_LOAD
@@ -61,7 +61,7 @@ def size(tag_or_number: int | tuple[int, ...]) -> int:
 
 def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
     """The fields of `LOAD`."""
-    s = 0.0 if load.end == "root" else chain_.lines[load.link].length
+    s = _ends(chain_.lines[load.link])[load.end == "tip"]
     return {"arm": chain_.arm_to(load.link, s), "angle": chain_.angle_at(load.link, s)}
 
 
@@ -91,7 +91,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     sizes = {"links": count, "nodes": n}
     ends = [LOAD.pack(sizes, **_end(parts, load)) for load in scene.loads if isinstance(load, PointLoad)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
-    stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line.length, points, k)]
+    stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line, points, k)]
     correction = np.zeros_like(parts.R)
     if settings.dt is not None:
         correction = phase_correction(parts, arm.payload.mass, settings.dt, settings)
@@ -137,9 +137,14 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     return System(model, par, q0, np.zeros(rows), coordinates, names, notes)
 
 
-def _stations(length: float, points: int, link: int) -> Array:
+def _ends(line: Line) -> tuple[float, float]:
+    """Where a link's joints are, s in m from the beam's root."""
+    return 0.0 - line.link.root_offset, line.length + line.link.tip_offset
+
+
+def _stations(line: Line, points: int, link: int) -> Array:
     """Where the shape is drawn: ends of a link's intervals, a joint once."""
-    s: Array = np.linspace(0.0, length, points + 1)
+    s: Array = np.linspace(*_ends(line), points + 1)
     return s if link == 0 else s[1:]
 
 

@@ -97,6 +97,18 @@ class Line:
 
         return self._table(s, of_piece)
 
+    def position(self, s: Array) -> Array:
+        """Weights (len(s), n), m, of the unit tangents in the way from the joint at the link's root to s.
+
+        On rigid ends s is below 0 or beyond the length.
+        """
+        s = np.asarray(s, np.float64)
+        table = self.integral(np.clip(s, 0.0, self.length))
+        if not self.link.rigid_ends:
+            return table
+        table[:, 0] += self.link.root_offset + np.minimum(s, 0.0)
+        return np.asarray(table + np.outer(np.maximum(s - self.length, 0.0), self.tip_angle))
+
     def integral(self, s: Array) -> Array:
         """S_l(s) = int_0^s l_l, m, shape (len(s), n)."""
 
@@ -135,8 +147,8 @@ class Line:
 
     @property
     def tip_weights(self) -> Array:
-        """w_l = S_l(L), m."""
-        return np.asarray(self.integral(np.array([self.length]))[0])
+        """Weights of the tangents in the way from one joint to the other, m; w_l = S_l(L) without rigid ends."""
+        return np.asarray(self.position(np.array([self.length + self.link.tip_offset]))[0])
 
     @property
     def tip_angle(self) -> Array:
@@ -166,13 +178,14 @@ class Chain:
         n, weights = self.n, np.zeros(self.w.size)
         for k in range(link):
             weights[k * n : (k + 1) * n] = self.lines[k].tip_weights
-        weights[link * n : (link + 1) * n] = self.lines[link].integral(np.array([s]))[0]
+        weights[link * n : (link + 1) * n] = self.lines[link].position(np.array([s]))[0]
         return weights
 
     def angle_at(self, link: int, s: float) -> Array:
         """Weights (Nn,) of the nodes' angles in the section angle at s on a link."""
         n, weights = self.n, np.zeros(self.w.size)
-        weights[link * n : (link + 1) * n] = self.lines[link].lagrange(np.array([s]))[0]
+        line = self.lines[link]
+        weights[link * n : (link + 1) * n] = line.lagrange(np.clip(np.array([s]), 0.0, line.length))[0]
         return weights
 
 
@@ -190,11 +203,17 @@ def chain(arm: Arm, n: int) -> Chain:
         if k < count - 1:
             beyond += arm.elbow(k + 1).mass
         w[own] = line.tip_weights
-        b[own] = line.total(line.integral(s), "m") + beyond * w[own]
-        P[own, own] = line.matrix(line.integral(s), "m") + beyond * np.outer(w[own], w[own])
+        b[own] = line.total(line.position(s), "m") + beyond * w[own]
+        P[own, own] = line.matrix(line.position(s), "m") + beyond * np.outer(w[own], w[own])
         R[k] = _rotary(arm, k, line)
         K[k] = line.matrix(line.slope(s), "EI")
         beyond += link.mass
+        if link.rigid_ends:
+            for mass, along, _ in link.ends:
+                at = line.position(np.array([along - link.root_offset]))[0]
+                b[own] += mass * at
+                P[own, own] += mass * np.outer(at, at)
+                beyond += mass
     for k in range(count):
         own, later = slice(k * n, (k + 1) * n), slice((k + 1) * n, total)
         P[own, later] = np.outer(w[own], b[later])
@@ -208,10 +227,11 @@ def _rotary(arm: Arm, k: int, line: Line) -> Array:
     That is exact for Radau's nodes; of Lobatto's it is the usual lumping, which errs in the highest polynomial alone.
     """
     if line.link.uniform is not None:
-        R = line.link.uniform.J * line.tip_weights
+        R = line.link.uniform.J * line.integral(np.array([line.length]))[0]
     else:
         R = line.total(line.lagrange(line.quadrature()[0]), "J")
     R[0] += arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
     if k < arm.n_links - 1:
         R[-1] += arm.elbow(k + 1).inertia_left
-    return np.diag(R)
+    R[0] += line.link.root_inertia
+    return np.asarray(np.diag(R) + line.link.tip_inertia * np.outer(line.tip_angle, line.tip_angle))

@@ -179,8 +179,9 @@ class _Modes:
             own, link, line = slice(k * n, (k + 1) * n), arm.links[k], chain.lines[k]
             last = k == arm.n_links - 1
             force = force + (arm.payload.mass if last else arm.elbow(k + 1).mass) * starts[k + 1]
+            force = force + link.tip_mass * starts[k + 1]
             finer = np.linspace(0.0, link.length, 65)
-            field = starts[k][:, None] + move[:, own] @ line.integral(finer).T
+            field = starts[k][:, None] + move[:, own] @ line.position(finer).T
             masses = link.along(0.5 * (finer[1:] + finer[:-1])).m
             steps = 0.5 * (field[:, 1:] + field[:, :-1]) * (masses * link.length / 64)
             momentum = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
@@ -189,7 +190,7 @@ class _Modes:
             sections = link.along(finer)
             density = along**2 / sections.EA + across**2 / sections.C
             total += float(np.sum(0.5 * (density[1:] + density[:-1]))) * link.length / 64
-            force = force + momentum[:, -1]
+            force = force + momentum[:, -1] + link.root_mass * starts[k]
         return total
 
     def force(self, shape: Array, t: Array, weight: bool = True) -> Array:
@@ -206,7 +207,8 @@ class _Modes:
             if isinstance(load, JointTorque):
                 force += joints[load.joint] * load.function(t)
                 continue
-            s = 0.0 if load.end == "root" else arm.links[load.link].length
+            ends = arm.links[load.link]
+            s = -ends.root_offset if load.end == "root" else ends.length + ends.tip_offset
             point = across @ (self.chain.arm_to(load.link, s) * shape) + root
             angle = float(self.chain.angle_at(load.link, s) @ shape)
             parts = ((load.force_x, point[0]), (load.force_y, point[1]), (load.torque, angle))

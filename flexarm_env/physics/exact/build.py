@@ -14,7 +14,20 @@ from numpy.typing import NDArray
 
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Link
-from flexarm_env.physics.exact.layout import AXES, CHAIN, ELBOW, FACTORS, SECTION, VARYING, T, X, Y
+from flexarm_env.physics.exact.layout import (
+    AXES,
+    CHAIN,
+    ELBOW,
+    FACTORS,
+    LEVER,
+    LEVER_FACTORS,
+    LEVERS,
+    SECTION,
+    VARYING,
+    T,
+    X,
+    Y,
+)
 from flexarm_env.physics.exact.tables import functions
 from flexarm_env.physics.layout import OF_LOAD
 from flexarm_env.physics.model import ExactBeam, System, damped
@@ -70,6 +83,19 @@ def elbows(arm: Arm) -> Array:
     return np.concatenate([np.zeros(0), *packed])
 
 
+def levers(scene: Scene) -> Array:
+    """`LEVERS` of an arm with rigid ends."""
+    links, found, loads = scene.arm.links, [], []
+    for link in links:
+        found += [LEVER.pack({}, length=link.root_offset, mass=link.root_mass, inertia=link.root_inertia)]
+        found += [LEVER.pack({}, length=link.tip_offset, mass=link.tip_mass, inertia=link.tip_inertia)]
+    for load in scene.loads:
+        if isinstance(load, PointLoad):
+            before = load.link - (load.end == "root")
+            loads.append(links[before].tip_offset if before >= 0 else 0.0)
+    return LEVERS.pack({"links": len(links), "loads": len(loads)}, levers=found, loads=loads)
+
+
 def straight(scene: Scene, elements: int, order: int) -> Array:
     """Coordinates of the chain with straight links at the scene's initial angles: interior coordinates vanish."""
     arm = scene.arm
@@ -84,8 +110,11 @@ def straight(scene: Scene, elements: int, order: int) -> Array:
             row += AXES * order
             share = (e + 1) * step if ends is None else float(ends[e + 1])
             angle = scene.angles[k]
+            share = share + link.root_offset
             q[row : row + AXES] = x + share * np.cos(angle), y + share * np.sin(angle), angle
         x, y = q[row + X], q[row + Y]
+        if link.tip_offset:
+            x, y = x + link.tip_offset * np.cos(angle), y + link.tip_offset * np.sin(angle)
         if k > 0:
             q[at.hinges + k - 1] = scene.angles[k] - scene.angles[k - 1]
     return q
@@ -118,6 +147,9 @@ def build(scene: Scene, settings: Settings) -> System:
     arm, elements, order = scene.arm, settings.elements, settings.order
     if settings.period_correction and arm.damping[1]:
         raise check.InvalidValue("period_correction", True, "must be False where the links' tau_d differ")
+    rigid = any(link.rigid_ends for link in arm.links)
+    if settings.period_correction and rigid:
+        raise check.InvalidValue("period_correction", True, "must be False where links have rigid ends")
     names, coordinates = rows(arm, elements, order)
     fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
     if scene.root == "pinned":
@@ -126,12 +158,13 @@ def build(scene: Scene, settings: Settings) -> System:
     lengths = np.array([name.startswith("root") or ".x" in name or ".y" in name for name in names])
     model = ExactBeam(
         n=len(names),
-        n_factor=FACTORS.offsets(0, arm.n_links, elements, order).end,
+        n_factor=FACTORS.offsets(0, arm.n_links, elements, order).end
+        + rigid * 2 * LEVER_FACTORS.places.end * arm.n_links,
         n_inputs=arm.n_links + OF_LOAD.end * len(loads),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
         weight=np.where(lengths, 1.0 / arm.total_length, 1.0),
-        predictor=None,
+        predictor=0.0 if rigid else None,
         correction=2.0 * settings.period_error if settings.period_correction else None,
         order=(0,) * order,
         links=arm.n_links,
@@ -139,6 +172,7 @@ def build(scene: Scene, settings: Settings) -> System:
         varying=(0,) if varies(arm) else None,
         sections=sections(arm, elements, order),
         elbows=elbows(arm),
+        rigid=levers(scene) if rigid else None,
         hub_inertia=arm.hub_inertia,
         damped=damped(arm),
         gravity=None if scene.gravity is None else np.array(scene.gravity),

@@ -333,12 +333,15 @@ def backward(lane, order, S, x, left, right):
 
 
 @traced(lambda p: 4)
-def measure(lane, order, q, v, psi, spin, section):
-    """(kinetic, strain energy, mass moments x, y); `psi`, `spin`: that at the left, its rate."""
+def measure(lane, order, q, v, psi, spin, left, section):
+    """(kinetic, strain energy, mass moments x, y); `psi`, `spin`: that at the left, its rate. `left`: None, or x, y and
+    their rates there where they are not in q and v."""
     p, sums = len(order), Sums()
     t = tables(p)
     place, rate = ([_axis(lane, x, p, k) for k in (X, Y, T)] for x in (q, v))
     place[T][0], rate[T][0] = psi, spin
+    if left is not None:
+        place[X][0], place[Y][0], rate[X][0], rate[Y][0] = left
     (_, dx), (_, dy), (turned, bend) = (_slopes(sums, t, nodes) for nodes in place)
     angle = _values(sums, t, place[T], turned)
     strain, uniform = splat(lane, 0.0), hasattr(section, "kb")
@@ -371,12 +374,16 @@ def measure(lane, order, q, v, psi, spin, section):
 
 
 @traced(lambda p: 1)
-def damp(lane, order, q, v, x, psi, section):
-    """Work of the damping forces of rates v over rates x, per tau_d; `psi`: the left one in q, v and x."""
+def damp(lane, order, q, v, x, psi, left, section):
+    """Work of the damping forces of rates v over rates x, per tau_d; `psi`: the left one in q, v and x; `left`: as in
+    `measure`, in q and v and in q and x."""
     p, sums = len(order), Sums()
     t = tables(p)
     place, *rates = ([_axis(lane, y, p, k) for k in (X, Y, T)] for y in (q, v, x))
     place[T][0], rates[0][T][0], rates[1][T][0] = psi
+    if left is not None:
+        for rate, (x0, y0, vx, vy) in zip(rates, left, strict=True):
+            place[X][0], place[Y][0], rate[X][0], rate[Y][0] = x0, y0, vx, vy
     (_, dx), (_, dy), (turned, _) = (_slopes(sums, t, nodes) for nodes in place)
     angle = _values(sums, t, place[T], turned)
     circle = [sincos(w) for w in angle]

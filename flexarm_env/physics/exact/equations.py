@@ -16,6 +16,7 @@ from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
 from ..protocol import State, register
 from .element import backward, directions, forces, forward, handed_on, tangent
+from .hinge import passed_on, turn_free, turned_behind
 from .inertia import inertia, rotate
 from .layout import (
     AXES,
@@ -46,6 +47,7 @@ from .layout import (
     three,
 )
 from .output import damping_work, energy, link_poses, out_of_range, ports, predict, shape
+from .rigid import ROOT_END, TIP_END, about_root, about_tip, begin, carried, end, last, less_moments, near
 
 
 @kernel
@@ -90,6 +92,14 @@ def _loaded(lane, loads, links, u, r):
 
 
 @kernel
+def _at_vertex(lane, rigid, S, o, mass):
+    """A mass at a vertex; where there are levers it is at the far end of one (`rigid`)."""
+    if rigid is None:
+        _add(lane, S, o + XX, mass)
+        _add(lane, S, o + YY, mass)
+
+
+@kernel
 def _lumps(lane, model, par, cm, S):
     """Pin flags cleared; inertia of hub, elbows and payload added to the condensed matrices."""
     if cm != 0.0:
@@ -103,15 +113,11 @@ def _lumps(lane, model, par, cm, S):
             elbow = elbow_of(model, k)
             after = factors.elements + own.end * model.elements * k + own.condensed
             before = after - own.end
-            mass = splat(lane, cm * elbow.mass)
-            _add(lane, S, before + RR + XX, mass)
-            _add(lane, S, before + RR + YY, mass)
+            _at_vertex(lane, model.rigid, S, before + RR, splat(lane, cm * elbow.mass))
             _add(lane, S, before + RR + TT, splat(lane, cm * elbow.left))
             _add(lane, S, after + LL + TT, splat(lane, cm * elbow.right))
         last = factors.end - own.end + own.condensed
-        mass = cm * load(lane, par, PAYLOAD_MASS)
-        _add(lane, S, last + RR + XX, mass)
-        _add(lane, S, last + RR + YY, mass)
+        _at_vertex(lane, model.rigid, S, last + RR, cm * load(lane, par, PAYLOAD_MASS))
         _add(lane, S, last + RR + TT, cm * load(lane, par, PAYLOAD_INERTIA))
 
 
@@ -143,6 +149,38 @@ def _behind_hinge(lane, model, state, k, left):
 
 
 @kernel
+def _begun(lane, rigid, model, state, k, left, i):
+    """The vertex where the beam of link k begins, from the one before it, at row i."""
+    if rigid is not None:
+        return begin(lane, rigid, model, state, k, left, i)
+    if k > 0:
+        return _behind_hinge(lane, model, state, k, left)
+    return left
+
+
+@kernel
+def _ended(lane, rigid, model, state, u, k, left, i, r, weights, S):
+    """The rows of the vertex before link k (`left`, at row i) and of its hinge, from those where its beam begins."""
+    if rigid is not None:
+        end(lane, rigid, model, state, u, k, left, i, r, weights, S)
+    elif k > 0:
+        moment = load(lane, r, i + T)
+        store(r, i + T, (left.force[T] + left.acceleration[T] * elbow_of(model, k).left) + moment)
+        store(r, rows_of(model).hinges + k - 1, moment - load(lane, u, k))
+
+
+@kernel
+def _at_tip(lane, rigid, model, par, state, left, i, weights, S):
+    """Force and moment on the last vertex, with the payload's."""
+    if rigid is not None:
+        fx, fy, moment = last(lane, rigid, model, par, state, left, i, weights, S)
+        return fx, fy, moment
+    (fx, fy, moment), (ax, ay, _) = left.force, left.acceleration
+    mass = load(lane, par, PAYLOAD_MASS)
+    return fx + ax * mass, fy + ay * mass, moment
+
+
+@kernel
 def assemble(lane, model, par, state, u, weights, r, S):
     """r and, where the weight of M is not 0, the tangent condensed to the vertices."""
     aligned_frame(lane)
@@ -156,10 +194,8 @@ def assemble(lane, model, par, state, u, weights, r, S):
     i, o = rows.elements, factors_of(model).elements
     _directions(lane, model, q, S)
     for k in range(model.links):
-        root, before = i + T, zero
-        if k > 0:
-            before = left.force[T] + left.acceleration[T] * elbow_of(model, k).left
-            left = _behind_hinge(lane, model, state, k, left)
+        first, before = i, left
+        left = _begun(lane, model.rigid, model, state, k, left, i)
         section = section_of(lane, model, par, k)
         for _ in range(model.elements):
             j = i * len(lane)
@@ -173,14 +209,11 @@ def assemble(lane, model, par, state, u, weights, r, S):
             i += AXES * p
             o += own.end
             section = next_section(model, section)
-        if k > 0:
-            moment = load(lane, r, root)
-            store(r, root, before + moment)
-            store(r, rows.hinges + k - 1, moment - load(lane, u, k))
-    (fx, fy, moment), (ax, ay, alpha) = left.force, left.acceleration
-    mass = load(lane, par, PAYLOAD_MASS)
-    put_three(r, i, fx + ax * mass, fy + ay * mass, moment + alpha * load(lane, par, PAYLOAD_INERTIA))
+        _ended(lane, model.rigid, model, state, u, k, before, first, r, weights, S)
+    fx, fy, moment = _at_tip(lane, model.rigid, model, par, state, left, i, weights, S)
+    put_three(r, i, fx, fy, moment + left.acceleration[T] * load(lane, par, PAYLOAD_INERTIA))
     _loaded(lane, model.loads, model.links, u, r)
+    less_moments(lane, model.rigid, model, model.loads, u, q, r)
     _lumps(lane, model, par, weights.mass, S)
 
 
@@ -269,59 +302,23 @@ def stiffen(lane, model, S, k, x):
 
 
 @kernel
-def _turn_free(lane, jointed, S, h, tail):
-    """Eliminate psi behind the hinge at h; what remains at the vertex."""
-    xx, xy, xt, yy, yt, tt = tail
-    zero = splat(lane, 0.0)
-    if jointed is None:
-        inverse = 1.0 / tt
-        zx, zy = xt * inverse, yt * inverse
-        store(S, h + OF_HINGE.x, zx)
-        store(S, h + OF_HINGE.y, zy)
-        store(S, h + OF_HINGE.inverse, inverse)
-        return xx - zx * xt, xy - zx * yt, zero, yy - zy * yt, zero, zero
-    own = load(lane, S, h + OF_HINGE.own)
-    inverse = 1.0 / (tt + own)
-    zx, zy, zt = xt * inverse, yt * inverse, own * inverse
-    store(S, h + OF_HINGE.x, zx)
-    store(S, h + OF_HINGE.y, zy)
-    store(S, h + OF_HINGE.inverse, inverse)
-    store(S, h + OF_HINGE.own, zt)
-    return xx - zx * xt, xy - zx * yt, xt * zt, yy - zy * yt, yt * zt, tt * zt
-
-
-@kernel
-def _passed_on(lane, jointed, S, h, moment, behind):
-    """The moment on psi before the hinge, with its part of the one behind."""
-    if jointed is None:
-        return moment
-    return moment + load(lane, S, h + OF_HINGE.own) * behind
-
-
-@kernel
-def _carried(lane, jointed, S, h, psi, before):
-    """psi behind the hinge, with the part that psi before it carries along."""
-    if jointed is None:
-        return psi
-    return psi + load(lane, S, h + OF_HINGE.own) * before
-
-
-@kernel
 def factor(lane, model, S):
     """L D L' over the vertices from tip to root; inverse pivots are kept."""
     aligned_frame(lane)
     factors, own = factors_of(model), element_factors_at(0, len(model.order))
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
-    tail = (zero, zero, zero, zero, zero, zero)
+    tail = near(lane, model.rigid, model, S, model.links - 1, TIP_END, (zero, zero, zero, zero, zero, zero))
     o = factors.end
     for k in range(model.links - 1, -1, -1):
         for _ in range(model.elements):
             o -= own.end
             tail = _eliminate(lane, S, o + own.condensed, tail)
+        tail = near(lane, model.rigid, model, S, k, ROOT_END, tail)
         if k > 0:
             h = factors.hinges + OF_HINGE.end * (k - 1)
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
-                tail = _turn_free(lane, model.jointed, S, h, tail)
+                tail = turn_free(lane, model.jointed, S, h, tail)
+            tail = near(lane, model.rigid, model, S, k - 1, TIP_END, tail)
     xx, xy, xt, yy, yt, tt = tail
     pinned = factors.pinned
     if S[(pinned + X) * len(lane)] != 0.0:
@@ -388,14 +385,16 @@ def solve(lane, model, S, x):
             taken = lt + ut
             tx, ty, tt = three(lane, x, i)
             tx, ty, tt = (tx - lx) - ux, (ty - ly) - uy, tt - taken
+        taken, tt = about_root(lane, model.rigid, model, S, k, x, i, tx, ty, taken, tt)
         if k > 0:
             h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 own_side = load(lane, x, d)
                 both = own_side - taken
-                tt = _passed_on(lane, model.jointed, S, h, load(lane, x, i + T) - own_side, both)
+                tt = passed_on(lane, model.jointed, S, h, load(lane, x, i + T) - own_side, both)
                 tx, ty = tx - load(lane, S, h + OF_HINGE.x) * both, ty - load(lane, S, h + OF_HINGE.y) * both
                 store(x, d, both)
+            tt = about_tip(lane, model.rigid, model, S, k - 1, x, i, tx, ty, tt)
     pinned, root = factors.pinned, factors.root
     if S[(pinned + X) * len(lane)] != 0.0:
         tx = load(lane, x, X)
@@ -410,12 +409,14 @@ def solve(lane, model, S, x):
     for k in range(model.links):
         if k > 0:
             h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
+            tx, ty = carried(lane, model.rigid, model, S, k - 1, TIP_END, tx, ty, tt)
             psi = tt
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 psi = load(lane, x, d) * load(lane, S, h + OF_HINGE.inverse) - load(lane, S, h + OF_HINGE.x) * tx
-                psi = _carried(lane, model.jointed, S, h, psi - load(lane, S, h + OF_HINGE.y) * ty, tt)
+                psi = turned_behind(lane, model.jointed, S, h, psi - load(lane, S, h + OF_HINGE.y) * ty, tt)
             store(x, d, psi - tt)
             tt = psi
+        tx, ty = carried(lane, model.rigid, model, S, k, ROOT_END, tx, ty, tt)
         for _ in range(model.elements):
             left = tx, ty, tt
             tx, ty, tt = _restore(lane, S, o + own.condensed, three(lane, x, i + span), left)

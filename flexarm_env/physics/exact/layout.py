@@ -59,6 +59,19 @@ ELBOW = Layout(
     Field("left", (), "kg m^2", "inertia that turns with the tip before it"),
     Field("right", (), "kg m^2", "inertia that turns with the root behind it"),
 )  # fmt: skip
+LEVER = Layout(
+    "Lever", "",
+    Field("length", (), "m", "of a link's rigid end"),
+    Field("mass", (), "kg", "in its middle"),
+    Field("inertia", (), "kg m^2", "about there"),
+)  # fmt: skip
+LEVERS = Layout(
+    "Levers", "links, loads",
+    Field("levers", ("links", 2, LEVER.length), "", "a `LEVER` for each link's root and tip"),
+    Field("loads", ("loads",), "m", "of each point load, along psi of the vertex it works on"),
+)  # fmt: skip
+"""Rigid ends of the links."""
+
 ROWS_OF_LOAD = Layout(
     "RowsOfLoad", "",
     Field("x", (), "", "row of the point's x"),
@@ -113,12 +126,29 @@ FACTORS = Layout(
 """S: the iteration matrix and what `factor` makes of it."""
 
 OF_HINGE = HINGE.places
+LEVER_FACTORS = Layout(
+    "LeverFactors", "",
+    Field("x", (), "m", "how its far point moves where it turns"),
+    Field("y", (), "m", ""),
+    Field("far", (), "", "mass at its far point, in the matrix"),
+    Field("mass", (), "", "its own"),
+    Field("turn", (), "", "what resists its turning by itself"),
+)  # fmt: skip
+"""Behind `FACTORS`, for each link's root and tip."""
+
 _OF_SECTION, _OF_ELBOW = SECTION.places, ELBOW.places
+_LEVER = LEVER.places.end
 _chain_at = kernel(CHAIN.offsets)
 _factors_at = kernel(FACTORS.offsets)
 element_at = kernel(ELEMENT.offsets)
 _varying_at = kernel(VARYING.offsets)
 element_factors_at = kernel(ELEMENT_FACTORS.offsets)
+
+
+@kernel
+def lever_at(k, end):
+    """Where the `LEVER` of an end (0: root, 1: tip) of link k begins."""
+    return _LEVER * (2 * k + end)
 
 
 @kernel

@@ -4,12 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiler import kernel, load, splat, store
+from ...compiler import kernel, load, sincos, splat, store
 from ..arithmetic import share_of
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, TAU_D
 from .element import carry, damp, measure
-from .layout import AXES, ROWS_OF_LOAD, T, X, Y, elbow_of, element_at, next_section, rows_of, section_of, three
+from .layout import (
+    AXES,
+    ROWS_OF_LOAD,
+    T,
+    X,
+    Y,
+    elbow_of,
+    element_at,
+    lever_at,
+    next_section,
+    rows_of,
+    section_of,
+    three,
+)
+from .rigid import beginning, beginning_twice, ends_of, following, following_twice, joint
 from .tables import interior
 
 
@@ -29,6 +43,18 @@ def ports(lane, model, par, q, y):
     for k in range(1, model.links):
         store(y, k, load(lane, q, rows.hinges + k - 1))
     _load_points(lane, model.loads, model.links, q, y)
+    _on_levers(lane, model.rigid, model.loads, model.links, q, y)
+
+
+@kernel
+def _on_levers(lane, rigid, loads, links, q, y):
+    """The points of loads on rigid ends."""
+    if rigid is not None and loads is not None:
+        for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
+            length, k = rigid[lever_at(links, 0) + f], links + OF_LOAD.end * f
+            sine, cosine = sincos(load(lane, q, loads[ROWS_OF_LOAD.end * f + ROWS_OF_LOAD.psi]))
+            store(y, k + OF_LOAD.x, load(lane, y, k + OF_LOAD.x) + cosine * length)
+            store(y, k + OF_LOAD.y, load(lane, y, k + OF_LOAD.y) + sine * length)
 
 
 @kernel
@@ -55,24 +81,35 @@ def _totals(lane, model, par, q, v):
     for k in range(model.links):
         if k > 0:
             elbow, d = elbow_of(model, k), rows.hinges + k - 1
-            vx, vy = load(lane, v, i + X), load(lane, v, i + Y)
+            x, y, vx, vy = joint(lane, model.rigid, model, q, v, k)
             kinetic = kinetic + (vx * vx + vy * vy) * (0.5 * elbow.mass) + (spin * spin) * (0.5 * elbow.left)
-            mx, my = mx + load(lane, q, i + X) * elbow.mass, my + load(lane, q, i + Y) * elbow.mass
+            mx, my = mx + x * elbow.mass, my + y * elbow.mass
             psi, spin = psi + load(lane, q, d), spin + load(lane, v, d)
             kinetic = kinetic + (spin * spin) * (0.5 * elbow.right)
-        section = section_of(lane, model, par, k)
+        section, left = section_of(lane, model, par, k), beginning(lane, model.rigid, model, q, v, k)
+        kinetic, mx, my = _with_ends(lane, model.rigid, model, q, v, k, kinetic, mx, my)
         for _ in range(model.elements):
             j = i * len(lane)
-            part = measure(lane, model.order, q[j:], v[j:], psi, spin, section)
+            part = measure(lane, model.order, q[j:], v[j:], psi, spin, left, section)
             kinetic, strain = kinetic + part[0], strain + part[1]
             mx, my = mx + part[2], my + part[3]
             section = next_section(model, section)
             i += AXES * len(model.order)
             psi, spin = load(lane, q, i + T), load(lane, v, i + T)
+            left = following(lane, model.rigid, model, q, v, i)
     mass = load(lane, par, PAYLOAD_MASS)
-    vx, vy = load(lane, v, i + X), load(lane, v, i + Y)
+    x, y, vx, vy = joint(lane, model.rigid, model, q, v, model.links)
     kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * load(lane, par, PAYLOAD_INERTIA)) * 0.5
-    return kinetic, strain, mx + load(lane, q, i + X) * mass, my + load(lane, q, i + Y) * mass
+    return kinetic, strain, mx + x * mass, my + y * mass
+
+
+@kernel
+def _with_ends(lane, rigid, model, q, v, k, kinetic, mx, my):
+    """Kinetic energy and moments with those of the rigid ends of link k."""
+    if rigid is None:
+        return kinetic, mx, my
+    more, x, y = ends_of(lane, rigid, model, q, v, k)
+    return kinetic + more, mx + x, my + y
 
 
 @kernel
@@ -92,13 +129,14 @@ def _damped(lane, damped, model, par, q, v, x):
         if k > 0:
             d = rows.hinges + k - 1
             psi = psi[0] + load(lane, q, d), psi[1] + load(lane, v, d), psi[2] + load(lane, x, d)
-        section = section_of(lane, model, par, k)
+        section, left = section_of(lane, model, par, k), beginning_twice(lane, model.rigid, model, q, v, x, k)
         for _ in range(model.elements):
             j = i * len(lane)
-            total = total + share_of(damped, k, damp(lane, model.order, q[j:], v[j:], x[j:], psi, section)[0])
+            total = total + share_of(damped, k, damp(lane, model.order, q[j:], v[j:], x[j:], psi, left, section)[0])
             section = next_section(model, section)
             i += AXES * len(model.order)
             psi = load(lane, q, i + T), load(lane, v, i + T), load(lane, x, i + T)
+            left = following_twice(lane, model.rigid, model, q, v, x, i)
     return total * load(lane, par, TAU_D)
 
 
@@ -124,6 +162,27 @@ def link_poses(lane, model, par, q, v, out):
                     rate = rate + load(lane, v, rows.hinges + k - 1)
                 store(out, at + POSE.x + j, position)
                 store(out, at + POSE.vx + j, rate)
+    _joints(lane, model.rigid, model, q, v, out)
+
+
+@kernel
+def _joints(lane, rigid, model, q, v, out):
+    """Where rigid ends end."""
+    if rigid is not None:
+        for k in range(model.links + 1):
+            x, y, vx, vy = joint(lane, rigid, model, q, v, k)
+            if k < model.links:
+                _put(out, POSE.end * k + POSE.x, POSE.end * k + POSE.vx, x, y, vx, vy)
+            if k > 0:
+                _put(out, POSE.end * (k - 1) + POSE.tip_x, POSE.end * (k - 1) + POSE.tip_vx, x, y, vx, vy)
+
+
+@kernel
+def _put(out, place, rate, x, y, vx, vy):
+    store(out, place, x)
+    store(out, place + 1, y)
+    store(out, rate, vx)
+    store(out, rate + 1, vy)
 
 
 @kernel
@@ -139,6 +198,16 @@ for _order in range(2, 4):
 
 
 @kernel
+def _left(rigid, model, q, e, i):
+    """Where element e begins, its left vertex at row i."""
+    if rigid is not None:
+        if e % model.elements == 0:
+            x, y, _, _ = beginning((0,), rigid, model, q, q, e // model.elements)
+            return x, y
+    return q[i + X], q[i + Y]
+
+
+@kernel
 def shape(model, q, points):
     """Positions along the chain at p equal steps of each element, as many as `points` has room for; their number."""
     p, rows = len(model.order), rows_of(model)
@@ -149,14 +218,19 @@ def shape(model, q, points):
         for j in range(p):
             if count < points.shape[0]:
                 share = j / p
+                left = _left(model.rigid, model, q, e, i)
                 for axis in range(2):
-                    value = q[i + at.left + axis] * (1.0 - share) + q[i + at.right + axis] * share
+                    value = left[axis] * (1.0 - share) + q[i + at.right + axis] * share
                     for k in range(p - 1):
                         value += STATIONS[p, j, k] * q[i + at.interior + AXES * k + axis]
                     points[count, axis] = value
+                if j == 0 and e % model.elements == 0:
+                    points[count, 0], points[count, 1], _, _ = joint(
+                        (0,), model.rigid, model, q, q, e // model.elements
+                    )
                 count += 1
     if count < points.shape[0]:
-        points[count, 0], points[count, 1] = q[rows.tip + X], q[rows.tip + Y]
+        points[count, 0], points[count, 1], _, _ = joint((0,), model.rigid, model, q, q, model.links)
         count += 1
     return count
 

@@ -17,7 +17,22 @@ from ...settings import MODAL_BOUND, Settings
 from ..model import FloatingChain, FloatingFrame, Mesh, System
 from .beam_element import BENDING
 from .constants import Body, finite_element_body, free_coordinates
-from .layout import ANGLE, BODY, ELASTIC, FACTORS, JOINT, ROOT, ROW, SPAN, STATION, STRAIN, VECTORS, window
+from .layout import (
+    ANGLE,
+    BODY,
+    ELASTIC,
+    FACTORS,
+    JOINT,
+    LEVER,
+    LEVER_FACTORS,
+    ROOT,
+    ROW,
+    SPAN,
+    STATION,
+    STRAIN,
+    VECTORS,
+    window,
+)
 from .reduction import inertia_margins, modal_body
 
 WRITTEN_OUT = 8
@@ -29,7 +44,7 @@ MARGIN_LOST = 0.5
 
 def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
     """Mass (kg) and inertia (kg m^2) that link k carries `rest` m before its tip, all of it straight and locked."""
-    own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest
+    own, mass, inertia, distance = arm.links[link], 0.0, 0.0, rest + arm.links[link].tip_offset
     if own.uniform is not None:
         section = own.uniform
         mass, inertia = section.m * rest, section.m * rest**3 / 3 + section.J * rest
@@ -40,13 +55,32 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
         elbow, item = arm.elbow(k), arm.links[k]
         length = item.length
         mass += elbow.mass + item.mass
+        for m, along, own_inertia in item.ends:
+            mass, inertia = mass + m, inertia + own_inertia + m * (distance + along) ** 2
         inertia += elbow.inertia_left + elbow.inertia_right + elbow.mass * distance**2
+        distance += item.root_offset
         if item.uniform is not None:
             inertia += item.uniform.m * ((distance + length) ** 3 - distance**3) / 3 + item.rotary
         else:
             inertia += item.moment(2) + distance * (2.0 * item.moment(1) + distance * item.mass) + item.rotary
-        distance += length
+        distance += length + item.tip_offset
+    mass, inertia = mass + own.tip_mass, inertia + own.tip_inertia + own.tip_mass * (rest + 0.5 * own.tip_offset) ** 2
     return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * distance**2
+
+
+def _rigid(arm: Arm) -> bool:
+    """Whether links have rigid ends."""
+    return any(link.rigid_ends for link in arm.links)
+
+
+def _levers(arm: Arm) -> NDArray[np.float64]:
+    """A `LEVER` for each link's root and tip."""
+    found = []
+    for k, link in enumerate(arm.links):
+        far = arm.elbow(k + 1).mass if k + 1 < arm.n_links else 0.0
+        found += [LEVER.pack({}, length=link.root_offset, mass=link.root_mass, inertia=link.root_inertia, far=0.0)]
+        found += [LEVER.pack({}, length=link.tip_offset, mass=link.tip_mass, inertia=link.tip_inertia, far=far)]
+    return np.concatenate(found)
 
 
 def _cut(link: Link, segments: int) -> list[Link]:
@@ -78,8 +112,9 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
             coupling = settings.coupling or "linear"
             pieces = [finite_element_body(part, settings.elements, coupling, frame) for part in parts]
         pieces[0].add_root_inertia(arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right)
-        if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it
-            pieces[-1].add_tip_mass(arm.elbow(k + 1).mass, arm.elbow(k + 1).inertia_left)
+        if k + 1 < arm.n_links:  # the elbow's mass belongs to the link before it, or to its rigid end
+            mass = 0.0 if _rigid(arm) else arm.elbow(k + 1).mass
+            pieces[-1].add_tip_mass(mass, arm.elbow(k + 1).inertia_left)
         bodies += pieces
         links += [k] * len(pieces)
     return bodies, links
@@ -203,12 +238,16 @@ def _chain(scene: Scene, settings: Settings) -> System:
     weight[ELASTIC : ELASTIC + n * count] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
     model = FloatingChain(
         n=len(names),
-        n_factor=ROOT.end + JOINT.end * (arm.n_links - 1) + count * FACTORS.offsets(0, n).end,
+        n_factor=ROOT.end
+        + JOINT.end * (arm.n_links - 1)
+        + count * FACTORS.offsets(0, n).end
+        + _rigid(arm) * 2 * arm.n_links * LEVER_FACTORS.places.end,
         fixed=np.array(fixed, np.int64),
         algebraic=None,
         weight=weight,
         # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
         predictor=1.0 if settings.modes is None else (1.0, 10.0),
+        rigid=_levers(arm) if _rigid(arm) else None,
         table=None,
         jointed=(0,) if arm.jointed else None,
         **_shared(scene, settings, bodies, links, np.zeros(count)),
@@ -283,6 +322,7 @@ def _joined(scene: Scene, settings: Settings) -> System:
         weight=weight,
         predictor=1.0,
         half=int(half),
+        rigid=None,
         table=table,
         **_shared(scene, settings, bodies, links, offset),
     )

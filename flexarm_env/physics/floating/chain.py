@@ -22,6 +22,7 @@ from .body import carry, forces
 from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
 from .layout import JOINT, KNOWN, PASSED, ROOT, cell, elastic_row, elbow_row, factors_at
 from .matrix import condense, reduce, restore, tangent
+from .rigid import ROOT_END, TIP_END, inward, near, outward, swept, with_moment
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS = (0,) * KNOWN.end
@@ -37,6 +38,12 @@ def _stride(model):
 def _bodies_at(model):
     """Where the bodies' part of S begins."""
     return ROOT.end + JOINT.end * (model.links - 1)
+
+
+@kernel
+def _levers_at(model):
+    """Where the part of the rigid ends begins."""
+    return _bodies_at(model) + _stride(model) * model.links * model.segments
 
 
 @kernel
@@ -63,7 +70,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
     mesh, L = model.mesh, len(lane)
     pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
     known, vectors, strains = stack(lane, NUMBERS), stack(lane, mesh.scratch), stack(lane, mesh.strains)
-    stride, first = _stride(model), _bodies_at(model)
+    stride, first, levers = _stride(model), _bodies_at(model), _levers_at(model)
     store(pose, PASSED.angle, load(lane, q, 2))
     store(pose, PASSED.rate, load(lane, v, 2))
     store(pose, PASSED.second, load(lane, a, 2))
@@ -75,9 +82,11 @@ def assemble(lane, model, par, state, u, weights, r, S):
             store(pose, PASSED.angle, load(lane, pose, PASSED.angle) + load(lane, q, elbow))
             store(pose, PASSED.rate, load(lane, pose, PASSED.rate) + load(lane, v, elbow))
             store(pose, PASSED.second, load(lane, pose, PASSED.second) + load(lane, a, elbow))
+        outward(lane, model.rigid, k, ROOT_END, pose, S, levers)
         for b in range(k * model.segments, (k + 1) * model.segments):
             e = elastic_row(model, b) * L
             carry(lane, mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], pose, S[(first + stride * b) * L :])
+        outward(lane, model.rigid, k, TIP_END, pose, S, levers)
     mass, inertia = load(lane, par, 0), load(lane, par, 1)
     store(force, OF_LOAD.x, load(lane, pose, PASSED.ax) * mass)
     store(force, OF_LOAD.y, load(lane, pose, PASSED.ay) * mass)
@@ -86,6 +95,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
     store(carried, 1, inertia)
     for k in range(model.links - 1, -1, -1):
         less_loads(lane, model.loads, model, k, 1, u, force)
+        inward(lane, model.rigid, k, TIP_END, force, cm, cc, ck, S, levers)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             e, D, own = elastic_row(model, b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
             forces(
@@ -97,6 +107,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
                 )  # fmt: skip
             store(carried, 0, splat(lane, 0.0))
             store(carried, 1, splat(lane, 0.0))
+        inward(lane, model.rigid, k, ROOT_END, force, cm, cc, ck, S, levers)
         less_loads(lane, model.loads, model, k, 0, u, force)
         if k > 0:
             store(r, elbow_row(model, k), load(lane, force, OF_LOAD.torque) - load(lane, u, k))
@@ -190,9 +201,12 @@ def factor(lane, model, S):
     store(tail, cell(0, 0), load(lane, S, ROOT.tail + 1))
     store(tail, cell(1, 1), load(lane, S, ROOT.tail + 1))
     store(tail, cell(2, 2), load(lane, S, ROOT.tail))
+    levers = _levers_at(model)
     for k in range(model.links - 1, -1, -1):
+        near(lane, model.rigid, k, TIP_END, S, levers, tail)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             condense(lane, model.mesh, model.data[model.block * b :], S[(first + stride * b) * L :], tail)
+        near(lane, model.rigid, k, ROOT_END, S, levers, tail)
         if k > 0:
             o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
@@ -232,10 +246,13 @@ def solve(lane, model, S, x):
     flow = stack(lane, THREE)
     for i in range(3):
         store(flow, i, splat(lane, 0.0))
+    levers = _levers_at(model)
     for k in range(model.links - 1, -1, -1):
+        with_moment(lane, model.rigid, k, TIP_END, S, levers, flow)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
             reduce(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
+        with_moment(lane, model.rigid, k, ROOT_END, S, levers, flow)
         if k > 0:
             o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
@@ -275,9 +292,11 @@ def solve(lane, model, S, x):
                 turn = _carried(lane, model.jointed, S, o, turn, before)
             store(x, elbow_row(model, k), turn - before)
             store(flow, 2, turn)
+        swept(lane, model.rigid, k, ROOT_END, S, levers, flow)
         for b in range(k * model.segments, (k + 1) * model.segments):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
             restore(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
+        swept(lane, model.rigid, k, TIP_END, S, levers, flow)
 
 
 register(

@@ -14,6 +14,7 @@ from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE
 from .body import constants, damping_time, dot, in_window, product, tip, turn_of_root
 from .layout import ELASTIC, FRAME, START, elastic_row, elbow_row, span_at, station_at, window
+from .rigid import ROOT_END, TIP_END, moved, passed
 
 SIX, FOUR = (0,) * 6, (0,) * 4
 
@@ -107,8 +108,10 @@ def ports_of_loads(lane, model, loads, q, y):
                 _enter(lane, model, model.table, q, q, k, b, pose)
                 if b == k * model.segments:
                     _note(lane, loads, model, k, 0, pose, y)
+                    moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
                 own = q[_elastic(model, model.table, b) * len(lane) :]
                 place(lane, model.mesh, model.data[model.block * b :], own, own, pose, frame)
+            moved(lane, model.rigid, k, TIP_END, pose, 1.0)
             _note(lane, loads, model, k, 1, pose, y)
 
 
@@ -221,21 +224,36 @@ def energy(lane, model, par, q, v):
     pose, frame, totals = stack(lane, SIX), stack(lane, SIX), stack(lane, FOUR)
     for i in range(4):
         store(totals, i, splat(lane, 0.0))
+    ends = stack(lane, (0, 0, 0))
+    for i in range(3):
+        store(ends, i, splat(lane, 0.0))
     gx, gy = fall(model.gravity, 0), fall(model.gravity, 1)
     gravity = splat(lane, 0.0)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, model.table, q, v, k, b, pose)
+            if b == k * model.segments:
+                passed(lane, model.rigid, k, ROOT_END, pose, ends)
             e, D = _elastic(model, model.table, b) * L, model.data[model.block * b :]
             x, y, mass = load(lane, pose, POSE.x), load(lane, pose, POSE.y), D[constants(model.mesh).mass]
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             _energies(lane, model.mesh, D, par, q[e:], v[e:], frame, totals)
             gravity = gravity - (load(lane, totals, 2) + x * mass) * gx - (load(lane, totals, 3) + y * mass) * gy
+        passed(lane, model.rigid, k, TIP_END, pose, ends)
     vx, vy, w = load(lane, pose, POSE.vx), load(lane, pose, POSE.vy), load(lane, pose, POSE.rate)
     mass = load(lane, par, 0)
     kinetic = load(lane, totals, 0) + ((vx * vx + vy * vy) * mass + (w * w) * load(lane, par, 1)) * 0.5
     gravity = gravity - mass * (load(lane, pose, POSE.x) * gx + load(lane, pose, POSE.y) * gy)
-    return kinetic, load(lane, totals, 1), gravity
+    return _with_ends(lane, model.rigid, ends, kinetic, load(lane, totals, 1), gravity, gx, gy)
+
+
+@kernel
+def _with_ends(lane, rigid, ends, kinetic, strain, gravity, gx, gy):
+    """Energies with those of rigid ends."""
+    if rigid is None:
+        return kinetic, strain, gravity
+    less = load(lane, ends, 1) * gx + load(lane, ends, 2) * gy
+    return kinetic + load(lane, ends, 0), strain, gravity - less
 
 
 @kernel
@@ -254,8 +272,10 @@ def link_poses(lane, model, par, q, v, out):
             _enter(lane, model, model.table, q, v, k, b, pose)
             if b == k * model.segments:
                 _write(lane, pose, out, POSE.end * k)
+                moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
             e = _elastic(model, model.table, b) * L
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
+        moved(lane, model.rigid, k, TIP_END, pose, 1.0)
         _write(lane, pose, out, POSE.end * k + POSE.tip_x)
 
 
@@ -312,6 +332,8 @@ def shape(model, q, points):
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, model.table, q, q, k, b, pose)
+            if b == k * model.segments:
+                moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
             D, e = model.data[model.block * b :], q[_elastic(model, model.table, b) :]
             x0, y0 = pose[POSE.x], pose[POSE.y]
             place(lane, mesh, D, e, e, pose, frame)
@@ -324,4 +346,13 @@ def shape(model, q, points):
                 points[count, 0] = x0 + frame[FRAME.cos] * x - frame[FRAME.sin] * y
                 points[count, 1] = y0 + frame[FRAME.sin] * x + frame[FRAME.cos] * y
                 count += 1
+        moved(lane, model.rigid, k, TIP_END, pose, 1.0)
+        _at_joint(model.rigid, pose, points, count - 1)
     return count
+
+
+@kernel
+def _at_joint(rigid, pose, points, i):
+    """A link's last point is where its rigid end ends."""
+    if rigid is not None:
+        points[i, 0], points[i, 1] = pose[POSE.x], pose[POSE.y]

@@ -19,6 +19,24 @@ START, SIZE, LINK, MULTIPLIERS, MOTION, _ = ROW.places
 ANGLE, ELASTIC = 2, 3
 """Behind x and y of a frame comes its angle, behind that its elastic coordinates."""
 
+LEVER = Layout(
+    "Lever", "",
+    Field("length", (), "m", "of a link's rigid end"),
+    Field("mass", (), "kg", "in its middle"),
+    Field("inertia", (), "kg m^2", "about there"),
+    Field("far", (), "kg", "mass at its far point, an elbow's"),
+)  # fmt: skip
+"""Of each link's root and tip, where links have rigid ends."""
+LEVER_FACTORS = Layout(
+    "LeverFactors", "",
+    *(Field(name, (), "m", "along the beam's tangent") for name in ("ex", "ey")),
+    *(Field(name, (), "", "of the near point now") for name in ("rate", "second", "ax", "ay")),
+    *(Field(name, (), "m", "across it; this and the rest of the last matrix") for name in ("nx", "ny")),
+    *(Field(name, (), "", "change of the far point's acceleration by the angle") for name in ("wx", "wy")),
+    Field("turn", (), "", "what resists its turning by itself"),
+)  # fmt: skip
+"""Behind the bodies' factors in S, for each link's root and tip."""
+
 SPAN = Layout(
     "Span", "window",
     Field("stiffness", (), "N/m", "EA / l"),

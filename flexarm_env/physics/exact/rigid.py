@@ -1,0 +1,304 @@
+"""Rigid ends of links: levers between the rows of a chain and its beams (docs: theory, "Exact beam").
+
+The rows of a vertex are those of a beam's tip, or of the joint at the chain's root. Where links have rigid ends the
+next beam begins elsewhere: past the lever of the tip before it (length b along psi), the hinge, and the lever of its
+own root (c along psi + delta). What acts at the far point of a lever acts on the near one with a moment; its mass is
+in its middle. The matrix leaves out that a lever turns while it accelerates (terms in h omega, times its share of the
+inertia).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...compiler import NONE, by_kind, kernel, load, sincos, splat, store
+from ..layout import OF_LOAD
+from ..model import PAYLOAD_MASS
+from .layout import AXES, LEVER, LEVER_FACTORS, ROWS_OF_LOAD, T, Vertex, X, Y, elbow_of, factors_of, lever_at, rows_of
+
+OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
+ROOT_END, TIP_END = range(2)
+
+
+@kernel
+def arm(lane, rigid, k, end, angle):
+    """The lever of an end of link k as a vector along its beam's tangent."""
+    sine, cosine = sincos(angle)
+    length = rigid[lever_at(k, end) + OF_LEVER.length]
+    return cosine * length, sine * length
+
+
+@kernel
+def swung(lane, vector, rate, x, y, vx, vy):
+    """Place and velocity of the far point of a lever."""
+    ax, ay = vector
+    return x + ax, y + ay, vx - rate * ay, vy + rate * ax
+
+
+@kernel
+def _accelerated(vector, rate, second, ax, ay, share):
+    """Acceleration at a share of a lever."""
+    ex, ey = vector
+    square = rate * rate
+    return ax + (-(second * ey) - square * ex) * share, ay + (second * ex - square * ey) * share
+
+
+@kernel
+def begin(lane, rigid, model, state, k, tip, i):
+    """The vertex where the beam of link k begins, from that before it at row i (`tip`): its force is what turns with
+    it, no more."""
+    (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
+    omega = load(lane, state.v, i + T)
+    zero = splat(lane, 0.0)
+    if k > 0:
+        d = rows_of(model).hinges + k - 1
+        vector = arm(lane, rigid, k - 1, TIP_END, psi)
+        x, y, vx, vy = swung(lane, vector, turning, x, y, vx, vy)
+        ax, ay = _accelerated(vector, omega, alpha, ax, ay, 1.0)
+        psi, spin, alpha = psi + load(lane, state.q, d), load(lane, state.v, d), alpha + load(lane, state.a, d)
+        omega, turning = omega + spin, turning + spin
+        moment = alpha * elbow_of(model, k).right
+    vector = arm(lane, rigid, k, ROOT_END, psi)
+    x, y, vx, vy = swung(lane, vector, turning, x, y, vx, vy)
+    ax, ay = _accelerated(vector, omega, alpha, ax, ay, 1.0)
+    return Vertex((x, y, psi), (vx, vy, turning), (ax, ay, alpha), (zero, zero, moment))
+
+
+@kernel
+def _through(lane, rigid, k, end, vector, motion, force, moment, far, weights, at, S):
+    """Force and moment at the near point of a lever, from those at its far one; its factors, where S is wanted.
+
+    motion: rate, second rate, acceleration (x, y) of the near point. far: mass there, that of the matrix."""
+    rate, second, ax, ay = motion
+    ex, ey = vector
+    own = lever_at(k, end)
+    mass, inertia = rigid[own + OF_LEVER.mass], rigid[own + OF_LEVER.inertia]
+    mx, my = _accelerated(vector, rate, second, ax, ay, 0.5)
+    mx, my = mx * mass, my * mass
+    fx, fy = force
+    if weights.mass != 0.0:
+        pull = (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
+        store(S, at + OF_FACTORS.x, -ey)
+        store(S, at + OF_FACTORS.y, ex)
+        store(S, at + OF_FACTORS.far, far * weights.mass)
+        store(S, at + OF_FACTORS.mass, splat(lane, mass * weights.mass))
+        store(S, at + OF_FACTORS.turn, inertia * weights.mass - pull * weights.stiffness)
+    moment = moment + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + second * inertia
+    return fx + mx, fy + my, moment
+
+
+@kernel
+def end(lane, rigid, model, state, u, k, tip, i, r, weights, S):
+    """The rows of the vertex before link k and of its hinge, from what the beam asks for where it begins."""
+    _, _, psi = tip.place
+    (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force
+    omega, at = load(lane, state.v, i + T), factors_of(model).end
+    fx, fy, turn = load(lane, r, i + X), load(lane, r, i + Y), load(lane, r, i + T)
+    if k == 0:
+        vector = arm(lane, rigid, 0, ROOT_END, psi)
+        motion = omega, alpha, ax, ay
+        fx, fy, turn = _through(
+            lane, rigid, 0, ROOT_END, vector, motion, (fx, fy), turn, splat(lane, 0.0), weights, at, S
+        )
+    else:
+        d, elbow = rows_of(model).hinges + k - 1, elbow_of(model, k)
+        before = arm(lane, rigid, k - 1, TIP_END, psi)
+        jx, jy = _accelerated(before, omega, alpha, ax, ay, 1.0)
+        motion = omega + load(lane, state.v, d), alpha + load(lane, state.a, d), jx, jy
+        vector = arm(lane, rigid, k, ROOT_END, psi + load(lane, state.q, d))
+        at = at + OF_FACTORS.end * 2 * k
+        fx, fy, turn = _through(
+            lane, rigid, k, ROOT_END, vector, motion, (fx, fy), turn, splat(lane, 0.0), weights, at, S
+        )
+        store(r, d, turn - load(lane, u, k))
+        fx, fy = fx + jx * elbow.mass, fy + jy * elbow.mass
+        fx, fy, turn = _through(
+            lane, rigid, k - 1, TIP_END, before, (omega, alpha, ax, ay), (fx, fy),
+            turn + moment + alpha * elbow.left, splat(lane, elbow.mass), weights, at - OF_FACTORS.end, S,
+        )  # fmt: skip
+        fx, fy = fx + gx, fy + gy
+    store(r, i + X, fx)
+    store(r, i + Y, fy)
+    store(r, i + T, turn)
+
+
+@kernel
+def last(lane, rigid, model, par, state, tip, i, weights, S):
+    """Force and moment on the last vertex with those of the payload and the rigid end that carries it."""
+    (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
+    omega, mass, k = load(lane, state.v, i + T), load(lane, par, PAYLOAD_MASS), model.links - 1
+    vector = arm(lane, rigid, k, TIP_END, tip.place[T])
+    px, py = _accelerated(vector, omega, alpha, ax, ay, 1.0)
+    at = factors_of(model).end + OF_FACTORS.end * (2 * k + 1)
+    gx, gy, turn = _through(
+        lane, rigid, k, TIP_END, vector, (omega, alpha, ax, ay), (px * mass, py * mass), moment, mass, weights, at, S
+    )
+    return fx + gx, fy + gy, turn
+
+
+# --- factors -----------------------------------------------------------------------------------------
+
+
+@kernel
+def near(lane, rigid, model, S, k, end, tail):
+    """The matrix of x, y, psi at the near point of a lever from that at its far one."""
+    if rigid is None:
+        return tail
+    at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
+    nx, ny = load(lane, S, at + OF_FACTORS.x), load(lane, S, at + OF_FACTORS.y)
+    far, mass = load(lane, S, at + OF_FACTORS.far), load(lane, S, at + OF_FACTORS.mass)
+    xx, xy, xt, yy, yt, tt = tail
+    xx, yy = xx + far, yy + far
+    px, py = xx * nx + xy * ny, xy * nx + yy * ny
+    tt = tt + (xt * nx + yt * ny) * 2.0 + (nx * px + ny * py)
+    tt = tt + mass * (nx * nx + ny * ny) * 0.25 + load(lane, S, at + OF_FACTORS.turn)
+    return xx + mass, xy, xt + px + mass * nx * 0.5, yy + mass, yt + py + mass * ny * 0.5, tt
+
+
+@kernel
+def moment_about(lane, rigid, model, S, k, end, x, y):
+    """Moment about a lever's near point of a force at its far one."""
+    if rigid is None:
+        return splat(lane, 0.0)
+    at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
+    return load(lane, S, at + OF_FACTORS.x) * x + load(lane, S, at + OF_FACTORS.y) * y
+
+
+@kernel
+def carried(lane, rigid, model, S, k, end, x, y, turn):
+    """How a lever's far point moves where its near one moves by x, y and turns."""
+    if rigid is None:
+        return x, y
+    at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
+    return x + load(lane, S, at + OF_FACTORS.x) * turn, y + load(lane, S, at + OF_FACTORS.y) * turn
+
+
+@kernel
+def less_moments(lane, rigid, model, loads, u, q, r):
+    """r less the moments of point loads on levers."""
+    if rigid is not None and loads is not None:
+        for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
+            row, k = loads[ROWS_OF_LOAD.end * f + ROWS_OF_LOAD.psi], model.links + OF_LOAD.end * f
+            length = rigid[lever_at(model.links, 0) + f]
+            sine, cosine = sincos(load(lane, q, row))
+            moment = cosine * load(lane, u, k + OF_LOAD.y) - sine * load(lane, u, k + OF_LOAD.x)
+            store(r, row, load(lane, r, row) - moment * length)
+
+
+@kernel
+def about_root(lane, rigid, model, S, k, x, i, tx, ty, taken, tt):
+    """What is taken from the angle at a joint, and what is left of row i's, with moments on the lever behind it."""
+    if rigid is None:
+        return taken, tt
+    moment = moment_about(lane, rigid, model, S, k, ROOT_END, load(lane, x, i + X) - tx, load(lane, x, i + Y) - ty)
+    return taken + moment, tt - moment
+
+
+@kernel
+def about_tip(lane, rigid, model, S, k, x, i, tx, ty, tt):
+    """What is left of row i's angle, with moments on the lever before the joint."""
+    if rigid is None:
+        return tt
+    return tt - moment_about(lane, rigid, model, S, k, TIP_END, load(lane, x, i + X) - tx, load(lane, x, i + Y) - ty)
+
+
+# --- what is read off --------------------------------------------------------------------------------
+
+
+@kernel
+def joint(lane, rigid, model, q, v, k):
+    """Place and velocity of joint k (of the arm's tip: k = links)."""
+    i = rows_of(model).elements + AXES * len(model.order) * model.elements * k
+    x, y, vx, vy = load(lane, q, i + X), load(lane, q, i + Y), load(lane, v, i + X), load(lane, v, i + Y)
+    if rigid is None:
+        return x, y, vx, vy
+    if k == 0:
+        return x, y, vx, vy
+    return swung(lane, arm(lane, rigid, k - 1, TIP_END, load(lane, q, i + T)), load(lane, v, i + T), x, y, vx, vy)
+
+
+@kernel
+def _nothing(lane, rigid, model, q, v, k):
+    return None
+
+
+@kernel
+def _beginning(lane, rigid, model, q, v, k):
+    i = rows_of(model).elements + AXES * len(model.order) * model.elements * k
+    x, y, vx, vy = joint(lane, rigid, model, q, v, k)
+    psi, spin = load(lane, q, i + T), load(lane, v, i + T)
+    if k > 0:
+        d = rows_of(model).hinges + k - 1
+        psi, spin = psi + load(lane, q, d), spin + load(lane, v, d)
+    return swung(lane, arm(lane, rigid, k, ROOT_END, psi), spin, x, y, vx, vy)
+
+
+@by_kind("rigid", "lane, rigid, model, q, v, k")
+def beginning(kind: str) -> Any:
+    """Place and velocity of where the beam of link k begins; None without rigid ends."""
+    return _nothing if kind == NONE else _beginning
+
+
+@kernel
+def _following(lane, rigid, model, q, v, i):
+    return load(lane, q, i + X), load(lane, q, i + Y), load(lane, v, i + X), load(lane, v, i + Y)
+
+
+@by_kind("rigid", "lane, rigid, model, q, v, i")
+def following(kind: str) -> Any:
+    """Those of the vertex at row i, where the next element of a beam begins."""
+    return _nothing if kind == NONE else _following
+
+
+@kernel
+def _nothing_twice(lane, rigid, model, q, v, x, k):
+    return None
+
+
+@kernel
+def _beginning_twice(lane, rigid, model, q, v, x, k):
+    return _beginning(lane, rigid, model, q, v, k), _beginning(lane, rigid, model, q, x, k)
+
+
+@by_kind("rigid", "lane, rigid, model, q, v, x, k")
+def beginning_twice(kind: str) -> Any:
+    """`beginning` by the rates v and x."""
+    return _nothing_twice if kind == NONE else _beginning_twice
+
+
+@kernel
+def _following_twice(lane, rigid, model, q, v, x, i):
+    return _following(lane, rigid, model, q, v, i), _following(lane, rigid, model, q, x, i)
+
+
+@by_kind("rigid", "lane, rigid, model, q, v, x, i")
+def following_twice(kind: str) -> Any:
+    """`following` by the rates v and x."""
+    return _nothing_twice if kind == NONE else _following_twice
+
+
+@kernel
+def ends_of(lane, rigid, model, q, v, k):
+    """(kinetic energy, first moments x, y) of the rigid ends of link k."""
+    zero = splat(lane, 0.0)
+    kinetic, mx, my = zero, zero, zero
+    if rigid is None:
+        return kinetic, mx, my
+    span = AXES * len(model.order) * model.elements
+    for side in range(2):
+        at = lever_at(k, side)
+        mass, inertia = rigid[at + OF_LEVER.mass], rigid[at + OF_LEVER.inertia]
+        i = rows_of(model).elements + span * (k + side)
+        psi, spin = load(lane, q, i + T), load(lane, v, i + T)
+        if side == 0:
+            x, y, vx, vy = joint(lane, rigid, model, q, v, k)
+            if k > 0:
+                d = rows_of(model).hinges + k - 1
+                psi, spin = psi + load(lane, q, d), spin + load(lane, v, d)
+        else:
+            x, y, vx, vy = load(lane, q, i + X), load(lane, q, i + Y), load(lane, v, i + X), load(lane, v, i + Y)
+        ax, ay = arm(lane, rigid, k, side, psi)
+        x, y, vx, vy = swung(lane, (ax * 0.5, ay * 0.5), spin, x, y, vx, vy)
+        kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * inertia) * 0.5
+        mx, my = mx + x * mass, my + y * mass
+    return kinetic, mx, my

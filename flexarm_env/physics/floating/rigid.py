@@ -1,0 +1,155 @@
+"""Rigid ends of links in a chain of floating frames: levers that what a body hands on passes on its way.
+
+At the near point of a lever a section has an acceleration a (less gravity), an angle, its rate w and second rate; at
+its far point, l e away, a + l (alpha n - w^2 e), n = E e. A force there is a moment here besides. A lever has
+a mass in its middle, and an elbow's mass at its far point.
+"""
+
+from __future__ import annotations
+
+from ...compiler import kernel, load, sincos, splat, store
+from ..layout import OF_LOAD, POSE
+from .layout import LEVER, LEVER_FACTORS, PASSED, cell
+
+OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
+ROOT_END, TIP_END = range(2)
+
+
+@kernel
+def lever(rigid, k, end):
+    """Length, mass, inertia and mass at the far point of an end of link k."""
+    at = OF_LEVER.end * (2 * k + end)
+    return (
+        rigid[at + OF_LEVER.length],
+        rigid[at + OF_LEVER.mass],
+        rigid[at + OF_LEVER.inertia],
+        rigid[at + OF_LEVER.far],
+    )
+
+
+@kernel
+def outward(lane, rigid, k, end, pose, S, first):
+    """pose <- that of the far point; what is known of the lever is kept in S."""
+    if rigid is not None:
+        length, _, _, _ = lever(rigid, k, end)
+        at = first + OF_FACTORS.end * (2 * k + end)
+        sine, cosine = sincos(load(lane, pose, PASSED.angle))
+        ex, ey = cosine * length, sine * length
+        w, alpha = load(lane, pose, PASSED.rate), load(lane, pose, PASSED.second)
+        ax, ay = load(lane, pose, PASSED.ax), load(lane, pose, PASSED.ay)
+        store(S, at + OF_FACTORS.ex, ex)
+        store(S, at + OF_FACTORS.ey, ey)
+        store(S, at + OF_FACTORS.rate, w)
+        store(S, at + OF_FACTORS.second, alpha)
+        store(S, at + OF_FACTORS.ax, ax)
+        store(S, at + OF_FACTORS.ay, ay)
+        store(pose, PASSED.ax, ax - (alpha * ey + (w * w) * ex))
+        store(pose, PASSED.ay, ay + (alpha * ex - (w * w) * ey))
+
+
+@kernel
+def inward(lane, rigid, k, end, force, cm, cc, ck, S, first):
+    """force <- what all from the near point of a lever on asks for, from that of its far point; its factors."""
+    if rigid is not None:
+        _, mass, inertia, far = lever(rigid, k, end)
+        at = first + OF_FACTORS.end * (2 * k + end)
+        ex, ey = load(lane, S, at + OF_FACTORS.ex), load(lane, S, at + OF_FACTORS.ey)
+        w, alpha = load(lane, S, at + OF_FACTORS.rate), load(lane, S, at + OF_FACTORS.second)
+        ax, ay = load(lane, S, at + OF_FACTORS.ax), load(lane, S, at + OF_FACTORS.ay)
+        dx, dy = -(alpha * ey + (w * w) * ex), alpha * ex - (w * w) * ey
+        fx = load(lane, force, OF_LOAD.x) + (ax + dx) * far
+        fy = load(lane, force, OF_LOAD.y) + (ay + dy) * far
+        mx, my = (ax + dx * 0.5) * mass, (ay + dy * 0.5) * mass
+        moment = load(lane, force, OF_LOAD.torque) + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + alpha * inertia
+        store(force, OF_LOAD.x, fx + mx)
+        store(force, OF_LOAD.y, fy + my)
+        store(force, OF_LOAD.torque, moment)
+        if cm != 0.0:
+            store(S, at + OF_FACTORS.nx, -ey)
+            store(S, at + OF_FACTORS.ny, ex)
+            twice = w * (2.0 * cc)
+            store(S, at + OF_FACTORS.wx, -(ey * cm) - ex * twice - dy * ck)
+            store(S, at + OF_FACTORS.wy, ex * cm - ey * twice + dx * ck)
+            pull = (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
+            store(S, at + OF_FACTORS.turn, inertia * cm - pull * ck)
+
+
+@kernel
+def near(lane, rigid, k, end, S, first, tail):
+    """tail <- the matrix of force and moment by acceleration and angle at the near point, from that at the far one."""
+    if rigid is not None:
+        _, mass, _, far = lever(rigid, k, end)
+        at = first + OF_FACTORS.end * (2 * k + end)
+        nx, ny = load(lane, S, at + OF_FACTORS.nx), load(lane, S, at + OF_FACTORS.ny)
+        wx, wy = load(lane, S, at + OF_FACTORS.wx), load(lane, S, at + OF_FACTORS.wy)
+        for i in range(2):
+            store(tail, cell(i, i), load(lane, tail, cell(i, i)) + far)
+        for i in range(3):
+            moved = load(lane, tail, cell(i, 0)) * wx + load(lane, tail, cell(i, 1)) * wy
+            store(tail, cell(i, 2), load(lane, tail, cell(i, 2)) + moved)
+        for j in range(3):
+            moment = load(lane, tail, cell(0, j)) * nx + load(lane, tail, cell(1, j)) * ny
+            store(tail, cell(2, j), load(lane, tail, cell(2, j)) + moment)
+        half = splat(lane, 0.5 * mass)
+        for i in range(2):
+            store(tail, cell(i, i), load(lane, tail, cell(i, i)) + mass)
+        store(tail, cell(0, 2), load(lane, tail, cell(0, 2)) + wx * half)
+        store(tail, cell(1, 2), load(lane, tail, cell(1, 2)) + wy * half)
+        store(tail, cell(2, 0), load(lane, tail, cell(2, 0)) + nx * half)
+        store(tail, cell(2, 1), load(lane, tail, cell(2, 1)) + ny * half)
+        turn = (nx * wx + ny * wy) * (half * 0.5) + load(lane, S, at + OF_FACTORS.turn)
+        store(tail, cell(2, 2), load(lane, tail, cell(2, 2)) + turn)
+
+
+@kernel
+def with_moment(lane, rigid, k, end, S, first, flow):
+    """flow <- what is taken from force and moment at the near point."""
+    if rigid is not None:
+        at = first + OF_FACTORS.end * (2 * k + end)
+        moment = load(lane, S, at + OF_FACTORS.nx) * load(lane, flow, 0)
+        moment = moment + load(lane, S, at + OF_FACTORS.ny) * load(lane, flow, 1)
+        store(flow, 2, load(lane, flow, 2) + moment)
+
+
+@kernel
+def swept(lane, rigid, k, end, S, first, flow):
+    """flow <- change of acceleration and angle at the far point."""
+    if rigid is not None:
+        at = first + OF_FACTORS.end * (2 * k + end)
+        turn = load(lane, flow, 2)
+        store(flow, 0, load(lane, flow, 0) + load(lane, S, at + OF_FACTORS.wx) * turn)
+        store(flow, 1, load(lane, flow, 1) + load(lane, S, at + OF_FACTORS.wy) * turn)
+
+
+@kernel
+def moved(lane, rigid, k, end, pose, share):
+    """pose (x, y, angle and rates) <- that of a point at a share of a lever."""
+    if rigid is not None:
+        length, _, _, _ = lever(rigid, k, end)
+        sine, cosine = sincos(load(lane, pose, POSE.angle))
+        ex, ey, w = cosine * (length * share), sine * (length * share), load(lane, pose, POSE.rate)
+        store(pose, POSE.x, load(lane, pose, POSE.x) + ex)
+        store(pose, POSE.y, load(lane, pose, POSE.y) + ey)
+        store(pose, POSE.vx, load(lane, pose, POSE.vx) - w * ey)
+        store(pose, POSE.vy, load(lane, pose, POSE.vy) + w * ex)
+
+
+@kernel
+def _body(lane, pose, mass, inertia, totals):
+    """totals (kinetic energy, first moments x, y) += those of a rigid body at a pose."""
+    vx, vy, w = load(lane, pose, POSE.vx), load(lane, pose, POSE.vy), load(lane, pose, POSE.rate)
+    kinetic = ((vx * vx + vy * vy) * mass + (w * w) * inertia) * 0.5
+    store(totals, 0, load(lane, totals, 0) + kinetic)
+    store(totals, 1, load(lane, totals, 1) + load(lane, pose, POSE.x) * mass)
+    store(totals, 2, load(lane, totals, 2) + load(lane, pose, POSE.y) * mass)
+
+
+@kernel
+def passed(lane, rigid, k, end, pose, totals):
+    """pose <- that of a lever's far point; totals += kinetic energy and first moments on the way."""
+    if rigid is not None:
+        _, mass, inertia, far = lever(rigid, k, end)
+        moved(lane, rigid, k, end, pose, 0.5)
+        _body(lane, pose, mass, inertia, totals)
+        moved(lane, rigid, k, end, pose, 0.5)
+        _body(lane, pose, far, 0.0, totals)
