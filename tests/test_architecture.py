@@ -34,7 +34,7 @@ ROOMS: dict[str, set[str]] = {
     "settings": {"validation"},
     "csv_files": {"validation"},
     "time_functions": {"validation", "csv_files"},
-    "arms": {"validation", "parameters", "sensors"},
+    "arms": {"validation", "sections", "parameters", "sensors"},
     "scene": {"validation", "parameters", "settings", "time_functions", "arms"},
     "scenes": {"validation", "parameters", "settings", "csv_files", "scene", "arms"},
     "data": set(),
