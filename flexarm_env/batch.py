@@ -304,16 +304,16 @@ class Batch:
         self._begin(self.address, mode, len(arms))
 
     def take_report(
-        self, i: int, poses: Array, torques: Array, action: Array, energies: Array, code: int, gauges: Any = ()
+        self, i: int, poses: Array, torques: Array, action: Array, energies: Array, code: int, gauges: Any, motors: Any
     ) -> None:
         """The outcome of a period of arm i, which is guided: moved elsewhere.
 
         poses (N, 12), torques (N,) N m, action (N,), energies (5,) J: kinetic, strain, gravity, dissipated, work;
-        gauges (G,), scaled; code: status, or -1 for the start of its episode.
+        gauges (G,), scaled; motors (N,): their angles, rad; code: status, or -1 for the start of its episode.
         """
         self.report[:] = REPORT.pack(
             {"links": self.arm.n_links, "gauges": self._gauges}, poses=poses, torque=torques, action=action,
-            energies=energies, in_range=1.0, gauges=gauges,
+            energies=energies, in_range=1.0, gauges=gauges, motors=motors,
         )  # fmt: skip
         if self._take_report is None:
             self._take_report = entry(starts.take_report, self._placed, 0, 0)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,7 +23,7 @@ from flexarm_env import validation as check
 
 Range = tuple[float, float]
 UNITS = ("curvature", "strain")
-SIDES = ("link",)
+SIDES = ("link", "motor")
 RATE_FREQUENCY = 20.0
 """Hz, of the first-order low-pass on an encoder's differences, where nothing is said."""
 
@@ -115,8 +115,10 @@ class Encoder(Law):
     rate_k = a rate_(k-1) + (1 - a) (reading_k - reading_(k-1)) / T with a = exp(-2 pi rate_frequency T).
 
     Args:
-        counts: of a turn; readings are multiples of 2 pi / counts. None: as fine as you like, or as `quantum` says.
-        side: "link": the angle of the link's root from the tip before it.
+        counts: of a turn of what it sits on; readings are multiples of 2 pi / counts, on the motor of that over the
+            gear's ratio. None: as fine as you like, or as `quantum` says.
+        side: "link": the angle of the link's root from the tip before it. "motor": the motor's angle over the ratio,
+            which is the same where the gear does not give (`Joint`).
         rate_frequency: Hz.
     """
 
@@ -132,6 +134,12 @@ class Encoder(Law):
             _store(self, counts=check.integer("counts", self.counts, minimum=1))
             if self.quantum > 0.0:
                 raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
+
+    def behind(self, ratio: float) -> Encoder:
+        """As it reads after a gear of this ratio."""
+        if self.side == "link" or self.counts is None:
+            return self
+        return replace(self, counts=None, quantum=self.step / ratio)
 
     @property
     def step(self) -> float:

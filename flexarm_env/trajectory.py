@@ -199,9 +199,12 @@ class Trajectory:
         from .runtime.sensors import law_of, memory_of, read_rows, room_of
 
         joints = self.scene.arm.joint_names if own.encoders else ()
-        named: list[tuple[str, Law]] = [(f"encoders[{k}]", own.encoder(k)) for k in range(len(joints))]
+        named: list[tuple[str, Law]] = [
+            (f"encoders[{k}]", own.encoder(k).behind(self.scene.arm.joint(k).gear_ratio)) for k in range(len(joints))
+        ]
         names = [f"{joint}_{of}" for joint in joints for of in ("angle", "rate")]
-        inputs = [self.joint_angles] if joints else []
+        at_motor = [own.encoder(k).side == "motor" for k in range(len(joints))]
+        inputs = [np.where(at_motor, self.motor_angles, self.joint_angles)] if joints else []
         if own.accelerometer is not None:
             named += [("accelerometer", own.accelerometer)] * 2
             names += ["tip_acceleration_x", "tip_acceleration_y"]

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from flexarm_env import Arm, JointTorque, Link, Motion, PointLoad, Scene, Section, arms, sensors, simulate
+from flexarm_env import Arm, Joint, JointTorque, Link, Motion, PointLoad, Scene, Section, arms, sensors, simulate
 from flexarm_env.envs.options import plan
 from flexarm_env.envs.task import SLEW
 from flexarm_env.runtime.sensors import law_of, memory_of, read_rows, room_of
@@ -260,6 +260,36 @@ def test_full_shows_encoders_and_further_sensors_where_they_are_asked_for() -> N
     assert observation[6:] == pytest.approx(info["tip_position"], abs=1e-6)
 
 
+def test_an_encoder_on_the_motor_s_side_sees_the_gear_give() -> None:
+    """In lanes and alone, under a motion, and over a scene; its counts are those of the rotor."""
+    gear = Joint(stiffness=60.0, motor_inertia=2e-5, gear_ratio=30.0)
+    arm = dataclasses.replace(arms.named("strip"), joints=(gear,))
+    there = {"encoders": {"side": "motor"}}
+    keywords: dict[str, Any] = {"arm": arm, "observation": "measured", "sensors": there, "info_level": "full"}
+    assert assert_pair_same(pair(ONE, 3, max_episode_steps=12, **keywords), 26) >= 3
+    env = gym.make(ONE, **keywords)
+    env.reset(seed=2)
+    apart = 0.0
+    for _ in range(10):
+        observation, *_, info = env.step(np.ones(1, np.float32))
+        turned = info["motor_angle"][0]
+        assert observation[:2] == pytest.approx([math.sin(turned), math.cos(turned)], abs=1e-6)
+        assert observation[3] == pytest.approx(info["target"] - turned, abs=1e-5)
+        apart = max(apart, abs(turned - env.unwrapped.batch.view(0).poses[0, 2]))
+    assert apart > 0.01
+    env.reset(seed=0, options={"motion": "robot_arm_motion_smooth"})
+    for _ in range(60):
+        observation = env.step(np.zeros(1, np.float32))[0]
+    guide = env.unwrapped.guide
+    turned, held = guide.motors()[0], guide.report()[0][0, 2]
+    assert abs(turned - held) > 1e-4
+    assert observation[0] == pytest.approx(math.sin(turned), abs=1e-6)
+    run = simulate(guide.scene, "elastica", **guide.settings.options(), estimate_error=False)
+    assert_same(run.measured(there)["hub_angle"], run.motor_angles[:, 0])
+    assert Encoder(counts=4096, side="motor").behind(30.0).step == pytest.approx(2.0 * math.pi / 4096 / 30.0)
+    assert Encoder(counts=4096).behind(30.0).step == pytest.approx(2.0 * math.pi / 4096)
+
+
 # ---------------------------------------------------------------------------------------- an arm's own
 def test_an_arm_s_own_sensors_in_toml_and_in_an_environment() -> None:
     own = Sensors(
@@ -290,7 +320,7 @@ def test_an_arm_s_own_sensors_in_toml_and_in_an_environment() -> None:
         ({"encoder": {}}, r"sensors\.encoder.*encoders"),
         ({"encoders": {"count": 3}}, r"sensors\.encoders\.count.*counts"),
         ({"encoders": [{}, {}]}, r"sensors\.encoders = '2 encoders': must be one, or 1"),
-        ({"encoders": {"side": "motor"}}, r"sensors\.encoders\.side = 'motor': must be one of \"link\""),
+        ({"encoders": {"side": "gear"}}, r"sensors\.encoders\.side = 'gear': must be one of \"link\", \"motor\""),
         ({"encoders": {"counts": 0}}, r"sensors\.encoders\.counts = 0"),
         ({"encoders": {"counts": 8, "quantum": 0.1}}, r"sensors\.encoders\.quantum = 0\.1: must not be given together"),
         ({"encoders": {"delay": 30.0}}, r"sensors\.encoders\[0\]\.delay = 30\.0: must be at most 1000 periods"),

@@ -156,7 +156,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     Sensors: `noise` is a standard deviation, one share of the scale for all entries, or a dict by entry (`hub_sin`,
     `hub_cos`, `hub_rate`, `tip_deflection`, `tip_deflection_rate`, `target_error`, `target_rate`, `target_ahead_1`,
     `target_ahead_2`, `strain_gauge_1`, ...) in its unit; `delay` a whole number of control periods, s;
-    `strain_gauges` places along the link from 0 (root) to 1 (tip), or tables. `encoders` is a table (`counts`,
+    `strain_gauges` places along the link from 0 (root) to 1 (tip), or tables. `encoders` is a table (`counts`, `side`,
     `rate_frequency`; {}: ideal), which then says `hub_sin`, `hub_cos` and `hub_rate`; `accelerometer` and `camera`
     (`period`) tables that add their entries before the gauges'. Each may have `gain`, `bias`, `noise`, `low_pass`
     (`frequency`, `order`, `damping`), `quantum` and `delay`: docs/tutorials/sensors.md, `flexarm_env.sensors`. Those of

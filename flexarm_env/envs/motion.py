@@ -26,7 +26,7 @@ from ..scene import Motion, Scene
 from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import TimeFunction
-from ..trajectory import link_deflection
+from ..trajectory import joint_angles, link_deflection
 
 Array = NDArray[np.float64]
 
@@ -226,6 +226,13 @@ class Guide:
     def strains(self) -> Array:
         """What the strain gauges read, in their scales."""
         return np.asarray(np.clip(self.gauges @ self.simulation.work.q, -CLIP, CLIP))
+
+    def motors(self) -> Array:
+        """Angles of the joints' motors, over the ratio: of the joints where the gears do not give."""
+        simulation = self.simulation
+        angles, places = joint_angles(simulation.observe()[0])[0], simulation.system.coordinates
+        rows = [places.get(f"motor{k}") for k in range(len(angles))]
+        return np.array([a if r is None else simulation.work.q[r] for a, r in zip(angles, rows, strict=True)])
 
     def view(self, target: Array) -> View:
         """Where the arm is."""

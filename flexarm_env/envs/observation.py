@@ -152,17 +152,20 @@ def _instruments(
     added: int,
 ) -> Instruments | None:
     """What reads by a law; gauges that are ideal do not."""
+    motors: list[int] = []
     laws, period, length = [], frame.period, frame.arm.total_length
     if own.encoders:
-        laws += [law_of(own.encoder(k), 1.0, period, f"sensors.encoders[{k}]") for k in range(len(joints))]
+        each = [own.encoder(k).behind(frame.arm.joint(k).gear_ratio) for k in range(len(joints))]
+        laws += [law_of(encoder, 1.0, period, f"sensors.encoders[{k}]") for k, encoder in enumerate(each)]
+        motors = [int(encoder.side == "motor" and frame.arm.joint(k).elastic) for k, encoder in enumerate(each)]
     if own.accelerometer is not None:
         laws += [law_of(own.accelerometer, push, period, "sensors.accelerometer")] * 2
     if own.camera is not None:
         laws += [law_of(own.camera, length, period, "sensors.camera")] * 2
     lawful = not all(gauge.is_ideal for gauge in own.strain_gauges)
     if lawful:
-        each = zip(own.strain_gauges, sizes, strict=True)
-        laws += [law_of(g, size, period, f"sensors.strain_gauges[{i}]") for i, (g, size) in enumerate(each)]
+        sized = zip(own.strain_gauges, sizes, strict=True)
+        laws += [law_of(g, size, period, f"sensors.strain_gauges[{i}]") for i, (g, size) in enumerate(sized)]
     if not laws and not aimed:
         return None
     table = np.array(laws) if laws else np.zeros((0, LAW_SIZE))
@@ -173,6 +176,7 @@ def _instruments(
         room=room_of(table),
         goals=(0,) if aimed else None,
         encoders=np.array(joints, np.int64).ravel() if own.encoders else None,
+        motors=np.array(motors, np.int64) if any(motors) else None,
         accelerometer=None if own.accelerometer is None else np.array([*(frame.gravity or (0.0, 0.0)), push]),
         camera=None if own.camera is None else length,
         gauges=(0,) * len(own.strain_gauges) if lawful else None,

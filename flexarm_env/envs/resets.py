@@ -110,7 +110,7 @@ def begin(batch: Batch, i: int, key: int, plan: Plan, asked: Request, own: Guide
     batch.begin((i,), (key,), limit=limit, mode=GUIDED)
     own.set_parameters(batch.parameters(i))
     poses, torques, energies = own.report()
-    batch.take_report(i, poses, torques, np.zeros(len(torques)), energies, -1, own.strains())
+    batch.take_report(i, poses, torques, np.zeros(len(torques)), energies, -1, own.strains(), own.motors())
 
 
 def follow(batch: Batch, i: int, own: Guide) -> None:
@@ -118,9 +118,9 @@ def follow(batch: Batch, i: int, own: Guide) -> None:
     action = own.ignores(batch.action[i].astype(np.float64))
     if not np.isfinite(action).all():
         poses, torques, energies = own.report()
-        batch.take_report(i, poses, torques, action, energies, ACTION_NOT_FINITE, own.strains())
+        batch.take_report(i, poses, torques, action, energies, ACTION_NOT_FINITE, own.strains(), own.motors())
         return
     action = np.clip(action, -1.0, 1.0)
     status = own.advance(action * own.limits)
     poses, torques, energies = own.report()
-    batch.take_report(i, poses, torques, action, energies, status, own.strains())
+    batch.take_report(i, poses, torques, action, energies, status, own.strains(), own.motors())

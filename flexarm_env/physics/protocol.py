@@ -39,8 +39,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
     loosen(lane, model, S, loose)    leave Coulomb friction out of the residual (1.0) until told otherwise (0.0)
     open_friction(lane, model, par, state, u, r, S)  where books are opened: friction as it is now; r is free
-    book_friction(lane, model, S, start, q, books)  add what Coulomb friction has taken from start to q, by the mean of
-        what it was there and in the last residual
+    book_friction(lane, model, par, state, u, r, S, start, books)  add what Coulomb friction has taken since the
+        coordinates were `start`, by the mean of what it was then and is now; r is free
     begin_friction(lane, model, S)   where inputs jump: nothing that follows depends on what S held before
     expected(lane, model, S, theta)  contraction to expect of Newton's first iteration, theta where equations are smooth
     passes(lane, model)              how often accelerations are solved for where they are solved afresh
@@ -116,7 +116,7 @@ def _nothing_to_open(lane, model, par, state, u, r, S):
 
 
 @kernel
-def _nothing_to_book(lane, model, S, start, q, books):
+def _nothing_to_book(lane, model, par, state, u, r, S, start, books):
     """`book_friction` of such joints."""
 
 
@@ -149,7 +149,7 @@ ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
 update = FORMULATIONS.function("update", "lane, model, q, d")
 loosen = FORMULATIONS.function("loosen", "lane, model, S, loose")
 open_friction = FORMULATIONS.function("open_friction", "lane, model, par, state, u, r, S")
-book_friction = FORMULATIONS.function("book_friction", "lane, model, S, start, q, books")
+book_friction = FORMULATIONS.function("book_friction", "lane, model, par, state, u, r, S, start, books")
 begin_friction = FORMULATIONS.function("begin_friction", "lane, model, S")
 expected = FORMULATIONS.function("expected", "lane, model, S, theta")
 passes = FORMULATIONS.function("passes", "lane, model")

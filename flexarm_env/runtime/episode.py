@@ -39,7 +39,7 @@ from ..tasks.task import info_of, judge, observe
 from ..tasks.track import look_ahead, move_targets
 from .fitted import move
 from .keeping import keep, put_back
-from .sensors import read_gauges, sense
+from .sensors import read_gauges, see_motors, sense
 
 OUTCOME = (0, 0)
 """Room for what a period comes to: reward; 1 where a joint is past its limits."""
@@ -72,6 +72,7 @@ def _period(lane, p, g, block, w):
     move_targets(lane, p.reference, task, p.period, record)
     look(lane, p, False, poses, record, seen)
     read_gauges(lane, p.sensors, p.entries, model, w.q, seen)
+    see_motors(lane, p.instruments, model, par, record, w)
     live = _live(lane, p.entries, w.flag, seen)
     outcome = stack(lane, OUTCOME)
     weigh(lane, p, live, poses, action, record, info, outcome)

@@ -10,6 +10,7 @@ import numpy as np
 from ..compiler import kernel, load, size, splat, store
 from ..physics.arithmetic import clip
 from ..physics.layout import POSE
+from ..physics.protocol import ports
 from ..tasks.program import CHANNEL, CLIP, GOAL, LAW, TARGET, channel_at
 from ..tasks.stream import uniform
 
@@ -185,6 +186,38 @@ def read_gauges(lane, sensors, entries, model, q, seen):
 
 
 @kernel
+def see_motors(lane, instruments, model, par, record, w):
+    """Motors' angles to where their encoders will find them."""
+    if instruments is not None:
+        _see_motors(lane, instruments, instruments.motors, model, par, record, w)
+
+
+@kernel
+def _see_motors(lane, instruments, motors, model, par, record, w):
+    if motors is not None:
+        base, room = record.shape[0] // len(lane) - _readings(instruments), instruments.room
+        ports(lane, model, par, w.q, w.y)
+        for k in range(motors.shape[0]):
+            store(record, channel_at(base + k * channel_at(0, room).end, room).motor, load(lane, w.y, k))
+
+
+@kernel
+def hear_motors(lanes, instruments, i, report, record):
+    """The same of an arm that is moved elsewhere, from what is told of it."""
+    if instruments is not None:
+        base, room = record.shape[0] // lanes - _readings(instruments), instruments.room
+        for k in range(_size(instruments.motors)):
+            record[channel_at(base + k * channel_at(0, room).end, room).motor * lanes + i] = report[k]
+
+
+@kernel
+def _size(motors):
+    if motors is not None:
+        return motors.shape[0]
+    return 0
+
+
+@kernel
 def sense(lanes, p, arm, poses, record, seen, first):
     """The observation of one arm from what is there to be seen; first: of an episode, nothing to remember."""
     _instruments(lanes, p, p.instruments, arm, poses, record, seen, first)
@@ -235,12 +268,24 @@ def _angle(lanes, instruments, encoders, i, k, base, poses, record):
 
 
 @kernel
+def _at_motor(lanes, instruments, motors, i, k, base, record, angle):
+    """What the encoder of joint k turns with: the joint, or its motor."""
+    if motors is not None:
+        if motors[k] == 1:
+            return record[
+                channel_at(base + k * channel_at(0, instruments.room).end, instruments.room).motor * lanes + i
+            ]
+    return angle
+
+
+@kernel
 def _encoders(lanes, p, instruments, encoders, arm, base, poses, record, seen, first):
     """Sine, cosine and rate of each joint; returns the next channel."""
     if encoders is not None:
         i, n = arm % lanes, size(p.task.links)
         for k in range(n):
             true = _angle(lanes, instruments, None, i, k, base, poses, record)
+            true = _at_motor(lanes, instruments, instruments.motors, i, k, base, record, true)
             angle, rate = read_encoder(
                 instruments.laws, instruments.room, k, record, base, lanes, p.stream, arm, true, first
             )

@@ -30,7 +30,7 @@ from ..tasks.stream import uniform
 from ..tasks.task import aim, info_of, judge, target_from
 from ..tasks.track import start_path
 from .episode import OUTCOME, look, note_energies, settle, show, weigh
-from .sensors import read_gauges, sense
+from .sensors import hear_motors, read_gauges, see_motors, sense
 
 _SHAKE = SHAKE.places
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
@@ -73,6 +73,7 @@ def _start(lane, p, arm, mode, block, w):
     start_path(p.reference, task, p.stream, arm, record, lanes)
     link_poses(lane, p.model, par, w.q, w.v, poses)
     read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
+    see_motors(lane, p.instruments, p.model, par, record, w)
     live = _only(lane, i)
     _open(lanes, p, arm, block, 1.0)
     note_energies(lane, p.books, task, p.model, par, record, w, live, info)
@@ -204,6 +205,7 @@ def _take_report(lane, p, arm, code, block):
             action[k * lanes + i] = report[told.action + k]
         for k in range(told.gauges, told.end):
             seen[(p.entries - (told.end - k)) * lanes + i] = report[k]
+        hear_motors(lanes, p.instruments, i, report[told.motors : told.gauges], record)
         if code < OK:
             _open(lanes, p, arm, block, report[told.in_range])
             _first_sight(lane, p, arm, live, record, action, poses, seen, info)

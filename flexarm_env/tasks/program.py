@@ -51,6 +51,7 @@ CHANNEL = Layout(
     Field("reading", (), "", "the last"),
     Field("since", (), "", "periods since it was taken"),
     Field("rate", (), "1/s", "of an encoder"),
+    Field("motor", (), "rad", "angle of the joint's motor, over the ratio"),
     Field("speed", (), "m/s", "of the tip at the instant before, in fixed axes"),
     Field("past", ("room",), "", "outputs before the last, the newest first"),
 )  # fmt: skip
@@ -154,6 +155,7 @@ REPORT = Layout(
     Field("action", ("links",), "", "as clipped"),
     Field("energies", (ENERGIES.length,), "J", "as in `INFO`"),
     Field("in_range", (), "", "1 or 0"),
+    Field("motors", ("links",), "rad", "angles of the motors, over the ratio"),
     Field("gauges", ("gauges",), "", "strain gauges, scaled"),
 )  # fmt: skip
 """What there is to be told of a guided arm's period, which is moved elsewhere."""
@@ -298,6 +300,7 @@ class Instruments(NamedTuple):
     room: int  # of the past in a `CHANNEL`
     goals: tuple[int, ...] | None  # a tag: joint angles at the goal less encoder angles, and a target that is a point
     encoders: np.ndarray | None  # (3 N,) int64: entries of each joint's sine, cosine and rate
+    motors: np.ndarray | None  # (N,) int64: 1 where the encoder sits on a motor that has an angle of its own
     accelerometer: np.ndarray | None  # (3,): gravity, m/s^2; scale, m/s^2
     camera: float | None  # scale, m
     gauges: tuple[int, ...] | None  # a tag for each

@@ -49,4 +49,4 @@ def keep_books(lane, model, drive, par, w, h):
         store(w.r, k, (load(lane, w.q, k) - load(lane, w.q0, k)) * (1.0 / h))
     taken = damping_work(lane, model, par, w.q0, w.v0, w.r) + damping_work(lane, model, par, w.q, w.v, w.r)
     store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + taken * (0.5 * h))
-    book_friction(lane, model, w.S, w.q0, w.q, w.books)
+    book_friction(lane, model, par, state_of(w), w.u, w.r, w.S, w.q0, w.books)

@@ -330,14 +330,15 @@ def _open(lane, rough, model, par, state, u, r, S):
 
 
 @kernel
-def book_friction(lane, model, S, start, q, books):
-    """See `protocol`."""
-    _book(lane, model.rough, model, S, start, q, books)
+def book_friction(lane, model, par, state, u, r, S, start, books):
+    """See `protocol`. Newton's own last residual will not do: neighbours in lanes may have gone on beyond an arm's."""
+    _book(lane, model.rough, model, par, state, u, r, S, start, books)
 
 
 @kernel
-def _book(lane, rough, model, S, start, q, books):
+def _book(lane, rough, model, par, state, u, r, S, start, books):
     if rough is not None:
+        assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
         total = load(lane, books, DISSIPATED)
         for i in range(_count(model)):
             at, g = PLACES * i, _gear_at(model, i)
@@ -345,7 +346,7 @@ def _book(lane, rough, model, S, start, q, books):
             if model.table[at + PLACE.on_motor] != 0:
                 k = model.table[at + PLACE.motor]
             mean = (load(lane, S, g + GEAR.before) + load(lane, S, g + GEAR.torque)) * 0.5
-            total = total + mean * (load(lane, q, k) - load(lane, start, k))
+            total = total + mean * (load(lane, state.q, k) - load(lane, start, k))
             store(S, g + GEAR.before, load(lane, S, g + GEAR.torque))
         store(books, DISSIPATED, total)
 
