@@ -60,7 +60,7 @@ WRONG: dict[str, list[tuple[dict[str, Any], tuple[str, ...]]]] = {
         ({"arm": "strip"}, ("must have at least 2 link",)),
         ({"arm": replace(THREE, torque_limits=None)}, ("needs 3 torque limit",)),
         ({"joint_limits": [None, None]}, ("joint_limits",)),
-        ({"sensors": {"strain_gauges": [(3, 0.5)]}}, ("strain_gauges[0][0]",)),
+        ({"sensors": {"strain_gauges": [(3, 0.5)]}}, ("strain_gauges[0].link",)),
         ({"sensors": {"noise": {"elbow_rate": 0.1}}}, ("elbow_rate",)),
         ({"actuator": {"viscous": [0.1, 0.1]}}, ("actuator.viscous",)),
         ({"task": "slew"}, ('"reach"',)),
