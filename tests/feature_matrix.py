@@ -277,6 +277,7 @@ PAIRS = [
     ("rigid ends", "gravity", "payload inertia"),
     ("rigid ends", "rigid elbow"),
     ("rigid ends", "shaken base"),
+    ("rigid ends", "elbow masses", "elastic gears"),
     ("elbow masses", "elastic gears"),
     ("elbow masses", "friction"),
     ("elastic gears", "gravity"),

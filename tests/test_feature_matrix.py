@@ -18,7 +18,7 @@ CELLS = [
     for cell in SINGLE + PAIRS
     for method in TIP
     if (cell not in CORE or method not in DEFAULT)
-    and not (method in matrix.JOINED and {"elastic gears", "friction"} & set(cell))
+    and not (method in matrix.JOINED and {"elastic gears", "friction", "rigid ends"} & set(cell))
 ]
 
 
