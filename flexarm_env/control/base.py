@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Arm
+from ..sensors import Sensors
 from .kinematics import goal_angles, rigid_inertia, target_in_hub_frame, wrapped
 
 Array = NDArray[np.float64]
@@ -26,6 +27,7 @@ class Setup:
         arm: the nominal arm. control_dt: s. torque_limits (N,): N m at an action of 1.
         names, scales: of the observation's entries, in order; entry = value / scale.
         history: how many of these stand in an observation, the oldest first.
+        sensors: that read the entries; None: ideal ones, or not known.
     """
 
     task: str
@@ -35,6 +37,7 @@ class Setup:
     names: tuple[str, ...]
     scales: tuple[float, ...]
     history: int = 1
+    sensors: Sensors | None = None
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -45,7 +48,8 @@ class Setup:
             raise ValueError(f"env = {env}: must be an environment of flexarm_env, single or vector")
         scales = tuple(float(s) for s in plan.scales)
         limits = plan.arm.torque_limits
-        return cls(plan.kind.task, plan.arm, plan.period, limits, tuple(plan.names), scales, plan.history)
+        names = tuple(plan.names)
+        return cls(plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors)
 
     @property
     def n_joints(self) -> int:
@@ -72,7 +76,8 @@ class Signals:
     Attributes: angles (n, N) rad, wrapped to one turn; rates (n, N) rad/s; bends (n, N): tip deflection over length;
         bend_rates (n, N) 1/s; error (n, 1): target minus tip angle, rad (slew), or (n, 2): tip to target in the frame
         that turns with the hub, m (reach). Where the observation has instead the goal's joint angles less the joints'
-        (observation="measured"), these are to_go (n, N) rad, and bends, their rates and error are empty.
+        (observation="measured"), these are to_go (n, N) rad, and bends, their rates and error are empty. gauges (n, G):
+        in their units.
     """
 
     angles: Array
@@ -80,6 +85,7 @@ class Signals:
     bends: Array
     bend_rates: Array
     error: Array
+    gauges: Array
     to_go: Array | None = None
 
 
@@ -87,29 +93,33 @@ class Reader:
     """Observations to :class:`Signals`, of which the newest is read.
 
     Args:
-        setup: of the environment. who: that reads, for errors. bends: whether deflections are needed in any case.
+        setup: of the environment. who: that reads, for errors. bends: whether deflections are needed in any case; goals:
+            whether joint angles at the goal less the joints' are.
     Raises:
         ValueError: an entry that is needed is not observed; its name.
     """
 
-    def __init__(self, setup: Setup, who: str = "a controller", bends: bool = True) -> None:
+    def __init__(self, setup: Setup, who: str = "a controller", bends: bool = True, goals: bool = False) -> None:
         self.scales = np.asarray(setup.scales)
         place = {name: i for i, name in enumerate(setup.names)}
         joints = setup.arm.joint_names
         deflections, deflection_rates = (setup.arm.by_link(f"tip_deflection{rate}") for rate in ("", "_rate"))
         error = ("target_error",) if setup.task == "slew" else ("to_target_x", "to_target_y")
-        goals = tuple(f"{joint}_error" for joint in joints)
-        self.aimed = not bends and any(name not in place for name in (*error, *deflections)) and goals[0] in place
+        aims = tuple(f"{joint}_error" for joint in joints)
+        self.aimed = goals or (
+            not bends and any(name not in place for name in (*error, *deflections)) and aims[0] in place
+        )
         needed = [f"{joint}_{of}" for of in ("sin", "cos", "rate") for joint in joints]
-        needed += goals if self.aimed else [*deflections, *error]
+        needed += aims if self.aimed else [*deflections, *error]
         for name in (*needed, *(deflection_rates if bends else ())):
             if name not in place:
                 known = ", ".join(setup.names)
                 raise ValueError(f"observation: {who} needs the entry {name}, which is not among {known}")
         self._sin, self._cos, self._rates = ([place[f"{j}_{of}"] for j in joints] for of in ("sin", "cos", "rate"))
         self._bends, self._bend_rates, self._error, self._goals = (
-            [place[name] for name in names if name in place] for names in (deflections, deflection_rates, error, goals)
+            [place[name] for name in names if name in place] for names in (deflections, deflection_rates, error, aims)
         )
+        self._gauges = [place[name] for name in setup.names if name.startswith("strain_gauge_")]
 
     def __call__(self, observation: NDArray[np.floating]) -> Signals:
         newest = np.atleast_2d(np.asarray(observation, dtype=np.float64))[:, -len(self.scales) :]
@@ -117,7 +127,7 @@ class Reader:
         angles = np.arctan2(values[:, self._sin], values[:, self._cos])
         return Signals(
             angles, values[:, self._rates], values[:, self._bends], values[:, self._bend_rates], values[:, self._error],
-            values[:, self._goals] if self.aimed else None,
+            values[:, self._gauges], values[:, self._goals] if self.aimed else None,
         )  # fmt: skip
 
 
@@ -131,11 +141,13 @@ class Controller(ABC):
     action_mode = "torque"
     needs_bends: ClassVar[bool] = False
     """Whether it needs tip deflections and their rates, whatever else there is."""
+    needs_goals: ClassVar[bool] = False
+    """Whether it needs joint angles at the goal less the joints' as sensors read them (observation="measured")."""
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self.limits = np.asarray(setup.torque_limits)
-        self.read = Reader(setup, type(self).__name__, self.needs_bends)
+        self.read = Reader(setup, type(self).__name__, self.needs_bends, self.needs_goals)
         self.goal = np.zeros((0, setup.n_joints))
         """Joint angles (n, N) of the arm at rest at its target, unwrapped from the angles at the start."""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from .. import validation as check
 from .base import Controller, Setup
+from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
 from .pd import PD, PDGains
 from .shaping import ShapedGains, ShapedPD
@@ -21,6 +22,7 @@ _KINDS: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
     "zv": (ShapedGains, lambda setup, gains: ShapedPD(setup, gains, "zv")),
     "zvd": (ShapedGains, lambda setup, gains: ShapedPD(setup, gains, "zvd")),
     "lqr": (LQRGains, LQR),
+    "lqg": (LQGGains, LQG),
     "time_optimal": (TimeOptimalGains, TimeOptimal),
 }
 
@@ -68,7 +70,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     """A controller for an environment of this package.
 
     Args:
-        name: "pd", "zv", "zvd", "lqr" or "time_optimal".
+        name: "pd", "zv", "zvd", "lqr", "lqg" or "time_optimal".
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
         gains: of the controller's class of gains; None takes the tuned ones of the environment's task.
     Raises:

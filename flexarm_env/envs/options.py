@@ -86,6 +86,7 @@ class Plan:
     names: tuple[str, ...]
     scales: tuple[float, ...]
     history: int
+    sensors: Sensors
     gauges: tuple[tuple[int, float], ...]
     gauge_scales: tuple[float, ...]
     motion: Prescribed | None
@@ -181,7 +182,7 @@ def plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
         starts=starts, rewards=tuple(weights.tolist()), extras=extras,
-        names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames,
+        names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames, sensors=carried,
         gauges=tuple((gauge.link, gauge.place) for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
         entries=info_entries(kind, kind.build(own, weights, period), full, full and own.jointed and word != "replay"),
