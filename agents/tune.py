@@ -42,6 +42,7 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
     "zv": PD | {"effort": (0.2, 1.0)},
     "zvd": PD | {"effort": (0.2, 1.0)},
     "lqr": WEIGHTS | {"noise": (0.003, 3.0)},
+    "lqg": WEIGHTS | {"noise": (1e-3, 0.1), "push": (1e-3, 0.1), "drift": (5e-5, 5e-3)},
     "time_optimal": {"effort": (0.8, 1.0)} | WEIGHTS | {"noise": (0.003, 3.0)},
 }
 """Gains that are searched, with their ranges; on a logarithmic scale."""
@@ -174,7 +175,7 @@ def text_of(tables: dict[str, Any], env_id: str, margin: float) -> str:
     how = "" if margin == MARGIN else f" --margin {margin:g}"
     lines = [
         f"# Gains of the controllers on {env_id}, found by `python -m agents.tune --env {env_id}{how}`;",
-        "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, time_optimal.py.",
+        "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, time_optimal.py.",
     ]
     for name in control.NAMES:
         if name in tables:
@@ -190,6 +191,7 @@ def main() -> int:
         if name not in control.NAMES:
             return fail(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
     env = episodes.make_episodes(arguments.env, arguments.episodes)
+    measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured")
     task = control.Setup.of(env).task
     path = place(task, arguments)
     tables = current(path)
@@ -197,7 +199,7 @@ def main() -> int:
         if name == "time_optimal" and task != "slew":
             continue
         clock = time.perf_counter()
-        tables[name], result = tune(name, env, arguments)
+        tables[name], result = tune(name, measured if name == "lqg" else env, arguments)
         print(
             f"{name:13s} success {result.success.mean():.2f}  settling mean {result.settling.mean():.3f} s, "
             f"median {np.median(result.settling):.3f} s  {tables[name]}  ({time.perf_counter() - clock:.0f} s)",

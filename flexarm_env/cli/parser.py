@@ -96,8 +96,8 @@ exit code: 0 done, 1 the run ended early (see status), 2 wrong input
 
 PLAY = """\
 An environment in a window. Keys: left and right turn the hub, up and down the elbow, shift is gentle, Esc ends.
-A controller (pd, zv, zvd, lqr, time_optimal), a policy.npz, a run folder or a policy that comes with the package plays
-by itself; each episode ends with a line of what came of it. A policy.npz holds numbers alone and names no other
+A controller (pd, zv, zvd, lqr, lqg, time_optimal), a policy.npz, a run folder or a policy that comes with the package
+plays by itself; each episode ends with a line of what came of it. A policy.npz holds numbers alone and names no other
 environment than FlexibleArm-v0 and TwoLinkFlexArm-v0, unless ENV names it too.
 
   flexarm play

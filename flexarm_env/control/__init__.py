@@ -12,6 +12,7 @@ All of them read the environment's observation and nothing else, know the nomina
 
 from .base import Controller, Setup
 from .catalogue import NAMES, make
+from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
 from .pd import PD, PDGains
 from .policy import NumpyPolicy, load_policy
@@ -20,7 +21,7 @@ from .shaping import ShapedGains, ShapedPD, Shaper, zv, zvd
 from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
-    "LQR", "NAMES", "PD", "Controller", "LQRGains", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains",
+    "LQG", "LQR", "NAMES", "PD", "Controller", "LQGGains", "LQRGains", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains",
     "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains", "load_policy", "make", "plan", "policy_names",
     "rigid_time", "zv", "zvd",
 ]  # fmt: skip

@@ -27,7 +27,8 @@ class Setup:
         arm: the nominal arm. control_dt: s. torque_limits (N,): N m at an action of 1.
         names, scales: of the observation's entries, in order; entry = value / scale.
         history: how many of these stand in an observation, the oldest first.
-        sensors: that read the entries; None: ideal ones, or not known.
+        sensors: that read the entries; None: ideal ones, or not known. noise: that all entries have beside it, in their
+            units; (): none.
     """
 
     task: str
@@ -38,6 +39,7 @@ class Setup:
     scales: tuple[float, ...]
     history: int = 1
     sensors: Sensors | None = None
+    noise: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -48,8 +50,11 @@ class Setup:
             raise ValueError(f"env = {env}: must be an environment of flexarm_env, single or vector")
         scales = tuple(float(s) for s in plan.scales)
         limits = plan.arm.torque_limits
-        names = tuple(plan.names)
-        return cls(plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors)
+        names, noise, extras = tuple(plan.names), (), plan.extras
+        if extras.sensors is not None and extras.sensors.noise.any():
+            chosen = slice(None) if extras.selection is None else extras.selection.chosen
+            noise = tuple((extras.sensors.noise[chosen] * plan.scales).tolist())
+        return cls(plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise)
 
     @property
     def n_joints(self) -> int:
@@ -93,8 +98,8 @@ class Reader:
     """Observations to :class:`Signals`, of which the newest is read.
 
     Args:
-        setup: of the environment. who: that reads, for errors. bends: whether deflections are needed in any case; goals:
-            whether joint angles at the goal less the joints' are.
+        setup: of the environment. who: that reads, for errors. bends: whether deflections are needed in any case; goals: whether
+            joint angles at the goal less the joints' are.
     Raises:
         ValueError: an entry that is needed is not observed; its name.
     """

@@ -1,16 +1,17 @@
 """LQG: linear-quadratic control of a state that a Kalman filter estimates from what sensors read.
 
-The filter's model is that of `flexarm_env.linear`, over a control period with the torque held, about rest; its state has
-beside the arm's own the torque that nobody accounts for at each joint (friction above all) and the bias of each gauge:
+The filter's model is that of `flexarm_env.linear` about rest, at the joint angles as they are, over a control period with
+the torque held. Its state is the arm's, a lasting torque d at each joint and the bias b of each gauge:
 
-    x+ = A x + B (u + d) + w,  d+ = d + drift,  b+ = b;   angles = C x + v,  gauges = C x + b + v
+    x+ = A x + B (u - f + d) + w,   angles = C x + v,   gauges = C x + b + v
 
-Filtered rates are made of the very angles that the filter takes in, and tell it nothing more.
+f is Coulomb friction as the arm's joints have it. A gauge's bias is told from bending since bending dies out; that of an
+encoder cannot be told from a turn of the arm. Filtered rates are made of the very angles that the filter takes in, and
+tell it nothing more. Delays and low-passes of sensors, and lags of motors, are not in the model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -18,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..sensors import Encoder, Sensors
+from ..sensors import Encoder, Sensors, StrainGauge
 from .arm_model import NODES, postures
 from .base import Controller, Setup, Signals
+from .kinematics import rigid_inertia
 
 Array = NDArray[np.float64]
 
@@ -31,8 +33,14 @@ FINEST_GAUGE = 1e-2
 """The same of a gauge, over its scale: its reading of the curvature that the joint's full torque makes."""
 
 SHARP = 4.0
+"""Push against friction over the torque that would stop the motor, up to friction's own: above 1 small motions are made
+too, and none is made for what is smaller still, so that the arm does not hunt."""
+
 WALK = 1e-3
 """What a bias may walk in a control period, over what it is drawn from."""
+
+UNREST = 10
+"""Control periods of noise that the arm is taken to have had before an episode."""
 
 LEARNING = 150
 """Control periods until the filter's gains are taken to have settled."""
@@ -45,22 +53,39 @@ class LQGGains:
     Args:
         angle: on joint angles (1/rad). rate: on joint rates over the first flexible frequency.
         bend: on tip deflections over length. bend_rate: on their rates over that frequency.
-        noise: of the torque that the filter allows for, over the limit. drift: change of the lasting torque that it
-            looks for, over the limit, in a control period.
+        noise, push: what the filter allows for, over the limit: of the torques; and of what moves the links beside
+            them, as the rest of a large motion does (without it the filter would believe its modes for ever).
+        drift: change of the lasting torque in a control period that it looks for, over the limit.
     """
 
     angle: float
     rate: float
     bend: float
     bend_rate: float
-    noise: float = 0.05
-    drift: float = 0.01
+    noise: float = 0.02
+    push: float = 0.01
+    drift: float = 2e-4
+
+
+class Plant(NamedTuple):
+    """An arm about rest, over a control period: x+ = A x + B u; outputs are rows . x.
+
+    rigid (2n, N): x by the joint angles of a stiff arm. first: lowest flexible frequency, joints free, rad/s.
+    """
+
+    A: Array
+    B: Array
+    rows: dict[str, Array]
+    rigid: Array
+    first: float
+    states: tuple[str, ...]
 
 
 class Design(NamedTuple):
     """z = (x, d, b) of s numbers. z+ = A z + B u; y = C z; u = -K z; z += L[k] (y - C z) at instant k.
 
-    rigid (s, N): z by the joint angles of a stiff arm. states: of x, those of `LinearModel.states`.
+    stopping (N, s): motors' rates. rigid (s, N): z by the joint angles of a stiff arm. states: of x, those of
+    `LinearModel.states`.
     """
 
     A: Array
@@ -68,101 +93,122 @@ class Design(NamedTuple):
     C: Array
     K: Array
     L: Array
-    F: Array
+    stopping: Array
     rigid: Array
     states: tuple[str, ...]
 
 
 @lru_cache(maxsize=256)
-def design(setup: Setup, gains: LQGGains, posture: tuple[float, ...] = ()) -> Design:
-    """Regulator and filter of an arm about rest, its elbows at a posture in rad."""
-    from scipy.linalg import block_diag, solve_discrete_are
-
+def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
+    """The arm with its elbows at a posture in rad, and the gauges that are observed."""
     from ..linear import linearize
     from ..scene import Scene
 
-    arm, n, limits = setup.arm, setup.n_joints, np.asarray(setup.torque_limits)
-    sensors, shown = setup.sensors or Sensors(), gauges_of(setup)
-    gauges = [sensors.strain_gauges[g] for g in shown]
+    n = setup.n_joints
+    places = [(gauge.link, gauge.place) for gauge in gauges_of(setup).values()]
     angles = (0.0, *np.cumsum(posture or np.zeros(n - 1)).tolist())
-    scene = Scene("design", arm, angles=angles, duration=1.0, dt=1e-3)
-    places = [(gauge.link, gauge.place) for gauge in gauges]
-    of = {"nodes": NODES, "gauges": places}
-    model = linearize(scene, "elastica", discrete=setup.control_dt, method="zoh", **of)
-    free = linearize(scene, "elastica", **of)
-    A, B, size = model.A, model.B, len(model.A)
-    rows = {name: C for name, C in zip(model.outputs, model.C, strict=True)}
-
-    stiffness = free.A[size // 2 :, : size // 2]
-    joints = np.array([rows[f"joint{k}"] for k in range(n)])
+    scene = Scene("design", setup.arm, angles=angles, duration=1.0, dt=1e-3)
+    free = linearize(scene, "elastica", nodes=NODES, gauges=places)
+    held = linearize(scene, "elastica", nodes=NODES, gauges=places, discrete=setup.control_dt, method="zoh")
+    size = len(free.A) // 2
+    stiffness, joints = free.A[size:, :size], free.C[[free.outputs.index(f"joint{k}") for k in range(n)], :size]
     modes = np.linalg.svd(stiffness)[2][-n:].T
-    rigid = np.zeros((size, n))
-    rigid[: size // 2] = modes @ np.linalg.inv(joints[:, : size // 2] @ modes)
+    rigid = np.vstack([modes @ np.linalg.inv(joints @ modes), np.zeros((size, n))])
     first = float(np.sqrt(np.sort(-np.linalg.eigvals(stiffness).real)[n]))
+    return Plant(held.A, held.B, dict(zip(free.outputs, free.C, strict=True)), rigid, first, free.states)
 
-    weights = [(f"joint{k}", gains.angle) for k in range(n)]
-    weights += [(f"joint{k}_rate", gains.rate / first) for k in range(n)]
-    weights += [(f"deflection{k}", gains.bend / link.span) for k, link in enumerate(arm.links)]
-    weights += [(f"deflection{k}_rate", gains.bend_rate / (first * link.span)) for k, link in enumerate(arm.links)]
-    weighed = np.array([weight * rows[name] for name, weight in weights])
-    R = np.diag(1.0 / limits**2)
-    P = solve_discrete_are(A, B, weighed.T @ weighed + 1e-9 * np.eye(size), R)
-    K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
 
-    encoders = [sensors.encoder(k) if sensors.encoders else Encoder() for k in range(n)]
-    encoders = [encoder.behind(arm.joint(k).gear_ratio) for k, encoder in enumerate(encoders)]
-    seen = [rows[f"{'motor' if one.side == 'motor' and arm.joint(k).elastic else 'joint'}{k}"]
-            for k, one in enumerate(encoders)]  # fmt: skip
-    read = [rows[f"curvature{g.link}@{g.place:g}"] * f * np.mean(g.gains)
-            for g, f in zip(gauges, _per_curvature(setup, shown), strict=True)]  # fmt: skip
-    scales = [setup.scales[setup.names.index(f"strain_gauge_{g + 1}")] for g in shown]
-    finest = [FINEST_ANGLE] * n + [FINEST_GAUGE * scale for scale in scales]
-    parts = [*encoders, *gauges]
-    V = np.diag([part.noise**2 + part.step**2 / 12.0 + least**2 for part, least in zip(parts, finest, strict=True)])
+@lru_cache(maxsize=256)
+def design(setup: Setup, gains: LQGGains, posture: tuple[float, ...] = ()) -> Design:
+    """Regulator and filter of an arm about rest, its elbows at a posture in rad."""
+    from scipy.linalg import block_diag
 
-    F = np.array([np.pad(rows.get(f"motor{k}_rate", rows[f"joint{k}_rate"]), (0, n + len(gauges))) for k in range(n)])
-    bias = np.array([np.ptp(gauge.biases) / np.sqrt(12.0) for gauge in gauges])
-    more, count = n + len(gauges), len(gauges)
-    whole = block_diag(A, np.eye(more))
-    whole[:size, size : size + n] = B
+    arm, n, own = setup.arm, setup.n_joints, plant(setup, posture)
+    gauges, limits, size = list(gauges_of(setup).values()), np.asarray(setup.torque_limits), len(own.A)
+    count, more = len(gauges), n + len(gauges)
+    encoders = _encoders(setup)
     C = np.zeros((n + count, size + more))
-    C[:, :size] = [*seen, *read]
-    C[n:, size + n :] = np.eye(count)
-    push = B @ np.diag((gains.noise * limits) ** 2) @ B.T + 1e-12 * np.eye(size)
-    W = block_diag(push, np.diag((gains.drift * limits) ** 2), np.diag((WALK * bias) ** 2))
-    S = block_diag(rigid @ V[:n, :n] @ rigid.T, np.diag((gains.drift * limits) ** 2), np.diag(bias**2))
-    for _ in range(10):
-        S[:size, :size] = A @ S[:size, :size] @ A.T + push
-    L = np.empty((LEARNING, size + more, n + count))
+    for k, encoder in enumerate(encoders):
+        C[k, :size] = own.rows[f"{'motor' if encoder.side == 'motor' and arm.joint(k).elastic else 'joint'}{k}"]
+    for k, gauge in enumerate(gauges, n):
+        there = arm.links[gauge.link].along(gauge.place * arm.links[gauge.link].length)
+        unit = gauge.per_curvature(float(there.m), float(there.J)) * float(np.mean(gauge.gains))
+        C[k, :size] = unit * own.rows[f"curvature{gauge.link}@{gauge.place:g}"]
+        C[k, size + k] = 1.0
+    A = block_diag(own.A, np.eye(more))
+    A[:size, size : size + n] = own.B
+
+    inertia = rigid_inertia(arm, np.array([posture or (0.0,) * (n - 1)]))[0]
+    turn = np.roll(own.rigid, size // 2, axis=0) @ np.linalg.inv(inertia) * setup.control_dt
+    push = _spread(own.B, gains.noise * limits) + _spread(turn, gains.push * limits) + 1e-12 * np.eye(size)
+    V, drift = np.diag(_variances(setup, encoders)), np.diag((gains.drift * limits) ** 2)
+    bias = np.array([np.ptp(gauge.biases) / np.sqrt(12.0) for gauge in gauges])
+    W = block_diag(push, drift, np.diag((WALK * bias) ** 2))
+    start = own.rigid @ V[:n, :n] @ own.rigid.T
+    for _ in range(UNREST):
+        start = own.A @ start @ own.A.T + push
+    S, L = block_diag(start, drift, np.diag(bias**2)), np.empty((LEARNING, size + more, n + count))
     for k in range(LEARNING):
         L[k] = np.linalg.solve(C @ S @ C.T + V, C @ S).T
-        S = S - L[k] @ C @ S
-        S = whole @ S @ whole.T + W
+        S = A @ (S - L[k] @ C @ S) @ A.T + W
         S = 0.5 * (S + S.T)
+
+    rates = [own.rows.get(f"motor{k}_rate", own.rows[f"joint{k}_rate"]) for k in range(n)]
+    none = np.zeros((more, n))
     return Design(
-        whole, np.vstack([B, np.zeros((more, n))]), C, np.hstack([K, np.eye(n), np.zeros((n, count))]), L, F,
-        np.vstack([rigid, np.zeros((more, n))]), model.states,
+        A, np.vstack([own.B, none]), C, np.hstack([_regulator(setup, gains, own), np.eye(n), np.zeros((n, count))]),
+        L, np.hstack([rates, none.T]), np.vstack([own.rigid, none]), own.states,
     )  # fmt: skip
 
 
-def gauges_of(setup: Setup) -> tuple[int, ...]:
-    """Indices of the gauges that are observed."""
-    count = len(setup.sensors.strain_gauges) if setup.sensors else 0
-    return tuple(g for g in range(count) if f"strain_gauge_{g + 1}" in setup.names)
+def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
+    """K (N, 2n) of the discrete Riccati equation."""
+    from scipy.linalg import solve_discrete_are
+
+    weighed = []
+    for k, link in enumerate(setup.arm.links):
+        weighed += [gains.angle * own.rows[f"joint{k}"], gains.rate / own.first * own.rows[f"joint{k}_rate"]]
+        weighed += [gains.bend / link.span * own.rows[f"deflection{k}"]]
+        weighed += [gains.bend_rate / (own.first * link.span) * own.rows[f"deflection{k}_rate"]]
+    A, B, Q = own.A, own.B, np.array(weighed)
+    R = np.diag(1.0 / np.asarray(setup.torque_limits) ** 2)
+    P = solve_discrete_are(A, B, Q.T @ Q + 1e-9 * np.eye(len(A)), R)
+    gain: Array = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    return gain
 
 
-def _per_curvature(setup: Setup, shown: tuple[int, ...]) -> Iterator[float]:
-    """What gauges read of a curvature of 1/m."""
-    for g in shown:
-        assert setup.sensors is not None
-        gauge = setup.sensors.strain_gauges[g]
-        link = setup.arm.links[gauge.link]
-        there = link.along(gauge.place * link.length)
-        yield gauge.per_curvature(float(there.m), float(there.J))
+def _spread(by: Array, deviations: Array) -> Array:
+    """Covariance of what independent numbers of these standard deviations make."""
+    covariance: Array = (by * deviations**2) @ by.T
+    return covariance
+
+
+def gauges_of(setup: Setup) -> dict[int, StrainGauge]:
+    """The gauges that are observed, by their entries' places in the observation."""
+    all_of = setup.sensors.strain_gauges if setup.sensors else ()
+    found = {f"strain_gauge_{k}": gauge for k, gauge in enumerate(all_of, 1)}
+    return {k: found[name] for k, name in enumerate(setup.names) if name in found}
+
+
+def _encoders(setup: Setup) -> list[Encoder]:
+    """Those of the joints; ideal ones where none are known."""
+    known = setup.sensors if setup.sensors and setup.sensors.encoders else Sensors.ideal(setup.n_joints)
+    return [known.encoder(k).behind(setup.arm.joint(k).gear_ratio) for k in range(setup.n_joints)]
+
+
+def _variances(setup: Setup, encoders: list[Encoder]) -> list[float]:
+    """Of each angle and gauge: its noise, its counts, what all entries have, and what the model is not trusted to."""
+    gauges, added = gauges_of(setup), setup.noise or (0.0,) * len(setup.names)
+    places = [*(setup.names.index(f"{joint}_error") for joint in setup.arm.joint_names), *gauges]
+    least = [*(FINEST_ANGLE for _ in encoders), *(FINEST_GAUGE * setup.scales[k] for k in gauges)]
+    return [
+        part.noise**2 + part.step**2 / 12.0 + added[k] ** 2 + finest**2
+        for part, k, finest in zip([*encoders, *gauges.values()], places, least, strict=True)
+    ]
 
 
 class LQG(Controller):
-    """u = -K x - d, x and d from the filter; both designed for the posture at the goal.
+    """u = -K x - d + f, x and d from the filter, f what friction is going to take.
 
     Attributes: z (n, s): estimates, each about its own goal (see `Design`).
     """
@@ -173,22 +219,26 @@ class LQG(Controller):
         super().__init__(setup)
         self.gains = gains
         self.friction = np.array([setup.arm.joint(k).friction_coulomb for k in range(setup.n_joints)])
-        self.centres = np.array([np.mean(setup.sensors.strain_gauges[g].biases) for g in gauges_of(setup)]
-                                if setup.sensors else [])  # fmt: skip
+        self.centres = np.array([np.mean(gauge.biases) for gauge in gauges_of(setup).values()])
 
     def begin(self, signals: Signals, to_go: Array) -> None:
-        found = postures(self.goal)
-        self.parts = [
-            (design(self.setup, self.gains, posture), np.array([posture == one for one in found]))
-            for posture in dict.fromkeys(found)
-        ]
+        self.parts = self._parts(self.goal)
         self.z = np.zeros((len(to_go), self.parts[0][0].A.shape[0]))
         for d, rows in self.parts:
             self.z[rows] = -to_go[rows] @ d.rigid.T
 
+    def _parts(self, angles: Array) -> list[tuple[Design, NDArray[np.bool_]]]:
+        """The designs for arms at these joint angles (n, N), and whose they are."""
+        found = postures(angles)
+        return [
+            (design(self.setup, self.gains, posture), np.array([posture == one for one in found]))
+            for posture in dict.fromkeys(found)
+        ]
+
     def torques(self, signals: Signals, to_go: Array) -> Array:
         y = np.hstack([-to_go, signals.gauges - self.centres])
         torques = np.zeros_like(to_go)
+        self.parts = self._parts(self.goal - to_go)
         for d, rows in self.parts:
             z = self.z[rows]
             z = z + (y[rows] - z @ d.C.T) @ d.L[min(self.step, LEARNING - 1)].T
@@ -203,6 +253,6 @@ class LQG(Controller):
 
     def _rubbing(self, d: Design, z: Array, torques: Array, sharp: float = 1.0) -> Array:
         """Coulomb friction (n, N) over the next period: what stops the motors by its end, if it can."""
-        rates = z @ (d.F @ d.A).T + torques @ (d.F @ d.B).T
-        stops = sharp * rates / np.diagonal(d.F @ d.B)
+        rates = z @ (d.stopping @ d.A).T + torques @ (d.stopping @ d.B).T
+        stops = sharp * rates / np.diagonal(d.stopping @ d.B)
         return np.clip(stops, -self.friction, self.friction)
