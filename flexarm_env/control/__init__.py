@@ -21,7 +21,7 @@ from .shaping import ShapedGains, ShapedPD, Shaper, zv, zvd
 from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
-    "LQG", "LQR", "NAMES", "PD", "Controller", "LQGGains", "LQRGains", "NumpyPolicy", "PDGains", "Plan", "Setup", "ShapedGains",
-    "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains", "load_policy", "make", "plan", "policy_names",
-    "rigid_time", "zv", "zvd",
+    "LQG", "LQR", "NAMES", "PD", "Controller", "LQGGains", "LQRGains", "NumpyPolicy", "PDGains", "Plan", "Setup",
+    "ShapedGains", "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains", "load_policy", "make", "plan",
+    "policy_names", "rigid_time", "zv", "zvd",
 ]  # fmt: skip

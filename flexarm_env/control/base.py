@@ -98,8 +98,8 @@ class Reader:
     """Observations to :class:`Signals`, of which the newest is read.
 
     Args:
-        setup: of the environment. who: that reads, for errors. bends: whether deflections are needed in any case; goals: whether
-            joint angles at the goal less the joints' are.
+        setup: of the environment. who: that reads, for errors. bends: whether deflections are needed in any case.
+        goals: whether joint angles at the goal less the joints' are.
     Raises:
         ValueError: an entry that is needed is not observed; its name.
     """

@@ -1,13 +1,13 @@
 """LQG: linear-quadratic control of a state that a Kalman filter estimates from what sensors read.
 
-The filter's model is that of `flexarm_env.linear` about rest, at the joint angles as they are, over a control period with
-the torque held. Its state is the arm's, a lasting torque d at each joint and the bias b of each gauge:
+The filter's model is that of `flexarm_env.linear` about rest, at the joint angles as they are, over a control period
+with the torque held. Its state is the arm's, a lasting torque d at each joint and the bias b of each gauge:
 
     x+ = A x + B (u - f + d) + w,   angles = C x + v,   gauges = C x + b + v
 
-f is Coulomb friction as the arm's joints have it. A gauge's bias is told from bending since bending dies out; that of an
-encoder cannot be told from a turn of the arm. Filtered rates are made of the very angles that the filter takes in, and
-tell it nothing more. Delays and low-passes of sensors, and lags of motors, are not in the model.
+f is Coulomb friction as the arm's joints have it. A gauge's bias is told from bending since bending dies out; that of
+an encoder cannot be told from a turn of the arm. Filtered rates are made of the very angles that the filter takes in,
+and tell it nothing more. Delays and low-passes of sensors, and lags of motors, are not in the model.
 """
 
 from __future__ import annotations
