@@ -18,6 +18,7 @@ from tests.processes import ROOT
 
 def test_names_and_sources() -> None:
     known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "strip_geared", "three_strips"}
+    known.add("two_link_geared")
     assert set(arms.names()) == known
     for name in arms.names():
         arm = arms.named(name)
@@ -141,17 +142,25 @@ def test_a_wrong_file_names_the_key_path(text: str, message: str) -> None:
     assert str(caught.value).startswith(message)
 
 
-def test_joints_in_toml_and_the_geared_strip() -> None:
-    """Whole and back; the gear lowers the first held frequency by a fifth and more, friction is 3 % of the limit."""
-    arm = arms.named("strip_geared")
-    joint = arm.joints[0]
-    assert arms.from_toml(arms.to_toml(arm)) == arm
-    assert joint.friction_coulomb == pytest.approx(0.03 * arm.torque_limits[0])
+@pytest.mark.parametrize(("name", "ideal"), [("strip_geared", "strip"), ("two_link_geared", "de_luca_siciliano")])
+def test_arms_on_gears(name: str, ideal: str) -> None:
+    """Whole and back; gears lower the first held frequency by a fifth and more, friction is 3 % of the limits."""
+    arm = arms.named(name)
+    joints = tuple(range(arm.n_links))
+    assert arms.from_toml(arms.to_toml(arm)) == arm and arm.total_length == pytest.approx(1.0)
+    assert arm.torque_limits is not None and arm.sensors is not None
+    for joint, limit in zip(arm.joints, arm.torque_limits, strict=True):
+        assert joint.friction_coulomb == pytest.approx(0.03 * limit)
+        assert joint.motor is not None and joint.motor.current_limit is not None
+        assert joint.motor.torque_constant * joint.motor.current_limit * joint.gear_ratio > limit
     first = [
-        modes(Scene("s", a, duration=1.0, dt=0.01), 1, "elastica", clamped=True).frequencies[0]
-        for a in (arms.named("strip"), arm)
+        modes(Scene("s", a, duration=1.0, dt=0.01), 1, "elastica", clamped=joints).frequencies[0]
+        for a in (arms.named(ideal), arm)
     ]
     assert first[1] < 0.8 * first[0]
+
+
+def test_joints_in_toml() -> None:
     text = 'name = "a"\n[[links]]\nlength = 1.0\nsection = { EI = 1, EA = 1, C = 1, m = 1 }\n[[joints]]\n'
     assert arms.from_toml(text + "stiffness = inf").joints[0].elastic is False
     for line, words in (

@@ -13,11 +13,12 @@ from tests import feature_matrix as matrix
 from tests.feature_matrix import CORE, PAIRS, POSTURES, SINGLE, TIP
 
 DEFAULT = tuple(TIP)[:5]
+OFTEN = [*((cell, method) for cell in CORE for method in DEFAULT), *((c, m) for c in matrix.PARTS for m in DEFAULT[:3])]
 CELLS = [
     (cell, method)
     for cell in SINGLE + PAIRS
     for method in TIP
-    if (cell not in CORE or method not in DEFAULT)
+    if (cell, method) not in OFTEN
     and not (method in matrix.JOINED and {"elastic gears", "friction", "rigid ends"} & set(cell))
 ]
 
@@ -38,8 +39,7 @@ def name(features: tuple[str, ...]) -> str:
     return " + ".join(features)
 
 
-@pytest.mark.parametrize("method", DEFAULT)
-@pytest.mark.parametrize("features", CORE, ids=name)
+@pytest.mark.parametrize(("features", "method"), OFTEN, ids=lambda x: x if isinstance(x, str) else name(x))
 def test_core(features: tuple[str, ...], method: str) -> None:
     check(features, method)
 

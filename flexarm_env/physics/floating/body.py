@@ -27,9 +27,13 @@ def constants(model):
 @kernel
 def damping_time(lane, model, D, par):
     """tau_d of the body, s."""
-    tau = load(lane, par, TAU_D)
-    if model.damped is not None:
-        if len(model.damped) > 1:
+    return _own_time(model.damped, model, D, load(lane, par, TAU_D))
+
+
+@kernel
+def _own_time(damped, model, D, tau):
+    if damped is not None:
+        if len(damped) > 1:
             tau = tau * D[constants(model).damped]
     return tau
 
