@@ -19,8 +19,6 @@ from flexarm_env.scene import Scene
 from flexarm_env.simulation import Simulation
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
-GAUGE = {"link": 0, "place": 0.0, "noise": 0.00286, "bias": 0.0057}  # 1 % and 2 % of its scale
-REAL = {"encoders": {"counts": 4096, "side": "motor"}, "strain_gauges": [GAUGE]}
 
 
 def make(env_id, n=20, **keywords):
@@ -99,34 +97,23 @@ def test_regulator_and_filter_are_stable(env_id, posture):
 
 @pytest.mark.parametrize(
     "keywords",
-    [{}, {"arm": "strip_geared"}, {"arm": "strip_geared", "sensors": REAL}, {"sensors": {"noise": 5e-4}}],
-    ids=["ideal", "geared", "geared and sensed", "noisy"],
+    [{}, {"arm": "strip_geared"}, {"sensors": {"noise": 5e-4}}],
+    ids=["ideal", "geared", "noisy"],
 )
 def test_one_link_slews_and_settles(keywords):
     env = make(ONE, **keywords)
     assert successes(env, control.make("lqg", env)) >= 0.98
 
 
-GEARS = (
-    Joint(stiffness=8.0, damping=0.03, motor_inertia=3e-5, gear_ratio=30.0, friction_coulomb=0.03),
-    Joint(stiffness=3.0, damping=0.01, motor_inertia=1e-5, gear_ratio=30.0, friction_coulomb=0.009),
-)
-BOTH = [{"link": 0, "place": 0.0, "noise": 0.01, "bias": 0.02}, {"link": 1, "place": 0.0, "noise": 0.003, "bias": 6e-3}]
-
-
-@pytest.mark.parametrize("geared", [False, True])
-def test_two_links_reach_and_settle(geared):
-    keywords = {}
-    if geared:
-        arm = dataclasses.replace(arms.named("de_luca_siciliano"), joints=GEARS)
-        keywords = {"arm": arm, "sensors": {"encoders": {"counts": 4096, "side": "motor"}, "strain_gauges": BOTH}}
-    env = make(TWO, **keywords)
+@pytest.mark.parametrize("arm", [None, "two_link_geared"])
+def test_two_links_reach_and_settle(arm):
+    env = make(TWO, arm=arm)
     assert successes(env, control.make("lqg", env)) >= 0.9
 
 
 def test_one_arm_or_many_and_a_second_episode_are_the_same():
     """With the last of three observations; nothing is left of an episode before."""
-    env = make(ONE, 4, history=3, sensors=REAL)
+    env = make(ONE, 4, history=3, arm="strip_geared")
     many, one, again = (control.make("lqg", env) for _ in range(3))
     assert successes(env, again, 7) >= 0.0
     observation, _ = env.reset(seed=9)

@@ -39,11 +39,8 @@ too, and none is made for what is smaller still, so that the arm does not hunt."
 WALK = 1e-3
 """What a bias may walk in a control period, over what it is drawn from."""
 
-UNREST = 10
-"""Control periods of noise that the arm is taken to have had before an episode."""
-
-LEARNING = 150
-"""Control periods until the filter's gains are taken to have settled."""
+UNREST, LEARNING = 10, 150
+"""Control periods of noise that the arm is taken to have had before an episode; those until gains have settled."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +137,8 @@ def design(setup: Setup, gains: LQGGains, posture: tuple[float, ...] = ()) -> De
 
     inertia = rigid_inertia(arm, np.array([posture or (0.0,) * (n - 1)]))[0]
     turn = np.roll(own.rigid, size // 2, axis=0) @ np.linalg.inv(inertia) * setup.control_dt
-    push = _spread(own.B, gains.noise * limits) + _spread(turn, gains.push * limits) + 1e-12 * np.eye(size)
+    unseen = np.hstack([own.B * gains.noise * limits, turn * gains.push * limits])
+    push = unseen @ unseen.T + 1e-12 * np.eye(size)
     V, drift = np.diag(_variances(setup, encoders)), np.diag((gains.drift * limits) ** 2)
     bias = np.array([np.ptp(gauge.biases) / np.sqrt(12.0) for gauge in gauges])
     W = block_diag(push, drift, np.diag((WALK * bias) ** 2))
@@ -175,12 +173,6 @@ def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
     P = solve_discrete_are(A, B, Q.T @ Q + 1e-9 * np.eye(len(A)), R)
     gain: Array = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
     return gain
-
-
-def _spread(by: Array, deviations: Array) -> Array:
-    """Covariance of what independent numbers of these standard deviations make."""
-    covariance: Array = (by * deviations**2) @ by.T
-    return covariance
 
 
 def gauges_of(setup: Setup) -> dict[int, StrainGauge]:
