@@ -138,7 +138,10 @@ def test_weights_are_the_sensors_own():
 
 
 def test_what_is_missing_is_said():
-    with pytest.raises(ValueError, match=r"observation: LQG needs the entry hub_error, which is not among hub_sin"):
+    with pytest.raises(
+        ValueError,
+        match=r"LQG needs the entry hub_error \(observation=\"measured\" has it\), which is not among hub_sin",
+    ):
         control.make("lqg", gym.make(ONE))
     own = told(observation=("hub_sin", "hub_cos", "hub_rate", "hub_error"))
     assert lqg.design(own, tuned_gains("lqg", "slew")).C.shape[0] == 1  # without a gauge: the angle alone

@@ -119,7 +119,8 @@ class Reader:
         for name in (*needed, *(deflection_rates if bends else ())):
             if name not in place:
                 known = ", ".join(setup.names)
-                raise ValueError(f"observation: {who} needs the entry {name}, which is not among {known}")
+                hint = ' (observation="measured" has it)' if name in aims else ""
+                raise ValueError(f"observation: {who} needs the entry {name}{hint}, which is not among {known}")
         self._sin, self._cos, self._rates = ([place[f"{j}_{of}"] for j in joints] for of in ("sin", "cos", "rate"))
         self._bends, self._bend_rates, self._error, self._goals = (
             [place[name] for name in names if name in place] for names in (deflections, deflection_rates, error, aims)
