@@ -282,7 +282,7 @@ PAIRS = [
     ("elbow masses", "friction"),
     ("elastic gears", "gravity"),
     ("elastic gears", "tip load"),
-    ("elastic gears", "held hub"),
+    ("elastic gears", "held hub", "tip load"),
 ]
 CORE = [
     ("heavy damping",),

@@ -111,3 +111,19 @@ def test_friction_of_the_actuator_is_that_of_the_joints() -> None:
     one = outcomes(gym.make(ONE, actuator={"viscous": 0.02, "coulomb": 0.1}), actions)
     other = outcomes(gym.make(ONE, arm=rubbed), actions)
     assert_same([o[0] for o in one], [o[0] for o in other])
+
+
+@pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact", "floating_frame"])
+def test_friction_under_torques_that_jump_keeps_the_books(formulation: str) -> None:
+    """Joints that reverse, stop and start in every period: neither energy from nowhere nor a joint that stops dead."""
+    for friction in ({"viscous": 0.3, "coulomb": 0.05}, {"coulomb": 0.3}):
+        env = gym.make("FlexibleArm-v0", formulation=formulation, actuator=friction, info_level="full")
+        for largest in (0.3, 2.0):
+            rng = np.random.default_rng(1)
+            env.reset(seed=0)
+            for _ in range(150):
+                action = np.clip(rng.uniform(-largest, largest, 1), -1.0, 1.0).astype(np.float32)
+                *_, terminated, _, info = env.step(action)
+                assert not terminated, info["termination_reason"]
+            energy = sum(info[f"energy_{kind}"] for kind in ("kinetic", "strain", "gravity"))
+            assert energy + info["energy_dissipated"] == pytest.approx(info["work"], rel=5e-3, abs=2e-4)

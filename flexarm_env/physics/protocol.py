@@ -41,7 +41,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     open_friction(lane, model, par, state, u, r, S)  where books are opened: friction as it is now; r is free
     book_friction(lane, model, par, state, u, r, S, start, books)  add what Coulomb friction has taken since the
         coordinates were `start`, by the mean of what it was then and is now; r is free
-    begin_friction(lane, model, S)   where inputs jump: nothing that follows depends on what S held before
+    begin_friction(lane, model, S)   where inputs jump: the next residual is that before, `loosen` with 0.0 ends that;
+        nothing that follows depends on what S held before
     expected(lane, model, S, theta)  contraction to expect of Newton's first iteration, theta where equations are smooth
     passes(lane, model)              how often accelerations are solved for where they are solved afresh
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)

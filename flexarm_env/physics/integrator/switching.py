@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...compiler import bare, kernel, load, size, splat, store
 from ..layout import FACTORISATIONS
-from ..protocol import Weights, assemble, begin_friction, factor, solve
+from ..protocol import Weights, assemble, begin_friction, factor, loosen, solve
 from .work import state_of, take_out_known, unpack
 
 
@@ -25,6 +25,7 @@ def _switch(lane, model, par, w):
     begin_friction(lane, model, w.S)
     for stage in range(2):  # residual with the inputs as they were, then as they are
         if stage == 1:
+            loosen(lane, model, w.S, 0.0)
             for k in range(n):
                 store(w.q0, k, load(lane, w.r, k))
         u = w.u if stage == 1 else w.u0

@@ -18,7 +18,10 @@ from flexarm_env.settings import Settings
 LEAST = 1e-3
 """Of the inertia of the rigid arm beyond a joint, what friction there is taken to hold at least; beside the rotor's."""
 
-PASSES = 2
+NEAR = 0.02
+"""Of that inertia, what a change of the joint's rate is taken to meet at once at least."""
+
+PASSES = 3
 """How often accelerations are solved for where friction acts on a joint's own angle."""
 
 HOLD = 1e10
@@ -90,11 +93,14 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
     known = scene.motion_of(f"{'motor' if on_motor else 'joint'}{k}") is not None
     place = [k, row, motor, int(on_motor), int(known)]
     assert len(place) == PLACES
-    whole = inertia_beyond(scene.arm, k)
-    least = LEAST * whole + (0.0 if motor >= 0 else joint.rotor)
+    whole, rotor = inertia_beyond(scene.arm, k), 0.0 if motor >= 0 else joint.rotor
+    own = scene.arm.elbow(k).inertia_right if k > 0 else scene.arm.hub_inertia
+    least = LEAST * whole + rotor
     return place, LAW.pack(
         {}, stiffness=joint.stiffness if motor >= 0 else 0.0, damping=joint.damping, rotor=joint.rotor,
-        viscous=joint.friction_viscous, coulomb=joint.friction_coulomb, least=least, hold=HOLD * whole / least,
+        viscous=joint.friction_viscous, coulomb=joint.friction_coulomb,
+        near=max(own, NEAR * whole) + rotor, least=least,
+        hold=HOLD * whole / least,
     )  # fmt: skip
 
 

@@ -26,7 +26,7 @@ from ..arithmetic import clip
 from ..layout import DISSIPATED
 from ..model import Jointed
 from ..protocol import RESIDUAL_ALONE, register
-from .layout import GEAR, GEARS, LAWS, PLACE, PLACES
+from .layout import BEFORE, GEAR, GEARS, LAWS, LOOSE, PLACE, PLACES
 
 
 @kernel
@@ -62,8 +62,13 @@ def _known_friction(lane, coulomb, rate):
 
 
 @kernel
-def _grip(lane, rough, model, i, rate, second, rest, pivot, weights, S):
-    """A row's residual with Coulomb friction, and 1 where that holds it; `rest`, `pivot`: the row without it."""
+def _grip(lane, rough, model, i, rate, second, rest, pivot, near, weights, S):
+    """A row's residual with Coulomb friction, and 1 where that holds it; `rest`, `pivot`: the row without it.
+
+    near: inertia, less what viscous friction ends, that a change of the row's rate meets at once; None where it meets
+    no other. Accelerations are solved for in a few passes, and what the other rows do is not known in the first of
+    them: there friction acts against a rate that it could not end within half a step.
+    """
     if rough is None:
         return rest, splat(lane, 0.0)
     g, zero, one = _gear_at(model, i), splat(lane, 0.0), splat(lane, 1.0)
@@ -79,7 +84,13 @@ def _grip(lane, rough, model, i, rate, second, rest, pivot, weights, S):
     stuck = select_lt(absolute(wanted), coulomb, one, zero)
     if model.table[PLACES * i + PLACE.known] != 0:
         torque, stuck = _known_friction(lane, coulomb, rate), zero
-    if S[(_gears_at(model) + GEARS.loose) * len(lane)] != 0.0:
+    flag = S[(_gears_at(model) + GEARS.loose) * len(lane)]
+    if near is not None:
+        if flag == BEFORE or (weights.mass != 0.0 and weights.damping == 0.0):
+            fast, bound = absolute(rate) * near, coulomb * 0.5 * model.step
+            torque = select_lt(bound, fast, _known_friction(lane, coulomb, rate), torque)
+            stuck = select_lt(bound, fast, zero, stuck)
+    if flag == LOOSE:
         torque, stuck = zero, zero
     store(S, g + GEAR.torque, torque)
     way = select_lt(0.5, stuck, zero, select_lt(zero, torque, one, -one))
@@ -106,7 +117,7 @@ def _through_gear(lane, model, i, state, u, weights, r, S):
     if model.table[at + PLACE.on_motor] != 0:
         viscous = D[law + LAWS.viscous]
         pivot = pivot + viscous * weights.damping
-        own, stuck = _grip(lane, model.rough, model, i, rate, second, own + rate * viscous, pivot, weights, S)
+        own, stuck = _grip(lane, model.rough, model, i, rate, second, own + rate * viscous, pivot, None, weights, S)
     store(r, motor, own)
     if weights.mass != 0.0:
         store(S, g + GEAR.pivot, splat(lane, pivot))
@@ -127,8 +138,10 @@ def _at_joint(lane, model, i, state, weights, r, S):
     if model.table[at + PLACE.on_motor] == 0:
         viscous, least = D[law + LAWS.viscous], D[law + LAWS.least] * weights.mass
         own = own + viscous * weights.damping
-        total, stuck = _grip(lane, model.rough, model, i, rate, second, total + rate * viscous, least, weights, S)
-        total = select_lt(0.5, stuck, total * D[law + LAWS.hold], total)
+        rest, near = total + rate * viscous, D[law + LAWS.near] - 0.5 * model.step * viscous
+        total, stuck = _grip(lane, model.rough, model, i, rate, second, rest, least, near, weights, S)
+        if S[(_gears_at(model) + GEARS.loose) * len(lane)] != BEFORE:
+            total = select_lt(0.5, stuck, total * D[law + LAWS.hold], total)
     store(r, row, total)
     if weights.mass != 0.0:
         store(S, g + GEAR.own, stuck * (D[law + LAWS.hold] * D[law + LAWS.least] * weights.mass) + own)
@@ -293,6 +306,7 @@ def begin_friction(lane, model, S):
 @kernel
 def _begin(lane, rough, model, S):
     if rough is not None:
+        store(S, _gears_at(model) + GEARS.loose, splat(lane, BEFORE))
         for i in range(_count(model)):
             law, ahead = LAWS.end * i, 0.5 * model.step
             inertia = model.data[law + LAWS.least]

@@ -21,6 +21,7 @@ LAW = Layout(
     Field("rotor", (), "kg m^2", "the rotor's inertia after the ratio"),
     Field("viscous", (), "N m s/rad", "friction"),
     Field("coulomb", (), "N m", "friction"),
+    Field("near", (), "kg m^2", "inertia that friction meets at once: at the joint, with the rotor of a stiff gear"),
     Field("least", (), "kg m^2", "an inertia that whatever friction holds has at least"),
     Field("hold", (), "", "inertia of the whole arm over that, many times: what a joint at rest is held by"),
 )  # fmt: skip
@@ -44,7 +45,8 @@ GEAR = Layout(
 
 GEARS = Layout(
     "Gears", "",
-    Field("loose", (), "", "1: Coulomb friction is left out"),
+    Field("loose", (), "", "`LOOSE`: Coulomb friction is left out; `BEFORE`: the residual before inputs jump"),
     Field("turned", (), "", "more than 0: a joint has changed between sticking and slipping since the residual before"),
 ).places  # fmt: skip
 """Behind the arm's own part of S."""
+LOOSE, BEFORE = 1.0, 2.0
