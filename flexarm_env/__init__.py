@@ -14,6 +14,7 @@ from gymnasium.envs.registration import register, registry
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from .identification import identify
     from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
@@ -28,6 +29,7 @@ _HOME = {
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
     **dict.fromkeys(("Accelerometer", "Camera", "Encoder", "LowPass", "Sensors", "StrainGauge"), "sensors"),
+    "identify": "identification",
     "Settings": "settings",
     **dict.fromkeys(("Simulation", "simulate"), "simulation"),
     "TimeFunction": "time_functions",
@@ -38,7 +40,7 @@ _HOME = {
 __all__ = [
     "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "Joint", "JointTorque", "Link", "LowPass", "Motion", "Motor",
     "Payload", "PointLoad", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "Taper",
-    "TimeFunction", "Trajectory", "__version__", "named", "simulate",
+    "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
 ]  # fmt: skip
 
 

@@ -38,6 +38,9 @@ _ARM = (
     "sensors",
 )
 
+_BESIDE = ("randomization", "identification")
+"""Tables beside [arm] in a file that `flexarm identify` wrote."""
+
 
 def names() -> tuple[str, ...]:
     """Names of the arms that come with the package."""
@@ -95,7 +98,7 @@ def from_toml(source: str | os.PathLike[str]) -> Arm:
     """
     table, path = read_toml(source)
     with check.in_file(path):
-        if set(table) == {"arm"}:
+        if "arm" in table and set(table) <= {"arm", *_BESIDE}:
             with check.under("arm"):
                 return from_table(check.table_of("", table["arm"]))
         return from_table(table, default_name=path.stem if path else None)

@@ -22,7 +22,10 @@ _BASICS = {"validation", "sections", "parameters", "sensors", "rigid", "settings
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
-_PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
+_PUBLIC = {
+    *_PHYSICS - {"physics"}, "comparison", "control", "envs", "identification", "plotting", "recording", "sb3",
+    "__init__",
+}  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
@@ -54,9 +57,10 @@ ROOMS: dict[str, set[str]] = {
     "plotting": {*_PHYSICS, "comparison"},
     "recording": {*_DESCRIPTION, "trajectory", "envs"},
     "sb3": {*_DESCRIPTION, "envs"},
+    "identification": {*_PHYSICS - {"batch"}, "plotting"},
     "cli": {*_PUBLIC, "data", "compiler"},
     "__main__": {"cli"},
-    "__init__": {*_PHYSICS, "control", "envs"},
+    "__init__": {*_PHYSICS, "control", "envs", "identification"},
 }
 
 # other packages that only some rooms may import, anywhere in their code

@@ -53,6 +53,7 @@ Planar flexible robot arms: replay scenes, compare with references, play, train,
   flexarm train --env FlexibleArm-v0               train a policy (from a checkout)
   flexarm evaluate --policy pd,zvd,lqr             judge controllers and policies (from a checkout)
   flexarm bench                                    what is measured, and how (from a checkout)
+  flexarm identify ARM --config FILE --data LOG.csv  fit an arm to a measured log
   flexarm compile                                  compile beforehand what is used first
   flexarm doctor                                   versions, threads, cache, a self-test
 """
@@ -142,6 +143,22 @@ SCRIPTS = {"train": "agents.train_ppo", "evaluate": "agents.evaluate", "bench": 
 
 CODES_NOTE = """\
 exit code: 0 done, 2 wrong input, or something is missing
+"""
+
+IDENTIFY_CODES = """\
+exit code: 0 done, 1 the fit is poor (see verdict), 2 wrong input or a log that cannot be used
+"""
+
+IDENTIFY = """\
+Fit an arm to measured logs, say what the fit is worth, and judge it on logs that it has not seen. The config, a small
+TOML file, says what the columns are and what is fitted (configs/identify/ in a checkout has examples).
+
+  flexarm identify quanser_2dsfl --config configs/identify/quanser_2dsfl.toml --data A.csv --hold-out B.csv,C.csv \\
+      --out RESULTS
+
+Prints vaf.STEM.OUTPUT in % for each run held out; those of training, of the arm before the fit and of one oscillator an
+output stand under train., unfitted. and baseline. RESULTS holds arm.toml, which every command takes, a report and
+figures; an interrupted fit goes on from there.
 """
 
 COMPILE = """\
@@ -256,6 +273,15 @@ def build_parser() -> Parser:
     bench = add("bench", "run a benchmark (from a checkout)", BENCH, "checkout", "")
     train.script, evaluate.script = SCRIPTS["train"], SCRIPTS["evaluate"]
     train.usage, evaluate.usage, bench.usage = "%(prog)s [FLAGS]", "%(prog)s [FLAGS]", "%(prog)s [NAME [FLAGS]]"
+
+    identify = add("identify", "fit an arm to measured logs", IDENTIFY, "identify", IDENTIFY_CODES)
+    identify.add_argument("arm", metavar="ARM", help="where the fit begins: a name or a TOML file")
+    identify.add_argument("--config", required=True, metavar="FILE", help="columns, units, filters, parameters: TOML")
+    identify.add_argument("--data", required=True, metavar="A.csv[,...]", help="logs to fit to")
+    identify.add_argument("--fit", metavar="NAME[,NAME...]", help="parameters to fit; default: the config's")
+    identify.add_argument("--hold-out", metavar="B.csv[,...]", help="logs to judge by")
+    identify.add_argument("--out", metavar="FOLDER", help="for arm.toml, report.md, figures; an old fit there goes on")
+    identify.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
     compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")

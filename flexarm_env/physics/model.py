@@ -7,6 +7,7 @@ acceleration), float64, one entry a row of the system. `physics/protocol.py` say
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -286,4 +287,4 @@ class System:
     v0: NDArray[np.float64]
     coordinates: dict[str, int]
     names: tuple[str, ...]
-    notes: dict[str, float]
+    notes: Mapping[str, float]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from flexarm_env.physics.elastica.chain import Chain, Line, chain
 from flexarm_env.physics.elastica.layout import DATA, LOAD
-from flexarm_env.physics.elastica.slenderness import stretch_and_shear
+from flexarm_env.physics.elastica.slenderness import Notes
 from flexarm_env.physics.layout import OF_LOAD
 from flexarm_env.physics.model import Elastica, System, damped
 from flexarm_env.scene import PointLoad, Scene
@@ -133,8 +133,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     q0 = np.concatenate([angles, centre if has_root else ()]).astype(np.float64)
     for k in range(1, count):
         q0[k * n] = scene.angles[k] - scene.angles[k - 1]
-    notes = {"stretch_and_shear": stretch_and_shear(scene, parts)}
-    return System(model, par, q0, np.zeros(rows), coordinates, names, notes)
+    return System(model, par, q0, np.zeros(rows), coordinates, names, Notes(scene, parts))
 
 
 def _ends(line: Line) -> tuple[float, float]:

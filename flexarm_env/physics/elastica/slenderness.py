@@ -14,6 +14,9 @@ error is small (below 0.3 % of the length).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +33,26 @@ SUDDEN = 2.0
 
 FEWEST, MOST, A_PERIOD = 2000, 100_000, 20
 """Samples of a scene's time, and of a period of the highest mode."""
+
+
+class Notes(Mapping[str, float]):
+    """ "stretch_and_shear" of a scene, worked out when it is first looked at."""
+
+    def __init__(self, scene: Scene, chain: Chain) -> None:
+        self._of, self._found = (scene, chain), math.nan
+
+    def __getitem__(self, name: str) -> float:
+        if name != "stretch_and_shear":
+            raise KeyError(name)
+        if math.isnan(self._found):
+            self._found = stretch_and_shear(*self._of)
+        return self._found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(("stretch_and_shear",))
+
+    def __len__(self) -> int:
+        return 1
 
 
 def stretch_and_shear(scene: Scene, chain: Chain) -> float:

@@ -1,0 +1,12 @@
+"""From a measured log to an arm: parameters with uncertainties, judged on runs that no fit has seen."""
+
+from .config import Channel, Config, Parameter, read_config
+from .log import BadLog, Run, read_run
+from .result import Identification, identify, randomization
+from .signals import Ringing, free_decay, nrmse, vaf
+from .uncertainty import Direction, Uncertainty
+
+__all__ = [
+    "BadLog", "Channel", "Config", "Direction", "Identification", "Parameter", "Ringing", "Run", "Uncertainty",
+    "free_decay", "identify", "nrmse", "randomization", "read_config", "read_run", "vaf",
+]  # fmt: skip

@@ -1,0 +1,202 @@
+"""What a log holds and what is to be fitted: the tables of a small TOML file, checked (docs/identification.md)."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from flexarm_env import validation as check
+from flexarm_env.arms import read_toml
+from flexarm_env.parameters import Arm
+from flexarm_env.sensors import Sensors, from_table
+
+INPUTS = ("joint", "motor", "torque", "current", "voltage")
+UNITS = {
+    "rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "s": 1.0, "ms": 1e-3, "us": 1e-6, "N m": 1.0, "mN m": 1e-3,
+    "A": 1.0, "mA": 1e-3, "V": 1.0, "mV": 1e-3, "m": 1.0, "mm": 1e-3, "1/m": 1.0, "strain": 1.0, "microstrain": 1e-6,
+    "rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s^2": 1.0,
+}  # fmt: skip
+"""Factors on a column that make it SI."""
+
+_CHANNEL = ("column", "unit", "gain", "offset", "shift", "low_pass")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of the log: SI value = gain unit (column - offset), at the column's time less `shift`.
+
+    Args:
+        name: of the input ("joint0", "motor0", "torque0", "current0", "voltage0") or of the reading ("strain_gauge_1",
+            "hub_angle", ...; `Trajectory.measured`).
+        column: of the file. factor: SI over the column's unit, times a gain. offset: in the column's unit; None, of an
+            output: a constant of each run, fitted. shift: s, by which the column is late; positive or negative.
+        low_pass: Hz, cut-off of a Butterworth filter of second order, forwards and backwards; None: none.
+    """
+
+    name: str
+    column: str
+    factor: float = 1.0
+    offset: float | None = 0.0
+    shift: float = 0.0
+    low_pass: float | None = None
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number to be fitted.
+
+    Args:
+        path: its key path, in the arm ("links[0].section.EI"), in its sensors ("sensors.strain_gauge_1.gain"), or in
+            the experiment ("loads[0].force_x", "gravity[0]", "inputs.joint0.gain", "outputs.hub_angle.shift").
+        name: a short one. low, high: bounds. start: where the fit begins; None: the value that the arm has.
+        prior: mean and standard deviation of what is known otherwise, or None. size: a change that matters; None: the
+            size of the start.
+    """
+
+    path: str
+    name: str
+    low: float
+    high: float
+    start: float | None = None
+    prior: tuple[float, float] | None = None
+    size: float | None = None
+
+
+@dataclass(frozen=True)
+class Config:
+    """All of the file. time: column of the instants; skip: s at a run's start that are not compared."""
+
+    time: Channel
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    parameters: tuple[Parameter, ...]
+    fit: tuple[str, ...]
+    skip: float = 0.0
+    sensors: Sensors | None = None
+    experiment: Mapping[str, Any] = field(default_factory=dict)  # gravity, loads
+    solver: Mapping[str, Any] = field(default_factory=dict)
+    starts: int = 3
+    evaluations: int = 60
+    good: float = 70.0
+    seed: int = 0
+
+    def chosen(self, names: tuple[str, ...] | None = None) -> tuple[Parameter, ...]:
+        """The parameters to be fitted, by name or key path."""
+        wanted = self.fit if names is None else names
+        known = {key: p for p in self.parameters for key in (p.name, p.path)}
+        for name in wanted:
+            if name not in known:
+                raise check.UnknownKey(name, [p.name for p in self.parameters], "parameter to fit")
+        if not wanted:
+            raise check.InvalidValue("fit", wanted, "must name at least one parameter")
+        return tuple(known[name] for name in dict.fromkeys(wanted))
+
+
+_KEYS = (
+    "time", "skip", "inputs", "outputs", "sensors", "gravity", "loads", "solver", "parameters", "fit", "starts",
+    "evaluations", "good", "seed",
+)  # fmt: skip
+
+
+def read_config(source: str | os.PathLike[str] | Config, arm: Arm) -> Config:
+    """The Config in a TOML file or text, for an arm. Raises ValueError that names file, key path and value."""
+    if isinstance(source, Config):
+        return source
+    table, path = read_toml(source)
+    with check.in_file(path):
+        return _config(table, arm)
+
+
+def _config(table: dict[str, Any], arm: Arm) -> Config:
+    check.known_keys("", table, _KEYS)
+    n = arm.n_links
+    inputs = _channels("inputs", table, False)
+    for channel in inputs:
+        match = re.fullmatch(rf"({'|'.join(INPUTS)})(\d+)", channel.name)
+        if match is None or int(match[2]) >= n:
+            what = f"must be {', '.join(f'{kind}K' for kind in INPUTS)}, with joint K from 0 to {n - 1}"
+            raise check.InvalidValue("inputs", channel.name, what)
+    joints = [channel.name[-1] for channel in inputs]
+    if len(set(joints)) < len(joints):
+        raise check.InvalidValue("inputs", [c.name for c in inputs], "must have one entry for each joint")
+    sensors = table.get("sensors")
+    carried = arm.sensors or Sensors.ideal(n) if sensors is None else from_table(check.table_of("sensors", sensors))
+    with check.under("sensors"):
+        carried.check_for(n)
+    parameters = tuple(_parameter(p, v) for p, v in check.table_of("parameters", table.get("parameters", {})).items())
+    solver = {"formulation": "elastica", **check.table_of("solver", table.get("solver", {}))}
+    good = check.number("good", table.get("good", 70.0), "%", maximum=100.0)
+    config = Config(
+        time=_channel("time", "t", table.get("time", "t"), False),
+        inputs=inputs, outputs=_channels("outputs", table, True), parameters=parameters,
+        fit=check.sequence("fit", table.get("fit", [p.name for p in parameters]), "names of parameters"),
+        skip=check.number("skip", table.get("skip", 0.0), "s", minimum=0.0),
+        sensors=carried, experiment={key: table[key] for key in ("gravity", "loads") if key in table},
+        solver=solver, starts=check.integer("starts", table.get("starts", 3), minimum=1),
+        evaluations=check.integer("evaluations", table.get("evaluations", 60), minimum=1), good=good,
+        seed=check.integer("seed", table.get("seed", 0), minimum=0),
+    )  # fmt: skip
+    known = readings_of(carried, arm)
+    for channel in config.outputs:
+        if channel.name not in known:
+            raise check.UnknownKey(f"outputs.{channel.name}", known, "sensor")
+    return config
+
+
+def readings_of(sensors: Sensors, arm: Arm) -> tuple[str, ...]:
+    """Names of what sensors read, as `Trajectory.measured` has them."""
+    names = [f"{joint}_{of}" for joint in arm.joint_names for of in ("angle", "rate")] if sensors.encoders else []
+    names += ["tip_acceleration_x", "tip_acceleration_y"] if sensors.accelerometer else []
+    names += ["camera_x", "camera_y"] if sensors.camera else []
+    return (*names, *(f"strain_gauge_{i + 1}" for i in range(len(sensors.strain_gauges))))
+
+
+def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Channel, ...]:
+    entries = check.table_of(what, check.needed("", table, what, "must be a table of channels and their columns"))
+    if not entries:
+        raise check.InvalidValue(what, entries, "must name at least one channel")
+    return tuple(_channel(f"{what}.{name}", name, entry, offsets) for name, entry in entries.items())
+
+
+def _channel(path: str, name: str, entry: Any, offsets: bool) -> Channel:
+    """offsets: "fit" is allowed, and is what holds where nothing is said."""
+    table = {"column": entry} if isinstance(entry, str) else check.table_of(path, entry)
+    check.known_keys(path, table, _CHANNEL)
+    column = check.text(f"{path}.column", check.needed(path, table, "column", "must be a column of the log"))
+    unit = UNITS[check.choice(f"{path}.unit", table["unit"], tuple(UNITS))] if "unit" in table else 1.0
+    offset, low_pass = table.get("offset", "fit" if offsets else 0.0), table.get("low_pass")
+    fitted = offsets and offset == "fit"
+    return Channel(
+        name=name, column=column, factor=unit * check.number(f"{path}.gain", table.get("gain", 1.0)),
+        offset=None if fitted else check.number(f"{path}.offset", offset),
+        shift=check.number(f"{path}.shift", table.get("shift", 0.0), "s"),
+        low_pass=None if low_pass is None else check.number(f"{path}.low_pass", low_pass, "Hz", above=0.0),
+    )  # fmt: skip
+
+
+def _parameter(path: str, entry: Any) -> Parameter:
+    where = f'parameters."{path}"'
+    table = check.table_of(where, entry)
+    check.known_keys(where, table, ("name", "low", "high", "start", "prior", "size"))
+    low, high = (
+        check.number(f"{where}.{end}", check.needed(where, table, end, "must be a number: bounds keep a fit in sight"))
+        for end in ("low", "high")
+    )
+    if not low < high:
+        raise check.InvalidValue(where, (low, high), "must have low < high")
+    start, prior, size = table.get("start"), table.get("prior"), table.get("size")
+    if prior is not None:
+        mean, spread = check.sequence(f"{where}.prior", prior, "mean and standard deviation", 2)
+        prior = check.number(f"{where}.prior[0]", mean), check.number(f"{where}.prior[1]", spread, above=0.0)
+    return Parameter(
+        path=path, name=check.text(f"{where}.name", table.get("name", path), empty=False), low=low, high=high,
+        start=None if start is None else check.number(f"{where}.start", start, minimum=low, maximum=high),
+        prior=prior, size=None if size is None else check.number(f"{where}.size", size, above=0.0),
+    )  # fmt: skip
+
+
+__all__ = ["Channel", "Config", "Parameter", "read_config", "readings_of"]

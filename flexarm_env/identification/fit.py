@@ -1,0 +1,199 @@
+"""Least squares: parameters for which an arm's readings come closest to those of the logs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env.trajectory import write_whole
+
+from .log import Run
+from .model import Experiment
+
+Array = NDArray[np.float64]
+
+STEP = 1e-4
+"""Of differences, in sizes of a parameter."""
+
+FIRST = 6
+"""Evaluations that each start gets before the best of them goes on alone."""
+
+SPREAD = 0.5
+"""Further starts are drawn so many sizes around the first."""
+
+ROUGH = 0.1
+"""What is taken for the relative size of residuals, as priors weigh against them, before it is known."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Residuals over parameters z = (value - start) / size, relative to each reading's standard deviation."""
+
+    experiment: Experiment
+    runs: Sequence[Run]
+
+    @property
+    def sizes(self) -> Array:
+        """What a change of 1 in z is."""
+        found = []
+        for p, x in zip(self.experiment.parameters, self.experiment.start, strict=True):
+            found.append(p.size or abs(x) or 0.1 * (p.high - p.low))
+        return np.array(found)
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Of z."""
+        low, high = (np.array([getattr(p, end) for p in self.experiment.parameters]) for end in ("low", "high"))
+        start, size = self.experiment.start, self.sizes
+        return (low - start) / size, (high - start) / size
+
+    def values(self, z: Array) -> Array:
+        """The parameters themselves."""
+        return np.asarray(self.experiment.start + self.sizes * z)
+
+    def errors(self, z: Array) -> list[Array]:
+        """Prediction less log of each run (kept, outputs), over the log's standard deviation, offsets taken out."""
+        return [self._of_run(z, run) for run in self.runs]
+
+    def _of_run(self, z: Array, run: Run) -> Array:
+        predicted = self.experiment.predict(self.values(z), run)
+        columns = []
+        for channel in self.experiment.config.outputs:
+            y = run.outputs[channel.name][run.kept]
+            e = predicted[channel.name][run.kept] - y
+            columns.append((e - e.mean() if channel.offset is None else e) / y.std())
+        return np.array(columns).T
+
+    def priors(self, z: Array) -> Array:
+        """(value - mean) / deviation where there is a prior, otherwise 0."""
+        known = zip(self.experiment.parameters, self.values(z), strict=True)
+        return np.array([0.0 if p.prior is None else (x - p.prior[0]) / p.prior[1] for p, x in known])
+
+    def residuals(self, z: Array, noise: float) -> Array:
+        """All of them in a row, the priors at the end."""
+        return np.concatenate([*(e.ravel() for e in self.errors(z)), noise * self.priors(z)])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best z, its cost, the costs of all starts, how many evaluations they took and how the last one ended."""
+
+    z: Array
+    cost: float
+    starts: tuple[float, ...]
+    evaluations: int
+    ended: str
+
+
+def differences(f: Callable[[Array], Array], z: Array, bounds: tuple[Array, Array], at: Array | None = None) -> Array:
+    """Derivatives of f by z, a column each: forward, away from a bound that is near; with `at` = f(z) to begin with."""
+    base = f(z) if at is None else at
+    columns = []
+    for k in range(len(z)):
+        step = STEP if z[k] + STEP <= bounds[1][k] else -STEP
+        moved = z.copy()
+        moved[k] += step
+        columns.append((f(moved) - base) / step)
+    return np.array(columns).T
+
+
+class Solver:
+    """Fits a problem from several starts; keeps what it has in a file, from which it goes on."""
+
+    def __init__(
+        self, problem: Problem, *, progress: Callable[[float], None] | None = None, state: Path | None = None
+    ) -> None:
+        self.problem, self.progress, self.state_file = problem, progress, state
+        self.config = problem.experiment.config
+        self.count, self.done = 0, 0.0
+        self.key = self._key()
+        self.state = self._read()
+
+    def run(self) -> Fit:
+        """The best fit of all starts."""
+        noise, costs = ROUGH, []
+        for k, z in enumerate(self._starts()):
+            found = self.state["starts"][k] if k < len(self.state["starts"]) else None
+            if found is None:
+                z, cost, _ = self._least_squares(z, noise, FIRST)
+                found = [cost, z.tolist()]
+                self.state["starts"].append(found)
+                self._keep()
+            costs.append(found[0])
+        best = self.state["starts"][int(np.argmin(costs))]
+        z = np.array(self.state.get("best", best[1]))
+        z, cost, ended = self._least_squares(z, noise, self.config.evaluations)
+        if any(p.prior is not None for p in self.problem.experiment.parameters):
+            errors = np.concatenate([e.ravel() for e in self.problem.errors(z)])
+            z, cost, ended = self._least_squares(z, float(errors.std()), self.config.evaluations)
+        self._tell(1.0)
+        return Fit(z, cost, tuple(costs), self.count, ended)
+
+    def _starts(self) -> list[Array]:
+        low, high = self.problem.bounds
+        rng = np.random.default_rng(self.config.seed)
+        n = len(low)
+        drawn = [np.clip(SPREAD * rng.uniform(-1.0, 1.0, n), low, high) for _ in range(self.config.starts - 1)]
+        return [np.zeros(n), *drawn]
+
+    def _least_squares(self, z: Array, noise: float, most: int) -> tuple[Array, float, str]:
+        from scipy.optimize import least_squares
+
+        low, high = self.problem.bounds
+        last: dict[bytes, Array] = {}
+
+        def f(x: Array) -> Array:
+            self.count += 1
+            last.clear()
+            last[x.tobytes()] = self.problem.residuals(x, noise)
+            return last[x.tobytes()]
+
+        def slopes(x: Array) -> Array:
+            self.state["best"] = x.tolist()
+            self._keep()
+            self._tell(0.0)
+            return differences(lambda y: self.problem.residuals(y, noise), x, (low, high), last.get(x.tobytes()))
+
+        inside = np.clip(z, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+        found = least_squares(f, inside, slopes, bounds=(low, high), method="trf", max_nfev=most, ftol=1e-6, xtol=1e-5)
+        return found.x, 2.0 * float(found.cost), str(found.message).strip()
+
+    def _tell(self, share: float) -> None:
+        if self.progress is not None:
+            whole = FIRST * self.config.starts + self.config.evaluations
+            self.done = max(self.done, share, min(self.count / whole, 0.99))
+            self.progress(self.done)
+
+    def _key(self) -> str:
+        """Of what is fitted to what: a kept state of something else is not gone on from."""
+        config = self.config
+        seed = repr((config, self.problem.experiment.arm, self.problem.experiment.parameters)).encode()
+        digest = hashlib.sha256(seed)
+        for run in self.problem.runs:
+            for column in (*run.inputs.values(), *run.outputs.values()):
+                digest.update(column.tobytes())
+        return digest.hexdigest()
+
+    def _read(self) -> dict[str, Any]:
+        fresh: dict[str, Any] = {"key": self.key, "starts": []}
+        if self.state_file is None or not self.state_file.is_file():
+            return fresh
+        try:
+            kept = json.loads(self.state_file.read_text("utf-8"))
+        except ValueError:
+            return fresh
+        return kept if isinstance(kept, dict) and kept.get("key") == self.key else fresh
+
+    def _keep(self) -> None:
+        if self.state_file is not None:
+            write_whole(self.state_file, json.dumps(self.state).encode())
+
+
+__all__ = ["Fit", "Problem", "Solver", "differences"]

@@ -1,0 +1,138 @@
+"""A run: the columns of a CSV file that a Config names, in SI, checked; what cannot be a good log is refused."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env.csv_files import csv_lines
+
+from .config import Channel, Config
+
+Array = NDArray[np.float64]
+
+UNEVEN = 0.02
+"""Share of the sampling interval by which instants may be off."""
+
+SATURATED = 4
+"""So many samples in a row at the largest or smallest value of a column that moves are a sensor at its end."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A log in SI: t (n,) from 0 on, evenly spaced; inputs and outputs (n,) by name; kept (n,): what is compared."""
+
+    stem: str
+    t: Array
+    inputs: dict[str, Array]
+    outputs: dict[str, Array]
+    kept: NDArray[np.bool_]
+
+    @property
+    def period(self) -> float:
+        """Sampling interval, s."""
+        return float(self.t[-1] / (len(self.t) - 1))
+
+
+class BadLog(ValueError):
+    """A log from which nothing can be learnt, in a sentence that names the file, the column and the row."""
+
+
+def read_run(path: str | os.PathLike[str], config: Config) -> Run:
+    """The run in a CSV file. Rows are those of the file: 1 names the columns. Raises BadLog, OSError."""
+    header, lines = csv_lines(path)
+    where = os.fspath(path)
+    channels = (config.time, *config.inputs, *config.outputs)
+    for channel in channels:
+        if header.count(channel.column) != 1:
+            have = ", ".join(header) or "none"
+            raise BadLog(f"{where}: column {channel.column!r} ({channel.name}) must be there once; columns: {have}")
+    if len(lines) < 20:
+        raise BadLog(f"{where}: {len(lines)} rows of numbers are too few (at least 20)")
+    columns = {c.name: _numbers(where, header.index(c.column), c, lines) for c in channels}
+    t = columns[config.time.name] * config.time.factor
+    period = _even(where, config.time.column, t)
+    t = np.asarray(np.arange(len(t)) * period, np.float64)
+    inputs = {c.name: _prepared(where, c, columns[c.name], t) for c in config.inputs}
+    outputs = {c.name: _prepared(where, c, columns[c.name], t) for c in config.outputs}
+    for channel in config.outputs:
+        _moves(where, channel, columns[channel.name])
+    kept = t >= config.skip
+    if kept.sum() < 20:
+        raise BadLog(f"{where}: {t[-1]:.3g} s long, of which the first {config.skip:g} s are skipped: nothing is left")
+    return Run(Path(path).name.removesuffix(".gz").removesuffix(".csv"), t, inputs, outputs, kept)
+
+
+def _numbers(where: str, k: int, channel: Channel, lines: list[list[str]]) -> Array:
+    values = np.empty(len(lines))
+    for i, line in enumerate(lines):
+        cell = line[k].strip() if k < len(line) else ""
+        try:
+            values[i] = float(cell)
+        except ValueError:
+            values[i] = np.nan
+        if not np.isfinite(values[i]):
+            raise BadLog(f"{where}: column {channel.column!r}, row {i + 2}: {cell!r} is no finite number")
+    return values
+
+
+def _even(where: str, column: str, t: Array) -> float:
+    """The sampling interval, s."""
+    steps = np.diff(t)
+    bad = np.flatnonzero(steps <= 0.0)
+    if len(bad):
+        i = int(bad[0])
+        what = "repeats" if steps[i] == 0.0 else "lies before"
+        raise BadLog(f"{where}: column {column!r}, row {i + 3}: the time {t[i + 1]:g} s {what} that of the row before")
+    period = float(np.median(steps))
+    bad = np.flatnonzero(steps > 1.5 * period)
+    if len(bad):
+        i = int(bad[0])
+        gap = f"a gap of {steps[i]:.4g} s where samples are {period:.4g} s apart"
+        raise BadLog(f"{where}: column {column!r}, row {i + 3}: {gap}; cut the log there")
+    off = np.abs(t - t[0] - np.arange(len(t)) * (t[-1] - t[0]) / (len(t) - 1))
+    if off.max() > max(UNEVEN, 1e-6) * len(t) ** 0.5 * period:
+        i = int(off.argmax())
+        raise BadLog(f"{where}: column {column!r}, row {i + 2}: samples are not evenly spaced; resample the log")
+    return float((t[-1] - t[0]) / (len(t) - 1))
+
+
+def _prepared(where: str, channel: Channel, values: Array, t: Array) -> Array:
+    """In SI, filtered, at the instants."""
+    values = channel.factor * (values - (channel.offset or 0.0))
+    period = t[1]
+    if channel.low_pass is not None:
+        from scipy.signal import butter, sosfiltfilt
+
+        if 2.0 * channel.low_pass * period >= 1.0:
+            most = f"{0.5 / period:.4g} Hz, half the rate of its samples"
+            raise BadLog(f"{where}: column {channel.column!r}: low_pass = {channel.low_pass:g} Hz must be below {most}")
+        values = sosfiltfilt(butter(2, channel.low_pass, fs=1.0 / period, output="sos"), values)
+    return np.asarray(np.interp(t + channel.shift, t, values) if channel.shift else values)
+
+
+def _moves(where: str, channel: Channel, values: Array) -> None:
+    """A column that never moves tells nothing; one that stays at its end is a saturated sensor."""
+    if np.ptp(values) == 0.0:
+        raise BadLog(f"{where}: column {channel.column!r} never changes from {values[0]:g}")
+    change = np.abs(np.diff(values))
+    least, most = change[change > 0.0].min(), change.max()
+    for end in (values.max(), values.min()):
+        at = np.flatnonzero(values == end)
+        for i in at[: len(at) - SATURATED + 1]:
+            j = i + SATURATED - 1
+            if values[j] != end or not (values[i : j + 1] == end).all() or (i > 0 and values[i - 1] == end):
+                continue
+            steep = change[i - 2] if i >= 2 else 0.0
+            if steep > 20.0 * least and steep > 0.1 * most:  # a peak of its own would have slowed down before
+                what = (
+                    f"the value {end:g} stands for {SATURATED} samples and more: the sensor is at the end of its range"
+                )
+                raise BadLog(f"{where}: column {channel.column!r}, row {i + 2}: {what}")
+
+
+__all__ = ["BadLog", "Run", "read_run"]

@@ -1,0 +1,177 @@
+"""What an Identification leaves behind: lines, a page, an arm's file, figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexarm_env import arms
+from flexarm_env.trajectory import write_whole
+
+if TYPE_CHECKING:
+    from .result import Identification, Prediction
+    from .uncertainty import Direction
+
+
+def lines(result: Identification) -> dict[str, Any]:
+    """`name: value`, held-out runs plainly, all else under prefixes."""
+    worth = result.uncertainty
+    told: dict[str, Any] = {"verdict": result.verdict}
+    for p, value, half in zip(result.parameters, result.values, worth.half, strict=True):
+        told[f"parameter.{p.name}"] = (
+            f"{value:.6g} +- {half:.2g}" if np.isfinite(half) else f"{value:.6g} (at its bound)"
+        )
+    told["condition"] = worth.condition
+    told["untold"] = ", ".join(worth.untold) or "none"
+    for i, (blind, known) in enumerate(_pairs(result)):
+        told[f"untold.{i + 1}"] = f"{direction(blind)}; told: {direction(known) if known else 'nothing of it'}"
+    told["evaluations"] = result.fit.evaluations
+    told["frequencies_hz"] = [round(float(f), 4) for f in result.frequencies]
+    told["damping"] = [round(float(z), 5) for z in result.damping]
+    n = len(result.train)
+    for prefix, rows in (
+        ("train.", result.train), ("unfitted.train.", result.unfitted[:n]), ("baseline.train.", result.baseline[:n]),
+        ("unfitted.", result.unfitted[n:]), ("baseline.", result.baseline[n:]),
+        ("", result.held_out),
+    ):  # fmt: skip
+        for row in rows:
+            told |= {f"{prefix}vaf.{row.run.stem}.{name}": round(value, 3) for name, value in row.vaf.items()}
+            if prefix in ("train.", ""):
+                told |= {f"{prefix}nrmse.{row.run.stem}.{name}": round(v, 3) for name, v in row.nrmse.items()}
+    return told
+
+
+def _pairs(result: Identification) -> list[tuple[Direction, Direction | None]]:
+    """What is not told, and what of the same parameters is."""
+    worth = result.uncertainty
+    by_names = {frozenset(known.shares): known for known in worth.told}
+    return [(blind, by_names.get(frozenset(blind.shares))) for blind in worth.directions]
+
+
+def direction(of: Direction) -> str:
+    """ "EI_1 +1.00, elbow +0.97 (95 %: +-0.004)": relative changes that go together, or are weighed together."""
+    parts = ", ".join(f"{name} {share:+.2f}" for name, share in of.shares.items())
+    return f"{parts} (+-{of.deviation:.2g})"
+
+
+def save(result: Identification, folder: Path) -> None:
+    """Write all files."""
+    from flexarm_env.plotting import styled_figure
+
+    write_whole(folder / "arm.toml", arm_text(result).encode())
+    write_whole(folder / "report.md", page(result).encode())
+    write_whole(folder / "result.json", (json.dumps(lines(result), indent=2) + "\n").encode())
+    for row in (*result.train, *result.held_out):
+        names = list(row.readings)
+        with styled_figure(folder / f"{row.run.stem}.png", 9.0, 2.6 * len(names)) as figure:
+            draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
+
+
+def draw(row: Prediction, axes: Any) -> None:
+    """Measured and predicted, and the residual below, for each output of a run."""
+    run = row.run
+    for k, name in enumerate(row.readings):
+        above, below = axes[2 * k], axes[2 * k + 1]
+        above.plot(run.t, run.outputs[name], lw=0.9, color="#222222", label="measured")
+        above.plot(run.t, row.readings[name], lw=0.9, color="#d1591b", label="predicted")
+        above.set_title(f"{run.stem}, {name}: {row.vaf[name]:.1f} % of the variance")
+        below.plot(run.t, run.outputs[name] - row.readings[name], lw=0.8, color="#1f5fa8", label="residual")
+        for axis in (above, below):
+            axis.axvspan(0.0, run.t[~run.kept].max(initial=0.0), color="#eeeeee", lw=0)
+            axis.legend(loc="upper right")
+    axes[-1].set_xlabel("t, s")
+
+
+def arm_text(result: Identification) -> str:
+    """The fitted arm as a TOML file: [arm] with its source, [randomization], [identification]."""
+    import tomli_w
+
+    table = arms.to_table(result.arm)
+    trained = ", ".join(result.files[row.run.stem] for row in result.train)
+    paths = ", ".join(
+        p.path for p in result.parameters if not p.path.startswith(("inputs", "outputs", "loads", "gravity"))
+    )
+    table["source"] = (
+        f"flexarm identify on {datetime.now(UTC):%Y-%m-%d}: {paths} fitted to {trained}; the rest is that of "
+        f"{result.given.name}: {result.given.source}"
+    )
+    own = {
+        "verdict": result.verdict,
+        "parameters": [
+            {"path": p.path, "value": float(x), **({"half": float(h)} if np.isfinite(h) else {"at_bound": True})}
+            for p, x, h in zip(result.parameters, result.values, result.uncertainty.half, strict=True)
+        ],
+        "vaf_train": {row.run.stem: dict(row.vaf) for row in result.train},
+        "vaf_held_out": {row.run.stem: dict(row.vaf) for row in result.held_out},
+    }
+    ranges = {key: list(value) for key, value in result.ranges.items()}
+    return tomli_w.dumps({"arm": table, "randomization": ranges, "identification": own})
+
+
+def table_of(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A Markdown table."""
+    text = ["| " + " | ".join(map(str, row)) + " |" for row in (header, ["---"] * len(header), *rows)]
+    return "\n".join(text)
+
+
+def page(result: Identification) -> str:
+    """The report, Markdown."""
+    worth = result.uncertainty
+    rows = [
+        (f"`{p.path}`", p.name if p.name != p.path else "", f"{x0:.4g}", f"{x:.5g}",
+         f"± {h:.2g}" if np.isfinite(h) else "at its bound", "no" if p.name in worth.untold else "yes")
+        for p, x0, x, h in zip(result.parameters, result.start, result.values, worth.half, strict=True)
+    ]  # fmt: skip
+    parts = [
+        f"# {result.arm.name}, identified",
+        f"Verdict: **{result.verdict}**",
+        "## Parameters",
+        table_of(("key path", "name", "before", "fitted", "95 % interval", "told"), rows),
+        f"Condition of the derivatives by parameters in their sizes: {worth.condition:.3g}. Residuals: "
+        f"{100 * worth.noise:.2g} % of the readings' standard deviation; they amount to {worth.samples:.0f} independent "
+        "samples.",
+        _correlations(result),
+    ]
+    for blind, known in _pairs(result):
+        parts.append(f"Not told: {direction(blind)}: changes that hardly show, together, in shares of each one's size.")
+        if known:
+            parts.append(f"What is told of these: the sum of changes weighed {direction(known)}.")
+    names = [c.name for c in result.config.outputs]
+    n = len(result.train)
+    judged: list[tuple[str, ...]] = []
+    for i, row in enumerate((*result.train, *result.held_out)):
+        for kind, of in (("fitted", row), ("before", result.unfitted[i]), ("one oscillator", result.baseline[i])):
+            judged.append((
+                row.run.stem, "training" if i < n else "held out", kind,
+                *(f"{of.vaf[name]:.1f} / {of.nrmse[name]:.1f}" for name in names),
+            ))  # fmt: skip
+    parts += ["## Prediction: variance accounted for / NRMSE, %", table_of(("run", "", "model", *names), judged)]
+    parts += ["## Frequencies and damping", _vibration(result)]
+    parts += [f"![{row.run.stem}]({row.run.stem}.png)" for row in (*result.train, *result.held_out)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _correlations(result: Identification) -> str:
+    names, c = [p.name for p in result.parameters], result.uncertainty.correlation
+    rows = [(name, *(f"{c[i, j]:+.2f}" for j in range(i + 1))) for i, name in enumerate(names)]
+    return table_of(("correlation", *names), [(*row, *[""] * (len(names) + 1 - len(row))) for row in rows])
+
+
+def _vibration(result: Identification) -> str:
+    rows = [(f"fitted arm, mode {k + 1}, prescribed joints held", f"{f:.3f}", f"{z:.4f}", "")
+            for k, (f, z) in enumerate(zip(result.frequencies, result.damping, strict=True))]  # fmt: skip
+    rows += [(f"one oscillator, {name}", f"{f:.3f}", f"{z:.4f}", "") for name, (f, z) in result.oscillators.items()]
+    for name, seen in result.seen.items():
+        rows += [
+            (f"read off {name} at {r.start:.1f} s", f"{r.frequency:.3f}", f"{r.damping:.4f}", f"{r.amplitude:.3g}")
+            for r in seen
+        ]
+    return table_of(("", "Hz", "damping ratio", "amplitude"), rows)
+
+
+__all__ = ["arm_text", "draw", "lines", "page", "save"]

@@ -1,0 +1,279 @@
+"""The whole of it: logs in, a fit, what it is worth, and how well it predicts."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import arms
+from flexarm_env import validation as check
+from flexarm_env.linear import modes
+from flexarm_env.parameters import Arm
+from flexarm_env.scene import Scene
+
+from .config import Config, Parameter, read_config
+from .fit import Fit, Problem, Solver, differences
+from .log import BadLog, Run, read_run
+from .model import Experiment
+from .signals import Ringing, nrmse, oscillator, read_off, vaf
+from .uncertainty import Uncertainty, uncertainty
+
+Array = NDArray[np.float64]
+
+FAR_OFF = 100.0
+"""A log whose readings or the arm's are so many times the other's is in another unit."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Of one run by one model: readings by output; VAF and NRMSE, %, by output."""
+
+    run: Run
+    readings: Mapping[str, Array]
+    vaf: Mapping[str, float]
+    nrmse: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What came of it.
+
+    Attributes:
+        arm: as fitted, its sensors those of the arm that was given. given: that arm.
+        parameters, values (p,), start (p,): what was fitted, what came out, what the arm had. uncertainty: of values.
+        verdict: "good", or a sentence on why the fit is not to be trusted.
+        train, held_out: Predictions by the fitted arm. unfitted, baseline: of the same runs, training first, by the arm
+            that was given and by one oscillator an output. gains: of that oscillator: frequency (Hz), damping.
+        frequencies, damping: of the fitted arm with the prescribed joints held, Hz and ratios; seen: ringing read off
+            the runs, by output.
+        fit: how the fit went. ranges: factors for `randomization`.
+    """
+
+    arm: Arm
+    given: Arm
+    config: Config
+    parameters: tuple[Parameter, ...]
+    values: Array
+    start: Array
+    uncertainty: Uncertainty
+    verdict: str
+    train: tuple[Prediction, ...]
+    held_out: tuple[Prediction, ...]
+    unfitted: tuple[Prediction, ...]
+    baseline: tuple[Prediction, ...]
+    oscillators: Mapping[str, tuple[float, float]]
+    frequencies: Array
+    damping: Array
+    seen: Mapping[str, Sequence[Ringing]]
+    fit: Fit
+    ranges: Mapping[str, tuple[float, float]]
+    experiment: Experiment
+    files: Mapping[str, str]
+
+    @property
+    def good(self) -> bool:
+        """Whether the fit is to be trusted."""
+        return self.verdict == "good"
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """arm.toml, report.md, result.json and a figure of each run, into a folder."""
+        from .report import save
+
+        save(self, Path(folder))
+
+    def lines(self) -> dict[str, Any]:
+        """What the command prints, `name: value`."""
+        from .report import lines
+
+        return lines(self)
+
+
+def identify(
+    arm: Arm | str | os.PathLike[str],
+    config: Config | str | os.PathLike[str],
+    data: Sequence[str | os.PathLike[str]],
+    *,
+    fit: Sequence[str] | None = None,
+    hold_out: Sequence[str | os.PathLike[str]] = (),
+    out: str | os.PathLike[str] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Identification:
+    """Fit an arm to logs, and judge it on others.
+
+    Args:
+        arm: where the fit begins: an Arm, a name, a TOML file. config: a TOML file or its text.
+        data, hold_out: CSV files, to fit to and to judge by. fit: names or key paths of the parameters to fit; None:
+            the config's. out: a folder for `Identification.save`; a fit that was interrupted goes on from there.
+        progress: called with the share done, 0 to 1.
+    Raises:
+        ValueError: a value that is not allowed, by key path. BadLog (a ValueError): a log that cannot be used, by file,
+            column and row. OSError: a file that cannot be read or written.
+    """
+    given = arms.resolve(arm)
+    setup = read_config(config, given)
+    parameters = setup.chosen(None if fit is None else tuple(fit))
+    runs = [read_run(path, setup) for path in data]
+    others = [read_run(path, setup) for path in hold_out]
+    if not runs:
+        raise check.InvalidValue("data", list(data), "must name at least one log")
+    stems = [run.stem for run in (*runs, *others)]
+    for stem in stems:
+        if stems.count(stem) > 1:
+            raise check.InvalidValue("data", stem, "must be there once: two logs of one name cannot be told apart")
+    files = {run.stem: os.fspath(p) for run, p in zip((*runs, *others), (*data, *hold_out), strict=True)}
+    experiment = Experiment(given, setup, parameters)
+    for run in (*runs, *others):
+        _units(experiment, run, files[run.stem])
+    problem = Problem(experiment, runs)
+    state = None if out is None else Path(out) / "fit.json"
+    best = Solver(problem, progress=progress, state=state).run()
+    values = problem.values(best.z)
+    worth = uncertainty(problem, best.z)
+    everything = (*runs, *others)
+    fitted = [_judged(run, experiment.predict(values, run), setup) for run in everything]
+    train, held = tuple(fitted[: len(runs)]), tuple(fitted[len(runs) :])
+    before = Experiment(given, setup, ())
+    unfitted = tuple(_judged(run, before.predict(np.zeros(0), run), setup) for run in everything)
+    sought = _laws(experiment)
+    simple = {c.name: oscillator(runs, c.name, sought[c.name]) for c in setup.outputs}
+    baseline = tuple(_judged(run, {n: o.predict(run) for n, o in simple.items()}, setup) for run in everything)
+    found = experiment.arm_of(values)
+    frequencies, damping = _modes(found, setup)
+    result = Identification(
+        arm=dataclasses.replace(found, sensors=given.sensors), given=given, config=setup, parameters=parameters,
+        values=values, start=experiment.start, uncertainty=worth,
+        verdict=_verdict(problem, best, train, worth), train=train, held_out=held, unfitted=unfitted,
+        baseline=baseline, oscillators={name: (o.frequency, o.damping) for name, o in simple.items()},
+        frequencies=frequencies, damping=damping,
+        seen={c.name: [r for run in everything for r in read_off(run, c.name)] for c in setup.outputs},
+        fit=best, ranges=_ranges(given, found, parameters, values, worth), experiment=experiment, files=files,
+    )  # fmt: skip
+    if out is not None:
+        result.save(out)
+    return result
+
+
+def _units(experiment: Experiment, run: Run, where: str) -> None:
+    """A log is in the units that the config says, or it looks like no motion of this arm."""
+    for name, values in run.inputs.items():
+        if name.startswith(("joint", "motor")) and np.abs(values).max() > 100.0:
+            raise BadLog(f"{where}: {name} reaches {np.abs(values).max():.4g} rad: another unit than the config says?")
+    predicted = experiment.predict(experiment.start, run)
+    for channel in experiment.config.outputs:
+        y, own = run.outputs[channel.name], predicted[channel.name]
+        ratio = float(np.std(y[run.kept])) / max(float(np.std(own[run.kept])), 1e-300)
+        if not 1.0 / FAR_OFF < ratio < FAR_OFF:
+            angle = ", ".join(f"{c.column!r}" for c in experiment.config.inputs)
+            raise BadLog(
+                f"{where}: column {channel.column!r} moves {ratio:.3g} times as much as this arm's {channel.name} "
+                f"would: is it, {angle} or {experiment.config.time.column!r} in another unit than the config says?"
+            )
+
+
+def _judged(run: Run, readings: Mapping[str, Array], config: Config) -> Prediction:
+    explained, error, shown = {}, {}, {}
+    for channel in config.outputs:
+        y, own = run.outputs[channel.name], readings[channel.name]
+        if channel.offset is None:
+            own = own + float(np.mean((y - own)[run.kept]))
+        shown[channel.name] = own
+        explained[channel.name] = vaf(y[run.kept], own[run.kept])
+        error[channel.name] = nrmse(y[run.kept], own[run.kept], False)
+    return Prediction(run, shown, explained, error)
+
+
+def _laws(experiment: Experiment) -> dict[str, Any]:
+    """The law of each output's sensor."""
+    own, arm = experiment.config.sensors, experiment.arm
+    assert own is not None
+    laws: dict[str, Any] = {f"strain_gauge_{i + 1}": gauge for i, gauge in enumerate(own.strain_gauges)}
+    for k, joint in enumerate(arm.joint_names if own.encoders else ()):
+        laws |= {f"{joint}_angle": own.encoder(k), f"{joint}_rate": own.encoder(k)}
+    laws |= {f"tip_acceleration_{axis}": own.accelerometer for axis in "xy"}
+    return laws | {f"camera_{axis}": own.camera for axis in "xy"}
+
+
+def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
+    """Of the arm as it lies straight, prescribed joints held, Hz and damping ratios."""
+    held = tuple(int(c.name[-1]) for c in config.inputs if c.name[:-1] in ("joint", "motor"))
+    solver = {key: value for key, value in config.solver.items() if key not in ("formulation", "dt")}
+    rest = Scene("rest", arm, duration=1.0, dt=0.005)
+    try:
+        found = modes(rest, 4, config.solver["formulation"], clamped=held, **solver)
+    except ValueError:  # an elastic gear whose motor has no inertia, driven by nothing
+        return np.zeros(0), np.zeros(0)
+    moving = found.frequencies > 1e-6
+    return found.frequencies[moving] / (2.0 * np.pi), found.damping[moving]
+
+
+def _verdict(problem: Problem, best: Fit, train: Sequence[Prediction], worth: Uncertainty) -> str:
+    """Whether a fit may be presented as good."""
+    least = problem.experiment.config.good
+    poor = [f"{p.vaf[n]:.1f} % of {n} in {p.run.stem}" for p in train for n in p.vaf if not p.vaf[n] >= least]
+    swapped = _swapped(problem, best)
+    if swapped:
+        return f"poor: the readings follow {swapped} better: are columns swapped?"
+    if poor:
+        return f"poor: the fitted arm explains only {', '.join(poor)}; a good fit explains {least:g} %"
+    return "good"
+
+
+def _swapped(problem: Problem, best: Fit) -> str:
+    """The columns in whose places the outputs' ones would fit better, the parameters following; "" where none would."""
+    config = problem.experiment.config
+    pairs = [(a, b) for a, b in permutations(range(len(config.outputs)), 2) if a < b]
+    alike = [(a, b) for a, b in pairs if config.outputs[a].name.split("_")[:2] == config.outputs[b].name.split("_")[:2]]
+    if not alike:
+        return ""
+    names = [c.name for c in config.outputs]
+
+    def errors(runs: Sequence[Run], z: Array) -> Array:
+        return np.concatenate([e.ravel() for e in Problem(problem.experiment, runs).errors(z)])
+
+    J = differences(lambda z: errors(problem.runs, z), best.z, problem.bounds)
+    own = float(np.square(errors(problem.runs, best.z)).sum())
+    for a, b in alike:
+        changed = []
+        for run in problem.runs:
+            outputs = {**run.outputs, names[a]: run.outputs[names[b]], names[b]: run.outputs[names[a]]}
+            changed.append(dataclasses.replace(run, outputs=outputs))
+        e = errors(changed, best.z)
+        if float(np.square(e - J @ np.linalg.lstsq(J, e, rcond=None)[0]).sum()) < 0.7 * own:
+            return f"{config.outputs[b].column!r} and {config.outputs[a].column!r} the other way round"
+    return ""
+
+
+# ------------------------------------------------------------------------------------------------- randomization
+def _ranges(
+    given: Arm, arm: Arm, parameters: Sequence[Parameter], values: Array, worth: Uncertainty
+) -> dict[str, tuple[float, float]]:
+    """Factors on the fitted arm: the widest 95 % interval of what each key of `randomization` scales."""
+    kinds = {"EI": "EI", "payload": "mass", "damping": "tau_d", "torque_constant": "torque_constant"}
+    found: dict[str, tuple[float, float]] = {}
+    for p, value, half in zip(parameters, values, worth.half, strict=True):
+        for key, word in kinds.items():
+            mine = p.path.endswith(f".{word}") or p.path == word
+            if mine and (key != "payload" or p.path.startswith("payload")) and value > 0.0 and np.isfinite(half):
+                share = min(half / value, 0.5)
+                low, high = found.get(key, (1.0, 1.0))
+                found[key] = min(low, round(1.0 - share, 4)), max(high, round(1.0 + share, 4))
+    return found
+
+
+def randomization(path: str | os.PathLike[str]) -> dict[str, tuple[float, float]]:
+    """The ranges in an arm.toml that `identify` wrote, for an environment's `randomization`. Raises ValueError."""
+    table, _ = arms.read_toml(path)
+    with check.in_file(path):
+        ranges = check.table_of("randomization", check.needed("", table, "randomization", "must be a table of ranges"))
+    return {key: (float(low), float(high)) for key, (low, high) in ranges.items()}
+
+
+__all__ = ["Identification", "Prediction", "identify", "randomization"]

@@ -1,0 +1,200 @@
+"""Numbers about signals: how much of one another explains, ringing, decay by amplitude; the simplest of models."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import validation as check
+from flexarm_env.sensors import Law
+from flexarm_env.time_functions import spline_table
+
+from .log import Run
+
+Array = NDArray[np.float64]
+
+
+def vaf(measured: Array, predicted: Array) -> float:
+    """Variance accounted for, %: 100 (1 - var(measured - predicted) / var(measured)); offsets do not count."""
+    return float(100.0 * (1.0 - np.var(measured - predicted) / np.var(measured)))
+
+
+def nrmse(measured: Array, predicted: Array, offset: bool) -> float:
+    """Root mean square of the error over the log's standard deviation, %; offset: of the error less its mean."""
+    e = measured - predicted
+    return float(100.0 * np.sqrt(np.mean((e - e.mean() if offset else e) ** 2)) / np.std(measured))
+
+
+# -------------------------------------------------------------------------------------------- ringing, free decay
+@dataclass(frozen=True)
+class Ringing:
+    """A damped cosine found in a stretch of a signal: frequency (Hz), damping ratio, amplitude at the stretch's start;
+    start: s; error: of the cosine, over the stretch's standard deviation."""
+
+    start: float
+    frequency: float
+    damping: float
+    amplitude: float
+    error: float
+
+
+def ringing(t: Array, y: Array, low: float = 0.0, high: float = np.inf) -> Ringing | None:
+    """The strongest damped cosine of a signal between two frequencies (Hz), or None where there is none.
+
+    A spectrum's peak, then least squares of offset + exp(-d t) (a cos w t + b sin w t).
+    """
+    from scipy.optimize import least_squares
+
+    s, dt = t - t[0], (t[-1] - t[0]) / (len(t) - 1)
+    n = 8 * len(y)
+    power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(len(y)), n)) ** 2
+    f = np.fft.rfftfreq(n, dt)
+    allowed = (f >= max(low, 1.5 / s[-1])) & (f <= high)
+    if not allowed.any() or not power[allowed].any():
+        return None
+    peak = f[allowed][power[allowed].argmax()]
+
+    def parts(x: Array) -> tuple[Array, Array]:
+        wave = np.exp(-x[1] * s)[:, None] * np.array([np.cos(x[0] * s), np.sin(x[0] * s)]).T
+        table = np.column_stack([wave, np.ones_like(s)])
+        return table, np.linalg.lstsq(table, y, rcond=None)[0]
+
+    def error(x: Array) -> Array:
+        table, c = parts(x)
+        return np.asarray((table @ c - y) / (y.std() + 1e-300))
+
+    w = 2.0 * np.pi * peak
+    found = least_squares(error, [w, 0.02 * w], bounds=([0.7 * w, -0.2 * w], [1.3 * w, 0.5 * w]), x_scale=[w, 0.02 * w])
+    c = parts(found.x)[1]
+    natural = float(np.hypot(*found.x))
+    return Ringing(
+        float(t[0]), natural / (2.0 * np.pi), float(found.x[1] / natural), float(np.hypot(c[0], c[1])),
+        float(np.sqrt(np.mean(found.fun**2))),
+    )  # fmt: skip
+
+
+def free_decay(t: Array, y: Array, *, periods: float = 4.0, high: float = np.inf) -> list[Ringing]:
+    """Frequency and damping by amplitude of a decay record: a Ringing for each stretch, the largest amplitude first.
+
+    Args:
+        t (n,): s, evenly spaced. y (n,): what rings, in any unit. periods: of the ringing in each stretch.
+        high: Hz, above which nothing is looked for.
+    Raises:
+        ValueError: fewer than two stretches, or nothing rings.
+    """
+    t, y = check.column("t", t, "s"), check.column("y", y)
+    if len(t) != len(y) or len(t) < 20:
+        raise check.InvalidValue("y", f"{len(y)} samples", f"must be as many as t has, {len(t)}, and at least 20")
+    whole = ringing(t, y, high=high)
+    if whole is None or whole.error > 0.9:
+        raise check.InvalidValue("y", y, "must ring: no damped cosine is found in it")
+    size = round(periods / whole.frequency / (t[1] - t[0]))
+    if size < 8 or len(t) < 2 * size:
+        what = f"must hold two stretches of {periods:g} periods of {whole.frequency:.3g} Hz, of 8 samples and more each"
+        raise check.InvalidValue("t", t, what)
+    near = 0.7 * whole.frequency, 1.3 * whole.frequency
+    stretches = [ringing(t[i : i + size], y[i : i + size], *near) for i in range(0, len(t) - size + 1, size // 2)]
+    found = [s for s in stretches if s is not None and s.error < 0.5]
+    return sorted(found, key=lambda s: -s.amplitude)
+
+
+STILL = 0.02
+"""Inputs are still where their rates are below this share of their largest."""
+
+
+def read_off(run: Run, name: str, least: float = 1.5) -> list[Ringing]:
+    """Ringing of an output wherever the run's inputs are still for `least` s."""
+    still = np.ones(len(run.t), bool)
+    for values in run.inputs.values():
+        rate = np.abs(np.gradient(values, run.period))
+        still &= rate < STILL * max(float(rate.max()), 1e-300)
+    size, found, first = round(least / run.period), [], None
+    width = max(1, round(0.1 / run.period))
+    still &= run.kept
+    smooth = np.convolve(still, np.ones(width), "same") > 0.7 * width
+    for i, calm in enumerate([*smooth, False]):
+        if calm and first is None:
+            first = i
+        elif not calm and first is not None:
+            if i - first >= size:
+                one = ringing(run.t[first:i], run.outputs[name][first:i])
+                found += [one] if one is not None and one.error < 0.4 else []
+            first = None
+    return found
+
+
+# -------------------------------------------------------------------------------------------- one oscillator
+@dataclass(frozen=True)
+class Oscillator:
+    """y'' + 2 damping w y' + w^2 y = sum of gains times the inputs (accelerations where angles are prescribed),
+    through the sensor's filter; w = 2 pi frequency."""
+
+    frequency: float
+    damping: float
+    gains: tuple[float, ...]
+    law: Law
+
+    def predict(self, run: Run) -> Array:
+        """Its reading, (n,)."""
+        return np.asarray(_through(run, self.frequency, self.damping, self.law) @ np.array(self.gains))
+
+
+def _pushes(run: Run) -> list[Array]:
+    found = []
+    for name, values in run.inputs.items():
+        angle = name.startswith(("joint", "motor"))
+        found.append(spline_table(run.t, values)(run.t, derivative=2) if angle else values)
+    return found
+
+
+def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
+    """What the oscillator makes of each input, (n, inputs)."""
+    from scipy.signal import cont2discrete, lfilter, ss2tf
+
+    w = 2.0 * np.pi * frequency
+    A, B = np.array([[0.0, 1.0], [-w * w, -2.0 * damping * w]]), np.array([[0.0], [1.0]])
+    filters = [(A, B)]
+    if law.low_pass is not None:
+        v, zeta = 2.0 * np.pi * law.low_pass.frequency, law.low_pass.damping
+        first = law.low_pass.order == 1
+        filters.append(
+            (np.array([[-v]]), np.array([[v]]))
+            if first
+            else (np.array([[0.0, 1.0], [-v * v, -2.0 * zeta * v]]), np.array([[0.0], [v * v]]))
+        )
+    columns = []
+    for u in _pushes(run):
+        for A, B in filters:
+            C = np.zeros((1, len(A)))
+            C[0, 0] = 1.0
+            a, b, c, d, _ = cont2discrete((A, B, C, [[0.0]]), run.period, "foh")
+            num, den = ss2tf(a, b, c, d)
+            u = lfilter(num[0], den, u)
+        columns.append(u)
+    return np.array(columns).T
+
+
+def oscillator(runs: list[Run], name: str, law: Law) -> Oscillator:
+    """The one that comes closest to an output of all runs, offsets left out; law: of its sensor."""
+    from scipy.optimize import least_squares
+
+    target = np.concatenate([y - y.mean() for y in (run.outputs[name][run.kept] for run in runs)])
+
+    def solved(x: Array) -> tuple[Array, Array]:
+        tables = [_through(run, float(np.exp(x[0])), float(np.exp(x[1])), law)[run.kept] for run in runs]
+        table = np.concatenate([columns - columns.mean(axis=0) for columns in tables])
+        gains = np.linalg.lstsq(table, target, rcond=None)[0]
+        return np.asarray(table @ gains - target) / target.std(), gains
+
+    top = 0.4 / max(run.period for run in runs)
+    grid = [
+        np.array([np.log(f), np.log(0.03)]) for f in np.geomspace(max(0.3, 2.0 / runs[0].t[-1]), min(top, 30.0), 25)
+    ]
+    best = min(grid, key=lambda x: float(np.square(solved(x)[0]).sum()))
+    found = least_squares(lambda x: solved(x)[0], best, max_nfev=30).x
+    return Oscillator(float(np.exp(found[0])), float(np.exp(found[1])), tuple(solved(found)[1].tolist()), law)
+
+
+__all__ = ["Oscillator", "Ringing", "free_decay", "nrmse", "oscillator", "read_off", "ringing", "vaf"]
