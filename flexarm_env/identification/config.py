@@ -79,7 +79,7 @@ class Config:
     sensors: Sensors | None = None
     experiment: Mapping[str, Any] = field(default_factory=dict)  # gravity, loads
     solver: Mapping[str, Any] = field(default_factory=dict)
-    starts: int = 3
+    starts: int = 4
     evaluations: int = 60
     good: float = 70.0
     seed: int = 0
@@ -136,7 +136,7 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
         fit=check.sequence("fit", table.get("fit", [p.name for p in parameters]), "names of parameters"),
         skip=check.number("skip", table.get("skip", 0.0), "s", minimum=0.0),
         sensors=carried, experiment={key: table[key] for key in ("gravity", "loads") if key in table},
-        solver=solver, starts=check.integer("starts", table.get("starts", 3), minimum=1),
+        solver=solver, starts=check.integer("starts", table.get("starts", 4), minimum=1),
         evaluations=check.integer("evaluations", table.get("evaluations", 60), minimum=1), good=good,
         seed=check.integer("seed", table.get("seed", 0), minimum=0),
     )  # fmt: skip

@@ -32,6 +32,16 @@ class Run:
     outputs: dict[str, Array]
     kept: NDArray[np.bool_]
 
+    def until(self, share: float) -> Run:
+        """The run up to where its compared readings have so much of their variance."""
+        power = np.zeros(len(self.t))
+        for y in self.outputs.values():
+            own = np.where(self.kept, y - y[self.kept].mean(), 0.0) ** 2
+            power += own / own.sum()
+        n = max(int(np.searchsorted(np.cumsum(power), share * power.sum())), int(np.argmax(self.kept)) + 20) + 1
+        inputs, outputs = ({name: x[:n] for name, x in of.items()} for of in (self.inputs, self.outputs))
+        return Run(self.stem, self.t[:n], inputs, outputs, self.kept[:n])
+
     @property
     def period(self) -> float:
         """Sampling interval, s."""

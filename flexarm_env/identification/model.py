@@ -51,7 +51,7 @@ class Experiment:
         self._table.setdefault("elbows", [{} for _ in arm.links[1:]])
         self._table.setdefault("joints", [{} for _ in arm.links])
         self._places = [_place(parameter.path, self._sensor_names(), arm) for parameter in self.parameters]
-        self._motions: dict[int, dict[str, TimeFunction]] = {}
+        self._motions: dict[tuple[str, int], dict[str, TimeFunction]] = {}
         begins = [self._usual(p, place) if p.start is None else p.start for p, place in self._pairs()]
         for p, value in zip(self.parameters, begins, strict=True):
             with check.under(f'parameters."{p.path}"'):
@@ -156,7 +156,7 @@ class Experiment:
 
     def _function(self, run: Run, channel: Channel, own: Mapping[str, float], kind: str) -> TimeFunction:
         """The input over time: a spline of angles, straight lines of torques; kept while its numbers are the same."""
-        kept, numbers = self._motions.setdefault(id(run), {}), (own["gain"], own["offset"], own["shift"])
+        kept, numbers = self._motions.setdefault((run.stem, len(run.t)), {}), (own["gain"], own["offset"], own["shift"])
         key = f"{channel.name} {numbers}"
         if key not in kept:
             for old in [old for old in kept if old.startswith(f"{channel.name} ")][8:]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit import Problem, differences
+from .fit import Problem, central_differences
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
     free = np.flatnonzero((z - low > near) & (high - z > near))
     errors = problem.errors(z)
     flat = np.concatenate([e.ravel() for e in errors])
-    J = differences(lambda x: np.concatenate([e.ravel() for e in problem.errors(x)]), z, (low, high), flat)[:, free]
+    J = central_differences(lambda x: np.concatenate([e.ravel() for e in problem.errors(x)]), z, free.tolist())
     p = len(free)
     noise2 = float(flat @ flat) / max(len(flat) - p, 1)
     _, values, right = np.linalg.svd(J, full_matrices=False)

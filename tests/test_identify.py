@@ -1,0 +1,328 @@
+"""From logs to arms: what a known truth comes out as, what cannot be told, and which logs are refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexarm_env
+from flexarm_env import Joint, Motor, Scene, StrainGauge, arms
+from flexarm_env.identification import BadLog, free_decay, identify, randomization, read_config, read_run
+from flexarm_env.identification.fit import Problem, Solver
+from flexarm_env.identification.model import Experiment
+from flexarm_env.sensors import Encoder, LowPass, Sensors
+from flexarm_env.time_functions import linear_table, spline_table
+
+CONFIG = """
+time = "t"
+skip = 0.5
+starts = 2
+[inputs]
+joint0 = { column = "hub" }
+[outputs]
+strain_gauge_1 = { column = "strain", offset = "fit" }
+[sensors]
+strain_gauges = [{ link = 0, gain = 0.3, low_pass = { frequency = 20.0, order = 2 } }]
+[solver]
+nodes = 5
+dt = 0.0025
+[parameters]
+"links[0].section.EI" = { name = "EI", low = 1.0, high = 30.0 }
+"links[0].section.m" = { name = "m", low = 0.05, high = 1.0 }
+"payload.mass" = { name = "payload", low = 0.01, high = 1.0 }
+"tau_d" = { name = "tau_d", low = 1e-5, high = 0.05 }
+"""
+FIT = ("EI", "payload", "tau_d")
+TRUTH = {"EI": 1.13, "payload": 0.9, "tau_d": 1.4}
+"""Of the strip's numbers."""
+
+
+def truth() -> flexarm_env.Arm:
+    arm = arms.named("strip")
+    link = arm.links[0]
+    section = dataclasses.replace(link.section, EI=TRUTH["EI"] * link.section.EI)
+    payload = dataclasses.replace(arm.payload, mass=TRUTH["payload"] * arm.payload.mass)
+    links = (dataclasses.replace(link, section=section),)
+    gauge = StrainGauge(gain=0.3, bias=(0.02, 0.02), low_pass=LowPass(20.0, 2))
+    own = Sensors(strain_gauges=(gauge,))
+    return dataclasses.replace(arm, links=links, payload=payload, tau_d=TRUTH["tau_d"] * arm.tau_d, sensors=own)
+
+
+def swing(seed: int, T: float = 5.0) -> tuple[np.ndarray, np.ndarray]:
+    """Instants, and hub angles of a smooth random motion from rest."""
+    rng, t = np.random.default_rng(seed), np.arange(round(T * 100) + 1) / 100
+    waves = zip(rng.normal(0, 1.0, 9), np.linspace(2, 65, 9) + rng.uniform(-2, 2, 9), rng.uniform(0, 6, 9), strict=True)
+    angle = sum(a * np.sin(w * t + p) / w for a, w, p in waves)
+    return t, np.asarray(np.minimum(t, 1.0) ** 3 * angle)
+
+
+def log(folder: Path, seed: int = 0, noise: float = 0.01, name: str = "run") -> Path:
+    """A log of the true strip: hub angle and a filtered, offset, noisy gauge."""
+    arm, (t, angle) = truth(), swing(seed)
+    scene = Scene(
+        "log", arm, duration=t[-1], dt=0.0025, motions=(flexarm_env.Motion("joint0", spline_table(t, angle)),)
+    )
+    run = flexarm_env.simulate(scene, "elastica", nodes=5, sample=0.01, estimate_error=False)
+    strain = run.measured()["strain_gauge_1"]
+    strain = strain + noise * strain.std() * np.random.default_rng(seed + 1).normal(size=len(t))
+    return write(folder / f"{name}.csv", {"t": t, "hub": angle, "strain": strain})
+
+
+def write(path: Path, columns: dict[str, Any]) -> Path:
+    rows = zip(*columns.values(), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
+    folder = tmp_path_factory.mktemp("identify")
+    data, other = log(folder, 1, name="one"), log(folder, 2, name="two")
+    return identify("strip", CONFIG, [data], fit=FIT, hold_out=[other], out=folder / "out"), folder
+
+
+def test_the_truth_lies_in_the_intervals(fitted: tuple[Any, Path]) -> None:
+    found, _ = fitted
+    for p, value, half, before in zip(found.parameters, found.values, found.uncertainty.half, found.start, strict=True):
+        assert abs(value - TRUTH[p.name] * before) < 1.5 * half < 0.2 * value, p.name
+    assert found.good and not found.uncertainty.untold
+    assert found.held_out[0].vaf["strain_gauge_1"] > 99.9 > found.unfitted[1].vaf["strain_gauge_1"]
+    assert found.baseline[1].vaf["strain_gauge_1"] > 80.0
+
+
+def test_what_is_written(fitted: tuple[Any, Path]) -> None:
+    found, folder = fitted
+    out = folder / "out"
+    arm = arms.resolve(out / "arm.toml")
+    assert arm == dataclasses.replace(found.arm, source=arm.source) and "one.csv" in arm.source
+    ranges = randomization(out / "arm.toml")
+    assert set(ranges) == {"EI", "payload", "damping"} and all(low < 1.0 < high for low, high in ranges.values())
+    import gymnasium as gym
+
+    gym.make("FlexibleArm-v0", arm=str(out / "arm.toml"), randomization=ranges).reset(seed=0)
+    text = (out / "report.md").read_text()
+    assert "links[0].section.EI" in text and "one oscillator" in text
+    lines = json.loads((out / "result.json").read_text())
+    assert lines["vaf.two.strain_gauge_1"] == round(found.held_out[0].vaf["strain_gauge_1"], 3)
+    assert (out / "one.png").stat().st_size > 10_000 and (out / "two.png").is_file()
+
+
+def test_what_only_ratios_tell_is_named(fitted: tuple[Any, Path]) -> None:
+    """With the hub's angle prescribed all masses and stiffnesses can be as many times as large as one likes."""
+    _, folder = fitted
+    config = CONFIG.replace("starts = 2", "starts = 2\nevaluations = 12")
+    found = identify("strip", config, [folder / "one.csv"], fit=("EI", "m", "payload", "tau_d"))
+    assert set(found.uncertainty.untold) == {"EI", "m", "payload"}
+    blind = found.uncertainty.directions[0].shares
+    relative = [blind[n] * s / v for n, s, v in zip(("EI", "m", "payload"), found.start, found.values, strict=False)]
+    assert set(blind) == {"EI", "m", "payload"} and np.ptp(relative) < 0.25 * max(relative)
+    assert found.uncertainty.told[0].deviation < 0.05
+    tau = found.parameters.index(next(p for p in found.parameters if p.name == "tau_d"))
+    assert abs(found.values[tau] / found.start[tau] - TRUTH["tau_d"]) < 0.1
+
+
+def test_a_prior_tells_what_the_log_cannot(fitted: tuple[Any, Path]) -> None:
+    _, folder = fitted
+    mass = arms.named("strip").links[0].section.m
+    config = CONFIG.replace("starts = 2", "starts = 2\nevaluations = 25")
+    config = config.replace('name = "m", ', f'name = "m", prior = [{mass}, {0.01 * mass}], ')
+    found = identify("strip", config, [folder / "one.csv"], fit=("EI", "m", "payload", "tau_d"))
+    values, half = dict(zip(("EI", "m"), found.values, strict=False)), found.uncertainty.half
+    assert abs(values["EI"] / found.start[0] - TRUTH["EI"]) < 0.04
+    assert half[1] < 0.04 * mass
+
+
+def test_an_interrupted_fit_goes_on(fitted: tuple[Any, Path], tmp_path: Path) -> None:
+    _, folder = fitted
+    arm = arms.named("strip")
+    config = read_config(CONFIG, arm)
+    experiment = Experiment(arm, config, config.chosen(FIT))
+    problem = Problem(experiment, [read_run(folder / "one.csv", config)])
+
+    def stop(share: float) -> None:
+        if len(calls) > 5:
+            raise KeyboardInterrupt
+        calls.append(share)
+
+    calls: list[float] = []
+    with pytest.raises(KeyboardInterrupt):
+        Solver(problem, progress=stop, state=tmp_path / "fit.json").run()
+    again = Solver(problem, state=tmp_path / "fit.json")
+    assert "best" in again.state
+    fresh = Solver(problem).run()
+    best = again.run()
+    assert best.evaluations < fresh.evaluations and np.allclose(best.z, fresh.z, atol=1e-3)
+    other = Problem(Experiment(arm, config, config.chosen(("EI",))), problem.runs)
+    assert "best" not in Solver(other, state=tmp_path / "fit.json").state
+
+
+def test_cli(fitted: tuple[Any, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from flexarm_env.cli.parser import main
+
+    _, folder = fitted
+    (tmp_path / "c.toml").write_text(CONFIG)
+    data, held = str(folder / "one.csv"), str(folder / "two.csv")
+    words = ["identify", "strip", "--config", str(tmp_path / "c.toml"), "--data", data, "--hold-out", held]
+    assert main([*words, "--fit", "EI,tau_d"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("vaf.two.strain_gauge_1: ") for line in lines)
+    assert not any(line.startswith("vaf.one") for line in lines)
+    assert any(line.startswith("train.vaf.one.strain_gauge_1: ") for line in lines)
+    assert main([*words, "--fit", "nothing"]) == 2
+    assert "nothing: unknown parameter to fit; allowed: EI, m" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------------------------- bad logs
+def spoil(columns: dict[str, Any], how: str) -> dict[str, Any]:
+    t, hub, strain = columns.values()
+    if how == "gap":
+        return {name: np.delete(x, slice(300, 340)) for name, x in columns.items()}
+    if how == "repeated":
+        return {**columns, "t": np.where(np.arange(len(t)) == 200, t[199], t)}
+    if how == "nan":
+        return {**columns, "hub": [*hub[:100], math.nan, *hub[101:]]}
+    if how == "empty":
+        return {**columns, "strain": [*strain[:100], "", *strain[101:]]}
+    if how == "saturated":
+        return {**columns, "strain": np.clip(strain, -1.0 * strain.std(), None)}
+    if how == "strain in thousands":
+        return {**columns, "strain": 1e3 * strain}
+    if how == "angle in thousands":
+        return {**columns, "hub": 1e3 * hub}
+    if how == "angle in thousandths":
+        return {**columns, "hub": 1e-3 * hub}
+    if how == "ms":
+        return {**columns, "t": 1e3 * t}
+    if how == "still":
+        return {**columns, "strain": 0.0 * strain}
+    return {"t": t, "angle": hub, "strain": strain}
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ("gap", "column 't', row 302: a gap of 0.41 s"),
+        ("repeated", "column 't', row 202: the time 1.99 s repeats"),
+        ("nan", "column 'hub', row 102: 'nan' is no finite number"),
+        ("empty", "column 'strain', row 102: '' is no finite number"),
+        ("saturated", "the sensor is at the end of its range"),
+        ("strain in thousands", "column 'strain' moves"),
+        ("angle in thousands", "joint0 reaches"),
+        ("angle in thousandths", "in another unit"),
+        ("ms", "in another unit"),
+        ("still", "column 'strain' never changes"),
+        ("missing", "column 'hub' (joint0) must be there once"),
+    ],
+)
+def test_a_bad_log_is_a_sentence(fitted: tuple[Any, Path], tmp_path: Path, how: str, says: str) -> None:
+    table = np.genfromtxt(fitted[1] / "one.csv", delimiter=",", names=True)
+    bad = write(tmp_path / "bad.csv", spoil({name: table[name] for name in ("t", "hub", "strain")}, how))
+    with pytest.raises(BadLog) as caught:
+        identify("strip", CONFIG, [bad], fit=FIT)
+    assert says in str(caught.value) and "bad.csv" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_swapped_columns_are_no_good_fit(fitted: tuple[Any, Path], tmp_path: Path) -> None:
+    table = np.genfromtxt(fitted[1] / "one.csv", delimiter=",", names=True)
+    bad = write(tmp_path / "bad.csv", {"t": table["t"], "strain": table["hub"], "hub": table["strain"]})
+    try:
+        found = identify("strip", CONFIG, [bad], fit=FIT)
+    except BadLog:
+        return
+    assert not found.good and "poor" in found.verdict
+
+
+def test_cells_of_other_columns_do_not_matter(fitted: tuple[Any, Path], tmp_path: Path) -> None:
+    table = np.genfromtxt(fitted[1] / "one.csv", delimiter=",", names=True)
+    more = write(tmp_path / "m.csv", {"x": [""] * len(table), **{n: table[n] for n in ("strain", "t", "hub")}})
+    config = read_config(CONFIG, arms.named("strip"))
+    a, b = read_run(more, config), read_run(fitted[1] / "one.csv", config)
+    assert np.array_equal(a.outputs["strain_gauge_1"], b.outputs["strain_gauge_1"]) and np.array_equal(a.t, b.t)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("joint0 =", "joint3 ="), "inputs = 'joint3': must be jointK"),
+        (("strain_gauge_1 =", "strain_gauge_4 ="), "outputs.strain_gauge_4: unknown sensor"),
+        (("skip = 0.5", "skip = -1.0"), "skip = -1.0: must be"),
+        (('"payload.mass"', '"payload.weight"'), 'parameters."payload.weight"'),
+        (('"tau_d" =', '"tau d" ='), "must be a key path"),
+        (("low = 1.0, high = 30.0", "low = 30.0, high = 1.0"), "must have low < high"),
+        (("low = 1.0, high = 30.0", "low = 20.0, high = 30.0"), '"links[0].section.EI".start = '),
+        (('column = "hub"', 'column = "hub", unit = "furlong"'), "inputs.joint0.unit = 'furlong'"),
+    ],
+)
+def test_a_wrong_config_is_a_sentence(fitted: tuple[Any, Path], change: tuple[str, str], says: str) -> None:
+    assert change[0] in CONFIG
+    with pytest.raises(ValueError) as caught:
+        identify("strip", CONFIG.replace(*change), [fitted[1] / "one.csv"])
+    assert says in str(caught.value)
+
+
+# ------------------------------------------------------------------------------------------------ drives, free decay
+@pytest.mark.slow
+def test_a_drive_from_currents(tmp_path: Path) -> None:
+    """Torque constant, friction and the gear's stiffness of a joint, from its current, its encoder and a gauge."""
+    motor, gear = Motor(torque_constant=0.05), {"gear_ratio": 50.0, "motor_inertia": 2e-5}
+    joint = Joint(stiffness=80.0, damping=0.05, friction_viscous=0.3, friction_coulomb=0.15, motor=motor, **gear)
+    own = Sensors((Encoder(side="motor"),), (StrainGauge(),))
+    arm = dataclasses.replace(arms.named("strip"), joints=(joint,), sensors=own)
+    rng, t = np.random.default_rng(5), np.arange(601) / 100
+    current = sum(rng.normal(0, 0.25) * np.sin(w * t + rng.uniform(0, 6)) for w in rng.uniform(2, 25, 8)) * np.minimum(
+        t, 1
+    )
+    loads = (flexarm_env.JointTorque(0, linear_table(t, 0.05 * 50.0 * current)),)
+    scene = Scene("log", arm, duration=6.0, dt=0.0025, loads=loads)
+    run = flexarm_env.simulate(scene, "elastica", nodes=6, sample=0.01, estimate_error=False).measured()
+    noisy = {n: y + 0.01 * y.std() * rng.normal(size=len(t)) for n, y in run.items()}
+    columns = {"t": t, "i": 1e3 * current, "hub": noisy["hub_angle"], "strain": noisy["strain_gauge_1"]}
+    config = """
+starts = 1
+[inputs]
+current0 = { column = "i", unit = "mA" }
+[outputs]
+hub_angle = { column = "hub", offset = 0.0 }
+strain_gauge_1 = { column = "strain" }
+[solver]
+nodes = 4
+dt = 0.005
+[parameters]
+"joints[0].motor.torque_constant" = { name = "k", low = 0.01, high = 0.2 }
+"joints[0].friction_viscous" = { name = "viscous", low = 0.0, high = 3.0 }
+"joints[0].friction_coulomb" = { name = "coulomb", low = 0.0, high = 1.0 }
+"joints[0].stiffness" = { name = "gear", low = 10.0, high = 500.0 }
+"""
+    start = dataclasses.replace(
+        joint, stiffness=110.0, friction_viscous=0.2, friction_coulomb=0.25, motor=Motor(torque_constant=0.06)
+    )
+    begun = dataclasses.replace(arm, joints=(start,))
+    found = identify(begun, config, [write(tmp_path / "drive.csv", columns)])
+    assert found.good and not found.uncertainty.untold, found.lines()
+    true = {"k": 0.05, "viscous": 0.3, "coulomb": 0.15, "gear": 80.0}
+    for p, value in zip(found.parameters, found.values, strict=True):
+        assert abs(value / true[p.name] - 1.0) < 0.06, p.name
+
+
+def test_frequency_and_damping_by_amplitude() -> None:
+    """A pendulum's period grows with its swing, T = T0 (1 + a^2/16); quadratic drag damps large swings more."""
+    from scipy.integrate import solve_ivp
+
+    w, drag = 2.0 * math.pi * 1.5, 0.05
+    t = np.arange(4001) / 100
+    of = solve_ivp(lambda _, y: [y[1], -w * w * math.sin(y[0]) - drag * y[1] * abs(y[1])], (0, 40), [1.2, 0.0],
+                   t_eval=t, rtol=1e-9, atol=1e-9)  # fmt: skip
+    found = free_decay(t, of.y[0])
+    assert len(found) > 5 and found[0].amplitude > 3.0 * found[-1].amplitude
+    for one in found[1:]:
+        mean = one.amplitude * math.exp(-one.damping * w * 2.0 / 1.5)  # in the middle of the stretch
+        assert abs(one.frequency / 1.5 / (1.0 - mean**2 / 16.0) - 1.0) < 0.006
+        assert abs(one.damping - 4.0 * drag * mean / (3.0 * math.pi)) < 0.25 * one.damping
+    with pytest.raises(ValueError, match="must ring"):
+        free_decay(t, np.random.default_rng(0).normal(size=len(t)))
