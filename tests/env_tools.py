@@ -94,6 +94,18 @@ def episode(env: gym.Env[Any, Any], seed: int, steps: int, **options: Any) -> li
     return outcomes
 
 
+def successes(env: Any, controller: Any, seed: int) -> float:
+    """Share of a vector's arms that a controller has where they belong at the end of an episode."""
+    observation, _ = env.reset(seed=seed)
+    controller.reset(observation)
+    for _ in range(env.unwrapped.plan.limit):
+        action = controller.act(observation)
+        assert action.dtype == np.float32
+        assert np.abs(action).max() <= 1.0
+        observation, _, _, _, info = env.step(action)
+    return float(info["is_success"].mean())
+
+
 def pair(env_id: str, n: int, mode: str = "NextStep", threads: int = 1, **kwargs: Any) -> tuple[Any, Any]:
     """The environment as n single ones in a SyncVectorEnv, and as a native vector."""
     sync = gym.make_vec(env_id, num_envs=n, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **kwargs)

@@ -32,9 +32,13 @@ def outcomes(env: Any, actions: np.ndarray, **options: Any) -> list[Any]:
 
 @pytest.mark.parametrize(
     ("env_id", "arm", "formulation"),
-    [(ONE, "strip", "elastica"), (TWO, "de_luca_siciliano", "elastica"), (ONE, "strip", "floating_frame"),
-     pytest.param(TWO, "de_luca_siciliano", "geometrically_exact", marks=pytest.mark.slow)],
-)  # fmt: skip
+    [
+        (ONE, "strip", "elastica"),
+        pytest.param(ONE, "strip", "floating_frame", marks=pytest.mark.slow),
+        pytest.param(TWO, "de_luca_siciliano", "elastica", marks=pytest.mark.slow),
+        pytest.param(TWO, "de_luca_siciliano", "geometrically_exact", marks=pytest.mark.slow),
+    ],
+)
 def test_lanes_and_single_arms_are_equal_to_the_last_bit(env_id: str, arm: str, formulation: str) -> None:
     """Motors that stick and slip among them; energies are kept, and add up."""
     keywords: dict[str, Any] = {"arm": geared(arm), "formulation": formulation, "info_level": "full"}
@@ -113,7 +117,10 @@ def test_friction_of_the_actuator_is_that_of_the_joints() -> None:
     assert_same([o[0] for o in one], [o[0] for o in other])
 
 
-@pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact", "floating_frame"])
+@pytest.mark.parametrize(
+    "formulation",
+    ["elastica", *(pytest.param(f, marks=pytest.mark.slow) for f in ("geometrically_exact", "floating_frame"))],
+)
 def test_friction_under_torques_that_jump_keeps_the_books(formulation: str) -> None:
     """Joints that reverse, stop and start in every period: neither energy from nowhere nor a joint that stops dead."""
     for friction in ({"viscous": 0.3, "coulomb": 0.05}, {"coulomb": 0.3}):

@@ -17,7 +17,9 @@ from tests.processes import python
 MODES = ("NextStep", "SameStep", "Disabled")
 
 
-@pytest.mark.parametrize(("env_id", "mode", "n"), [*itertools.product(IDS, MODES, (1, 7)), (MULTI, "NextStep", 7)])
+@pytest.mark.parametrize(("env_id", "mode", "n"), [
+    *itertools.product(IDS, MODES, (1, 7)), pytest.param(MULTI, "NextStep", 7, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_vector_is_the_single_environment(env_id: str, mode: str, n: int) -> None:
     ended = assert_pair_same(pair(env_id, n, mode, duration=0.4, randomization=RANDOM), 50)
     assert ended >= 2 * n

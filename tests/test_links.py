@@ -19,6 +19,7 @@ from flexarm_env.physics.floating.constants import finite_element_body
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
+from tests.scene_tools import everything
 
 THICK = Section(EI=2.0, EA=2e7, C=7e6, m=0.3)
 THIN = Section(EI=0.5, EA=1e7, C=3e6, m=0.15)
@@ -31,7 +32,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def scene(arm: Arm) -> Scene:
-    return Scene("s", arm, duration=1.0, dt=0.01)
+    return everything(Scene("s", arm, duration=1.0, dt=0.01))
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -17,23 +17,13 @@ from flexarm_env.control.catalogue import tuned_gains
 from flexarm_env.linear import set_state, state_of
 from flexarm_env.scene import Scene
 from flexarm_env.simulation import Simulation
+from tests.env_tools import successes
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 
 
 def make(env_id, n=20, **keywords):
     return gym.make_vec(env_id, num_envs=n, vectorization_mode="vector_entry_point", observation="measured", **keywords)
-
-
-def successes(env, controller, seed=50):
-    observation, _ = env.reset(seed=seed)
-    controller.reset(observation)
-    for _ in range(env.unwrapped.plan.limit):
-        action = controller.act(observation)
-        assert action.dtype == np.float32
-        assert np.abs(action).max() <= 1.0
-        observation, _, _, _, info = env.step(action)
-    return float(info["is_success"].mean())
 
 
 def told(env_id=ONE, **keywords):
@@ -102,20 +92,21 @@ def test_regulator_and_filter_are_stable(env_id, posture):
 )
 def test_one_link_slews_and_settles(keywords):
     env = make(ONE, **keywords)
-    assert successes(env, control.make("lqg", env)) >= 0.98
+    assert successes(env, control.make("lqg", env), 50) >= 0.98
 
 
 @pytest.mark.parametrize("arm", [None, "two_link_geared"])
 def test_two_links_reach_and_settle(arm):
     env = make(TWO, arm=arm)
-    assert successes(env, control.make("lqg", env)) >= 0.9
+    assert successes(env, control.make("lqg", env), 50) >= 0.9
 
 
 def test_one_arm_or_many_and_a_second_episode_are_the_same():
     """With the last of three observations; nothing is left of an episode before."""
     env = make(ONE, 4, history=3, arm="strip_geared")
     many, one, again = (control.make("lqg", env) for _ in range(3))
-    assert successes(env, again, 7) >= 0.0
+    first = successes(env, again, 7)
+    assert successes(env, again, 7) == first >= 0.75
     observation, _ = env.reset(seed=9)
     for controller, seen in ((many, observation), (one, observation[2]), (again, observation)):
         controller.reset(seen)
