@@ -24,7 +24,7 @@ def rest(env: Any) -> np.ndarray:
     ("scene", "formulation", "options"),
     [
         ("robot_arm_motion", None, {"segments": 5, "elements": 1, "dt": 0.05}),
-        ("robot_arm_torque", "elastica", {"nodes": 5}),
+        pytest.param("robot_arm_torque", "elastica", {"nodes": 5}, marks=pytest.mark.slow),
         ("two_link_motion", "elastica", {}),
     ],
 )

@@ -250,6 +250,7 @@ def test_states_hold_what_sensors_remember() -> None:
     assert_same(one, [env.step(a) for a in actions])
 
 
+@pytest.mark.slow
 def test_full_shows_encoders_and_further_sensors_where_they_are_asked_for() -> None:
     env = gym.make(ONE, sensors={"encoders": {"counts": 100}, "camera": {}})
     names = env.unwrapped.plan.names

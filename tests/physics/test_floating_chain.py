@@ -30,9 +30,10 @@ FRAMES = ("root", "chord")
 BOTH_FRAMES = pytest.mark.parametrize("frame", FRAMES)
 
 
-def test_uncompiled() -> None:
+@pytest.mark.parametrize("mark", ["not slow", pytest.param("slow", marks=pytest.mark.slow)])
+def test_uncompiled(mark: str) -> None:
     """Residual, tangents, energies, losses and places against the oracle, for every mesh (`uncompiled_chain.py`)."""
-    uncompiled_tests("physics/uncompiled_chain.py")
+    uncompiled_tests("physics/uncompiled_chain.py", mark)
 
 
 # ------------------------------------------------------------ the oracle's own known answers
