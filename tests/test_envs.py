@@ -51,7 +51,7 @@ def test_both_checkers_without_a_warning(env_id: str, formulation: str) -> None:
         checker.check_env(gym.make(env_id, render_mode="rgb_array", **FORMULATIONS[formulation]).unwrapped)
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", [IDS[0], pytest.param(IDS[1], marks=pytest.mark.slow)])
 def test_checkers_without_a_warning_with_everything(env_id: str) -> None:
     from gymnasium.utils.env_checker import check_env
 

@@ -81,6 +81,7 @@ def test_a_current_is_a_torque() -> None:
         assert a[-1]["joint_torque"][0] == pytest.approx(0.9)
 
 
+@pytest.mark.slow
 def test_a_voltage_gives_the_rate_at_which_the_motor_makes_as_much() -> None:
     """Without friction r k w = V; at rest the torque is r k V / R, within the limits of current and torque."""
     joint = dataclasses.replace(GEAR, friction_coulomb=0.0)

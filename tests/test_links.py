@@ -30,8 +30,13 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "modes": ("floating_frame", {"modes": 3}),
 }
 FOUR = METHODS | {"modes": ("floating_frame", {"modes": 4})}
-FEWER = pytest.mark.parametrize("method", [*list(METHODS)[:3], pytest.param("modes", marks=pytest.mark.slow)])
-"""Modes with kernels of their own are for the slow tests."""
+
+
+def methods(*slow: str) -> Any:
+    """Those in `slow` have kernels of their own here, which take long to compile."""
+    return pytest.mark.parametrize(
+        "method", [pytest.param(name, marks=[pytest.mark.slow] if name in slow else []) for name in METHODS]
+    )
 
 
 def scene(arm: Arm) -> Scene:
@@ -79,7 +84,7 @@ def stepped_frequencies(a: float, b: float, count: int) -> list[float]:
     return zeros[:count]
 
 
-@FEWER
+@methods("modes")
 def test_stepped_beam(method: str) -> None:
     """Three frequencies against the transcendental equation; the step is where an even mesh has no end."""
     known = stepped_frequencies(0.53, 0.47, 3)
@@ -314,7 +319,7 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
     return np.sqrt(np.abs(eigh(K, M, eigvals_only=True)))[n if hinged else 0 :][:count]
 
 
-@FEWER
+@methods("exact", "modes")
 @pytest.mark.parametrize("clamped", [(0, 1), ()])
 def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
     """Three of a two-link arm against its energies, joints held and free."""
@@ -341,7 +346,7 @@ def test_no_rigid_ends_are_the_same_arm_and_small_ones_nearly(formulation: str, 
     np.testing.assert_allclose(*found, rtol=1e-7)
 
 
-@FEWER
+@methods("exact", "segments", "modes")
 def test_joints_poses_shapes_and_reach_agree(method: str) -> None:
     formulation, options = METHODS[method]
     arm = Arm("a", (ENDED, dataclasses.replace(ENDED, length=0.4)), payload=Payload(0.1), tau_d=1e-3, hub_inertia=0.1)

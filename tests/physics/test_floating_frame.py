@@ -141,9 +141,9 @@ def test_multipliers_do_not_ring(name: str, options: dict[str, Any]) -> None:
 )
 def test_integrator_is_of_second_order(options: dict[str, Any]) -> None:
     """Positions, velocities and enforcing torque of a smooth motion: 2 +- 0.1, measured against a fine step."""
-    options = {"duration": 6.0, **options}
+    scene, options = everything(named("robot_arm_motion_smooth")), {"duration": 6.0, "estimate_error": False, **options}
     steps = [0.0125, 0.00625, 0.0015625]
-    runs = [simulate(named("robot_arm_motion_smooth"), dt=h, sample=0.1, **options) for h in steps]
+    runs = [simulate(scene, dt=h, sample=0.1, **options) for h in steps]
     for name in ("tip", "tip_velocity", "joint_torque"):
         coarse, fine = (float(np.abs(getattr(run, name)[1:] - getattr(runs[-1], name)[1:]).max()) for run in runs[:-1])
         share = (steps[0] ** 2 - steps[2] ** 2) / (steps[1] ** 2 - steps[2] ** 2)  # the fine run has an error too
@@ -185,7 +185,8 @@ def test_modified_newton() -> None:
 def test_segments_approach_the_exact_beam(segments: int, elements: int, coupling: str, error: float) -> None:
     """Largest tip error (m) on robot_arm_motion, as an independent prototype of the same equations has it."""
     options = {"segments": segments, "elements": elements, "coupling": coupling}
-    run = simulate(named("robot_arm_motion"), dt=0.025 if segments == 8 else 0.05, frame="root", **options)
+    scene, dt = everything(named("robot_arm_motion")), 0.025 if segments == 8 else 0.05
+    run = simulate(scene, dt=dt, frame="root", estimate_error=False, **options)
     found = tip_error(run.t, run.tip, reference("robot_arm_motion").columns)
     assert found.instants == 181
     assert found.max_tip_error == pytest.approx(error, abs=max(0.15 * error, 0.003))
@@ -194,7 +195,7 @@ def test_segments_approach_the_exact_beam(segments: int, elements: int, coupling
 def test_smooth_motion_needs_more_segments() -> None:
     """robot_arm_motion_smooth reaches 80 % of the length: 0.145 m with 5 segments, 0.03 m with 8."""
     table = reference("robot_arm_motion_smooth").columns
-    scene = named("robot_arm_motion_smooth")
+    scene = everything(named("robot_arm_motion_smooth"))
     five, eight = (
         tip_error(run.t, run.tip, table).max_tip_error
         for run in (simulate(scene, frame="root", **mesh) for mesh in ({"segments": 5}, {"segments": 8, "dt": 0.025}))
@@ -260,7 +261,8 @@ def test_segments_converge_where_shear_matters(EA: float) -> None:
     """
     section = Section(2.0, EA, 80.0, 0.5, 0.0025)
     arm = Arm("stubby", (Link(1.0, section),), hub_inertia=0.05, payload=Payload(0.1, 1e-3))
-    scene = Scene("stubby", arm, duration=0.6, dt=5e-4, sample=0.02, loads=(JointTorque(0, sine(2.0, 8.0)),))
+    loads = (JointTorque(0, sine(2.0, 8.0)),)
+    scene = everything(Scene("stubby", arm, duration=0.6, dt=5e-4, sample=0.02, loads=loads))
     exact = simulate(scene, "geometrically_exact", elements=16, rho_inf=0.9, estimate_error=False)
     assert np.abs(exact.tip_deflection).max() > 0.5
     errors, reduced = [], []

@@ -78,7 +78,7 @@ def ritz(stiffness: float, rotor: float, arm: Arm) -> Array:
     return np.sqrt(np.maximum(eigh(K, M, eigvals_only=True), 0.0))
 
 
-@methods("elastica", "exact", "segments", slow=("elements", "modes"))
+@methods("elastica", "exact", slow=("segments", "elements", "modes"))
 def test_frequencies_of_a_link_on_an_elastic_gear_with_rotor(method: str) -> None:
     """Motor free: a rigid turn, then three frequencies; the motor held: three. Against energies, 1e-4."""
     gear = Joint(stiffness=40.0, motor_inertia=5e-4, gear_ratio=12.0)
@@ -150,7 +150,7 @@ def two_links(**changes: Any) -> Arm:
     )  # fmt: skip
 
 
-@methods("elastica", slow=("segments",))
+@methods(slow=("elastica", "segments"))
 def test_two_links_on_gears_and_their_books(method: str) -> None:
     """Bent by a fifth of L: against the exact beam, and energy where friction and gears take some of it."""
     loads = (JointTorque(0, sine(2.2, 2.0 * math.pi)), JointTorque(1, sine(1.0, 2.0 * math.pi)))
