@@ -34,9 +34,9 @@ RICH: dict[str, dict[str, Any]] = {
 
 LIVELY: dict[str, Any] = {
     "randomization": RANDOM, "sensors": {"noise": 0.01, "delay": 0.04}, "initial_vibration": 0.02,
-    "actuator": {"lag": 0.01, "delay": 0.08 / 3, "coulomb": 0.01},
+    "actuator": {"lag": 0.01, "delay": 0.08 / 3},
 }  # fmt: skip
-"""For `rich`: none of it ideal."""
+"""For `rich`: none of it ideal. Friction has kernels of its own."""
 
 
 def rich(env_id: str, **changes: Any) -> dict[str, Any]:
