@@ -160,6 +160,7 @@ def test_goals_of_a_moving_target_do_not_leap() -> None:
         assert np.abs(goal - before).max() < 0.05
 
 
+@pytest.mark.slow
 def test_environment_and_controllers_have_the_same_goals() -> None:
     env = gym.make(ID, action_mode="residual_pd").unwrapped
     lengths = np.array([link.length for link in THREE.links])

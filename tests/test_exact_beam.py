@@ -249,7 +249,7 @@ def test_a_torque_on_hardly_any_rotary_inertia_asks_for_no_halving() -> None:
 
 def test_torques_set_by_hand_ask_for_no_halving() -> None:
     """Accelerations solved afresh throw the prediction far: such a step begins again from where it was."""
-    scene = Scene("held", named_arm("strip"), duration=1.0, dt=0.0025, sample=0.02)
+    scene = everything(Scene("held", named_arm("strip"), duration=1.0, dt=0.0025, sample=0.02))
     simulation = Simulation(scene, scene.settings("geometrically_exact", elements=3, tolerance=1e-6))
     rng = np.random.default_rng(0)
     for k in range(50):

@@ -35,7 +35,7 @@ CHAIN = Arm(
 def corrected(name: str, **options: Any) -> tuple[float, float]:
     """Largest tip error (m) against a fine run without it, without and with the correction."""
     scene, sample = everything(scenes.named(name)), options["dt"]
-    mesh = {"elements": 8, "order": 3, "rho_inf": 1.0}
+    mesh = {"elements": 16, "rho_inf": 1.0}
     fine = simulate(scene, EXACT, dt=options["dt"] / 20, sample=sample, estimate_error=False, **mesh)
     errors = []
     for correction in (False, True):
