@@ -13,6 +13,7 @@ from flexarm_env import plotting
 from flexarm_env.scenes import named, reference
 from flexarm_env.simulation import simulate
 from flexarm_env.trajectory import Trajectory
+from tests.scene_tools import everything
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -23,7 +24,7 @@ def runs() -> dict[str, Trajectory]:
     return {
         "pinned": simulate(named("robot_arm_motion"), segments=4),
         "two links": simulate(named("two_link_motion"), segments=1),
-        "free": simulate(named("flying_rod"), segments=2),
+        "free": simulate(everything(named("flying_rod")), segments=2),
     }
 
 
