@@ -274,6 +274,28 @@ def test_below_friction_nothing_moves(gear: str) -> None:
     assert np.ptp(after) <= 1e-6
 
 
+@methods("elastica", slow=("exact",))
+@pytest.mark.parametrize("gear", GEARS)
+def test_slip_under_a_torque_that_jumps(gear: str, method: str) -> None:
+    """From 1.5 to -0.5 N m: q'' = (u - T) / J with T against the rate, to rest, where 0.5 N m does not move it; then
+    -1.5 N m does. Against the exact parabolas."""
+    arm = rod(Joint(motor_inertia=0.05, friction_coulomb=0.6, **GEARS[gear]))
+    found = run(
+        scene(arm, steps([0.0, 0.5, 1.0], [1.5, -0.5, -1.5]), duration=1.3, dt=2e-3), method,
+        **({"elements": 1, "order": 2} if method == "exact" else {"nodes": 4}),
+    )  # fmt: skip
+    J, t = 0.05 + 1e-3 / 3.0, found.t
+    fast, stopped = 0.9 / J * 0.5, 0.5 + 0.9 * 0.5 / 1.1
+    exact = np.select(
+        [t < 0.5, t < stopped, t < 1.0],
+        [0.45 / J * t**2, 0.225 * 0.5 / J + fast * (t - 0.5) - 0.55 / J * (t - 0.5) ** 2,
+         0.225 * 0.5 / J + 0.5 * fast * (stopped - 0.5)],
+        0.225 * 0.5 / J + 0.5 * fast * (stopped - 0.5) - 0.45 / J * (t - 1.0) ** 2,
+    )  # fmt: skip
+    assert found.status == "ok"
+    assert np.abs(found.motor_angles[:, 0] - exact).max() < 2e-3 * exact.max()
+
+
 def test_strong_viscous_friction_sets_no_limit_to_steps() -> None:
     """1 N m s/rad on 1e-3 kg m^2 in steps of 20 ms, a time constant of 1 ms: 1 rad/s is reached and kept."""
     arm = rod(Joint(motor_inertia=1e-3, friction_viscous=1.0))
