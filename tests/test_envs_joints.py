@@ -136,9 +136,12 @@ RUBBED = (
 )
 @pytest.mark.parametrize(
     ("formulation", "modes"),
-    [("elastica", None), pytest.param("geometrically_exact", None, marks=pytest.mark.slow),
-     ("floating_frame", None), pytest.param("floating_frame", 2, marks=pytest.mark.slow)],
-)  # fmt: skip
+    [
+        ("elastica", None),
+        *(pytest.param("floating_frame", count, marks=pytest.mark.slow) for count in (None, 2)),
+        pytest.param("geometrically_exact", None, marks=pytest.mark.slow),
+    ],
+)
 def test_friction_under_torques_that_jump_keeps_the_books(
     env_id: str, joint: Joint, formulation: str, modes: int | None
 ) -> None:
