@@ -133,8 +133,8 @@ def page(result: Identification) -> str:
         "## Parameters",
         table_of(("key path", "name", "before", "fitted", "95 % interval", "told"), rows),
         f"Condition of the derivatives by parameters in their sizes: {worth.condition:.3g}. Residuals: "
-        f"{100 * worth.noise:.2g} % of the readings' standard deviation; they amount to {worth.samples:.0f} independent "
-        "samples.",
+        f"{100 * worth.noise:.2g} % of the readings' standard deviation; they amount to {worth.samples:.0f} "
+        "independent samples.",
         _correlations(result),
     ]
     for blind, known in _pairs(result):

@@ -2,8 +2,8 @@
 
 Residuals of a model that is not quite right, and of filtered sensors, are alike from sample to sample. The covariance
 is the sandwich (J'J)^-1 S (J'J)^-1 of a heteroskedasticity- and autocorrelation-consistent S (Newey & West 1987), with
-the bandwidth of Andrews (1991) and quantiles of Student's t with as many degrees of freedom as S has (Kiefer & Vogelsang
-2005: 1.5 n over the bandwidth of Bartlett's kernel); it is never less than that of independent residuals.
+the bandwidth of Andrews (1991) and quantiles of Student's t with as many degrees of freedom as S has (Kiefer &
+Vogelsang 2005: 1.5 n over the bandwidth of Bartlett's kernel); it is never less than that of independent residuals.
 """
 
 from __future__ import annotations
@@ -74,6 +74,10 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
     free = np.flatnonzero((z - low > near) & (high - z > near))
     errors = problem.errors(z)
     flat = np.concatenate([e.ravel() for e in errors])
+    if not len(free):
+        nothing = np.full(len(z), np.nan)
+        size = float(np.sqrt(np.mean(flat**2)))
+        return Uncertainty(nothing, np.eye(len(z)), 1.0, tuple(names), (), (), (), size, float(len(flat)))
     J = central_differences(lambda x: np.concatenate([e.ravel() for e in problem.errors(x)]), z, free.tolist())
     p = len(free)
     noise2 = float(flat @ flat) / max(len(flat) - p, 1)
