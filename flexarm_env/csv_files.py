@@ -1,8 +1,9 @@
-"""CSV files whose first line names the columns."""
+"""CSV files whose first line names the columns; those that end in .gz are unpacked."""
 
 from __future__ import annotations
 
 import csv
+import gzip
 import os
 
 import numpy as np
@@ -19,9 +20,10 @@ def csv_lines(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], list[list[
     Raises OSError where the file cannot be read, ValueError that names it where it is no text.
     """
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
+        opened = gzip.open if os.fspath(path).endswith(".gz") else open
+        with opened(path, "rt", newline="", encoding="utf-8-sig") as file:
             lines = [line for line in csv.reader(file) if line]
-    except (UnicodeDecodeError, csv.Error) as error:
+    except (UnicodeDecodeError, csv.Error, gzip.BadGzipFile, EOFError) as error:
         raise ValueError(f"{os.fspath(path)}: not a CSV file: {error}") from None
     return (tuple(name.strip() for name in lines[0]), lines[1:]) if lines else ((), [])
 

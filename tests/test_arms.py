@@ -18,7 +18,7 @@ from tests.processes import ROOT
 
 def test_names_and_sources() -> None:
     known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "strip_geared", "three_strips"}
-    known.add("two_link_geared")
+    known |= {"two_link_geared", "quanser_2dsfl@design"}
     assert set(arms.names()) == known
     for name in arms.names():
         arm = arms.named(name)
@@ -51,7 +51,7 @@ def test_de_luca_siciliano() -> None:
 
 
 def test_quanser() -> None:
-    arm = arms.named("quanser_2dsfl")
+    arm = arms.named("quanser_2dsfl@design")
     first, second = arm.links
     inch, E = 0.0254, 2.068427e11
     assert pytest.approx(E * 3 * inch * (0.05 * inch) ** 3 / 12, rel=1e-12) == first.section.EI
@@ -172,3 +172,21 @@ def test_joints_in_toml() -> None:
     ):
         with pytest.raises(ValueError, match=words):
             arms.from_toml(text + line)
+
+
+def test_quanser_is_fitted_and_keeps_what_was_not() -> None:
+    """Masses and torque limits are the design's; mode 1 with both motors held is near what rings in the run."""
+    arm, design = arms.named("quanser_2dsfl"), arms.named("quanser_2dsfl@design")
+    assert (arm.payload, arm.hub_inertia, arm.torque_limits) == (
+        design.payload,
+        design.hub_inertia,
+        design.torque_limits,
+    )
+    assert arm.elbow(1).mass == design.elbow(1).mass
+    for own, old in zip(arm.links, design.links, strict=True):
+        assert own.uniform is not None and old.uniform is not None
+        assert own.length == old.length and own.mass == pytest.approx(old.mass, rel=1e-6)
+        assert 0.55 < own.uniform.EI / old.uniform.EI < 0.7
+    scene = Scene("straight", arm, duration=1.0, dt=0.01)
+    omega = modes(scene, 1, "elastica", clamped=(0, 1)).frequencies[0]
+    assert omega / (2 * math.pi) == pytest.approx(1.82, abs=0.01)

@@ -48,9 +48,10 @@ class Experiment:
             "inputs": {c.name: {"gain": 1.0, "offset": 0.0, "shift": 0.0} for c in config.inputs},
             "outputs": {c.name: {"gain": 1.0, "shift": 0.0} for c in config.outputs},
         }  # fmt: skip
-        self._table.setdefault("elbows", [{} for _ in arm.links[1:]])
-        self._table.setdefault("joints", [{} for _ in arm.links])
         self._places = [_place(parameter.path, self._sensor_names(), arm) for parameter in self.parameters]
+        for word, count in (("elbows", arm.n_links - 1), ("joints", arm.n_links)):
+            if any(place[0] == word for place in self._places):
+                self._table.setdefault(word, [{} for _ in range(count)])
         self._motions: dict[tuple[str, int], dict[str, TimeFunction]] = {}
         begins = [self._usual(p, place) if p.start is None else p.start for p, place in self._pairs()]
         for p, value in zip(self.parameters, begins, strict=True):

@@ -1,0 +1,119 @@
+"""A policy for an arm that is known by its log alone: docs/results/from_a_log.md.
+
+python -m benchmarks.from_a_log [--steps N] [--episodes N] [--out FOLDER] [--runs FOLDER]
+
+A strip that is softer, carries more and is damped otherwise than the packaged one is driven by torques and logged by a
+coarse encoder and a filtered strain gauge with 1 % noise. `flexarm identify` fits the packaged strip to the log; a policy
+is trained on the fitted arm, under randomisation by its uncertainty, and judged on the true one, beside a policy trained
+on the true arm and one trained on the arm before the fit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import command, describe_machine, publish, table, told
+from flexarm_env import Encoder, JointTorque, LowPass, Scene, Sensors, StrainGauge, arms, simulate
+from flexarm_env.identification import identify
+from flexarm_env.time_functions import linear_table
+from flexarm_env.trajectory import write_whole
+
+ENV = "FlexibleArm-v0"
+CONFIG = Path(__file__).resolve().parents[1] / "configs/identify/strip.toml"
+
+
+def true_arm() -> Any:
+    """The strip, softer, with more at its tip and a heavier hub."""
+    strip = arms.named("strip")
+    link = strip.links[0]
+    section = dataclasses.replace(link.section, EI=0.6 * link.section.EI)
+    return dataclasses.replace(
+        strip, name="true", links=(dataclasses.replace(link, section=section),), hub_inertia=1.3 * strip.hub_inertia,
+        payload=dataclasses.replace(strip.payload, mass=1.6 * strip.payload.mass), tau_d=1.5 * strip.tau_d,
+    )  # fmt: skip
+
+
+def write_log(arm: Any, path: Path) -> None:
+    """Ten seconds of torques, an encoder of 4096 counts, a gauge behind 30 Hz, 1 % of noise on it."""
+    rng, t = np.random.default_rng(3), np.arange(1001) / 100
+    torque = sum(0.25 * np.sin(w * t + rng.uniform(0, 6)) for w in np.geomspace(2.0, 60.0, 9)) * np.minimum(t, 1.0)
+    gauge = StrainGauge(unit="strain", low_pass=LowPass(30.0, 2))
+    own = Sensors((Encoder(counts=4096),), (gauge,))
+    loads = (JointTorque(0, linear_table(t, torque)),)
+    run = simulate(Scene("log", arm, duration=10.0, dt=0.0025, loads=loads), "elastica", sample=0.01)
+    strain = run.measured(own)["strain_gauge_1"]
+    strain = 1e6 * (strain + 0.01 * strain.std() * rng.normal(size=len(t)) + 2e-5)
+    columns = np.array([t, torque, np.degrees(run.measured(own)["hub_angle"]), strain]).T
+    text = "\n".join(["t,torque,hub,strain", *(",".join(f"{x:.8g}" for x in row) for row in columns)])
+    write_whole(path, (text + "\n").encode())
+
+
+def flexarm(*words: str) -> str:
+    """What a command prints."""
+    return subprocess.run([sys.executable, "-m", "flexarm_env", *words], check=True, capture_output=True, text=True).stdout
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Log, fit, train three policies, judge them on the true arm."""
+    parser = command(__doc__, steps=800_000, episodes=100)
+    parser.add_argument("--runs", type=Path, default=Path("runs/from_a_log"), help="folder of logs and policies")
+    options = parser.parse_args(arguments)
+    folder = options.runs
+    arm = true_arm()
+    write_whole(folder / "true.toml", arms.to_toml(arm).encode())
+    write_log(arm, folder / "log.csv")
+    found = identify("strip", CONFIG, [folder / "log.csv"], out=folder / "fit")
+    print(json.dumps(found.lines(), indent=1), flush=True)
+    kwargs: dict[str, dict[str, Any]] = {
+        "fitted": {"arm": str(folder / "fit/arm.toml"), "randomization": found.ranges},
+        "true": {"arm": str(folder / "true.toml")},
+        "unfitted": {"arm": "strip"},
+    }
+    rows = []
+    for name, own in kwargs.items():
+        given = json.dumps({"duration": 2.0, **own})
+        flexarm("train", "--env", ENV, "--seed", "0", "--n-timesteps", str(options.steps), "--env-kwargs", given,
+                "--no-tensorboard", "--out", str(folder / name))  # fmt: skip
+        told_of = flexarm("evaluate", "--env", ENV, "--policy", str(folder / name), "--episodes", str(options.episodes),
+                          "--env-kwargs", json.dumps({"arm": str(folder / "true.toml")}), "--json")  # fmt: skip
+        rows.append({"policy": name, "judged": json.loads(told_of)})
+        print(name, told_of, flush=True)
+    machine = describe_machine("stable-baselines3", "torch")
+    content = {"machine": machine, "lines": found.lines(), "ranges": found.ranges, "policies": rows}
+    publish("from_a_log", options.out, content, page(found, arm, rows, machine))
+
+
+def page(found: Any, arm: Any, rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
+    """Markdown of what was found."""
+    truth = {"EI": arm.links[0].section.EI, "payload": arm.payload.mass, "tau_d": arm.tau_d, "hub": arm.hub_inertia}
+    fitted = [
+        (p.name, f"{a:.4g}", f"{x:.4g} ± {h:.1g}", f"{truth[p.name]:.4g}")
+        for p, a, x, h in zip(found.parameters, found.start, found.values, found.uncertainty.half, strict=True)
+    ]
+    assert __doc__ is not None
+    judged = [(row["policy"], *scores(row["judged"])) for row in rows]
+    lines = [
+        "# From a log to a policy", "", __doc__.split("\n\n", 2)[2].strip(), "",
+        "Written by `python -m benchmarks.from_a_log`.", "", told(machine), "",
+        *table("parameter | before | fitted | true", fitted), "",
+        f"Factors for `randomization`: {found.ranges}.", "",
+        *table("policy trained on the ... arm | success on the true arm | settling time, s | residual vibration, mm", judged),
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def scores(judged: dict[str, Any]) -> tuple[str, str, str]:
+    """Success, settling time and residual vibration out of what `flexarm evaluate --json` prints."""
+    vibration = 1e3 * judged["residual_vibration_median"]
+    return f"{100 * judged['success_rate']:.0f} %", f"{judged['settling_time_median']:.3g}", f"{vibration:.2g}"
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
