@@ -33,7 +33,8 @@ def true_arm() -> Any:
     """The strip, softer, with more at its tip and a heavier hub."""
     strip = arms.named("strip")
     link = strip.links[0]
-    section = dataclasses.replace(link.section, EI=0.6 * link.section.EI)
+    assert link.uniform is not None
+    section = dataclasses.replace(link.uniform, EI=0.6 * link.uniform.EI)
     return dataclasses.replace(
         strip, name="true", links=(dataclasses.replace(link, section=section),), hub_inertia=1.3 * strip.hub_inertia,
         payload=dataclasses.replace(strip.payload, mass=1.6 * strip.payload.mass), tau_d=1.5 * strip.tau_d,

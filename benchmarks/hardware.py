@@ -136,20 +136,20 @@ def page(found: Any, variants: list[dict[str, Any]], spent: float, machine: dict
         f"Parameters are fitted to `ladder_lqr_may` alone, from `{DESIGN}` (the vendor's and assumed numbers):",
         f"{found.fit.evaluations} evaluations, {spent:.0f} s of processor time with compiling and all figures.", "",
         *table("parameter | before | fitted | 95 % interval | told by the log", rows), "",
-        f"Condition of the derivatives {worth.condition:.3g}. Prescribed angles tell stiffness over inertia alone: masses",
-        "are the vendor's, and all stiffnesses are in proportion to them.", "",
+        f"Condition of the derivatives {worth.condition:.3g}. Prescribed angles tell stiffness over inertia alone:",
+        "masses are the vendor's, and all stiffnesses are in proportion to them.", "",
     ]  # fmt: skip
     for blind in worth.directions:
         lines += [f"Changes of {direction(blind)}, in shares of each one's size, hardly show.", ""]
     lines += [
         "## Prediction", "",
-        "Variance accounted for, links 1 / 2, %; before: the design's numbers; baseline: one linear oscillator a gauge,",
-        "driven by the joints' accelerations, fitted to the same run; NRMSE: of the fitted arm, %.", "",
+        "Variance accounted for, links 1 / 2, %; before: the design's numbers; baseline: one linear oscillator a",
+        "gauge, driven by the joints' accelerations, fitted to the same run; NRMSE: of the fitted arm, %.", "",
         *table("run |  | fitted | before | baseline | NRMSE", judged), "",
         *(f"![{row.run.stem}](figures/hardware_{row.run.stem}.png)\n" for row in (*found.train, *found.held_out)),
         "## Which model", "",
-        f"Each fitted to the first {HALF:g} s of `ladder_lqr_may` and judged by the rest of it. The last column was looked",
-        "at; nothing was fitted to it.", "",
+        f"Each fitted to the first {HALF:g} s of `ladder_lqr_may` and judged by the rest of it. The last column was",
+        "looked at; nothing was fitted to it.", "",
         *table("what is fitted | first part | rest | `ladder_hinf_jun`",
                [(v["label"], two(v["first"]), two(v["rest"]), two(v["other"])) for v in variants]), "",
         CONCLUSIONS,
