@@ -142,6 +142,7 @@ def test_normalised_observations_travel_with_the_policy(tmp_path: Path):
     assert numpy_policy.normaliser is not None
 
 
+@pytest.mark.slow
 def test_a_policy_of_measured_entries_is_trained_judged_and_played(tmp_path: Path, capsys):
     """With several observations in one; what is judged is the true tip."""
     from flexarm_env.cli import main
