@@ -21,7 +21,7 @@ READY_RAY := $(VENV_RAY)/.ready
 PIP_INSTALL := $(PY) -m pip install --disable-pip-version-check --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-bench setup-ray demo ray-demo ray-test test test-slow test-versions lint format types architecture docs build clean distclean
+.PHONY: help setup setup-bench setup-ray demo ray-demo ray-test test test-slow test-browser test-versions lint format types architecture docs build clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 15
@@ -85,6 +85,9 @@ test-slow: $(READY) ## the slow tests alone
 
 ray-test: $(READY_RAY) ## the tests of training on Ray, which no other lane runs
 	$(PY_RAY) -m pytest tests/ray $(PYTEST_ARGS)
+
+test-browser: $(READY) ## the player in a headless Chromium of the system (Debian: apt install chromium); pictures in runs/browser
+	$(PY) -m pytest tests/browser $(PYTEST_ARGS)
 
 test-versions: $(READY) ## the oldest and newest releases that pyproject.toml allows, in .venv-versions: smoke and bits
 	$(PY) -m tests.versions

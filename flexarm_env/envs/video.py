@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..physics.layout import POSE, ROOT, TIP
 from ..trajectory import Trajectory
+from ..view.clip import cuts_of
 from .rendering import Renderer
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
@@ -50,7 +51,7 @@ def pictures(
     times = t[0] + np.arange(count) * speed / fps
     after = np.clip(np.searchsorted(t, times), min(1, t.size - 1), t.size - 1)
     nearest = np.where(times - t[after - 1] <= t[after] - times, after - 1, after) if t.size > 1 else 0 * after
-    hinges = [0, *_hinge_points(trajectory), trajectory.shapes.shape[1] - 1]
+    hinges = cuts_of(trajectory.shapes, trajectory.hinges)
     renderer = Renderer(mode, arm.total_length, size, fps, hub=scene.root == "pinned", payload=arm.payload.mass > 0.0)
     try:
         for i in nearest:
@@ -146,20 +147,10 @@ def _import(module: str, package: str) -> Any:
         raise DependencyNotInstalled(check.lacking("such a film", package, "render")) from error
 
 
-def _hinge_points(trajectory: Trajectory) -> list[int]:
-    """Which of the recorded points of the chain are its hinges: those that stay there throughout."""
-    gaps = np.abs(trajectory.shapes[:, None] - trajectory.hinges[:, :, None]).sum(axis=-1)  # (n, N-1, points)
-    return [int(k) for k in gaps.max(axis=0).argmin(axis=-1)]
-
-
 def _poses(trajectory: Trajectory, i: int, chain: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Link poses (N, 12) as far as a picture needs them; a link's tip angle is that of its last piece."""
+    """Link poses (N, 12) as far as a picture needs them."""
     poses = np.zeros((len(chain), POSE.end))
-    angle = 0.0
+    poses[:, [POSE.angle, POSE.tip_angle]] = trajectory.link_angles[i]
     for k, line in enumerate(chain):
-        along = line[-1] - line[-2]
         poses[k, ROOT][:2], poses[k, TIP][:2] = line[0], line[-1]
-        poses[k, POSE.angle] = angle + trajectory.joint_angles[i, k]
-        angle = poses[k, POSE.tip_angle] = np.arctan2(along[1], along[0])
-    poses[0, POSE.angle], poses[-1, POSE.tip_angle] = trajectory.start[i, 2], trajectory.tip[i, 2]
     return poses
