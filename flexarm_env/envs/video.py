@@ -19,7 +19,7 @@ from .. import validation as check
 from ..physics.layout import POSE, ROOT, TIP
 from ..trajectory import Trajectory
 from ..view.clip import cuts_of
-from .rendering import Renderer
+from .rendering import Renderer, end_of_scale
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
 """Endings of film files, which imageio-ffmpeg writes; .gif is written by Pillow."""
@@ -52,11 +52,16 @@ def pictures(
     after = np.clip(np.searchsorted(t, times), min(1, t.size - 1), t.size - 1)
     nearest = np.where(times - t[after - 1] <= t[after] - times, after - 1, after) if t.size > 1 else 0 * after
     hinges = cuts_of(trajectory.shapes, trajectory.hinges)
-    renderer = Renderer(mode, arm.total_length, size, fps, hub=scene.root == "pinned", payload=arm.payload.mass > 0.0)
+    shares = np.zeros((1, 1)) if limits is None else trajectory.joint_torque / np.asarray(limits)
+    renderer = Renderer(
+        mode, arm.total_length, size, fps, hub=scene.root == "pinned", payload=arm.payload.mass > 0.0,
+        deflection=end_of_scale(float(np.abs(trajectory.tip_deflection).max())),
+        torque=max(1.0, end_of_scale(float(np.abs(shares).max()))),
+    )  # fmt: skip
     try:
         for i in nearest:
             chain = [trajectory.shapes[i, a : b + 1] for a, b in pairwise(hinges)]
-            torques = None if limits is None else trajectory.joint_torque[i] / np.asarray(limits)
+            torques = None if limits is None else shares[i]
             poses = _poses(trajectory, int(i), chain)
             picture = renderer.frame(chain, poses, None, float(t[i]), torques, trajectory.tip_deflection[i])
             if renderer.closed:

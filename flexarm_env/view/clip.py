@@ -110,7 +110,8 @@ def magnified(points: ArrayLike, cuts: Sequence[int], angles: ArrayLike, joints:
     """The chain with its deflection drawn larger, about the rigid arm at the same joint angles.
 
     Each link's deflection over its root's tangent, and each angle by which bending turns the links beyond, is
-    multiplied by the factor; lengths along the tangents, the root and the joints' angles stay. A factor of 1 gives the points.
+    multiplied by the factor; lengths along the tangents, the root and the joints' angles stay. A factor of 1 gives the
+    points.
 
     Args:
         points (P, 2): from root to tip, m. cuts (N + 1,): which are root, joints and tip. angles (N, 2): of the

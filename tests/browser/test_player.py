@@ -155,7 +155,8 @@ def test_charts_say_what_the_run_says(page: Page, tmp_path: Path) -> None:
     i = 123
     seek(page, i)
     script = """Object.fromEntries(Array.from(document.querySelectorAll('.chart'), c => [
-      c.querySelector('h2').textContent, Array.from(c.querySelectorAll('output'), o => o.textContent.replace('\u2212', '-'))]))"""
+      c.querySelector('h2').textContent,
+      Array.from(c.querySelectorAll('output'), o => o.textContent.replace('\u2212', '-'))]))"""
     told = page.run(script)
     energies = (own.kinetic, own.strain_energy, own.gravity, own.dissipated, own.work)
     for title, rows in (
