@@ -84,6 +84,10 @@ def test_the_page_holds_the_run_and_allows_nothing_else() -> None:
     assert np.abs(numbers(clip["t"]) - own.t).max() == 0.0
     energy = next(chart for chart in clip["charts"] if chart["title"].startswith("energy"))["series"]["kinetic"]
     assert np.abs(numbers(energy) - own.kinetic).max() <= 1e-5 * np.ptp(own.kinetic)
+    values = np.array([-0.3, 0.0, 1.0, np.nan, 2.0])
+    charts = json.loads(Player([dataclasses.replace(run().clip(), charts=[Chart("a", {"b": values})])]).data)
+    back = numbers(charts["clips"][0]["charts"][0]["series"]["b"])
+    assert abs(back[1]) < 1e-12 and np.isnan(back[3]) and np.nanmax(np.abs(back - values)) < 4e-5
 
 
 def test_a_name_cannot_break_out_of_the_page() -> None:

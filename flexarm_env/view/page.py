@@ -38,7 +38,7 @@ class Player:
     def __init__(self, clips: Sequence[Clip], title: str | None = None, most_bytes: int = MOST_BYTES) -> None:
         if not clips:
             raise check.InvalidValue("clips", clips, "must hold at least one")
-        self.title = " and ".join(dict.fromkeys(clip.label for clip in clips)) if title is None else title
+        self.title = _listed([clip.label for clip in clips]) if title is None else title
         own = _apart(list(clips))
         step = 1
         while len(text := _json(own, step, self.title)) + len(_part("player.js")) + 20_000 > most_bytes:
@@ -103,7 +103,7 @@ def _clip(clip: Clip) -> dict[str, Any]:
     roots = clip.points[:, :1]
     return {
         "label": clip.label,
-        "note": clip.note + (f", every {clip.skipped}th instant" if clip.skipped > 1 else ""),
+        "note": clip.note + (f", one instant of {clip.skipped}" if clip.skipped > 1 else ""),
         "t": _exact(clip.t),
         "root": _exact(roots[:, 0]),
         "points": _single(clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
@@ -147,15 +147,21 @@ def _single(values: Array) -> dict[str, Any]:
 
 
 def _short(values: Array) -> dict[str, Any]:
-    """16 bits, from the least to the greatest value; -32768 is no number."""
+    """16 bits, from the least to the greatest value, 0 among them where it lies between; -32768 is no number."""
     good = np.isfinite(values)
     low, high = (float(np.min(values[good])), float(np.max(values[good]))) if good.any() else (0.0, 0.0)
-    step = (high - low) / 65534.0 or 1.0
+    step = (high - low) / 65533.0 or 1.0
+    low = step * np.floor(low / step) if low < 0.0 < high else low
     whole = np.round((np.where(good, values, low) - low) / step) - 32767.0
     return _packed("i2", np.where(good, whole, -32768.0)) | {"low": low, "step": step}
 
 
 # -------------------------------------------------------------- many clips
+def _listed(labels: Sequence[str]) -> str:
+    *others, last = dict.fromkeys(labels)
+    return f"{', '.join(others)} and {last}" if others else last
+
+
 def _apart(clips: list[Clip]) -> list[Clip]:
     """Labels that differ; and where no clip has a tip error of its own, how far each tip is from the first clip's."""
     seen: dict[str, int] = {}

@@ -102,7 +102,7 @@ function short(x) {
   if (!Number.isFinite(x)) return "–";
   const size = Math.abs(x);
   const text = size !== 0 && (size < 1e-3 || size >= 1e5) ? x.toExponential(2) : String(Number(x.toPrecision(4)));
-  return text.replace("-", "−");
+  return text.replaceAll("-", "−");
 }
 
 // -------------------------------------------------------------------- state
@@ -537,7 +537,7 @@ function makeLegend() {
       () => `${stroke(color(), 'stroke-linecap="round"').replace('"3"', '"9"')}${stroke(COLORS["bend-none"], 'stroke-linecap="round"').replace('"3"', '"5"')}`);
   });
   add("ghost", "rigid arm, same joint angles", () => stroke(COLORS.ghost, 'stroke-dasharray="5 4"'));
-  add("trace", "path of the tip, last second bold", () => stroke(runColor(0)));
+  add("trace", "path of the tip, last second bold", () => stroke(CLIPS.length > 1 ? COLORS.soft : runColor(0)));
   if (CLIPS.some((clip) => clip.target))
     add("target", "target", () => `<circle cx="13" cy="8" r="6" fill="none" stroke="${COLORS.target}" stroke-width="2.5"/><circle cx="13" cy="8" r="1.8" fill="${COLORS.target}"/>`);
   const arrows = new Map(CLIPS.flatMap((clip) => clip.pulls.map((pull) => [pull.name, pull])));
