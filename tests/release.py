@@ -3,15 +3,14 @@
 `make release-check` runs `python -m tests.release`: it builds wheel and source distribution, checks what is in them
 (one package, licence, citation, metadata, one version everywhere, at most 3 MB), installs the wheel alone under the
 oldest and newest requirements of every Python from 3.11 on that the machine has (as `tests.versions`), and the source
-distribution under the newest. In each of these environments, and in an empty folder, the command line then checks itself
-and makes two players: a scene, a packaged policy beside PD. Where there is a browser they are opened, and pictures of
+distribution under the newest. In each of these environments, from an empty folder, the command line checks itself and
+makes two players: a scene, a packaged policy beside PD. Where there is a browser they are opened, and pictures of
 them are left in runs/release/. The exit code is 1 where something fails; the table at the end says what was tried.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -59,10 +58,10 @@ def faults_of(wheel: Path, sdist: Path) -> list[str]:
         f"at most {MOST_BYTES} bytes, not {wheel.stat().st_size}": wheel.stat().st_size <= MOST_BYTES,
         "the licence in the wheel": f"{info}/licenses/LICENSE" in names,
         "nothing compiled in the wheel": not [n for n in names if n.endswith((".pyc", ".so", ".nbi", ".nbc"))],
-        "the player's files in the wheel": {f"flexarm_env/view/player.{e}" for e in ("html", "css", "js")} <= set(names),
+        "the player in the wheel": {f"flexarm_env/view/player.{e}" for e in ("html", "css", "js")} <= set(names),
         "licence, citation, changes in the source": {"LICENSE", "CITATION.cff", "CHANGELOG.md"} <= source,
         f"version {version} in flexarm_env/__init__.py": f'__version__ = "{version}"' in inside,
-        f"version {version} in CITATION.cff": re.search(rf"^version: {re.escape(version)}$", texts["CITATION.cff"], re.M),
+        f"version {version} in CITATION.cff": f"\nversion: {version}\n" in texts["CITATION.cff"],
         f"a section {version} in CHANGELOG.md": f"\n## {version}" in texts["CHANGELOG.md"],
         f"version {version} in the metadata": metadata["Version"] == version,
         "a licence expression in the metadata": metadata["License-Expression"] == project["license"],
