@@ -41,7 +41,7 @@ class Player:
         self.title = _listed([clip.label for clip in clips]) if title is None else title
         own = _apart(list(clips))
         step = 1
-        while len(text := _json(own, step, self.title)) + len(_part("player.js")) + 20_000 > most_bytes:
+        while len(text := _json(own, step, self.title)) + len(_script()) + 20_000 > most_bytes:
             if all(len(clip.every(step).t) <= 2 for clip in own):
                 raise check.InvalidValue("most_bytes", most_bytes, f"must be at least {len(text) + 100_000} here")
             step += 1 if step < 4 else step // 3
@@ -78,7 +78,7 @@ def frame(source: str, title: str) -> str:
 
 def page(data: str, title: str) -> str:
     """The page for what `Player.data` holds."""
-    style, script = _part("player.css"), _part("player.js")
+    style, script = _part("player.css"), _script()
     own = f"script-src {_hash(script)}; style-src {_hash(style)}"
     policy = f"default-src 'none'; {own}; base-uri 'none'; form-action 'none'"
     parts = {"title": html.escape(title), "policy": policy, "style": style, "script": script, "data": data}
@@ -87,6 +87,10 @@ def page(data: str, title: str) -> str:
 
 def _part(name: str) -> str:
     return (resources.files(__package__) / name).read_text("utf-8")
+
+
+def _script() -> str:
+    return _part("arm.js") + _part("player.js")
 
 
 def _hash(text: str) -> str:
