@@ -243,7 +243,7 @@ function drawGrid(pen, width, height, scale, center, at) {
       pen.fillStyle = COLORS.soft;
       const text = short(k * cell), wide = pen.measureText(text).width;
       if (!axis && x > wide && x < width - 2.5 * wide - em()) pen.fillText(text, x + 3, height - 4);
-      if (axis && y > em() && y < height - 1.5 * em()) pen.fillText(text, 4, y - 3);
+      if (axis && y > (state.beside ? 3.2 : 1) * em() && y < height - 1.5 * em()) pen.fillText(text, 4, y - 3);
     }
   }
   const unit = "m", wide = pen.measureText(unit).width;

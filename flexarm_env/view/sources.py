@@ -36,7 +36,7 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
     energies |= {"dissipated": run.dissipated, "work": run.work}
     charts = _reference_error(run)
     charts.append(Chart("tip deflection / length", dict(zip(_links(arm), run.tip_deflection.T, strict=True))))
-    charts.append(Chart("joint torque (N m)", _moving(dict(zip(arm.joint_names, run.joint_torque.T, strict=True)))))
+    charts.append(Chart("joint torque (N m)", _moving(dict(zip(_joints(arm), run.joint_torque.T, strict=True)))))
     charts.append(Chart("energy (J)", _moving(energies)))
     charts += _sensors(run)
     curved = curvature(_places(arm, points[0], cuts))
@@ -59,6 +59,10 @@ def _note(settings: Settings, ended: str) -> str:
 
 def _links(arm: Arm) -> list[str]:
     return [f"link {k + 1}" for k in range(arm.n_links)] if arm.n_links > 1 else ["tip"]
+
+
+def _joints(arm: Arm) -> list[str]:
+    return [name.replace("_", " ") for name in arm.joint_names]
 
 
 def _spans(arm: Arm) -> Array:
@@ -94,7 +98,7 @@ def _places(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, flo
 
 def _torques(arm: Arm, cuts: Sequence[int], torque: Array) -> list[Pull]:
     limits = arm.torque_limits or (None,) * arm.n_links
-    names = [f"{name} torque" for name in arm.joint_names]
+    names = [f"{name} torque" for name in _joints(arm)]
     rows = zip(names, cuts, torque.T, limits, strict=False)
     return [Pull(*row) for row in rows if np.any(row[2] != 0.0)]
 
@@ -135,7 +139,7 @@ def _held(values: Array) -> Array:
     return inner
 
 
-UNITS = {"angle": "rad", "rate": "rad/s", "acceleration": "m/s²", "camera": "m", "strain_gauge": "1/m or strain"}
+UNITS = {"angle": "rad", "rate": "rad/s", "acceleration": "m/s²", "camera": "m", "strain_gauge": "1/m"}
 
 
 def _sensors(run: Any) -> list[Chart]:
@@ -144,13 +148,16 @@ def _sensors(run: Any) -> list[Chart]:
         read: dict[str, Array] = run.measured()
     except ValueError:  # samples at uneven distances: no sensor reads them
         return []
-    ideal = " (ideal)" if run.scene.arm.sensors is None else ""
+    sensors = run.scene.arm.sensors
+    ideal = " (ideal)" if sensors is None else ""
+    gauges = {gauge.unit for gauge in sensors.strain_gauges} if sensors is not None else set()
+    units = UNITS if gauges <= {"curvature"} else UNITS | {"strain_gauge": ", ".join(sorted(gauges))}
     groups: dict[str, dict[str, Array]] = {}
     for name, values in read.items():
         kind = next(key for key in UNITS if key in name)
         groups.setdefault(kind, {})[name.replace("_", " ")] = values
     titles = {key: key.replace("_", " ") for key in UNITS} | {"angle": "joint angle", "rate": "joint rate"}
-    return [Chart(f"measured{ideal}: {titles[kind]} ({UNITS[kind]})", series) for kind, series in groups.items()]
+    return [Chart(f"measured{ideal}: {titles[kind]} ({units[kind]})", series) for kind, series in groups.items()]
 
 
 # ----------------------------------------------------------------- episodes
@@ -178,7 +185,7 @@ def of_episode(
     table = rate(_places(arm, shapes[0][kept], cuts))
     charts = [_miss(poses[:, -1], target, np.array([view.target for view in views]), polar)]
     charts.append(Chart("tip deflection / length", dict(zip(_links(arm), bend.T, strict=True))))
-    charts.append(Chart("joint torque (N m)", dict(zip(arm.joint_names, torque.T, strict=True))))
+    charts.append(Chart("joint torque (N m)", dict(zip(_joints(arm), torque.T, strict=True))))
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
     charts.append(Chart("energy (J)", _moving(energies)))
     terms = {k.removeprefix("reward_"): x for k, x in rows.items() if k.startswith("reward_")}
