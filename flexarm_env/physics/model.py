@@ -251,8 +251,7 @@ class Jointed(NamedTuple):
     Rows: the arm's, then the angle of each motor behind an elastic gear, over its ratio, relative to the link before.
 
     table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
-    rough  None where no joint has Coulomb friction, otherwise as many zeros as accelerations are solved for at a start
-    step   s: half of it is how far ahead friction looks where accelerations are solved for
+    rough  (0,) where a joint has Coulomb friction, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -268,7 +267,6 @@ class Jointed(NamedTuple):
     table: np.ndarray
     data: np.ndarray
     rough: tuple[int, ...] | None
-    step: float
 
 
 @dataclass(frozen=True)
