@@ -45,10 +45,15 @@ class Elbow:
 
 @dataclass(frozen=True)
 class Payload:
-    """A body fixed to the tip of the last link: ``mass`` in kg, ``inertia`` in kg m^2, zero or positive."""
+    """A body fixed to the tip of the last link.
+
+    ``mass`` in kg and ``inertia`` in kg m^2, about its centre of mass, zero or positive; ``offset``: from the tip to
+    that centre, m, (along the tip's tangent, across it to the left).
+    """
 
     mass: float = 0.0
     inertia: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         _store(
@@ -56,6 +61,19 @@ class Payload:
             mass=check.number("payload.mass", self.mass, "kg", minimum=0.0),
             inertia=check.number("payload.inertia", self.inertia, "kg m^2", minimum=0.0),
         )
+        what = "two numbers (m), along the tip's tangent and across it"
+        given = check.sequence("payload.offset", self.offset, what, 2)
+        _store(self, offset=tuple(check.number(f"payload.offset[{i}]", x, "m") for i, x in enumerate(given)))
+
+    @property
+    def eccentric(self) -> bool:
+        """Whether there is a mass whose centre is not at the tip."""
+        return self.mass > 0.0 and any(self.offset)
+
+    @property
+    def lever(self) -> complex:
+        """The offset as a complex number, m."""
+        return complex(*self.offset)
 
 
 @dataclass(frozen=True)

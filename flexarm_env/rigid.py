@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from .parameters import Arm
 
 Array = NDArray[np.float64]
+ComplexOrReal = NDArray[Any]
 
 
 def reach(arm: Arm) -> tuple[float, float]:
@@ -18,20 +20,21 @@ def reach(arm: Arm) -> tuple[float, float]:
     return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
 
 
-def link_inertia(arm: Arm) -> Array:
-    """The (N, N) matrix C, kg m^2, with M_jk = C_jk cos(alpha_j - alpha_k) in the links' absolute angles alpha.
+def link_inertia(arm: Arm) -> ComplexOrReal:
+    """The (N, N) matrix C, kg m^2, with M_jk = Re C_jk exp(-i (alpha_j - alpha_k)) in the links' absolute angles alpha.
 
-    Each body (link, motor, payload) at a distance a_j along every link j on the way to it adds m a_j a_k, and its own
-    inertia to the link that it turns with.
+    Each body (link, motor, payload) at a_j exp(i alpha_j), summed over the links j on the way to it, adds m a_j* a_k,
+    and its own inertia to the link that it turns with. C is real where all lies on straight lines from joint to joint.
     """
     n = arm.n_links
-    lengths = np.array([link.span for link in arm.links])
-    total = np.zeros((n, n))
+    kind: Any = np.complex128 if arm.payload.eccentric else np.float64
+    lengths = np.array([link.span for link in arm.links], kind)
+    total = np.zeros((n, n), kind)
 
-    def add(mass: float, last: int, along: float, inertia: float) -> None:
+    def add(mass: float, last: int, along: complex, inertia: float) -> None:
         levers = np.where(np.arange(n) < last, lengths, 0.0)
         levers[last] = along
-        total[:, :] += mass * np.outer(levers, levers)
+        total[:, :] += mass * np.outer(levers.conj(), levers)
         total[last, last] += inertia
 
     for k, link in enumerate(arm.links):
@@ -49,7 +52,8 @@ def link_inertia(arm: Arm) -> Array:
         else:
             centre = link.moment(1) / link.mass
             add(link.mass, k, link.root_offset + centre, link.moment(2) - link.mass * centre**2 + link.rotary)
-    add(arm.payload.mass, n - 1, lengths[-1], arm.payload.inertia)
+    tip = lengths[-1] + arm.payload.lever if arm.payload.eccentric else lengths[-1]
+    add(arm.payload.mass, n - 1, tip, arm.payload.inertia)
     return total
 
 
@@ -68,13 +72,15 @@ def _of_joints(values: Array, axis: int) -> Array:
 def rigid_inertia(arm: Arm, elbows: Array) -> Array:
     """Inertia (n, N, N) in kg m^2 about the joints, rotors included, at elbow angles (n, N - 1) in rad."""
     rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
-    return _of_joints(_of_joints(link_inertia(arm) * np.cos(_differences(elbows)), 1), 2) + rotors
+    C, turned = link_inertia(arm), _differences(elbows)
+    return _of_joints(_of_joints(C.real * np.cos(turned) + C.imag * np.sin(turned), 1), 2) + rotors
 
 
 def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
     """Torques (n, N) in N m that joint rates (n, N) in rad/s ask for, beside inertia times acceleration."""
     squares = np.cumsum(rates, axis=1) ** 2
-    pulls = link_inertia(arm) * np.sin(_differences(elbows))
+    C, turned = link_inertia(arm), _differences(elbows)
+    pulls = C.real * np.sin(turned) - C.imag * np.cos(turned)
     return _of_joints(np.einsum("njk,nk->nj", pulls, squares), 1)
 
 

@@ -98,6 +98,10 @@ def _payload_inertia(d: Draft) -> None:
     d.payload = Payload(0.1, 4e-3)
 
 
+def _eccentric(d: Draft) -> None:
+    d.payload = Payload(0.1, 2e-4, (0.05, 0.08))
+
+
 def _elbow_masses(d: Draft) -> None:
     _two(d)
     d.elbow = Elbow(0.2, 2e-3, 1e-3)
@@ -187,6 +191,7 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "heavy damping": _heavy,
     "gravity": _gravity,
     "payload inertia": _payload_inertia,
+    "eccentric payload": _eccentric,
     "elbow masses": _elbow_masses,
     "spin": _spin,
     "shaken base": _shaken_base,
@@ -280,6 +285,9 @@ PAIRS = [
     ("rigid ends", "elbow masses", "elastic gears"),
     ("elbow masses", "elastic gears"),
     ("elbow masses", "friction"),
+    ("eccentric payload", "gravity"),
+    ("eccentric payload", "free flight"),
+    ("rigid ends", "eccentric payload", "elbow masses", "elastic gears"),
     ("elastic gears", "gravity"),
     ("elastic gears", "tip load"),
     ("elastic gears", "held hub", "tip load"),

@@ -136,6 +136,7 @@ class FloatingFrame(NamedTuple):
     block: int  # numbers of a body in `data`
     bound: float  # largest tip deflection of a reduced body over its length
     rigid: None
+    eccentric: None
     table: np.ndarray
     data: np.ndarray
     gravity: np.ndarray | None
@@ -152,6 +153,7 @@ class FloatingChain(NamedTuple):
     gravity   float64 (2,) m/s^2 or None; loads int64 (n_loads, 2): link and end (0 root, 1 tip) of each point load,
               or None: absent features are compiled out
     jointed   (0,) in a `Jointed` arm, otherwise None
+    eccentric float64 (2,): from the tip to the payload's centre, m, along the tip's tangent and across it, or None
     """
 
     n: int
@@ -173,6 +175,7 @@ class FloatingChain(NamedTuple):
     gravity: np.ndarray | None
     loads: np.ndarray | None
     jointed: tuple[int, ...] | None
+    eccentric: np.ndarray | None
 
 
 class ExactBeam(NamedTuple):
@@ -187,6 +190,7 @@ class ExactBeam(NamedTuple):
     gravity   float64 (2,) m/s^2, or None
     loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
     jointed   (0,) in a `Jointed` arm, otherwise None
+    eccentric float64 (2,): from the tip to the payload's centre, m, along the tip's tangent and across it, or None
 
     What is None is compiled out.
     """
@@ -211,6 +215,7 @@ class ExactBeam(NamedTuple):
     gravity: np.ndarray | None
     loads: np.ndarray | None
     jointed: tuple[int, ...] | None
+    eccentric: np.ndarray | None
 
 
 class Elastica(NamedTuple):
@@ -223,6 +228,7 @@ class Elastica(NamedTuple):
 
     data   float64: `physics.elastica.layout.DATA`
     loads  float64: for each point load `physics.elastica.layout.LOAD`, or None
+    eccentric  float64: `physics.elastica.layout.ECCENTRIC` where the payload's centre is not at the tip, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -243,6 +249,7 @@ class Elastica(NamedTuple):
     damping: tuple[int, ...] | np.ndarray | None  # see `damped`
     data: np.ndarray
     loads: np.ndarray | None
+    eccentric: np.ndarray | None
 
 
 class Jointed(NamedTuple):

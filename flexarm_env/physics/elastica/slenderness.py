@@ -105,16 +105,18 @@ class _Modes:
         payload = arm.payload
         self.angles = np.repeat(scene.angles, n)
         self.cosines = np.cos(self.angles[:, None] - self.angles)
-        self.b = chain.b + payload.mass * chain.w
+        arm_of = chain.w.copy()
+        arm_of[m - n :] += payload.offset[0] * chain.lines[-1].tip_angle
+        self.b = chain.b + payload.mass * arm_of
         self.mass = chain.mass + payload.mass
-        self.M = (chain.P + payload.mass * np.outer(chain.w, chain.w)) * self.cosines
+        self.M = (chain.P + payload.mass * np.outer(arm_of, arm_of)) * self.cosines
         K = np.zeros((m, m))
         for k in range(arm.n_links):
             own = slice(k * n, (k + 1) * n)
             self.M[own, own] += chain.R[k]
             K[own, own] = chain.K[k]
         tip = chain.lines[-1].tip_angle
-        self.M[m - n :, m - n :] += payload.inertia * np.outer(tip, tip)
+        self.M[m - n :, m - n :] += (payload.inertia + payload.mass * payload.offset[1] ** 2) * np.outer(tip, tip)
         free_root = scene.root == "free"
         M = self.M - np.outer(self.b, self.b) * self.cosines / self.mass if free_root else self.M
         held = {int(k.joint) for k in scene.motions if k.joint is not None} | set(scene.rigid_joints)

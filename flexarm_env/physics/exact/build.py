@@ -147,9 +147,11 @@ def build(scene: Scene, settings: Settings) -> System:
     arm, elements, order = scene.arm, settings.elements, settings.order
     if settings.period_correction and arm.damping[1]:
         raise check.InvalidValue("period_correction", True, "must be False where the links' tau_d differ")
-    rigid = any(link.rigid_ends for link in arm.links)
+    eccentric = arm.payload.eccentric
+    rigid = any(link.rigid_ends for link in arm.links) or eccentric
     if settings.period_correction and rigid:
-        raise check.InvalidValue("period_correction", True, "must be False where links have rigid ends")
+        why = "where links have rigid ends, or the payload an offset"
+        raise check.InvalidValue("period_correction", True, f"must be False {why}")
     names, coordinates = rows(arm, elements, order)
     fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
     if scene.root == "pinned":
@@ -159,7 +161,7 @@ def build(scene: Scene, settings: Settings) -> System:
     model = ExactBeam(
         n=len(names),
         n_factor=FACTORS.offsets(0, arm.n_links, elements, order).end
-        + rigid * 2 * LEVER_FACTORS.places.end * arm.n_links,
+        + (rigid * 2 * arm.n_links + eccentric) * LEVER_FACTORS.places.end,
         n_inputs=arm.n_links + OF_LOAD.end * len(loads),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
@@ -178,6 +180,7 @@ def build(scene: Scene, settings: Settings) -> System:
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.array(loads, dtype=np.int64).ravel() if loads else None,
         jointed=(0,) if arm.jointed else None,
+        eccentric=np.array(arm.payload.offset) if eccentric else None,
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     q0 = straight(scene, elements, order)

@@ -65,7 +65,8 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
             inertia += item.moment(2) + distance * (2.0 * item.moment(1) + distance * item.mass) + item.rotary
         distance += length + item.tip_offset
     mass, inertia = mass + own.tip_mass, inertia + own.tip_inertia + own.tip_mass * (rest + 0.5 * own.tip_offset) ** 2
-    return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * distance**2
+    far = abs(distance + arm.payload.lever)
+    return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * far**2
 
 
 def _rigid(arm: Arm) -> bool:
@@ -241,7 +242,8 @@ def _chain(scene: Scene, settings: Settings) -> System:
         n_factor=ROOT.end
         + JOINT.end * (arm.n_links - 1)
         + count * FACTORS.offsets(0, n).end
-        + _rigid(arm) * 2 * arm.n_links * LEVER_FACTORS.places.end,
+        + (2 * arm.n_links if _rigid(arm) or arm.payload.eccentric else 0) * LEVER_FACTORS.places.end
+        + arm.payload.eccentric * LEVER_FACTORS.places.end,
         fixed=np.array(fixed, np.int64),
         algebraic=None,
         weight=weight,
@@ -250,6 +252,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         rigid=_levers(arm) if _rigid(arm) else None,
         table=None,
         jointed=(0,) if arm.jointed else None,
+        eccentric=np.array(arm.payload.offset) if arm.payload.eccentric else None,
         **_shared(scene, settings, bodies, links, np.zeros(count)),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
@@ -323,6 +326,7 @@ def _joined(scene: Scene, settings: Settings) -> System:
         predictor=1.0,
         half=int(half),
         rigid=None,
+        eccentric=None,
         table=table,
         **_shared(scene, settings, bodies, links, offset),
     )

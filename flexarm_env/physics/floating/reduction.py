@@ -169,7 +169,10 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
         mass += own.T @ inertia @ own
         across, turn = across + body.length * frame + body.tip[1] @ modes, frame + body.tip[2] @ modes
         if k + 1 == len(bodies):
-            mass += payload.mass * np.outer(across, across) + payload.inertia * np.outer(turn, turn)
+            along, aside = payload.offset
+            across = across + along * turn
+            inertia_there = payload.inertia + payload.mass * aside**2
+            mass += payload.mass * np.outer(across, across) + inertia_there * np.outer(turn, turn)
         first += body.n
     free = [k for k in range(size) if k > 1 or (k == 0 and root_moves) or (k == 1 and not held)]
     compliance = [row[free] @ np.linalg.solve(mass[np.ix_(free, free)], row[free]) for row in np.array(angles)]
