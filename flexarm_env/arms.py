@@ -18,7 +18,7 @@ from flexarm_env.sections import ENDS
 
 _SECTION = ("EI", "EA", "C", "m", "J")
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
-_OF_LINK = ("tau_d", *ENDS)
+_OF_LINK = ("tau_d", "curvature", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
 _JOINT = tuple(field.name for field in fields(Joint))
 _MOTOR = tuple(field.name for field in fields(Motor))

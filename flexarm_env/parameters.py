@@ -128,7 +128,8 @@ class Joint:
         friction_viscous: N m s/rad. friction_coulomb: N m: the torque that the joint withstands before it moves, and
             that brakes it while it does.
         friction_side: "motor" or "link": which side of an elastic gear the friction acts on.
-        backlash: play of the gear, rad; must be 0, it is not modelled.
+        backlash: play of an elastic gear after the ratio, rad: the link's side turns so far between its flanks before
+            the spring, half of it to either side, takes hold. The damping acts in the gap as well.
         motor: what makes the torque; None: it is given.
     """
 
@@ -163,8 +164,9 @@ class Joint:
         if self.damping > 0.0 and not self.elastic:
             what = "must be 0 where the stiffness is infinite: the gear's two sides turn as one"
             raise check.InvalidValue("damping", self.damping, what)
-        if self.backlash > 0.0:
-            raise check.InvalidValue("backlash", self.backlash, "must be 0: play in a gear is not modelled")
+        if self.backlash > 0.0 and not self.elastic:
+            what = "must be 0 where the stiffness is infinite: flanks that do not give would meet in blows"
+            raise check.InvalidValue("backlash", self.backlash, what)
         if self.motor is not None:
             check.instance("motor", self.motor, Motor)
 

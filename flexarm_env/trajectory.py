@@ -7,14 +7,13 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import validation as check
-from .physics.gauges import curvature_rows
+from .physics.gauges import curvatures
 from .physics.layout import (
     DISSIPATED,
     FACTORISATIONS,
@@ -163,11 +162,10 @@ class Trajectory:
     def _bending(self, gauges: Sequence[StrainGauge]) -> Array:
         """What ideal gauges read, (n, gauges)."""
         places = [(gauge.link, gauge.place) for gauge in gauges]
-        like: Any = SimpleNamespace(q0=self.q[0], names=self.names)
         links = self.scene.arm.links
         there = [links[gauge.link].along(gauge.place * links[gauge.link].length) for gauge in gauges]
         units = [gauge.per_curvature(float(s.m), float(s.J)) for gauge, s in zip(gauges, there, strict=True)]
-        return np.asarray(self.q @ curvature_rows(self.scene, self.settings, like, places).T * np.array(units))
+        return np.asarray(curvatures(self.scene, self.settings, self.names, places, self.q) * np.array(units))
 
     def measured(self, sensors: Sensors | Mapping[str, Any] | None = None, seed: int = 0) -> dict[str, Array]:
         """What sensors read at the recorded instants, by the laws that environments have (`flexarm_env.sensors`).
@@ -321,7 +319,9 @@ class Recorder:
         motors = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(self.scene.arm.n_links)}
         turned = [angles[:, k] if row is None else data["q"][:, row] for k, row in motors.items()]
         spun = [rates[:, k] if row is None else data["v"][:, row] for k, row in motors.items()]
-        lengths = np.array([link.span for link in self.scene.arm.links])
+        links = self.scene.arm.links
+        lengths = np.array([link.span for link in links])
+        bows = np.array([link.place(link.length + link.tip_offset).imag if link.curved else 0.0 for link in links])
         counts = simulation.work.counts
         return Trajectory(
             scene=self.scene,
@@ -334,7 +334,7 @@ class Recorder:
             joint_angles=angles,
             joint_rates=rates,
             joint_torque=data["torque"],
-            tip_deflection=link_deflection(poses) / lengths,
+            tip_deflection=(link_deflection(poses) - bows) / lengths,
             kinetic=data["energies"][:, 0],
             strain_energy=data["energies"][:, 1],
             gravity=data["energies"][:, 2],

@@ -185,6 +185,12 @@ def _rigid_ends(d: Draft) -> None:
     )
 
 
+def _curved(d: Draft) -> None:
+    """Links that are bent without stress, by a radian together."""
+    made = d.link
+    d.link = lambda length: dataclasses.replace(made(length), curvature=((0.0, 1.6), (length, 0.4)))
+
+
 FEATURES: dict[str, Callable[[Draft], None]] = {
     "hub torque": lambda d: None,
     "light damping": _light,
@@ -206,6 +212,7 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "stepped": _stepped,
     "own damping": _own_damping,
     "rigid ends": _rigid_ends,
+    "curved": _curved,
     "elastic gears": _elastic_gears,
     "friction": _friction,
 }
@@ -285,6 +292,10 @@ PAIRS = [
     ("rigid ends", "elbow masses", "elastic gears"),
     ("elbow masses", "elastic gears"),
     ("elbow masses", "friction"),
+    ("curved", "gravity"),
+    ("curved", "elbow masses", "elastic gears"),
+    ("curved", "prescribed elbow"),
+    ("curved", "free flight"),
     ("eccentric payload", "gravity"),
     ("eccentric payload", "free flight"),
     ("rigid ends", "eccentric payload", "elbow masses", "elastic gears"),
@@ -306,7 +317,8 @@ CORE = [
 PARTS = [("tapered", "rigid ends", "prescribed elbow"), ("elbow masses", "friction")]
 """The same under three formulations: what an arm is made of has kernels of its own, which take long to compile."""
 JOINED = ("joined segments",)
-"""Frames joined by multipliers, which take ideal joints alone."""
+NOT_JOINED = {"elastic gears", "friction", "rigid ends", "eccentric payload", "curved"}
+"""Frames joined by multipliers take none of these."""
 WHOLE = ("modes", "clamped modes")
 """Links reduced as a whole."""
 

@@ -112,6 +112,7 @@ class Mesh(NamedTuple):
     full: tuple[int, ...] | None  # coupling="von_karman"
     damped: tuple[int, ...] | None  # (0,): tau_d > 0, (0, 0): a body's own share of it
     drag: tuple[int, ...] | None  # damping that goes with mass
+    curved: tuple[int, ...] | None  # bent without stress
 
 
 class FloatingFrame(NamedTuple):
@@ -184,6 +185,7 @@ class ExactBeam(NamedTuple):
     order     tuple of p zeros: polynomial order, a compile-time constant
     varying   (0,) where sections vary along links, otherwise None
     sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
+    rest      float64 (order,) for each element: its (right - left, interior ...) in psi without stress, or None
     rigid     float64: `physics.exact.layout.LEVERS` where links have rigid ends, otherwise None
     elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
     damped    see `damped`
@@ -208,6 +210,7 @@ class ExactBeam(NamedTuple):
     elements: int
     varying: tuple[int, ...] | None
     sections: np.ndarray
+    rest: np.ndarray | None
     elbows: np.ndarray
     rigid: np.ndarray | None
     hub_inertia: float
@@ -229,6 +232,7 @@ class Elastica(NamedTuple):
     data   float64: `physics.elastica.layout.DATA`
     loads  float64: for each point load `physics.elastica.layout.LOAD`, or None
     eccentric  float64: `physics.elastica.layout.ECCENTRIC` where the payload's centre is not at the tip, otherwise None
+    rest   float64 (N k,): angles of the nodes without stress from that of their link's root, or None: straight links
     """
 
     n: int | tuple[int, ...]
@@ -250,6 +254,7 @@ class Elastica(NamedTuple):
     data: np.ndarray
     loads: np.ndarray | None
     eccentric: np.ndarray | None
+    rest: np.ndarray | None
 
 
 class Jointed(NamedTuple):
@@ -259,6 +264,7 @@ class Jointed(NamedTuple):
 
     table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
     rough  None where no joint has Coulomb friction, otherwise as many zeros as accelerations are solved for at a start
+    play   (0,) where a gear has backlash, otherwise None
     step   s: half of it is how far ahead friction looks where accelerations are solved for
     """
 
@@ -275,6 +281,7 @@ class Jointed(NamedTuple):
     table: np.ndarray
     data: np.ndarray
     rough: tuple[int, ...] | None
+    play: tuple[int, ...] | None
     step: float
 
 

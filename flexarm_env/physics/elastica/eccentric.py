@@ -1,4 +1,5 @@
-"""A payload whose centre of mass is not at the tip of an elastica's chain (docs: theory, section "Elastica").
+"""What not all chains of the elastica have: links that are bent without stress, a payload whose centre of mass is not
+at the tip (docs: theory, sections "Elastica" and "Links").
 
 The way from the root to it is sum w_j E_j, with the unit tangents as complex numbers, E_j = exp(i phi_j), and weights
 w_j = along_j + i across_j: what is real elsewhere is complex. Its force A acts on node i as conj(w_i) A, and the matrix
@@ -9,6 +10,22 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, size, store
 from .layout import X, Y, constants, eccentric_at, weighted
+
+
+@kernel
+def unbent(lane, rest, i, angle):
+    """The angle of node i less that which it has without stress."""
+    if rest is None:
+        return angle
+    return angle - rest[i]
+
+
+@kernel
+def less_rest(lane, rest, x):
+    """x <- the nodes' angles less those which they have without stress."""
+    if rest is not None:
+        for i in range(rest.shape[0]):
+            store(x, i, load(lane, x, i) - rest[i])
 
 
 @kernel

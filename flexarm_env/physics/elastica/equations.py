@@ -19,7 +19,7 @@ from ..arithmetic import share_of
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import register
-from .eccentric import less_root_aside, payload_at, root_aside, tangent_aside, with_payload
+from .eccentric import less_root_aside, payload_at, root_aside, tangent_aside, unbent, with_payload
 from .layout import X, Y, constants, load_at, node_angles, weighted
 from .output import damping_work, energy, link_poses, out_of_range, ports, shape
 
@@ -89,6 +89,7 @@ def _forces(lane, model, par, state, u, on, r):
         store(s, i, sine)
         store(ex, i, ax)
         store(ey, i, ay)
+        angle = unbent(lane, model.rest, i, angle)
         if model.damping is not None:
             angle = angle + rate * share_of(model.damping, i // n, tau_d)
         store(x, i, angle * stiffness)

@@ -6,7 +6,7 @@ from ...compiler import kernel, load, sincos, size, splat, stack, store
 from ..arithmetic import share_of
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
-from .eccentric import payload_at, root_aside
+from .eccentric import less_rest, payload_at, root_aside
 from .layout import X, Y, constants, load_at, node_angles, weighted
 
 
@@ -115,6 +115,7 @@ def energy(lane, model, par, q, v):
     node_angles(lane, model, q, x)
     node_angles(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
+    less_rest(lane, model.rest, x)
     strain = _bending(lane, model, None, x, x) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
     tip_x, tip_y = payload_at(lane, model.eccentric, model, ex, ey)
     tip_spin = splat(lane, 0.0)

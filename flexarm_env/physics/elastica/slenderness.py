@@ -104,6 +104,8 @@ class _Modes:
         n, m = chain.n, chain.w.size
         payload = arm.payload
         self.angles = np.repeat(scene.angles, n)
+        if any(link.curved for link in arm.links):
+            self.angles = self.angles + np.concatenate([line.rest for line in chain.lines])
         self.cosines = np.cos(self.angles[:, None] - self.angles)
         arm_of = chain.w.copy()
         arm_of[m - n :] += payload.offset[0] * chain.lines[-1].tip_angle
@@ -189,6 +191,10 @@ class _Modes:
             momentum = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
             beyond = force[:, None] + momentum[:, -1:] - momentum
             along, across = e[:, own][:, 0] @ beyond, np.array([-e[1, own][0], e[0, own][0]]) @ beyond
+            if link.curved:
+                tangent = np.exp(1j * (line.lagrange(finer) @ self.angles[own]))
+                turned = (beyond[0] + 1j * beyond[1]) * tangent.conj()
+                along, across = turned.real, turned.imag
             sections = link.along(finer)
             density = along**2 / sections.EA + across**2 / sections.C
             total += float(np.sum(0.5 * (density[1:] + density[:-1]))) * link.length / 64

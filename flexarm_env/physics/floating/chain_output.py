@@ -187,6 +187,8 @@ def _energies(lane, model, D, par, q, v, frame, totals):
     kinetic = kinetic + ((w * w) * inertia + product(lane, model, D, own.M_ff, v, v)) * 0.5
     kinetic = kinetic + w * (dot(lane, model, D, own.c, v) + product(lane, model, D, own.B, v, q))
     strain = product(lane, model, D, own.K_bend, q, q) * (load(lane, par, 2) * 0.5)
+    if model.curved is not None:
+        strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * load(lane, par, 2)
     if model.full is None:
         strain = strain + product(lane, model, D, own.K_axial, q, q) * 0.5
     span = span_at(own.spans, wide)

@@ -64,6 +64,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         table=np.array([place for place, _ in laws], np.int64).ravel(),
         data=np.concatenate([law for _, law in laws]),
         rough=_rough(arm),
+        play=(0,) if any(joint.backlash > 0.0 for joint in arm.joints) else None,
         step=settings.dt,
     )
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
@@ -100,7 +101,7 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
         {}, stiffness=joint.stiffness if motor >= 0 else 0.0, damping=joint.damping, rotor=joint.rotor,
         viscous=joint.friction_viscous, coulomb=joint.friction_coulomb,
         near=max(own, NEAR * whole) + rotor, least=least,
-        hold=HOLD * whole / least,
+        hold=HOLD * whole / least, play=0.5 * joint.backlash,
     )  # fmt: skip
 
 

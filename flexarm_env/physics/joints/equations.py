@@ -9,6 +9,10 @@ Of all other rows the motor's is coupled with that of q alone. It is eliminated 
 number more in its row of q (`protocol.stiffen`), one term more on the right, and the motor's increment follows from
 the joint's. A gear that does not give leaves the rotor's inertia on q.
 
+Backlash takes what is wound up by less than half of it from k (psi - q): a torque that is continuous, whose slope is k
+or 0, so that Newton's iteration finds what touches as it finds what sticks. The damping acts in the gap as well: were
+it to begin with contact, contact would begin with a jump and end with a pull.
+
 Coulomb friction is a set: |T| <= T_C at rest, T_C against the rate otherwise. With w = v + (h/2) a it is
 
     T = clip(share w - R, T_C),    R the row's residual without it, share > 0 any number:
@@ -101,27 +105,78 @@ def _grip(lane, rough, model, i, rate, second, rest, pivot, near, weights, S):
 
 
 @kernel
+def _flank(lane, wound, play):
+    """1, -1 where the gear's flanks touch, driven forward or backward; 0 in the gap."""
+    one = splat(lane, 1.0)
+    return select_lt(play, wound, one, select_lt(wound, -play, -one, splat(lane, 0.0)))
+
+
+@kernel
+def _spring(lane, play, model, i, wound, S):
+    """The spring's torque and its slope."""
+    D, law = model.data, LAWS.end * i
+    stiffness = D[law + LAWS.stiffness]
+    if play is None:
+        return wound * stiffness, stiffness
+    half, g = D[law + LAWS.play], _gear_at(model, i)
+    flank, turned = _flank(lane, wound, half), _gears_at(model) + GEARS.turned
+    store(S, turned, load(lane, S, turned) + absolute(flank - load(lane, S, g + GEAR.flank)))
+    store(S, g + GEAR.flank, flank)
+    store(S, g + GEAR.wound, wound)
+    return (wound - clip(wound, half)) * stiffness, absolute(flank) * stiffness
+
+
+@kernel
+def _wide(lane, play, x):
+    """x in all lanes; with backlash it has one value in each."""
+    if play is None:
+        return splat(lane, x)
+    return x
+
+
+@kernel
+def _held_pivot(lane, play, whole, pivot, stuck):
+    """The pivot where friction holds the motor: with that of a gear that touches, see `_grip`."""
+    if play is None:
+        return splat(lane, pivot)
+    return select_lt(0.5, stuck, splat(lane, whole), pivot)
+
+
+@kernel
+def _note_flank(lane, play, model, i, x, S):
+    """Note where the increment -x takes a gear from contact to its gap, or from there to contact."""
+    if play is not None:
+        g, turned = _gear_at(model, i), _gears_at(model) + GEARS.turned
+        row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
+        wound = load(lane, S, g + GEAR.wound) - (load(lane, x, motor) - load(lane, x, row))
+        flank = _flank(lane, wound, model.data[LAWS.end * i + LAWS.play])
+        store(S, turned, load(lane, S, turned) + absolute(flank - load(lane, S, g + GEAR.flank)))
+
+
+@kernel
 def _through_gear(lane, model, i, state, u, weights, r, S):
     """The motor's row, and the gear's torque in the joint's in place of the one asked for."""
     law, at, g = LAWS.end * i, PLACES * i, _gear_at(model, i)
     D, row, motor = model.data, model.table[at + PLACE.row], model.table[at + PLACE.motor]
     stiffness, damping, rotor = D[law + LAWS.stiffness], D[law + LAWS.damping], D[law + LAWS.rotor]
     rate, second = load(lane, state.v, motor), load(lane, state.a, motor)
-    torque = (load(lane, state.q, motor) - load(lane, state.q, row)) * stiffness
+    wound = load(lane, state.q, motor) - load(lane, state.q, row)
+    torque, steep = _spring(lane, model.play, model, i, wound, S)
     torque = torque + (rate - load(lane, state.v, row)) * damping
     asked = load(lane, u, model.table[at + PLACE.joint])
     store(r, row, load(lane, r, row) + asked - torque)
-    slope = stiffness * weights.stiffness + damping * weights.damping
+    slope = steep * weights.stiffness + damping * weights.damping
     pivot = rotor * weights.mass + slope
+    whole = rotor * weights.mass + (stiffness * weights.stiffness + damping * weights.damping)
     own, stuck = second * rotor + torque - asked, splat(lane, 0.0)
     if model.table[at + PLACE.on_motor] != 0:
         viscous = D[law + LAWS.viscous]
-        pivot = pivot + viscous * weights.damping
-        own, stuck = _grip(lane, model.rough, model, i, rate, second, own + rate * viscous, pivot, None, weights, S)
+        pivot, whole = pivot + viscous * weights.damping, whole + viscous * weights.damping
+        own, stuck = _grip(lane, model.rough, model, i, rate, second, own + rate * viscous, whole, None, weights, S)
     store(r, motor, own)
     if weights.mass != 0.0:
-        store(S, g + GEAR.pivot, splat(lane, pivot))
-        store(S, g + GEAR.slope, splat(lane, slope))
+        store(S, g + GEAR.pivot, _held_pivot(lane, model.play, whole, pivot, stuck))
+        store(S, g + GEAR.slope, _wide(lane, model.play, slope))
         store(S, g + GEAR.back, (1.0 - stuck) * slope)
 
 
@@ -214,6 +269,7 @@ def solve(lane, model, S, x):
             if S[(g + GEAR.pinned) * len(lane)] == 0.0:
                 turned = load(lane, x, motor) + load(lane, S, g + GEAR.back) * load(lane, x, row)
                 store(x, motor, turned * load(lane, S, g + GEAR.pivot))
+            _note_flank(lane, model.play, model, i, x, S)
 
 
 @kernel
@@ -277,6 +333,14 @@ def damping_work(lane, model, par, q, v, x):
 
 
 @kernel
+def _beyond_play(play, half, wound):
+    """How far a gear's spring is wound."""
+    if play is None:
+        return wound
+    return wound - clip(wound, half)
+
+
+@kernel
 def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity), J: with the rotors' energy and that in the gears."""
     kinetic, strain, gravity = protocol.energy(lane, model.arm, par, q, v)
@@ -285,6 +349,7 @@ def energy(lane, model, par, q, v):
         turns = row
         if motor >= 0:
             turns, wound = motor, load(lane, q, motor) - load(lane, q, row)
+            wound = _beyond_play(model.play, model.data[law + LAWS.play], wound)
             strain = strain + wound * wound * (0.5 * model.data[law + LAWS.stiffness])
         rate = load(lane, v, turns)
         kinetic = kinetic + rate * rate * (0.5 * model.data[law + LAWS.rotor])
@@ -317,14 +382,15 @@ def _begin(lane, rough, model, S):
 
 @kernel
 def expected(lane, model, S, theta):
-    """See `protocol`: no more than a half where a joint has changed between sticking and slipping."""
-    return _expected(lane, model.rough, model, S, theta)
+    """See `protocol`: no more than a half where a joint has begun or ceased to stick or to touch."""
+    return _expected(lane, model.rough, model.play, model, S, theta)
 
 
 @kernel
-def _expected(lane, rough, model, S, theta):
+def _expected(lane, rough, play, model, S, theta):
     if rough is None:
-        return theta
+        if play is None:
+            return theta
     return select_lt(0.5, load(lane, S, _gears_at(model) + GEARS.turned), splat(lane, 0.5), theta)
 
 

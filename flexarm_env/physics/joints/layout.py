@@ -24,6 +24,7 @@ LAW = Layout(
     Field("near", (), "kg m^2", "inertia that friction meets at once: at the joint, with the rotor of a stiff gear"),
     Field("least", (), "kg m^2", "an inertia that whatever friction holds has at least"),
     Field("hold", (), "", "inertia of the whole arm over that, many times: what a joint at rest is held by"),
+    Field("play", (), "rad", "half of the gear's backlash"),
 )  # fmt: skip
 LAWS = LAW.places
 
@@ -40,13 +41,15 @@ GEAR = Layout(
     Field("torque", (), "N m", "Coulomb friction of the last residual"),
     Field("before", (), "N m", "and at the step's start"),
     Field("way", (), "", "of the last residual: 0: it sticks; 1, -1: it slips forward, backward"),
+    Field("wound", (), "rad", "the motor's angle less the joint's in the last residual, where there is backlash"),
+    Field("flank", (), "", "then: 0: neither side touches; 1, -1: the motor's drives forward, backward"),
 ).places  # fmt: skip
 """One a joint, behind `GEARS`."""
 
 GEARS = Layout(
     "Gears", "",
     Field("loose", (), "", "`LOOSE`: Coulomb friction is left out; `BEFORE`: the residual before inputs jump"),
-    Field("turned", (), "", "more than 0: a joint has changed between sticking and slipping since the residual before"),
+    Field("turned", (), "", "more than 0: a joint has begun or ceased to stick or to touch since the residual before"),
 ).places  # fmt: skip
 """Behind the arm's own part of S."""
 LOOSE, BEFORE = 1.0, 2.0
