@@ -71,17 +71,17 @@ ray-demo: $(READY_RAY) ## the same on Ray: train on two runners, judge; results 
 	$(PY_RAY) -m agents.ray_demo
 
 # ------------------------------------------------------------------ checks
-# in two parts, since what a process compiles stays in its memory: 9 GB a worker by the end of one
-TEST_PARTS := "tests/physics tests/test_[a-e]*.py" "tests/test_[f-z]*.py"
+# the slow tests in parts, since what a process compiles stays in its memory: gigabytes a worker by the end of one
+SLOW_PARTS := "tests/physics tests/test_[a-d]*.py" "tests/test_e*.py" "tests/test_[f-z]*.py"
 # pytest ends with 5 where it found no test, which is no failure here
 tests_of = @if [ -n '$(PYTEST_ARGS)' ]; then $(PY) -m pytest -m $(1) $(PARALLEL) $(PYTEST_ARGS) || [ $$? -eq 5 ]; \
-	else for part in $(TEST_PARTS); do $(PY) -m pytest -m $(1) $(PARALLEL) $$part || exit 1; done; fi
+	else for part in $(2); do $(PY) -m pytest -m $(1) $(PARALLEL) $$part || exit 1; done; fi
 
 test: $(READY) ## the test suite without the slow tests; PYTEST_ARGS="-k name" narrows it
-	$(call tests_of,"not slow")
+	$(call tests_of,"not slow",tests)
 
 test-slow: $(READY) ## the slow tests alone
-	$(call tests_of,slow)
+	$(call tests_of,slow,$(SLOW_PARTS))
 
 ray-test: $(READY_RAY) ## the tests of training on Ray, which no other lane runs
 	$(PY_RAY) -m pytest tests/ray $(PYTEST_ARGS)

@@ -66,12 +66,12 @@ def _table(text: str) -> dict[str, Any]:
 
 
 def _texts(kind: type[Any]) -> dict[str, str]:
-    """Help of each field, from the entries `name: text` of the docstring's section Args."""
-    body = (kind.__doc__ or "").partition("Args:")[2]
-    names = [field.name for field in dataclasses.fields(kind)]
-    marks = [m for m in re.finditer(r"^\s*(\w+):\s", body, re.MULTILINE) if m.group(1) in names]
-    ends = [m.start() for m in marks[1:]] + [len(body)]
-    return {
-        mark.group(1): " ".join(body[mark.end() : end].split()).rstrip(".")
-        for mark, end in zip(marks, ends, strict=True)
-    }
+    """Help of each field, from the entries `name: text` of the section Args of the class's docstring and its bases'."""
+    names, texts = [field.name for field in dataclasses.fields(kind)], {}
+    for base in reversed(kind.__mro__):
+        body = (base.__doc__ or "").partition("Args:")[2]
+        marks = [m for m in re.finditer(r"^\s*(\w+):\s", body, re.MULTILINE) if m.group(1) in names]
+        ends = [m.start() for m in marks[1:]] + [len(body)]
+        for mark, end in zip(marks, ends, strict=False):  # a class without any says nothing
+            texts[mark.group(1)] = " ".join(body[mark.end() : end].split()).rstrip(".")
+    return texts

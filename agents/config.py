@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,10 @@ class Config:
     algorithm: str
     text: Mapping[str, Any]
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+
+    def lasting(self, n_timesteps: int | None) -> Config:
+        """The same over so many environment steps, where they are given."""
+        return self if n_timesteps is None else replace(self, text={**self.text, "n_timesteps": n_timesteps})
 
     @property
     def n_envs(self) -> int:

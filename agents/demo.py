@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,32 +88,44 @@ def replay(out: Path) -> list[str]:
     return lines
 
 
-def train(arguments: Arguments) -> list[str]:
-    """Train (or go on with, or keep) the run, and return the report's lines."""
-    from agents import train_ppo
+def trained(trainer: Any, out: Path, **wanted: Any) -> str:
+    """Train by a program (or go on with, or keep) the run below a folder; what it came to."""
     from agents.progress import describe
 
-    folder = arguments.out / "ppo"
-    finished = (folder / "run.json").exists() and read_run(folder).get("finished", False)
-    if finished:
-        say(f"  {folder} holds a finished run: kept")
-        note = f"kept from an earlier call ({folder})"
-    else:
-        wanted = train_ppo.Arguments(
-            env=ENV, seed=arguments.seed, n_timesteps=arguments.steps, out=folder,
-            resume=(folder / "run.json").exists(), tensorboard=False, progress=sys.stderr.isatty(),
-        )  # fmt: skip
-        note = describe(train_ppo.train(wanted))
+    folder = out / "ppo"
+    begun = (folder / "run.json").exists()
+    if begun and read_run(folder).get("finished", False):
+        return f"kept from an earlier call ({folder})"
+    given = trainer.Arguments(env=ENV, out=folder, resume=begun, progress=sys.stderr.isatty(), **wanted)
+    return describe(trainer.train(given))
+
+
+def train(arguments: Arguments) -> list[str]:
+    """Lines of the report."""
+    from agents import train_ppo
+
+    note = trained(train_ppo, arguments.out, seed=arguments.seed, n_timesteps=arguments.steps, tensorboard=False)
     return ["## Training", "", f"PPO on {ENV}: {note}.", "", "![learning curve](ppo/learning_curve.png)", ""]
+
+
+def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | None = None) -> tuple[Any, list[str]]:
+    """Figures of the trained policy and of controllers on the evaluation episodes, and the report's lines; others: rows
+    to be shown before them."""
+    from agents.evaluate import Arguments as Judged
+    from agents.evaluate import evaluate
+    from agents.figures import tip_errors
+    from agents.statistics import markdown
+
+    rows, results, limits = evaluate(Judged(policy=",".join((str(out / "ppo"), *controllers)), env=ENV))
+    tip_errors(results, 0, out / "tip_error.png", f"{ENV}, one episode under each controller")
+    said = "100 fixed episodes; medians with 95 % bootstrap intervals."
+    return rows, [said, "", markdown({**(others or {}), **rows}, limits), "![tip error](tip_error.png)", ""]
 
 
 def judge(out: Path) -> list[str]:
     """The trained policy, an untrained one and the classical controllers on the same episodes; lines of the report."""
     from agents import episodes
-    from agents.evaluate import Arguments as Judged
-    from agents.evaluate import evaluate
-    from agents.figures import tip_errors
-    from agents.statistics import markdown, summary
+    from agents.statistics import summary
 
     class Untrained:
         """Uniform random actions."""
@@ -128,17 +141,7 @@ def judge(out: Path) -> list[str]:
     env = episodes.make_episodes(ENV, 100)
     before = summary(episodes.run(env, Untrained(), episodes.TEST))
     env.close()
-    rows, results, limits = evaluate(Judged(policy=",".join((str(out / "ppo"), *CONTROLLERS)), env=ENV))
-    tip_errors(results, 0, out / "tip_error.png", f"{ENV}, one episode under each controller")
-    return [
-        "## The policy beside classical control",
-        "",
-        "100 fixed episodes; medians with 95 % bootstrap intervals.",
-        "",
-        markdown({"random actions": before, **rows}, limits),
-        "![tip error](tip_error.png)",
-        "",
-    ]
+    return ["## The policy beside classical control", "", *judged(out, CONTROLLERS, {"random actions": before})[1]]
 
 
 def main() -> int:

@@ -32,7 +32,7 @@ class Family:
     Args:
         name: of the policy. env: id. config: file in configs/ppo. seeds: how many.
         test: number of test episodes. controllers: beside which it is judged. robust: trained on randomised arms.
-        every: steps from one evaluation to the next.
+        every: steps from one evaluation to the next. published: its best policy comes with the package.
     """
 
     name: str
@@ -43,6 +43,7 @@ class Family:
     controllers: tuple[str, ...] = CONTROL
     robust: bool = False
     every: int = 32_768
+    published: bool = True
 
     @property
     def task(self) -> str:
@@ -68,6 +69,9 @@ FAMILIES = (
     Family("two_link", "TwoLinkFlexArm-v0", "residual.yml", 5, test=200, every=131_072),
     Family("two_link_torque", "TwoLinkFlexArm-v0", "default.yml", 1, test=200, every=65_536),
     Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, robust=True, every=131_072),
+    Family("flexible_arm_measured", "FlexibleArm-v0", "measured.yml", 1, published=False),
+    Family("flexible_arm_geared", "FlexibleArm-v0", "geared.yml", 1, published=False),
+    Family("two_link_geared", "TwoLinkFlexArm-v0", "geared.yml", 1, published=False, every=131_072),
 )
 
 
@@ -134,8 +138,9 @@ def publish_family(family: Family, home: Path) -> None:
     best = family.best(home)
     for folder in family.runs(home):
         publish(folder, with_model=folder == best)
-    target = PACKAGED / family.name / "policy.npz"
-    write_whole(target, lambda part: shutil.copyfile(best / "policy.npz", part))
+    if family.published:
+        target = PACKAGED / family.name / "policy.npz"
+        write_whole(target, lambda part: shutil.copyfile(best / "policy.npz", part))
 
 
 def main() -> int:

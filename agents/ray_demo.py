@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from agents.arguments import parse
-from agents.runs import fail, own_folder, read_run, report
+from agents.demo import ENV, judged, trained
+from agents.runs import fail, own_folder, report
 
-ENV = "FlexibleArm-v0"
 SOLVED = 0.95
 
 
@@ -39,54 +39,25 @@ class Arguments:
     fresh: bool = False
 
 
-def train(arguments: Arguments) -> str:
-    """Train (or go on with, or keep) the run; what it came to."""
-    from agents import train_rllib
-    from agents.progress import describe
-
-    folder = arguments.out / "ppo"
-    if (folder / "run.json").exists() and read_run(folder).get("finished", False):
-        return f"kept from an earlier call ({folder})"
-    wanted = train_rllib.Arguments(
-        env=ENV, seed=arguments.seed, n_timesteps=arguments.steps, runners=arguments.runners, out=folder,
-        resume=(folder / "run.json").exists(), progress=sys.stderr.isatty(),
-    )  # fmt: skip
-    return describe(train_rllib.train(wanted))
-
-
-def judge(out: Path) -> tuple[float, list[str]]:
-    """Success rate on the evaluation episodes, and the report's lines."""
-    from agents.evaluate import Arguments as Judged
-    from agents.evaluate import evaluate
-    from agents.figures import tip_errors
-    from agents.statistics import markdown
-
-    rows, results, limits = evaluate(Judged(policy=f"{out / 'ppo'},pd,zvd,lqr", env=ENV))
-    tip_errors(results, 0, out / "tip_error.png", f"{ENV}, one episode under each controller")
-    lines = [
-        "100 fixed episodes; medians with 95 % bootstrap intervals.",
-        "",
-        markdown(rows, limits),
-        "![tip error](tip_error.png)",
-    ]
-    return float(rows["ppo"]["success_rate"]), lines
-
-
 def main() -> int:
     """Run the demonstration."""
     arguments = parse(Arguments, "python -m agents.ray_demo", __doc__)
     out, clock = own_folder(arguments.out, arguments.fresh), time.perf_counter()
     try:
         print(f"1/2 training PPO of RLlib on {ENV}, {arguments.runners} runners, {arguments.steps} steps", flush=True)
-        note = train(arguments)
+        from agents import train_rllib
+
+        wanted = {"seed": arguments.seed, "n_timesteps": arguments.steps, "runners": arguments.runners}
+        note = trained(train_rllib, out, **wanted)
         print("2/2 judging it beside classical controllers", flush=True)
-        success, judged = judge(out)
+        rows, lines = judged(out, ("pd", "zvd", "lqr"))
     except ValueError as error:
         return fail(error)
     report(out, "Training on Ray", clock, [
         f"PPO of RLlib on {ENV}, {arguments.runners} runners: {note}.", "",
-        "![learning curve](ppo/learning_curve.png)", "", *judged,
+        "![learning curve](ppo/learning_curve.png)", "", *lines,
     ])  # fmt: skip
+    success = float(rows["ppo"]["success_rate"])
     if success < SOLVED:
         return fail(f"not solved: {success:.0%} of the episodes succeed, {SOLVED:.0%} are asked for") - 1
     return 0

@@ -11,9 +11,10 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 T = TypeVar("T")
 
@@ -111,6 +112,64 @@ def fail(sentence: object) -> int:
 
 
 # ------------------------------------------------------------------ run folders
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """What programs take that train a policy.
+
+    Args:
+        env: id of the environment.
+        config: file of hyper-parameters, RL Zoo format; default configs/ppo/default.yml.
+        env_kwargs: keywords of the environment, as JSON; they go before those of the config file.
+        seed: of everything.
+        n_timesteps: environment steps in all; default the config's.
+        out: run folder; default runs/ALGO-ENV-SEED.
+        resume: go on from the run folder's last checkpoint, or anew where it has none yet (other flags are then those
+            of the run).
+        evaluate_every: environment steps from one evaluation to the next.
+        eval_episodes: episodes of an evaluation.
+        solved_at: success rate from which the task counts as solved.
+        stop_when_solved: end the run there.
+        checkpoint_every: environment steps from one checkpoint to the next.
+        threads: of torch; networks this small are quickest with one.
+        tensorboard: write curves for TensorBoard.
+        progress: show a progress bar.
+    """
+
+    env: str = "FlexibleArm-v0"
+    config: Path | None = None
+    env_kwargs: dict[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    n_timesteps: int | None = None
+    out: Path | None = None
+    resume: bool = False
+    evaluate_every: int = 32_768
+    eval_episodes: int = 100
+    solved_at: float = 0.95
+    stop_when_solved: bool = False
+    checkpoint_every: int = 131_072
+    threads: int = 1
+    tensorboard: bool = True
+    progress: bool = True
+
+    def begun(self, *kept: str, algorithm: str | None = None) -> Self:
+        """The arguments of the run, new or to be gone on with (`resumed`). ValueError for one that is there already."""
+        if self.resume:
+            return resumed(self, *kept, algorithm=algorithm)
+        if (self.folder / "run.json").exists():
+            raise ValueError(f"{self.folder}: holds a run already; go on with it by --resume, or choose another --out")
+        return self
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.out or Path("runs") / f"{self.name}-{self.env}-{self.seed}"
+
+    @property
+    def name(self) -> str:
+        """What run folders are named for."""
+        raise NotImplementedError
+
+
 def resumed(arguments: T, *kept: str, algorithm: str | None = None) -> T:
     """The arguments that a run was started with, those named in `kept` as they are given now.
 

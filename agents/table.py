@@ -43,6 +43,23 @@ SHIFTS: dict[str, dict[str, Any]] = {
 }
 """One thing at a time is not as it was in training."""
 
+MEASURED: dict[str, Any] = {"observation": "measured"}
+SETTINGS: dict[str, dict[str, tuple[dict[str, Any], str | None]]] = {
+    "flexible_arm": {
+        "strip, full": ({}, "flexible_arm"),
+        "strip, measured": (MEASURED, "flexible_arm_measured"),
+        "strip_geared, full": ({"arm": "strip_geared"}, None),
+        "strip_geared, measured": ({"arm": "strip_geared"} | MEASURED, "flexible_arm_geared"),
+    },
+    "two_link": {
+        "two_rods, full": ({}, "two_link"),
+        "two_rods, measured": (MEASURED, None),
+        "two_link_geared, full": ({"arm": "two_link_geared"}, None),
+        "two_link_geared, measured": ({"arm": "two_link_geared"} | MEASURED, "two_link_geared"),
+    },
+}
+"""Arms with and without gears, friction and sensors, seen whole and by their sensors; the family trained there."""
+
 Row = dict[str, Any]
 Rows = dict[str, Row]
 
@@ -146,10 +163,13 @@ def seeds_table(rows: list[Row]) -> list[str]:
 
 def short_table(head: str, columns: Mapping[str, Rows]) -> list[str]:
     """Success and median settling of policies (rows) in several settings (columns)."""
-    names = list(next(iter(columns.values())))
+    names = dict.fromkeys(name for table in columns.values() for name in table)
     lines = [f"| {head} | " + " | ".join(columns) + " |", "|---|" + "---:|" * len(columns)]
     for name in names:
-        cells = [f"{t[name]['success_rate']:.1%}, {t[name]['settling_time_median']:.2f} s" for t in columns.values()]
+        found = [table.get(name) for table in columns.values()]
+        cells = [
+            "" if row is None else f"{row['success_rate']:.1%}, {row['settling_time_median']:.2f} s" for row in found
+        ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return lines
 
@@ -206,6 +226,27 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
     ]  # fmt: skip
 
 
+def measured(judge: Judge, family: Family, content: dict[str, Any]) -> list[str]:
+    """What the same controllers, and policies trained there, make of gears, friction and real sensors."""
+    columns: dict[str, Rows] = {}
+    for title, (given, trained) in SETTINGS[family.name].items():
+        say(f"{family.env}: {title}")
+        names = ("pd", "zv", "zvd", "lqg" if "observation" in given else "lqr")
+        columns[title] = {}
+        if trained is not None:
+            words = {"PPO, trained there": judge.best(families.named(trained))}
+            columns[title] = judge.rows(family, words, FEWER_EPISODES)[0]
+        columns[title] |= judge.rows(family, {name: name for name in names}, FEWER_EPISODES, env_kwargs=given)[0]
+    content[family.name]["measured"] = columns
+    return [
+        f"### {family.env}: gears, friction, and what sensors measure", "",
+        "The geared arms rub (Coulomb), their encoders have 4096 counts and gauges noise and a bias; gains of `pd`,",
+        "`zv`, `zvd` and `lqr` are those of the ideal arm, `lqg` has the arm's own friction and sensors in its filter.",
+        f"{FEWER_EPISODES} episodes:", "",
+        *short_table("success, median settling", columns), "",
+    ]  # fmt: skip
+
+
 HEAD = """# Policies beside classical control
 
 Trained policies (PPO) and classical controllers on the same fixed episodes that neither training nor tuning has seen.
@@ -248,6 +289,7 @@ def main() -> int:
             family = families.named(name)
             content[name] = {}
             last = robustness(judge, family, families.named(f"{name}_robust"), content)
+            last += measured(judge, family, content)
             content["sections"][name] = section(judge, family, TITLES[name], content) + last
     except ValueError as error:
         return fail(error)

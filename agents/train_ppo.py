@@ -13,10 +13,9 @@ policy.npz to others.
 
 from __future__ import annotations
 
-import dataclasses
 import shutil
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,64 +23,30 @@ from agents import config as configs
 from agents import episodes
 from agents.arguments import parse
 from agents.progress import training_program
-from agents.runs import new_record, resumed, write_json, write_text
+from agents.runs import Training, new_record, write_json, write_text
 
 
-@dataclass(frozen=True)
-class Arguments:
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Training):
     """What `python -m agents.train_ppo` takes.
 
     Args:
-        env: id of the environment.
         algo: "ppo" or "sac".
         config: file of hyper-parameters, RL Zoo format; default configs/ALGO/default.yml.
-        env_kwargs: keywords of the environment, as JSON; they go before those of the config file.
-        seed: of everything.
-        n_timesteps: environment steps in all; default the config's.
-        out: run folder; default runs/ALGO-ENV-SEED.
-        resume: go on from the run folder's last checkpoint, or anew where it has none yet (other flags are then those
-            of the run).
-        evaluate_every: environment steps from one evaluation to the next.
-        eval_episodes: episodes of an evaluation.
-        solved_at: success rate from which the task counts as solved.
-        stop_when_solved: end the run there.
-        checkpoint_every: environment steps from one checkpoint to the next.
-        threads: of torch; networks this small are quickest with one.
-        tensorboard: write curves for TensorBoard.
-        progress: show a progress bar.
     """
 
-    env: str = "FlexibleArm-v0"
     algo: str = "ppo"
-    config: Path | None = None
-    env_kwargs: dict[str, Any] = field(default_factory=dict)
-    seed: int = 0
-    n_timesteps: int | None = None
-    out: Path | None = None
-    resume: bool = False
-    evaluate_every: int = 32_768
-    eval_episodes: int = 100
-    solved_at: float = 0.95
-    stop_when_solved: bool = False
-    checkpoint_every: int = 131_072
-    threads: int = 1
-    tensorboard: bool = True
-    progress: bool = True
 
     @property
-    def folder(self) -> Path:
-        """The run folder."""
-        return self.out or Path("runs") / f"{self.algo}-{self.env}-{self.seed}"
+    def name(self) -> str:
+        """The algorithm."""
+        return self.algo
 
 
 def train(arguments: Arguments) -> Any:
     """Train, and return what it came to (`agents.training.Progress`). ValueError with a sentence for what is wrong."""
-    folder = arguments.folder
-    if arguments.resume:
-        arguments = resumed(arguments, "progress")
-    elif (folder / "run.json").exists():
-        raise ValueError(f"{folder}: holds a run already; go on with it by --resume, or choose another --out")
-    config = _resolved(arguments)
+    folder, arguments = arguments.folder, arguments.begun("progress")
+    config = configs.load(arguments.config, arguments.algo, arguments.env).lasting(arguments.n_timesteps)
     import torch
 
     torch.set_num_threads(arguments.threads)
@@ -129,14 +94,6 @@ def _finish(folder: Path, record: dict[str, Any], progress: Any) -> None:
     learning_curve([progress.curve], folder / "learning_curve.png", str(record["env_id"]))
     export(folder)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
-
-
-def _resolved(arguments: Arguments) -> configs.Config:
-    """The config with the number of steps asked for."""
-    config = configs.load(arguments.config, arguments.algo, arguments.env)
-    if arguments.n_timesteps is not None:
-        config = dataclasses.replace(config, text={**config.text, "n_timesteps": arguments.n_timesteps})
-    return config
 
 
 def _log(model: Any, folder: Path, arguments: Arguments) -> None:

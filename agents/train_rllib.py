@@ -14,7 +14,6 @@ until the run has finished, checkpoints/ (each holds RLlib's own in algorithm/).
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 import os
 import pickle
@@ -22,8 +21,7 @@ import shutil
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 from agents import config as configs
@@ -31,21 +29,16 @@ from agents import episodes
 from agents.arguments import parse
 from agents.progress import Progress, after, training_program, write_curve
 from agents.rllib import cluster, setup
-from agents.runs import checkpoints, fail, new_record, resumed, write_json, write_text, write_whole
+from agents.runs import Training, checkpoints, fail, new_record, write_json, write_text, write_whole
 
 FAILED = 1
 
 
-@dataclass(frozen=True)
-class Arguments:
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Training):
     """What `python -m agents.train_rllib` takes.
 
     Args:
-        env: id of the environment.
-        config: file of hyper-parameters, RL Zoo format; default configs/ppo/default.yml.
-        env_kwargs: keywords of the environment, as JSON; they go before those of the config file.
-        seed: of everything.
-        n_timesteps: environment steps in all; default the config's.
         out: run folder; default runs/rllib-ENV-SEED.
         resume: go on from the run folder's last checkpoint, or anew where it has none yet (other flags but those of
             processes are then those of the run).
@@ -56,42 +49,21 @@ class Arguments:
         learners: processes that update the network, a processor each; 0: the training process does it.
         sampler: native (whole arrays a step) or rllib (RLlib's own loop over environments).
         threads: of torch in the training process; runners and learners have one each.
-        evaluate_every: environment steps from one evaluation to the next.
-        eval_episodes: episodes of an evaluation.
-        solved_at: success rate from which the task counts as solved.
-        stop_when_solved: end the run there.
-        checkpoint_every: environment steps from one checkpoint to the next.
-        tensorboard: write curves for TensorBoard.
-        progress: show a progress bar.
         verbose: show Ray's own messages.
     """
 
-    env: str = "FlexibleArm-v0"
-    config: Path | None = None
-    env_kwargs: dict[str, Any] = field(default_factory=dict)
-    seed: int = 0
-    n_timesteps: int | None = None
-    out: Path | None = None
-    resume: bool = False
     address: str | None = None
     runners: int = 2
     envs_per_runner: int | None = None
     learners: int = 0
     sampler: str = "native"
-    threads: int = 1
-    evaluate_every: int = 32_768
-    eval_episodes: int = 100
-    solved_at: float = 0.95
-    stop_when_solved: bool = False
     checkpoint_every: int = 65_536
-    tensorboard: bool = True
-    progress: bool = True
     verbose: bool = False
 
     @property
-    def folder(self) -> Path:
-        """The run folder."""
-        return self.out or Path("runs") / f"rllib-{self.env}-{self.seed}"
+    def name(self) -> str:
+        """The library."""
+        return "rllib"
 
 
 PROCESSES = ("address", "runners", "envs_per_runner", "learners", "sampler", "threads", "progress", "verbose")
@@ -100,16 +72,10 @@ PROCESSES = ("address", "runners", "envs_per_runner", "learners", "sampler", "th
 
 def train(arguments: Arguments) -> Progress:
     """Train, and return what it came to. ValueError with a sentence for what is wrong."""
-    folder = arguments.folder
-    if arguments.resume:
-        arguments = resumed(arguments, *PROCESSES, algorithm="rllib_ppo")
-    elif (folder / "run.json").exists():
-        raise ValueError(f"{folder}: holds a run already; go on with it by --resume, or choose another --out")
+    arguments = arguments.begun(*PROCESSES, algorithm="rllib_ppo")
     _check(arguments)
     cluster.need_ray()
-    config = setup.load(arguments.config, arguments.env)
-    if arguments.n_timesteps is not None:
-        config = dataclasses.replace(config, text={**config.text, "n_timesteps": arguments.n_timesteps})
+    config = setup.load(arguments.config, arguments.env).lasting(arguments.n_timesteps)
     kwargs = {**config.env_kwargs, **arguments.env_kwargs}
     judged = {k: v for k, v in kwargs.items() if k not in episodes.TRAINING_ONLY}
     eval_env = episodes.make_episodes(arguments.env, arguments.eval_episodes, **judged)

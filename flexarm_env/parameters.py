@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 
 from flexarm_env import validation as check
 from flexarm_env.sections import Link, Points, Section, Taper
-from flexarm_env.sections import store as _store
 from flexarm_env.sensors import Sensors
+from flexarm_env.validation import store as _store
 
 __all__ = ["Arm", "Elbow", "JointRange", "Link", "Payload", "Points", "Section", "Taper"]
 

@@ -16,12 +16,6 @@ from flexarm_env.curves import Curvature
 Array = NDArray[np.float64]
 
 
-def store(item: object, **values: object) -> None:
-    """Set fields of a frozen dataclass from within its ``__post_init__``."""
-    for name, value in values.items():
-        object.__setattr__(item, name, value)
-
-
 @dataclass(frozen=True)
 class Section:
     """Cross-section of a beam, constant along a link (symbols of docs/theory.md; paper [41], [52]).
@@ -41,7 +35,7 @@ class Section:
     J: float = 0.0
 
     def __post_init__(self) -> None:
-        store(
+        check.store(
             self,
             EI=check.number("section.EI", self.EI, "N m^2", above=0.0),
             EA=check.number("section.EA", self.EA, "N", above=0.0),
@@ -99,10 +93,10 @@ class Taper:
         for name in ("widths", "thicknesses"):
             sides = check.sequence(f"section.{name}", getattr(self, name), "two positive numbers (m), root and tip", 2)
             named = (check.number(f"section.{name}[{i}]", side, "m", above=0.0) for i, side in enumerate(sides))
-            store(self, **{name: tuple(named)})
+            check.store(self, **{name: tuple(named)})
         one = self.rectangle(0.0)  # which checks the material
         assert one.EI > 0.0
-        store(self, **{name: float(getattr(self, name)) for name in ("E", "rho", "G", "kappa")})
+        check.store(self, **{name: float(getattr(self, name)) for name in ("E", "rho", "G", "kappa")})
 
     def sides(self, share: Any) -> tuple[Any, Any]:
         """Width and thickness, m, at a share of the length (a number or an array)."""
@@ -163,14 +157,14 @@ class Link:
     curvature: Curvature = 0.0
 
     def __post_init__(self) -> None:
-        store(self, length=check.number("length", self.length, "m", above=0.0))
+        check.store(self, length=check.number("length", self.length, "m", above=0.0))
         if self.tau_d is not None:
-            store(self, tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0))
+            check.store(self, tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0))
         for name, unit in ENDS.items():
-            store(self, **{name: check.number(name, getattr(self, name), unit, minimum=0.0)})
-        store(self, curvature=curves.checked(self.curvature, self.length))
+            check.store(self, **{name: check.number(name, getattr(self, name), unit, minimum=0.0)})
+        check.store(self, curvature=curves.checked(self.curvature, self.length))
         if not isinstance(self.section, Section | Taper):
-            store(self, section=_points(self.section, self.length))
+            check.store(self, section=_points(self.section, self.length))
 
     @classmethod
     def tapered(

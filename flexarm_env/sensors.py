@@ -41,7 +41,7 @@ class LowPass:
     damping: float = math.sqrt(0.5)
 
     def __post_init__(self) -> None:
-        _store(
+        check.store(
             self,
             frequency=check.number("low_pass.frequency", self.frequency, "Hz", above=0.0),
             order=check.integer("low_pass.order", self.order, minimum=1, maximum=2),
@@ -70,7 +70,7 @@ class Law:
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        _store(
+        check.store(
             self,
             gain=_constant_or_range("gain", self.gain),
             bias=_constant_or_range("bias", self.bias),
@@ -129,9 +129,9 @@ class Encoder(Law):
     def __post_init__(self) -> None:
         super().__post_init__()
         check.choice("side", self.side, SIDES)
-        _store(self, rate_frequency=check.number("rate_frequency", self.rate_frequency, "Hz", above=0.0))
+        check.store(self, rate_frequency=check.number("rate_frequency", self.rate_frequency, "Hz", above=0.0))
         if self.counts is not None:
-            _store(self, counts=check.integer("counts", self.counts, minimum=1))
+            check.store(self, counts=check.integer("counts", self.counts, minimum=1))
             if self.quantum > 0.0:
                 raise check.InvalidValue("quantum", self.quantum, "must not be given together with counts")
 
@@ -165,14 +165,14 @@ class StrainGauge(Law):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _store(
+        check.store(
             self,
             link=check.integer("link", self.link, minimum=0),
             place=check.number("place", self.place, minimum=0.0, maximum=1.0),
         )
         check.choice("unit", self.unit, UNITS)
         if self.distance is not None:
-            _store(self, distance=check.number("distance", self.distance, "m", above=0.0))
+            check.store(self, distance=check.number("distance", self.distance, "m", above=0.0))
 
     def per_curvature(self, m: float, J: float) -> float:
         """The quantity over the curvature, for a link of mass m (kg/m) and rotary inertia J (kg m) per length there."""
@@ -210,7 +210,7 @@ class Camera(Law):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.period is not None:
-            _store(self, period=check.number("period", self.period, "s", above=0.0))
+            check.store(self, period=check.number("period", self.period, "s", above=0.0))
 
     @property
     def interval(self) -> float:
@@ -238,7 +238,7 @@ class Sensors:
             parts = check.sequence(name, getattr(self, name), kind.__name__)
             for i, part in enumerate(parts):
                 check.instance(f"{name}[{i}]", part, kind)
-            _store(self, **{name: parts})
+            check.store(self, **{name: parts})
         for name, single in (("accelerometer", Accelerometer), ("camera", Camera)):
             if getattr(self, name) is not None:
                 check.instance(name, getattr(self, name), single)
@@ -298,11 +298,6 @@ KEYS = tuple(f.name for f in fields(Sensors))
 """Keys of a table of sensors."""
 
 S = TypeVar("S", bound=Law)
-
-
-def _store(item: object, **values: object) -> None:
-    for name, value in values.items():
-        object.__setattr__(item, name, value)
 
 
 def _constant_or_range(path: str, value: Any) -> float | Range:

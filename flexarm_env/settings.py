@@ -142,7 +142,7 @@ class Settings:
             reduced = self.modes is not None
             if (name == "modes" or (reduced and name in _MESH)) and value is None:
                 continue
-            object.__setattr__(self, name, _CHECKS[name](name, value))
+            check.store(self, **{name: _CHECKS[name](name, value)})
             if reduced and name in _REPLACED:
                 raise check.InvalidValue(name, value, "must not be given together with modes, which replaces it")
         if self.formulation == "floating_frame":
@@ -151,16 +151,17 @@ class Settings:
             what = f"must be at most {MOST_ELEMENTS} elements a link: take fewer segments or elements"
             raise check.InvalidValue("segments * elements", f"{self.segments} * {self.elements}", what)
         if self.dt is not None:
-            object.__setattr__(self, "dt", check.number("dt", self.dt, "s", above=0.0))
-        object.__setattr__(self, "tolerance", check.number("tolerance", self.tolerance, above=0.0, maximum=1.0))
+            check.store(self, dt=check.number("dt", self.dt, "s", above=0.0))
         check.choice("newton", self.newton, ("full", "modified"))
-        object.__setattr__(self, "max_iterations", check.integer("max_iterations", self.max_iterations, minimum=1))
-        object.__setattr__(
-            self, "max_halvings", check.integer("max_halvings", self.max_halvings, minimum=0, maximum=30)
+        check.store(
+            self,
+            tolerance=check.number("tolerance", self.tolerance, above=0.0, maximum=1.0),
+            max_iterations=check.integer("max_iterations", self.max_iterations, minimum=1),
+            max_halvings=check.integer("max_halvings", self.max_halvings, minimum=0, maximum=30),
         )
         if self.step_tolerance is not None:
             allowed = check.number("step_tolerance", self.step_tolerance, above=0.0, maximum=1.0)
-            object.__setattr__(self, "step_tolerance", allowed)
+            check.store(self, step_tolerance=allowed)
         self._check_integrator()
 
     def _check_frame(self) -> None:
@@ -172,15 +173,14 @@ class Settings:
 
     def _check_integrator(self) -> None:
         if self.newmark is None:
-            rho = check.number("rho_inf", self.rho_inf, minimum=0.0, maximum=1.0)
-            object.__setattr__(self, "rho_inf", rho)
+            check.store(self, rho_inf=check.number("rho_inf", self.rho_inf, minimum=0.0, maximum=1.0))
             return
         if self.rho_inf is not None:
             raise check.InvalidValue("rho_inf", self.rho_inf, "must not be given together with newmark")
         beta, gamma = check.sequence("newmark", self.newmark, "two numbers, (beta, gamma)", 2)
         beta = check.number("newmark[0]", beta, above=0.0, maximum=1.0)
         gamma = check.number("newmark[1]", gamma, above=0.0, maximum=1.0)
-        object.__setattr__(self, "newmark", (beta, gamma))
+        check.store(self, newmark=(beta, gamma))
 
     @classmethod
     def make(cls, formulation: str = "floating_frame", **options: Any) -> Settings:

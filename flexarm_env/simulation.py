@@ -116,6 +116,7 @@ class Simulation:
 
     def set_torques(self, torques: Array) -> None:
         """Joint torques (N m, one a joint) that hold from now on: a kink, so accelerations are solved afresh."""
+        self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
         self._restart()
 

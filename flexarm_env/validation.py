@@ -119,6 +119,12 @@ def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextMa
     return under("" if path is None else f"{os.fspath(path)}: ")
 
 
+def store(item: object, **values: object) -> None:
+    """Set fields of a frozen dataclass from within its ``__post_init__``."""
+    for name, value in values.items():
+        object.__setattr__(item, name, value)
+
+
 def number(
     path: str,
     value: object,

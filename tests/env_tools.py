@@ -34,9 +34,9 @@ RICH: dict[str, dict[str, Any]] = {
 
 LIVELY: dict[str, Any] = {
     "randomization": RANDOM, "sensors": {"noise": 0.01, "delay": 0.04}, "initial_vibration": 0.02,
-    "actuator": {"lag": 0.01, "delay": 0.08 / 3, "coulomb": 0.01},
+    "actuator": {"lag": 0.01, "delay": 0.08 / 3},
 }  # fmt: skip
-"""For `rich`: none of it ideal."""
+"""For `rich`: none of it ideal. Friction has kernels of its own."""
 
 
 def rich(env_id: str, **changes: Any) -> dict[str, Any]:
@@ -92,6 +92,18 @@ def episode(env: gym.Env[Any, Any], seed: int, steps: int, **options: Any) -> li
         if outcomes[-1][2] or outcomes[-1][3]:
             break
     return outcomes
+
+
+def successes(env: Any, controller: Any, seed: int) -> float:
+    """Share of a vector's arms that a controller has where they belong at the end of an episode."""
+    observation, _ = env.reset(seed=seed)
+    controller.reset(observation)
+    for _ in range(env.unwrapped.plan.limit):
+        action = controller.act(observation)
+        assert action.dtype == np.float32
+        assert np.abs(action).max() <= 1.0
+        observation, _, _, _, info = env.step(action)
+    return float(info["is_success"].mean())
 
 
 def pair(env_id: str, n: int, mode: str = "NextStep", threads: int = 1, **kwargs: Any) -> tuple[Any, Any]:

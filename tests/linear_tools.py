@@ -8,8 +8,9 @@ import pytest
 
 from flexarm_env.parameters import Arm, Link, Section
 from flexarm_env.scene import Scene
+from tests.scene_tools import everything
 
-SEGMENTS = ("floating_frame", {"segments": 2, "elements": 2})
+SEGMENTS = ("floating_frame", {"segments": 4})
 MODES = ("floating_frame", {"modes": 3})
 EXACT = ("geometrically_exact", {"elements": 4})
 ELASTICA = ("elastica", {})
@@ -43,4 +44,4 @@ def two_links(section: Section = SLENDER, **arm: Any) -> Arm:
 
 
 def at_rest(arm: Arm, **more: Any) -> Scene:
-    return Scene("rest", arm, duration=1.0, dt=0.01, **more)
+    return everything(Scene("rest", arm, duration=1.0, dt=0.01, **more))

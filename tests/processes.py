@@ -26,8 +26,8 @@ def _path() -> str:
     return os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
-def uncompiled_tests(file: str) -> None:
+def uncompiled_tests(file: str, mark: str = "not slow") -> None:
     """Run a file of tests on plain Python numbers, where all sizes and features come at no compile time."""
     path = Path(__file__).parent / file
-    done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", path, NUMBA_DISABLE_JIT="1")
+    done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", mark, path, NUMBA_DISABLE_JIT="1")
     assert "skipped" not in done.stdout

@@ -1,9 +1,15 @@
-"""Arms and scenes that the tests of scenes share."""
+"""Arms, scenes and room for lanes that tests share."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
 from flexarm_env.parameters import Arm, Link, Section
-from flexarm_env.scene import Scene
+from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.time_functions import constant
 
 SECTION = Section(1000.0, 1e4, 1e4, 1.0, 10.0)
 ONE = Arm("one", (Link(10.0, SECTION),))
@@ -13,3 +19,17 @@ TWO = Arm("two", (Link(5.0, SECTION), Link(5.0, SECTION)))
 def scene(arm: Arm = ONE, **changes: object) -> Scene:
     """A scene of 2 s in steps of 0.01 s in which nothing happens, but for the changes."""
     return Scene("s", arm, **{"duration": 2.0, "dt": 0.01, **changes})
+
+
+def everything(scene: Scene) -> Scene:
+    """The same motion with gravity, a load and damping of next to nothing, so that tests share one compiled form."""
+    loads = (*scene.loads, PointLoad(0, "tip", force_y=constant(0.0)))
+    arm = replace(scene.arm, tau_d=max(scene.arm.tau_d, 1e-300))
+    return replace(scene, arm=arm, loads=loads, gravity=scene.gravity or (0.0, 0.0))
+
+
+def aligned(n: int) -> NDArray[np.float64]:
+    """Room for lanes, which begins on a multiple of 64 bytes."""
+    room = np.full(n + 8, np.nan)
+    first = (-room.ctypes.data % 64) // 8
+    return room[first : first + n]

@@ -18,6 +18,7 @@ from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import ramp
 from flexarm_env.time_functions import steps as stairs
 from flexarm_env.trajectory import Trajectory
+from tests.scene_tools import everything
 
 
 def true_error(run: Trajectory) -> float:
@@ -29,16 +30,20 @@ def true_error(run: Trajectory) -> float:
     ("scene", "formulation", "options", "status"),
     [
         ("robot_arm_motion", "floating_frame", {}, "ok"),
-        ("robot_arm_motion", "floating_frame", {"segments": 1, "elements": 5, "frame": "root"}, "inaccurate"),
+        pytest.param(
+            "robot_arm_motion", "floating_frame", {"segments": 1, "elements": 5, "frame": "root"}, "inaccurate",
+            marks=pytest.mark.slow,
+        ),
         ("robot_arm_motion", "floating_frame", {"dt": 0.1}, "ok"),
         ("flying_rod", "geometrically_exact", {}, "ok"),
         ("flying_rod_soft", "geometrically_exact", {"elements": 2}, "inaccurate"),
         ("two_link_motion", "elastica", {"nodes": 4}, "inaccurate"),
     ],
-)
+)  # fmt: skip
 def test_estimate_is_near_the_error(scene: str, formulation: str, options: dict[str, Any], status: str) -> None:
     sample = 0.1 if options.get("dt") == 0.1 else 0.05
-    run = simulate(named(scene), formulation, sample=sample, **options)
+    asked = named(scene)
+    run = simulate(everything(asked) if asked.loads else asked, formulation, sample=sample, **options)
     if sample == 0.05:
         assert 0.5 < run.error_estimate / true_error(run) < 20.0
     assert run.status == status, run.message
@@ -66,6 +71,7 @@ def test_companions_can_be_left_out() -> None:
     assert plain.steps == judged.steps
 
 
+@pytest.mark.slow
 def test_failed_runs_have_no_estimate() -> None:
     run = simulate(named("spin_up"), segments=1, elements=5, coupling="linear", frame="root", dt=0.02)
     assert run.status == "diverged"
@@ -116,7 +122,7 @@ def test_other_meshes(formulation: str, options: dict[str, Any], other: dict[str
 
 def test_steps_are_counted_as_they_are_taken() -> None:
     for name, dt, sample in (("robot_arm_motion", 0.03, 0.05), ("flying_rod", 0.05, 0.3)):
-        scene = replace(named(name), duration=3.0)
+        scene = everything(replace(named(name), duration=3.0))
         run = simulate(scene, "geometrically_exact", dt=dt, sample=sample, estimate_error=False)
         assert run.steps == count_steps(scene, 3.0, sample, dt)
 
@@ -140,7 +146,8 @@ def test_steps_that_resolve_nothing_do_not_pass_for_exact(formulation: str, zeta
     slow = (2.0 * np.pi) / np.sqrt(3.0 / (0.5 + 33.0 / 140.0))  # period of the first vibration, EI = m = L = 1
     payload, section = Payload(0.5, 0.005), Section(1.0, 1e6, 4e5, 1.0, 1e-6)
     arm = Arm("slow", (Link(1.0, section),), payload=payload, tau_d=zeta * slow / np.pi)
-    scene = Scene("turned", arm, duration=3.0 * slow, dt=0.3 * slow, motions=(Motion("joint0", ramp(1.5, 0.5 * slow)),))
+    motions = (Motion("joint0", ramp(1.5, 0.5 * slow)),)
+    scene = everything(Scene("turned", arm, duration=3.0 * slow, dt=0.3 * slow, motions=motions))
     run = simulate(scene, formulation)
     fine = simulate(scene, "elastica", dt=0.003 * slow, estimate_error=False)
     error = float(np.hypot(*(run.tip - fine.tip)[:, :2].T).max())

@@ -32,7 +32,11 @@ def stiff_arm(joint: Joint = GEAR) -> Arm:
     return Arm("a", (Link(1.0, STIFF),), joints=(joint,))
 
 
-@pytest.mark.parametrize("method", METHODS)
+EACH = ["elastica", *(pytest.param(name, marks=pytest.mark.slow) for name in METHODS if name != "elastica")]
+"""The elastica in every run of the tests; kernels of the others take long to compile."""
+
+
+@pytest.mark.parametrize("method", EACH)
 def test_free_flight_across_the_gap(method: str) -> None:
     """The motor alone moves, by tau t^2 / 2 J, until it has gone half of the play; the link knows nothing of it."""
     formulation, options = METHODS[method]
@@ -48,7 +52,7 @@ def test_free_flight_across_the_gap(method: str) -> None:
 
 
 def oscillation(dt: float, rate: float = 0.5) -> tuple[float, float, Any]:
-    """Period by passages through the middle of the gap of a link behind a motor that is held, its exact value, the run."""
+    """Period by passages through the middle of the gap, its exact value, the run: a link behind a motor that is held."""
     joint = Joint(stiffness=40.0, backlash=0.1)
     scene = Scene(
         "s", stiff_arm(joint), duration=6.0, dt=dt, sample=dt, rates=(rate,), motions=(Motion("motor0", constant(0.0)),)
@@ -62,7 +66,7 @@ def oscillation(dt: float, rate: float = 0.5) -> tuple[float, float, Any]:
 
 
 def test_period_of_an_oscillator_with_a_gap() -> None:
-    """Two halves of a free vibration in contact and two flights; second order in the step; energy neither lost nor won."""
+    """Two halves of a free vibration in contact and two flights; second order in the step; energy is kept."""
     errors = []
     for dt in (4e-3, 2e-3, 1e-3):
         period, exact, run = oscillation(dt)
@@ -83,6 +87,7 @@ def rattling(joint: Joint) -> Scene:
     return Scene("s", arm, duration=1.0, dt=1e-3, sample=0.02, loads=loads, gravity=(0.0, -2.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["motor", "link"])
 def test_two_flexible_links_that_rattle(side: str) -> None:
     """With friction and damping: formulations agree, and the books close."""
@@ -109,6 +114,7 @@ def test_rest_on_a_flank() -> None:
     assert hangs < 1e-3  # motor and link begin at one angle, in the gap, where nothing couples them
 
 
+@pytest.mark.slow
 def test_environments_and_files() -> None:
     arm = dataclasses.replace(arms.named("strip_geared"), name="loose", joints=(
         dataclasses.replace(arms.named("strip_geared").joints[0], backlash=0.01),))  # fmt: skip

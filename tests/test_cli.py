@@ -202,12 +202,11 @@ def test_a_parameter_set_has_no_reference(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_a_run_that_fails_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
-    mesh = ["--segments", "1", "--elements", "5", "--frame", "root"]
-    code = main(["replay", "spin_up", "--coupling", "linear", *mesh, "--json"])
+    code = main(["replay", "robot_arm_motion", "--modes", "3", "--json"])
     values = json.loads(capsys.readouterr().out)
     assert code == 1
-    assert values["status"] == "diverged"
-    assert "diverged at t =" in values["message"]
+    assert values["status"] == "out_of_range"
+    assert "beyond the range" in values["message"]
 
 
 # ---------------------------------------------------------------- refusals

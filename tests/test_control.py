@@ -16,6 +16,7 @@ from flexarm_env import arms, control
 from flexarm_env.control import kinematics, lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from, tuned_gains
+from tests.env_tools import successes
 
 STRIP, TWO = arms.named("strip"), arms.named("de_luca_siciliano")
 IDS = {"slew": "FlexibleArm-v0", "reach": "TwoLinkFlexArm-v0"}
@@ -157,28 +158,17 @@ def test_the_plan_is_bang_bang_and_the_quickest(angle, seconds):
 
 
 # ------------------------------------------------------------------ in the environment
-def episode(env, controller, seed):
-    observation, _ = env.reset(seed=seed)
-    controller.reset(observation)
-    for _ in range(env.unwrapped.plan.limit):
-        action = controller.act(observation)
-        assert action.dtype == np.float32
-        assert np.abs(action).max() <= 1.0
-        observation, _, _, _, info = env.step(action)
-    return info["is_success"]
-
-
 FULL = [name for name in control.NAMES if name != "lqg"]  # act on observation="full"; lqg: test_lqg.py
 
 
 @pytest.mark.parametrize("name", FULL)
 def test_controllers_slew_and_settle(name, slew):
-    assert episode(slew, control.make(name, slew), 50).mean() == 1.0
+    assert successes(slew, control.make(name, slew), 50) == 1.0
 
 
 @pytest.mark.parametrize("name", [n for n in FULL if n != "time_optimal"])
 def test_controllers_reach_and_settle(name, reach):
-    assert episode(reach, control.make(name, reach), 50).mean() >= 0.9
+    assert successes(reach, control.make(name, reach), 50) >= 0.9
 
 
 @pytest.mark.parametrize("name", FULL)

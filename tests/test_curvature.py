@@ -30,6 +30,11 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "clamped": ("floating_frame", {"segments": 24, "frame": "root"}),
     "modes in segments": ("floating_frame", {"segments": 8, "modes": 3}),
 }
+EACH = [
+    name if name in ("exact", "elastica", "segments") else pytest.param(name, marks=pytest.mark.slow)
+    for name in METHODS
+]
+"""In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
 NEAR = {"exact": 1e-6, "elastica": 1e-6, "segments": 2e-5, "clamped": 3e-4, "modes in segments": 1e-4}
 """How near a quarter circle's tip a mesh begins, m."""
 
@@ -43,7 +48,7 @@ def circle(angle: float, radius: float = 2.0 / np.pi) -> Any:
     return radius * np.array([np.sin(angle), 1.0 - np.cos(angle)])
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", EACH)
 def test_a_quarter_circle_rests_without_stress(method: str) -> None:
     formulation, options = METHODS[method]
     run = simulate(held(QUARTER), formulation, estimate_error=False, **options)
@@ -57,7 +62,7 @@ def test_a_quarter_circle_rests_without_stress(method: str) -> None:
     assert np.abs(run.tip_deflection).max() < 2.0 * NEAR[method]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", EACH)
 def test_the_moment_that_straightens_it(method: str) -> None:
     """M = -EI kappa at the tip, and as much work as the bent strip then holds, half EI kappa^2 L."""
     formulation, options = METHODS[method]
@@ -95,7 +100,7 @@ def ritz(link: Link, payload: Payload, count: int) -> Any:
     return np.sqrt(eigh(K, M, eigvals_only=True)[:count])
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", EACH)
 @pytest.mark.parametrize("link", [QUARTER, SWAN, Link(1.0, STRIP, curvature=0.3)], ids=["quarter", "swan", "shallow"])
 def test_frequencies(method: str, link: Link) -> None:
     """Three of a cantilever with an eccentric payload, against its energies."""
@@ -118,6 +123,7 @@ def swung() -> Scene:
     return Scene("s", arm, duration=1.0, dt=1e-3, sample=0.02, gravity=(0.0, -4.0), loads=loads, angles=(0.2, -0.3))
 
 
+@pytest.mark.slow
 def test_large_motion() -> None:
     scene = swung()
     fine = simulate(scene, "geometrically_exact", elements=12, estimate_error=False)

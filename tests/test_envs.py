@@ -35,11 +35,11 @@ FORMULATIONS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize(
     ("env_id", "formulation"),
     [
-        pytest.param(env_id, name, marks=pytest.mark.slow if env_id == IDS[1] and name != "elastica" else ())
-        for env_id in IDS
-        for name in FORMULATIONS
-    ]
-    + [(MULTI, "elastica")],
+        *((env_id, "elastica") for env_id in (*IDS, MULTI)),
+        (IDS[0], "exact"),
+        *(pytest.param(IDS[0], name, marks=pytest.mark.slow) for name in ("segments", "modes")),
+        *(pytest.param(IDS[1], name, marks=pytest.mark.slow) for name in ("exact", "segments", "modes")),
+    ],
 )
 def test_both_checkers_without_a_warning(env_id: str, formulation: str) -> None:
     from gymnasium.utils.env_checker import check_env
@@ -51,7 +51,7 @@ def test_both_checkers_without_a_warning(env_id: str, formulation: str) -> None:
         checker.check_env(gym.make(env_id, render_mode="rgb_array", **FORMULATIONS[formulation]).unwrapped)
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", [IDS[0], pytest.param(IDS[1], marks=pytest.mark.slow)])
 def test_checkers_without_a_warning_with_everything(env_id: str) -> None:
     from gymnasium.utils.env_checker import check_env
 
@@ -265,10 +265,6 @@ def test_arms_and_formulations_by_name_and_value() -> None:
     assert flexarm_env.Arm is type(own)
 
 
-VECTORS = pytest.mark.parametrize("vectors", [False, pytest.param(True, marks=pytest.mark.slow)])
-"""Vectors of all formulations are compiled for the slow tests alone."""
-
-
 def said(vectors: bool, key: str, keywords: dict[str, Any]) -> float:
     """An entry of info, the same alone and in a vector, at resets and at steps."""
     envs: list[Any] = [gym.make("FlexibleArm-v0", **keywords)]
@@ -280,17 +276,20 @@ def said(vectors: bool, key: str, keywords: dict[str, Any]) -> float:
     return float(values[0])
 
 
-@VECTORS
+@pytest.mark.slow
+@pytest.mark.parametrize("vectors", [False, True])
 def test_a_reduction_to_modes_says_how_far_it_holds(vectors: bool) -> None:
     assert said(vectors, "deflection_bound", FORMULATIONS["modes"]) == 0.25
     assert said(vectors, "deflection_bound", {}) == np.inf
 
 
-@VECTORS
-def test_an_error_that_is_not_known_does_not_read_as_exact(vectors: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "vectors"),
+    [("exact", False), *(pytest.param(*c, marks=pytest.mark.slow) for c in (("exact", True), ("segments", True)))],
+)
+def test_an_error_that_is_not_known_does_not_read_as_exact(name: str, vectors: bool) -> None:
     """Infinite for what has no estimate before a run."""
-    for name in ("segments", "exact"):
-        assert said(vectors, "error_estimate", FORMULATIONS[name]) == np.inf
+    assert said(vectors, "error_estimate", FORMULATIONS[name]) == np.inf
     assert 0.0 < said(vectors, "error_estimate", {}) < 1e-3
 
 

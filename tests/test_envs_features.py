@@ -155,8 +155,12 @@ def test_delay_alone_is_the_same_arm_later() -> None:
         np.testing.assert_allclose(a[0][:5], b[0][:5], atol=2e-6)
 
 
+def rubbed(viscous: float = 0.0, coulomb: float = 0.0, **changes: Any) -> Any:
+    return gym.make(ONE, actuator={"viscous": viscous, "coulomb": coulomb}, info_level="full", **changes)
+
+
 def test_viscous_friction_stops_the_arm_and_its_loss_is_booked() -> None:
-    env = make(actuator={"viscous": 0.3, "coulomb": 0.05}, duration=8.0)
+    env = rubbed(viscous=0.3, coulomb=0.05, duration=8.0)
     actions = np.zeros((400, 1))
     actions[:20] = 1.0
     outcomes = run(env, actions, **START)
@@ -169,14 +173,14 @@ def test_viscous_friction_stops_the_arm_and_its_loss_is_booked() -> None:
 
 
 def test_coulomb_friction_holds_against_a_small_torque() -> None:
-    env = make(actuator={"coulomb": 0.2})
+    env = rubbed(coulomb=0.2)
     turned = [abs(run(env, np.full((100, 1), a), **START)[-1][0][2]) for a in (0.05, 0.5)]
     assert turned[0] < 1e-12
     assert turned[1] > 0.3
 
 
 def test_strong_friction_sets_no_limit_to_steps() -> None:
-    env = make(actuator={"viscous": 30.0, "coulomb": 0.5}, formulation="elastica", dt=0.02)
+    env = rubbed(viscous=30.0, coulomb=0.5, dt=0.02)
     outcomes = run(env, np.ones((50, 1)), **START)
     rate = (2.0 - 0.5) / 30.0
     assert column(outcomes, "energy_kinetic").max() < 0.01

@@ -16,7 +16,7 @@ from flexarm_env.batch import GOAL
 from flexarm_env.control.kinematics import goal_of
 from flexarm_env.tasks import angles as inverse
 from tests.env_tools import MULTI as ID
-from tests.env_tools import assert_same
+from tests.env_tools import assert_same, successes
 
 THREE = arms.named("three_strips")
 
@@ -36,9 +36,10 @@ def test_spaces_and_names_follow_the_links() -> None:
 
 
 # ------------------------------------------------------------------ one physics, one task
-def test_with_two_links_it_is_the_two_link_arm() -> None:
-    mode = {"action_mode": "residual_pd", "duration": 1.0}
-    two, chain = gym.make("TwoLinkFlexArm-v0", **mode), gym.make(ID, arm="de_luca_siciliano", **mode)
+@pytest.mark.parametrize("mode", ["torque", pytest.param("residual_pd", marks=pytest.mark.slow)])
+def test_with_two_links_it_is_the_two_link_arm(mode: str) -> None:
+    keywords = {"action_mode": mode, "duration": 1.0}
+    two, chain = gym.make("TwoLinkFlexArm-v0", **keywords), gym.make(ID, arm="de_luca_siciliano", **keywords)
     assert_same(two.reset(seed=3)[0], chain.reset(seed=3)[0])
     rng = np.random.default_rng(0)
     for _ in range(50):
@@ -159,6 +160,7 @@ def test_goals_of_a_moving_target_do_not_leap() -> None:
         assert np.abs(goal - before).max() < 0.05
 
 
+@pytest.mark.slow
 def test_environment_and_controllers_have_the_same_goals() -> None:
     env = gym.make(ID, action_mode="residual_pd").unwrapped
     lengths = np.array([link.length for link in THREE.links])
@@ -175,15 +177,7 @@ def test_environment_and_controllers_have_the_same_goals() -> None:
 @pytest.mark.parametrize("name", ["pd", "zv", "zvd", "lqr"])
 def test_controllers_reach_their_targets(name: str) -> None:
     envs = gym.make_vec(ID, num_envs=20, vectorization_mode="vector_entry_point")
-    controller = control.make(name, envs)
-    observation, _ = envs.reset(seed=100)
-    controller.reset(observation)
-    over = np.zeros(20, bool)
-    while not over.any():
-        observation, _, terminated, truncated, info = envs.step(controller.act(observation))
-        over = terminated | truncated
-    assert truncated.all()
-    assert info["is_success"].mean() > 0.9
+    assert successes(envs, control.make(name, envs), 100) > 0.9
 
 
 def test_time_optimal_plans_are_for_one_link() -> None:
@@ -192,11 +186,12 @@ def test_time_optimal_plans_are_for_one_link() -> None:
 
 
 # ------------------------------------------------------------------ features
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
         {"formulation": "geometrically_exact"}, {"formulation": "floating_frame", "segments": 2, "dt": 0.002},
-        pytest.param({"step_tolerance": 1e-4}, marks=pytest.mark.slow),
+        {"step_tolerance": 1e-4},
     ],
     ids=["exact", "floating", "fitted"],
 )  # fmt: skip

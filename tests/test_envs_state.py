@@ -34,8 +34,10 @@ def steps(env: Any, moves: list[np.ndarray]) -> list[Any]:
     return outcomes
 
 
-@pytest.mark.parametrize("everything", [False, True], ids=["plain", "everything"])
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize(
+    ("env_id", "everything"),
+    [*((env_id, False) for env_id in IDS), (IDS[0], True), pytest.param(IDS[1], True, marks=pytest.mark.slow)],
+)
 def test_a_restored_episode_continues_bit_for_bit(env_id: str, everything: bool) -> None:
     kwargs = rich(env_id, **LIVELY) if everything else {}
     env = gym.make(env_id, duration=0.5, **kwargs).unwrapped

@@ -17,7 +17,9 @@ from tests.processes import python
 MODES = ("NextStep", "SameStep", "Disabled")
 
 
-@pytest.mark.parametrize(("env_id", "mode", "n"), [*itertools.product(IDS, MODES, (1, 7)), (MULTI, "NextStep", 7)])
+@pytest.mark.parametrize(("env_id", "mode", "n"), [
+    *itertools.product(IDS, MODES, (1, 7)), pytest.param(MULTI, "NextStep", 7, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_vector_is_the_single_environment(env_id: str, mode: str, n: int) -> None:
     ended = assert_pair_same(pair(env_id, n, mode, duration=0.4, randomization=RANDOM), 50)
     assert ended >= 2 * n
@@ -34,9 +36,12 @@ def test_arms_in_lanes_on_one_and_two_threads(env_id: str, mode: str) -> None:
     assert assert_pair_same(many, 25) >= 128
 
 
-@pytest.mark.parametrize("env_id", [IDS[0], *(pytest.param(k, marks=pytest.mark.slow) for k in (IDS[1], MULTI))])
-def test_with_everything_it_is_the_same_too(env_id: str) -> None:
-    lively = rich(env_id, **LIVELY, gravity=(0.0, -9.81), duration=0.3)
+@pytest.mark.parametrize(
+    ("env_id", "coulomb"), [(IDS[0], 0.0), *(pytest.param(k, 0.01, marks=pytest.mark.slow) for k in (*IDS, MULTI))]
+)
+def test_with_everything_it_is_the_same_too(env_id: str, coulomb: float) -> None:
+    actuator = LIVELY["actuator"] | {"coulomb": coulomb}
+    lively = rich(env_id, **LIVELY | {"actuator": actuator}, gravity=(0.0, -9.81), duration=0.3)
     assert assert_pair_same(pair(env_id, 9, "SameStep", **lively), 35) >= 18
 
 

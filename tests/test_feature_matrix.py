@@ -11,9 +11,10 @@ from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import steps
 from tests import feature_matrix as matrix
 from tests.feature_matrix import CORE, PAIRS, POSTURES, SINGLE, TIP
+from tests.scene_tools import everything
 
-DEFAULT = tuple(TIP)[:5]
-OFTEN = [*((cell, method) for cell in CORE for method in DEFAULT), *((c, m) for c in matrix.PARTS for m in DEFAULT[:3])]
+OFTEN = [(cell, method) for cell in CORE for method in ("exact", "elastica", "segments", "modes")]
+OFTEN.append((matrix.VARYING, "exact"))
 CELLS = [
     (cell, method)
     for cell in SINGLE + PAIRS
@@ -50,7 +51,9 @@ def test_all(features: tuple[str, ...], method: str) -> None:
     check(features, method)
 
 
-@pytest.mark.parametrize("method", ["elastica", "segments", "modes in segments"])
+@pytest.mark.parametrize(
+    "method", ["elastica", "segments", pytest.param("modes in segments", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("posture", POSTURES)
 def test_damping_ratio_about_a_bent_posture(posture: str, method: str) -> None:
     """Light damping: that of bending, zeta = tau_d omega / 2 and a little, and not that of stretch."""
@@ -63,10 +66,8 @@ def test_segments_on_the_strip_under_full_torque() -> None:
     """Damped as packaged, +-2 N m switched at random each 0.1 s: 5 segments, 2e-4 of L (they were 2 to 9 % off)."""
     rng = np.random.default_rng(3)
     torque = steps(np.arange(20) * 0.1, 2.0 * rng.choice([-1.0, 1.0], 20))
-    scene = Scene(
-        "strip", arms.named("strip"), duration=2.0, dt=0.001, sample=0.01, loads=(JointTorque(0, torque),),
-        gravity=(0.0, 0.0),
-    )  # fmt: skip
+    loads = (JointTorque(0, torque),)
+    scene = everything(Scene("strip", arms.named("strip"), duration=2.0, dt=0.001, sample=0.01, loads=loads))
     runs = [
         simulate(scene, formulation, estimate_error=False, **options)
         for formulation, options in (("floating_frame", {"segments": 5}), ("geometrically_exact", matrix.REFERENCE))

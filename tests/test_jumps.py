@@ -14,6 +14,7 @@ from flexarm_env.scene import Motion, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import TimeFunction, linear_table, sine, spline_table
 from flexarm_env.trajectory import Trajectory
+from tests.scene_tools import everything
 
 EXACT, FLOATING, ELASTICA = "geometrically_exact", "floating_frame", "elastica"
 MESH = {EXACT: {"elements": 12}, FLOATING: {"segments": 8}, ELASTICA: {"nodes": 6}}
@@ -25,7 +26,7 @@ def run(
     formulation: str, coordinate: str, function: TimeFunction, tau_d: float, dt: float, rho_inf: float = 1.0
 ) -> Trajectory:
     arm = replace(STRIP, tau_d=tau_d)
-    scene = Scene("jump", arm, duration=0.3, dt=dt, motions=(Motion(coordinate, function),))
+    scene = everything(Scene("jump", arm, duration=0.3, dt=dt, motions=(Motion(coordinate, function),)))
     found = simulate(scene, formulation, rho_inf=rho_inf, sample=0.012, estimate_error=False, **MESH[formulation])
     assert found.status == "ok", found.message
     return found
@@ -69,6 +70,7 @@ def test_a_jump_along_a_damped_rod_is_an_inelastic_pick_up(
     assert share(found) < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tau_d", "dt", "error"), [(1e-3, 1e-3, 1e-3), (0.03, 1e-3, 5e-3), (1.0, 1e-3, 5e-3)])
 def test_one_element_follows_its_differential_equation(tau_d: float, dt: float, error: float) -> None:
     """One linear element and a payload, drawn along by its root: m_f x'' + c (x' - V) + k (x - V t) = 0, x' starting
@@ -104,6 +106,7 @@ def test_stiff_sections_that_turn_lose_what_the_steps_take() -> None:
     assert share(run(EXACT, "root_y", f, 0.02, 4e-3)) < 0.01
 
 
+@pytest.mark.slow
 def test_a_jump_that_is_resolved_keeps_second_order() -> None:
     """What is taken out of a jump is of third order in the step where steps resolve the motion."""
     soft = Arm("soft", (Link(1.0, Section(1.0, 400.0, 200.0, 3.0, 0.3)),), tau_d=2e-3, payload=Payload(0.5, 0.1))
@@ -124,7 +127,7 @@ def undamped(formulation: str, function: TimeFunction, rho_inf: float | None) ->
     return simulate(scene, formulation, sample=0.02, estimate_error=False, **options)
 
 
-@pytest.mark.parametrize("frame", ["chord", "root"])
+@pytest.mark.parametrize("frame", ["chord", pytest.param("root", marks=pytest.mark.slow)])
 def test_an_undamped_rod_that_is_shaken_along_keeps_its_energy(frame: str) -> None:
     shaken = Motion("root_x", sine(0.03, 15.0))
     scene = Scene("along", replace(STRIP, tau_d=0.0), duration=1.0, dt=1e-3, motions=(shaken,))

@@ -15,6 +15,7 @@ from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import constant, cycloid, pulse, ramp
 from tests.linear_tools import ALL, ELASTICA, FULL, SLENDER, at_rest, every, one_link, two_links
+from tests.scene_tools import everything
 
 
 # ------------------------------------------------------------------------------------- linearize
@@ -23,7 +24,7 @@ def moving(name: str, formulation: str, options: dict[str, Any]) -> Simulation:
     scene = scenes.named(name)
     if name == "robot_arm_torque":  # within the range of a reduction to modes
         scene = replace(scene, loads=(JointTorque(0, pulse(8.0, 2.5)),))
-    simulation = Simulation(scene, scene.settings(formulation, **options))
+    simulation = Simulation(everything(scene), scene.settings(formulation, **options))
     assert simulation.advance_to(8 * simulation.dt)
     return simulation
 
@@ -226,7 +227,8 @@ def test_damping_of_a_slender_beam(tau_d: float, clamped: bool) -> None:
     link = Link(1.0, section)
 
     def found(tau: float) -> Modes:
-        scene = Scene("slender", Arm("slender", (link,), hub_inertia=0.05, tau_d=tau), duration=1.0, dt=0.01)
+        arm = Arm("slender", (link,), hub_inertia=0.05, tau_d=tau)
+        scene = everything(Scene("slender", arm, duration=1.0, dt=0.01))
         return modes(scene, 200, "geometrically_exact", elements=8, clamped=clamped)
 
     undamped, damped = found(0.0).frequencies, found(tau_d)
@@ -243,9 +245,9 @@ def test_damping_of_a_bent_or_spinning_slender_beam(spin: float) -> None:
     """About a posture that gravity bends by 0.3 L, and in rotation: the elastica's, which has no fast poles."""
     section = Section(EI=1.0, EA=1e8, C=1e8, m=1.0, J=1e-9)
     arm = Arm("slender", (Link(1.0, section),), hub_inertia=0.05, tau_d=1e-3)
-    scene = Scene("slender", arm, duration=1.0, dt=0.01, gravity=None if spin else (0.0, -3.0))
+    scene = everything(Scene("slender", arm, duration=1.0, dt=0.01, gravity=None if spin else (0.0, -3.0)))
     count = 3 if spin else 2  # the hub turns freely in rotation
-    exact = modes(scene, count, "geometrically_exact", elements=16, order=3, clamped=not spin, spin=spin)
+    exact = modes(scene, count, "geometrically_exact", elements=32, clamped=not spin, spin=spin)
     elastica = modes(scene, count, "elastica", nodes=8, clamped=not spin, spin=spin)
     moving = elastica.frequencies > 1e-3
     assert exact.eigenvalues[moving] == pytest.approx(elastica.eigenvalues[moving], rel=1e-4)
@@ -289,7 +291,7 @@ def test_rotating_cantilever(spin: float, formulation: str, options: dict[str, A
 
 def test_rotating_link_reduced_to_modes() -> None:
     """The second-order foreshortening: exact at slow spin, stiffer than it should be at four times the frequency."""
-    slow = modes(at_rest(one_link()), 2, "floating_frame", modes=4, spin=2.0, clamped=True)
+    slow = modes(at_rest(one_link()), 2, "floating_frame", modes=3, spin=2.0, clamped=True)
     assert slow.frequencies == pytest.approx(ROTATING[2.0], rel=1e-3)
 
 
@@ -344,14 +346,14 @@ def test_bad_input_names_itself() -> None:
         ("geometrically_exact", {"elements": 6}, 2e-3),
         ("floating_frame", {"segments": 4}, 3e-2),
         ("floating_frame", {"segments": 3, "frame": "root"}, 3e-2),
-        ("floating_frame", {"modes": 6}, 3e-2),
+        pytest.param("floating_frame", {"modes": 6}, 3e-2, marks=pytest.mark.slow),
     ],
 )
 def test_a_prescribed_hub_is_an_input(formulation: str, options: dict[str, Any], error: float) -> None:
     """Hub acceleration to curvature at the root: the moment over EI, steadily; the poles are those of the held arm."""
     arm = replace(arms.named("strip"), tau_d=0.0)
     link, payload = arm.links[0], arm.payload
-    scene = Scene("driven", arm, duration=1.0, dt=1e-3, motions=(Motion("joint0", constant(0.0)),))
+    scene = everything(Scene("driven", arm, duration=1.0, dt=1e-3, motions=(Motion("joint0", constant(0.0)),)))
     model = linearize(scene, formulation, motions=True, gauges=((0, 0.0),), **options)
     assert model.inputs == ("joint0_acceleration",) and model.outputs[-1] == "curvature0@0"
     assert model.states[0] == "joint0" and model.growing == 0
@@ -374,7 +376,7 @@ def test_the_linear_model_of_a_driven_arm_follows_the_solver() -> None:
     """Two links, hub prescribed, elbow free: a small hub motion against the simulation."""
     arm = replace(arms.named("de_luca_siciliano"), tau_d=1e-3)
     swing = cycloid(0.02, 0.2)
-    scene = Scene("driven", arm, duration=0.3, dt=5e-4, sample=5e-3, motions=(Motion("joint0", swing),))
+    scene = everything(Scene("driven", arm, duration=0.3, dt=5e-4, sample=5e-3, motions=(Motion("joint0", swing),)))
     run = simulate(scene, "geometrically_exact", elements=2, estimate_error=False)
     model = linearize(scene, "geometrically_exact", elements=2, motions=True, discrete=5e-4, method="zoh")
     x, tips = model.x.copy(), []

@@ -19,6 +19,7 @@ from flexarm_env.physics.floating.constants import finite_element_body
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
+from tests.scene_tools import everything
 
 THICK = Section(EI=2.0, EA=2e7, C=7e6, m=0.3)
 THIN = Section(EI=0.5, EA=1e7, C=3e6, m=0.15)
@@ -26,12 +27,20 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "exact": ("geometrically_exact", {"elements": 16}),
     "elastica": ("elastica", {"nodes": 12}),
     "segments": ("floating_frame", {"segments": 16}),
-    "modes": ("floating_frame", {"modes": 2}),
+    "modes": ("floating_frame", {"modes": 3}),
 }
+FOUR = METHODS | {"modes": ("floating_frame", {"modes": 4})}
+
+
+def methods(*slow: str) -> Any:
+    """Those in `slow` have kernels of their own here, which take long to compile."""
+    return pytest.mark.parametrize(
+        "method", [pytest.param(name, marks=[pytest.mark.slow] if name in slow else []) for name in METHODS]
+    )
 
 
 def scene(arm: Arm) -> Scene:
-    return Scene("s", arm, duration=1.0, dt=0.01)
+    return everything(Scene("s", arm, duration=1.0, dt=0.01))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -75,13 +84,12 @@ def stepped_frequencies(a: float, b: float, count: int) -> list[float]:
     return zeros[:count]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@methods("modes")
 def test_stepped_beam(method: str) -> None:
     """Three frequencies against the transcendental equation; the step is where an even mesh has no end."""
     known = stepped_frequencies(0.53, 0.47, 3)
     link = Link(1.0, [(0.0, THICK), (0.53, THICK), (0.53, THIN), (1.0, THIN)])
-    formulation, options = METHODS[method]
-    options = {"modes": 4} if method == "modes" else options
+    formulation, options = FOUR[method]
     found = modes(scene(Arm("a", (link,))), 3, formulation, clamped=True, **options).frequencies
     assert np.all(np.abs(found / known - 1.0) < [1e-4, 2e-4, 1e-3])
 
@@ -220,26 +228,33 @@ def test_a_refusal_names_what_is_wrong(make: Any, message: str) -> None:
     assert message in str(caught.value)
 
 
+KEPT = Link(0.6, THICK, tau_d=4e-3), Link(0.4, THICK, tau_d=4e-3)
+UNLIKE = Arm("a", (KEPT[0], Link(0.4, THICK)), hub_inertia=0.05, payload=Payload(0.1), tau_d=2e-4)
+
+
 def test_damping_of_one_link_alone() -> None:
-    """Links of the same tau_d, their own or the arm's, are one model; of others each loses what the exact beam does."""
-    kept = Link(0.6, THICK, tau_d=4e-3), Link(0.4, THICK, tau_d=4e-3)
+    """Links of the same tau_d, their own or the arm's, are one model."""
+    kept = KEPT
     same = Arm("a", kept, payload=Payload(0.1), tau_d=1.0), Arm("a", tuple(Link(k.length, THICK) for k in kept),
         payload=Payload(0.1), tau_d=4e-3)  # fmt: skip
     for formulation, options in METHODS.values():
         one, other = (assemble(scene(arm), Settings.make(formulation, dt=0.01, **options)) for arm in same)
         assert np.array_equal(one.par, other.par)
         assert [x is None for x in one.model] == [x is None for x in other.model]
-    arm = dataclasses.replace(same[1], links=(kept[0], Link(0.4, THICK)), tau_d=2e-4, hub_inertia=0.05)
-    assert arm.damping == (4e-3, (1.0, 0.05))
-    assert arms.from_toml(arms.to_toml(arm)) == arm
-    fall = Scene("fall", arm, duration=0.5, dt=1e-3, sample=0.05, gravity=(0.0, -9.81))  # kernels of its own sizes
+    assert UNLIKE.damping == (4e-3, (1.0, 0.05))
+    assert arms.from_toml(arms.to_toml(UNLIKE)) == UNLIKE
+    with pytest.raises(ValueError, match=r"^period_correction = True: must be False where the links' tau_d differ"):
+        assemble(scene(UNLIKE), Settings.make("geometrically_exact", period_correction=True))
+
+
+@pytest.mark.slow
+def test_links_damped_unlike_lose_what_the_exact_beam_does() -> None:
+    fall = Scene("fall", UNLIKE, duration=0.5, dt=1e-3, sample=0.05, gravity=(0.0, -9.81))  # kernels of its own sizes
     lost = [
         simulate(fall, formulation, estimate_error=False, **options).dissipated[-1]
         for formulation, options in (METHODS["exact"], ("elastica", {"nodes": 6}))
     ]
     assert lost[0] == pytest.approx(lost[1], rel=2e-3)
-    with pytest.raises(ValueError, match=r"^period_correction = True: must be False where the links' tau_d differ"):
-        assemble(fall, Settings.make("geometrically_exact", period_correction=True))
 
 
 # ------------------------------------------------------------------ rigid ends
@@ -304,7 +319,7 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
     return np.sqrt(np.abs(eigh(K, M, eigvals_only=True)))[n if hinged else 0 :][:count]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@methods("exact", "modes")
 @pytest.mark.parametrize("clamped", [(0, 1), ()])
 def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
     """Three of a two-link arm against its energies, joints held and free."""
@@ -312,8 +327,7 @@ def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
         "a", (ENDED, dataclasses.replace(ENDED, length=0.4, root_mass=0.0)), hub_inertia=0.01,
         elbows=(Elbow(0.1, 1e-4, 2e-4),), payload=Payload(0.1, 1e-4),
     )  # fmt: skip
-    formulation, options = METHODS[method]
-    options = {"modes": 4} if method == "modes" else options
+    formulation, options = FOUR[method]
     found = modes(scene(arm), 5 if clamped == () else 3, formulation, clamped=clamped, **options).frequencies
     found = found[found > 1.0][:3]
     np.testing.assert_allclose(found, ritz_frequencies(arm, 3, hinged=clamped == ()), rtol=5e-4)
@@ -332,13 +346,14 @@ def test_no_rigid_ends_are_the_same_arm_and_small_ones_nearly(formulation: str, 
     np.testing.assert_allclose(*found, rtol=1e-7)
 
 
-@pytest.mark.parametrize(("formulation", "options"), METHODS.values())
-def test_joints_poses_shapes_and_reach_agree(formulation: str, options: dict[str, Any]) -> None:
+@methods("exact", "segments", "modes")
+def test_joints_poses_shapes_and_reach_agree(method: str) -> None:
+    formulation, options = METHODS[method]
     arm = Arm("a", (ENDED, dataclasses.replace(ENDED, length=0.4)), payload=Payload(0.1), tau_d=1e-3, hub_inertia=0.1)
     assert ENDED.span == pytest.approx(0.8) and arm.total_length == pytest.approx(1.4)
     assert rigid.reach(arm) == pytest.approx((0.2, 1.4))
     assert arm.mass == pytest.approx(0.3 * 1.0 + 4 * 0.05 + 2 * 0.05 + 0.1)
-    bent = Scene("s", arm, duration=0.05, dt=1e-3, sample=0.05, angles=(0.3, 1.2), gravity=(0.0, -9.81))
+    bent = everything(Scene("s", arm, duration=0.05, dt=1e-3, sample=0.05, angles=(0.3, 1.2), gravity=(0.0, -9.81)))
     run = simulate(bent, formulation, estimate_error=False, **options)
     elbow = 0.8 * np.array([np.cos(0.3), np.sin(0.3)])
     tip = elbow + 0.6 * np.array([np.cos(1.2), np.sin(1.2)])

@@ -58,7 +58,14 @@ def cantilever(payload: Payload, count: int) -> list[float]:
     return [brentq(determinant, x, y) for x, y, f, g in pairs if f * g < 0.0][:count]
 
 
-@pytest.mark.parametrize("method", METHODS)
+EACH = [
+    name if name in ("exact", "elastica", "segments") else pytest.param(name, marks=pytest.mark.slow)
+    for name in METHODS
+]
+"""In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
+
+
+@pytest.mark.parametrize("method", EACH)
 def test_frequencies_of_a_cantilever(method: str) -> None:
     formulation, options = METHODS[method]
     scene = Scene("s", Arm("a", (Link(1.0, STRIP),), payload=PAYLOAD), duration=1.0, dt=0.002)
@@ -68,6 +75,7 @@ def test_frequencies_of_a_cantilever(method: str) -> None:
     assert slowest_rate(scene) == pytest.approx(known[0], rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", list(METHODS)[:3])
 def test_rigid_pendulum(method: str) -> None:
     """A stiff arm hangs so that the common centre of mass is below the hub, and swings about that as a rigid body."""
@@ -125,6 +133,7 @@ def swung(root: str) -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("root", ["pinned", "free"])
 def test_large_motion(root: str) -> None:
     """Elastica and segments against the exact beam, which share neither coordinates nor levers; books closed."""
@@ -160,6 +169,7 @@ def test_no_offset_is_the_same_arm() -> None:
             assert model.eccentric is None
 
 
+@pytest.mark.slow
 def test_environments_and_files() -> None:
     """One arm and a vector of them, with payloads of their own; TOML."""
     arm = dataclasses.replace(arms.named("strip"), payload=PAYLOAD)

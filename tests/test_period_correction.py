@@ -22,6 +22,7 @@ from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import constant, pulse
 from tests.env_tools import assert_pair_same, pair
+from tests.scene_tools import everything
 
 EXACT = "geometrically_exact"
 SECTION = Section(EI=30.0, EA=1e5, C=4e4, m=1.2, J=1e-3)
@@ -33,8 +34,8 @@ CHAIN = Arm(
 
 def corrected(name: str, **options: Any) -> tuple[float, float]:
     """Largest tip error (m) against a fine run without it, without and with the correction."""
-    scene, sample = scenes.named(name), options["dt"]
-    mesh = {"elements": 8, "order": 3, "rho_inf": 1.0}
+    scene, sample = everything(scenes.named(name)), options["dt"]
+    mesh = {"elements": 16, "rho_inf": 1.0}
     fine = simulate(scene, EXACT, dt=options["dt"] / 20, sample=sample, estimate_error=False, **mesh)
     errors = []
     for correction in (False, True):
@@ -47,7 +48,7 @@ def corrected(name: str, **options: Any) -> tuple[float, float]:
 @pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_inertia_is_what_the_residual_has(order: int) -> None:
     scene = Scene("chain", CHAIN, duration=1.0, dt=0.01, loads=(PointLoad(1, "tip", force_y=constant(1.0)),))
-    simulation = Simulation(scene, scene.settings(EXACT, elements=2, order=order, period_correction=True))
+    simulation = Simulation(everything(scene), scene.settings(EXACT, elements=2, order=order, period_correction=True))
     w, model, rng = simulation.work, simulation.model, np.random.default_rng(order)
     n, a = int(model.n), rng.normal(size=int(model.n))
     found, with_a, without, room = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(int(model.n_factor))
@@ -61,7 +62,7 @@ def test_a_small_vibration_keeps_its_period() -> None:
     """A cantilever's first mode, from the eigenvalues of a step: (omega h)^3 / 12 of phase without, next to nothing
     with the correction, and of two orders more."""
     arm = Arm("beam", (Link(1.0, SECTION),))
-    scene = Scene("clamped", arm, duration=9.0, dt=0.01, motions=(Motion("joint0", constant(0.0)),))
+    scene = everything(Scene("clamped", arm, duration=9.0, dt=0.01, motions=(Motion("joint0", constant(0.0)),)))
     omega = modes(scene, 1, EXACT).frequencies[0]
     errors: dict[bool, list[float]] = {False: [], True: []}
     for x in (0.4, 0.2, 0.1):
@@ -79,7 +80,7 @@ def test_a_small_vibration_keeps_its_period() -> None:
 def test_stable_at_any_step(tau_d: float) -> None:
     """No vibration about rest grows at rho_inf = 1, whether steps resolve all of them or none."""
     still = tuple(Motion(f"joint{k}", constant(0.0)) for k in range(2))
-    scene = Scene("clamped", replace(CHAIN, tau_d=tau_d), duration=900.0, dt=0.01, motions=still)
+    scene = everything(Scene("clamped", replace(CHAIN, tau_d=tau_d), duration=900.0, dt=0.01, motions=still))
     for dt in (1e-5, 1e-3, 3e-2, 1.0):
         model = linearize(scene, EXACT, elements=2, discrete=dt, dt=dt, rho_inf=1.0, period_correction=True)
         assert np.abs(model.eigenvalues).max() < 1.0 + 1e-5  # differences of the solver
@@ -89,7 +90,7 @@ def test_a_free_spin_keeps_its_energy() -> None:
     """Turned by 0.1 rad a step, centrifugal force and all: no more is lost than without."""
     arm = Arm("rod", (Link(1.0, Section(EI=1e3, EA=1e6, C=1e6, m=1.0, J=1e-2)),))
     loads = (JointTorque(0, pulse((1.0 / 3.0 + 0.01) * 10.0, 0.5)),)
-    scene, kept = Scene("spin", arm, duration=9.0, dt=0.02, loads=loads), []
+    scene, kept = everything(Scene("spin", arm, duration=9.0, dt=0.02, loads=loads)), []
     for correction in (False, True):
         simulation = Simulation(scene, scene.settings(EXACT, elements=4, period_correction=correction))
         assert simulation.advance_to(1.0)
@@ -103,7 +104,7 @@ def test_a_free_spin_keeps_its_energy() -> None:
 def test_damped_steps_are_solved(tolerance: float) -> None:
     """Material damping takes part in the iteration matrix; the turn that a pulse leaves is known from its impulse."""
     arm = Arm("damped", (Link(1.0, SECTION),), tau_d=0.1)
-    scene = Scene("damped", arm, duration=21.0, dt=0.01, loads=(JointTorque(0, pulse(0.01, 0.5)),))
+    scene = everything(Scene("damped", arm, duration=21.0, dt=0.01, loads=(JointTorque(0, pulse(0.01, 0.5)),)))
     options = {"elements": 4, "rho_inf": 1.0, "tolerance": tolerance, "period_correction": True}
     simulation = Simulation(scene, scene.settings(EXACT, **options))
     assert simulation.advance_to(20.0)
@@ -160,18 +161,14 @@ def test_errors_of_the_step_fall(name: str, options: dict[str, Any], gain: float
 def test_it_costs_few_iterations() -> None:
     """With a tolerance of 1e-6 Newton needs few iterations more than without."""
     for name in ("robot_arm_motion", "flying_rod", "two_link_motion"):
-        counts = [
-            simulate(
-                scenes.named(name), EXACT, dt=0.005, tolerance=1e-6, period_correction=correction, estimate_error=False
-            ).iterations
-            for correction in (False, True)
-        ]
+        scene, options = everything(scenes.named(name)), {"dt": 0.005, "tolerance": 1e-6, "estimate_error": False}
+        counts = [simulate(scene, EXACT, period_correction=kept, **options).iterations for kept in (False, True)]
         assert counts[1] <= 1.35 * counts[0]
 
 
 def test_energy_stays_near_over_many_steps() -> None:
     """flying_rod after its loads, undamped: the energy wobbles at second order and does not grow."""
-    scene, wobble = scenes.named("flying_rod"), []
+    scene, wobble = everything(scenes.named("flying_rod")), []
     for dt in (0.01, 0.005):
         simulation = Simulation(scene, scene.settings(EXACT, dt=dt, rho_inf=1.0, period_correction=True))
         assert simulation.advance_to(2.5)
@@ -194,7 +191,7 @@ def test_what_a_jump_of_the_velocity_leaves_is_not_corrected() -> None:
         and case["amplitude"] == 10.0 and case["h"] == pytest.approx(1e-3)
     )  # fmt: skip
     scene, formulation, options = scene_of(case)
-    run = simulate(scene, formulation, estimate_error=False, **options)
+    run = simulate(everything(scene), formulation, estimate_error=False, **options)
     assert run.finished and run.halvings == 0
     assert run.balance.max() < 0.01 * np.abs(run.work).max()
 

@@ -210,7 +210,7 @@ LAWFUL: dict[str, Any] = {
         {"gain": (0.98, 1.02), "noise": 0.01, "low_pass": {"frequency": 4.0, "order": 2, "damping": 0.9}},
     ],
 }  # fmt: skip
-ALL = {"observation": "measured", "history": 2, "sensors": LAWFUL}
+ALL = {"observation": "measured", "history": 2, "sensors": LAWFUL, "gravity": (0.0, 0.0)}
 
 
 def test_vector_is_the_single_environment_with_every_sensor() -> None:
@@ -250,6 +250,7 @@ def test_states_hold_what_sensors_remember() -> None:
     assert_same(one, [env.step(a) for a in actions])
 
 
+@pytest.mark.slow
 def test_full_shows_encoders_and_further_sensors_where_they_are_asked_for() -> None:
     env = gym.make(ONE, sensors={"encoders": {"counts": 100}, "camera": {}})
     names = env.unwrapped.plan.names
@@ -260,14 +261,27 @@ def test_full_shows_encoders_and_further_sensors_where_they_are_asked_for() -> N
     assert observation[6:] == pytest.approx(info["tip_position"], abs=1e-6)
 
 
+GEARED = dataclasses.replace(
+    arms.named("strip"), joints=(Joint(stiffness=60.0, motor_inertia=2e-5, gear_ratio=30.0),)
+)  # fmt: skip
+THERE = {"encoders": {"side": "motor"}}
+MOTORS: dict[str, Any] = {"arm": GEARED, "observation": "measured", "sensors": THERE, "info_level": "full"}
+
+
+@pytest.mark.slow
+def test_vector_is_the_single_environment_with_encoders_on_motors() -> None:
+    assert assert_pair_same(pair(ONE, 3, max_episode_steps=12, **MOTORS), 26) >= 3
+
+
+def test_counts_on_the_motor_s_side_are_those_of_the_rotor() -> None:
+    assert Encoder(counts=4096, side="motor").behind(30.0).step == pytest.approx(2.0 * math.pi / 4096 / 30.0)
+    assert Encoder(counts=4096).behind(30.0).step == pytest.approx(2.0 * math.pi / 4096)
+
+
+@pytest.mark.slow
 def test_an_encoder_on_the_motor_s_side_sees_the_gear_give() -> None:
-    """In lanes and alone, under a motion, and over a scene; its counts are those of the rotor."""
-    gear = Joint(stiffness=60.0, motor_inertia=2e-5, gear_ratio=30.0)
-    arm = dataclasses.replace(arms.named("strip"), joints=(gear,))
-    there = {"encoders": {"side": "motor"}}
-    keywords: dict[str, Any] = {"arm": arm, "observation": "measured", "sensors": there, "info_level": "full"}
-    assert assert_pair_same(pair(ONE, 3, max_episode_steps=12, **keywords), 26) >= 3
-    env = gym.make(ONE, **keywords)
+    """Under the task, under a motion, and over a scene."""
+    env = gym.make(ONE, **MOTORS)
     env.reset(seed=2)
     apart = 0.0
     for _ in range(10):
@@ -285,9 +299,7 @@ def test_an_encoder_on_the_motor_s_side_sees_the_gear_give() -> None:
     assert abs(turned - held) > 1e-4
     assert observation[0] == pytest.approx(math.sin(turned), abs=1e-6)
     run = simulate(guide.scene, "elastica", **guide.settings.options(), estimate_error=False)
-    assert_same(run.measured(there)["hub_angle"], run.motor_angles[:, 0])
-    assert Encoder(counts=4096, side="motor").behind(30.0).step == pytest.approx(2.0 * math.pi / 4096 / 30.0)
-    assert Encoder(counts=4096).behind(30.0).step == pytest.approx(2.0 * math.pi / 4096)
+    assert_same(run.measured(THERE)["hub_angle"], run.motor_angles[:, 0])
 
 
 # ---------------------------------------------------------------------------------------- an arm's own

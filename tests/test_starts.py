@@ -12,12 +12,13 @@ from flexarm_env.rigid import link_inertia
 from flexarm_env.scene import Motion, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import from_csv, ramp, spline_table
+from tests.scene_tools import everything
 
 METHODS = {
     "chords": ("floating_frame", {"segments": 3}),
     "clamped frames": ("floating_frame", {"segments": 2, "frame": "root"}),
     "joined": ("floating_frame", {"segments": 2, "frame": "root", "multipliers": True}),
-    "modes": ("floating_frame", {"modes": 2}),
+    "modes": ("floating_frame", {"modes": 3}),
     "exact": ("geometrically_exact", {"elements": 2}),
     "elastica": ("elastica", {"nodes": 5}),
 }
@@ -31,7 +32,7 @@ def test_links_turn_as_rigid_ones_at_the_start(method: str) -> None:
     """Kinetic energy at 0 is that of the rigid arm; from there the books close."""
     formulation, options = METHODS[method]
     scene = Scene("turning", PAIR, duration=0.2, dt=1e-3, angles=ANGLES, rates=RATES)
-    run = simulate(scene, formulation, estimate_error=False, **options)
+    run = simulate(everything(scene), formulation, estimate_error=False, **options)
     w = np.array(RATES)
     expected = 0.5 * w @ (link_inertia(PAIR) * np.cos(np.subtract.outer(ANGLES, ANGLES))) @ w
     assert run.status == "ok"
@@ -47,7 +48,7 @@ def test_a_thrown_arm_keeps_its_momentum(method: str) -> None:
     rod = Arm("rod", (Link(1.0, Section(EI=4e3, EA=4e7, C=1e7, m=0.5, J=1e-5)),))
     scene = Scene("thrown", rod, duration=0.5, dt=1e-3, root="free", position=(0.2, 0.1), angles=(0.3,),
                   velocity=(0.5, -0.2), rates=(2.0,))  # fmt: skip
-    run = simulate(scene, formulation, estimate_error=False, sample=0.05, **options)
+    run = simulate(everything(scene), formulation, estimate_error=False, sample=0.05, **options)
     across = np.array([-np.sin(0.3), np.cos(0.3)])
     middle = np.array([0.2, 0.1]) + 0.5 * np.array([np.cos(0.3), np.sin(0.3)])
     speed = np.array([0.5, -0.2]) + 0.5 * 2.0 * across
@@ -60,8 +61,8 @@ def test_a_thrown_arm_keeps_its_momentum(method: str) -> None:
 def test_a_motion_that_goes_on_at_the_same_rate_strikes_nothing(method: str) -> None:
     formulation, options = METHODS[method]
     common = {"duration": 0.3, "dt": 1e-3, "motions": (Motion("joint0", ramp(0.45, 0.3)),)}
-    struck = simulate(Scene("struck", PAIR, **common), formulation, estimate_error=False, **options)
-    gone_on = Scene("gone on", PAIR, **common, rates=(1.5, 1.5))
+    struck = simulate(everything(Scene("struck", PAIR, **common)), formulation, estimate_error=False, **options)
+    gone_on = everything(Scene("gone on", PAIR, **common, rates=(1.5, 1.5)))
     run = simulate(gone_on, formulation, estimate_error=False, **options)
     assert struck.work[0] > 0.02 and run.work[0] == pytest.approx(0.0, abs=1e-12)
     assert np.abs(run.tip_deflection).max() < 0.2 * np.abs(struck.tip_deflection).max()

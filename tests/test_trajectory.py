@@ -15,6 +15,7 @@ from flexarm_env.scenes import named, read_trajectory
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, pulse, ramp
 from flexarm_env.trajectory import COLUMNS, Trajectory
+from tests.scene_tools import everything
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +117,7 @@ def test_energy_balance_closes(two_links: Trajectory) -> None:
         arm = Arm("rod", (Link(1.0, Section(5.0, 1e3, 1e3, 0.4, 0.01)),), payload=Payload(0.1, 0.001), tau_d=0.01)
         turn = (Motion("joint0", ramp(0.5, 0.4)),)
         scene = Scene("rod", arm, duration=1.0, dt=dt, sample=0.1, motions=turn, gravity=(0.0, -9.81))
-        balance = simulate(scene, segments=2, rho_inf=1.0).balance
+        balance = simulate(everything(scene), segments=2, rho_inf=1.0).balance
         worst.append(float(np.abs(balance).max()))
     assert worst[2] < 1e-3
     assert worst[0] / worst[2] > 8.0
@@ -124,10 +125,10 @@ def test_energy_balance_closes(two_links: Trajectory) -> None:
 
 
 def test_a_run_that_fails_leaves_what_was_good(tmp_path: Path) -> None:
-    failed = simulate(named("spin_up"), segments=1, elements=5, coupling="linear", frame="root")
-    assert failed.status == "diverged"
-    assert f"{failed.t[-1]:.2g}"[:1] in failed.message
-    assert "von_karman" in failed.message
+    failed = simulate(named("robot_arm_motion"), modes=3)
+    assert failed.status == "out_of_range"
+    assert f"t = {failed.t[-1]:.2g}"[:5] in failed.message
+    assert "take more segments" in failed.message
     assert np.isfinite(failed.q).all()
     failed.to_csv(tmp_path / "failed.csv")
     assert read_trajectory(tmp_path / "failed.csv")["t"][-1] == failed.t[-1]

@@ -263,9 +263,8 @@ class Jointed(NamedTuple):
     Rows: the arm's, then the angle of each motor behind an elastic gear, over its ratio, relative to the link before.
 
     table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
-    rough  None where no joint has Coulomb friction, otherwise as many zeros as accelerations are solved for at a start
+    rough  (0,) where a joint has Coulomb friction, otherwise None
     play   (0,) where a gear has backlash, otherwise None
-    step   s: half of it is how far ahead friction looks where accelerations are solved for
     """
 
     n: int | tuple[int, ...]
@@ -282,7 +281,6 @@ class Jointed(NamedTuple):
     data: np.ndarray
     rough: tuple[int, ...] | None
     play: tuple[int, ...] | None
-    step: float
 
 
 @dataclass(frozen=True)

@@ -37,14 +37,14 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
-    loosen(lane, model, S, loose)    leave Coulomb friction out of the residual (1.0) until told otherwise (0.0)
-    open_friction(lane, model, par, state, u, r, S)  where books are opened: friction as it is now; r is free
+    note_friction(lane, model, par, state, u, r, S)  remember Coulomb friction as it is now, and which joints slip;
+        r <- the residual with it
+    rub(lane, model, state, weights, ahead, S, x)  Coulomb friction, which no residual has in it: x = S^-1 r, to be
+        taken from the state by `weights` (of a by mass, of v by damping), is corrected so that friction's law holds for
+        the rates v + ahead a after that; where v stays (damping 0), joints that slipped when last noted go on
+    hold(lane, model, S, x)          x = S^-1 y where joints that stuck in the last `rub` stay where they are
     book_friction(lane, model, par, state, u, r, S, start, books)  add what Coulomb friction has taken since the
-        coordinates were `start`, by the mean of what it was then and is now; r is free
-    begin_friction(lane, model, S)   where inputs jump: the next residual is that before, `loosen` with 0.0 ends that;
-        nothing that follows depends on what S held before
-    expected(lane, model, S, theta)  contraction to expect of Newton's first iteration, theta where equations are smooth
-    passes(lane, model)              how often accelerations are solved for where they are solved afresh
+        coordinates were `start`, by the mean of what it was when last noted and is now, and note it; r is free
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
     shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
 """
@@ -96,24 +96,18 @@ def _no_stiffness(lane, model, S, k, x):
 
 
 @kernel
-def _no_friction(lane, model, S, loose):
-    """`loosen` of joints without friction."""
+def _nothing_to_note(lane, model, par, state, u, r, S):
+    """`note_friction` of joints without friction."""
 
 
 @kernel
-def _nothing_to_begin(lane, model, S):
-    """`begin_friction` of such joints."""
+def _no_friction(lane, model, state, weights, ahead, S, x):
+    """`rub` of such joints."""
 
 
 @kernel
-def _smooth(lane, model, S, theta):
-    """`expected` of such joints."""
-    return theta
-
-
-@kernel
-def _nothing_to_open(lane, model, par, state, u, r, S):
-    """`open_friction` of such joints."""
+def _nothing_to_hold(lane, model, S, x):
+    """`hold` of such joints."""
 
 
 @kernel
@@ -121,16 +115,9 @@ def _nothing_to_book(lane, model, par, state, u, r, S, start, books):
     """`book_friction` of such joints."""
 
 
-@kernel
-def _one(lane, model):
-    """`passes` of equations that are linear in the accelerations."""
-    return 1
-
-
 FORMULATIONS = Family(
-    "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, loosen=_no_friction,
-    open_friction=_nothing_to_open, book_friction=_nothing_to_book, begin_friction=_nothing_to_begin, expected=_smooth,
-    passes=_one,
+    "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, note_friction=_nothing_to_note, rub=_no_friction,
+    hold=_nothing_to_hold, book_friction=_nothing_to_book,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -148,12 +135,10 @@ factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
 update = FORMULATIONS.function("update", "lane, model, q, d")
-loosen = FORMULATIONS.function("loosen", "lane, model, S, loose")
-open_friction = FORMULATIONS.function("open_friction", "lane, model, par, state, u, r, S")
+note_friction = FORMULATIONS.function("note_friction", "lane, model, par, state, u, r, S")
+rub = FORMULATIONS.function("rub", "lane, model, state, weights, ahead, S, x")
+hold = FORMULATIONS.function("hold", "lane, model, S, x")
 book_friction = FORMULATIONS.function("book_friction", "lane, model, par, state, u, r, S, start, books")
-begin_friction = FORMULATIONS.function("begin_friction", "lane, model, S")
-expected = FORMULATIONS.function("expected", "lane, model, S, theta")
-passes = FORMULATIONS.function("passes", "lane, model")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")

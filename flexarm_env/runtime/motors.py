@@ -26,7 +26,7 @@ def _joint(lane, poses, k, rates):
 
 
 @kernel
-def _control(lane, task, controller, model, par, poses, record, w):
+def _control(lane, motors, task, controller, model, par, poses, record, w):
     """w.u <- what the controllers make of the action's torques in it."""
     link_poses(lane, model, par, w.q, w.v, poses)
     for k in range(size(task.links)):
@@ -37,7 +37,7 @@ def _control(lane, task, controller, model, par, poses, record, w):
 
 
 @kernel
-def _control_motors(lane, task, controller, model, par, poses, record, w):
+def _control_motors(lane, motors, task, controller, model, par, poses, record, w):
     """`_control` where the motors have angles of their own, which encoders on them see."""
     for rates in range(2):
         ports(lane, model, par, w.v if rates else w.q, w.y)
@@ -60,17 +60,7 @@ def _ask(lane, task, controller, model, par, poses, record, w):
 @by_kind("motors", "lane, motors, task, controller, model, par, poses, record, w")
 def _choose(kind: str) -> Any:
     """Which side of the gears the controllers look at."""
-    return _control_at_motors if kind == TUPLE else _control_at_links
-
-
-@kernel
-def _control_at_links(lane, motors, task, controller, model, par, poses, record, w):
-    _control(lane, task, controller, model, par, poses, record, w)
-
-
-@kernel
-def _control_at_motors(lane, motors, task, controller, model, par, poses, record, w):
-    _control_motors(lane, task, controller, model, par, poses, record, w)
+    return _control_motors if kind == TUPLE else _control
 
 
 @kernel
@@ -136,7 +126,7 @@ def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
                 for k in range(n):
                     w.a[k * lanes + i] = saved[(at.a + k) * lanes + i]
                     w.b[k * lanes + i] = saved[(at.b + k) * lanes + i]
-    switch(lane, model, par, block, 0)
+    switch(lane, model, par, block, 0, p.h)
 
 
 @by_kind("predictor", "lane, predictor, p, model, par, record, saved, block, w")

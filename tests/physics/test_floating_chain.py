@@ -23,15 +23,17 @@ from flexarm_env.time_functions import constant, cycloid, sine
 from tests.physics.oracle_chain import STEP, Chain
 from tests.physics.uncompiled_chain import close
 from tests.processes import uncompiled_tests
+from tests.scene_tools import aligned, everything
 
 Array = NDArray[Any]
 FRAMES = ("root", "chord")
 BOTH_FRAMES = pytest.mark.parametrize("frame", FRAMES)
 
 
-def test_uncompiled() -> None:
+@pytest.mark.parametrize("mark", ["not slow", pytest.param("slow", marks=pytest.mark.slow)])
+def test_uncompiled(mark: str) -> None:
     """Residual, tangents, energies, losses and places against the oracle, for every mesh (`uncompiled_chain.py`)."""
-    uncompiled_tests("physics/uncompiled_chain.py")
+    uncompiled_tests("physics/uncompiled_chain.py", mark)
 
 
 # ------------------------------------------------------------ the oracle's own known answers
@@ -132,13 +134,6 @@ def _scalars(lane, model, par, q, v, x, out):  # type: ignore[no-untyped-def]
     store(out, 4, protocol.out_of_range(lane, model, par, q))
 
 
-def aligned(n: int) -> Array:
-    """Room that begins on a multiple of 64 bytes."""
-    room = np.full(n + 8, np.nan)
-    first = (-room.ctypes.data % 64) // 8
-    return room[first : first + n]
-
-
 def laid(rows: Array) -> Array:
     """One row an arm, as lanes have them."""
     flat = aligned(rows.size)
@@ -150,7 +145,7 @@ def laid(rows: Array) -> Array:
     "mesh",
     [
         {"segments": 2, "elements": 1, "frame": "chord"},
-        {"segments": 1, "modes": 2, "frame": "root"},
+        pytest.param({"segments": 1, "modes": 2, "frame": "root"}, marks=pytest.mark.slow),
         pytest.param({"segments": 1, "elements": 3, "frame": "root"}, marks=pytest.mark.slow),
         pytest.param({"segments": 2, "modes": 3, "frame": "chord"}, marks=pytest.mark.slow),
     ],
@@ -222,8 +217,8 @@ def test_the_form_with_multipliers_is_approached(scene: Scene, dt: float, mesh: 
     apart = []
     for k in range(4):
         options = {"dt": dt / 2**k, "rho_inf": 1.0, "sample": 0.1, "estimate_error": False, **mesh}
-        joined = simulate(scene, multipliers=True, **options)
-        apart.append(tips_apart(simulate(scene, frame="root", **options), joined))
+        joined = simulate(everything(scene), multipliers=True, **options)
+        apart.append(tips_apart(simulate(everything(scene), frame="root", **options), joined))
     assert np.log2(np.array(apart[:-1]) / apart[1:]) == pytest.approx(2.0, abs=0.15)
     assert apart[-1] < 3e-6
 
@@ -241,6 +236,7 @@ def test_spin_up_through_both_ends(mesh: dict[str, int]) -> None:
     assert np.abs(left).max() < 1e-5 * run.energy.max()
 
 
+@pytest.mark.slow
 def test_a_chord_bears_a_large_deflection() -> None:
     """robot_arm_motion_smooth, 80 % of L: a frame through both ends halves the rotation that it has to bear. Four
     segments of it are nearer than eight clamped ones, and both frames' segments come to the exact beam."""
@@ -276,7 +272,7 @@ def test_segments_converge_where_beams_are_slender(frame: str, mesh: dict[str, i
     assert apart[-1] < (1e-4 if frame == "root" else 2e-6)
 
 
-@pytest.mark.parametrize("modes", [2, 4])
+@pytest.mark.parametrize("modes", [3, *(pytest.param(count, marks=pytest.mark.slow) for count in (2, 4))])
 def test_chord_modes_stop_where_they_should(modes: int) -> None:
     """A driven link whose root has no inertia: a sentence, no step halved, and a mass matrix that is still definite."""
     section = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)

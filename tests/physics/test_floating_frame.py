@@ -19,6 +19,7 @@ from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import constant, sine
 from flexarm_env.trajectory import Trajectory
 from tests.processes import uncompiled_tests
+from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ def test_equations_uncompiled() -> None:
 
 
 # ----------------------------------------------------------------- spin-up
+@pytest.mark.slow
 @pytest.mark.parametrize(("coupling", "lag"), [("von_karman", -0.5735), ("paper", -0.5749)])
 def test_spin_up_lag(coupling: str, lag: float) -> None:
     """Deepest tip lag near 6.75 s; geometrically exact: -0.5739 m. A stable arm: its lag is gone at full speed."""
@@ -45,6 +47,7 @@ def test_spin_up_lag(coupling: str, lag: float) -> None:
     assert np.abs(deflection[run.t > 15.0]).max() < 0.02
 
 
+@pytest.mark.slow
 def test_spin_up_stretch() -> None:
     """m w^2 L^3 / 3 EA once the speed is reached."""
     run = simulate(named("spin_up"), segments=1, elements=5, sample=0.02)
@@ -52,6 +55,7 @@ def test_spin_up_stretch() -> None:
     assert stretch.mean() == pytest.approx(1.2 * 6.0**2 * 10.0**3 / (3 * 2.8e7), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_spin_up_without_coupling_diverges() -> None:
     run = simulate(named("spin_up"), segments=1, elements=5, coupling="linear", frame="root")
     assert run.status == "diverged"
@@ -64,8 +68,8 @@ def test_spin_up_without_coupling_diverges() -> None:
 def flights(name: str) -> tuple[Trajectory, ...]:
     """Undamped runs with halved steps."""
     segments, dt = (2, 0.0125) if name == "flying_rod" else (1, 6.25e-4)
-    scene = named(name)
-    return tuple(simulate(scene, segments=segments, dt=dt / 2**k, rho_inf=1.0, sample=0.0125) for k in range(3))
+    options = {"segments": segments, "rho_inf": 1.0, "sample": 0.0125}
+    return tuple(simulate(everything(named(name)), dt=dt / 2**k, **options) for k in range(3))
 
 
 FLIGHTS = pytest.mark.parametrize("name", ["flying_rod", "two_link_free_flight"])
@@ -107,7 +111,7 @@ def test_energy_of_free_flight_stays(name: str) -> None:
 )
 def test_multipliers_do_not_ring(name: str, options: dict[str, Any]) -> None:
     """Undamped, whatever the step: bounded energy, and multipliers that do not change sign from step to step."""
-    scene = named(name)
+    scene = everything(named(name))
     simulation = Simulation(scene, scene.settings("floating_frame", multipliers=True, rho_inf=1.0, **options))
     rows, forces, energies = simulation.model.algebraic, [], []
     for k in range(1, round(scene.duration / options["dt"]) + 1):
@@ -129,17 +133,17 @@ def test_multipliers_do_not_ring(name: str, options: dict[str, Any]) -> None:
     [
         {"segments": 2, "rho_inf": 1.0},
         {"segments": 2, "rho_inf": 0.9},
-        {"segments": 2, "newmark": (0.25, 0.5), "coupling": "paper"},
+        {"segments": 2, "newmark": (0.25, 0.5), "coupling": "paper", "frame": "root"},
         {"segments": 3, "rho_inf": 0.6},
-        {"modes": 2, "rho_inf": 0.9, "duration": 3.0},
+        {"modes": 3, "rho_inf": 0.9, "duration": 3.0},
     ],
     ids=str,
 )
 def test_integrator_is_of_second_order(options: dict[str, Any]) -> None:
     """Positions, velocities and enforcing torque of a smooth motion: 2 +- 0.1, measured against a fine step."""
-    options = {"duration": 6.0, **options}
+    scene, options = everything(named("robot_arm_motion_smooth")), {"duration": 6.0, "estimate_error": False, **options}
     steps = [0.0125, 0.00625, 0.0015625]
-    runs = [simulate(named("robot_arm_motion_smooth"), dt=h, sample=0.1, **options) for h in steps]
+    runs = [simulate(scene, dt=h, sample=0.1, **options) for h in steps]
     for name in ("tip", "tip_velocity", "joint_torque"):
         coarse, fine = (float(np.abs(getattr(run, name)[1:] - getattr(runs[-1], name)[1:]).max()) for run in runs[:-1])
         share = (steps[0] ** 2 - steps[2] ** 2) / (steps[1] ** 2 - steps[2] ** 2)  # the fine run has an error too
@@ -170,8 +174,8 @@ def test_modified_newton() -> None:
 @pytest.mark.parametrize(
     ("segments", "elements", "coupling", "error"),
     [
-        (1, 5, "von_karman", 1.22),
-        (2, 2, "paper", 0.42),
+        pytest.param(1, 5, "von_karman", 1.22, marks=pytest.mark.slow),
+        pytest.param(2, 2, "paper", 0.42, marks=pytest.mark.slow),
         (4, 1, "von_karman", 0.052),
         (5, 1, "paper", 0.071),
         (5, 1, "von_karman", 0.030),
@@ -181,7 +185,8 @@ def test_modified_newton() -> None:
 def test_segments_approach_the_exact_beam(segments: int, elements: int, coupling: str, error: float) -> None:
     """Largest tip error (m) on robot_arm_motion, as an independent prototype of the same equations has it."""
     options = {"segments": segments, "elements": elements, "coupling": coupling}
-    run = simulate(named("robot_arm_motion"), dt=0.025 if segments == 8 else 0.05, frame="root", **options)
+    scene, dt = everything(named("robot_arm_motion")), 0.025 if segments == 8 else 0.05
+    run = simulate(scene, dt=dt, frame="root", estimate_error=False, **options)
     found = tip_error(run.t, run.tip, reference("robot_arm_motion").columns)
     assert found.instants == 181
     assert found.max_tip_error == pytest.approx(error, abs=max(0.15 * error, 0.003))
@@ -190,7 +195,7 @@ def test_segments_approach_the_exact_beam(segments: int, elements: int, coupling
 def test_smooth_motion_needs_more_segments() -> None:
     """robot_arm_motion_smooth reaches 80 % of the length: 0.145 m with 5 segments, 0.03 m with 8."""
     table = reference("robot_arm_motion_smooth").columns
-    scene = named("robot_arm_motion_smooth")
+    scene = everything(named("robot_arm_motion_smooth"))
     five, eight = (
         tip_error(run.t, run.tip, table).max_tip_error
         for run in (simulate(scene, frame="root", **mesh) for mesh in ({"segments": 5}, {"segments": 8, "dt": 0.025}))
@@ -204,7 +209,14 @@ STUBBY = Section(EI=2.0, EA=400.0, C=80.0, m=0.5, J=0.0025)
 
 
 @pytest.mark.filterwarnings("ignore::flexarm_env.linear.UnstableEquilibrium")
-@pytest.mark.parametrize(("options", "EA"), [({}, 400.0), ({"modes": 2}, np.inf), ({"elements": 8}, None)])
+@pytest.mark.parametrize(
+    ("options", "EA"),
+    [
+        ({}, 400.0),
+        pytest.param({"modes": 2}, np.inf, marks=pytest.mark.slow),
+        pytest.param({"elements": 8}, None, marks=pytest.mark.slow),
+    ],
+)
 def test_buckling_where_shear_matters(options: dict[str, int], EA: float | None) -> None:
     """A cantilever of EI / CL^2 = 0.025 under a load that keeps its direction, by the frequency that vanishes.
 
@@ -215,7 +227,8 @@ def test_buckling_where_shear_matters(options: dict[str, int], EA: float | None)
 
     def square(load: float, **own: Any) -> float:
         push = PointLoad(0, "tip", force_x=constant(-load))
-        scene = Scene("column", Arm("column", (Link(1.0, STUBBY),)), duration=1.0, dt=0.01, loads=(push,))
+        arm = Arm("column", (Link(1.0, STUBBY),))
+        scene = everything(Scene("column", arm, duration=1.0, dt=0.01, loads=(push,)))
         own = {"frame": "root", **own}
         return float((modes(scene, 1, "floating_frame", clamped=True, **own).eigenvalues[0] ** 2).real)
 
@@ -240,7 +253,7 @@ def test_buckling_where_shear_matters(options: dict[str, int], EA: float | None)
     assert (orders(errors) > (1.8 if whole else 0.7)).all()
 
 
-@pytest.mark.parametrize("EA", [400.0, 4e5])
+@pytest.mark.parametrize("EA", [400.0, pytest.param(4e5, marks=pytest.mark.slow)])
 def test_segments_converge_where_shear_matters(EA: float) -> None:
     """EI / CL^2 = 0.025, deflection 0.7 L: nearer to the exact beam in second order, estimates with it.
 
@@ -248,7 +261,8 @@ def test_segments_converge_where_shear_matters(EA: float) -> None:
     """
     section = Section(2.0, EA, 80.0, 0.5, 0.0025)
     arm = Arm("stubby", (Link(1.0, section),), hub_inertia=0.05, payload=Payload(0.1, 1e-3))
-    scene = Scene("stubby", arm, duration=0.6, dt=5e-4, sample=0.02, loads=(JointTorque(0, sine(2.0, 8.0)),))
+    loads = (JointTorque(0, sine(2.0, 8.0)),)
+    scene = everything(Scene("stubby", arm, duration=0.6, dt=5e-4, sample=0.02, loads=loads))
     exact = simulate(scene, "geometrically_exact", elements=16, rho_inf=0.9, estimate_error=False)
     assert np.abs(exact.tip_deflection).max() > 0.5
     errors, reduced = [], []

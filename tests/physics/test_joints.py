@@ -20,23 +20,33 @@ from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import TimeFunction, constant, cycloid, ramp, sine, steps
 from flexarm_env.trajectory import Trajectory
+from tests.scene_tools import everything
 
 Array = NDArray[np.float64]
 
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "elastica": ("elastica", {"nodes": 10}),
-    "exact": ("geometrically_exact", {"elements": 8, "order": 3}),
+    "exact": ("geometrically_exact", {"elements": 16}),
     "segments": ("floating_frame", {"segments": 10}),
     "elements": ("floating_frame", {"segments": 1, "elements": 10}),
     "modes": ("floating_frame", {"modes": 6}),
 }
+
+
+def methods(*usual: str, slow: tuple[str, ...] = ()) -> Any:
+    """Formulations by name; those in `slow` for the slow tests, since each has kernels of its own to compile."""
+    marked = (pytest.param(name, marks=pytest.mark.slow) for name in slow)
+    return pytest.mark.parametrize("method", [*usual, *marked])
+
+
+THREE = methods("elastica", "exact", slow=("segments",))
 SLENDER = Section(EI=7.0, EA=7e7, C=7e7, m=0.277)
 STIFF = Section(EI=1e4, EA=1e9, C=1e9, m=1e-3)
 
 
 def scene(arm: Arm, load: TimeFunction | None = None, **values: Any) -> Scene:
     loads = () if load is None else (JointTorque(0, load),)
-    return Scene("s", arm, **{"duration": 1.0, "dt": 0.005, "sample": 0.02, "loads": loads} | values)
+    return everything(Scene("s", arm, **{"duration": 1.0, "dt": 0.005, "sample": 0.02, "loads": loads} | values))
 
 
 def run(where: Scene, method: str, **options: Any) -> Trajectory:
@@ -68,7 +78,7 @@ def ritz(stiffness: float, rotor: float, arm: Arm) -> Array:
     return np.sqrt(np.maximum(eigh(K, M, eigvals_only=True), 0.0))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@methods("elastica", "exact", slow=("segments", "elements", "modes"))
 def test_frequencies_of_a_link_on_an_elastic_gear_with_rotor(method: str) -> None:
     """Motor free: a rigid turn, then three frequencies; the motor held: three. Against energies, 1e-4."""
     gear = Joint(stiffness=40.0, motor_inertia=5e-4, gear_ratio=12.0)
@@ -81,7 +91,7 @@ def test_frequencies_of_a_link_on_an_elastic_gear_with_rotor(method: str) -> Non
     np.testing.assert_allclose(held, ritz(40.0, 1e9, arm)[1:4], rtol=1e-4)
 
 
-@pytest.mark.parametrize("method", ["elastica", "exact", "segments"])
+@THREE
 def test_cantilever_on_a_torsion_spring(method: str) -> None:
     """k L/EI (1 + cos b cosh b) = b (sin b cosh b - cos b sinh b); the motor held, so that it needs no inertia."""
     arm = Arm("a", (Link(1.0, SLENDER),), joints=(Joint(stiffness=20.0),))
@@ -104,7 +114,7 @@ def test_cantilever_on_a_torsion_spring(method: str) -> None:
 
 
 # --- limits -----------------------------------------------------------------------------------------
-@pytest.mark.parametrize("method", ["elastica", "exact", "segments"])
+@THREE
 def test_what_does_not_give_is_todays_arm_to_the_last_bit(method: str) -> None:
     arm = arms.named("strip")
     load = steps([0.0, 0.1], [1.0, -1.0])
@@ -114,7 +124,7 @@ def test_what_does_not_give_is_todays_arm_to_the_last_bit(method: str) -> None:
     assert np.array_equal(plain.energy, named.energy)
 
 
-@pytest.mark.parametrize("method", ["elastica", "exact", "segments"])
+@THREE
 def test_the_rotor_of_a_stiff_gear_is_inertia_of_the_hub(method: str) -> None:
     """And a gear of 1e6 N m/rad is all but stiff."""
     arm = arms.named("strip")
@@ -140,12 +150,12 @@ def two_links(**changes: Any) -> Arm:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("method", ["elastica", "segments"])
+@methods(slow=("elastica", "segments"))
 def test_two_links_on_gears_and_their_books(method: str) -> None:
     """Bent by a fifth of L: against the exact beam, and energy where friction and gears take some of it."""
     loads = (JointTorque(0, sine(2.2, 2.0 * math.pi)), JointTorque(1, sine(1.0, 2.0 * math.pi)))
     where = scene(two_links(friction_viscous=0.02, friction_coulomb=0.05), loads=loads, dt=1e-3, gravity=(0.0, -4.0))
-    exact, other = run(where, "exact", order=2), run(where, method)
+    exact, other = run(where, "exact", elements=8), run(where, method)
     assert np.abs(exact.tip_deflection).max() > 0.15
     assert np.hypot(*(other.tip - exact.tip)[:, :2].T).max() < 1.5e-3
     assert other.dissipated[-1] == pytest.approx(exact.dissipated[-1], rel=0.01)
@@ -154,7 +164,7 @@ def test_two_links_on_gears_and_their_books(method: str) -> None:
         assert np.abs(found.motor_angles - found.joint_angles).max() > 0.01
 
 
-@pytest.mark.parametrize("method", ["elastica", "exact", "segments"])
+@THREE
 def test_steps_are_of_second_order(method: str) -> None:
     loads = (JointTorque(0, sine(1.0, 6.0)), JointTorque(1, sine(0.5, 9.0)))
     where = scene(two_links(), loads=loads, duration=0.4, sample=0.4)
@@ -180,7 +190,7 @@ def test_a_motor_that_is_prescribed_needs_the_torque_that_would_move_it() -> Non
 
 
 # --- linear models ----------------------------------------------------------------------------------
-@pytest.mark.parametrize("method", ["elastica", "exact", "segments"])
+@THREE
 def test_rest_and_linear_model_know_the_motor(method: str) -> None:
     """Held at the motor's side the link sags by weight moment over stiffness, and more as it bends."""
     arm = dataclasses.replace(arms.named("strip"), joints=(Joint(stiffness=80.0, damping=0.1, motor_inertia=0.02),))
@@ -237,7 +247,7 @@ def rod(joint: Joint) -> Arm:
     return Arm("rod", (Link(1.0, STIFF),), joints=(joint,))
 
 
-@pytest.mark.parametrize("method", ["elastica", "exact", "modes"])
+@methods("elastica", slow=("exact", "modes"))
 @pytest.mark.parametrize("gear", GEARS)
 def test_stick_and_slip(gear: str, method: str) -> None:
     """Against the exact solution, with books that close."""
@@ -262,6 +272,28 @@ def test_below_friction_nothing_moves(gear: str) -> None:
     after = stopped.motor_angles[stopped.t > 1.5, 0]
     assert abs(after[0]) > 0.5
     assert np.ptp(after) <= 1e-6
+
+
+@methods("elastica", slow=("exact",))
+@pytest.mark.parametrize("gear", GEARS)
+def test_slip_under_a_torque_that_jumps(gear: str, method: str) -> None:
+    """From 1.5 to -0.5 N m: q'' = (u - T) / J with T against the rate, to rest, where 0.5 N m does not move it; then
+    -1.5 N m does. Against the exact parabolas."""
+    arm = rod(Joint(motor_inertia=0.05, friction_coulomb=0.6, **GEARS[gear]))
+    found = run(
+        scene(arm, steps([0.0, 0.5, 1.0], [1.5, -0.5, -1.5]), duration=1.3, dt=2e-3), method,
+        **({"elements": 1, "order": 2} if method == "exact" else {"nodes": 4}),
+    )  # fmt: skip
+    J, t = 0.05 + 1e-3 / 3.0, found.t
+    fast, stopped = 0.9 / J * 0.5, 0.5 + 0.9 * 0.5 / 1.1
+    exact = np.select(
+        [t < 0.5, t < stopped, t < 1.0],
+        [0.45 / J * t**2, 0.225 * 0.5 / J + fast * (t - 0.5) - 0.55 / J * (t - 0.5) ** 2,
+         0.225 * 0.5 / J + 0.5 * fast * (stopped - 0.5)],
+        0.225 * 0.5 / J + 0.5 * fast * (stopped - 0.5) - 0.45 / J * (t - 1.0) ** 2,
+    )  # fmt: skip
+    assert found.status == "ok"
+    assert np.abs(found.motor_angles[:, 0] - exact).max() < 2e-3 * exact.max()
 
 
 def test_strong_viscous_friction_sets_no_limit_to_steps() -> None:

@@ -163,7 +163,10 @@ def cases() -> list[Any]:
             if frame == "chord" and mesh.get("modes") == 1:
                 continue
             for links in (1, 3) if "coupling" not in mesh else (2,):
-                found.append(pytest.param(links, {**mesh, "frame": frame}, id=f"{links}-{frame}-{named(mesh)}"))
+                slow = links == 3 and mesh not in ({"segments": 2, "elements": 1}, {"modes": 3})
+                marks = [pytest.mark.slow] if slow else []
+                name = f"{links}-{frame}-{named(mesh)}"
+                found.append(pytest.param(links, {**mesh, "frame": frame}, id=name, marks=marks))
     return found
 
 

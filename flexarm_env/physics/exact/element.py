@@ -376,14 +376,14 @@ def measure(lane, order, q, v, psi, spin, left, section):
 @traced(lambda p: 1)
 def damp(lane, order, q, v, x, psi, left, section):
     """Work of the damping forces of rates v over rates x, per tau_d; `psi`: the left one in q, v and x; `left`: as in
-    `measure`, in q and v and in q and x."""
+    `measure`, a pair: in q and v, in q and x."""
     p, sums = len(order), Sums()
     t = tables(p)
     place, *rates = ([_axis(lane, y, p, k) for k in (X, Y, T)] for y in (q, v, x))
     place[T][0], rates[0][T][0], rates[1][T][0] = psi
-    if left is not None:
-        for rate, (x0, y0, vx, vy) in zip(rates, left, strict=True):
-            place[X][0], place[Y][0], rate[X][0], rate[Y][0] = x0, y0, vx, vy
+    for rate, at in zip(rates, left, strict=True):
+        if at is not None:
+            place[X][0], place[Y][0], rate[X][0], rate[Y][0] = at
     (_, dx), (_, dy), (turned, _) = (_slopes(sums, t, nodes) for nodes in place)
     angle = _values(sums, t, place[T], turned)
     circle = [sincos(w) for w in angle]

@@ -23,7 +23,7 @@ from .layout import (
     section_of,
     three,
 )
-from .rigid import beginning, beginning_twice, ends_of, following, following_twice, joint, payload_place
+from .rigid import beginning, ends_of, following, joint, payload_place
 from .tables import interior
 
 
@@ -130,14 +130,15 @@ def _damped(lane, damped, model, par, q, v, x):
         if k > 0:
             d = rows.hinges + k - 1
             psi = psi[0] + load(lane, q, d), psi[1] + load(lane, v, d), psi[2] + load(lane, x, d)
-        section, left = section_of(lane, model, par, k), beginning_twice(lane, model.rigid, model, q, v, x, k)
+        section, rigid = section_of(lane, model, par, k), model.rigid
+        left = beginning(lane, rigid, model, q, v, k), beginning(lane, rigid, model, q, x, k)
         for _ in range(model.elements):
             j = i * len(lane)
             total = total + share_of(damped, k, damp(lane, model.order, q[j:], v[j:], x[j:], psi, left, section)[0])
             section = next_section(model, section)
             i += AXES * len(model.order)
             psi = load(lane, q, i + T), load(lane, v, i + T), load(lane, x, i + T)
-            left = following_twice(lane, model.rigid, model, q, v, x, i)
+            left = following(lane, rigid, model, q, v, i), following(lane, rigid, model, q, x, i)
     return total * load(lane, par, TAU_D)
 
 

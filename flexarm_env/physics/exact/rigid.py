@@ -297,33 +297,6 @@ def following(kind: str) -> Any:
 
 
 @kernel
-def _nothing_twice(lane, rigid, model, q, v, x, k):
-    return None
-
-
-@kernel
-def _beginning_twice(lane, rigid, model, q, v, x, k):
-    return _beginning(lane, rigid, model, q, v, k), _beginning(lane, rigid, model, q, x, k)
-
-
-@by_kind("rigid", "lane, rigid, model, q, v, x, k")
-def beginning_twice(kind: str) -> Any:
-    """`beginning` by the rates v and x."""
-    return _nothing_twice if kind == NONE else _beginning_twice
-
-
-@kernel
-def _following_twice(lane, rigid, model, q, v, x, i):
-    return _following(lane, rigid, model, q, v, i), _following(lane, rigid, model, q, x, i)
-
-
-@by_kind("rigid", "lane, rigid, model, q, v, x, i")
-def following_twice(kind: str) -> Any:
-    """`following` by the rates v and x."""
-    return _nothing_twice if kind == NONE else _following_twice
-
-
-@kernel
 def ends_of(lane, rigid, model, q, v, k):
     """(kinetic energy, first moments x, y) of the rigid ends of link k."""
     zero = splat(lane, 0.0)

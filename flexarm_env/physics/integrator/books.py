@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, size, store
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
-from ..protocol import book_friction, damping_work, open_friction, ports
+from ..protocol import book_friction, damping_work, note_friction, ports
 from .work import state_of
 
 
@@ -14,7 +14,7 @@ def open_books(lane, model, drive, par, w):
     for i in range(w.u.shape[0]):
         w.u0[i] = w.u[i]
     ports(lane, model, par, w.q, w.y0)
-    open_friction(lane, model, par, state_of(w), w.u, w.r, w.S)
+    note_friction(lane, model, par, state_of(w), w.u, w.r, w.S)
     if drive is not None:
         for i in range(w.psi.shape[0]):
             w.psi0[i] = w.psi[i]

@@ -23,7 +23,7 @@ from ...compiler import (
     store,
 )
 from ..layout import FACTORISATIONS, ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, expected, factor, solve, update
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, rub, solve, update
 from .period import correct_period
 from .work import state_of, take_out_known
 
@@ -127,22 +127,21 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         if scheme.modified is None:
             fresh = True
         weights = Weights(slopes.a, slopes.v, 1.0)
-        if not fresh:
-            weights = RESIDUAL_ALONE
-        assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
+        assemble(lane, model, par, state_of(w), w.u, weights if fresh else RESIDUAL_ALONE, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
         take_out_known(lane, model, drive, w.r, w.S, fresh)
         if fresh:
             factor(lane, model, w.S)
             w.counts[FACTORISATIONS] += 1.0
         solve(lane, model, w.S, w.r)
+        rub(lane, model, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
         increment = _move(lane, model, w, active, slopes)
         w.counts[ITERATIONS] += 1.0
         # What is left after this update, from the contraction seen: increment * theta / (1 - theta).
         theta = select_lt(increment, before * 0.9, increment / before, splat(lane, 0.9))
         if iteration == 0:
-            theta = expected(lane, model, w.S, _first_contraction(lane, _trust(model.predictor), increment))
+            theta = _first_contraction(lane, _trust(model.predictor), increment)
         active = select_lt(increment * theta / (1.0 - theta), scheme.tolerance, splat(lane, 0.0), active)
         before = increment
         if largest(active) < 0.5:

@@ -12,8 +12,8 @@ from ..protocol import (
     constrain,
     damping_work,
     factor,
-    loosen,
-    passes,
+    note_friction,
+    rub,
     solve,
 )
 from .drive import set_inputs, set_motions
@@ -231,7 +231,12 @@ def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
 def _restart(lane, model, drive, par, w, t, h, fresh):
     """`restart` on bare arrays."""
     n = size(model.n)
-    times, half = passes(lane, model), 0.0
+    times, half = 1, 0.0
+    if drive is not None:
+        if not fresh:
+            for i in range(w.u.shape[0]):
+                w.u0[i] = w.u[i]
+    note_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     if drive is not None:
         if not fresh:
             _keep(n, model.algebraic, w)
@@ -240,9 +245,7 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
             w.psi0[i] = w.psi[i]
         set_inputs(drive, w.u, t, t + 1e-6 * h)
         set_motions(drive, w.psi, t, t + 1e-6 * h)
-        loosen(lane, model, w.S, 1.0)  # an impulse takes no notice of friction, which is bounded
         _jump(lane, model, drive, par, w, h, fresh)
-        loosen(lane, model, w.S, 0.0)
     for k in range(n):
         store(w.a, k, splat(lane, 0.0))
     move_multipliers(model.algebraic, w.q, w.a, False)
@@ -254,11 +257,12 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
             move_multipliers(model.algebraic, w.a, w.a, True)
         set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
     for i in range(times):
-        matrix = fresh or i == 0
+        matrix = i == 0
         weights = Weights(1.0 if matrix else 0.0, half, half * half)
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         _solve(lane, model, drive, w, matrix)
+        rub(lane, model, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
         _take_multipliers(drive, model.algebraic, w, fresh)

@@ -8,24 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
-from flexarm_env.parameters import Arm
-from flexarm_env.physics.joints.layout import GEAR, GEARS, LAW, PLACES
+from flexarm_env.physics.joints.layout import GEAR, LAW, PLACES
 from flexarm_env.physics.model import Jointed, System
-from flexarm_env.rigid import inertia_beyond
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
-
-LEAST = 1e-3
-"""Of the inertia of the rigid arm beyond a joint, what friction there is taken to hold at least; beside the rotor's."""
-
-NEAR = 0.02
-"""Of that inertia, what a change of the joint's rate is taken to meet at once at least."""
-
-PASSES = 3
-"""How often accelerations are solved for where friction acts on a joint's own angle."""
-
-HOLD = 1e10
-"""A joint at rest by friction is held as if it had this many times that inertia."""
 
 
 def jointed(scene: Scene, settings: Settings, system: System) -> System:
@@ -48,24 +34,24 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     count = len(motors)
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
-    more = GEARS.end + GEAR.end * len(joints)
-    assert settings.dt is not None
+    rough = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
+    play = any(joint.backlash > 0.0 for joint in arm.joints)
+    more = GEAR.end + (first + count + len(joints) + 1 if rough else 0)
     model = Jointed(
         n=_longer(inner.n, count),
-        n_factor=_longer(inner.n_factor, more),
+        n_factor=_longer(inner.n_factor, more * len(joints)),
         n_inputs=inner.n_inputs,
         fixed=inner.fixed,
         algebraic=None,
         weight=np.concatenate([inner.weight, np.ones(count)]),
-        predictor=inner.predictor,
+        predictor=_cautious(inner.predictor) if play else inner.predictor,
         correction=inner.correction,
         bound=float(getattr(inner, "bound", 0.0)),
         arm=inner,
         table=np.array([place for place, _ in laws], np.int64).ravel(),
         data=np.concatenate([law for _, law in laws]),
-        rough=_rough(arm),
-        play=(0,) if any(joint.backlash > 0.0 for joint in arm.joints) else None,
-        step=settings.dt,
+        rough=(0,) if rough else None,
+        play=(0,) if play else None,
     )
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
     return dataclasses.replace(
@@ -92,28 +78,19 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
     joint = scene.arm.joint(k)
     on_motor = motor >= 0 and joint.friction_side == "motor"
     known = scene.motion_of(f"{'motor' if on_motor else 'joint'}{k}") is not None
-    place = [k, row, motor, int(on_motor), int(known)]
+    place = [k, row, motor, motor if on_motor else row, int(known)]
     assert len(place) == PLACES
-    whole, rotor = inertia_beyond(scene.arm, k), 0.0 if motor >= 0 else joint.rotor
-    own = scene.arm.elbow(k).inertia_right if k > 0 else scene.arm.hub_inertia
-    least = LEAST * whole + rotor
     return place, LAW.pack(
         {}, stiffness=joint.stiffness if motor >= 0 else 0.0, damping=joint.damping, rotor=joint.rotor,
-        viscous=joint.friction_viscous, coulomb=joint.friction_coulomb,
-        near=max(own, NEAR * whole) + rotor, least=least,
-        hold=HOLD * whole / least, play=0.5 * joint.backlash,
+        viscous=joint.friction_viscous, coulomb=joint.friction_coulomb, play=0.5 * joint.backlash,
     )  # fmt: skip
+
+
+def _cautious(predictor: float | tuple[float, float] | None) -> float:
+    """A Model's `predictor` that trusts no first increment: it may end on another flank than it began on."""
+    return predictor[0] if isinstance(predictor, tuple) else 0.0 if predictor is None else predictor
 
 
 def _longer(size: int | tuple[int, ...], more: int) -> int | tuple[int, ...]:
     """A size, or the tag of one, that is larger by so many."""
     return size + more if isinstance(size, int) else size + (0,) * more
-
-
-def _rough(arm: Arm) -> tuple[int, ...] | None:
-    """The tag of Coulomb friction, as long as accelerations are solved for: on a motor's side its row alone says what
-    sticks."""
-    sides = [joint.elastic and joint.friction_side == "motor" for joint in arm.joints if joint.friction_coulomb > 0.0]
-    if not sides:
-        return None
-    return (0,) if all(sides) else (0,) * PASSES

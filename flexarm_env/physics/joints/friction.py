@@ -1,0 +1,146 @@
+"""Coulomb friction as a set: what of it corrects a solution, so that its law holds.
+
+|T| <= T_C at rest, T_C against the rate otherwise. No residual has it in it. What is solved
+for, x = S^-1 r, is linear in the torques T of all joints, x + W T with the columns W of S^-1, and so is what it leaves
+of a joint's rate: of every joint either T = +-T_C is known or the rate that is left, 0. There is nothing to be
+resolved, hence no limit on the step.
+
+The rate that counts is v + ahead a, half a step ahead, so that what is stopped by friction is at rest two steps later:
+with v = 0 alone trapezoidal steps would leave it an acceleration that alternates for ever.
+"""
+
+from __future__ import annotations
+
+from ...compiler import absolute, kernel, load, select_lt, size, splat, store
+from ..arithmetic import clip
+from .layout import GEAR, LAWS, PLACE, PLACES
+
+
+@kernel
+def count(model):
+    """How many joints there are with a law."""
+    return model.table.shape[0] // PLACES
+
+
+@kernel
+def gear_at(model, i):
+    """Where the `GEAR` of law i is in S."""
+    return size(model.arm.n_factor) + GEAR.end * i
+
+
+@kernel
+def column_at(model, i):
+    """Where its column of S^-1 is."""
+    return gear_at(model, count(model)) + size(model.n) * i
+
+
+@kernel
+def _row_at(model, i):
+    """Where its row of the torques' own equations is."""
+    return column_at(model, count(model)) + (count(model) + 1) * i
+
+
+@kernel
+def view(lane, S, at, n):
+    """n places of S."""
+    return S[at * len(lane) : (at + n) * len(lane)]
+
+
+@kernel
+def rub(lane, model, state, weights, ahead, S, x):
+    """See `protocol`."""
+    _rub(lane, model.rough, model, state, weights, ahead, S, x)
+
+
+@kernel
+def _rub(lane, rough, model, state, weights, ahead, S, x):
+    """Which joints stick is guessed, the torques are solved for, and the guess is mended: one joint's is right at once,
+    of more each time at least one."""
+    if rough is not None:
+        joints, share = count(model), 1.0 / (weights.damping + ahead * weights.mass)
+        for i in range(joints):
+            g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
+            rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
+            store(S, g + GEAR.gap, rate * share - load(lane, x, row))
+            store(S, g + GEAR.torque, splat(lane, 0.0))
+        for _ in range(2 * joints - 1):
+            for i in range(joints):
+                _choose(lane, model, weights, i, S)
+            _solve_torques(lane, model, S)
+        _apply(lane, model, S, x)
+
+
+@kernel
+def _choose(lane, model, weights, i, S):
+    """Whether joint i sticks, and the torque if it does not."""
+    g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
+    coulomb, zero, one = model.data[LAWS.end * i + LAWS.coulomb], splat(lane, 0.0), splat(lane, 1.0)
+    left = load(lane, S, g + GEAR.gap)
+    for j in range(count(model)):
+        left = left - load(lane, S, column_at(model, j) + row) * load(lane, S, gear_at(model, j) + GEAR.torque)
+    sticks, bound = zero, zero
+    if model.table[PLACES * i + PLACE.known] == 0:
+        wanted = load(lane, S, g + GEAR.torque) + left / load(lane, S, column_at(model, i) + row)
+        sticks, bound = select_lt(absolute(wanted), coulomb, one, zero), clip(wanted, coulomb)
+        if weights.damping == 0.0:
+            slides = load(lane, S, g + GEAR.slides)
+            sticks = select_lt(0.5, slides, zero, sticks)
+            bound = select_lt(0.5, slides, load(lane, S, g + GEAR.before), bound)
+    store(S, g + GEAR.sticks, sticks)
+    store(S, g + GEAR.bound, bound)
+
+
+@kernel
+def _solve_torques(lane, model, S):
+    """The torques with which the rates that stick have no gap left; `bound` elsewhere."""
+    joints, one, zero = count(model), splat(lane, 1.0), splat(lane, 0.0)
+    for i in range(joints):
+        g, row = gear_at(model, i), view(lane, S, _row_at(model, i), joints + 1)
+        sticks, rubs = load(lane, S, g + GEAR.sticks), model.table[PLACES * i + PLACE.rubs]
+        for j in range(joints):
+            store(row, j, select_lt(0.5, sticks, load(lane, S, column_at(model, j) + rubs), one if i == j else zero))
+        store(row, joints, select_lt(0.5, sticks, load(lane, S, g + GEAR.gap), load(lane, S, g + GEAR.bound)))
+        for j in range(i):  # the minors that stick are those of S^-1: no pivot is zero
+            above = view(lane, S, _row_at(model, j), joints + 1)
+            factor_of = load(lane, row, j) / load(lane, above, j)
+            for k in range(j + 1, joints + 1):
+                store(row, k, load(lane, row, k) - load(lane, above, k) * factor_of)
+    for i in range(joints - 1, -1, -1):
+        row = view(lane, S, _row_at(model, i), joints + 1)
+        total = load(lane, row, joints)
+        for j in range(i + 1, joints):
+            total = total - load(lane, row, j) * load(lane, S, gear_at(model, j) + GEAR.torque)
+        store(S, gear_at(model, i) + GEAR.torque, total / load(lane, row, i))
+
+
+@kernel
+def _apply(lane, model, S, x):
+    """x <- x + W T; what sticks to the last bit as it must."""
+    n = size(model.n)
+    for i in range(count(model)):
+        g = gear_at(model, i)
+        store(S, g + GEAR.gap, load(lane, x, model.table[PLACES * i + PLACE.rubs]) + load(lane, S, g + GEAR.gap))
+    for i in range(count(model)):
+        torque, column = load(lane, S, gear_at(model, i) + GEAR.torque), column_at(model, i)
+        for k in range(n):
+            store(x, k, load(lane, x, k) + load(lane, S, column + k) * torque)
+    for i in range(count(model)):
+        g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
+        store(x, row, select_lt(0.5, load(lane, S, g + GEAR.sticks), load(lane, S, g + GEAR.gap), load(lane, x, row)))
+
+
+@kernel
+def hold(lane, model, S, x):
+    """See `protocol`."""
+    _hold(lane, model.rough, model, S, x)
+
+
+@kernel
+def _hold(lane, rough, model, S, x):
+    if rough is not None:
+        for i in range(count(model)):
+            g = gear_at(model, i)
+            store(S, g + GEAR.gap, -load(lane, x, model.table[PLACES * i + PLACE.rubs]))
+            store(S, g + GEAR.bound, splat(lane, 0.0))
+        _solve_torques(lane, model, S)
+        _apply(lane, model, S, x)
