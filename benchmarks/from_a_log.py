@@ -2,10 +2,10 @@
 
 python -m benchmarks.from_a_log [--steps N] [--episodes N] [--out FOLDER] [--runs FOLDER]
 
-A strip that is softer, carries more and is damped otherwise than the packaged one is driven by torques and logged by a
-coarse encoder and a filtered strain gauge with 1 % noise. `flexarm identify` fits the packaged strip to the log; a policy
-is trained on the fitted arm, under randomisation by its uncertainty, and judged on the true one, beside a policy trained
-on the true arm and one trained on the arm before the fit.
+A strip that is softer, carries more and is damped otherwise than the packaged one is driven by torques and logged
+by a coarse encoder and a filtered strain gauge with 1 % noise. `flexarm identify` fits the packaged strip to the
+log; a policy is trained on the fitted arm, under randomisation by its uncertainty, and judged on the true one,
+beside a policy trained on the true arm and one trained on the arm before the fit.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ def write_log(arm: Any, path: Path) -> None:
 
 def flexarm(*words: str) -> str:
     """What a command prints."""
-    return subprocess.run([sys.executable, "-m", "flexarm_env", *words], check=True, capture_output=True, text=True).stdout
+    words = (sys.executable, "-m", "flexarm_env", *words)
+    return subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -105,7 +106,7 @@ def page(found: Any, arm: Any, rows: list[dict[str, Any]], machine: dict[str, st
         "Written by `python -m benchmarks.from_a_log`.", "", told(machine), "",
         *table("parameter | before | fitted | true", fitted), "",
         f"Factors for `randomization`: {found.ranges}.", "",
-        *table("policy trained on the ... arm | success on the true arm | settling time, s | residual vibration, mm", judged),
+        *table("trained on the ... arm | success on the true one | settling time, s | residual vibration, mm", judged),
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 

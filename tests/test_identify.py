@@ -13,11 +13,12 @@ import pytest
 
 import flexarm_env
 from flexarm_env import Joint, Motor, Scene, StrainGauge, arms
-from flexarm_env.identification import BadLog, free_decay, identify, randomization, read_config, read_run
+from flexarm_env.identification import BadLog, free_decay, identify, randomization, read_config, read_run, vaf
 from flexarm_env.identification.fit import Problem, Solver
 from flexarm_env.identification.model import Experiment
 from flexarm_env.sensors import Encoder, LowPass, Sensors
 from flexarm_env.time_functions import linear_table, spline_table
+from tests.processes import ROOT
 
 CONFIG = """
 time = "t"
@@ -176,6 +177,23 @@ def test_cli(fitted: tuple[Any, Path], tmp_path: Path, capsys: pytest.CaptureFix
     assert any(line.startswith("train.vaf.one.strain_gauge_1: ") for line in lines)
     assert main([*words, "--fit", "nothing"]) == 2
     assert "nothing: unknown parameter to fit; allowed: EI, m" in capsys.readouterr().err
+
+
+def test_the_robot_on_a_run_that_no_fit_has_seen() -> None:
+    """The packaged arm, fitted to another run, with the pull that was found there (docs/hardware.md)."""
+    arm = arms.named("quanser_2dsfl")
+    config = read_config(ROOT / "configs/identify/quanser_2dsfl.toml", arm)
+    found = json.loads((ROOT / "docs/hardware.json").read_text("utf-8"))["lines"]
+    parameters = config.chosen()
+    values = np.array([float(found[f"parameter.{p.name}"].split()[0]) for p in parameters])
+    experiment = Experiment(arm, config, parameters)
+    for p, own, value in zip(parameters, experiment.start, values, strict=True):
+        if p.start is None:
+            assert own == pytest.approx(value, rel=2e-3), p.name  # the arm's file holds what the page says
+    run = read_run(ROOT / "docs/hardware/ladder_hinf_jun.csv.gz", config)
+    read = experiment.predict(values, run)
+    explained = [vaf(run.outputs[name][run.kept], read[name][run.kept]) for name in read]
+    assert explained[0] > 94.5 and explained[1] > 93.5
 
 
 # ------------------------------------------------------------------------------------------------------- bad logs
