@@ -10,14 +10,13 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import validation as check
-from .physics.gauges import curvature_rows
+from .physics.gauges import curvatures
 from .physics.layout import (
     DISSIPATED,
     FACTORISATIONS,
@@ -176,8 +175,7 @@ class Trajectory:
 
     def _curvature(self, places: Sequence[tuple[int, float]]) -> Array:
         """(n, places), 1/m."""
-        like: Any = SimpleNamespace(q0=self.q[0], names=self.names)
-        return np.asarray(self.q @ curvature_rows(self.scene, self.settings, like, places).T)
+        return curvatures(self.scene, self.settings, self.names, places, self.q)
 
     # --- to be looked at ---------------------------------------------------------------------------
     def clip(self, label: str | None = None) -> Clip:
@@ -377,7 +375,9 @@ class Recorder:
         motors = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(self.scene.arm.n_links)}
         turned = [angles[:, k] if row is None else data["q"][:, row] for k, row in motors.items()]
         spun = [rates[:, k] if row is None else data["v"][:, row] for k, row in motors.items()]
-        lengths = np.array([link.span for link in self.scene.arm.links])
+        links = self.scene.arm.links
+        lengths = np.array([link.span for link in links])
+        bows = np.array([link.place(link.length + link.tip_offset).imag if link.curved else 0.0 for link in links])
         counts = simulation.work.counts
         return Trajectory(
             scene=self.scene,
@@ -390,7 +390,7 @@ class Recorder:
             joint_angles=angles,
             joint_rates=rates,
             joint_torque=data["torque"],
-            tip_deflection=link_deflection(poses) / lengths,
+            tip_deflection=(link_deflection(poses) - bows) / lengths,
             kinetic=data["energies"][:, 0],
             strain_energy=data["energies"][:, 1],
             gravity=data["energies"][:, 2],

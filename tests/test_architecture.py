@@ -18,7 +18,9 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_BASICS = {"validation", "sections", "parameters", "sensors", "rigid", "settings", "csv_files", "time_functions"}
+_BASICS = {
+    "validation", "curves", "sections", "parameters", "sensors", "rigid", "settings", "csv_files", "time_functions",
+}  # fmt: skip
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
@@ -27,7 +29,8 @@ _PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting",
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
-    "sections": {"validation"},
+    "curves": {"validation"},
+    "sections": {"validation", "curves"},
     "sensors": {"validation"},
     "parameters": {"validation", "sections", "sensors"},
     "rigid": {"validation", "parameters"},
