@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexarm_env import Trajectory, named, simulate
+from flexarm_env import Arm, Link, Scene, Section, Trajectory, named, simulate
 from flexarm_env.cli import main
 from flexarm_env.recording import load_episodes
 from flexarm_env.trajectory import link_deflection
@@ -40,8 +40,8 @@ def long_clip(n: int, label: str) -> Clip:
     values = {f"a{k}": rng.normal(size=n) for k in range(30)}
     return dataclasses.replace(
         run().clip(label), t=np.linspace(0.0, 60.0, n), points=rng.normal(size=(n, 41, 2)), cuts=(0, 20, 40),
-        angles=rng.normal(size=(n, 2, 2)), joints=rng.normal(size=(n, 2)), curvature=rng.normal(size=(n, 41)),
-        pulls=(), charts=[Chart("all", values)],
+        angles=rng.normal(size=(n, 2, 2)), rigid=rng.normal(size=(n, 2)), rest=rng.normal(size=(41, 2)),
+        curvature=rng.normal(size=(n, 41)), pulls=(), charts=[Chart("all", values)],
     )  # fmt: skip
 
 
@@ -49,7 +49,7 @@ def test_a_factor_of_one_gives_the_points_and_more_only_the_deflection() -> None
     own = run()
     clip = own.clip()
     for i in (3, 11, 20):
-        given = clip.points[i], clip.cuts, clip.angles[i], clip.joints[i]
+        given = clip.points[i], clip.cuts, clip.angles[i], clip.rigid[i], clip.rest
         assert np.abs(magnified(*given, 1.0) - clip.points[i]).max() < 1e-13
         five = magnified(*given, 5.0)
         first = five[: clip.cuts[1] + 1] - five[0]
@@ -57,9 +57,18 @@ def test_a_factor_of_one_gives_the_points_and_more_only_the_deflection() -> None
         grown = (c * first[-1, 1] - s * first[-1, 0]) / own.scene.arm.links[0].span
         assert abs(grown - 5.0 * own.tip_deflection[i, 0]) < 1e-9
     still = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]])
-    assert np.array_equal(magnified(still, (0, 2), [[0.0, 0.0]], [0.0], 20.0), still)
+    assert np.array_equal(magnified(still, (0, 2), [[0.0, 0.0]], [0.0], still, 20.0), still)
     with pytest.raises(ValueError, match="factor = 0"):
-        magnified(still, (0, 2), [[0.0, 0.0]], [0.0], 0)
+        magnified(still, (0, 2), [[0.0, 0.0]], [0.0], still, 0)
+
+
+def test_links_that_are_curved_without_stress_have_no_deflection_to_magnify() -> None:
+    hook = Link(1.0, Section(2.0, 2e6, 7e5, 0.3), curvature=[(0.0, 0.0), (0.5, 0.0), (0.5, 2.0), (1.0, 2.0)])
+    scene = Scene("hooks", Arm("hooks", (hook, hook)), duration=0.02, dt=0.01, angles=(0.3, 1.6))
+    clip = simulate(scene, "elastica", nodes=8, estimate_error=False).clip()
+    same = magnified(clip.points[0], clip.cuts, clip.angles[0], clip.rigid[0], clip.rest, 20.0)
+    assert np.abs(same - clip.points[0]).max() < 2e-3  # places along the arc are those along its chords
+    assert np.abs(clip.curvature).max() < 1e-9
 
 
 def test_cuts_and_thinning_keep_root_joints_and_tip() -> None:
