@@ -20,6 +20,7 @@ from flexarm_env.recording import load_episodes
 from flexarm_env.trajectory import link_deflection
 from flexarm_env.view import Chart, Clip, Player, magnified
 from flexarm_env.view.clip import cuts_of, thinned
+from tests.processes import ROOT
 
 
 @cache
@@ -62,6 +63,7 @@ def test_a_factor_of_one_gives_the_points_and_more_only_the_deflection() -> None
         magnified(still, (0, 2), [[0.0, 0.0]], [0.0], still, 0)
 
 
+@pytest.mark.slow
 def test_links_that_are_curved_without_stress_have_no_deflection_to_magnify() -> None:
     hook = Link(1.0, Section(2.0, 2e6, 7e5, 0.3), curvature=[(0.0, 0.0), (0.5, 0.0), (0.5, 2.0), (1.0, 2.0)])
     scene = Scene("hooks", Arm("hooks", (hook, hook)), duration=0.02, dt=0.01, angles=(0.3, 1.6))
@@ -99,6 +101,15 @@ def test_the_page_holds_the_run_and_allows_nothing_else() -> None:
     assert abs(back[1]) < 1e-12 and np.isnan(back[3]) and np.nanmax(np.abs(back - values)) < 4e-5
 
 
+def test_the_sites_players_are_of_this_form() -> None:
+    """`python docs/players/make.py` makes them anew."""
+    now = set(json.loads(run().view().data)["clips"][0])
+    files = sorted((ROOT / "docs" / "players").glob("*.json"))
+    pages = "".join(path.read_text("utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    assert files and not [f.stem for f in files if f"{{player}} {f.stem}\n" not in pages]
+    assert all(set(clip) == now for f in files for clip in json.loads(f.read_text("utf-8"))["clips"])
+
+
 def test_a_name_cannot_break_out_of_the_page() -> None:
     text = Player([run().clip("</script><script>alert(1)</script> %data% %style%")]).html
     assert "<script>alert" not in text and text.count("</script>") == 2
@@ -128,7 +139,7 @@ def test_an_hour_of_numbers_still_fits() -> None:
 
 def test_labels_are_told_apart_and_tips_compared() -> None:
     own = run()
-    other = simulate(named("two_link_motion"), "elastica", nodes=6, duration=1.0, estimate_error=False)
+    other = simulate(named("two_link_motion"), dt=0.01, duration=1.0, estimate_error=False)
     clips = json.loads(own.view(other).data)["clips"]
     assert [clip["label"] for clip in clips] == ["two_link_motion", "two_link_motion (2)"]
     chart = clips[1]["charts"][0]
