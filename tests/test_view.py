@@ -11,12 +11,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from flexarm_env import Arm, Link, Scene, Section, Trajectory, named, simulate
 from flexarm_env.cli import main
-from flexarm_env.recording import load_episodes
+from flexarm_env.recording import EpisodeRecorder, load_episodes
 from flexarm_env.trajectory import link_deflection
 from flexarm_env.view import Chart, Clip, Player, magnified
 from flexarm_env.view.clip import cuts_of, thinned
@@ -216,6 +217,20 @@ def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, caps
     assert told(capsys)["runs"] == ["episodes, episode 1"]
     clip = load_episodes(kept)[1].clip()
     assert np.allclose(clip.points[:, -1], load_episodes(kept)[1].infos["tip_position"], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_an_episode_that_follows_a_motion_is_shown_too() -> None:
+    """Its arm has a state of another form than those of a batch."""
+    env = EpisodeRecorder(gym.make("FlexibleArm-v0", task="replay", max_episode_steps=30))
+    env.reset(seed=1)
+    for _ in range(30):
+        env.step(np.zeros(1, np.float32))
+    env.close()
+    clip = env.episodes[0].clip("replay")
+    assert np.allclose(clip.points[:, -1], env.episodes[0].infos["tip_position"], atol=1e-12)
+    bend = env.episodes[0].infos["tip_deflection"]
+    assert np.corrcoef(clip.curvature[:, 0], bend)[0, 1] > 0.9, "curved at the root as the tip is deflected"
 
 
 @pytest.mark.parametrize(
