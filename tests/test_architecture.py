@@ -18,7 +18,8 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_BASICS = {"validation", "curves", "sections", "parameters", "sensors", "rigid", "settings", "csv_files", "time_functions"}
+_PARTS = {"curves", "sections", "parameters", "sensors", "rigid"}
+_BASICS = {*_PARTS, "validation", "settings", "csv_files", "time_functions"}
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
@@ -46,9 +47,10 @@ ROOMS: dict[str, set[str]] = {
     "runtime": {"compiler", "layout", "physics", "tasks"},
     "trajectory": {*_DESCRIPTION, "physics", "runtime"},
     "accuracy": {*_DESCRIPTION},
-    "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy"},
+    "rest": {"scene", "settings", "time_functions"},
+    "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy", "rest"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},
-    "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation"},
+    "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation", "rest"},
     "comparison": {*_DESCRIPTION, "trajectory", "simulation"},
     "control": {*_PHYSICS, "tasks"},
     "envs": {*_PHYSICS, "compiler", "control"},
