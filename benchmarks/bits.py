@@ -100,23 +100,16 @@ def _episode(env_id: str, keywords: dict[str, Any], n: int, threads: int) -> Num
     """A vector of n arms (1: a single environment) through resets; observations, rewards and what info tells."""
     rng = np.random.default_rng(7)
     found: list[Any] = []
-    if n == 1:
-        env = gym.make(env_id, **keywords)
-        env.reset(seed=3)
-        for _ in range(40):
-            action = rng.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
-            seen, reward, terminated, truncated, info = env.step(action)
-            found += [seen, reward, terminated, truncated, info["tip_position"], info["joint_torque"]]
+    env: Any = gym.make(env_id, **keywords) if n == 1 else gym.make_vec(env_id, num_envs=n, threads=threads, **keywords)
+    env.reset(seed=3)
+    for _ in range(40):
+        action = rng.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
+        seen, reward, terminated, truncated, info = env.step(action)
+        found += [seen, reward, terminated, truncated, info["tip_position"], info["joint_torque"]]
+        if n == 1:
             found.append(info["tip_deflection"])
             if terminated or truncated:
                 env.reset()
-    else:
-        many = gym.make_vec(env_id, num_envs=n, threads=threads, **keywords)
-        many.reset(seed=3)
-        for _ in range(40):
-            action = rng.uniform(-1.0, 1.0, many.action_space.shape).astype(np.float32)
-            seen, reward, terminated, truncated, info = many.step(action)
-            found += [seen, reward, terminated, truncated, info["tip_position"], info["joint_torque"]]
     return np.concatenate([np.asarray(part, np.float64).ravel() for part in found])
 
 

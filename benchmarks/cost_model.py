@@ -19,14 +19,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import command, describe_machine, publish, table, told
-from benchmarks.operations import CASES, STEP
-from flexarm_env import arms
-from flexarm_env.batch import standing_scene
+from benchmarks.operations import CASES, STEP, thrown
 from flexarm_env.compiler.decorator import kernel
 from flexarm_env.compiler.lanes import EIGHT, SINGLE, load, store
 from flexarm_env.physics.integrator.step import advance
-from flexarm_env.settings import Settings
-from flexarm_env.simulation import Simulation
 
 CHAINS = 12
 """Independent chains: more than two units with four cycles of latency need."""
@@ -82,12 +78,7 @@ def ceiling(lane: tuple[int, ...]) -> float:
 
 def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tuple[int, ...]) -> float:
     """Seconds a step of 5 ms takes an arm, one alone or one of eight in lanes, from the same states as are counted."""
-    arm = arms.resolve(arm_name)
-    settings = Settings.make(formulation, dt=STEP, tolerance=1e-6, **options)
-    simulation = Simulation(standing_scene(arm, STEP, None), settings)
-    assert arm.torque_limits is not None
-    simulation.set_torques(np.array(arm.torque_limits))
-    simulation.advance_to(4 * STEP, books=False)
+    simulation = thrown(arm_name, formulation, options)
     state, counters = simulation._flat[:-4], simulation._flat[-4:]
     start = np.concatenate([np.repeat(state, len(lane)), counters])
     par, flat, steps = np.repeat(simulation.par, len(lane)), start.copy(), 8

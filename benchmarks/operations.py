@@ -135,17 +135,23 @@ def _prepare() -> None:
                     setattr(module, key, value)
 
 
-def count(arm_name: str, formulation: str, options: dict[str, Any]) -> dict[str, float]:
-    """Operations of a step, and Newton iterations, means over STEPS steps of 5 ms of the arm under constant torques."""
-    from flexarm_env.physics.integrator.step import advance
-
+def thrown(arm_name: str, formulation: str, options: dict[str, Any]) -> Simulation:
+    """An arm that its largest torques have driven away from rest, for four steps of 5 ms."""
     arm = arms.resolve(arm_name)
     settings = Settings.make(formulation, dt=STEP, tolerance=1e-6, **options)
     simulation = Simulation(standing_scene(arm, STEP, None), settings)
     assert arm.torque_limits is not None
     simulation.set_torques(np.array(arm.torque_limits))
-    for _ in range(4):  # away from rest
-        simulation.advance_to(simulation.t + STEP, books=False)
+    simulation.advance_to(4 * STEP, books=False)
+    return simulation
+
+
+def count(arm_name: str, formulation: str, options: dict[str, Any]) -> dict[str, float]:
+    """Operations of a step, and Newton iterations, means over STEPS steps of 5 ms of the arm under constant torques."""
+    from flexarm_env.physics.integrator.step import advance
+
+    simulation = thrown(arm_name, formulation, options)
+    settings = simulation.settings
     flat = np.array([Counted(x) for x in simulation._flat], dtype=object)
     par = np.array([Counted(x) for x in simulation.par], dtype=object)
     limits = (settings.tolerance, settings.max_iterations, settings.max_halvings, False)

@@ -4,42 +4,21 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import errno
-import importlib
 import json
-import os
 import shutil
-import sys
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.registration import load_env_creator
 
 pytest.importorskip("stable_baselines3")
 
 from agents import config, episodes, export_policy, policies, train_ppo
 from agents import evaluate as judging
-from agents.arguments import parse
-from agents.runs import read_run, write_whole
+from agents.runs import read_run
 from flexarm_env import control
-from flexarm_env.envs.options import plan
-from tests.processes import ROOT, python
-
-ENV = "FlexibleArm-v0"
-SMALL = {
-    "n_envs": 8, "n_timesteps": 2048, "policy": "MlpPolicy", "n_steps": 64, "batch_size": 256, "n_epochs": 2,
-    "gamma": 0.98, "learning_rate": "lin_1e-3", "policy_kwargs": "dict(net_arch=[16, 16], activation_fn=nn.ReLU)",
-}  # fmt: skip
-
-
-def file_of(folder: Path, text: dict, env: str = ENV, **more) -> Path:
-    import yaml
-
-    path = folder / "config.yml"
-    path.write_text(yaml.safe_dump({env: text, **more}))
-    return path
+from tests.agents_tools import ENV, SMALL, file_of, told
+from tests.processes import python
 
 
 def arguments(folder: Path, **changes) -> train_ppo.Arguments:
@@ -163,6 +142,7 @@ def test_normalised_observations_travel_with_the_policy(tmp_path: Path):
     assert numpy_policy.normaliser is not None
 
 
+@pytest.mark.slow
 def test_a_policy_of_measured_entries_is_trained_judged_and_played(tmp_path: Path, capsys):
     """With several observations in one; what is judged is the true tip."""
     from flexarm_env.cli import main
@@ -197,21 +177,6 @@ def test_sac_trains_by_the_same_script(tmp_path: Path):
     assert export_policy.export(tmp_path / "run") < 1e-5
 
 
-# ------------------------------------------------------------------ the committed configuration
-@pytest.mark.parametrize(
-    "path", sorted((ROOT / "configs").glob("ppo/*.yml")) + sorted((ROOT / "configs").glob("sac/*.yml"))
-)
-def test_committed_configs_can_be_read(path: Path):
-    import yaml
-
-    ids = [key for key in yaml.safe_load(path.read_text()) if key != "env_kwargs"]
-    assert ids
-    for env_id in ids:
-        chosen = config.load(path, path.parent.name, env_id)
-        assert chosen.n_timesteps > 0
-        plan(load_env_creator(gym.spec(env_id).entry_point).kind, **chosen.env_kwargs)  # compiles nothing
-
-
 # ------------------------------------------------------------------ export and judging
 def test_evaluate_prints_json(run: Path, tmp_path: Path):
     done = python("-m", "agents.evaluate", "--env", ENV, "--policy", "pd", "--episodes", "5", "--json",
@@ -223,18 +188,6 @@ def test_evaluate_prints_json(run: Path, tmp_path: Path):
     assert content["success_rate"] == 1.0
     assert set(content["bounds"]) == {"rigid time-optimal slew", "flexible time-optimal plan"}
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"table.json", "table.md", "tip_error.png"}
-
-
-def told(main, words, monkeypatch, capsys) -> str:
-    """The line on standard error of a program that must end with code 2."""
-    monkeypatch.setattr("sys.argv", ["program", *words])
-    try:
-        code = main()
-    except SystemExit as stop:
-        code = stop.code
-    lines = capsys.readouterr().err.splitlines()
-    assert code == 2 and len(lines) == 1
-    return lines[0]
 
 
 @pytest.mark.parametrize(
@@ -295,162 +248,3 @@ def test_another_arm_has_another_layout(run: Path, tmp_path: Path):
     arm.write_text(arms.to_toml(dataclasses.replace(strip, torque_limits=(3.0,))))
     with pytest.raises(ValueError, match="observation layout"):
         judging.evaluate(judging.Arguments(policy=str(run), episodes=2, env_kwargs={"arm": str(arm)}))
-
-
-# ------------------------------------------------------------------ configuration
-def test_config_errors_name_the_key(tmp_path: Path):
-    cases = [
-        (SMALL | {"n_stepz": 3}, r"FlexibleArm-v0\.n_stepz: unknown key"),
-        ({k: v for k, v in SMALL.items() if k != "n_timesteps"}, r"n_timesteps: missing"),
-        (SMALL | {"learning_rate": "fast"}, r"learning_rate = 'fast'"),
-        (SMALL | {"policy_kwargs": "__import__('os').getcwd()"}, r"policy_kwargs = .*must be made of"),
-    ]
-    for text, sentence in cases:
-        with pytest.raises(ValueError, match=sentence):
-            config.load(file_of(tmp_path, text), "ppo", ENV)
-    with pytest.raises(ValueError, match="no entry for Other-v0; it has FlexibleArm-v0"):
-        config.load(file_of(tmp_path, SMALL), "ppo", "Other-v0")
-    with pytest.raises(ValueError, match="No such file"):
-        config.load(tmp_path / "none.yml", "ppo", ENV)
-    with pytest.raises(ValueError, match="must be one of ppo, sac"):
-        config.algorithm_class("dqn")
-
-
-def test_config_values_become_what_the_algorithm_takes(tmp_path: Path):
-    from torch import nn
-
-    chosen = config.load(file_of(tmp_path, SMALL, env_kwargs={ENV: {"duration": 2.0}}), "ppo", ENV)
-    values = chosen.arguments()
-    assert values["policy_kwargs"] == {"net_arch": [16, 16], "activation_fn": nn.ReLU}
-    assert values["learning_rate"](0.5) == pytest.approx(5e-4)
-    assert values["learning_rate"](-0.1) == 0.0
-    assert (chosen.n_envs, chosen.n_timesteps, chosen.env_kwargs) == (8, 2048, {"duration": 2.0})
-    assert "n_envs" not in values
-
-
-def test_arguments_from_words():
-    words = ["--env", "X-v0", "--n-timesteps", "1e6", "--no-progress", "--env-kwargs", '{"a": 1}', "--stop-when-solved"]
-    found = parse(train_ppo.Arguments, "train", None, words)
-    assert (found.env, found.n_timesteps, found.progress, found.env_kwargs) == ("X-v0", 1_000_000, False, {"a": 1})
-    assert found.stop_when_solved
-    assert found.folder == Path("runs/ppo-X-v0-0")
-    with pytest.raises(SystemExit):
-        parse(train_ppo.Arguments, "train", None, ["--n-timesteps", "some"])
-
-
-# ------------------------------------------------------------------ measuring
-def test_settling_time_is_counted_from_the_last_exit():
-    setup = type("S", (), {"task": "slew", "control_dt": 0.1})
-    errors = np.full((11, 4), 1.0)
-    errors[4:, 0] = 0.01
-    errors[4:, 1] = 0.01
-    errors[7, 1] = 0.5
-    errors[10, 2] = 0.001
-    settling, settled = episodes._settling(setup, errors, np.zeros(4, bool))
-    assert settling == pytest.approx([0.4, 0.8, 1.0, 1.0])
-    assert settled.tolist() == [True, True, True, False]
-    early = np.array([True, False, False, False])
-    assert episodes._settling(setup, errors, early)[0][0] == pytest.approx(1.0)
-
-
-def test_vibration_and_overshoot():
-    bends = np.zeros((101, 2, 1))
-    bends[-20:, 0, 0] = 0.003 * np.sin(np.arange(20))
-    bends[:10, 1, 0] = 0.5
-    vibration = episodes._vibration(bends, np.array([100, 100]), 50)
-    half = 0.5 * 0.003 * np.ptp(np.sin(np.arange(20)))  # half of the distance between the extremes
-    assert vibration == pytest.approx([half, 0.0], abs=1e-9)
-    misses = np.array([[[0.5]], [[0.1]], [[-0.05]], [[0.0]]])
-    assert episodes._overshoot(misses) == pytest.approx([0.1])
-
-
-def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path):
-    path = tmp_path / "kept.txt"
-    path.write_text("old")
-
-    def torn(part: Path) -> None:
-        part.write_text("half")
-        raise OSError("disk full")
-
-    with pytest.raises(OSError, match="disk full"):
-        write_whole(path, torn)
-    assert path.read_text() == "old"
-    assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
-
-
-# -------------------------------------------------------------------- films
-def test_policies_side_by_side(tmp_path: Path):
-    image = pytest.importorskip("PIL.Image")
-    pytest.importorskip("pygame")
-    from agents import films
-
-    wanted = films.Arguments("pd,lqr", tmp_path / "two.gif", seconds=0.2, size=160, labels="one,other", speed=0.5)
-    with image.open(films.make(wanted)) as film:
-        assert film.size == (320, 174)
-        assert film.n_frames == 11
-        assert film.info["duration"] == 40
-    for changes, words in (
-        ({"labels": "one"}, "must be 2, one for each policy"),
-        ({"out": tmp_path / "a.txt"}, "must end with one of"),
-        ({"fps": 0.0}, "--fps 0.0: must be positive"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            films.make(dataclasses.replace(wanted, **changes))
-
-
-# ------------------------------------------------------------------ without Ray
-@pytest.mark.parametrize("program", ["train_rllib", "ray_demo", "sweep"])
-def test_without_ray_a_sentence_says_what_to_install(program: str, tmp_path: Path, monkeypatch, capsys):
-    words = ["--out", str(tmp_path / "run")]
-    words += ["--space", '{"payload": [1.0]}'] if program == "sweep" else []
-    monkeypatch.setitem(sys.modules, "ray", None)
-    line = told(importlib.import_module(f"agents.{program}").main, words, monkeypatch, capsys)
-    assert line.startswith("Ray cannot be imported here") and "make setup-ray" in line
-    assert not (tmp_path / "run" / "run.json").exists()
-
-
-# ------------------------------------------------------------------ broken off
-def test_an_interruption_says_what_is_there(tmp_path: Path, monkeypatch, capsys):
-    """Before there is a run folder there is nothing to resume."""
-
-    def stopped(arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(train_ppo, "train", stopped)
-    monkeypatch.setattr("sys.argv", ["train_ppo", "--out", str(tmp_path / "run")])
-    assert train_ppo.main() == 130
-    assert capsys.readouterr().err == f"interrupted; nothing is in {tmp_path / 'run'} yet: start it again\n"
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "run.json").write_text("{}")
-    assert train_ppo.main() == 130
-    assert "go on with: python -m agents.train_ppo --out" in capsys.readouterr().err
-
-
-class Full:
-    """A model whose parts a full disk does not take."""
-
-    num_timesteps = 7
-    env = None
-
-    def save(self, file):
-        """Bytes."""
-        file.write(b"x" * 100)
-
-    def get_vec_normalize_env(self):
-        """None."""
-
-
-def test_a_full_disk_is_a_sentence(tmp_path: Path, monkeypatch, capsys):
-    from agents import training
-
-    def full(self, content):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    monkeypatch.setattr(train_ppo, "train", lambda arguments: training.save_model(arguments.folder, Full()))
-    error = told(train_ppo.main, ["--out", str(tmp_path / "run")], monkeypatch, capsys)
-    file = tmp_path / "run" / "model.zip"
-    assert error.startswith(f"{file}: No space left on device; what was written before is whole")
-    with pytest.raises(OSError, match="No space left"):
-        training.save_checkpoint(tmp_path / "run", Full(), training.Progress())
-    assert not list((tmp_path / "run" / "checkpoints").iterdir())  # half a checkpoint fills the disk no further

@@ -52,7 +52,7 @@ def test_free_flight_across_the_gap(method: str) -> None:
 
 
 def oscillation(dt: float, rate: float = 0.5) -> tuple[float, float, Any]:
-    """Period by passages through the middle of the gap, its exact value, the run: the motor is held."""
+    """Period by passages through the gap's middle, its exact value, the run: a link behind a motor that is held."""
     joint = Joint(stiffness=40.0, backlash=0.1)
     scene = Scene(
         "s", stiff_arm(joint), duration=6.0, dt=dt, sample=dt, rates=(rate,), motions=(Motion("motor0", constant(0.0)),)
