@@ -18,14 +18,9 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-<<<<<<< HEAD
-_PARTS = {"curves", "sections", "parameters", "sensors", "rigid"}
-_BASICS = {*_PARTS, "validation", "settings", "csv_files", "time_functions"}
-=======
 _BASICS = {
     "validation", "curves", "sections", "parameters", "sensors", "rigid", "settings", "csv_files", "time_functions",
 }  # fmt: skip
->>>>>>> main
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
