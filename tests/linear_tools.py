@@ -43,5 +43,10 @@ def two_links(section: Section = SLENDER, **arm: Any) -> Arm:
     return Arm("two", (Link(1.0, section), Link(1.0, section)), **arm)
 
 
+def unloaded(arm: Arm, **more: Any) -> Scene:
+    """For steady rotation, which there is without gravity alone."""
+    return Scene("rest", arm, duration=1.0, dt=0.01, **more)
+
+
 def at_rest(arm: Arm, **more: Any) -> Scene:
-    return everything(Scene("rest", arm, duration=1.0, dt=0.01, **more))
+    return everything(unloaded(arm, **more))
