@@ -21,7 +21,7 @@ READY_RAY := $(VENV_RAY)/.ready
 PIP_INSTALL := $(PY) -m pip install --disable-pip-version-check --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-bench setup-ray demo ray-demo ray-test test test-slow test-versions lint format types architecture docs build clean distclean
+.PHONY: help setup setup-bench setup-ray demo ray-demo ray-test test test-slow test-browser test-notebooks test-versions release-check lint format types architecture docs build clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 15
@@ -86,8 +86,17 @@ test-slow: $(READY) ## the slow tests alone
 ray-test: $(READY_RAY) ## the tests of training on Ray, which no other lane runs
 	$(PY_RAY) -m pytest tests/ray $(PYTEST_ARGS)
 
+test-browser: $(READY) ## the player in a headless Chromium of the system (Debian: apt install chromium); pictures in runs/browser
+	$(PY) -m pytest tests/browser $(PYTEST_ARGS)
+
+test-notebooks: $(READY) ## the notebooks of docs/notebooks, from start to end
+	$(PY) -m pytest tests/notebooks $(PYTEST_ARGS)
+
 test-versions: $(READY) ## the oldest and newest releases that pyproject.toml allows, in .venv-versions: smoke and bits
 	$(PY) -m tests.versions
+
+release-check: $(READY) ## wheel and source distribution, looked at, installed alone, used: the table of what was tried
+	$(PY) -m tests.release
 
 lint: $(READY) ## ruff: rules and format of imports
 	$(PY) -m ruff check .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import re
 import sys
 from importlib import import_module
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from docutils import nodes
+from docutils.parsers.rst import directives
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
@@ -18,6 +20,7 @@ from sphinx.util.docutils import SphinxDirective
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import flexarm_env
+from flexarm_env.view.page import frame, page
 
 project = "flexarm_env"
 author = "flexarm_env contributors"
@@ -61,6 +64,28 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 
 
+_SIGNS: tuple[tuple[str, Any], ...] = (
+    (r"\+-", "±"),
+    (r"\^2", "²"),
+    (r"\bpi\b", "π"),
+    (r"\bsqrt\(", "√("),
+    (r"\btau(?=[ _/,)]|$)", "τ"),
+    (r"\bw(?=[_²]| =| \||$)|(?<=0\.3 )w\b|(?<=strip` )w\b", "ω"),
+    (r"(?<=[a-zωτ])_([0-9])(?![0-9a-z])", lambda found: "₀₁₂₃₄₅₆₇₈₉"[int(found.group(1))]),
+    (r"(?<=[a-zA-Zωτ])_k(?![a-zA-Z0-9_])", "ₖ"),
+    (r"(?<=[(|=] )-(?=[a-z0-9(])|(?<=\()-(?=[a-z0-9(])|(?<= )-(?=[0-9π])|(?<=[)²] )-(?= [\w(])", "−"),
+)
+"""Signs of formulas that docstrings, which keep to ASCII, spell out."""
+
+
+def signs(text: str) -> str:
+    """A docstring's text with its formulas as they are printed; what stands in backquotes is code and stays."""
+    parts = text.split("`")
+    for spelt, sign in _SIGNS:
+        parts[::2] = [re.sub(spelt, sign, part) for part in parts[::2]]
+    return "`".join(parts)
+
+
 class Specification(SphinxDirective):
     """`{specification} module.Class`: the class's docstring, which is Markdown, as part of the page."""
 
@@ -71,10 +96,37 @@ class Specification(SphinxDirective):
         """The nodes of the docstring."""
         module, _, name = self.arguments[0].rpartition(".")
         text = inspect.cleandoc(getattr(import_module(module), name).__doc__ or "")
+        text = signs(text)
         text = re.sub(r":class:`~?([\w.]+)`", lambda m: f"`{m.group(1).rpartition('.')[2]}`", text)
         box = nodes.container()
         self.state.nested_parse(StringList(text.splitlines(), source=self.arguments[0]), 0, box, match_titles=True)
         return list(box.children)
+
+
+class PlayerFrame(SphinxDirective):
+    """`{player} NAME`: a player of docs/players/NAME.json, in a frame that is loaded when it is scrolled to; with
+    `:folded:` when it is unfolded."""
+
+    required_arguments = 1
+    option_spec = {"folded": directives.flag}  # noqa: RUF012
+    has_content = False
+
+    def run(self) -> list[nodes.Node]:
+        """The frame, and a link to the page alone."""
+        name = self.arguments[0]
+        data = Path(__file__).parent / "players" / f"{name}.json"
+        text = data.read_text("utf-8").strip()
+        self.env.note_dependency(str(data))
+        title = json.loads(text)["title"]
+        path = Path(self.env.app.outdir) / "players" / f"{name}.html"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(page(text, title), encoding="utf-8")
+        there = "../" * self.env.docname.count("/") + f"players/{name}.html"
+        link = f'<p><a href="{there}">The player alone</a>, in a larger window</p>'
+        text = frame(f'src="{there}"', title) + link
+        if "folded" in self.options:
+            text = f'<details class="player"><summary>{title}</summary>{text}</details>'
+        return [nodes.raw("", text, format="html")]
 
 
 # Docstrings are written to be read in the code: several `name: text` on a line, shapes behind names. Napoleon wants one
@@ -193,4 +245,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("autodoc-process-signature", spell)
     app.connect("doctree-read", keep_tags)
     app.add_directive("specification", Specification)
+    app.add_directive("player", PlayerFrame)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

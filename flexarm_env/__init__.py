@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper

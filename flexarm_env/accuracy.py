@@ -133,7 +133,7 @@ def slowest_rate(scene: Scene) -> float:
     sections = [link.uniform for link in arm.links if link.uniform is not None]
     beam = sum(link.mass for link in arm.links)
     carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
-    if len(sections) < arm.n_links or any(link.rigid_ends for link in arm.links):
+    if len(sections) < arm.n_links or any(link.rigid_ends for link in arm.links) or arm.payload.eccentric:
         square = _varying_rate(arm)
     else:
         stiffness = min(section.EI for section in sections)
@@ -154,6 +154,11 @@ def _varying_rate(arm: Arm) -> float:
         mass[-1][-1] += arm.payload.mass if k + 1 == arm.n_links else arm.elbow(k + 1).mass
         mass[-1][-1] += link.tip_mass
         first += link.span
+    if arm.payload.eccentric:  # a place of its own, behind a rigid piece
+        mass[-1][-1] -= arm.payload.mass
+        s.append(np.array([first + arm.payload.offset[0]]))
+        EI.append(np.array([np.inf]))
+        mass.append(np.array([arm.payload.mass]))
     x, weight = np.concatenate(s), np.concatenate(mass)
     levers = np.maximum(x[:, None] - x, 0.0)  # of a weight (row) about a hinge (column)
     deflection = levers @ ((weight @ levers) / np.concatenate(EI))

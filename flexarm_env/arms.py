@@ -18,11 +18,12 @@ from flexarm_env.sections import ENDS
 
 _SECTION = ("EI", "EA", "C", "m", "J")
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
-_OF_LINK = ("tau_d", *ENDS)
+_OF_LINK = ("tau_d", "curvature", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
 _JOINT = tuple(field.name for field in fields(Joint))
 _MOTOR = tuple(field.name for field in fields(Motor))
 _ELBOW = ("mass", "inertia_left", "inertia_right")
+_PAYLOAD = tuple(field.name for field in fields(Payload))
 _ARM = (
     "name",
     "links",
@@ -131,7 +132,7 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
         for i, entry in enumerate(check.sequence("joints", values.get("joints", ()), "tables"))
     )
     if "payload" in values:
-        values["payload"] = _part("payload", Payload, values["payload"], ("mass", "inertia"))
+        values["payload"] = _part("payload", Payload, values["payload"], _PAYLOAD)
     if "sensors" in values:
         values["sensors"] = sensors.from_table(check.table_of("sensors", values["sensors"]))
     return Arm(**values)
@@ -235,7 +236,7 @@ def to_table(arm: Arm) -> dict[str, Any]:
     if arm.joint_limits is not None:
         table["joint_limits"] = tuple(() if limits is None else limits for limits in arm.joint_limits)
     if arm.payload != Payload():
-        table["payload"] = {key: getattr(arm.payload, key) for key in ("mass", "inertia")}
+        table["payload"] = {key: getattr(arm.payload, key) for key in _PAYLOAD[: 2 + any(arm.payload.offset)]}
     table["links"] = [_link_table(link) for link in arm.links]
     if arm.elbows:
         table["elbows"] = [{key: getattr(elbow, key) for key in _ELBOW} for elbow in arm.elbows]

@@ -135,7 +135,7 @@ def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, float] | None
 @dataclass(frozen=True)
 class View:
     """One arm at an instant: points (n, 2) root to tip, m; poses (N, 12) as `physics.protocol.link_poses`; time, s;
-    target, m or rad; torques (N,), N m; deflection (N,), over L."""
+    target, m or rad; torques (N,), N m; deflection (N,), over L; q, the coordinates of the state."""
 
     points: Array
     poses: Array
@@ -143,6 +143,7 @@ class View:
     target: Array
     torques: Array
     deflection: Array
+    q: Array
 
 
 def gauge_table(
@@ -414,6 +415,7 @@ class Batch:
             target=record[TARGET : TARGET + targets].copy(),
             torques=info[at.torque : at.torque + links].copy(),
             deflection=info[at.deflection : at.deflection + links].copy(),
+            q=q,
         )
 
     def close(self) -> None:

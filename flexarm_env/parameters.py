@@ -45,10 +45,15 @@ class Elbow:
 
 @dataclass(frozen=True)
 class Payload:
-    """A body fixed to the tip of the last link: ``mass`` in kg, ``inertia`` in kg m^2, zero or positive."""
+    """A body fixed to the tip of the last link.
+
+    ``mass`` in kg and ``inertia`` in kg m^2, about its centre of mass, zero or positive; ``offset``: from the tip to
+    that centre, m, (along the tip's tangent, across it to the left).
+    """
 
     mass: float = 0.0
     inertia: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         _store(
@@ -56,6 +61,19 @@ class Payload:
             mass=check.number("payload.mass", self.mass, "kg", minimum=0.0),
             inertia=check.number("payload.inertia", self.inertia, "kg m^2", minimum=0.0),
         )
+        what = "two numbers (m), along the tip's tangent and across it"
+        given = check.sequence("payload.offset", self.offset, what, 2)
+        _store(self, offset=tuple(check.number(f"payload.offset[{i}]", x, "m") for i, x in enumerate(given)))
+
+    @property
+    def eccentric(self) -> bool:
+        """Whether there is a mass whose centre is not at the tip."""
+        return self.mass > 0.0 and any(self.offset)
+
+    @property
+    def lever(self) -> complex:
+        """The offset as a complex number, m."""
+        return complex(*self.offset)
 
 
 @dataclass(frozen=True)
@@ -110,7 +128,8 @@ class Joint:
         friction_viscous: N m s/rad. friction_coulomb: N m: the torque that the joint withstands before it moves, and
             that brakes it while it does.
         friction_side: "motor" or "link": which side of an elastic gear the friction acts on.
-        backlash: play of the gear, rad; must be 0, it is not modelled.
+        backlash: play of an elastic gear after the ratio, rad: the link's side turns so far between its flanks before
+            the spring, half of it to either side, takes hold. The damping acts in the gap as well.
         motor: what makes the torque; None: it is given.
     """
 
@@ -145,8 +164,9 @@ class Joint:
         if self.damping > 0.0 and not self.elastic:
             what = "must be 0 where the stiffness is infinite: the gear's two sides turn as one"
             raise check.InvalidValue("damping", self.damping, what)
-        if self.backlash > 0.0:
-            raise check.InvalidValue("backlash", self.backlash, "must be 0: play in a gear is not modelled")
+        if self.backlash > 0.0 and not self.elastic:
+            what = "must be 0 where the stiffness is infinite: flanks that do not give would meet in blows"
+            raise check.InvalidValue("backlash", self.backlash, what)
         if self.motor is not None:
             check.instance("motor", self.motor, Motor)
 

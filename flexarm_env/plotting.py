@@ -21,6 +21,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from flexarm_env.comparison import common_instants
+from flexarm_env.view import magnified
+from flexarm_env.view.clip import cuts_of
 
 if TYPE_CHECKING:
     from flexarm_env.trajectory import Trajectory
@@ -84,6 +86,9 @@ def plot_trajectory(
 ) -> Path:
     """Deformed shapes with time labels beside tip deflection and energy over time.
 
+    What is left to swing after the last drive lies on itself in true shape; then its deflection is drawn larger, which
+    the panel's title says.
+
     Args:
         trajectory: a run. path: the file to write. reference: a table (`scenes.reference(NAME).columns`) whose tip
             path is drawn as dots. shapes: how many shapes. title: None writes scene and formulation.
@@ -93,6 +98,7 @@ def plot_trajectory(
         ValueError: the file's ending is not one that matplotlib writes.
     """
     stages = _stages(trajectory)
+    factors = [1.0, *(_larger(trajectory, chosen) for chosen in stages[1:])]
     extents = [_extent(trajectory.shapes[chosen]) for chosen in stages]
     widths = [float(np.clip(4.4 * w / h, 2.8, 8.5 if len(stages) == 1 else 4.8)) for w, h in extents]
     with styled_figure(path, sum(widths) + 4.4, 4.8) as figure:
@@ -101,9 +107,9 @@ def plot_trajectory(
         for i, chosen in enumerate(stages):
             axes = figure.add_subplot(grid[:, i])
             count = max(4, round(shapes / len(stages)) + len(stages) - 1)
-            _draw_shapes(axes, trajectory, chosen, count, reference, (widths[i], 4.4))
-            t = trajectory.t[chosen]
-            axes.set_title(f"shapes, {t[0]:g} to {t[-1]:g} s")
+            _draw_shapes(axes, trajectory, chosen, count, reference, (widths[i], 4.4), factors[i])
+            t, larger = trajectory.t[chosen], f", deflection × {factors[i]:g}" if factors[i] > 1.0 else ""
+            axes.set_title(f"shapes, {t[0]:g} to {t[-1]:g} s{larger}")
         deflection = figure.add_subplot(grid[0, -1])
         energy = figure.add_subplot(grid[1, -1], sharex=deflection)
         _draw_deflection(deflection, trajectory)
@@ -119,6 +125,8 @@ def plot_comparison(
     title: str = "",
 ) -> Path:
     """Several runs of a scene: tip paths, tip deflection over time, and the distance of the tips from the reference.
+
+    Where lines lie on each other all are seen: the first is wide, the others are dashes upon it.
 
     Args:
         trajectories: runs by their labels. path: the file to write. reference: a table; without one the first run
@@ -141,10 +149,12 @@ def plot_comparison(
         error = figure.add_subplot(grid[1, 1], sharex=deflection)
         if reference is not None:
             paths.plot(table["tip_x"], table["tip_y"], ".", color=INK, ms=2.5, label="reference")
-        for color, label in zip(_cycle(len(labels)), labels, strict=True):
+        for k, (color, label) in enumerate(zip(_cycle(len(labels)), labels, strict=True)):
             run = trajectories[label]
-            paths.plot(run.tip[:, 0], run.tip[:, 1], color=color, lw=1.1, label=label)
-            deflection.plot(run.t, run.tip_deflection[:, -1], color=color, lw=1.1)
+            first: Any = {"lw": 2.8, "alpha": 0.55} if len(labels) > 1 else {"lw": 1.1}
+            style = first if k == 0 else {"lw": 1.3, "ls": (5 * k, (5, 5 * (len(labels) - 2) + 4))}
+            paths.plot(run.tip[:, 0], run.tip[:, 1], color=color, label=label, **style)
+            deflection.plot(run.t, run.tip_deflection[:, -1], color=color, **style)
             mine, theirs = common_instants(run.t, table["t"])
             if mine.size and not (reference is None and label == labels[0]):
                 apart = np.hypot(*(run.tip[mine, :2] - np.column_stack([table["tip_x"], table["tip_y"]])[theirs]).T)
@@ -202,7 +212,7 @@ def plot_spectrum(
     Raises:
         ValueError: too few samples are left.
     """
-    start = _last_kink(trajectory) if since is None else since
+    start = _last_drive(trajectory) if since is None else since
     chosen = trajectory.t >= start - 1e-9
     t = trajectory.t[chosen]
     with styled_figure(path, 7.0, 3.8) as figure:
@@ -266,20 +276,39 @@ def _cycle(n: int) -> list[str]:
     return [COLORS[i % len(COLORS)] for i in range(n)]
 
 
-def _last_kink(trajectory: Trajectory) -> float:
-    kinks = [t for t in trajectory.scene.kinks if t < trajectory.t[-1]]
-    return max(kinks, default=float(trajectory.t[0]))
+def _last_drive(trajectory: Trajectory) -> float:
+    """The last instant at which a drive jumps or ends, s."""
+    scene = trajectory.scene
+    ends = [motion.function.end for motion in scene.motions] + [f.end for load in scene.loads for f in load.functions]
+    return max([t for t in (*scene.kinks, *ends) if t < trajectory.t[-1]], default=float(trajectory.t[0]))
 
 
 def _stages(trajectory: Trajectory) -> list[NDArray[np.intp]]:
     """Samples of each panel: driven and after, where the root stays and the arm would be drawn over itself."""
     t, everything = trajectory.t, np.arange(trajectory.t.size)
-    stop = _last_kink(trajectory)
+    stop = _last_drive(trajectory)
     moved = float(np.ptp(trajectory.start[:, :2], axis=0).max())
     share = (stop - t[0]) / (t[-1] - t[0]) if t.size > 1 else 0.0
     if moved > 0.2 * trajectory.scene.arm.total_length or not 0.15 < share < 0.85:
         return [everything]
     return [everything[t <= stop + 1e-9], everything[t >= stop - 1e-9]]
+
+
+def _larger(trajectory: Trajectory, chosen: NDArray[np.intp]) -> float:
+    """How much larger the deflection of an arm at rest is to be drawn, so that it is seen: 1, 2, 5, 10 or 20."""
+    turned = float(np.ptp(trajectory.joint_angles[chosen], axis=0).max())
+    largest = float(np.abs(trajectory.tip_deflection[chosen]).max())
+    if turned > 0.2 or largest == 0.0:
+        return 1.0
+    return next((k for k in (20.0, 10.0, 5.0, 2.0) if k * largest <= 0.25), 1.0)
+
+
+def _drawn(trajectory: Trajectory, frames: Any, factor: float) -> Array:
+    """Points of the chain at these samples, (n, points, 2), the deflection times the factor."""
+    shapes, cuts = trajectory.shapes[frames], cuts_of(trajectory.shapes, trajectory.hinges)
+    angles, joints = trajectory.link_angles[frames], trajectory.joint_angles[frames]
+    rows = zip(shapes, angles, joints, strict=True)
+    return shapes if factor == 1.0 else np.array([magnified(p, cuts, a, j, factor) for p, a, j in rows])
 
 
 def _extent(points: Array) -> tuple[float, float]:
@@ -291,31 +320,28 @@ def _extent(points: Array) -> tuple[float, float]:
 
 
 def _draw_shapes(
-    axes: Any,
-    trajectory: Trajectory,
-    chosen: NDArray[np.intp],
-    count: int,
-    reference: Columns | None,
-    size: tuple[float, float],
-) -> None:
+    axes: Any, trajectory: Trajectory, chosen: NDArray[np.intp], count: int, reference: Columns | None,
+    size: tuple[float, float], factor: float,
+) -> None:  # fmt: skip
     t = trajectory.t[chosen]
     times = np.linspace(t[0], t[-1], min(count, t.size))
     frames = chosen[np.unique(np.abs(t[:, None] - times).argmin(axis=0))]
-    axes.plot(*trajectory.tip[chosen, :2].T, color=FAINT, lw=0.7, ls=(0, (4, 2)), zorder=1)
-    if reference is not None:
+    shapes, cuts = _drawn(trajectory, frames, factor), cuts_of(trajectory.shapes, trajectory.hinges)
+    axes.plot(*_drawn(trajectory, chosen, factor)[:, -1].T, color=FAINT, lw=0.7, ls=(0, (4, 2)), zorder=1)
+    if reference is not None and factor == 1.0:
         inside = (reference["t"] >= t[0] - 1e-9) & (reference["t"] <= t[-1] + 1e-9)
         axes.plot(
             reference["tip_x"][inside], reference["tip_y"][inside], ".", color=COLORS[1], ms=2.2, zorder=2,
             label="reference tip",
         )  # fmt: skip
         axes.legend(loc="best", handletextpad=0.2)
-    for i, frame in enumerate(frames):
+    for i in range(len(frames)):
         color = _shade(i, len(frames))
-        axes.plot(*trajectory.shapes[frame].T, color=color, lw=1.7, solid_capstyle="round", zorder=3 + i)
-        for hinge in trajectory.hinges[frame]:
+        axes.plot(*shapes[i].T, color=color, lw=1.7, solid_capstyle="round", zorder=3 + i)
+        for hinge in shapes[i, list(cuts[1:-1])]:
             axes.plot(*hinge, "o", color="white", mec=color, mew=1.1, ms=4.0, zorder=4 + i)
     _mark_root(axes, trajectory, frames)
-    _label_times(axes, trajectory, frames, size)
+    _label_times(axes, shapes, trajectory.t[frames], trajectory.scene.root == "free", size)
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", adjustable="datalim")
     axes.margins(0.09)
 
@@ -326,18 +352,17 @@ def _mark_root(axes: Any, trajectory: Trajectory, frames: Sequence[int]) -> None
         axes.plot(*trajectory.start[frames[0], :2], "o", color="white", ms=2.2, zorder=41)
 
 
-def _label_times(axes: Any, trajectory: Trajectory, frames: Sequence[int], size: tuple[float, float]) -> None:
+def _label_times(axes: Any, shapes: Array, times: Array, free: bool, size: tuple[float, float]) -> None:
     """A time at an end of each shape, where it covers least; left out where it would cover another label.
 
-    size: of the panel, inches.
+    free: at either end. size: of the panel, inches.
     """
-    drawn = trajectory.shapes[frames].reshape(-1, 2)
+    drawn = shapes.reshape(-1, 2)
     point = float(np.max(np.ptp(drawn, axis=0) / (np.array(size) * 72.0 * 0.8)))  # m
     half = np.array([11.0, 5.5]) * point  # of a label's box
     taken = np.zeros((0, 2))
-    for i in [0, len(frames) - 1, *range(1, len(frames) - 1)][: len(frames)]:
-        frame = frames[i]
-        places = np.array(list(_label_places(trajectory.shapes[frame], 11.0 * point, trajectory.scene.root == "free")))
+    for i in [0, len(shapes) - 1, *range(1, len(shapes) - 1)][: len(shapes)]:
+        places = np.array(list(_label_places(shapes[i], 11.0 * point, free)))
         cost = 0.5 * np.arange(len(places))
         cost += (np.abs(drawn - places[:, None]) < half).all(axis=2).sum(axis=1)
         cost[(np.abs(taken - places[:, None]) < 2.0 * half).all(axis=2).any(axis=1)] = np.inf
@@ -346,8 +371,8 @@ def _label_times(axes: Any, trajectory: Trajectory, frames: Sequence[int], size:
             continue
         taken = np.vstack([taken, places[best]])
         axes.text(
-            *places[best], f"{trajectory.t[frame]:.3g}", fontsize=7.5, color=_shade(i, len(frames), 0.4), ha="center",
-            va="center", zorder=50, bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8},
+            *places[best], f"{times[i]:.3g}", fontsize=7.5, color=_shade(i, len(shapes), 0.4), ha="center", va="center",
+            zorder=50, bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8},
         )  # fmt: skip
 
 

@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -31,11 +33,14 @@ from numpy.typing import NDArray
 
 from flexarm_env import arms, sensors
 from flexarm_env import validation as check
+from flexarm_env.batch import gauge_table
 from flexarm_env.envs.ids import permitted
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 from flexarm_env.sensors import Sensors
 from flexarm_env.trajectory import write_whole
+from flexarm_env.view import Clip, Player
+from flexarm_env.view.sources import of_episode
 
 FORMAT = 1
 STEPS = ("actions", "rewards", "terminations", "truncations")
@@ -82,6 +87,45 @@ class Episode:
         """Whether the other's observations, actions, rewards and ends are the same, to the last bit."""
         names = ("observations", *STEPS)
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+
+    def clip(self, label: str | None = None, env_id: str | None = None) -> Clip:
+        """What a player shows of the episode, which is played again for it.
+
+        Args:
+            label: what it is called beside others; default the environment's id. env_id: as `replay` takes it.
+        """
+        with closing(_made(self, env_id, info_level="full")) as env:
+            _begin(env, self)
+            plan = env.unwrapped.plan
+            views, infos, seen = [env.unwrapped.snapshot()], [], [self.observations[0]]
+            for action in self.actions:
+                observation, _, _, _, info = env.step(action)
+                views.append(env.unwrapped.snapshot())
+                infos.append(info)
+                seen.append(observation)
+        rows = {
+            name: np.array([math.nan] + [float(info[name]) for info in infos])
+            for name in infos[0] if name.startswith(("reward_", "energy_")) or name == "work"
+        }  # fmt: skip
+        last = np.array(seen)[:, -len(plan.names) :]
+        rows |= {f"seen_{name}": values.astype(float) for name, values in zip(plan.names, last.T, strict=True)}
+        rate = partial(gauge_table, plan.arm, plan.settings, plan.gravity)
+        return of_episode(plan, views, rows, self.rewards, self.env_id if label is None else label, rate)
+
+    def view(self, *others: Episode, labels: Sequence[str] | None = None, env_id: str | None = None) -> Player:
+        """A page that plays the episode, and others over it or beside it: `.save("episode.html")`, or in a notebook.
+
+        Args:
+            labels: of all of them; default the environments' ids. env_id: as `replay` takes it.
+        """
+        episodes = (self, *others)
+        names = [None] * len(episodes) if labels is None else list(labels)
+        if len(names) != len(episodes):
+            raise check.InvalidValue("labels", labels, f"must be {len(episodes)} names, one an episode")
+        return Player([episode.clip(name, env_id) for episode, name in zip(episodes, names, strict=True)])
+
+    def _repr_html_(self) -> str:
+        return self.view()._repr_html_()
 
 
 class EpisodeRecorder(gym.Wrapper[Array32, Array32, Array32, Array32]):

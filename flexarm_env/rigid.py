@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .parameters import Arm
+from .parameters import Arm, Link
 
 Array = NDArray[np.float64]
+ComplexOrReal = NDArray[Any]
 
 
 def reach(arm: Arm) -> tuple[float, float]:
@@ -18,20 +20,22 @@ def reach(arm: Arm) -> tuple[float, float]:
     return max(0.0, 2.0 * max(lengths) - sum(lengths)), sum(lengths)
 
 
-def link_inertia(arm: Arm) -> Array:
-    """The (N, N) matrix C, kg m^2, with M_jk = C_jk cos(alpha_j - alpha_k) in the links' absolute angles alpha.
+def link_inertia(arm: Arm) -> ComplexOrReal:
+    """The (N, N) matrix C, kg m^2, with M_jk = Re C_jk exp(-i (alpha_j - alpha_k)) in the links' absolute angles alpha.
 
-    Each body (link, motor, payload) at a distance a_j along every link j on the way to it adds m a_j a_k, and its own
-    inertia to the link that it turns with.
+    Each body (link, motor, payload) at a_j exp(i alpha_j), summed over the links j on the way to it, adds m a_j* a_k,
+    and its own inertia to the link that it turns with. C is real where all lies on straight lines from joint to joint.
     """
     n = arm.n_links
-    lengths = np.array([link.span for link in arm.links])
-    total = np.zeros((n, n))
+    bent = any(link.curved for link in arm.links)
+    kind: Any = np.complex128 if arm.payload.eccentric or bent else np.float64
+    lengths = np.array([_far(link) for link in arm.links], kind)
+    total = np.zeros((n, n), kind)
 
-    def add(mass: float, last: int, along: float, inertia: float) -> None:
+    def add(mass: float, last: int, along: complex, inertia: float) -> None:
         levers = np.where(np.arange(n) < last, lengths, 0.0)
         levers[last] = along
-        total[:, :] += mass * np.outer(levers, levers)
+        total[:, :] += mass * np.outer(levers.conj(), levers)
         total[last, last] += inertia
 
     for k, link in enumerate(arm.links):
@@ -43,19 +47,32 @@ def link_inertia(arm: Arm) -> Array:
             add(0.0, k, 0.0, elbow.inertia_right)
         if link.rigid_ends:
             for mass, along, inertia in link.ends:
-                add(mass, k, along, inertia)
+                add(mass, k, complex(link.place(along - link.root_offset)) if link.curved else along, inertia)
         if link.uniform is not None and not link.rigid_ends:
             add(link.mass, k, 0.5 * link.length, link.mass * link.length**2 / 12.0 + link.rotary)
+        elif link.curved:
+            s, weights = link.quadrature()
+            masses, z = weights * link.along(s).m, link.place(s)
+            centre = complex(masses @ z / masses.sum())
+            add(link.mass, k, centre, float(masses @ abs(z - centre) ** 2) + link.rotary)
         else:
             centre = link.moment(1) / link.mass
             add(link.mass, k, link.root_offset + centre, link.moment(2) - link.mass * centre**2 + link.rotary)
-    add(arm.payload.mass, n - 1, lengths[-1], arm.payload.inertia)
+    tip = lengths[-1] + arm.payload.lever * np.exp(1j * arm.links[-1].turn) if arm.payload.eccentric else lengths[-1]
+    add(arm.payload.mass, n - 1, tip, arm.payload.inertia)
     return total
 
 
-def _differences(elbows: Array) -> Array:
-    """alpha_j - alpha_k (n, N, N) from elbow angles (n, N - 1)."""
+def _far(link: Link) -> complex:
+    """Where a link's far joint is, m, from the near one and the link's tangent there."""
+    return complex(link.place(link.length + link.tip_offset)) if link.curved else link.span
+
+
+def _differences(arm: Arm, elbows: Array) -> Array:
+    """alpha_j - alpha_k (n, N, N) from elbow angles (n, N - 1), a link's being that of its tangent at its root."""
     elbows = np.asarray(elbows, np.float64)
+    if any(link.curved for link in arm.links):
+        elbows = elbows + [link.turn for link in arm.links[:-1]]
     alpha = np.concatenate([np.zeros((len(elbows), 1)), np.cumsum(elbows, axis=1)], axis=1)
     return np.asarray(alpha[:, :, None] - alpha[:, None, :])
 
@@ -68,13 +85,15 @@ def _of_joints(values: Array, axis: int) -> Array:
 def rigid_inertia(arm: Arm, elbows: Array) -> Array:
     """Inertia (n, N, N) in kg m^2 about the joints, rotors included, at elbow angles (n, N - 1) in rad."""
     rotors = np.diag([arm.joint(k).rotor for k in range(arm.n_links)])
-    return _of_joints(_of_joints(link_inertia(arm) * np.cos(_differences(elbows)), 1), 2) + rotors
+    C, turned = link_inertia(arm), _differences(arm, elbows)
+    return _of_joints(_of_joints(C.real * np.cos(turned) + C.imag * np.sin(turned), 1), 2) + rotors
 
 
 def coriolis(arm: Arm, elbows: Array, rates: Array) -> Array:
     """Torques (n, N) in N m that joint rates (n, N) in rad/s ask for, beside inertia times acceleration."""
     squares = np.cumsum(rates, axis=1) ** 2
-    pulls = link_inertia(arm) * np.sin(_differences(elbows))
+    C, turned = link_inertia(arm), _differences(arm, elbows)
+    pulls = C.real * np.sin(turned) - C.imag * np.cos(turned)
     return _of_joints(np.einsum("njk,nk->nj", pulls, squares), 1)
 
 

@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexarm_env import curves
 from flexarm_env import validation as check
+from flexarm_env.curves import Curvature
 
 Array = NDArray[np.float64]
 
@@ -127,7 +129,7 @@ ENDS = {
 
 @dataclass(frozen=True)
 class Link:
-    """A straight beam of one section, or of sections that vary along it.
+    """A beam of one section, or of sections that vary along it; straight where it has no curvature of its own.
 
     Args:
         length: m, positive.
@@ -139,6 +141,8 @@ class Link:
             link's root to where the beam begins, and from where it ends to the next joint, or to the arm's tip. They go
             on along the beam's tangents.
         root_mass, tip_mass: kg, of these ends, in the middle of each. root_inertia, tip_inertia: kg m^2, about there.
+        curvature: 1/m, which the beam has without stress, positive to the left; or a sequence of (s, curvature), s as
+            in `section`, linear between points, two of the same s a jump.
     """
 
     length: float
@@ -150,6 +154,7 @@ class Link:
     tip_mass: float = 0.0
     root_inertia: float = 0.0
     tip_inertia: float = 0.0
+    curvature: Curvature = 0.0
 
     def __post_init__(self) -> None:
         check.store(self, length=check.number("length", self.length, "m", above=0.0))
@@ -157,6 +162,7 @@ class Link:
             check.store(self, tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0))
         for name, unit in ENDS.items():
             check.store(self, **{name: check.number(name, getattr(self, name), unit, minimum=0.0)})
+        check.store(self, curvature=curves.checked(self.curvature, self.length))
         if not isinstance(self.section, Section | Taper):
             check.store(self, section=_points(self.section, self.length))
 
@@ -183,22 +189,40 @@ class Link:
 
     @property
     def uniform(self) -> Section | None:
-        """The section where there is one alone, otherwise None."""
-        return self.section if isinstance(self.section, Section) else None
+        """The section of a straight link that has one alone, otherwise None."""
+        return self.section if isinstance(self.section, Section) and not self.curved else None
+
+    @property
+    def curved(self) -> bool:
+        """Whether it has a curvature of its own."""
+        return self.curvature != 0.0
+
+    @property
+    def turn(self) -> float:
+        """Angle of the tangent at the tip from that at the root, without stress, rad."""
+        return float(curves.angle(self.curvature, self.length)) if self.curved else 0.0
+
+    def place(self, s: Any) -> Any:
+        """Places s (m from the beam's root, below 0 and beyond the length on rigid ends) without stress, as complex
+        numbers, m, from the joint at the link's root and its tangent."""
+        inner = curves.place(self.curvature, np.clip(s, 0.0, self.length))
+        beyond = np.maximum(np.asarray(s) - self.length, 0.0)
+        return inner + self.root_offset + np.minimum(s, 0.0) + beyond * np.exp(1j * self.turn)
 
     @property
     def points(self) -> tuple[float, ...]:
         """Where sections kink or jump, m from the root, the ends among them, each once."""
         inner = () if isinstance(self.section, Section | Taper) else tuple(s for s, _ in self.section[1:-1])
-        return tuple(sorted({0.0, *inner, self.length}))
+        return tuple(sorted({0.0, *inner, *curves.points(self.curvature), self.length}))
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Where sections jump, m from the root."""
+        """Where sections jump, or the curvature does, m from the root."""
+        bends = curves.jumps(self.curvature)
         if isinstance(self.section, Section | Taper):
-            return ()
+            return bends
         places = [s for s, _ in self.section]
-        return tuple(s for s, after in pairwise(places) if s == after)
+        return tuple(sorted({*bends, *(s for s, after in pairwise(places) if s == after)}))
 
     def along(self, s: Array | float, before: bool = False) -> Properties:
         """Properties at places s (m from the root); at a jump those behind it, or `before` it."""
@@ -223,17 +247,18 @@ class Link:
 
     def part(self, first: float, last: float) -> Link:
         """The beam between two places, m from the root."""
+        own: dict[str, Any] = {"curvature": curves.part(self.curvature, first, last)}
         if isinstance(self.section, Section):
-            return Link(last - first, self.section)
+            return Link(last - first, self.section, **own)
         if isinstance(self.section, Taper):
             ends = [self.section.sides(s / self.length) for s in (first, last)]
             material = self.section.E, self.section.rho, self.section.G, self.section.kappa
             sides = tuple((float(a), float(b)) for a, b in zip(*ends, strict=True))
-            return Link(last - first, Taper(sides[0], sides[1], *material))
+            return Link(last - first, Taper(sides[0], sides[1], *material), **own)
         length = last - first
         inner = [(s - first, section) for s, section in self.section if first < s < last]
         ends_at = [Section(*map(float, self.along(s, end))) for s, end in ((first, False), (last, True))]
-        return Link(length, ((0.0, ends_at[0]), *inner, (length, ends_at[1])))
+        return Link(length, ((0.0, ends_at[0]), *inner, (length, ends_at[1])), **own)
 
     def mesh(self, n: int, option: str) -> Array:
         """Ends of n pieces, (n + 1,) in m: even ones, or as even as may be with an end at each jump.
@@ -252,7 +277,7 @@ class Link:
 
     def cut(self, n: int, option: str) -> list[Link]:
         """The n pieces of :meth:`mesh`."""
-        if isinstance(self.section, Section):
+        if isinstance(self.section, Section) and not self.curved:
             return [Link(self.length / n, self.section)] * n
         ends = self.mesh(n, option)
         return [self.part(a, b) for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]

@@ -1,20 +1,22 @@
-"""What a run leaves behind: times, poses, energies, torques, work counts; CSV and NPZ."""
+"""What a run leaves behind: times, poses, energies, torques, work counts; CSV, NPZ, a page that plays it."""
 
 from __future__ import annotations
 
+import ast
 import io
+import json
 import os
+import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import validation as check
-from .physics.gauges import curvature_rows
+from .physics.gauges import curvatures
 from .physics.layout import (
     DISSIPATED,
     FACTORISATIONS,
@@ -31,6 +33,8 @@ from .physics.model import STATUS
 from .scene import Scene
 from .sensors import Law, Sensors, StrainGauge, from_table
 from .settings import Settings
+from .view import Clip, Player
+from .view.sources import check_shapes, of_trajectory
 
 Array = NDArray[np.float64]
 
@@ -89,6 +93,7 @@ class Trajectory:
             modes.
         step_levels: with a step_tolerance, how often dt was halved in each stretch between samples and kinks.
         gross_work: J, the work of the drives, what they gave and what they took both counted as positive.
+        link_angles (n, N, 2): of the tangents at each link's root and tip, rad.
     """
 
     scene: Scene
@@ -126,6 +131,7 @@ class Trajectory:
     step_levels: tuple[int, ...] = ()
     motor_angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
     motor_rates: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    link_angles: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     @property
     def finished(self) -> bool:
@@ -162,12 +168,34 @@ class Trajectory:
 
     def _bending(self, gauges: Sequence[StrainGauge]) -> Array:
         """What ideal gauges read, (n, gauges)."""
-        places = [(gauge.link, gauge.place) for gauge in gauges]
-        like: Any = SimpleNamespace(q0=self.q[0], names=self.names)
         links = self.scene.arm.links
         there = [links[gauge.link].along(gauge.place * links[gauge.link].length) for gauge in gauges]
         units = [gauge.per_curvature(float(s.m), float(s.J)) for gauge, s in zip(gauges, there, strict=True)]
-        return np.asarray(self.q @ curvature_rows(self.scene, self.settings, like, places).T * np.array(units))
+        return np.asarray(self._curvature([(gauge.link, gauge.place) for gauge in gauges]) * np.array(units))
+
+    def _curvature(self, places: Sequence[tuple[int, float]]) -> Array:
+        """(n, places), 1/m."""
+        return curvatures(self.scene, self.settings, self.names, places, self.q)
+
+    # --- to be looked at ---------------------------------------------------------------------------
+    def clip(self, label: str | None = None) -> Clip:
+        """What a player shows of the run; label: what it is called beside others, default the scene's name."""
+        check_shapes(self)
+        return of_trajectory(self, label, self._curvature)
+
+    def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
+        """A page that plays the run, and others over it or beside it: `.save("arm.html")`, or shown by a notebook.
+
+        labels: of all of them; default the scenes' names.
+        """
+        runs = (self, *others)
+        names = [None] * len(runs) if labels is None else list(labels)
+        if len(names) != len(runs):
+            raise check.InvalidValue("labels", labels, f"must be {len(runs)} names, one a run")
+        return Player([run.clip(name) for run, name in zip(runs, names, strict=True)])
+
+    def _repr_html_(self) -> str:
+        return self.view()._repr_html_()
 
     def measured(self, sensors: Sensors | Mapping[str, Any] | None = None, seed: int = 0) -> dict[str, Array]:
         """What sensors read at the recorded instants, by the laws that environments have (`flexarm_env.sensors`).
@@ -253,9 +281,35 @@ class Trajectory:
         arrays |= {"error_estimate": self.error_estimate}
         arrays |= {"status": self.status, "scene": self.scene.to_toml(), "names": np.array(self.names)}
         arrays |= {"formulation": self.settings.formulation, "options": repr(self.settings.options())}
+        arrays |= {"about": json.dumps({name: getattr(self, name) for name in ABOUT}, default=dict)}
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
         write_whole(Path(path), buffer.getvalue())
+
+    @classmethod
+    def from_npz(cls, path: str | os.PathLike[str]) -> Trajectory:
+        """The run that `to_npz` has written. ValueError for a file that is none, damaged, or of version 0.1."""
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                known = {key: data[key] for key in data.files}
+            options = ast.literal_eval(str(known["options"]))
+            own = json.loads(str(known["about"])) | {"error_estimate": float(known["error_estimate"])}
+            own |= {"status": str(known["status"]), "names": tuple(known["names"].tolist())}
+            own |= {"scene": Scene.from_toml(str(known["scene"])), "step_levels": tuple(own["step_levels"])}
+            own |= {"settings": Settings.make(str(known["formulation"]), **options)}
+            return cls(**{f.name: own[f.name] if f.name in own else known[f.name] for f in fields(cls)})
+        except FileNotFoundError:
+            raise
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            what = f"damaged, of a version before 0.2, or no trajectory of this package ({error})"
+            raise ValueError(f"{os.fspath(path)}: {what}") from error
+
+
+ABOUT = (
+    "message", "steps", "iterations", "factorizations", "halvings", "cpu_seconds", "notes", "error_parts",
+    "deflection_bound", "gross_work", "step_levels",
+)  # fmt: skip
+"""Of a trajectory, what `to_npz` writes as JSON."""
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -321,7 +375,9 @@ class Recorder:
         motors = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(self.scene.arm.n_links)}
         turned = [angles[:, k] if row is None else data["q"][:, row] for k, row in motors.items()]
         spun = [rates[:, k] if row is None else data["v"][:, row] for k, row in motors.items()]
-        lengths = np.array([link.span for link in self.scene.arm.links])
+        links = self.scene.arm.links
+        lengths = np.array([link.span for link in links])
+        bows = np.array([link.place(link.length + link.tip_offset).imag if link.curved else 0.0 for link in links])
         counts = simulation.work.counts
         return Trajectory(
             scene=self.scene,
@@ -334,7 +390,7 @@ class Recorder:
             joint_angles=angles,
             joint_rates=rates,
             joint_torque=data["torque"],
-            tip_deflection=link_deflection(poses) / lengths,
+            tip_deflection=(link_deflection(poses) - bows) / lengths,
             kinetic=data["energies"][:, 0],
             strain_energy=data["energies"][:, 1],
             gravity=data["energies"][:, 2],
@@ -357,4 +413,5 @@ class Recorder:
             deflection_bound=simulation.settings.deflection_bound,
             motor_angles=np.array(turned).T,
             motor_rates=np.array(spun).T,
+            link_angles=poses[..., [POSE.angle, POSE.tip_angle]],
         )

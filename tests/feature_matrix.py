@@ -99,6 +99,10 @@ def _payload_inertia(d: Draft) -> None:
     d.payload = Payload(0.1, 4e-3)
 
 
+def _eccentric(d: Draft) -> None:
+    d.payload = Payload(0.1, 2e-4, (0.05, 0.08))
+
+
 def _elbow_masses(d: Draft) -> None:
     _two(d)
     d.elbow = Elbow(0.2, 2e-3, 1e-3)
@@ -182,12 +186,19 @@ def _rigid_ends(d: Draft) -> None:
     )
 
 
+def _curved(d: Draft) -> None:
+    """Links that are bent without stress, by a radian together."""
+    made = d.link
+    d.link = lambda length: dataclasses.replace(made(length), curvature=((0.0, 1.6), (length, 0.4)))
+
+
 FEATURES: dict[str, Callable[[Draft], None]] = {
     "hub torque": lambda d: None,
     "light damping": _light,
     "heavy damping": _heavy,
     "gravity": _gravity,
     "payload inertia": _payload_inertia,
+    "eccentric payload": _eccentric,
     "elbow masses": _elbow_masses,
     "spin": _spin,
     "shaken base": _shaken_base,
@@ -202,6 +213,7 @@ FEATURES: dict[str, Callable[[Draft], None]] = {
     "stepped": _stepped,
     "own damping": _own_damping,
     "rigid ends": _rigid_ends,
+    "curved": _curved,
     "elastic gears": _elastic_gears,
     "friction": _friction,
 }
@@ -281,6 +293,13 @@ PAIRS = [
     ("rigid ends", "elbow masses", "elastic gears"),
     ("elbow masses", "elastic gears"),
     ("elbow masses", "friction"),
+    ("curved", "gravity"),
+    ("curved", "elbow masses", "elastic gears"),
+    ("curved", "prescribed elbow"),
+    ("curved", "free flight"),
+    ("eccentric payload", "gravity"),
+    ("eccentric payload", "free flight"),
+    ("rigid ends", "eccentric payload", "elbow masses", "elastic gears"),
     ("elastic gears", "gravity"),
     ("elastic gears", "tip load"),
     ("elastic gears", "held hub", "tip load"),
@@ -299,7 +318,8 @@ CORE = [
 VARYING = ("tapered", "rigid ends", "prescribed elbow")
 """The same under one formulation: what an arm is made of has kernels of its own, which take long to compile."""
 JOINED = ("joined segments",)
-"""Frames joined by multipliers, which take ideal joints alone."""
+NOT_JOINED = {"elastic gears", "friction", "rigid ends", "eccentric payload", "curved"}
+"""Frames joined by multipliers take none of these."""
 WHOLE = ("modes", "clamped modes")
 """Links reduced as a whole."""
 

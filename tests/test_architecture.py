@@ -18,16 +18,19 @@ from tests.processes import ROOT, python
 PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
-_BASICS = {"validation", "sections", "parameters", "sensors", "rigid", "settings", "csv_files", "time_functions"}
+_BASICS = {
+    "validation", "curves", "sections", "parameters", "sensors", "rigid", "settings", "csv_files", "time_functions",
+}  # fmt: skip
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
-_PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "__init__"}
+_PUBLIC = {*_PHYSICS - {"physics"}, "comparison", "control", "envs", "plotting", "recording", "sb3", "view", "__init__"}
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
 ROOMS: dict[str, set[str]] = {
     "validation": set(),
-    "sections": {"validation"},
+    "curves": {"validation"},
+    "sections": {"validation", "curves"},
     "sensors": {"validation"},
     "parameters": {"validation", "sections", "sensors"},
     "rigid": {"validation", "parameters"},
@@ -43,16 +46,17 @@ ROOMS: dict[str, set[str]] = {
     "physics": {*_DESCRIPTION, "compiler", "layout"},
     "tasks": {"compiler", "layout", "physics"},
     "runtime": {"compiler", "layout", "physics", "tasks"},
-    "trajectory": {*_DESCRIPTION, "physics", "runtime"},
+    "view": {*_DESCRIPTION, "physics"},
+    "trajectory": {*_DESCRIPTION, "physics", "runtime", "view"},
     "accuracy": {*_DESCRIPTION},
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},
     "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation"},
     "comparison": {*_DESCRIPTION, "trajectory", "simulation"},
     "control": {*_PHYSICS, "tasks"},
-    "envs": {*_PHYSICS, "compiler", "control"},
-    "plotting": {*_PHYSICS, "comparison"},
-    "recording": {*_DESCRIPTION, "trajectory", "envs"},
+    "envs": {*_PHYSICS, "compiler", "control", "view"},
+    "plotting": {*_PHYSICS, "comparison", "view"},
+    "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
     "cli": {*_PUBLIC, "data", "compiler"},
     "__main__": {"cli"},

@@ -159,7 +159,8 @@ def test_friction_under_torques_that_jump_keeps_the_books(
             *_, terminated, _, info = env.step(sizes.astype(np.float32))
             assert not terminated, info["termination_reason"]
         energy = sum(info[f"energy_{kind}"] for kind in ("kinetic", "strain", "gravity"))
-        assert energy + info["energy_dissipated"] == pytest.approx(info["work"], rel=1e-3, abs=3e-5)
+        own = 3e-3 if formulation == "geometrically_exact" else 1e-3  # its integrator takes energy from fast waves
+        assert energy + info["energy_dissipated"] == pytest.approx(info["work"], rel=own, abs=3e-5)
 
 
 @pytest.mark.parametrize("formulation", ["elastica", pytest.param("floating_frame", marks=pytest.mark.slow)])
@@ -174,8 +175,8 @@ def test_friction_under_torques_that_jump_is_that_of_short_steps(formulation: st
     assert right.status == "ok"
     for dt, off in ((period / 8.0, 3e-3), (period / 32.0, 1e-3)):
         env = gym.make(ONE, arm=arm, formulation=formulation, dt=dt, info_level="full")
-        env.reset(seed=0)
-        hub = [env.step(np.float32([torque / 2.0]))[-1]["motor_angle"][0] for torque in torques]
+        start = env.reset(seed=0)[1]["motor_angle"][0]
+        hub = [env.step(np.float32([torque / 2.0]))[-1]["motor_angle"][0] - start for torque in torques]
         np.testing.assert_allclose(hub, right.joint_angles[1:, 0], atol=off)
         same = dataclasses.replace(scene, dt=dt)
         found = simulate(same, formulation, estimate_error=False)

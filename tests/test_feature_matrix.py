@@ -20,7 +20,7 @@ CELLS = [
     for cell in SINGLE + PAIRS
     for method in TIP
     if (cell, method) not in OFTEN
-    and not (method in matrix.JOINED and {"elastic gears", "friction", "rigid ends"} & set(cell))
+    and not (method in matrix.JOINED and matrix.NOT_JOINED & set(cell))
 ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import matplotlib
@@ -110,6 +111,40 @@ def test_comparison(runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: 
     assert len(drawn[1].axes[2].lines) == 1  # the first run stands for the reference
     with pytest.raises(ValueError, match="at least one run"):
         plotting.plot_comparison({}, tmp_path / "c.png")
+
+
+def test_runs_that_lie_on_each_other_are_all_seen(
+    runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: Path
+) -> None:
+    """The last used to hide the others: three times the same run."""
+    plotting.plot_comparison(dict.fromkeys("abc", runs["pinned"]), tmp_path / "c.png")
+    for axes in drawn[0].axes[:2]:
+        first, *others = axes.lines
+        assert first.get_linestyle() == "-" and all(line.get_linestyle() == "--" for line in others)
+        assert all(first.get_linewidth() > 1.5 * line.get_linewidth() for line in others)
+        pixels = np.asarray(drawn[0].canvas.buffer_rgba())[..., :3].reshape(-1, 3).astype(int)
+        for color in plotting.COLORS[1:3]:
+            rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
+            assert (np.abs(pixels - rgb).max(axis=1) < 40).sum() > 300, color
+
+
+def test_what_is_left_to_swing_is_drawn_larger(drawn: list[Figure], tmp_path: Path) -> None:
+    """A slew's last shapes used to lie on each other. The panel says how much larger, and the figure is still true."""
+    stiff = named("robot_arm_motion_smooth")
+    link = stiff.arm.links[0]
+    section = dataclasses.replace(link.section, EI=60.0 * link.section.EI)
+    arm = dataclasses.replace(stiff.arm, links=(dataclasses.replace(link, section=section),))
+    run = simulate(dataclasses.replace(stiff, arm=arm), estimate_error=False)
+    plotting.plot_trajectory(run, tmp_path / "run.png")
+    driven, after = drawn[0].axes[:2]
+    assert driven.get_title(loc="left") == "shapes, 0 to 5 s"
+    title = after.get_title(loc="left")
+    assert title.startswith("shapes, 5 to 9 s, deflection × ")
+    factor = float(title.split("× ")[1])
+    shapes = [line.get_xydata() for line in after.lines if len(line.get_xdata()) == run.shapes.shape[1]]
+    late = run.t >= 5.0
+    spread = np.ptp([points[-1] for points in shapes], axis=0).max()
+    assert factor >= 5.0 and spread > 0.5 * factor * np.ptp(run.tip[late, :2], axis=0).max()
 
 
 def test_energies(runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: Path) -> None:

@@ -288,6 +288,43 @@ def test_pictures_of_a_run() -> None:
         next(pictures(run, speed=0))
 
 
+def test_bars_keep_their_scale_and_hold_what_they_say() -> None:
+    """The scale used to jump within a film, and the bar of a torque beyond its limit ended at 100 %."""
+    low, high = Renderer("rgb_array", 1.0, deflection=0.5, torque=2.0), Renderer("rgb_array", 1.0)
+    assert low.ends == (0.5, 2.0) and high.ends == (0.2, 1.0)
+    widths = []
+    for value in (0.1, 0.2, 0.4):
+        picture = draw(low, 0.0, time=value, deflection=[value], torques=[4.0 * value])
+        widths.append([(np.abs(picture.astype(int) - color).max(axis=-1) <= 3).any(axis=0).sum()
+                       for color in (rendering.DEFLECTION, rendering.TORQUE)])  # fmt: skip
+    for first, second, third in zip(*widths, strict=True):
+        assert abs(second - 2 * first) <= 2 and abs(third - 4 * first) <= 3
+    inside = draw(high, 0.0, time=1.0, torques=[1.0])
+    beyond = draw(high, 0.0, time=1.0, torques=[1.66])
+    assert has(inside, rendering.TORQUE) and not np.array_equal(inside[590:, :580], beyond[590:, :580])
+    assert [rendering.end_of_scale(x) for x in (0.0, 0.1, 0.11, 1.66, 80.0)] == [0.1, 0.1, 0.2, 2.0, 50.0]
+
+
+def test_the_ghost_is_named() -> None:
+    picture = draw(Renderer("rgb_array", 1.0), 2.5)
+    assert has(picture[40:60, :45], rendering.GHOST), "a sign of it beside its name"
+    assert (picture[40:60, 46:220] < 200).any(), "and the name"
+
+
+def test_no_display_is_no_business_of_sdl(tmp_path: Path) -> None:
+    """Its libraries used to print what they missed, before the package said that there is no display."""
+    code = """
+import os
+for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER", "XDG_RUNTIME_DIR"):
+    os.environ.pop(name, None)
+import numpy as np
+from flexarm_env.envs.rendering import Renderer
+assert Renderer("human", 1.0).frame([np.array([[0.0, 0.0], [1.0, 0.0]])], np.zeros((1, 12)), None, 0.0) is None
+"""
+    done = python("-c", code)
+    assert done.stderr.startswith("render_mode 'human' shows nothing here") and done.stderr.count("\n") == 1
+
+
 CROWDED = """
 import resource, sys
 import numpy as np

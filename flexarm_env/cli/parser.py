@@ -49,6 +49,8 @@ Planar flexible robot arms: replay scenes, compare with references, play, train,
   flexarm replay robot_arm_motion                  run it and compare with its reference
   flexarm replay robot_arm_motion --plot arm.png   the same, with a figure
   flexarm simulate my_scene.toml --out run.csv     run a scene of your own
+  flexarm view robot_arm_motion                    a page for the browser that plays it
+  flexarm view two_link pd                         a policy beside a controller, in the same episode
   flexarm play FlexibleArm-v0 --policy lqr         watch a controller; without --policy, fly the arm yourself
   flexarm train --env FlexibleArm-v0               train a policy (from a checkout)
   flexarm evaluate --policy pd,zvd,lqr             judge controllers and policies (from a checkout)
@@ -92,6 +94,18 @@ The scene's own defaults hold for what is not given. An option that the formulat
 
 OUTPUT_NOTE = """\
 exit code: 0 done, 1 the run ended early (see status), 2 wrong input
+"""
+
+VIEW = """\
+One HTML file that plays runs in a browser, with no network and nothing installed: scrubbed, slowed, stepped, deflection
+drawn larger, links coloured by curvature, charts beside it; several runs over each other or side by side.
+
+RUN is a scene's name or TOML file, a trajectory's .npz, recorded episodes, a controller (pd, lqr, ...), a policy.npz, a
+run folder, or a policy that comes with the package. Controllers play in the environment of the first policy named.
+
+  flexarm view robot_arm_motion
+  flexarm view two_link pd --seed 7 --out two_link.html
+  flexarm view coarse.npz fine.npz --open
 """
 
 PLAY = """\
@@ -249,6 +263,19 @@ def build_parser() -> Parser:
     simulate = add("simulate", "run a scene of your own", SIMULATE, "replay", OUTPUT_NOTE)
     simulate.add_argument("scene", metavar="FILE", help="a TOML file (FILE.toml@SET for a parameter set), or a name")
     _add_run(simulate, reference=False)
+
+    view = add("view", "a page that plays runs in a browser", VIEW, "view")
+    view.add_argument("runs", nargs="+", metavar="RUN", help="scene, trajectory, episodes, controller or policy")
+    view.add_argument("--out", metavar="FILE.html", help="the page; default: the first run's name, here")
+    view.add_argument("--title", metavar="TEXT", help="over the page; default: the runs' names")
+    view.add_argument("--open", action="store_true", help="show it in the browser")
+    view.add_argument("--env", metavar="ENV", help="of controllers, and of episodes of another package's environment")
+    view.add_argument("--seed", type=int, default=0, metavar="S", help="of the episode that is played (0)")
+    view.add_argument("--episode", type=int, metavar="K", help="of a file with several (0: the first)")
+    view.add_argument("--formulation", metavar="NAME", help="of scenes: floating_frame, geometrically_exact, elastica")
+    view.add_argument("--duration", type=float, metavar="T", help="of scenes: how long to run, s")
+    view.add_argument("--sample", type=float, metavar="DT", help="of scenes: s from instant to instant")
+    view.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
     _add_play(add("play", "fly an arm, or watch a controller or a policy", PLAY, "play"))
     train = add("train", "train a policy (from a checkout)", TRAIN, "checkout", "")

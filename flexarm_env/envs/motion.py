@@ -240,7 +240,7 @@ class Guide:
         lengths = np.array([link.span for link in self.scene.arm.links])
         return View(
             points=self.simulation.shape_points(), poses=poses, time=self.simulation.t, target=target, torques=torques,
-            deflection=link_deflection(poses) / lengths,
+            deflection=link_deflection(poses) / lengths, q=self.simulation.work.q.copy(),
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:

@@ -209,6 +209,10 @@ def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
     if arm.n_links < least or (most is not None and arm.n_links > most):
         wanted = f"{least}" if most == least else f"at least {least}"
         raise check.InvalidValue("arm", arm.name, f"must have {wanted} link(s) for {kind.id}, not {arm.n_links}")
+    for k, link in enumerate(arm.links):
+        if link.curved:
+            what = "must be 0 in the environments, whose targets and deflections are those of straight links"
+            raise check.InvalidValue(f"arm.links[{k}].curvature", link.curvature, what)
     if arm.torque_limits is None:
         raise check.MissingKey("arm.torque_limits", f"an environment needs {arm.n_links} torque limit(s) (N m)")
     if not isinstance(joint_limits, Given):

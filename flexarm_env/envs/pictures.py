@@ -14,7 +14,7 @@ from ..batch import View
 from ..physics.layout import ROOT
 from .drawing import PAPER, pygame_module
 from .options import Plan
-from .rendering import Renderer
+from .rendering import Renderer, end_of_scale
 
 SIDE = 640
 """Width and height of a picture, pixels."""
@@ -24,8 +24,13 @@ MOST = 16
 
 
 def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Renderer:
-    """A Renderer that fits an environment."""
-    return Renderer(mode, plan.arm.total_length, size, fps=1.0 / plan.period, payload=plan.arm.payload.mass > 0.0)
+    """A Renderer that fits an environment: its bars hold what the full torque bends a link whose root is held."""
+    arm, limits = plan.arm, plan.arm.torque_limits
+    assert limits is not None
+    softest = [min(float(link.along(x * link.length).EI) for x in (0.0, 0.5, 1.0)) for link in arm.links]
+    bend = max(t * link.span / (2.0 * EI) for t, link, EI in zip(limits, arm.links, softest, strict=True))
+    payload, deflection = arm.payload.mass > 0.0, end_of_scale(bend)
+    return Renderer(mode, arm.total_length, size, fps=1.0 / plan.period, payload=payload, deflection=deflection)
 
 
 class Wall:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import logging
 import math
+import os
+import sys
 from collections import deque
 from collections.abc import Sequence
 from typing import Any
@@ -41,8 +43,10 @@ MARGIN = 1.14
 """Half of the picture's shorter side, in reaches."""
 TRACE = 60
 """Instants of the tip's path that stay visible."""
-FULL_SCALES = (0.1, 0.2, 0.5, 1.0)
-"""Ends of the deflection bars, share of the link's length: the first that the episode has stayed within."""
+FULL_SCALES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+"""Ends that bars may have: deflections in shares of the link's length, torques in shares of the limit."""
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER", "SDL_VIDEO_DRIVER")
+"""Variables of which one names the display, where a system has these."""
 
 WHITE: Color = (255, 255, 255)
 GHOST: Color = (221, 226, 233)
@@ -64,6 +68,7 @@ class Renderer:
         reach: largest distance of the tip from the root, m; sets the scale.
         size: width and height, pixels. fps: pictures a second of the window.
         hub, payload: whether the root stands on a motor, whether the tip carries a payload.
+        deflection, torque: ends of the bars, shares of the link's length and of the limit; the same in every picture.
     Raises:
         ValueError: a mode that there is not, a reach that is not positive.
         gymnasium.error.DependencyNotInstalled: there is no pygame.
@@ -77,6 +82,8 @@ class Renderer:
         fps: float = 50.0,
         hub: bool = True,
         payload: bool = True,
+        deflection: float = 0.2,
+        torque: float = 1.0,
     ) -> None:
         if mode not in MODES:
             raise ValueError(f"render_mode = {mode!r}: must be one of {', '.join(MODES)}")
@@ -84,7 +91,7 @@ class Renderer:
             raise ValueError(f"reach = {reach!r}: must be a positive number (m)")
         pygame_module()
         self.mode, self.reach, self.size, self.fps = mode, float(reach), (int(size[0]), int(size[1])), fps
-        self.hub, self.payload = hub, payload
+        self.hub, self.payload, self.ends = hub, payload, (float(deflection), float(torque))
         self.closed = False
         """Whether the window was closed, by the user or by `close`."""
         self._cell = round_step(self.reach / 3.0)
@@ -94,11 +101,10 @@ class Renderer:
         self._restart()
 
     def _restart(self) -> None:
-        """Forget the episode: trace, view and scale of the bars."""
+        """Forget the episode: trace and view."""
         self._time = -math.inf
         self._center = np.zeros(2)
         self._trace: deque[Array] = deque(maxlen=TRACE)
-        self._full = FULL_SCALES[0]
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy has no window until it draws."""
@@ -181,6 +187,8 @@ class Renderer:
         pg = pygame_module()
         self._opened = True
         try:
+            if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in DISPLAYS):
+                raise pg.error("there is no display")  # SDL would look for one, and print what its libraries miss
             pg.display.init()
             if pg.display.get_driver() in ("dummy", "offscreen"):
                 raise pg.error("there is no display")
@@ -234,7 +242,12 @@ class Renderer:
         pg, u = pygame_module(), max(0.75, min(self.size) / 640.0)
         width, height = self.size
         write(picture, f"{time:.2f} s", (14 * u, 12 * u), 28 * u, INK, "topleft")
-        if not good:
+        if good:
+            key = pg.Rect(round(14 * u), round(46 * u), round(26 * u), max(3, round(7 * u)))
+            pg.draw.rect(picture, GHOST_EDGE, key)
+            pg.draw.rect(picture, GHOST, key.inflate(-2, -2))
+            write(picture, "rigid arm, same joint angles", (46 * u, 49.5 * u), 17 * u, FAINT, "midleft")
+        else:
             write(picture, "the state is not finite", (width / 2, height / 2), 28 * u, DEFLECTION, "center")
         long = round(self._cell * scale_of(self.size, self.reach, MARGIN))
         right, top = round(width - 16 * u), round(32 * u)
@@ -245,17 +258,21 @@ class Renderer:
         if deflection is not None:
             values = np.atleast_1d(np.asarray(deflection, dtype=np.float64))
             names = [f"link {k + 1}" for k in range(len(values))] if len(values) > 1 else ["tip"]
-            largest = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
-            self._full = max(self._full, next((s for s in FULL_SCALES if s >= largest), FULL_SCALES[-1]))
-            note = f"deflection, ±{100 * self._full:g} % of L"
-            _draw_bars(picture, u, 14 * u, note, names, values / self._full, values, DEFLECTION)
+            note = f"deflection, ±{100 * self.ends[0]:g} % of L"
+            _draw_bars(picture, u, 14 * u, note, names, values / self.ends[0], values, DEFLECTION)
         if torques is not None:
             values = np.atleast_1d(np.asarray(torques, dtype=np.float64))
             names = ["hub", "elbow"] if len(values) <= 2 else [f"joint {k + 1}" for k in range(len(values))]
-            _draw_bars(picture, u, width - 182 * u, "torque, ±100 % of limit", names, values, values, TORQUE)
+            note = f"torque, ±{100 * self.ends[1]:g} % of limit"
+            _draw_bars(picture, u, width - 182 * u, note, names, values / self.ends[1], values, TORQUE)
 
 
 # ----------------------------------------------------------------------- parts
+def end_of_scale(largest: float) -> float:
+    """The first of FULL_SCALES that holds a value, or the last."""
+    return next((end for end in FULL_SCALES if end >= largest * (1.0 - 1e-9)), FULL_SCALES[-1])
+
+
 def stroke_widths(k: int, n: int) -> tuple[float, float]:
     """Stroke of link k of n at its root and tip, points: one taper along the whole arm."""
     return 12.0 - 6.0 * k / n, 12.0 - 6.0 * (k + 1) / n
@@ -309,18 +326,22 @@ def _draw_motor(sheet: Sheet, line: Array, radius: float) -> None:
 def _draw_bars(
     picture: Any, u: float, left: float, note: str, names: list[str], shares: Array, values: Array, color: Color
 ) -> None:
-    """Above the lower edge: rows of a name, a bar from the middle (share -1 to 1) and a number in per cent."""
+    """Above the lower edge: rows of a name, a bar from the middle (share -1 to 1) and a number in per cent. Beyond
+    the end a point stands on the bar."""
     pg = pygame_module()
     top = picture.get_height() - (30 + 18 * len(values)) * u
     write(picture, note, (left, top), 17 * u, FAINT, "topleft")
     for name, share, value, row in zip(names, shares, values, range(len(values)), strict=False):
         y = top + (26 + 18 * row) * u
         write(picture, name, (left, y), 18 * u, INK, "midleft")
-        bar = pg.Rect(round(left + 44 * u), round(y - 4 * u), 2 * round(36 * u), max(3, round(8 * u)))
+        bar = pg.Rect(round(left + 46 * u), round(y - 4 * u), 2 * round(34 * u), max(3, round(8 * u)))
         pg.draw.rect(picture, SHADE, bar)
         if math.isfinite(share):
             end = bar.centerx + round(0.5 * bar.width * min(1.0, max(-1.0, share)))
             pg.draw.rect(picture, color, (min(bar.centerx, end), bar.top, abs(end - bar.centerx), bar.height))
+            if abs(share) > 1.0:
+                tip = end + math.copysign(5.0 * u, share)
+                pg.draw.polygon(picture, color, [(end, bar.top - 2), (end, bar.bottom + 1), (tip, bar.centery)])
         pg.draw.line(picture, FAINT, (bar.centerx, bar.top - 2), (bar.centerx, bar.bottom + 1))
         digits = 1 if abs(value) < 0.9995 else 0  # wider numbers would touch the bar
         number = f"{100 * value:+.{digits}f} %".replace("-", "−") if math.isfinite(value) else "–"

@@ -125,14 +125,15 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
             from .pictures import renderer
 
             self._renderer = renderer(self.plan, self.render_mode)
-        return draw(self._renderer, self.plan, self._view())
+        return draw(self._renderer, self.plan, self.snapshot())
 
     @property
     def renderer(self) -> Any:
         """What draws (`rendering.Renderer`: `visible`, `closed`); None before the first picture."""
         return self._renderer
 
-    def _view(self) -> View:
+    def snapshot(self) -> View:
+        """Where the arm is: points, poses, target, torques, coordinates (`flexarm_env.batch.View`)."""
         view = self.batch.view(0)
         return view if self.guide is None else self.guide.view(view.target)
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..physics.layout import POSE, ROOT, TIP
 from ..trajectory import Trajectory
-from .rendering import Renderer
+from ..view.clip import cuts_of
+from .rendering import Renderer, end_of_scale
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
 """Endings of film files, which imageio-ffmpeg writes; .gif is written by Pillow."""
@@ -50,12 +51,17 @@ def pictures(
     times = t[0] + np.arange(count) * speed / fps
     after = np.clip(np.searchsorted(t, times), min(1, t.size - 1), t.size - 1)
     nearest = np.where(times - t[after - 1] <= t[after] - times, after - 1, after) if t.size > 1 else 0 * after
-    hinges = [0, *_hinge_points(trajectory), trajectory.shapes.shape[1] - 1]
-    renderer = Renderer(mode, arm.total_length, size, fps, hub=scene.root == "pinned", payload=arm.payload.mass > 0.0)
+    hinges = cuts_of(trajectory.shapes, trajectory.hinges)
+    shares = np.zeros((1, 1)) if limits is None else trajectory.joint_torque / np.asarray(limits)
+    renderer = Renderer(
+        mode, arm.total_length, size, fps, hub=scene.root == "pinned", payload=arm.payload.mass > 0.0,
+        deflection=end_of_scale(float(np.abs(trajectory.tip_deflection).max())),
+        torque=max(1.0, end_of_scale(float(np.abs(shares).max()))),
+    )  # fmt: skip
     try:
         for i in nearest:
             chain = [trajectory.shapes[i, a : b + 1] for a, b in pairwise(hinges)]
-            torques = None if limits is None else trajectory.joint_torque[i] / np.asarray(limits)
+            torques = None if limits is None else shares[i]
             poses = _poses(trajectory, int(i), chain)
             picture = renderer.frame(chain, poses, None, float(t[i]), torques, trajectory.tip_deflection[i])
             if renderer.closed:
@@ -146,20 +152,10 @@ def _import(module: str, package: str) -> Any:
         raise DependencyNotInstalled(check.lacking("such a film", package, "render")) from error
 
 
-def _hinge_points(trajectory: Trajectory) -> list[int]:
-    """Which of the recorded points of the chain are its hinges: those that stay there throughout."""
-    gaps = np.abs(trajectory.shapes[:, None] - trajectory.hinges[:, :, None]).sum(axis=-1)  # (n, N-1, points)
-    return [int(k) for k in gaps.max(axis=0).argmin(axis=-1)]
-
-
 def _poses(trajectory: Trajectory, i: int, chain: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Link poses (N, 12) as far as a picture needs them; a link's tip angle is that of its last piece."""
+    """Link poses (N, 12) as far as a picture needs them."""
     poses = np.zeros((len(chain), POSE.end))
-    angle = 0.0
+    poses[:, [POSE.angle, POSE.tip_angle]] = trajectory.link_angles[i]
     for k, line in enumerate(chain):
-        along = line[-1] - line[-2]
         poses[k, ROOT][:2], poses[k, TIP][:2] = line[0], line[-1]
-        poses[k, POSE.angle] = angle + trajectory.joint_angles[i, k]
-        angle = poses[k, POSE.tip_angle] = np.arctan2(along[1], along[0])
-    poses[0, POSE.angle], poses[-1, POSE.tip_angle] = trajectory.start[i, 2], trajectory.tip[i, 2]
     return poses

@@ -166,7 +166,8 @@ def settle(equations: Equations, start: Point, held: Sequence[int], spin: float 
     """
     search = _Search(equations, start, held, spin)
     point, followed = start, 0.0
-    if len(held) == len(equations.turned):  # nothing can turn
+    touching = getattr(equations.model, "play", None) is None  # in a gear's play no load holds the link
+    if touching and len(held) == len(equations.turned):  # nothing can turn
         point, followed = search.follow(start)
     if followed < 1.0:
         point = search.sink(point, followed)

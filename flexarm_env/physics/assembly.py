@@ -40,6 +40,18 @@ def assemble(scene: Scene, settings: Settings) -> System:
                 f"links[{k}].{name}", getattr(link, name), "must be 0 with multipliers=True and with mass_damping, "
                 "which know no rigid ends; take multipliers=False, elastica or geometrically_exact, and tau_d"
             )  # fmt: skip
+    if scene.arm.payload.eccentric and (settings.multipliers or scene.arm.mass_damping):
+        raise check.InvalidValue(
+            "payload.offset", scene.arm.payload.offset, "must be (0, 0) with multipliers=True and with mass_damping, "
+            "which know a payload at the tip alone; take multipliers=False, elastica or geometrically_exact, and tau_d"
+        )  # fmt: skip
+    bent = [k for k, link in enumerate(scene.arm.links) if link.curved]
+    if bent and (settings.multipliers or settings.coupling in ("paper", "linear")):
+        raise check.InvalidValue(
+            f"links[{bent[0]}].curvature", scene.arm.links[bent[0]].curvature, "must be 0 with multipliers=True and "
+            "with coupling='paper' or 'linear', which have no foreshortening; take coupling='von_karman', elastica or "
+            "geometrically_exact"
+        )  # fmt: skip
     drag, segments = scene.arm.mass_damping, settings.segments
     if drag > 0.0 and (settings.formulation != "floating_frame" or segments not in (None, 1)):
         given = settings.formulation if segments is None else f"floating_frame in {segments} segments a link"

@@ -6,6 +6,8 @@ Floating-frame bodies resolve it as the mean curvature between two drawing stati
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -13,11 +15,23 @@ from numpy.typing import NDArray
 
 from ..scene import Scene
 from ..settings import Settings
+from .assembly import assemble
 from .elastica.chain import chain
 from .floating import build as floating_chain
 from .model import System
 
 Array = NDArray[np.float64]
+
+
+def curvatures(
+    scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[tuple[int, float]], q: Array
+) -> Array:
+    """(n, G) 1/m at each (link, place), over what it is without stress, for states q (n, rows)."""
+    like: Any = SimpleNamespace(q0=q[0], names=names)
+    rows = curvature_rows(scene, settings, like, places)
+    if any(link.curved for link in scene.arm.links):
+        q = q - assemble(scene, settings).q0
+    return np.asarray(q @ rows.T)
 
 
 def curvature_rows(scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, float]]) -> Array:

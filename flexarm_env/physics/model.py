@@ -112,6 +112,7 @@ class Mesh(NamedTuple):
     full: tuple[int, ...] | None  # coupling="von_karman"
     damped: tuple[int, ...] | None  # (0,): tau_d > 0, (0, 0): a body's own share of it
     drag: tuple[int, ...] | None  # damping that goes with mass
+    curved: tuple[int, ...] | None  # bent without stress
 
 
 class FloatingFrame(NamedTuple):
@@ -136,6 +137,7 @@ class FloatingFrame(NamedTuple):
     block: int  # numbers of a body in `data`
     bound: float  # largest tip deflection of a reduced body over its length
     rigid: None
+    eccentric: None
     table: np.ndarray
     data: np.ndarray
     gravity: np.ndarray | None
@@ -152,6 +154,7 @@ class FloatingChain(NamedTuple):
     gravity   float64 (2,) m/s^2 or None; loads int64 (n_loads, 2): link and end (0 root, 1 tip) of each point load,
               or None: absent features are compiled out
     jointed   (0,) in a `Jointed` arm, otherwise None
+    eccentric float64 (2,): from the tip to the payload's centre, m, along the tip's tangent and across it, or None
     """
 
     n: int
@@ -173,6 +176,7 @@ class FloatingChain(NamedTuple):
     gravity: np.ndarray | None
     loads: np.ndarray | None
     jointed: tuple[int, ...] | None
+    eccentric: np.ndarray | None
 
 
 class ExactBeam(NamedTuple):
@@ -181,12 +185,14 @@ class ExactBeam(NamedTuple):
     order     tuple of p zeros: polynomial order, a compile-time constant
     varying   (0,) where sections vary along links, otherwise None
     sections  float64: for each link `physics.exact.layout.SECTION`, or for each element `VARYING`
+    rest      float64 (order,) for each element: its (right - left, interior ...) in psi without stress, or None
     rigid     float64: `physics.exact.layout.LEVERS` where links have rigid ends, otherwise None
     elbows    float64: for each link but the first `physics.exact.layout.ELBOW`
     damped    see `damped`
     gravity   float64 (2,) m/s^2, or None
     loads     int64: for each point load `physics.exact.layout.ROWS_OF_LOAD`, or None
     jointed   (0,) in a `Jointed` arm, otherwise None
+    eccentric float64 (2,): from the tip to the payload's centre, m, along the tip's tangent and across it, or None
 
     What is None is compiled out.
     """
@@ -204,6 +210,7 @@ class ExactBeam(NamedTuple):
     elements: int
     varying: tuple[int, ...] | None
     sections: np.ndarray
+    rest: np.ndarray | None
     elbows: np.ndarray
     rigid: np.ndarray | None
     hub_inertia: float
@@ -211,6 +218,7 @@ class ExactBeam(NamedTuple):
     gravity: np.ndarray | None
     loads: np.ndarray | None
     jointed: tuple[int, ...] | None
+    eccentric: np.ndarray | None
 
 
 class Elastica(NamedTuple):
@@ -223,6 +231,8 @@ class Elastica(NamedTuple):
 
     data   float64: `physics.elastica.layout.DATA`
     loads  float64: for each point load `physics.elastica.layout.LOAD`, or None
+    eccentric  float64: `physics.elastica.layout.ECCENTRIC` where the payload's centre is not at the tip, otherwise None
+    rest   float64 (N k,): angles of the nodes without stress from that of their link's root, or None: straight links
     """
 
     n: int | tuple[int, ...]
@@ -243,6 +253,8 @@ class Elastica(NamedTuple):
     damping: tuple[int, ...] | np.ndarray | None  # see `damped`
     data: np.ndarray
     loads: np.ndarray | None
+    eccentric: np.ndarray | None
+    rest: np.ndarray | None
 
 
 class Jointed(NamedTuple):
@@ -252,6 +264,7 @@ class Jointed(NamedTuple):
 
     table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
     rough  (0,) where a joint has Coulomb friction, otherwise None
+    play   (0,) where a gear has backlash, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -267,6 +280,7 @@ class Jointed(NamedTuple):
     table: np.ndarray
     data: np.ndarray
     rough: tuple[int, ...] | None
+    play: tuple[int, ...] | None
 
 
 @dataclass(frozen=True)

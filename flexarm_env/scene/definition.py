@@ -26,7 +26,7 @@ _SAME_TIME = 1e-9
 
 @dataclass(frozen=True)
 class Scene:
-    """An arm that starts with straight links, at rest or turning, its joints, motions, loads and duration.
+    """An arm that starts with links without stress, at rest or turning, its joints, motions, loads and duration.
 
     Args:
         name: a short word.
@@ -34,7 +34,8 @@ class Scene:
         duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position held or prescribed, hub angle free unless prescribed) or "free" (a free body).
         position: of the root at t = 0, m, (x, y).
-        angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x.
+        angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; of curved links those
+            of their tangents at their roots.
         velocity: of the root before t = 0, m/s, (vx, vy). rates: absolute rates of the links then, N numbers (rad/s),
             or () for none; links turn as rigid ones, and a motion that begins with another rate jumps.
         rigid_joints: joints k >= 1 at which link k is fixed to link k-1 (at the angle it starts with), not hinged.
@@ -205,7 +206,11 @@ class Scene:
         if coordinate in ("root_x", "root_y"):
             return self.position[0 if coordinate == "root_x" else 1]
         joint = int(coordinate[5:])
-        return self.angles[0] if joint == 0 else self.angles[joint] - self.angles[joint - 1]
+        if joint == 0:
+            return self.angles[0]
+        before = self.angles[joint - 1]
+        link = self.arm.links[joint - 1]
+        return self.angles[joint] - (before + link.turn if link.curved else before)
 
     def motion_of(self, coordinate: str) -> TimeFunction | None:
         """The function that prescribes a coordinate, or None where it is free."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from flexarm_env.parameters import Payload
 from flexarm_env.physics.elastica.chain import Chain, Line, chain
-from flexarm_env.physics.elastica.layout import DATA, LOAD
+from flexarm_env.physics.elastica.layout import DATA, ECCENTRIC, LOAD
 from flexarm_env.physics.elastica.slenderness import stretch_and_shear
 from flexarm_env.physics.layout import OF_LOAD
 from flexarm_env.physics.model import Elastica, System, damped
@@ -22,7 +25,16 @@ HEAVIER = 1.0 / 60.0
 """Share of a mode's inertia that is added, over (omega h)^4: see `phase_correction`."""
 
 
-def phase_correction(parts: Chain, payload: float, h: float, settings: Settings) -> Array:
+def rest_angles(parts: Chain) -> Array | None:
+    """`Elastica.rest`."""
+    if not any(line.link.curved for line in parts.lines):
+        return None
+    return np.concatenate([line.rest for line in parts.lines])
+
+
+def phase_correction(
+    parts: Chain, payload: float, arm: NDArray[Any], rest: Array | None, h: float, settings: Settings
+) -> Array:
     """What to take from the rotary inertia for steps of h, (N, n, n) kg m^2 (docs: theory, section "Elastica").
 
     The integrator makes a period longer by the share kappa (omega h)^2; with the inertia M - 2 kappa h^2 K it would
@@ -32,13 +44,16 @@ def phase_correction(parts: Chain, payload: float, h: float, settings: Settings)
 
         C = M - (M + h^4 / 60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
 
-    has no part in rigid motion, momentum or statics.
+    has no part in rigid motion, momentum or statics. arm: as `_payload_arm` gives it.
     """
     n, C = parts.n, np.zeros_like(parts.R)
     lengthening = 2.0 * settings.period_error * h * h
     for k in range(len(parts.lines)):
         own = slice(k * n, (k + 1) * n)
-        M = parts.P[own, own] + parts.R[k] + payload * np.outer(parts.w[own], parts.w[own])
+        P, to = parts.P[own, own], arm[own]
+        if rest is not None:
+            P, to = P * np.cos(rest[own][:, None] - rest[own]), to * np.exp(1j * rest[own])
+        M = P + parts.R[k] + payload * np.outer(to.conj(), to).real
         K = parts.K[k]
         heavier = HEAVIER * h**4 * K @ np.linalg.solve(M, K)
         C[k] = (lengthening * K - heavier) @ np.linalg.solve(M + lengthening * K, M)
@@ -92,15 +107,16 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     ends = [LOAD.pack(sizes, **_end(parts, load)) for load in scene.loads if isinstance(load, PointLoad)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
     stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line, points, k)]
-    correction = np.zeros_like(parts.R)
+    correction, carried = np.zeros_like(parts.R), _payload_arm(parts, arm.payload)
+    rest = rest_angles(parts)
     if settings.dt is not None:
-        correction = phase_correction(parts, arm.payload.mass, settings.dt, settings)
+        correction = phase_correction(parts, arm.payload.mass, carried, rest, settings.dt, settings)
     beta = np.zeros(m)
     if scene.root == "free":
-        beta = (parts.b + arm.payload.mass * parts.w) / (parts.mass + arm.payload.mass)
+        beta = (parts.b + arm.payload.mass * carried) / (parts.mass + arm.payload.mass)
     data = DATA.pack(
         {**sizes, "points": len(stations)},
-        P=parts.P, R=parts.R - correction, K=parts.K, b=parts.b, w=parts.w, tips=tips, beta=beta,
+        P=parts.P, R=parts.R - correction, K=parts.K, b=parts.b, w=parts.w, tips=tips, beta=beta.real,
         mass=parts.mass, root=scene.position, gravity=scene.gravity or (0.0, 0.0), C=correction, points=stations,
     )  # fmt: skip
     damping = damped(arm)
@@ -125,16 +141,36 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         damping=damping,
         data=data,
         loads=None if own else np.concatenate([np.zeros(0), *ends]),
+        eccentric=_eccentric(arm.payload, carried, beta),
+        rest=rest,
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")
-    angles = np.repeat(scene.angles, n)
-    centre = scene.position + np.array([np.cos(angles), np.sin(angles)]) @ beta
+    angles = np.repeat(scene.angles, n) if rest is None else np.repeat(scene.angles, n) + rest
+    centre = scene.position + np.array([np.cos(angles), np.sin(angles)]) @ beta.real
+    if arm.payload.eccentric:
+        centre = centre + np.array([-np.sin(angles), np.cos(angles)]) @ beta.imag
     q0 = np.concatenate([angles, centre if has_root else ()]).astype(np.float64)
     for k in range(1, count):
-        q0[k * n] = scene.angles[k] - scene.angles[k - 1]
+        q0[k * n] = scene.initial_value(f"joint{k}")
     notes = {"stretch_and_shear": stretch_and_shear(scene, parts)}
     return System(model, par, q0, np.zeros(rows), coordinates, names, notes)
+
+
+def _payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:
+    """Weights (Nn,), m, of the unit tangents in the way to the payload's centre; complex where it is not at the tip."""
+    if not payload.eccentric:
+        return parts.w
+    to = parts.w.astype(np.complex128)
+    to[-parts.n :] += payload.lever * parts.lines[-1].tip_angle
+    return to
+
+
+def _eccentric(payload: Payload, arm: NDArray[Any], beta: NDArray[Any]) -> Array | None:
+    """`ECCENTRIC` where it is needed."""
+    if not payload.eccentric:
+        return None
+    return ECCENTRIC.pack({"nodes": arm.size}, along=arm.real, across=arm.imag, beta=beta.imag)
 
 
 def _ends(line: Line) -> tuple[float, float]:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from flexarm_env import curves
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Link
 
@@ -144,6 +145,16 @@ class Line:
         if self.link.uniform is not None:
             return np.asarray(getattr(self.link.uniform, what) * (weights @ table))
         return np.asarray((weights * getattr(self.link.along(s), what)) @ table)
+
+    @property
+    def rest(self) -> Array:
+        """The nodes' angles without stress from that of the root, rad: those of least strain energy."""
+        s, weights = self.quadrature()
+        slope = self.slope(s)
+        pull = (weights * self.link.along(s).EI * curves.along(self.link.curvature, s)) @ slope
+        angles = np.zeros(self.n)
+        angles[1:] = np.linalg.solve(self.matrix(slope, "EI")[1:, 1:], pull[1:])
+        return angles
 
     @property
     def tip_weights(self) -> Array:

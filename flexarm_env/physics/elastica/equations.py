@@ -3,8 +3,9 @@
 With e_j = (cos phi_j, sin phi_j), second rate e_j'', the inertia force on node i is (-sin phi_i, cos phi_i) . A_i,
 A_i = sum_j P_ij e_j'' + b_i (a_root - g) - loads: no sine of a difference is needed. Its derivative by node j is
 (-sin phi_i, cos phi_i) . P_ij d e_j'', by node i itself also -e_i . A_i. The payload adds m_p w w' to P, m_p w to b and
-J_p l(L) l(L)' to the last link's R. Where the root can move it is at x - sum_j beta_j e_j, with x the last two rows:
-beta = 0 where it is prescribed; in free flight x is the centre of mass, so that steps keep momentum to round-off.
+J_p l(L) l(L)' to the last link's R; `eccentric` has what differs where its centre is not at the tip. Where the root
+can move it is at x - sum_j beta_j e_j, with x the last two rows: beta = 0 where it is prescribed; in free flight x is
+the centre of mass, so that steps keep momentum to round-off.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ..arithmetic import share_of
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import register
+from .eccentric import less_root_aside, payload_at, root_aside, tangent_aside, unbent, with_payload
 from .layout import X, Y, constants, load_at, node_angles, weighted
 from .output import damping_work, energy, link_poses, out_of_range, ports, shape
 
@@ -44,6 +46,7 @@ def _frame_acceleration(lane, model, a, ex, ey):
         m = size(model.links) * size(model.nodes)
         x = load(lane, a, m + X) - weighted(lane, D, at.beta, ex, m)
         y = load(lane, a, m + Y) - weighted(lane, D, at.beta, ey, m)
+        x, y = root_aside(lane, model.eccentric, model, ex, ey, x, y)
     if model.gravity is not None:
         x, y = x - D[at.gravity + X], y - D[at.gravity + Y]
     return x, y
@@ -86,14 +89,15 @@ def _forces(lane, model, par, state, u, on, r):
         store(s, i, sine)
         store(ex, i, ax)
         store(ey, i, ay)
+        angle = unbent(lane, model.rest, i, angle)
         if model.damping is not None:
             angle = angle + rate * share_of(model.damping, i // n, tau_d)
         store(x, i, angle * stiffness)
     frame_x, frame_y = _frame_acceleration(lane, model, a, ex, ey)
     tip_x, tip_y = splat(lane, 0.0), splat(lane, 0.0)
     if model.payload is not None:
-        tip_x = (weighted(lane, D, at.w, ex, m) + frame_x) * payload
-        tip_y = (weighted(lane, D, at.w, ey, m) + frame_y) * payload
+        tip_x, tip_y = payload_at(lane, model.eccentric, model, ex, ey)
+        tip_x, tip_y = (tip_x + frame_x) * payload, (tip_y + frame_y) * payload
     for i in range(m):
         fxi, fyi = load(lane, ex, 0) * D[at.P + i * m], load(lane, ey, 0) * D[at.P + i * m]
         for j in range(1, m):
@@ -102,7 +106,7 @@ def _forces(lane, model, par, state, u, on, r):
         if model.root is not None or model.gravity is not None:
             fxi, fyi = fxi + frame_x * D[at.b + i], fyi + frame_y * D[at.b + i]
         if model.payload is not None:
-            fxi, fyi = fxi + tip_x * D[at.w + i], fyi + tip_y * D[at.w + i]
+            fxi, fyi = with_payload(lane, model.eccentric, model, i, tip_x, tip_y, fxi, fyi)
         store(fx, i, fxi)
         store(fy, i, fyi)
     _less_forces(lane, model, model.loads, u, fx, fy)
@@ -113,6 +117,7 @@ def _forces(lane, model, par, state, u, on, r):
         for i in range(m):
             store(fx, i, load(lane, fx, i) - load(lane, r, m + X) * D[at.beta + i])
             store(fy, i, load(lane, fy, i) - load(lane, r, m + Y) * D[at.beta + i])
+        less_root_aside(lane, model.eccentric, model, r, fx, fy)
     for k in range(links):
         for i in range(k * n, k * n + n):
             total = load(lane, z, k * n) * D[at.R + i * n]
@@ -194,6 +199,7 @@ def _tangent(lane, model, par, on, weights, S):
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
     _payload_turns_tangent(lane, model, load(lane, par, PAYLOAD_INERTIA), cm, S)
     _root_tangent(lane, model, payload, on, cm, S)
+    tangent_aside(lane, model.eccentric, model, payload, on, cm, S)
     _to_relative(lane, model, S)
 
 

@@ -29,7 +29,15 @@ LOAD = Layout(
     Field("arm", ("links * nodes",), "m", "sum of it times e_j = point of the load - root"),
     Field("angle", ("links * nodes",), "", "weights of the angles in the angle there"),
 )  # fmt: skip
+ECCENTRIC = Layout(
+    "Eccentric", "nodes",
+    Field("along", ("nodes",), "m", "sum of it times e_j and of across times n_j = the payload's centre - root"),
+    Field("across", ("nodes",), "m", ""),
+    Field("beta", ("nodes",), "m", "root = last rows - sum beta_j e_j (`DATA`) and of this times n_j"),
+)  # fmt: skip
+"""Of a payload whose centre is not at the tip; n_j = (-sin phi_j, cos phi_j); nodes: of all links."""
 _data_at = kernel(DATA.offsets)
+eccentric_at = kernel(ECCENTRIC.offsets)
 _load_at = kernel(LOAD.offsets)
 
 

@@ -6,6 +6,7 @@ from ...compiler import kernel, load, sincos, size, splat, stack, store
 from ..arithmetic import share_of
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from .eccentric import less_rest, payload_at, root_aside
 from .layout import X, Y, constants, load_at, node_angles, weighted
 
 
@@ -31,7 +32,8 @@ def _root(lane, model, q, c, s):
     if model.root is not None:
         m = size(model.links) * size(model.nodes)
         x = load(lane, q, m + X) - weighted(lane, D, at.beta, c, m)
-        return x, load(lane, q, m + Y) - weighted(lane, D, at.beta, s, m)
+        y = load(lane, q, m + Y) - weighted(lane, D, at.beta, s, m)
+        return root_aside(lane, model.eccentric, model, c, s, x, y)
     return splat(lane, D[at.root + X]), splat(lane, D[at.root + Y])
 
 
@@ -113,8 +115,9 @@ def energy(lane, model, par, q, v):
     node_angles(lane, model, q, x)
     node_angles(lane, model, v, y)
     _tangents(lane, model, q, v, c, s, ex, ey)
+    less_rest(lane, model.rest, x)
     strain = _bending(lane, model, None, x, x) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
-    tip_x, tip_y = weighted(lane, D, at.w, ex, m), weighted(lane, D, at.w, ey, m)
+    tip_x, tip_y = payload_at(lane, model.eccentric, model, ex, ey)
     tip_spin = splat(lane, 0.0)
     for i in range(m - n, m):
         tip_spin = tip_spin + load(lane, y, i) * D[at.tips + i]
@@ -131,6 +134,7 @@ def energy(lane, model, par, q, v):
     if model.root is not None:
         vx = load(lane, v, m + X) - weighted(lane, D, at.beta, ex, m)
         vy = load(lane, v, m + Y) - weighted(lane, D, at.beta, ey, m)
+        vx, vy = root_aside(lane, model.eccentric, model, ex, ey, vx, vy)
         px = payload * tip_x + weighted(lane, D, at.b, ex, m)
         py = payload * tip_y + weighted(lane, D, at.b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
@@ -147,8 +151,9 @@ def _gravity_energy(lane, model, payload, q, c, s):
     m = size(model.links) * size(model.nodes)
     mass = payload + D[at.mass]
     root_x, root_y = _root(lane, model, q, c, s)
-    cx = payload * weighted(lane, D, at.w, c, m) + weighted(lane, D, at.b, c, m) + mass * root_x
-    cy = payload * weighted(lane, D, at.w, s, m) + weighted(lane, D, at.b, s, m) + mass * root_y
+    far_x, far_y = payload_at(lane, model.eccentric, model, c, s)
+    cx = payload * far_x + weighted(lane, D, at.b, c, m) + mass * root_x
+    cy = payload * far_y + weighted(lane, D, at.b, s, m) + mass * root_y
     return -(cx * D[at.gravity + X] + cy * D[at.gravity + Y])
 
 
@@ -174,6 +179,7 @@ def link_poses(lane, model, par, q, v, out):
     if model.root is not None:
         vx = load(lane, v, m + X) - weighted(lane, D, at.beta, ex, m)
         vy = load(lane, v, m + Y) - weighted(lane, D, at.beta, ey, m)
+        vx, vy = root_aside(lane, model.eccentric, model, ex, ey, vx, vy)
     for k in range(links):
         o = POSE.end * k
         store(out, o + POSE.x, px)

@@ -104,17 +104,21 @@ class _Modes:
         n, m = chain.n, chain.w.size
         payload = arm.payload
         self.angles = np.repeat(scene.angles, n)
+        if any(link.curved for link in arm.links):
+            self.angles = self.angles + np.concatenate([line.rest for line in chain.lines])
         self.cosines = np.cos(self.angles[:, None] - self.angles)
-        self.b = chain.b + payload.mass * chain.w
+        arm_of = chain.w.copy()
+        arm_of[m - n :] += payload.offset[0] * chain.lines[-1].tip_angle
+        self.b = chain.b + payload.mass * arm_of
         self.mass = chain.mass + payload.mass
-        self.M = (chain.P + payload.mass * np.outer(chain.w, chain.w)) * self.cosines
+        self.M = (chain.P + payload.mass * np.outer(arm_of, arm_of)) * self.cosines
         K = np.zeros((m, m))
         for k in range(arm.n_links):
             own = slice(k * n, (k + 1) * n)
             self.M[own, own] += chain.R[k]
             K[own, own] = chain.K[k]
         tip = chain.lines[-1].tip_angle
-        self.M[m - n :, m - n :] += payload.inertia * np.outer(tip, tip)
+        self.M[m - n :, m - n :] += (payload.inertia + payload.mass * payload.offset[1] ** 2) * np.outer(tip, tip)
         free_root = scene.root == "free"
         M = self.M - np.outer(self.b, self.b) * self.cosines / self.mass if free_root else self.M
         held = {int(k.joint) for k in scene.motions if k.joint is not None} | set(scene.rigid_joints)
@@ -187,6 +191,10 @@ class _Modes:
             momentum = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
             beyond = force[:, None] + momentum[:, -1:] - momentum
             along, across = e[:, own][:, 0] @ beyond, np.array([-e[1, own][0], e[0, own][0]]) @ beyond
+            if link.curved:
+                tangent = np.exp(1j * (line.lagrange(finer) @ self.angles[own]))
+                turned = (beyond[0] + 1j * beyond[1]) * tangent.conj()
+                along, across = turned.real, turned.imag
             sections = link.along(finer)
             density = along**2 / sections.EA + across**2 / sections.C
             total += float(np.sum(0.5 * (density[1:] + density[:-1]))) * link.length / 64

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from flexarm_env import curves
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm, Link
 from flexarm_env.physics.exact.layout import (
@@ -28,7 +29,7 @@ from flexarm_env.physics.exact.layout import (
     X,
     Y,
 )
-from flexarm_env.physics.exact.tables import functions
+from flexarm_env.physics.exact.tables import functions, tables
 from flexarm_env.physics.layout import OF_LOAD
 from flexarm_env.physics.model import ExactBeam, System, damped
 from flexarm_env.scene import PointLoad, Scene
@@ -76,6 +77,33 @@ def _varying(part: Link, order: int) -> Array:
     )  # fmt: skip
 
 
+def _bent(arm: Arm) -> bool:
+    """Whether a link is curved without stress."""
+    return any(link.curved for link in arm.links)
+
+
+def rest(arm: Arm, elements: int, order: int) -> list[Array]:
+    """Of each link the (right - left, interior ...) in psi of its elements without stress, (elements, order), rad:
+    those of least strain energy."""
+    found = []
+    for link in arm.links:
+        rows = []
+        for start, part in _placed(link, elements):
+            s, weights = part.quadrature()
+            slope = functions(order, 2.0 * s / part.length - 1.0)[1] / part.length
+            EI = weights * part.along(s).EI
+            rows.append(np.linalg.solve((slope * EI) @ slope.T, slope @ (EI * curves.along(link.curvature, start + s))))
+        found.append(np.array(rows))
+    return found
+
+
+def _placed(link: Link, elements: int) -> list[tuple[float, Link]]:
+    """The elements of a link and where they begin on it, m."""
+    parts = link.cut(elements, "elements")
+    starts = np.cumsum([0.0] + [part.length for part in parts[:-1]])
+    return list(zip(starts.tolist(), parts, strict=True))
+
+
 def elbows(arm: Arm) -> Array:
     """An `ELBOW` for each link but the first."""
     found = [arm.elbow(k) for k in range(1, arm.n_links)]
@@ -96,9 +124,40 @@ def levers(scene: Scene) -> Array:
     return LEVERS.pack({"links": len(links), "loads": len(loads)}, levers=found, loads=loads)
 
 
+def curved(scene: Scene, elements: int, order: int) -> Array:
+    """Coordinates of the chain without stress at the scene's initial angles.
+
+    Positions such that there is no stretch and no shear at the Gauss points, where strains are taken: with d = l
+    (cos psi, sin psi) there, as `element.carry` moves them.
+    """
+    arm, t = scene.arm, tables(order)
+    at = CHAIN.offsets(0, arm.n_links, elements, order)
+    q, row = np.zeros(at.end), at.elements
+    q[row : row + AXES] = *scene.position, scene.angles[0]
+    z, psi = complex(*scene.position), scene.angles[0]
+    for k, (link, bends) in enumerate(zip(arm.links, rest(arm, elements, order), strict=True)):
+        if k > 0:
+            q[at.hinges + k - 1] = scene.initial_value(f"joint{k}")
+            psi += q[at.hinges + k - 1]
+        z += link.root_offset * np.exp(1j * psi)
+        for (_, part), bend in zip(_placed(link, elements), bends, strict=True):
+            nodes = np.array([psi, psi + bend[0], *bend[1:]])
+            pull = part.length * np.exp(1j * (nodes @ t.value))
+            parts = (t.slope * t.weights) @ pull / t.norm
+            inner = q[row + AXES : row + AXES * order].reshape(order - 1, AXES)
+            inner[:, X], inner[:, Y], inner[:, T] = parts[1:].real, parts[1:].imag, bend[1:]
+            row += AXES * order
+            z, psi = z + parts[0], nodes[1]
+            q[row : row + AXES] = z.real, z.imag, psi
+        z += link.tip_offset * np.exp(1j * psi)
+    return q
+
+
 def straight(scene: Scene, elements: int, order: int) -> Array:
     """Coordinates of the chain with straight links at the scene's initial angles: interior coordinates vanish."""
     arm = scene.arm
+    if _bent(arm):
+        return curved(scene, elements, order)
     at = CHAIN.offsets(0, arm.n_links, elements, order)
     q = np.zeros(at.end)
     x, y = scene.position
@@ -147,9 +206,11 @@ def build(scene: Scene, settings: Settings) -> System:
     arm, elements, order = scene.arm, settings.elements, settings.order
     if settings.period_correction and arm.damping[1]:
         raise check.InvalidValue("period_correction", True, "must be False where the links' tau_d differ")
-    rigid = any(link.rigid_ends for link in arm.links)
+    eccentric = arm.payload.eccentric
+    rigid = any(link.rigid_ends for link in arm.links) or eccentric
     if settings.period_correction and rigid:
-        raise check.InvalidValue("period_correction", True, "must be False where links have rigid ends")
+        why = "where links have rigid ends, or the payload an offset"
+        raise check.InvalidValue("period_correction", True, f"must be False {why}")
     names, coordinates = rows(arm, elements, order)
     fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
     if scene.root == "pinned":
@@ -159,7 +220,7 @@ def build(scene: Scene, settings: Settings) -> System:
     model = ExactBeam(
         n=len(names),
         n_factor=FACTORS.offsets(0, arm.n_links, elements, order).end
-        + rigid * 2 * LEVER_FACTORS.places.end * arm.n_links,
+        + (rigid * 2 * arm.n_links + eccentric) * LEVER_FACTORS.places.end,
         n_inputs=arm.n_links + OF_LOAD.end * len(loads),
         fixed=np.array(fixed, dtype=np.int64),
         algebraic=None,
@@ -171,6 +232,7 @@ def build(scene: Scene, settings: Settings) -> System:
         elements=elements,
         varying=(0,) if varies(arm) else None,
         sections=sections(arm, elements, order),
+        rest=np.concatenate([bend.ravel() for bend in rest(arm, elements, order)]) if _bent(arm) else None,
         elbows=elbows(arm),
         rigid=levers(scene) if rigid else None,
         hub_inertia=arm.hub_inertia,
@@ -178,6 +240,7 @@ def build(scene: Scene, settings: Settings) -> System:
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.array(loads, dtype=np.int64).ravel() if loads else None,
         jointed=(0,) if arm.jointed else None,
+        eccentric=np.array(arm.payload.offset) if eccentric else None,
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     q0 = straight(scene, elements, order)

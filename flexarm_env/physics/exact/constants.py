@@ -47,6 +47,12 @@ def moments_of(section: Any, t: Tables, bent: list[Any]) -> list[Any]:
     return [dot(_row(section, first, n, p), bent) * section.factor for n in range(p)]
 
 
+def unbent(section: Any, bent: list[Any]) -> list[Any]:
+    """(right - left, interior ...) in psi less what it is without stress."""
+    rest = getattr(section, "rest", None)
+    return bent if rest is None else [x - rest[k] for k, x in enumerate(bent)]
+
+
 def inertia_row(section: Any, p: int, axis: int, n: int) -> list[Any]:
     """Row n of the mass matrix of an axis, of sections that vary."""
     at = VARYING.offsets(0, p)

@@ -21,7 +21,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, sincos, splat, store, traced
-from .constants import bending_entries, dot, inertia_entries, inertia_row, length_of, moments_of, of_points
+from .constants import bending_entries, dot, inertia_entries, inertia_row, length_of, moments_of, of_points, unbent
 from .layout import AXES, COSINE, ELEMENT, ELEMENT_FACTORS, PAIR, SINE, T, Vertex, X, Y
 from .tables import Tables, tables
 
@@ -191,7 +191,7 @@ def forces(lane, order, gravity, state, left, section, r, circle):
         fy.append(s * n1 + c * n2)
         moment.append(n1 * g2 - n2 * g1)
         points += Point(c, s, g1, g2, n1, n2)
-    bent = [span, *place[T][2:]]
+    bent = unbent(section, [span, *place[T][2:]])
     if tau is not None:
         bent = [x + tau * y for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
     force = []
@@ -356,7 +356,7 @@ def measure(lane, order, q, v, psi, spin, left, section):
         strain = strain + (both + (bend[g] * bend[g]) * section.kb if uniform else both) * (0.5 * w)
     squares, moments = [], []
     if not uniform:
-        bent = [turned, *place[T][2:]]
+        bent = unbent(section, [turned, *place[T][2:]])
         strain = strain + dot(moments_of(section, t, bent), bent) * 0.5
         for k in (X, Y, T):
             rows = [inertia_row(section, p, k, n) for n in range(p + 1)]

@@ -47,7 +47,7 @@ from .layout import (
     three,
 )
 from .output import damping_work, energy, link_poses, out_of_range, ports, predict, shape
-from .rigid import ROOT_END, TIP_END, about_root, about_tip, begin, carried, end, last, less_moments, near
+from .rigid import ROOT_END, TIP_END, about_root, about_tip, begin, carried, end, last, less_moments, near, with_payload
 
 
 @kernel
@@ -307,7 +307,8 @@ def factor(lane, model, S):
     aligned_frame(lane)
     factors, own = factors_of(model), element_factors_at(0, len(model.order))
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
-    tail = near(lane, model.rigid, model, S, model.links - 1, TIP_END, (zero, zero, zero, zero, zero, zero))
+    tail = with_payload(lane, model.eccentric, model.rigid, model, S, (zero, zero, zero, zero, zero, zero))
+    tail = near(lane, model.rigid, model, S, model.links - 1, TIP_END, tail)
     o = factors.end
     for k in range(model.links - 1, -1, -1):
         for _ in range(model.elements):

@@ -176,11 +176,13 @@ class Section(NamedTuple):
 
 
 class Varying(NamedTuple):
-    """Of an element whose sections vary: its numbers of `VARYING`, an arm's own factor on EI, and `Section.tau`."""
+    """Of an element whose sections vary: its numbers of `VARYING`, an arm's own factor on EI, and `Section.tau`; its
+    bending without stress (`ExactBeam.rest`), or None."""
 
     numbers: Any
     factor: Any
     tau: Any
+    rest: Any
 
 
 @kernel
@@ -209,9 +211,26 @@ def _uniform(lane, varying, model, par, k):
 
 
 @kernel
+def _no_rest(rest, first):
+    return None
+
+
+@kernel
+def _rest_from(rest, first):
+    return rest[first:]
+
+
+@by_kind("rest", "rest, first")
+def _rest(kind: str) -> Any:
+    """The part of an array from a place on; None where there is none."""
+    return _no_rest if kind == NONE else _rest_from
+
+
+@kernel
 def _first_of(lane, varying, model, par, k):
     numbers = _varying_at(0, len(model.order)).end * model.elements * k
-    return Varying(model.sections[numbers:], load(lane, par, STIFFNESS_FACTOR), _tau(lane, model.damped, par, k))
+    rest = _rest(model.rest, len(model.order) * model.elements * k)
+    return Varying(model.sections[numbers:], load(lane, par, STIFFNESS_FACTOR), _tau(lane, model.damped, par, k), rest)
 
 
 @by_kind("varying", "lane, varying, model, par, k")
@@ -232,7 +251,8 @@ def _same(varying, model, section):
 
 @kernel
 def _following(varying, model, section):
-    return Varying(section.numbers[_varying_at(0, len(model.order)).end :], section.factor, section.tau)
+    numbers = section.numbers[_varying_at(0, len(model.order)).end :]
+    return Varying(numbers, section.factor, section.tau, _rest(section.rest, len(model.order)))
 
 
 @by_kind("varying", "varying, model, section")

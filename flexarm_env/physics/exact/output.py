@@ -23,7 +23,7 @@ from .layout import (
     section_of,
     three,
 )
-from .rigid import beginning, ends_of, following, joint
+from .rigid import beginning, ends_of, following, joint, payload_place
 from .tables import interior
 
 
@@ -99,6 +99,7 @@ def _totals(lane, model, par, q, v):
             left = following(lane, model.rigid, model, q, v, i)
     mass = load(lane, par, PAYLOAD_MASS)
     x, y, vx, vy = joint(lane, model.rigid, model, q, v, model.links)
+    x, y, vx, vy = payload_place(lane, model.eccentric, psi, spin, x, y, vx, vy)
     kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * load(lane, par, PAYLOAD_INERTIA)) * 0.5
     return kinetic, strain, mx + x * mass, my + y * mass
 

@@ -4,7 +4,7 @@ The rows of a vertex are those of a beam's tip, or of the joint at the chain's r
 next beam begins elsewhere: past the lever of the tip before it (length b along psi), the hinge, and the lever of its
 own root (c along psi + delta). What acts at the far point of a lever acts on the near one with a moment; its mass is
 in its middle. The matrix leaves out that a lever turns while it accelerates (terms in h omega, times its share of the
-inertia).
+inertia). A payload whose centre is not at the tip is at the far point of one more lever, behind the last.
 """
 
 from __future__ import annotations
@@ -26,6 +26,41 @@ def arm(lane, rigid, k, end, angle):
     sine, cosine = sincos(angle)
     length = rigid[lever_at(k, end) + OF_LEVER.length]
     return cosine * length, sine * length
+
+
+@kernel
+def to_payload(lane, eccentric, angle):
+    """The lever from the tip to the payload's centre."""
+    sine, cosine = sincos(angle)
+    along, across = eccentric[0], eccentric[1]
+    return cosine * along - sine * across, sine * along + cosine * across
+
+
+@kernel
+def payload_place(lane, eccentric, psi, spin, x, y, vx, vy):
+    """Place and velocity of the payload's centre, from those of the tip."""
+    if eccentric is None:
+        return x, y, vx, vy
+    return swung(lane, to_payload(lane, eccentric, psi), spin, x, y, vx, vy)
+
+
+@kernel
+def _payload_force(lane, eccentric, model, psi, motion, mass, weights, S):
+    """Force and moment of the payload's mass at the tip, whose motion is as in `_through`; mass there in the matrix."""
+    rate, second, ax, ay = motion
+    if eccentric is None:
+        return ax * mass, ay * mass, splat(lane, 0.0), mass
+    ex, ey = to_payload(lane, eccentric, psi)
+    px, py = _accelerated((ex, ey), rate, second, ax, ay, 1.0)
+    fx, fy, zero = px * mass, py * mass, splat(lane, 0.0)
+    if weights.mass != 0.0:
+        at = factors_of(model).end + OF_FACTORS.end * 2 * model.links
+        store(S, at + OF_FACTORS.x, -ey)
+        store(S, at + OF_FACTORS.y, ex)
+        store(S, at + OF_FACTORS.far, mass * weights.mass)
+        store(S, at + OF_FACTORS.mass, zero)
+        store(S, at + OF_FACTORS.turn, -((ex * fx + ey * fy) * weights.stiffness))
+    return fx, fy, ex * fy - ey * fx, zero
 
 
 @kernel
@@ -130,8 +165,11 @@ def last(lane, rigid, model, par, state, tip, i, weights, S):
     vector = arm(lane, rigid, k, TIP_END, tip.place[T])
     px, py = _accelerated(vector, omega, alpha, ax, ay, 1.0)
     at = factors_of(model).end + OF_FACTORS.end * (2 * k + 1)
+    px, py, turned, there = _payload_force(
+        lane, model.eccentric, model, tip.place[T], (omega, alpha, px, py), mass, weights, S
+    )
     gx, gy, turn = _through(
-        lane, rigid, k, TIP_END, vector, (omega, alpha, ax, ay), (px * mass, py * mass), moment, mass, weights, at, S
+        lane, rigid, k, TIP_END, vector, (omega, alpha, ax, ay), (px, py), moment + turned, there, weights, at, S
     )
     return fx + gx, fy + gy, turn
 
@@ -153,6 +191,14 @@ def near(lane, rigid, model, S, k, end, tail):
     tt = tt + (xt * nx + yt * ny) * 2.0 + (nx * px + ny * py)
     tt = tt + mass * (nx * nx + ny * ny) * 0.25 + load(lane, S, at + OF_FACTORS.turn)
     return xx + mass, xy, xt + px + mass * nx * 0.5, yy + mass, yt + py + mass * ny * 0.5, tt
+
+
+@kernel
+def with_payload(lane, eccentric, rigid, model, S, tail):
+    """The matrix of x, y, psi at the tip, with that of the payload behind it."""
+    if eccentric is None:
+        return tail
+    return near(lane, rigid, model, S, model.links, ROOT_END, tail)
 
 
 @kernel

@@ -83,11 +83,15 @@ class Element:
         gamma = (self.mu - 1.0) * np.array([0.0, 1.0 / l, 0.5, 0.0, -1.0 / l, 0.5])  # v' - phi
         stretch = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 0.0]) / l
         for xi, weight, at in self.points:
-            a, b = 6.0 * self.mu * (1.0 - 2.0 * xi) / l**2, 3.0 * self.mu
-            bend = np.array([0.0, -a, (-1.0 - b + 2.0 * b * xi) / l, 0.0, a, (1.0 - b + 2.0 * b * xi) / l])  # phi'
-            for stiffness, strain in ((at.EI, bend), (at.C, gamma), (at.EA, stretch)):
+            for stiffness, strain in ((at.EI, self.bend(xi)), (at.C, gamma), (at.EA, stretch)):
                 total += weight * l * stiffness * np.outer(strain, strain)
         return total
+
+    def bend(self, xi: float) -> Array:
+        """phi' at a point, (6,)."""
+        l, b = self.length, 3.0 * self.mu
+        a = 6.0 * self.mu * (1.0 - 2.0 * xi) / l**2
+        return np.array([0.0, -a, (-1.0 - b + 2.0 * b * xi) / l, 0.0, a, (1.0 - b + 2.0 * b * xi) / l])
 
     def mass(self) -> Array:
         """Consistent mass with rotary inertia, eq. [52], (6, 6)."""

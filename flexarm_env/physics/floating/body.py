@@ -213,6 +213,8 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
         store(vectors, vec.px + i, px)
         gq, cb = load(lane, vectors, vec.gq + i), load(lane, vectors, vec.cb + i)
         elastic = dot(lane, model, D, own.K_bend + i * n, q)
+        if model.curved is not None:
+            elastic = elastic - D[own.moment + i]
         if model.damped is not None:
             elastic = elastic + dot(lane, model, D, own.K_bend + i * n, v) * tau
         elastic = elastic * stiffness

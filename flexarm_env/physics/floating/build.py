@@ -65,7 +65,8 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
             inertia += item.moment(2) + distance * (2.0 * item.moment(1) + distance * item.mass) + item.rotary
         distance += length + item.tip_offset
     mass, inertia = mass + own.tip_mass, inertia + own.tip_inertia + own.tip_mass * (rest + 0.5 * own.tip_offset) ** 2
-    return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * distance**2
+    far = abs(distance + arm.payload.lever)
+    return mass + arm.payload.mass, inertia + arm.payload.inertia + arm.payload.mass * far**2
 
 
 def _rigid(arm: Arm) -> bool:
@@ -168,6 +169,7 @@ def _mesh(bodies: list[Body], arm: Arm, settings: Settings) -> Mesh:
         full=(0,) if settings.coupling == "von_karman" else None,
         damped=None if largest == 0.0 else (0,) if shares is None else (0, 0),
         drag=(0,) if arm.mass_damping > 0.0 else None,
+        curved=(0,) if any(link.curved for link in arm.links) else None,
     )
 
 
@@ -176,6 +178,7 @@ def _block(
 ) -> NDArray[np.float64]:
     """A body's block of `data`."""
     n, elements = body.n, len(mesh.elements)
+    moment, q0 = (x if x.size else np.zeros(n) for x in (body.moment, body.q0))
     stations = [
         STATION.pack({"n": n}, x=x, u=shape[0], v=shape[1], H=h)
         for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
@@ -186,7 +189,7 @@ def _block(
         S_bar_x=body.s_bar[0], S_bar_y=body.s_bar[1], c_u=body.c_u, c=body.c,
         tip_u=body.tip[0], tip_v=body.tip[1], tip_phi=body.tip[2],
         G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
-        drag=drag, damped=damped, root=body.root, stations=stations,
+        drag=drag, damped=damped, root=body.root, stations=stations, moment=moment, spent=0.5 * moment @ q0,
         spans=[_span(body, e, n, mesh, frame) for e in range(elements)],
     )  # fmt: skip
 
@@ -233,7 +236,10 @@ def _chain(scene: Scene, settings: Settings) -> System:
     q0, weight = np.zeros(len(names)), np.ones(len(names))
     q0[:2], q0[2] = scene.position, scene.angles[0]
     for k in range(1, arm.n_links):
-        q0[-arm.n_links + k] = scene.angles[k] - scene.angles[k - 1]
+        q0[-arm.n_links + k] = scene.initial_value(f"joint{k}")
+    for b, body in enumerate(bodies):
+        if body.q0.size:
+            q0[ELASTIC + n * b : ELASTIC + n * (b + 1)] = body.q0
     weight[:2] = 1.0 / arm.total_length
     weight[ELASTIC : ELASTIC + n * count] = np.concatenate([_sizes(body, settings, arm) for body in bodies])
     model = FloatingChain(
@@ -241,7 +247,8 @@ def _chain(scene: Scene, settings: Settings) -> System:
         n_factor=ROOT.end
         + JOINT.end * (arm.n_links - 1)
         + count * FACTORS.offsets(0, n).end
-        + _rigid(arm) * 2 * arm.n_links * LEVER_FACTORS.places.end,
+        + (2 * arm.n_links if _rigid(arm) or arm.payload.eccentric else 0) * LEVER_FACTORS.places.end
+        + arm.payload.eccentric * LEVER_FACTORS.places.end,
         fixed=np.array(fixed, np.int64),
         algebraic=None,
         weight=weight,
@@ -250,6 +257,7 @@ def _chain(scene: Scene, settings: Settings) -> System:
         rigid=_levers(arm) if _rigid(arm) else None,
         table=None,
         jointed=(0,) if arm.jointed else None,
+        eccentric=np.array(arm.payload.offset) if arm.payload.eccentric else None,
         **_shared(scene, settings, bodies, links, np.zeros(count)),
     )
     par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
@@ -323,6 +331,7 @@ def _joined(scene: Scene, settings: Settings) -> System:
         predictor=1.0,
         half=int(half),
         rigid=None,
+        eccentric=None,
         table=table,
         **_shared(scene, settings, bodies, links, offset),
     )

@@ -22,7 +22,7 @@ from .body import carry, forces
 from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
 from .layout import JOINT, KNOWN, PASSED, ROOT, cell, elastic_row, elbow_row, factors_at
 from .matrix import condense, reduce, restore, tangent
-from .rigid import ROOT_END, TIP_END, inward, near, outward, swept, with_moment
+from .rigid import ROOT_END, TIP_END, from_payload, inward, near, near_payload, outward, swept, to_payload, with_moment
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS = (0,) * KNOWN.end
@@ -87,12 +87,14 @@ def assemble(lane, model, par, state, u, weights, r, S):
             e = elastic_row(model, b) * L
             carry(lane, mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], pose, S[(first + stride * b) * L :])
         outward(lane, model.rigid, k, TIP_END, pose, S, levers)
+    to_payload(lane, model.eccentric, model, pose, S, levers)
     mass, inertia = load(lane, par, 0), load(lane, par, 1)
     store(force, OF_LOAD.x, load(lane, pose, PASSED.ax) * mass)
     store(force, OF_LOAD.y, load(lane, pose, PASSED.ay) * mass)
     store(force, OF_LOAD.torque, load(lane, pose, PASSED.second) * inertia)
     store(carried, 0, mass)
     store(carried, 1, inertia)
+    from_payload(lane, model.eccentric, model, force, cm, cc, ck, S, levers)
     for k in range(model.links - 1, -1, -1):
         less_loads(lane, model.loads, model, k, 1, u, force)
         inward(lane, model.rigid, k, TIP_END, force, cm, cc, ck, S, levers)
@@ -202,6 +204,7 @@ def factor(lane, model, S):
     store(tail, cell(1, 1), load(lane, S, ROOT.tail + 1))
     store(tail, cell(2, 2), load(lane, S, ROOT.tail))
     levers = _levers_at(model)
+    near_payload(lane, model.eccentric, model, S, levers, tail)
     for k in range(model.links - 1, -1, -1):
         near(lane, model.rigid, k, TIP_END, S, levers, tail)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):

@@ -14,7 +14,7 @@ from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE
 from .body import constants, damping_time, dot, in_window, product, tip, turn_of_root
 from .layout import ELASTIC, FRAME, START, elastic_row, elbow_row, span_at, station_at, window
-from .rigid import ROOT_END, TIP_END, moved, passed
+from .rigid import ROOT_END, TIP_END, moved, moved_to_payload, passed
 
 SIX, FOUR = (0,) * 6, (0,) * 4
 
@@ -187,6 +187,8 @@ def _energies(lane, model, D, par, q, v, frame, totals):
     kinetic = kinetic + ((w * w) * inertia + product(lane, model, D, own.M_ff, v, v)) * 0.5
     kinetic = kinetic + w * (dot(lane, model, D, own.c, v) + product(lane, model, D, own.B, v, q))
     strain = product(lane, model, D, own.K_bend, q, q) * (load(lane, par, 2) * 0.5)
+    if model.curved is not None:
+        strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * load(lane, par, 2)
     if model.full is None:
         strain = strain + product(lane, model, D, own.K_axial, q, q) * 0.5
     span = span_at(own.spans, wide)
@@ -240,6 +242,7 @@ def energy(lane, model, par, q, v):
             _energies(lane, model.mesh, D, par, q[e:], v[e:], frame, totals)
             gravity = gravity - (load(lane, totals, 2) + x * mass) * gx - (load(lane, totals, 3) + y * mass) * gy
         passed(lane, model.rigid, k, TIP_END, pose, ends)
+    moved_to_payload(lane, model.eccentric, pose)
     vx, vy, w = load(lane, pose, POSE.vx), load(lane, pose, POSE.vy), load(lane, pose, POSE.rate)
     mass = load(lane, par, 0)
     kinetic = load(lane, totals, 0) + ((vx * vx + vy * vy) * mass + (w * w) * load(lane, par, 1)) * 0.5

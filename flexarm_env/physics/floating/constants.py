@@ -8,10 +8,12 @@ A body reduced to bending modes has the same constants plus those of its foresho
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import curves
 from ...parameters import Link
 from .beam_element import BENDING, Element, coupling_matrix, geometric_matrix, mesh
 
@@ -47,6 +49,8 @@ class Body:
     shapes: Array = field(default_factory=lambda: np.zeros((0, 3, 0)))  # u, v, phi at drawing stations, (s, 3, n)
     stations: Array = field(default_factory=lambda: np.zeros(0))  # x of those stations, m
     station_h: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))  # foreshortening there, (s, n, n)
+    moment: Array = field(default_factory=lambda: np.zeros(0))  # (n,): K_bend q without stress; empty: straight
+    q0: Array = field(default_factory=lambda: np.zeros(0))  # (n,): that q
 
     @property
     def n(self) -> int:
@@ -115,6 +119,7 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
     both, n = np.ix_(free, free), n_all - 3
     shapes, stations = _drawing_stations(parts)
     stretching = coupling_matrix if coupling == "von_karman" else geometric_matrix
+    moment, q0 = _natural(link, parts, k_bend, stretching, free)
     return Body(
         length=link.length,
         mass=link.mass,
@@ -137,7 +142,32 @@ def finite_element_body(link: Link, elements: int, coupling: str, frame: str = "
         shapes=shapes[:, :, free],
         stations=stations,
         station_h=np.zeros((stations.size, n, n)),
+        moment=moment,
+        q0=q0,
     )
+
+
+def _bending_moments(link: Link, parts: list[Element]) -> Array:
+    """int EI curvature phi' dx over the link for all nodes' coordinates, N m."""
+    total = np.zeros(3 * len(parts) + 3)
+    for e, part in enumerate(parts):
+        for xi, weight, section in part.points:
+            kappa = float(curves.along(part.link.curvature, xi * part.length))
+            total[3 * e : 3 * e + 6] += weight * part.length * section.EI * kappa * part.bend(xi)
+    return total
+
+
+def _natural(link: Link, parts: list[Element], k_bend: Array, stretching: Any, free: Any) -> tuple[Array, Array]:
+    """`Body.moment` and `Body.q0`: bending of least energy, and no stretch (`coupling_matrix`); empty: straight."""
+    if not link.curved:
+        return np.zeros(0), np.zeros(0)
+    moment, q = _bending_moments(link, parts), np.zeros(k_bend.shape[0])
+    bends = np.array([i for i in free if i % 3])
+    q[bends] = np.linalg.solve(k_bend[np.ix_(bends, bends)], moment[bends])
+    for e, part in enumerate(parts):
+        w = q[3 * e + BENDING]
+        q[3 * e + 3] = q[3 * e] - 0.5 * w @ stretching(part.section, part.length) @ w
+    return (k_bend @ q)[free], q[free]
 
 
 def _drawing_stations(parts: list[Element]) -> tuple[Array, Array]:

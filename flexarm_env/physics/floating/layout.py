@@ -75,6 +75,8 @@ BODY = Layout(
     Field("drag", (), "1/s", "damping that goes with mass"),
     Field("damped", (), "", "share of tau_d, where links differ"),
     Field("root", ("n",), "", "rho: the root section is turned by rho'q against the frame"),
+    Field("moment", ("n",), "", "K_bend q of q without stress"),
+    Field("spent", (), "J", "half that times q: bending energy of q = 0"),
     Field("spans", ("elements", SPAN.length), "", "a `SPAN` each"),
     Field("stations", ("stations", STATION.length), "", "a `STATION` each"),
 )  # fmt: skip

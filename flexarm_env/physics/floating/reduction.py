@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import curves
 from ...parameters import Link, Payload
 from .beam_element import BENDING, mesh
 from .constants import Body
@@ -95,6 +96,7 @@ def modal_body(
         nodes = np.linspace(0.0, length, MESH + 1) if link.uniform else np.array([*(p.start for p in parts), length])
         nodal[0::2] -= nodes[:, None] * turn
         nodal[1::2] -= turn
+    moment = np.zeros(n)
     m_uv, m_ff, d, d0 = (np.zeros((n, n)) for _ in range(4))
     s_bar, c = np.zeros((2, n)), np.zeros(n)
     h = np.zeros((n, n))
@@ -109,6 +111,9 @@ def modal_body(
             m_ff += dx * (section.m * np.outer(v, v) + section.J * np.outer(phi, phi))
             s_bar[1] += section.m * dx * v
             c += dx * (section.m * x * v + section.J * phi)
+            if link.curved:
+                kappa = float(curves.along(part.link.curvature, xi * l))
+                moment += dx * section.EI * kappa * (part.bend(xi)[BENDING] @ w)
             stretch = dx * (np.outer(slope, slope) - np.outer(slope - phi, slope - phi))
             h += stretch
             beyond = _beyond(link, x)
@@ -137,6 +142,8 @@ def modal_body(
         shapes=np.array(shapes),
         stations=np.array(stations),
         station_h=np.array(station_h),
+        moment=moment if link.curved else np.zeros(0),
+        q0=np.asarray(np.linalg.solve(k, moment), np.float64) if link.curved else np.zeros(0),
     )
 
 
@@ -169,7 +176,10 @@ def inertia_margins(bodies: Sequence[Body], payload: Payload, root_moves: bool, 
         mass += own.T @ inertia @ own
         across, turn = across + body.length * frame + body.tip[1] @ modes, frame + body.tip[2] @ modes
         if k + 1 == len(bodies):
-            mass += payload.mass * np.outer(across, across) + payload.inertia * np.outer(turn, turn)
+            along, aside = payload.offset
+            across = across + along * turn
+            inertia_there = payload.inertia + payload.mass * aside**2
+            mass += payload.mass * np.outer(across, across) + inertia_there * np.outer(turn, turn)
         first += body.n
     free = [k for k in range(size) if k > 1 or (k == 0 and root_moves) or (k == 1 and not held)]
     compliance = [row[free] @ np.linalg.solve(mass[np.ix_(free, free)], row[free]) for row in np.array(angles)]

@@ -28,23 +28,67 @@ def lever(rigid, k, end):
 
 
 @kernel
+def payload_at(model, first):
+    """Where the factors of the lever to the payload are in S: behind those of all rigid ends."""
+    return first + OF_FACTORS.end * 2 * model.links
+
+
+@kernel
+def _begin(lane, along, across, pose, S, at):
+    """pose <- that of the far point of a lever; what is known of it is kept in S."""
+    sine, cosine = sincos(load(lane, pose, PASSED.angle))
+    ex, ey = cosine * along, sine * along
+    if across is not None:
+        ex, ey = ex - sine * across, ey + cosine * across
+    w, alpha = load(lane, pose, PASSED.rate), load(lane, pose, PASSED.second)
+    ax, ay = load(lane, pose, PASSED.ax), load(lane, pose, PASSED.ay)
+    store(S, at + OF_FACTORS.ex, ex)
+    store(S, at + OF_FACTORS.ey, ey)
+    store(S, at + OF_FACTORS.rate, w)
+    store(S, at + OF_FACTORS.second, alpha)
+    store(S, at + OF_FACTORS.ax, ax)
+    store(S, at + OF_FACTORS.ay, ay)
+    store(pose, PASSED.ax, ax - (alpha * ey + (w * w) * ex))
+    store(pose, PASSED.ay, ay + (alpha * ex - (w * w) * ey))
+
+
+@kernel
 def outward(lane, rigid, k, end, pose, S, first):
     """pose <- that of the far point; what is known of the lever is kept in S."""
     if rigid is not None:
         length, _, _, _ = lever(rigid, k, end)
-        at = first + OF_FACTORS.end * (2 * k + end)
-        sine, cosine = sincos(load(lane, pose, PASSED.angle))
-        ex, ey = cosine * length, sine * length
-        w, alpha = load(lane, pose, PASSED.rate), load(lane, pose, PASSED.second)
-        ax, ay = load(lane, pose, PASSED.ax), load(lane, pose, PASSED.ay)
-        store(S, at + OF_FACTORS.ex, ex)
-        store(S, at + OF_FACTORS.ey, ey)
-        store(S, at + OF_FACTORS.rate, w)
-        store(S, at + OF_FACTORS.second, alpha)
-        store(S, at + OF_FACTORS.ax, ax)
-        store(S, at + OF_FACTORS.ay, ay)
-        store(pose, PASSED.ax, ax - (alpha * ey + (w * w) * ex))
-        store(pose, PASSED.ay, ay + (alpha * ex - (w * w) * ey))
+        _begin(lane, length, None, pose, S, first + OF_FACTORS.end * (2 * k + end))
+
+
+@kernel
+def to_payload(lane, eccentric, model, pose, S, first):
+    """pose <- that of the payload's centre, from that of the tip."""
+    if eccentric is not None:
+        _begin(lane, eccentric[0], eccentric[1], pose, S, payload_at(model, first))
+
+
+@kernel
+def _end(lane, mass, inertia, far, force, cm, cc, ck, S, at):
+    """force <- what all from the near point of a lever on asks for, from that of its far point; its factors."""
+    ex, ey = load(lane, S, at + OF_FACTORS.ex), load(lane, S, at + OF_FACTORS.ey)
+    w, alpha = load(lane, S, at + OF_FACTORS.rate), load(lane, S, at + OF_FACTORS.second)
+    ax, ay = load(lane, S, at + OF_FACTORS.ax), load(lane, S, at + OF_FACTORS.ay)
+    dx, dy = -(alpha * ey + (w * w) * ex), alpha * ex - (w * w) * ey
+    fx = load(lane, force, OF_LOAD.x) + (ax + dx) * far
+    fy = load(lane, force, OF_LOAD.y) + (ay + dy) * far
+    mx, my = (ax + dx * 0.5) * mass, (ay + dy * 0.5) * mass
+    moment = load(lane, force, OF_LOAD.torque) + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + alpha * inertia
+    store(force, OF_LOAD.x, fx + mx)
+    store(force, OF_LOAD.y, fy + my)
+    store(force, OF_LOAD.torque, moment)
+    if cm != 0.0:
+        store(S, at + OF_FACTORS.nx, -ey)
+        store(S, at + OF_FACTORS.ny, ex)
+        twice = w * (2.0 * cc)
+        store(S, at + OF_FACTORS.wx, -(ey * cm) - ex * twice - dy * ck)
+        store(S, at + OF_FACTORS.wy, ex * cm - ey * twice + dx * ck)
+        pull = (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
+        store(S, at + OF_FACTORS.turn, inertia * cm - pull * ck)
 
 
 @kernel
@@ -52,26 +96,38 @@ def inward(lane, rigid, k, end, force, cm, cc, ck, S, first):
     """force <- what all from the near point of a lever on asks for, from that of its far point; its factors."""
     if rigid is not None:
         _, mass, inertia, far = lever(rigid, k, end)
-        at = first + OF_FACTORS.end * (2 * k + end)
-        ex, ey = load(lane, S, at + OF_FACTORS.ex), load(lane, S, at + OF_FACTORS.ey)
-        w, alpha = load(lane, S, at + OF_FACTORS.rate), load(lane, S, at + OF_FACTORS.second)
-        ax, ay = load(lane, S, at + OF_FACTORS.ax), load(lane, S, at + OF_FACTORS.ay)
-        dx, dy = -(alpha * ey + (w * w) * ex), alpha * ex - (w * w) * ey
-        fx = load(lane, force, OF_LOAD.x) + (ax + dx) * far
-        fy = load(lane, force, OF_LOAD.y) + (ay + dy) * far
-        mx, my = (ax + dx * 0.5) * mass, (ay + dy * 0.5) * mass
-        moment = load(lane, force, OF_LOAD.torque) + (ex * fy - ey * fx) + (ex * my - ey * mx) * 0.5 + alpha * inertia
-        store(force, OF_LOAD.x, fx + mx)
-        store(force, OF_LOAD.y, fy + my)
-        store(force, OF_LOAD.torque, moment)
-        if cm != 0.0:
-            store(S, at + OF_FACTORS.nx, -ey)
-            store(S, at + OF_FACTORS.ny, ex)
-            twice = w * (2.0 * cc)
-            store(S, at + OF_FACTORS.wx, -(ey * cm) - ex * twice - dy * ck)
-            store(S, at + OF_FACTORS.wy, ex * cm - ey * twice + dx * ck)
-            pull = (ex * fx + ey * fy) + (ex * mx + ey * my) * 0.5
-            store(S, at + OF_FACTORS.turn, inertia * cm - pull * ck)
+        _end(lane, mass, inertia, far, force, cm, cc, ck, S, first + OF_FACTORS.end * (2 * k + end))
+
+
+@kernel
+def from_payload(lane, eccentric, model, force, cm, cc, ck, S, first):
+    """force <- what the payload asks for at the tip, from that at its centre."""
+    if eccentric is not None:
+        _end(lane, 0.0, 0.0, 0.0, force, cm, cc, ck, S, payload_at(model, first))
+
+
+@kernel
+def _near(lane, mass, far, S, at, tail):
+    """tail <- the matrix of force and moment by acceleration and angle at the near point, from that at the far one."""
+    nx, ny = load(lane, S, at + OF_FACTORS.nx), load(lane, S, at + OF_FACTORS.ny)
+    wx, wy = load(lane, S, at + OF_FACTORS.wx), load(lane, S, at + OF_FACTORS.wy)
+    for i in range(2):
+        store(tail, cell(i, i), load(lane, tail, cell(i, i)) + far)
+    for i in range(3):
+        moved = load(lane, tail, cell(i, 0)) * wx + load(lane, tail, cell(i, 1)) * wy
+        store(tail, cell(i, 2), load(lane, tail, cell(i, 2)) + moved)
+    for j in range(3):
+        moment = load(lane, tail, cell(0, j)) * nx + load(lane, tail, cell(1, j)) * ny
+        store(tail, cell(2, j), load(lane, tail, cell(2, j)) + moment)
+    half = splat(lane, 0.5 * mass)
+    for i in range(2):
+        store(tail, cell(i, i), load(lane, tail, cell(i, i)) + mass)
+    store(tail, cell(0, 2), load(lane, tail, cell(0, 2)) + wx * half)
+    store(tail, cell(1, 2), load(lane, tail, cell(1, 2)) + wy * half)
+    store(tail, cell(2, 0), load(lane, tail, cell(2, 0)) + nx * half)
+    store(tail, cell(2, 1), load(lane, tail, cell(2, 1)) + ny * half)
+    turn = (nx * wx + ny * wy) * (half * 0.5) + load(lane, S, at + OF_FACTORS.turn)
+    store(tail, cell(2, 2), load(lane, tail, cell(2, 2)) + turn)
 
 
 @kernel
@@ -79,26 +135,14 @@ def near(lane, rigid, k, end, S, first, tail):
     """tail <- the matrix of force and moment by acceleration and angle at the near point, from that at the far one."""
     if rigid is not None:
         _, mass, _, far = lever(rigid, k, end)
-        at = first + OF_FACTORS.end * (2 * k + end)
-        nx, ny = load(lane, S, at + OF_FACTORS.nx), load(lane, S, at + OF_FACTORS.ny)
-        wx, wy = load(lane, S, at + OF_FACTORS.wx), load(lane, S, at + OF_FACTORS.wy)
-        for i in range(2):
-            store(tail, cell(i, i), load(lane, tail, cell(i, i)) + far)
-        for i in range(3):
-            moved = load(lane, tail, cell(i, 0)) * wx + load(lane, tail, cell(i, 1)) * wy
-            store(tail, cell(i, 2), load(lane, tail, cell(i, 2)) + moved)
-        for j in range(3):
-            moment = load(lane, tail, cell(0, j)) * nx + load(lane, tail, cell(1, j)) * ny
-            store(tail, cell(2, j), load(lane, tail, cell(2, j)) + moment)
-        half = splat(lane, 0.5 * mass)
-        for i in range(2):
-            store(tail, cell(i, i), load(lane, tail, cell(i, i)) + mass)
-        store(tail, cell(0, 2), load(lane, tail, cell(0, 2)) + wx * half)
-        store(tail, cell(1, 2), load(lane, tail, cell(1, 2)) + wy * half)
-        store(tail, cell(2, 0), load(lane, tail, cell(2, 0)) + nx * half)
-        store(tail, cell(2, 1), load(lane, tail, cell(2, 1)) + ny * half)
-        turn = (nx * wx + ny * wy) * (half * 0.5) + load(lane, S, at + OF_FACTORS.turn)
-        store(tail, cell(2, 2), load(lane, tail, cell(2, 2)) + turn)
+        _near(lane, mass, far, S, first + OF_FACTORS.end * (2 * k + end), tail)
+
+
+@kernel
+def near_payload(lane, eccentric, model, S, first, tail):
+    """tail <- the payload's at the tip, from that at its centre."""
+    if eccentric is not None:
+        _near(lane, 0.0, 0.0, S, payload_at(model, first), tail)
 
 
 @kernel
@@ -122,16 +166,30 @@ def swept(lane, rigid, k, end, S, first, flow):
 
 
 @kernel
+def _move(lane, along, across, pose):
+    sine, cosine = sincos(load(lane, pose, POSE.angle))
+    ex, ey, w = cosine * along, sine * along, load(lane, pose, POSE.rate)
+    if across is not None:
+        ex, ey = ex - sine * across, ey + cosine * across
+    store(pose, POSE.x, load(lane, pose, POSE.x) + ex)
+    store(pose, POSE.y, load(lane, pose, POSE.y) + ey)
+    store(pose, POSE.vx, load(lane, pose, POSE.vx) - w * ey)
+    store(pose, POSE.vy, load(lane, pose, POSE.vy) + w * ex)
+
+
+@kernel
 def moved(lane, rigid, k, end, pose, share):
     """pose (x, y, angle and rates) <- that of a point at a share of a lever."""
     if rigid is not None:
         length, _, _, _ = lever(rigid, k, end)
-        sine, cosine = sincos(load(lane, pose, POSE.angle))
-        ex, ey, w = cosine * (length * share), sine * (length * share), load(lane, pose, POSE.rate)
-        store(pose, POSE.x, load(lane, pose, POSE.x) + ex)
-        store(pose, POSE.y, load(lane, pose, POSE.y) + ey)
-        store(pose, POSE.vx, load(lane, pose, POSE.vx) - w * ey)
-        store(pose, POSE.vy, load(lane, pose, POSE.vy) + w * ex)
+        _move(lane, length * share, None, pose)
+
+
+@kernel
+def moved_to_payload(lane, eccentric, pose):
+    """pose <- that of the payload's centre, from that of the tip."""
+    if eccentric is not None:
+        _move(lane, eccentric[0], eccentric[1], pose)
 
 
 @kernel

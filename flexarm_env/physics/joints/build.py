@@ -35,6 +35,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
     rough = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
+    play = any(joint.backlash > 0.0 for joint in arm.joints)
     more = GEAR.end + (first + count + len(joints) + 1 if rough else 0)
     model = Jointed(
         n=_longer(inner.n, count),
@@ -43,13 +44,14 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         fixed=inner.fixed,
         algebraic=None,
         weight=np.concatenate([inner.weight, np.ones(count)]),
-        predictor=inner.predictor,
+        predictor=_cautious(inner.predictor) if play else inner.predictor,
         correction=inner.correction,
         bound=float(getattr(inner, "bound", 0.0)),
         arm=inner,
         table=np.array([place for place, _ in laws], np.int64).ravel(),
         data=np.concatenate([law for _, law in laws]),
         rough=(0,) if rough else None,
+        play=(0,) if play else None,
     )
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
     return dataclasses.replace(
@@ -80,8 +82,13 @@ def _law(scene: Scene, k: int, row: int, motor: int) -> tuple[list[int], NDArray
     assert len(place) == PLACES
     return place, LAW.pack(
         {}, stiffness=joint.stiffness if motor >= 0 else 0.0, damping=joint.damping, rotor=joint.rotor,
-        viscous=joint.friction_viscous, coulomb=joint.friction_coulomb,
+        viscous=joint.friction_viscous, coulomb=joint.friction_coulomb, play=0.5 * joint.backlash,
     )  # fmt: skip
+
+
+def _cautious(predictor: float | tuple[float, float] | None) -> float:
+    """A Model's `predictor` that trusts no first increment: it may end on another flank than it began on."""
+    return predictor[0] if isinstance(predictor, tuple) else 0.0 if predictor is None else predictor
 
 
 def _longer(size: int | tuple[int, ...], more: int) -> int | tuple[int, ...]:

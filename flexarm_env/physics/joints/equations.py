@@ -8,6 +8,10 @@ angles; the torque asked for acts on the motor, which has a row of its own:
 Of all other rows the motor's is coupled with that of q alone. It is eliminated before the arm's matrix is factored: one
 number more in its row of q (`protocol.stiffen`), one term more on the right, and the motor's increment follows from
 the joint's. A gear that does not give leaves the rotor's inertia on q.
+
+Backlash takes what is wound up by less than half of it from k (psi - q): a torque that is continuous, of a slope of k
+or 0, which Newton's iteration finds with all else. The damping acts in the gap as well: if it began with contact,
+contact would begin with a jump of the torque and end with a pull.
 """
 
 from __future__ import annotations
@@ -43,17 +47,35 @@ def _rest(lane, model, i, state, total):
 
 
 @kernel
+def _spring(lane, play, stiffness, half, wound):
+    """The torque of a gear's spring and its slope."""
+    if play is None:
+        return wound * stiffness, stiffness
+    beyond = wound - clip(wound, half)
+    return beyond * stiffness, select_lt(0.0, absolute(beyond), splat(lane, stiffness), splat(lane, 0.0))
+
+
+@kernel
+def _wide(lane, play, x):
+    """x in every lane, where with backlash it is one number each."""
+    if play is None:
+        return splat(lane, x)
+    return x
+
+
+@kernel
 def _through_gear(lane, model, i, state, u, weights, r, S):
     """The motor's row, and the gear's torque in the joint's in place of the one asked for."""
     law, at, g = LAWS.end * i, PLACES * i, gear_at(model, i)
     D, row, motor = model.data, model.table[at + PLACE.row], model.table[at + PLACE.motor]
     stiffness, damping, rotor = D[law + LAWS.stiffness], D[law + LAWS.damping], D[law + LAWS.rotor]
     rate, second = load(lane, state.v, motor), load(lane, state.a, motor)
-    torque = (load(lane, state.q, motor) - load(lane, state.q, row)) * stiffness
+    wound = load(lane, state.q, motor) - load(lane, state.q, row)
+    torque, steep = _spring(lane, model.play, stiffness, D[law + LAWS.play], wound)
     torque = torque + (rate - load(lane, state.v, row)) * damping
     asked = load(lane, u, model.table[at + PLACE.joint])
     store(r, row, load(lane, r, row) + asked - torque)
-    slope = stiffness * weights.stiffness + damping * weights.damping
+    slope = steep * weights.stiffness + damping * weights.damping
     pivot = rotor * weights.mass + slope
     own = second * rotor + torque - asked
     if model.table[at + PLACE.rubs] == motor:
@@ -61,8 +83,8 @@ def _through_gear(lane, model, i, state, u, weights, r, S):
         own = _rest(lane, model, i, state, own)
     store(r, motor, own)
     if weights.mass != 0.0:
-        store(S, g + GEAR.pivot, splat(lane, pivot))
-        store(S, g + GEAR.slope, splat(lane, slope))
+        store(S, g + GEAR.pivot, _wide(lane, model.play, pivot))
+        store(S, g + GEAR.slope, _wide(lane, model.play, slope))
 
 
 @kernel
@@ -222,6 +244,14 @@ def damping_work(lane, model, par, q, v, x):
 
 
 @kernel
+def _beyond(play, half, wound):
+    """How far a gear's spring is wound."""
+    if play is None:
+        return wound
+    return wound - clip(wound, half)
+
+
+@kernel
 def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity), J: with the rotors' energy and that in the gears."""
     kinetic, strain, gravity = protocol.energy(lane, model.arm, par, q, v)
@@ -230,6 +260,7 @@ def energy(lane, model, par, q, v):
         turns = row
         if motor >= 0:
             turns, wound = motor, load(lane, q, motor) - load(lane, q, row)
+            wound = _beyond(model.play, model.data[law + LAWS.play], wound)
             strain = strain + wound * wound * (0.5 * model.data[law + LAWS.stiffness])
         rate = load(lane, v, turns)
         kinetic = kinetic + rate * rate * (0.5 * model.data[law + LAWS.rotor])

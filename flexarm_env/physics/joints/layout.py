@@ -21,6 +21,7 @@ LAW = Layout(
     Field("rotor", (), "kg m^2", "the rotor's inertia after the ratio"),
     Field("viscous", (), "N m s/rad", "friction"),
     Field("coulomb", (), "N m", "friction"),
+    Field("play", (), "rad", "half of the gear's backlash"),
 )  # fmt: skip
 LAWS = LAW.places
 

@@ -1,0 +1,74 @@
+"""Makes the data of the players in this site, docs/players/*.json; the pages around it are made when the site is built.
+
+    python docs/players/make.py [NAME ...]
+
+A minute or two; of NAMEs alone where some are given.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium as gym
+
+from flexarm_env import control, named, scenes, simulate
+from flexarm_env.control import load_policy
+from flexarm_env.recording import EpisodeRecorder
+from flexarm_env.view import Clip, Player
+
+HOME = Path(__file__).parent
+MOST_BYTES = 180_000
+"""Of a page; a player of the site shows fewer instants than one that `flexarm view` writes."""
+
+
+def scene(name: str) -> list[Clip]:
+    """A named scene as it stands."""
+    own = named(name)
+    usual = own.sample or own.dt
+    finer = max(1, round(min(150.0 * usual / own.duration, usual / own.dt)))
+    return [simulate(own, sample=usual / finer, estimate_error=False).clip(name)]
+
+
+def played(env_id: str, seed: int, words: dict[str, str], **kwargs: object) -> list[Clip]:
+    """An episode under controllers and packaged policies, by label."""
+    clips = []
+    for label, word in words.items():
+        policy = load_policy(word) if word in control.policy_names() else None
+        own = {} if policy is None else {k: v for k, v in policy.meta["env_kwargs"].items() if k == "action_mode"}
+        env = EpisodeRecorder(gym.make(env_id, **{**kwargs, **own}))
+        env.reset(seed=seed)
+        player = control.make(word, env) if policy is None else policy
+        observation, _ = env.reset(seed=seed)
+        player.reset(observation)
+        over = False
+        while not over:
+            observation, _, terminated, truncated, _ = env.step(player.act(observation))
+            over = terminated or truncated
+        env.close()
+        clips.append(env.episodes[0].clip(label))
+    return clips
+
+
+MADE: dict[str, Callable[[], list[Clip]]] = {
+    **{name: lambda name=name: scene(name) for name in scenes.names()},  # type: ignore[misc]
+    "policy_beside_pd": lambda: played(
+        "TwoLinkFlexArm-v0", 10057, {"trained policy": "two_link", "PD": "pd"}, duration=3.2
+    ),
+    "flexible_arm": lambda: played("FlexibleArm-v0", 5, {"PD": "pd", "LQR": "lqr"}, duration=2.4),
+    "two_link": lambda: played("TwoLinkFlexArm-v0", 3, {"PD": "pd", "LQR": "lqr"}, duration=5.0),
+    "multi_link": lambda: played("MultiLinkFlexArm-v0", 2, {"PD": "pd"}, duration=6.0),
+}
+
+
+def main(wanted: list[str]) -> None:
+    """Make all, or what is wanted."""
+    for name in wanted or MADE:
+        player = Player(MADE[name](), most_bytes=MOST_BYTES)
+        (HOME / f"{name}.json").write_text(player.data + "\n", encoding="utf-8")
+        print(f"{name}: {len(player.html) // 1000} kB")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,105 @@
+"""Curvature that a link has by itself: one number, or linear between points along it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import validation as check
+
+Array = NDArray[np.float64]
+
+Curvature = float | tuple[tuple[float, float], ...]
+"""1/m, positive to the left; or (s, curvature) with s in m from the root, two points of one s a jump."""
+
+GAUSS = np.polynomial.legendre.leggauss(12)
+"""Of each stretch that turns by less than half a radian."""
+
+
+def checked(value: object, length: float) -> Curvature:
+    """A curvature as it is kept: a number where it is one everywhere."""
+    if not isinstance(value, list | tuple):
+        return check.number("curvature", value, "1/m")
+    what = "a number (1/m) or two or more pairs, s (m) and a curvature (1/m)"
+    if len(value) < 2:
+        raise check.InvalidValue("curvature", value, f"must be {what}")
+    found: list[tuple[float, float]] = []
+    for i, entry in enumerate(value):
+        s, kappa = check.sequence(f"curvature[{i}]", entry, "s (m) and a curvature (1/m)", 2)
+        place = check.number(f"curvature[{i}][0]", s, "m", minimum=0.0)
+        found.append((place, check.number(f"curvature[{i}][1]", kappa, "1/m")))
+    places = [s for s, _ in found]
+    if places[0] != 0.0:
+        raise check.InvalidValue("curvature[0][0]", places[0], "must be 0, the link's root")
+    last = len(found) - 1
+    if abs(places[-1] - length) > 1e-9 * length:
+        raise check.InvalidValue(f"curvature[{last}][0]", places[-1], f"must be the link's length, {length:g} m")
+    found[-1] = length, found[-1][1]
+    for i in range(1, len(found)):
+        at_an_end = places[i] == places[i - 1] and i in (1, last)
+        if places[i] < places[i - 1] or at_an_end or (i > 1 and places[i] == places[i - 2]):
+            allowed = "must not be below the one before it; two alike are a jump, within the link and not at its ends"
+            raise check.InvalidValue(f"curvature[{i}][0]", places[i], allowed)
+    values = {kappa for _, kappa in found}
+    return values.pop() if len(values) == 1 else tuple(found)
+
+
+def points(curve: Curvature) -> tuple[float, ...]:
+    """Where it kinks or jumps within a link, m from the root."""
+    return () if isinstance(curve, float) else tuple(s for s, _ in curve[1:-1])
+
+
+def jumps(curve: Curvature) -> tuple[float, ...]:
+    """Where it jumps."""
+    return () if isinstance(curve, float) else tuple(s for (s, _), (after, _) in pairwise(curve) if s == after)
+
+
+def along(curve: Curvature, s: Any, before: bool = False) -> Array:
+    """The curvature at places s; at a jump that behind it, or `before` it."""
+    s = np.asarray(s, np.float64)
+    if isinstance(curve, float):
+        return np.full(s.shape, curve)
+    places, values = np.array(curve).T
+    i = np.clip(np.searchsorted(places, s, side="left" if before else "right") - 1, 0, len(places) - 2)
+    share = np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
+    return np.asarray(values[i] + (values[i + 1] - values[i]) * share)
+
+
+def angle(curve: Curvature, s: Any) -> Array:
+    """Angle of the tangent at places s from that at the root, rad."""
+    s = np.asarray(s, np.float64)
+    if isinstance(curve, float):
+        return np.asarray(curve * s)
+    total = np.zeros(s.shape)
+    for (a, one), (b, other) in pairwise(curve):
+        if b > a:
+            x = np.clip(s, a, b) - a
+            total = total + x * (one + 0.5 * (other - one) * x / (b - a))
+    return total
+
+
+def place(curve: Curvature, s: Any) -> NDArray[np.complex128]:
+    """Places s along it as complex numbers, m, from the root and its tangent: int_0^s exp(i angle)."""
+    s = np.asarray(s, np.float64)
+    if isinstance(curve, float) and curve == 0.0:
+        return np.asarray(s, np.complex128)
+    ends = np.unique(np.concatenate([[0.0], points(curve), s.ravel()]))
+    strongest = abs(curve) if isinstance(curve, float) else max(abs(kappa) for _, kappa in curve)
+    pieces = [np.linspace(a, b, 1 + max(1, int(np.ceil(2.0 * strongest * (b - a))))) for a, b in pairwise(ends)]
+    mesh = np.unique(np.concatenate([[0.0], *pieces]))
+    half = 0.5 * np.diff(mesh)[:, None]
+    inner = np.exp(1j * angle(curve, mesh[:-1, None] + half * (1.0 + GAUSS[0]))) @ GAUSS[1] * half[:, 0]
+    sums = np.concatenate([[0.0], np.cumsum(inner)])
+    return np.asarray(sums[np.searchsorted(mesh, s)])
+
+
+def part(curve: Curvature, first: float, last: float) -> Curvature:
+    """That of the stretch between two places."""
+    if isinstance(curve, float):
+        return curve
+    inner = [(s - first, kappa) for s, kappa in curve if first < s < last]
+    ends = float(along(curve, first)), float(along(curve, last, True))
+    return ((0.0, ends[0]), *inner, (last - first, ends[1]))

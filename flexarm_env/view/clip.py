@@ -1,0 +1,133 @@
+"""What is shown of a run: its points, what pulls at them, its charts; deflection drawn larger."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation as check
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A force or a torque on a point of the chain.
+
+    name: in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force. limit: N m of a
+    torque at its largest; None: the largest of these values.
+    """
+
+    name: str
+    point: int
+    values: Array
+    limit: float | None = None
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Curves over time on one axis. title: with its unit. series: by name, (n,) each."""
+
+    title: str
+    series: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A run of n instants as it is shown, N links, P points; SI units.
+
+    Attributes:
+        label: what it is called beside others. note: one line on how it was computed, and how it ended.
+        t (n,): s. points (n, P, 2): from root to tip, m. cuts (N + 1,): which are root, joints and tip.
+        angles (n, N, 2): of the tangents at each link's root and tip, rad. joints (n, N): angles of the joints, rad,
+            joint 0 from the x axis, joint k from the tip of link k - 1. spans (N,): m, of the links.
+        curvature (n, P): 1/m, at the points; at a joint, of the link that ends there.
+        surface: m, from the neutral axis to the surface, where one number tells it; strain is curvature times that.
+        target (n, 2): m, or None. polar: the target is an angle, and its distance means nothing.
+        pulls: forces and torques. charts: what is drawn over time, in order.
+        pinned: the root stands on a motor. payload: the tip carries something.
+    """
+
+    label: str
+    note: str
+    t: Array
+    points: Array
+    cuts: tuple[int, ...]
+    angles: Array
+    joints: Array
+    spans: Array
+    curvature: Array
+    surface: float | None = None
+    target: Array | None = None
+    polar: bool = False
+    pulls: Sequence[Pull] = ()
+    charts: Sequence[Chart] = ()
+    pinned: bool = True
+    payload: bool = False
+    skipped: int = field(default=1)  # of so many instants one is left
+
+    @property
+    def reach(self) -> float:
+        """Length of the arm, m."""
+        return float(np.sum(self.spans))
+
+    def every(self, step: int) -> Clip:
+        """Every `step`-th instant and the last, which is what it ends with."""
+        if step <= 1:
+            return self
+        i = np.unique(np.append(np.arange(0, len(self.t), step), len(self.t) - 1))
+        fields = {name: getattr(self, name)[i] for name in ("t", "points", "angles", "joints", "curvature")}
+        fields["target"] = None if self.target is None else self.target[i]
+        pulls = [Pull(p.name, p.point, p.values[i], p.limit) for p in self.pulls]
+        charts = [Chart(c.title, {name: x[i] for name, x in c.series.items()}) for c in self.charts]
+        return Clip(**{**vars(self), **fields, "pulls": pulls, "charts": charts, "skipped": step * self.skipped})
+
+
+def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
+    """Which points (n, P, 2) of a chain are its root, its hinges (n, N - 1, 2) and its tip: those that stay there."""
+    gaps = np.abs(points[:, None] - hinges[:, :, None]).sum(axis=-1)  # (n, N - 1, P)
+    inner = gaps.max(axis=0).argmin(axis=-1) if len(points) else ()
+    return (0, *(int(k) for k in inner), points.shape[1] - 1)
+
+
+def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int, ...]]:
+    """Which points to keep so that no link has more than `most`, and where the cuts are among them."""
+    kept = [np.unique(np.linspace(a, b, min(most, b - a + 1)).round().astype(int)) for a, b in pairwise(cuts)]
+    places = np.unique(np.concatenate(kept))
+    return places, tuple(int(np.searchsorted(places, c)) for c in cuts)
+
+
+def rigid_angles(joints: ArrayLike) -> Array:
+    """Angles (..., N) of links that do not bend, rad, from the angles of the joints."""
+    return np.asarray(np.cumsum(joints, axis=-1))
+
+
+def magnified(points: ArrayLike, cuts: Sequence[int], angles: ArrayLike, joints: ArrayLike, factor: float) -> Array:
+    """The chain with its deflection drawn larger, about the rigid arm at the same joint angles.
+
+    Each link's deflection over its root's tangent, and each angle by which bending turns the links beyond, is
+    multiplied by the factor; lengths along the tangents, the root and the joints' angles stay. A factor of 1 gives the
+    points.
+
+    Args:
+        points (P, 2): from root to tip, m. cuts (N + 1,): which are root, joints and tip. angles (N, 2): of the
+            tangents at each link's root and tip, rad. joints (N,): angles of the joints, rad. factor: positive.
+    Returns:
+        (P, 2), m.
+    """
+    factor = check.number("factor", factor, above=0.0)
+    given, tangents, rigid = np.asarray(points, float), np.asarray(angles, float), rigid_angles(joints)
+    out = given.copy()
+    at = given[cuts[0]]
+    for k, (a, b) in enumerate(pairwise(cuts)):
+        offset, (c, s) = given[a : b + 1] - given[a], (np.cos(tangents[k, 0]), np.sin(tangents[k, 0]))
+        along, across = c * offset[:, 0] + s * offset[:, 1], factor * (c * offset[:, 1] - s * offset[:, 0])
+        turned = rigid[k] + factor * (tangents[k, 0] - rigid[k])
+        c, s = np.cos(turned), np.sin(turned)
+        out[a : b + 1] = at + np.column_stack([c * along - s * across, s * along + c * across])
+        at = out[b]
+    return out

@@ -1,0 +1,187 @@
+"""The page: clips as numbers in base64, with the player's HTML, style and script, in one file that needs no network."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from .clip import Chart, Clip
+
+Array = NDArray[np.float64]
+
+MOST_BYTES = 2_900_000
+"""Of a page; where all instants would need more, they are thinned evenly."""
+
+
+class Player:
+    """A page that plays clips over each other or side by side.
+
+    Args:
+        clips: at least one; label tells them apart. title: of the page; default the labels.
+        most_bytes: that the page may have; where all instants would need more, they are thinned evenly.
+    Raises:
+        ValueError: no clip, or clips that do not fit even with two instants each.
+    """
+
+    def __init__(self, clips: Sequence[Clip], title: str | None = None, most_bytes: int = MOST_BYTES) -> None:
+        if not clips:
+            raise check.InvalidValue("clips", clips, "must hold at least one")
+        self.title = _listed([clip.label for clip in clips]) if title is None else title
+        own = _apart(list(clips))
+        step = 1
+        while len(text := _json(own, step, self.title)) + len(_script()) + 20_000 > most_bytes:
+            if all(len(clip.every(step).t) <= 2 for clip in own):
+                raise check.InvalidValue("most_bytes", most_bytes, f"must be at least {len(text) + 100_000} here")
+            step += 1 if step < 4 else step // 3
+        self.data = text
+
+    @property
+    def html(self) -> str:
+        """The whole page."""
+        return page(self.data, self.title)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page to a file, whole or not at all; its folder is made."""
+        target = Path(path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        try:
+            part.write_text(self.html, encoding="utf-8")
+            part.replace(target)
+        finally:
+            part.unlink(missing_ok=True)
+        return target
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the page in a frame of its own, which can reach nothing of the notebook."""
+        return frame(f'srcdoc="{html.escape(self.html)}"', self.title)
+
+
+def frame(source: str, title: str) -> str:
+    """An iframe that shows a player. source: its src or srcdoc attribute."""
+    style = 'style="width: 100%; height: 44rem; border: 1px solid #8884; border-radius: 8px"'
+    name = f'title="{html.escape(f"Player: {title}")}"'
+    return f'<iframe {source} {name} sandbox="allow-scripts" allow="fullscreen" loading="lazy" {style}></iframe>'
+
+
+def page(data: str, title: str) -> str:
+    """The page for what `Player.data` holds."""
+    style, script = _part("player.css"), _script()
+    own = f"script-src {_hash(script)}; style-src {_hash(style)}"
+    policy = f"default-src 'none'; {own}; base-uri 'none'; form-action 'none'"
+    parts = {"title": html.escape(title), "policy": policy, "style": style, "script": script, "data": data}
+    return re.sub(r"%(\w+)%", lambda found: parts[found.group(1)], _part("player.html"))
+
+
+def _part(name: str) -> str:
+    return (resources.files(__package__) / name).read_text("utf-8")
+
+
+def _script() -> str:
+    return _part("arm.js") + _part("player.js")
+
+
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+# ------------------------------------------------------------------ numbers
+def _json(clips: Sequence[Clip], step: int, title: str) -> str:
+    known = {"title": title, "clips": [_clip(clip.every(step)) for clip in clips]}
+    return json.dumps(known, separators=(",", ":")).replace("<", "\\u003c")  # no </script> in it
+
+
+def _clip(clip: Clip) -> dict[str, Any]:
+    roots = clip.points[:, :1]
+    return {
+        "label": clip.label,
+        "note": clip.note + (f", one instant of {clip.skipped}" if clip.skipped > 1 else ""),
+        "t": _exact(clip.t),
+        "root": _exact(roots[:, 0]),
+        "points": _single(clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
+        "cuts": list(clip.cuts),
+        "angles": _single(clip.angles),
+        "joints": _single(clip.joints),
+        "spans": clip.spans.tolist(),
+        "curvature": _short(clip.curvature),
+        "surface": clip.surface,
+        "target": None if clip.target is None else _single(clip.target),
+        "polar": clip.polar,
+        "pinned": clip.pinned,
+        "payload": clip.payload,
+        "pulls": [
+            {"name": p.name, "point": p.point, "values": _short(p.values), "most": _most(p.values, p.limit)}
+            for p in clip.pulls
+        ],
+        "charts": [
+            {"title": chart.title, "series": {name: _short(values) for name, values in chart.series.items()}}
+            for chart in clip.charts
+        ],
+    }
+
+
+def _most(values: Array, limit: float | None) -> float:
+    size = np.hypot(*values.T) if values.ndim == 2 else np.abs(values)
+    return float(limit) if limit is not None and np.isfinite(limit) else float(size.max())
+
+
+def _packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:
+    data = np.ascontiguousarray(values, dtype=f"<{kind}")
+    return {"kind": kind, "shape": list(data.shape), "data": base64.b64encode(data.tobytes()).decode()}
+
+
+def _exact(values: Array) -> dict[str, Any]:
+    return _packed("f8", values)
+
+
+def _single(values: Array) -> dict[str, Any]:
+    return _packed("f4", values)
+
+
+def _short(values: Array) -> dict[str, Any]:
+    """16 bits, from the least to the greatest value, 0 among them where it lies between; -32768 is no number."""
+    good = np.isfinite(values)
+    low, high = (float(np.min(values[good])), float(np.max(values[good]))) if good.any() else (0.0, 0.0)
+    step = (high - low) / 65533.0 or 1.0
+    low = step * np.floor(low / step) if low < 0.0 < high else low
+    whole = np.round((np.where(good, values, low) - low) / step) - 32767.0
+    return _packed("i2", np.where(good, whole, -32768.0)) | {"low": low, "step": step}
+
+
+# -------------------------------------------------------------- many clips
+def _listed(labels: Sequence[str]) -> str:
+    *others, last = dict.fromkeys(labels)
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _apart(clips: list[Clip]) -> list[Clip]:
+    """Labels that differ; and where no clip has a tip error of its own, how far each tip is from the first clip's."""
+    seen: dict[str, int] = {}
+    own = []
+    for clip in clips:
+        seen[clip.label] = seen.get(clip.label, 0) + 1
+        label = clip.label if seen[clip.label] == 1 else f"{clip.label} ({seen[clip.label]})"
+        own.append(Clip(**{**vars(clip), "label": label}))
+    if len(own) > 1 and not any(chart.title.startswith("tip error") for clip in own for chart in clip.charts):
+        first = own[0]
+        title = f"distance of the tip from that of {first.label} (m)"
+        own[1:] = [Clip(**{**vars(c), "charts": [Chart(title, _between(first, c)), *c.charts]}) for c in own[1:]]
+    return own
+
+
+def _between(first: Clip, other: Clip) -> Mapping[str, Array]:
+    known = [np.interp(other.t, first.t, first.points[:, -1, axis]) for axis in (0, 1)]
+    apart = np.hypot(other.points[:, -1, 0] - known[0], other.points[:, -1, 1] - known[1])
+    return {"tip": np.where(other.t <= first.t[-1] * (1.0 + 1e-9), apart, np.nan)}

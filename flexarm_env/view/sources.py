@@ -1,0 +1,219 @@
+"""Clips of what the package has recorded: trajectories, and episodes that are played again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import scenes
+from .. import validation as check
+from ..parameters import Arm
+from ..physics.layout import POSE
+from ..scene import PointLoad, Scene
+from ..sensors import surface
+from ..settings import Settings
+from .clip import Chart, Clip, Pull, cuts_of, thinned
+
+Array = NDArray[np.float64]
+
+MOST_POINTS = 21
+"""Points that are kept of a link."""
+
+
+# ------------------------------------------------------------- trajectories
+def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
+    """The clip of a `Trajectory`. curvature: gives (n, G) 1/m at places, each (link, 0 to 1)."""
+    scene: Scene = run.scene
+    arm = scene.arm
+    kept, cuts = thinned(cuts_of(run.shapes, run.hinges), MOST_POINTS)
+    points = run.shapes[:, kept]
+    energies = {"kinetic": run.kinetic, "strain": run.strain_energy, "gravity": run.gravity}
+    energies |= {"dissipated": run.dissipated, "work": run.work}
+    charts = _reference_error(run)
+    charts.append(Chart("tip deflection / length", dict(zip(_links(arm), run.tip_deflection.T, strict=True))))
+    charts.append(Chart("joint torque (N m)", _moving(dict(zip(_joints(arm), run.joint_torque.T, strict=True)))))
+    charts.append(Chart("energy (J)", _moving(energies)))
+    charts += _sensors(run)
+    curved = curvature(_places(arm, points[0], cuts))
+    return Clip(
+        label=scene.name if label is None else label,
+        note=_note(run.settings, "" if run.finished else f"{run.status} after {run.t[-1]:g} s"),
+        t=run.t, points=points, cuts=cuts, angles=run.link_angles, joints=run.joint_angles, spans=_spans(arm),
+        curvature=curved, surface=_surface(arm, curved),
+        pulls=[*_torques(arm, cuts, run.joint_torque), *_loads(scene, cuts, run.t)],
+        charts=[c for c in charts if c.series], pinned=scene.root == "pinned", payload=arm.payload.mass > 0.0,
+    )  # fmt: skip
+
+
+def _note(settings: Settings, ended: str) -> str:
+    keys = ("segments", "elements", "coupling", "modes", "order", "nodes")
+    given = [f"{key} {getattr(settings, key)}" for key in keys if getattr(settings, key) is not None]
+    words = [settings.formulation.replace("_", " "), *given, f"dt {settings.dt:.4g} s", *([ended] if ended else [])]
+    return ", ".join(words)
+
+
+def _links(arm: Arm) -> list[str]:
+    return [f"link {k + 1}" for k in range(arm.n_links)] if arm.n_links > 1 else ["tip"]
+
+
+def _joints(arm: Arm) -> list[str]:
+    return [name.replace("_", " ") for name in arm.joint_names]
+
+
+def _spans(arm: Arm) -> Array:
+    return np.array([link.span for link in arm.links])
+
+
+def _moving(series: Mapping[str, Array]) -> dict[str, Array]:
+    """What is not zero throughout."""
+    return {name: values for name, values in series.items() if np.any(np.nan_to_num(values) != 0.0)}
+
+
+def _surface(arm: Arm, curvature: Array) -> float | None:
+    """Distance of the surface from the neutral axis, if it is one number for the whole arm, and a likely one: an arm
+    whose numbers belong to no real section would strain by more than a tenth."""
+    sections = [link.along(share * link.length) for link in arm.links for share in (0.0, 0.5, 1.0)]
+    if any(float(s.J) <= 0.0 for s in sections):
+        return None
+    found = [surface(float(s.m), float(s.J)) for s in sections]
+    alike = max(found) - min(found) <= 1e-6 * found[0]
+    return found[0] if alike and found[0] * np.abs(curvature).max() < 0.1 else None
+
+
+def _places(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, float]]:
+    """Link and place, 0 to 1 along what bends of it, of each point."""
+    places: list[tuple[int, float]] = []
+    for k, (a, b) in enumerate(pairwise(cuts)):
+        link, steps = arm.links[k], np.hypot(*np.diff(points[a : b + 1], axis=0).T)
+        along = np.concatenate([[0.0], np.cumsum(steps)]) * link.span / max(float(steps.sum()), 1e-300)
+        shares = np.clip((along - link.root_offset) / link.length, 0.0, 1.0)
+        places += [(k, float(share)) for share in shares[1 if k else 0 :]]
+    return places
+
+
+def _torques(arm: Arm, cuts: Sequence[int], torque: Array) -> list[Pull]:
+    limits = arm.torque_limits or (None,) * arm.n_links
+    names = [f"{name} torque" for name in _joints(arm)]
+    rows = zip(names, cuts, torque.T, limits, strict=False)
+    return [Pull(*row) for row in rows if np.any(row[2] != 0.0)]
+
+
+def _loads(scene: Scene, cuts: Sequence[int], t: Array) -> list[Pull]:
+    pulls = []
+    for load in scene.loads:
+        if isinstance(load, PointLoad):
+            point, where = cuts[load.link + (load.end == "tip")], f"at the {load.end} of link {load.link + 1}"
+            x, y = (np.zeros(len(t)) if f is None else np.asarray(f(t)) for f in (load.force_x, load.force_y))
+            if load.force_x is not None or load.force_y is not None:
+                pulls.append(Pull(f"force {where}", point, np.column_stack([x, y])))
+            if load.torque is not None:
+                pulls.append(Pull(f"torque {where}", point, np.asarray(load.torque(t))))
+    return pulls
+
+
+def _reference_error(run: Any) -> list[Chart]:
+    """How far the tip is from the scene's own reference, where there is one."""
+    name = run.scene.name
+    if name not in scenes.reference_names() or run.scene != scenes.named(name):
+        return []
+    table = scenes.reference(name).columns
+    inside = run.t <= table["t"][-1] * (1.0 + 1e-9)
+    known = [np.interp(run.t, table["t"], table[key]) for key in ("tip_x", "tip_y")]
+    on_samples = np.min(np.abs(run.t[:, None] - table["t"]), axis=1) < 1e-9
+    apart = np.hypot(run.tip[:, 0] - known[0], run.tip[:, 1] - known[1])
+    return [Chart("tip error: from the reference (m)", {"tip": _held(np.where(inside & on_samples, apart, np.nan))})]
+
+
+def _held(values: Array) -> Array:
+    """Gaps bridged straight, those at the end left."""
+    good = np.flatnonzero(np.isfinite(values))
+    if not len(good):
+        return values
+    inner = np.interp(np.arange(len(values)), good, values[good])
+    inner[: good[0]], inner[good[-1] + 1 :] = np.nan, np.nan
+    return inner
+
+
+UNITS = {"angle": "rad", "rate": "rad/s", "acceleration": "m/s²", "camera": "m", "strain_gauge": "1/m"}
+
+
+def _sensors(run: Any) -> list[Chart]:
+    """What the arm's own sensors read, ideal ones where it has none: a chart for each unit."""
+    try:
+        read: dict[str, Array] = run.measured()
+    except ValueError:  # samples at uneven distances: no sensor reads them
+        return []
+    sensors = run.scene.arm.sensors
+    ideal = " (ideal)" if sensors is None else ""
+    gauges = {gauge.unit for gauge in sensors.strain_gauges} if sensors is not None else set()
+    units = UNITS if gauges <= {"curvature"} else UNITS | {"strain_gauge": ", ".join(sorted(gauges))}
+    groups: dict[str, dict[str, Array]] = {}
+    for name, values in read.items():
+        kind = next(key for key in UNITS if key in name)
+        groups.setdefault(kind, {})[name.replace("_", " ")] = values
+    titles = {key: key.replace("_", " ") for key in UNITS} | {"angle": "joint angle", "rate": "joint rate"}
+    return [Chart(f"measured{ideal}: {titles[kind]} ({units[kind]})", series) for kind, series in groups.items()]
+
+
+# ----------------------------------------------------------------- episodes
+def of_episode(
+    plan: Any, views: Sequence[Any], rows: Mapping[str, Array], rewards: Array, label: str, rate: Any
+) -> Clip:
+    """The clip of an episode.
+
+    Args:
+        plan: of its environment. views: `batch.View` of each instant. rows: observations and infos by name.
+        rewards: of its steps. label: what it is called. rate: gives (G, rows) curvature, 1/m, from the state at places.
+    """
+    arm: Arm = plan.arm
+    t = np.array([view.time for view in views])
+    shapes = np.array([view.points for view in views])
+    poses = np.array([view.poses for view in views])
+    angles = poses[..., [POSE.angle, POSE.tip_angle]]
+    joints = poses[..., POSE.angle].copy()
+    joints[:, 1:] -= poses[:, :-1, POSE.tip_angle]
+    kept, cuts = thinned(cuts_of(shapes, poses[:, 1:, [POSE.x, POSE.y]]), MOST_POINTS)
+    target = np.array([plan.kind.target.place(arm, view.target) for view in views])
+    polar = plan.kind.target.numbers == 1
+    torque = np.array([view.torques for view in views])
+    bend = np.array([view.deflection for view in views])
+    table = rate(_places(arm, shapes[0][kept], cuts))
+    charts = [_miss(poses[:, -1], target, np.array([view.target for view in views]), polar)]
+    charts.append(Chart("tip deflection / length", dict(zip(_links(arm), bend.T, strict=True))))
+    charts.append(Chart("joint torque (N m)", dict(zip(_joints(arm), torque.T, strict=True))))
+    energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
+    charts.append(Chart("energy (J)", _moving(energies)))
+    terms = {k.removeprefix("reward_"): x for k, x in rows.items() if k.startswith("reward_")}
+    total = np.concatenate([[math.nan], rewards])
+    charts.append(Chart("reward a step", {"sum": total} | _moving(terms)))
+    seen = {k.removeprefix("seen_").replace("_", " "): x for k, x in rows.items() if k.startswith("seen_")}
+    charts.append(Chart("observation, in its scales", seen))
+    curvature = np.array([view.q for view in views]) @ table.T
+    return Clip(
+        label=label, note=_note(plan.settings, ""), t=t, points=shapes[:, kept], cuts=cuts, angles=angles,
+        joints=joints, spans=_spans(arm), curvature=curvature,
+        surface=_surface(arm, curvature), target=target, polar=polar, pulls=_torques(arm, cuts, torque),
+        charts=[c for c in charts if c.series],
+        payload=arm.payload.mass > 0.0,
+    )  # fmt: skip
+
+
+def _miss(tip: Array, target: Array, angle: Array, polar: bool) -> Chart:
+    if not polar:
+        apart = np.hypot(tip[:, POSE.tip_x] - target[:, 0], tip[:, POSE.tip_y] - target[:, 1])
+        return Chart("tip error: distance from the target (m)", {"tip": apart})
+    now = np.arctan2(tip[:, POSE.tip_y], tip[:, POSE.tip_x])
+    off = np.mod(angle[:, 0] - now + math.pi, 2.0 * math.pi) - math.pi
+    return Chart("tip error: target less angle of the tip (rad)", {"tip": off})
+
+
+def check_shapes(run: Any) -> None:
+    """ValueError for a trajectory with nothing to be shown of."""
+    if not len(run.t) or run.link_angles.shape != (*run.joint_angles.shape, 2):
+        what = "must be recorded by `simulate`, with one instant at least: link_angles are missing"
+        raise check.InvalidValue("trajectory", f"{len(run.t)} instants", what)

@@ -1,0 +1,196 @@
+"""A payload whose centre of mass is not at the tip: known frequencies, a pendulum, large motion, books, errors."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import flexarm_env  # noqa: F401  (registers the environments)
+from flexarm_env import arms, rigid
+from flexarm_env.accuracy import slowest_rate
+from flexarm_env.linear import modes, static_equilibrium
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.physics.assembly import assemble
+from flexarm_env.scene import JointTorque, Load, PointLoad, Scene
+from flexarm_env.settings import Settings
+from flexarm_env.simulation import Simulation, simulate
+from flexarm_env.time_functions import sine
+
+STRIP = Section(EI=2.0, EA=2e7, C=2e7, m=0.3)
+PAYLOAD = Payload(0.2, 1e-3, (0.05, 0.08))
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "exact": ("geometrically_exact", {"elements": 16}),
+    "elastica": ("elastica", {"nodes": 12}),
+    "segments": ("floating_frame", {"segments": 16}),
+    "clamped": ("floating_frame", {"segments": 16, "frame": "root"}),
+    "modes": ("floating_frame", {"modes": 4}),
+}
+
+
+def cantilever(payload: Payload, count: int) -> list[float]:
+    """rad/s, 1 m of STRIP, Euler-Bernoulli: zeros of shear and moment at the tip, which a rigid body's motion asks for.
+
+    Small motion along the strip takes no part: the centre moves across by v + a v', along by -b v'.
+    """
+    m, (a, b) = payload.mass, payload.offset
+    turn = payload.inertia + m * (a * a + b * b)
+
+    def determinant(w: float) -> float:
+        k = (w * w * STRIP.m / STRIP.EI) ** 0.25
+        C, S, c, s = np.cosh(k), np.sinh(k), np.cos(k), np.sin(k)
+        rows = []
+        for v, d, moment, shear in (
+            (C - c, k * (S + s), k**2 * (C + c), k**3 * (S - s)),
+            (S - s, k * (C - c), k**2 * (S + s), k**3 * (C + c)),
+        ):
+            force = STRIP.EI * shear + w * w * m * (v + a * d)
+            rows.append((force, STRIP.EI * moment - w * w * (turn * d + m * a * v)))
+        return float(np.linalg.det(rows))
+
+    grid = np.linspace(0.5, 200.0, 4000)
+    values = [determinant(w) for w in grid]
+    pairs = zip(grid, grid[1:], values, values[1:], strict=False)
+    return [brentq(determinant, x, y) for x, y, f, g in pairs if f * g < 0.0][:count]
+
+
+EACH = [
+    name if name in ("exact", "elastica", "segments") else pytest.param(name, marks=pytest.mark.slow)
+    for name in METHODS
+]
+"""In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
+
+
+@pytest.mark.parametrize("method", EACH)
+def test_frequencies_of_a_cantilever(method: str) -> None:
+    formulation, options = METHODS[method]
+    scene = Scene("s", Arm("a", (Link(1.0, STRIP),), payload=PAYLOAD), duration=1.0, dt=0.002)
+    known = cantilever(PAYLOAD, 3)
+    found = modes(scene, 3, formulation, clamped=True, **options).frequencies
+    np.testing.assert_allclose(found, known, rtol=5e-4)
+    assert slowest_rate(scene) == pytest.approx(known[0], rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", list(METHODS)[:3])
+def test_rigid_pendulum(method: str) -> None:
+    """A stiff arm hangs so that the common centre of mass is below the hub, and swings about that as a rigid body."""
+    formulation, options = METHODS[method]
+    stiff = Section(EI=1e5, EA=1e8, C=1e8, m=0.3)
+    arm = Arm("a", (Link(1.0, stiff),), payload=PAYLOAD)
+    along, across = 0.15 + 0.2 * 1.05, 0.2 * 0.08
+    hangs = -0.5 * np.pi - np.arctan2(across, along)
+    scene = Scene("s", arm, duration=1.0, dt=0.001, gravity=(0.0, -9.81), angles=(hangs + 0.05,))
+    options = {key: min(value, 4) for key, value in options.items()}
+    rest = static_equilibrium(scene, formulation, hold_joints=False, **options)
+    assert rest.work.q[rest.system.coordinates["joint0"]] == pytest.approx(hangs, abs=1e-6)
+    inertia = 0.1 + 1e-3 + 0.2 * (1.05**2 + 0.08**2)
+    assert rigid.inertia_beyond(arm, 0) == pytest.approx(inertia, rel=1e-12)
+    below = dataclasses.replace(scene, angles=(hangs,))
+    found = modes(below, 1, formulation, clamped=(), **options).frequencies[0]
+    assert found == pytest.approx(np.sqrt(9.81 * np.hypot(along, across) / inertia), rel=1e-5)
+
+
+def test_rigid_arm_with_an_offset() -> None:
+    """Inertia and Coriolis torques of two rigid links against Lagrange's equations of the payload's place alone."""
+    arm = Arm("a", (Link(0.6, STRIP), Link(0.4, STRIP)), payload=PAYLOAD)
+    light = dataclasses.replace(arm, payload=Payload())
+    elbow, rates = np.array([[0.7]]), np.array([[0.4, -1.1]])
+
+    def place(joints: Any) -> Any:
+        second = joints[0] + joints[1]
+        lever = 0.4 + complex(*PAYLOAD.offset)
+        z = 0.6 * np.exp(1j * joints[0]) + lever * np.exp(1j * second)
+        return np.array([z.real, z.imag])
+
+    q, h = np.array([0.3, 0.7]), 1e-5
+    jacobian = np.array([(place(q + h * e) - place(q - h * e)) / (2 * h) for e in np.eye(2)]).T
+    inertia = PAYLOAD.mass * jacobian.T @ jacobian + PAYLOAD.inertia
+    found = (rigid.rigid_inertia(arm, elbow) - rigid.rigid_inertia(light, elbow))[0]
+    np.testing.assert_allclose(found, inertia, rtol=1e-6)
+    h = 1e-4
+    swept = (place(q + h * rates[0]) - 2.0 * place(q) + place(q - h * rates[0])) / h**2
+    torque = PAYLOAD.mass * jacobian.T @ swept
+    found = (rigid.coriolis(arm, elbow, rates) - rigid.coriolis(light, elbow, rates))[0]
+    np.testing.assert_allclose(found, torque, rtol=1e-5)
+
+
+def swung(root: str) -> Scene:
+    """Two links bent by half their length, the root held or in free flight, under gravity."""
+    arm = Arm(
+        "a", (Link(0.6, STRIP), Link(0.4, STRIP)), payload=PAYLOAD, hub_inertia=0.02, elbows=(Elbow(0.05, 1e-5, 1e-5),),
+        tau_d=2e-3,
+    )  # fmt: skip
+    loads: tuple[Load, ...] = JointTorque(0, sine(2.0, 6.28)), JointTorque(1, sine(1.0, 6.28))
+    if root == "free":
+        loads = (PointLoad(0, "root", sine(2.4, 3.0), sine(5.0, 6.28), sine(-2.0, 6.28)),)
+    return Scene(
+        "s", arm, duration=1.0, dt=1e-3, sample=0.02, root=root, gravity=(0.0, -5.9), loads=loads, angles=(0.2, -0.3)
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("root", ["pinned", "free"])
+def test_large_motion(root: str) -> None:
+    """Elastica and segments against the exact beam, which share neither coordinates nor levers; books closed."""
+    fine = simulate(swung(root), "geometrically_exact", elements=12, estimate_error=False)
+    assert np.abs(fine.tip_deflection).max() > 0.3
+    for method, options in (("elastica", {"nodes": 8}), ("floating_frame", {"segments": 12})):
+        run = simulate(swung(root), method, estimate_error=False, **options)
+        assert np.hypot(*(run.tip - fine.tip)[:, :2].T).max() < 3e-4
+        assert np.abs(run.balance).max() < 2e-4 * run.turned_over
+
+
+def test_momentum_in_free_flight() -> None:
+    """What flies free of loads keeps its centre of mass, that of arm and payload: a coordinate of the elastica."""
+    scene = dataclasses.replace(swung("free"), loads=(), gravity=None, rates=(3.0, 5.0), dt=2e-3)
+    flight = Simulation(scene, scene.settings("elastica", nodes=8))
+    rows = [flight.system.coordinates[f"centre_{axis}"] for axis in "xy"]
+    centre, rate = flight.work.q[rows].copy(), flight.work.v[rows].copy()
+    assert flight.advance_to(1.0)
+    np.testing.assert_allclose(flight.work.v[rows], rate, atol=1e-11)
+    first, second = np.exp(0.2j), np.exp(-0.3j)  # of the straight links at the start, m
+    elbow = 0.6 * first
+    moments = 0.18 * 0.3 * first + 0.05 * elbow + 0.12 * (elbow + 0.2 * second)
+    moments += 0.2 * (elbow + (0.4 + complex(*PAYLOAD.offset)) * second)
+    np.testing.assert_allclose(complex(*centre), moments / (0.18 + 0.05 + 0.12 + 0.2), rtol=1e-12)
+    np.testing.assert_allclose(flight.work.q[rows], centre + rate, atol=1e-10)
+
+
+def test_no_offset_is_the_same_arm() -> None:
+    for formulation, options in METHODS.values():
+        for payload in (Payload(0.2, 1e-3), Payload(0.0, 1e-3, (0.1, 0.1))):
+            scene = Scene("s", Arm("a", (Link(1.0, STRIP),), payload=payload), duration=1.0, dt=0.01)
+            model = assemble(scene, Settings.make(formulation, dt=0.01, **options)).model
+            assert model.eccentric is None
+
+
+@pytest.mark.slow
+def test_environments_and_files() -> None:
+    """One arm and a vector of them, with payloads of their own; TOML."""
+    arm = dataclasses.replace(arms.named("strip"), payload=PAYLOAD)
+    assert arms.from_toml(arms.to_toml(arm)) == arm
+    options: dict[str, Any] = {"arm": arm, "randomization": {"payload": (0.8, 1.2)}}
+    vector = gym.make_vec("FlexibleArm-v0", num_envs=3, vectorization_mode="vector_entry_point", **options)
+    single = gym.make("FlexibleArm-v0", **options)
+    many, one = vector.reset(seed=4)[0], single.reset(seed=5)[0]
+    for _ in range(20):
+        np.testing.assert_array_equal(many[1], one)
+        many = vector.step(np.full((3, 1), 0.5, np.float32))[0]
+        one = single.step(np.array([0.5], np.float32))[0]
+
+
+def test_refusals() -> None:
+    with pytest.raises(ValueError, match=r"^payload.offset = \(0.1,\): must be "):
+        Payload(0.1, 0.0, (0.1,))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^payload.offset\[1\] = 'b': must be a finite number"):
+        Payload(0.1, 0.0, (0.1, "b"))  # type: ignore[arg-type]
+    scene = Scene("s", Arm("a", (Link(1.0, STRIP),), payload=PAYLOAD), duration=1.0, dt=0.01)
+    with pytest.raises(ValueError, match=r"^payload.offset = \(0.05, 0.08\): must be \(0, 0\) with multipliers=True"):
+        assemble(scene, Settings.make(multipliers=True))
+    with pytest.raises(ValueError, match=r"^period_correction = True: must be False where links have rigid ends, or"):
+        assemble(scene, Settings.make("geometrically_exact", period_correction=True))

@@ -1,0 +1,214 @@
+"""The player's page, without a browser (that is tests/browser): what is in it, its size, what `flexarm view` takes."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import json
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexarm_env import Trajectory, named, simulate
+from flexarm_env.cli import main
+from flexarm_env.recording import load_episodes
+from flexarm_env.trajectory import link_deflection
+from flexarm_env.view import Chart, Clip, Player, magnified
+from flexarm_env.view.clip import cuts_of, thinned
+
+
+@cache
+def run() -> Trajectory:
+    return simulate(named("two_link_motion"), duration=1.0, estimate_error=False)
+
+
+def numbers(packed: dict[str, Any]) -> np.ndarray[Any, Any]:
+    values = np.frombuffer(base64.b64decode(packed["data"]), "<" + packed["kind"]).reshape(packed["shape"])
+    if packed["kind"] != "i2":
+        return values.astype(float)
+    return np.where(values == -32768, np.nan, packed["low"] + (values + 32767.0) * packed["step"])
+
+
+def long_clip(n: int, label: str) -> Clip:
+    """n instants of two links with everything that can be shown."""
+    rng = np.random.default_rng(1)
+    values = {f"a{k}": rng.normal(size=n) for k in range(30)}
+    return dataclasses.replace(
+        run().clip(label), t=np.linspace(0.0, 60.0, n), points=rng.normal(size=(n, 41, 2)), cuts=(0, 20, 40),
+        angles=rng.normal(size=(n, 2, 2)), joints=rng.normal(size=(n, 2)), curvature=rng.normal(size=(n, 41)),
+        pulls=(), charts=[Chart("all", values)],
+    )  # fmt: skip
+
+
+def test_a_factor_of_one_gives_the_points_and_more_only_the_deflection() -> None:
+    own = run()
+    clip = own.clip()
+    for i in (3, 11, 20):
+        given = clip.points[i], clip.cuts, clip.angles[i], clip.joints[i]
+        assert np.abs(magnified(*given, 1.0) - clip.points[i]).max() < 1e-13
+        five = magnified(*given, 5.0)
+        first = five[: clip.cuts[1] + 1] - five[0]
+        c, s = np.cos(clip.angles[i, 0, 0]), np.sin(clip.angles[i, 0, 0])
+        grown = (c * first[-1, 1] - s * first[-1, 0]) / own.scene.arm.links[0].span
+        assert abs(grown - 5.0 * own.tip_deflection[i, 0]) < 1e-9
+    still = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]])
+    assert np.array_equal(magnified(still, (0, 2), [[0.0, 0.0]], [0.0], 20.0), still)
+    with pytest.raises(ValueError, match="factor = 0"):
+        magnified(still, (0, 2), [[0.0, 0.0]], [0.0], 0)
+
+
+def test_cuts_and_thinning_keep_root_joints_and_tip() -> None:
+    own = run()
+    cuts = cuts_of(own.shapes, own.hinges)
+    assert np.abs(own.shapes[:, cuts[1]] - own.hinges[:, 0]).max() < 1e-12
+    kept, places = thinned(cuts, 7)
+    assert [kept[k] for k in places] == list(cuts) and len(kept) == 13
+
+
+def test_the_page_holds_the_run_and_allows_nothing_else() -> None:
+    own = run()
+    text = own.view().html
+    script = re.search(r"<script>(.*?)</script>", text, re.S)
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    assert script is not None and data is not None
+    digest = base64.b64encode(hashlib.sha256(script.group(1).encode()).digest()).decode()
+    assert f"default-src 'none'; script-src 'sha256-{digest}'" in text and "unsafe" not in text
+    clip = json.loads(data.group(1))["clips"][0]
+    points = numbers(clip["points"]) + numbers(clip["root"])[:, None]
+    assert np.abs(points[:, -1] - own.tip[:, :2]).max() < 1e-6 * own.scene.arm.total_length
+    assert np.abs(numbers(clip["t"]) - own.t).max() == 0.0
+    energy = next(chart for chart in clip["charts"] if chart["title"].startswith("energy"))["series"]["kinetic"]
+    assert np.abs(numbers(energy) - own.kinetic).max() <= 1e-5 * np.ptp(own.kinetic)
+    values = np.array([-0.3, 0.0, 1.0, np.nan, 2.0])
+    charts = json.loads(Player([dataclasses.replace(run().clip(), charts=[Chart("a", {"b": values})])]).data)
+    back = numbers(charts["clips"][0]["charts"][0]["series"]["b"])
+    assert abs(back[1]) < 1e-12 and np.isnan(back[3]) and np.nanmax(np.abs(back - values)) < 4e-5
+
+
+def test_a_name_cannot_break_out_of_the_page() -> None:
+    text = Player([run().clip("</script><script>alert(1)</script> %data% %style%")]).html
+    assert "<script>alert" not in text and text.count("</script>") == 2
+
+
+def test_curvature_is_what_gauges_read() -> None:
+    own = run()
+    clip = own.clip()
+    strain = own.strain(0, 0.5, distance=1.0)
+    middle = clip.curvature[:, clip.cuts[1] // 2]
+    assert np.abs(middle - strain).max() < 0.05 * np.abs(strain).max()
+
+
+def test_an_hour_of_numbers_still_fits() -> None:
+    """60 s of two arms of two links at 50 Hz with 30 curves: below 3 MB, evenly thinned, the ends kept."""
+    player = Player([long_clip(3001, "a"), long_clip(3001, "b")])
+    assert len(player.html) < 3_000_000
+    for clip in json.loads(player.data)["clips"]:
+        t = numbers(clip["t"])
+        assert t[0] == 0.0 and t[-1] == 60.0 and len(t) >= 1000
+        assert "one instant of" in clip["note"] or len(t) == 3001
+    with pytest.raises(ValueError, match="most_bytes = 1000"):
+        Player([long_clip(10, "a")], most_bytes=1000)
+    with pytest.raises(ValueError, match="clips"):
+        Player([])
+
+
+def test_labels_are_told_apart_and_tips_compared() -> None:
+    own = run()
+    other = simulate(named("two_link_motion"), "elastica", nodes=6, duration=1.0, estimate_error=False)
+    clips = json.loads(own.view(other).data)["clips"]
+    assert [clip["label"] for clip in clips] == ["two_link_motion", "two_link_motion (2)"]
+    chart = clips[1]["charts"][0]
+    assert chart["title"] == "distance of the tip from that of two_link_motion (m)"
+    apart = np.hypot(*(other.tip[:, :2] - own.tip[:, :2]).T)
+    assert np.abs(numbers(chart["series"]["tip"]) - apart).max() < 1e-4 * apart.max() + 1e-12
+    with pytest.raises(ValueError, match="labels"):
+        own.view(other, labels=["one"])
+
+
+def test_notebooks_get_a_frame_that_reaches_nothing() -> None:
+    text = run()._repr_html_()
+    assert text.startswith('<iframe srcdoc="&lt;!doctype html&gt;') and 'sandbox="allow-scripts"' in text
+
+
+def test_a_trajectory_comes_back_from_its_file(tmp_path: Path) -> None:
+    own = run()
+    own.to_npz(tmp_path / "run.npz")
+    again = Trajectory.from_npz(tmp_path / "run.npz")
+    for one in dataclasses.fields(own):
+        a, b = getattr(own, one.name), getattr(again, one.name)
+        assert np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray | float) else a == b, one.name
+    assert again.view().data == own.view().data
+    (tmp_path / "none.npz").write_bytes(b"PK\3\4 no archive")
+    with pytest.raises(ValueError, match=r"none\.npz: damaged"):
+        Trajectory.from_npz(tmp_path / "none.npz")
+
+
+def test_link_angles_are_the_tangents() -> None:
+    own = run()
+    assert np.array_equal(own.link_angles[:, 0, 0], own.joint_angles[:, 0])
+    assert np.allclose(own.link_angles[:, 1, 0] - own.link_angles[:, 0, 1], own.joint_angles[:, 1])
+    assert np.array_equal(own.link_angles[:, -1, 1], own.tip[:, 2])
+    poses = np.zeros((len(own.t), 1, 12))
+    poses[:, 0, [0, 1]], poses[:, 0, 2] = own.hinges[:, 0], own.link_angles[:, 1, 0]
+    poses[:, 0, [6, 7]] = own.tip[:, :2]
+    assert np.allclose(link_deflection(poses)[:, 0] / own.scene.arm.links[1].span, own.tip_deflection[:, 1])
+
+
+# ------------------------------------------------------------- command line
+def told(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_view_takes_scenes_and_trajectories(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run().to_npz("kept.npz")
+    assert main(["view", "two_link_motion", "kept.npz", "--duration", "0.5", "--json"]) == 0
+    values = told(capsys)
+    assert values["view"] == "two_link_motion.html" and values["runs"] == ["two_link_motion", "kept"]
+    assert values["instants"][0] >= 100 and values["bytes"] == Path("two_link_motion.html").stat().st_size
+
+
+def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "new" / "page.html"
+    assert main(["view", "two_link", "pd", "--seed", "3", "--out", str(page), "--json"]) == 0
+    values = told(capsys)
+    assert values["runs"] == ["two_link", "pd"] and page.is_file()
+    data = re.search(r'id="data">(.*?)</script>', page.read_text("utf-8"), re.S)
+    assert data is not None
+    first, second = json.loads(data.group(1))["clips"]
+    assert np.array_equal(numbers(first["target"]), numbers(second["target"]))
+    assert np.array_equal(numbers(first["points"])[0], numbers(second["points"])[0])
+    titles = [chart["title"] for chart in first["charts"]]
+    assert [title.split(" ")[0] for title in titles] == ["tip", "tip", "joint", "energy", "reward", "observation,"]
+
+    kept = tmp_path / "episodes.npz"
+    assert main(["play", "--policy", "pd", "--headless", "--episodes", "2", "--record", str(kept), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["view", str(kept), "--episode", "1", "--out", str(page), "--json"]) == 0
+    assert told(capsys)["runs"] == ["episodes, episode 1"]
+    clip = load_episodes(kept)[1].clip()
+    assert np.allclose(clip.points[:, -1], load_episodes(kept)[1].infos["tip_position"], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["nothing"], "flexarm view: nothing: unknown scene, controller or policy"),
+        (["pd", "--out", "a.txt"], "--out = 'a.txt': must end in .html"),
+        (["two_link", "flexible_arm"], "RUN = 'flexible_arm'"),
+    ],
+)
+def test_view_says_what_is_wrong(
+    words: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", *words]) == 2
+    assert sentence in capsys.readouterr().err
