@@ -72,7 +72,7 @@ def differences(model: LinearModel, simulation: Simulation) -> tuple[np.ndarray,
 
 
 @pytest.mark.parametrize("name", ["robot_arm_torque", "two_link_motion"])
-@every((*ALL, ("geometrically_exact", {"elements": 3, "period_correction": True})))
+@every((*ALL, ("geometrically_exact", {"elements": 3, "period_correction": True})), slow=("period_correction",))
 def test_a_period_is_the_derivative_of_the_solver(name: str, formulation: str, options: dict[str, Any]) -> None:
     simulation = moving(name, formulation, options)
     before = simulation.work.q.copy(), simulation.work.v.copy(), simulation.t
@@ -345,7 +345,7 @@ def test_bad_input_names_itself() -> None:
         ("elastica", {"nodes": 6}, 2e-4),
         ("geometrically_exact", {"elements": 6}, 2e-3),
         ("floating_frame", {"segments": 4}, 3e-2),
-        ("floating_frame", {"segments": 3, "frame": "root"}, 3e-2),
+        pytest.param("floating_frame", {"segments": 3, "frame": "root"}, 3e-2, marks=pytest.mark.slow),
         pytest.param("floating_frame", {"modes": 6}, 3e-2, marks=pytest.mark.slow),
     ],
 )
