@@ -24,7 +24,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from tests.versions import PYTHONS, ROOT, bounds
+from tests.versions import ROOT, bounds, pythons
 
 FOLDER = ROOT / ".venv-versions" / "release"
 PICTURES = ROOT / "runs" / "release"
@@ -134,7 +134,7 @@ def main() -> int:
         faults = faults_of(wheel, sdist)
         for fault in faults:
             print(f"missing: {fault}")
-        for python in filter(shutil.which, PYTHONS):
+        for python in pythons():
             for age, file in (("oldest", wheel), ("newest", wheel), ("newest", sdist)):
                 try:
                     start = time.monotonic()

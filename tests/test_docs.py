@@ -58,7 +58,8 @@ def test_every_page_has_code() -> None:
 
 
 # ----------------------------------------------------------------- the API
-INSIDE = {"compiler", "layout", "physics", "runtime", "tasks", "batch", "cli", "data", "__main__", "__init__"}
+INSIDE = {"compiler", "layout", "physics", "runtime", "tasks", "batch", "curves", "rest"}
+INSIDE |= {"cli", "data", "__main__", "__init__"}
 """Rooms that are not for use from outside."""
 
 

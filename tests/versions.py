@@ -23,6 +23,12 @@ PYTHONS = ("python3.11", "python3.12", "python3.13", "python3.14")
 TOLERANCE = 1e-12
 
 
+def pythons() -> list[str]:
+    """Those that the machine has: that run, not those of which it has only a name."""
+    found = filter(shutil.which, PYTHONS)
+    return [p for p in found if subprocess.run([p, "-c", ""], capture_output=True, check=False).returncode == 0]
+
+
 def bounds() -> dict[str, tuple[str, str]]:
     """Package: its lowest version and its whole requirement."""
     with open(ROOT / "pyproject.toml", "rb") as file:
@@ -118,7 +124,7 @@ def agree(files: dict[str, str]) -> bool:
 def main() -> int:
     """All environments; 1 where one fails."""
     files, inside, good = {}, Path(sys.executable), True
-    for python in filter(shutil.which, PYTHONS):
+    for python in pythons():
         for age in ("oldest", "newest"):
             inside = environment(python, age)
             for mode in ("whole", "plain"):
