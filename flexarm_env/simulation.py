@@ -20,6 +20,7 @@ from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
 from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, System
+from .rest import rested
 from .runtime.fitted import FITS, begin_run, close_fit, end_run, open_fit
 from .runtime.keeping import keep
 from .runtime.layout import fit_rooms
@@ -37,13 +38,10 @@ _NO_POINTS = np.zeros((0, 2))
 _AT = STRETCH.places
 CHUNK = 500
 """Steps between two looks at the work done."""
-
 CHUNKS = 4
 """Such stretches between two returns from compiled code, where the clock is looked at and Ctrl-C heard."""
-
 CHEAP = 250
-"""Unknowns up to which a step is quick enough for CHUNKS of CHUNK steps to take less than a second."""
-
+"""Unknowns up to which CHUNKS of CHUNK steps take less than a second."""
 ENERGY_LIMIT = 1e3
 """A run has diverged where its energy exceeds this many times what can account for it (`Simulation.gained`)."""
 
@@ -79,7 +77,7 @@ class Simulation:
         self.scene, self.settings, self.dt = scene, settings, settings.dt
         self._systems = fitted_systems(scene, settings)
         self.follow: Sequence[int] = ()
-        self.system = self._systems[-1]
+        self.system = rested(self._systems[-1], scene, settings, Simulation)
         self.drive = assembly.drive(scene, self.system)
         self.n_motions = len(scene.motions)
         self.scheme = assembly.scheme_of(settings)

@@ -1,6 +1,7 @@
 """Linear models of an arm about a point of its motion: state space, equilibrium, natural frequencies and shapes."""
 
-from .equilibrium import Equilibrium, NoEquilibrium, UnstableEquilibrium, static_equilibrium
+from ..rest import NoEquilibrium
+from .equilibrium import Equilibrium, UnstableEquilibrium, static_equilibrium
 from .stability import Stability
 from .state_space import LinearModel, linearize, set_state, state_of
 from .vibration import Modes, modes

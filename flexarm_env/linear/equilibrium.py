@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..physics.model import OK
+from ..rest import NoEquilibrium
 from ..scene import JointTorque, Load, Motion, Scene
 from ..simulation import Simulation
 from ..time_functions import constant
@@ -46,10 +47,6 @@ _TURNS = 16
 
 _MOST = 400
 """Newton iterations of a search."""
-
-
-class NoEquilibrium(RuntimeError):
-    """No equilibrium was found; the message says what was tried."""
 
 
 class UnstableEquilibrium(UserWarning):
@@ -146,7 +143,7 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
         steady = all(len(f.pieces) == 1 and not f.pieces[0, 2:6].any() for f in load.functions)
         return steady and not (hold_joints and isinstance(load, JointTorque))
 
-    moved = replace(scene, motions=(), **changes)
+    moved = replace(scene, motions=(), start="unloaded", **changes)
     prescribed = [m.coordinate for m in scene.motions]
     if hold_joints:  # a motor without inertia cannot be held by a torque that goes on acting
         massless = [k for k, joint in enumerate(scene.arm.joints) if joint.elastic and joint.rotor == 0.0]

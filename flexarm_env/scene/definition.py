@@ -38,6 +38,9 @@ class Scene:
             of their tangents at their roots.
         velocity: of the root before t = 0, m/s, (vx, vy). rates: absolute rates of the links then, N numbers (rad/s),
             or () for none; links turn as rigid ones, and a motion that begins with another rate jumps.
+        start: "unloaded": without stress; "held": at rest under gravity and the loads as they are at t = 0, with the
+            joints at `angles` (behind an elastic gear its motor), which are let go at t = 0 unless a motion prescribes
+            them; "equilibrium": where the arm comes to rest under these, its joints free.
         rigid_joints: joints k >= 1 at which link k is fixed to link k-1 (at the angle it starts with), not hinged.
         motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
@@ -65,11 +68,13 @@ class Scene:
     description: str = ""
     source: str = ""
     note: str = ""
+    start: str = "unloaded"
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
         n = check.instance("arm", self.arm, Arm).n_links
         check.choice("root", self.root, ("pinned", "free"))
+        check.choice("start", self.start, ("unloaded", "held", "equilibrium"))
         values: dict[str, Any] = {
             "duration": check.number("duration", self.duration, "s", above=0.0),
             "dt": check.number("dt", self.dt, "s", above=0.0),
@@ -102,6 +107,13 @@ class Scene:
         return _numbers(name, given, unit, n) if given else (0.0,) * n
 
     def _check_rates(self) -> None:
+        if self.start != "unloaded":
+            if self.root == "free":
+                raise check.InvalidValue("start", self.start, 'must be "unloaded" where the root is free')
+            for name in ("velocity", "rates"):
+                if any(getattr(self, name)):
+                    what = f'must be 0 where start = "{self.start}": the arm rests'
+                    raise check.InvalidValue(name, getattr(self, name), what)
         for k in self.rigid_joints:
             if self.rates[k] != self.rates[k - 1]:
                 what = f"must be that of the link before, {self.rates[k - 1]!r}: joint {k} is rigid"

@@ -125,6 +125,8 @@ def text_of(scene: Any) -> str:
     table |= {key: getattr(scene, key) for key in _OPTIONAL_TEXT if getattr(scene, key)}
     table |= {key: getattr(scene, key) for key in ("duration", "dt", "sample", "root", "position", "angles")}
     table |= {key: getattr(scene, key) for key in ("velocity", "rates") if any(getattr(scene, key))}
+    if scene.start != "unloaded":
+        table["start"] = scene.start
     if scene.rigid_joints:
         table["rigid_joints"] = scene.rigid_joints
     if scene.gravity is not None:

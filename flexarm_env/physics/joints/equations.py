@@ -16,7 +16,9 @@ contact would begin with a jump of the torque and end with a pull.
 
 from __future__ import annotations
 
-from ...compiler import absolute, kernel, load, select_lt, size, splat, store
+from typing import Any
+
+from ...compiler import NONE, absolute, by_kind, kernel, load, select_lt, size, splat, store
 from .. import protocol
 from ..arithmetic import clip
 from ..layout import DISSIPATED
@@ -47,20 +49,36 @@ def _rest(lane, model, i, state, total):
 
 
 @kernel
-def _spring(lane, play, stiffness, half, wound):
-    """The torque of a gear's spring and its slope."""
-    if play is None:
-        return wound * stiffness, stiffness
+def _tight(lane, play, stiffness, half, wound):
+    return wound * stiffness, stiffness
+
+
+@kernel
+def _loose(lane, play, stiffness, half, wound):
     beyond = wound - clip(wound, half)
     return beyond * stiffness, select_lt(0.0, absolute(beyond), splat(lane, stiffness), splat(lane, 0.0))
 
 
+@by_kind("play", "lane, play, stiffness, half, wound")
+def _spring(kind: str) -> Any:
+    """The torque of a gear's spring and its slope: a number, with backlash one in each lane."""
+    return _tight if kind == NONE else _loose
+
+
 @kernel
-def _wide(lane, play, x):
-    """x in every lane, where with backlash it is one number each."""
-    if play is None:
-        return splat(lane, x)
+def _alike(lane, play, x):
+    return splat(lane, x)
+
+
+@kernel
+def _own(lane, play, x):
     return x
+
+
+@by_kind("play", "lane, play, x")
+def _wide(kind: str) -> Any:
+    """x in every lane, where with backlash it is one number each."""
+    return _alike if kind == NONE else _own
 
 
 @kernel

@@ -1,0 +1,163 @@
+"""A tapered two-link arm with elastic, damped joints and rigid ends in large motion: the exact beam beside Exudyn.
+
+    python -m benchmarks.exudyn_arm            measures both and prints the distances (extra: bench)
+    python -m benchmarks.exudyn_arm ours FILE  ours alone, into a file that a Python with Exudyn then reads:
+    python -m benchmarks.exudyn_arm peer FILE
+
+Exudyn's beam elements are of one section each, so that its error is of second order in their number: two meshes are
+extrapolated (Richardson). Rigid ends are local positions of bodies on the beams' end nodes, joints revolute ones with
+torsional springs whose offsets are the motors' angles.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any
+
+import numpy as np
+
+LENGTHS, ENDS, MATERIAL = (0.55, 0.4), ((0.05, 0.04), (0.03, 0.0)), {"E": 7e9, "rho": 2700.0, "G": 2.6e9}
+SIDES: tuple[tuple[Any, Any], ...] = (((0.02, 0.015), (8e-3, 5e-3)), ((0.015, 0.01), (5e-3, 3e-3)))
+SPRINGS, DAMPERS, HUB, PAYLOAD, TAU_D = (60.0, 15.0), (0.05, 0.02), 0.01, (0.1, 1e-4), 2e-3
+TURNS, TIMES = (1.6, -2.0), (0.4, 0.3)
+DURATION, SAMPLE = 1.0, 0.01
+
+
+def scene() -> Any:
+    """The scene: motors turn the joints' springs by cycloids."""
+    from flexarm_env.parameters import Arm, Joint, Link, Payload
+    from flexarm_env.scene import Motion, Scene
+    from flexarm_env.time_functions import cycloid
+
+    links = tuple(
+        Link.tapered(length, *sides, **MATERIAL, root_offset=ends[0], tip_offset=ends[1])
+        for length, sides, ends in zip(LENGTHS, SIDES, ENDS, strict=True)
+    )
+    joints = tuple(Joint(stiffness=k, damping=d) for k, d in zip(SPRINGS, DAMPERS, strict=True))
+    arm = Arm("tapered", links, hub_inertia=HUB, payload=Payload(*PAYLOAD), tau_d=TAU_D, joints=joints)
+    motions = tuple(Motion(f"motor{k}", cycloid(TURNS[k], TIMES[k])) for k in range(2))
+    return Scene("tapered", arm, duration=DURATION, dt=5e-4, sample=SAMPLE, motions=motions)
+
+
+def ours(elements: int = 10, dt: float = 5e-4) -> Any:
+    """The exact beam's run."""
+    from flexarm_env.simulation import simulate
+
+    options: dict[str, Any] = {"elements": elements, "order": 2, "dt": dt, "rho_inf": 0.9}
+    return simulate(scene(), "geometrically_exact", estimate_error=False, **options)
+
+
+def _cycloid(k: int, t: float, derivative: int) -> float:
+    """Angle of motor k, or its rate."""
+    s = min(t / TIMES[k], 1.0)
+    if derivative:
+        return TURNS[k] / TIMES[k] * (1.0 - math.cos(2.0 * math.pi * s)) if s < 1.0 else 0.0
+    return TURNS[k] * (s - math.sin(2.0 * math.pi * s) / (2.0 * math.pi))
+
+
+def peer(elements: int, dt: float) -> np.ndarray:
+    """Exudyn's run: tip positions (n, 2) at the samples, m."""
+    import exudyn as exu
+    from exudyn import itemInterface
+
+    items: Any = itemInterface
+
+    mbs = exu.SystemContainer().AddSystem()
+    x, before = 0.0, mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=mbs.AddObject(items.ObjectGround())))
+    for k, (length, (b, h), (root, tip)) in enumerate(zip(LENGTHS, SIDES, ENDS, strict=True)):
+        start = x + root
+        nodes = [
+            mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=[start + s, 0.0, 0.0]))
+            for s in np.linspace(0.0, length, 2 * elements + 1)
+        ]
+        for e in range(elements):
+            share = (e + 0.5) / elements
+            width, thick = b[0] + (b[1] - b[0]) * share, h[0] + (h[1] - h[0]) * share
+            area, second = width * thick, width * thick**3 / 12.0
+            EI, EA, C = MATERIAL["E"] * second, MATERIAL["E"] * area, 0.85 * MATERIAL["G"] * area
+            mbs.AddObject(items.ObjectBeamGeometricallyExact2D(
+                nodeNumbers=nodes[2 * e : 2 * e + 3], length=length / elements,
+                massPerLength=MATERIAL["rho"] * area, crossSectionInertia=MATERIAL["rho"] * second,
+                bendingStiffness=EI, axialStiffness=EA, shearStiffness=C,
+                bendingDamping=TAU_D * EI, axialDamping=TAU_D * EA, shearDamping=TAU_D * C,
+            ))  # fmt: skip
+        last = k + 1 == len(LENGTHS)
+        inertia, (mass, turning) = HUB if k == 0 else 1e-12, PAYLOAD if last else (1e-12, 1e-12)
+        first = mbs.AddObject(items.ObjectRigidBody2D(mass=1e-12, inertia=inertia, nodeNumber=nodes[0]))
+        end = mbs.AddObject(items.ObjectRigidBody2D(mass=mass, inertia=turning, nodeNumber=nodes[-1]))
+        near = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=first, localPosition=[-root, 0.0, 0.0]))
+        mbs.AddObject(items.RevoluteJoint2D(markerNumbers=[before, near]))
+
+        def torque(mbs: Any, t: float, item: int, angle: float, rate: float, stiffness: float, damping: float,
+                   offset: float, k: int = k) -> float:  # fmt: skip
+            return stiffness * (angle - _cycloid(k, t, 0)) + damping * (rate - _cycloid(k, t, 1))
+
+        mbs.AddObject(items.TorsionalSpringDamper(
+            markerNumbers=[before, near], stiffness=SPRINGS[k], damping=DAMPERS[k], springTorqueUserFunction=torque,
+        ))  # fmt: skip
+        before = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=end, localPosition=[tip, 0.0, 0.0]))
+        x = start + length + tip
+    return _solved(exu, items, mbs, nodes[-1], elements, dt)
+
+
+def _solved(exu: Any, items: Any, mbs: Any, tip: Any, elements: int, dt: float) -> np.ndarray:
+    """The tip's positions at the samples."""
+    sensor = mbs.AddSensor(items.SensorNode(
+        nodeNumber=tip, storeInternal=True, outputVariableType=exu.OutputVariableType.Position
+    ))  # fmt: skip
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = round(DURATION / dt)
+    settings.timeIntegration.endTime = DURATION
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.newton.relativeTolerance, settings.timeIntegration.newton.absoluteTolerance = 1e-5, 1e-6
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = SAMPLE
+    if not mbs.SolveDynamic(settings):
+        raise RuntimeError(f"Exudyn with {elements} elements a link and steps of {dt:g} s did not come to an end")
+    return np.asarray(mbs.GetSensorStoredData(sensor))[:, 1:3]
+
+
+OURS = ((10, 5e-4), (10, 2.5e-4))
+PEERS = ((16, 5e-4), (16, 2.5e-4), (24, 2.5e-4))
+"""Elements a link and steps, s."""
+
+
+def compared(mine: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> str:
+    """Lines of what is how far apart, as shares of the arm's length."""
+    length = sum(LENGTHS) + sum(map(sum, ENDS))
+    own, finest = mine[_name(*OURS[-1])], other[_name(*PEERS[-1])]
+    middle = other[_name(*PEERS[1])]
+    peer_at_once = finest + (finest - middle) / ((PEERS[2][0] / PEERS[1][0]) ** 2 - 1.0)
+    peer_at_once = peer_at_once + (middle - other[_name(*PEERS[0])]) / 3.0
+    own_at_once = own + (own - mine[_name(*OURS[0])]) / 3.0
+
+    def apart(one: np.ndarray, two: np.ndarray) -> float:
+        return float(np.hypot(*(one - two).T).max()) / length
+
+    lines = [f"the exact beam, {name}: {apart(tips, own_at_once):.2g} of L" for name, tips in mine.items()]
+    lines += [f"Exudyn, {name}: {apart(tips, own_at_once):.2g} of L" for name, tips in other.items()]
+    both = apart(peer_at_once, own_at_once)
+    lines.append(f"Exudyn extrapolated in mesh and step, the exact beam in step: {both:.2g} of L")
+    return "\n".join(lines)
+
+
+def _name(elements: int, dt: float) -> str:
+    return f"{elements} elements a link, {1e3 * dt:g} ms"
+
+
+def main(arguments: list[str]) -> None:
+    """See the module."""
+    what, path = (arguments[0], arguments[1]) if len(arguments) == 2 else ("", "")
+    mine = dict(np.load(path)) if what == "peer" else {_name(*case): ours(*case).tip[:, :2] for case in OURS}
+    if what == "ours":
+        np.savez(path, **mine)
+    else:
+        print(compared(mine, {_name(*case): peer(*case) for case in PEERS}))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
