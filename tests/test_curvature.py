@@ -31,7 +31,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "modes in segments": ("floating_frame", {"segments": 8, "modes": 3}),
 }
 EACH = [
-    name if name in ("exact", "elastica", "segments") else pytest.param(name, marks=pytest.mark.slow)
+    name if name in ("elastica", "segments") else pytest.param(name, marks=pytest.mark.slow)
     for name in METHODS
 ]
 """In every run of the tests, and the rest in the slow lane: kernels take long to compile."""

@@ -163,7 +163,8 @@ def test_friction_under_torques_that_jump_keeps_the_books(
         assert energy + info["energy_dissipated"] == pytest.approx(info["work"], rel=own, abs=3e-5)
 
 
-@pytest.mark.parametrize("formulation", ["elastica", pytest.param("floating_frame", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("formulation", ["elastica", "floating_frame"])
 def test_friction_under_torques_that_jump_is_that_of_short_steps(formulation: str) -> None:
     """An environment's joint, thrown about, against a scene's of the same torques in steps of 0.25 ms, in which every
     reversal and stop is resolved; the error falls with the step, as it must at reversals."""

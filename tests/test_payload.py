@@ -59,7 +59,7 @@ def cantilever(payload: Payload, count: int) -> list[float]:
 
 
 EACH = [
-    name if name in ("exact", "elastica", "segments") else pytest.param(name, marks=pytest.mark.slow)
+    name if name in ("elastica", "segments") else pytest.param(name, marks=pytest.mark.slow)
     for name in METHODS
 ]
 """In every run of the tests, and the rest in the slow lane: kernels take long to compile."""

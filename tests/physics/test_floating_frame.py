@@ -133,7 +133,10 @@ def test_multipliers_do_not_ring(name: str, options: dict[str, Any]) -> None:
     [
         {"segments": 2, "rho_inf": 1.0},
         {"segments": 2, "rho_inf": 0.9},
-        {"segments": 2, "newmark": (0.25, 0.5), "coupling": "paper", "frame": "root"},
+        pytest.param(
+            {"segments": 2, "newmark": (0.25, 0.5), "coupling": "paper", "frame": "root"}, marks=pytest.mark.slow
+        ),
+        {"segments": 2, "newmark": (0.25, 0.5)},
         {"segments": 3, "rho_inf": 0.6},
         {"modes": 3, "rho_inf": 0.9, "duration": 3.0},
     ],
@@ -177,7 +180,7 @@ def test_modified_newton() -> None:
         pytest.param(1, 5, "von_karman", 1.22, marks=pytest.mark.slow),
         pytest.param(2, 2, "paper", 0.42, marks=pytest.mark.slow),
         (4, 1, "von_karman", 0.052),
-        (5, 1, "paper", 0.071),
+        pytest.param(5, 1, "paper", 0.071, marks=pytest.mark.slow),
         (5, 1, "von_karman", 0.030),
         (8, 1, "von_karman", 0.013),
     ],
