@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from flexarm_env.comparison import common_instants
-from flexarm_env.view import magnified
 from flexarm_env.view.clip import cuts_of
+from flexarm_env.view.sources import shapes_of
 
 if TYPE_CHECKING:
     from flexarm_env.trajectory import Trajectory
@@ -303,14 +303,6 @@ def _larger(trajectory: Trajectory, chosen: NDArray[np.intp]) -> float:
     return next((k for k in (20.0, 10.0, 5.0, 2.0) if k * largest <= 0.25), 1.0)
 
 
-def _drawn(trajectory: Trajectory, frames: Any, factor: float) -> Array:
-    """Points of the chain at these samples, (n, points, 2), the deflection times the factor."""
-    shapes, cuts = trajectory.shapes[frames], cuts_of(trajectory.shapes, trajectory.hinges)
-    angles, joints = trajectory.link_angles[frames], trajectory.joint_angles[frames]
-    rows = zip(shapes, angles, joints, strict=True)
-    return shapes if factor == 1.0 else np.array([magnified(p, cuts, a, j, factor) for p, a, j in rows])
-
-
 def _extent(points: Array) -> tuple[float, float]:
     """Width and height that shapes take, neither much smaller than the other."""
     flat = points.reshape(-1, 2)
@@ -326,8 +318,8 @@ def _draw_shapes(
     t = trajectory.t[chosen]
     times = np.linspace(t[0], t[-1], min(count, t.size))
     frames = chosen[np.unique(np.abs(t[:, None] - times).argmin(axis=0))]
-    shapes, cuts = _drawn(trajectory, frames, factor), cuts_of(trajectory.shapes, trajectory.hinges)
-    axes.plot(*_drawn(trajectory, chosen, factor)[:, -1].T, color=FAINT, lw=0.7, ls=(0, (4, 2)), zorder=1)
+    shapes, cuts = shapes_of(trajectory, frames, factor), cuts_of(trajectory.shapes, trajectory.hinges)
+    axes.plot(*shapes_of(trajectory, chosen, factor)[:, -1].T, color=FAINT, lw=0.7, ls=(0, (4, 2)), zorder=1)
     if reference is not None and factor == 1.0:
         inside = (reference["t"] >= t[0] - 1e-9) & (reference["t"] <= t[-1] + 1e-9)
         axes.plot(

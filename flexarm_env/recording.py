@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from flexarm_env import arms, sensors
 from flexarm_env import validation as check
-from flexarm_env.batch import gauge_table
+from flexarm_env.batch import gauge_table, scene_gauges
 from flexarm_env.envs.ids import permitted
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
@@ -96,7 +96,7 @@ class Episode:
         """
         with closing(_made(self, env_id, info_level="full")) as env:
             _begin(env, self)
-            plan = env.unwrapped.plan
+            plan, guide = env.unwrapped.plan, env.unwrapped.guide
             views, infos, seen = [env.unwrapped.snapshot()], [], [self.observations[0]]
             for action in self.actions:
                 observation, _, _, _, info = env.step(action)
@@ -109,7 +109,9 @@ class Episode:
         }  # fmt: skip
         last = np.array(seen)[:, -len(plan.names) :]
         rows |= {f"seen_{name}": values.astype(float) for name, values in zip(plan.names, last.T, strict=True)}
-        rate = partial(gauge_table, plan.arm, plan.settings, plan.gravity)
+        rate: Any = partial(gauge_table, plan.arm, plan.settings, plan.gravity)
+        if guide is not None:  # an arm that follows a motion has a state of its own form
+            rate = partial(scene_gauges, guide.scene, guide.settings, guide.simulation.system)
         return of_episode(plan, views, rows, self.rewards, self.env_id if label is None else label, rate)
 
     def view(self, *others: Episode, labels: Sequence[str] | None = None, env_id: str | None = None) -> Player:

@@ -240,6 +240,11 @@ TIP = {
 TORQUE, DISSIPATED, BALANCE, RATIO = 0.02, 0.03, 0.02, 0.1
 """Largest relative errors: of the torques that enforce motions, of what is dissipated, of the energy's balance as a
 share of what was turned over, and of the first mode's damping ratio about a bent posture."""
+GAUGE = {
+    "exact": 0.02, "elastica": 0.02, "segments": 0.03, "modes in segments": 0.05, "modes": 0.08,
+    "clamped segments": 0.03, "joined segments": 0.03, "clamped modes": 0.08,
+}  # fmt: skip
+"""Largest difference of what a strain gauge at a quarter of a link reads, over the most that it reads."""
 FRONTS = ("jolted base",)
 """A jump of the root's velocity sends waves that no mesh has an end to; what light damping takes of those, and what any
 takes from a few modes, is the mesh's own: dissipation is then held for heavy damping of full models alone."""
@@ -341,7 +346,7 @@ def reference(features: tuple[str, ...], scale: float) -> Trajectory:
 
 
 def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
-    """How far a cell is off: tip (of L), torque, dissipated, balance (relative), and how far it is bent.
+    """How far a cell is off: tip (of L), torque, dissipated, balance, gauges (relative), and how far it is bent.
 
     nan where the run did not come to its end; torque 0 where no motion is prescribed.
     """
@@ -351,7 +356,7 @@ def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
     run = simulate(other.scene, formulation, estimate_error=False, **options)
     bent = float(np.abs(other.tip_deflection).max())
     if not (run.finished and other.finished):
-        return {"bent": bent, "tip": math.nan, "torque": math.nan, "dissipated": math.nan, "balance": math.nan}
+        return {"bent": bent} | dict.fromkeys(("tip", "torque", "dissipated", "balance", "gauge"), math.nan)
     joints = [motion.joint for motion in other.scene.motions if motion.joint is not None]
     torque = 0.0
     if joints:
@@ -363,7 +368,14 @@ def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
         "torque": torque,
         "dissipated": abs(float(run.dissipated[-1] / other.dissipated[-1]) - 1.0),
         "balance": float(np.abs(run.balance).max()) / run.turned_over,
+        "gauge": max(_gauge(run, other, k) for k in range(other.scene.arm.n_links)),
     }
+
+
+def _gauge(run: Trajectory, other: Trajectory, link: int) -> float:
+    """How far a strain gauge at a quarter of a link is off, over the most that it reads."""
+    read, wanted = (one.strain(link, 0.25) for one in (run, other))
+    return float(np.abs(read - wanted).max() / np.abs(wanted).max())
 
 
 POSTURES: dict[str, dict[str, Any]] = {

@@ -34,6 +34,7 @@ def check(features: tuple[str, ...], method: str) -> None:
     if not fronts or ("heavy damping" in features and method not in matrix.WHOLE):
         assert row["dissipated"] <= matrix.DISSIPATED
     assert row["balance"] <= matrix.BALANCE
+    assert row["gauge"] <= matrix.GAUGE[method]
 
 
 def name(features: tuple[str, ...]) -> str:

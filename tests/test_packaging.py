@@ -17,6 +17,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from tests.processes import ROOT
+from tests.release import faults_of
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
@@ -66,6 +67,10 @@ def test_sdist_holds_what_is_needed_to_build_and_test(dist: Path) -> None:
                    "tests/conftest.py"):  # fmt: skip
         assert needed in names
     assert not [name for name in names if name.startswith((".venv", "runs/")) or "__pycache__" in name]
+
+
+def test_nothing_is_missing_from_what_is_released(dist: Path) -> None:
+    assert faults_of(next(dist.glob("*.whl")), next(dist.glob("*.tar.gz"))) == []
 
 
 def test_versions_agree() -> None:

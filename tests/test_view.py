@@ -11,15 +11,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from flexarm_env import Trajectory, named, simulate
+from flexarm_env import Arm, Link, Scene, Section, Trajectory, named, simulate
 from flexarm_env.cli import main
-from flexarm_env.recording import load_episodes
+from flexarm_env.recording import EpisodeRecorder, load_episodes
 from flexarm_env.trajectory import link_deflection
 from flexarm_env.view import Chart, Clip, Player, magnified
 from flexarm_env.view.clip import cuts_of, thinned
+from tests.processes import ROOT
 
 
 @cache
@@ -40,8 +42,8 @@ def long_clip(n: int, label: str) -> Clip:
     values = {f"a{k}": rng.normal(size=n) for k in range(30)}
     return dataclasses.replace(
         run().clip(label), t=np.linspace(0.0, 60.0, n), points=rng.normal(size=(n, 41, 2)), cuts=(0, 20, 40),
-        angles=rng.normal(size=(n, 2, 2)), joints=rng.normal(size=(n, 2)), curvature=rng.normal(size=(n, 41)),
-        pulls=(), charts=[Chart("all", values)],
+        angles=rng.normal(size=(n, 2, 2)), rigid=rng.normal(size=(n, 2)), rest=rng.normal(size=(41, 2)),
+        curvature=rng.normal(size=(n, 41)), pulls=(), charts=[Chart("all", values)],
     )  # fmt: skip
 
 
@@ -49,7 +51,7 @@ def test_a_factor_of_one_gives_the_points_and_more_only_the_deflection() -> None
     own = run()
     clip = own.clip()
     for i in (3, 11, 20):
-        given = clip.points[i], clip.cuts, clip.angles[i], clip.joints[i]
+        given = clip.points[i], clip.cuts, clip.angles[i], clip.rigid[i], clip.rest
         assert np.abs(magnified(*given, 1.0) - clip.points[i]).max() < 1e-13
         five = magnified(*given, 5.0)
         first = five[: clip.cuts[1] + 1] - five[0]
@@ -57,9 +59,19 @@ def test_a_factor_of_one_gives_the_points_and_more_only_the_deflection() -> None
         grown = (c * first[-1, 1] - s * first[-1, 0]) / own.scene.arm.links[0].span
         assert abs(grown - 5.0 * own.tip_deflection[i, 0]) < 1e-9
     still = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]])
-    assert np.array_equal(magnified(still, (0, 2), [[0.0, 0.0]], [0.0], 20.0), still)
+    assert np.array_equal(magnified(still, (0, 2), [[0.0, 0.0]], [0.0], still, 20.0), still)
     with pytest.raises(ValueError, match="factor = 0"):
-        magnified(still, (0, 2), [[0.0, 0.0]], [0.0], 0)
+        magnified(still, (0, 2), [[0.0, 0.0]], [0.0], still, 0)
+
+
+@pytest.mark.slow
+def test_links_that_are_curved_without_stress_have_no_deflection_to_magnify() -> None:
+    hook = Link(1.0, Section(2.0, 2e6, 7e5, 0.3), curvature=[(0.0, 0.0), (0.5, 0.0), (0.5, 2.0), (1.0, 2.0)])
+    scene = Scene("hooks", Arm("hooks", (hook, hook)), duration=0.02, dt=0.01, angles=(0.3, 1.6))
+    clip = simulate(scene, "elastica", nodes=8, estimate_error=False).clip()
+    same = magnified(clip.points[0], clip.cuts, clip.angles[0], clip.rigid[0], clip.rest, 20.0)
+    assert np.abs(same - clip.points[0]).max() < 2e-3  # places along the arc are those along its chords
+    assert np.abs(clip.curvature).max() < 1e-9
 
 
 def test_cuts_and_thinning_keep_root_joints_and_tip() -> None:
@@ -88,6 +100,15 @@ def test_the_page_holds_the_run_and_allows_nothing_else() -> None:
     charts = json.loads(Player([dataclasses.replace(run().clip(), charts=[Chart("a", {"b": values})])]).data)
     back = numbers(charts["clips"][0]["charts"][0]["series"]["b"])
     assert abs(back[1]) < 1e-12 and np.isnan(back[3]) and np.nanmax(np.abs(back - values)) < 4e-5
+
+
+def test_the_sites_players_are_of_this_form() -> None:
+    """`python docs/players/make.py` makes them anew."""
+    now = set(json.loads(run().view().data)["clips"][0])
+    files = sorted((ROOT / "docs" / "players").glob("*.json"))
+    pages = "".join(path.read_text("utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    assert files and not [f.stem for f in files if f"{{player}} {f.stem}\n" not in pages]
+    assert all(set(clip) == now for f in files for clip in json.loads(f.read_text("utf-8"))["clips"])
 
 
 def test_a_name_cannot_break_out_of_the_page() -> None:
@@ -119,7 +140,7 @@ def test_an_hour_of_numbers_still_fits() -> None:
 
 def test_labels_are_told_apart_and_tips_compared() -> None:
     own = run()
-    other = simulate(named("two_link_motion"), "elastica", nodes=6, duration=1.0, estimate_error=False)
+    other = simulate(named("two_link_motion"), dt=0.01, duration=1.0, estimate_error=False)
     clips = json.loads(own.view(other).data)["clips"]
     assert [clip["label"] for clip in clips] == ["two_link_motion", "two_link_motion (2)"]
     chart = clips[1]["charts"][0]
@@ -196,6 +217,20 @@ def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, caps
     assert told(capsys)["runs"] == ["episodes, episode 1"]
     clip = load_episodes(kept)[1].clip()
     assert np.allclose(clip.points[:, -1], load_episodes(kept)[1].infos["tip_position"], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_an_episode_that_follows_a_motion_is_shown_too() -> None:
+    """Its arm has a state of another form than those of a batch."""
+    env = EpisodeRecorder(gym.make("FlexibleArm-v0", task="replay", max_episode_steps=30))
+    env.reset(seed=1)
+    for _ in range(30):
+        env.step(np.zeros(1, np.float32))
+    env.close()
+    clip = env.episodes[0].clip("replay")
+    assert np.allclose(clip.points[:, -1], env.episodes[0].infos["tip_position"], atol=1e-12)
+    bend = env.episodes[0].infos["tip_deflection"]
+    assert np.corrcoef(clip.curvature[:, 0], bend)[0, 1] > 0.9, "curved at the root as the tip is deflected"
 
 
 @pytest.mark.parametrize(

@@ -18,14 +18,14 @@ function unpack(packed) {
 }
 
 function load(clip) {
-  for (const name of ["t", "root", "points", "angles", "joints", "curvature"]) clip[name] = unpack(clip[name]).values;
+  for (const name of ["t", "root", "points", "angles", "rigid", "rest", "curvature"]) clip[name] = unpack(clip[name]).values;
   clip.target = clip.target && unpack(clip.target).values;
   for (const pull of clip.pulls) ({ values: pull.values, shape: pull.shape } = unpack(pull.values));
   for (const chart of clip.charts)
     for (const name of Object.keys(chart.series)) chart.series[name] = unpack(chart.series[name]).values;
-  clip.links = clip.spans.length;
+  clip.links = clip.cuts.length - 1;
   clip.size = clip.cuts[clip.links] + 1; // points of the chain
-  clip.reach = clip.spans.reduce((a, b) => a + b, 0);
+  clip.reach = clip.cuts.slice(1).reduce((sum, b) => sum + Math.hypot(clip.rest[2 * b], clip.rest[2 * b + 1]), 0);
   return clip;
 }
 
@@ -50,15 +50,17 @@ function last(times, t) {
 }
 
 // ----------------------------------------------------------------- geometry
-/** Points of the rigid arm at the same joint angles: root, joints, tip. */
+/** Points of the rigid arm at the same joint angles. */
 function ghost(clip, i) {
-  let x = clip.root[2 * i], y = clip.root[2 * i + 1], angle = 0;
+  let x = clip.root[2 * i], y = clip.root[2 * i + 1];
   const out = [x, y];
   for (let k = 0; k < clip.links; k++) {
-    angle += clip.joints[i * clip.links + k];
-    x += clip.spans[k] * Math.cos(angle);
-    y += clip.spans[k] * Math.sin(angle);
-    out.push(x, y);
+    const angle = clip.rigid[i * clip.links + k], c = Math.cos(angle), s = Math.sin(angle);
+    for (let j = clip.cuts[k] + 1; j <= clip.cuts[k + 1]; j++) {
+      const [along, across] = [clip.rest[2 * j], clip.rest[2 * j + 1]];
+      out.push(x + c * along - s * across, y + s * along + c * across);
+    }
+    [x, y] = out.slice(-2);
   }
   return out;
 }
@@ -66,15 +68,15 @@ function ghost(clip, i) {
 /** Points of the chain at instant i, deflection times m about the rigid arm (as `flexarm_env.view.magnified`). */
 function pose(clip, i, m) {
   const n = clip.size, p = clip.points.subarray(2 * n * i, 2 * n * (i + 1)), out = new Float64Array(2 * n);
-  let x = clip.root[2 * i], y = clip.root[2 * i + 1], rigid = 0;
+  let x = clip.root[2 * i], y = clip.root[2 * i + 1];
   for (let k = 0; k < clip.links; k++) {
     const a = clip.cuts[k], b = clip.cuts[k + 1], angle = clip.angles[2 * (i * clip.links + k)];
-    rigid += clip.joints[i * clip.links + k];
+    const rigid = clip.rigid[i * clip.links + k];
     const turned = rigid + m * (angle - rigid);
     const c = Math.cos(angle), s = Math.sin(angle), C = Math.cos(turned), S = Math.sin(turned);
     for (let j = a; j <= b; j++) {
       const dx = p[2 * j] - p[2 * a], dy = p[2 * j + 1] - p[2 * a + 1];
-      const along = c * dx + s * dy, across = m * (c * dy - s * dx);
+      const bow = j > a ? clip.rest[2 * j + 1] : 0, along = c * dx + s * dy, across = bow + m * (c * dy - s * dx - bow);
       out[2 * j] = x + C * along - S * across;
       out[2 * j + 1] = y + S * along + C * across;
     }

@@ -43,8 +43,9 @@ class Clip:
     Attributes:
         label: what it is called beside others. note: one line on how it was computed, and how it ended.
         t (n,): s. points (n, P, 2): from root to tip, m. cuts (N + 1,): which are root, joints and tip.
-        angles (n, N, 2): of the tangents at each link's root and tip, rad. joints (n, N): angles of the joints, rad,
-            joint 0 from the x axis, joint k from the tip of link k - 1. spans (N,): m, of the links.
+        angles (n, N, 2): of the tangents at each link's root and tip, rad.
+        rigid (n, N): angles of the links' roots if nothing bent, at the same joint angles, rad (`rigid_angles`).
+        rest (P, 2): the links without stress, each from its root and its tangent there, m; of a joint, that tip.
         curvature (n, P): 1/m, at the points; at a joint, of the link that ends there.
         surface: m, from the neutral axis to the surface, where one number tells it; strain is curvature times that.
         target (n, 2): m, or None. polar: the target is an angle, and its distance means nothing.
@@ -58,8 +59,8 @@ class Clip:
     points: Array
     cuts: tuple[int, ...]
     angles: Array
-    joints: Array
-    spans: Array
+    rigid: Array
+    rest: Array
     curvature: Array
     surface: float | None = None
     target: Array | None = None
@@ -70,17 +71,12 @@ class Clip:
     payload: bool = False
     skipped: int = field(default=1)  # of so many instants one is left
 
-    @property
-    def reach(self) -> float:
-        """Length of the arm, m."""
-        return float(np.sum(self.spans))
-
     def every(self, step: int) -> Clip:
         """Every `step`-th instant and the last, which is what it ends with."""
         if step <= 1:
             return self
         i = np.unique(np.append(np.arange(0, len(self.t), step), len(self.t) - 1))
-        fields = {name: getattr(self, name)[i] for name in ("t", "points", "angles", "joints", "curvature")}
+        fields = {name: getattr(self, name)[i] for name in ("t", "points", "angles", "rigid", "curvature")}
         fields["target"] = None if self.target is None else self.target[i]
         pulls = [Pull(p.name, p.point, p.values[i], p.limit) for p in self.pulls]
         charts = [Chart(c.title, {name: x[i] for name, x in c.series.items()}) for c in self.charts]
@@ -101,12 +97,19 @@ def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int
     return places, tuple(int(np.searchsorted(places, c)) for c in cuts)
 
 
-def rigid_angles(joints: ArrayLike) -> Array:
-    """Angles (..., N) of links that do not bend, rad, from the angles of the joints."""
-    return np.asarray(np.cumsum(joints, axis=-1))
+def rigid_angles(joints: ArrayLike, turns: ArrayLike) -> Array:
+    """Angles (..., N) of the roots of links that do not bend, rad.
+
+    joints (..., N): angles of the joints, joint 0 from the x axis, joint k from the tip of link k - 1. turns (N,): from
+    root to tip of each link, 0 but for links that are curved without stress.
+    """
+    before = np.concatenate([[0.0], np.cumsum(turns)[:-1]])
+    return np.asarray(np.cumsum(joints, axis=-1) + before)
 
 
-def magnified(points: ArrayLike, cuts: Sequence[int], angles: ArrayLike, joints: ArrayLike, factor: float) -> Array:
+def magnified(
+    points: ArrayLike, cuts: Sequence[int], angles: ArrayLike, rigid: ArrayLike, rest: ArrayLike, factor: float
+) -> Array:
     """The chain with its deflection drawn larger, about the rigid arm at the same joint angles.
 
     Each link's deflection over its root's tangent, and each angle by which bending turns the links beyond, is
@@ -115,17 +118,19 @@ def magnified(points: ArrayLike, cuts: Sequence[int], angles: ArrayLike, joints:
 
     Args:
         points (P, 2): from root to tip, m. cuts (N + 1,): which are root, joints and tip. angles (N, 2): of the
-            tangents at each link's root and tip, rad. joints (N,): angles of the joints, rad. factor: positive.
+            tangents at each link's root and tip, rad. rigid (N,), rest (P, 2): as those of a `Clip`. factor: positive.
     Returns:
         (P, 2), m.
     """
     factor = check.number("factor", factor, above=0.0)
-    given, tangents, rigid = np.asarray(points, float), np.asarray(angles, float), rigid_angles(joints)
-    out = given.copy()
+    given, tangents, rigid = np.asarray(points, float), np.asarray(angles, float), np.asarray(rigid, float)
+    out, bow = given.copy(), np.asarray(rest, float)[:, 1]
     at = given[cuts[0]]
     for k, (a, b) in enumerate(pairwise(cuts)):
         offset, (c, s) = given[a : b + 1] - given[a], (np.cos(tangents[k, 0]), np.sin(tangents[k, 0]))
-        along, across = c * offset[:, 0] + s * offset[:, 1], factor * (c * offset[:, 1] - s * offset[:, 0])
+        along, across = c * offset[:, 0] + s * offset[:, 1], c * offset[:, 1] - s * offset[:, 0]
+        own = np.concatenate([[0.0], bow[a + 1 : b + 1]])
+        across = own + factor * (across - own)
         turned = rigid[k] + factor * (tangents[k, 0] - rigid[k])
         c, s = np.cos(turned), np.sin(turned)
         out[a : b + 1] = at + np.column_stack([c * along - s * across, s * along + c * across])

@@ -113,8 +113,8 @@ def _clip(clip: Clip) -> dict[str, Any]:
         "points": _single(clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
         "cuts": list(clip.cuts),
         "angles": _single(clip.angles),
-        "joints": _single(clip.joints),
-        "spans": clip.spans.tolist(),
+        "rigid": _single(clip.rigid),
+        "rest": _single(clip.rest),
         "curvature": _short(clip.curvature),
         "surface": clip.surface,
         "target": None if clip.target is None else _single(clip.target),

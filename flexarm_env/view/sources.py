@@ -17,7 +17,7 @@ from ..physics.layout import POSE
 from ..scene import PointLoad, Scene
 from ..sensors import surface
 from ..settings import Settings
-from .clip import Chart, Clip, Pull, cuts_of, thinned
+from .clip import Chart, Clip, Pull, cuts_of, magnified, rigid_angles, thinned
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,8 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
     return Clip(
         label=scene.name if label is None else label,
         note=_note(run.settings, "" if run.finished else f"{run.status} after {run.t[-1]:g} s"),
-        t=run.t, points=points, cuts=cuts, angles=run.link_angles, joints=run.joint_angles, spans=_spans(arm),
+        t=run.t, points=points, cuts=cuts, angles=run.link_angles,
+        rigid=rigid_angles(run.joint_angles, turns_of(arm)), rest=rest_of(arm, points[0], cuts),
         curvature=curved, surface=_surface(arm, curved),
         pulls=[*_torques(arm, cuts, run.joint_torque), *_loads(scene, cuts, run.t)],
         charts=[c for c in charts if c.series], pinned=scene.root == "pinned", payload=arm.payload.mass > 0.0,
@@ -65,8 +66,26 @@ def _joints(arm: Arm) -> list[str]:
     return [name.replace("_", " ") for name in arm.joint_names]
 
 
-def _spans(arm: Arm) -> Array:
-    return np.array([link.span for link in arm.links])
+def shapes_of(run: Any, frames: Any, factor: float) -> Array:
+    """Points of a trajectory's chain at these samples, (n, points, 2) m, its deflection times the factor."""
+    shapes: Array = run.shapes[frames]
+    if factor == 1.0:
+        return shapes
+    arm, cuts = run.scene.arm, cuts_of(run.shapes, run.hinges)
+    rest, rigid = rest_of(arm, run.shapes[0], cuts), rigid_angles(run.joint_angles[frames], turns_of(arm))
+    rows = zip(shapes, run.link_angles[frames], rigid, strict=True)
+    return np.array([magnified(points, cuts, angles, r, rest, factor) for points, angles, r in rows])
+
+
+def turns_of(arm: Arm) -> Array:
+    """Angles (N,) from root to tip of each link without stress, rad."""
+    return np.array([link.turn for link in arm.links])
+
+
+def rest_of(arm: Arm, points: Array, cuts: Sequence[int]) -> Array:
+    """Where the points (P, 2) of a chain lie in their links without stress, (P, 2) m: `Clip.rest`."""
+    places = [arm.links[k].place(s) for k, s in _along(arm, points, cuts)]
+    return np.column_stack([np.real(places), np.imag(places)])
 
 
 def _moving(series: Mapping[str, Array]) -> dict[str, Array]:
@@ -85,15 +104,19 @@ def _surface(arm: Arm, curvature: Array) -> float | None:
     return found[0] if alike and found[0] * np.abs(curvature).max() < 0.1 else None
 
 
-def _places(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, float]]:
-    """Link and place, 0 to 1 along what bends of it, of each point."""
+def _along(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, float]]:
+    """Link of each point, of a joint the one before it, and the way to it along the beam from the beam's root, m."""
     places: list[tuple[int, float]] = []
     for k, (a, b) in enumerate(pairwise(cuts)):
         link, steps = arm.links[k], np.hypot(*np.diff(points[a : b + 1], axis=0).T)
         along = np.concatenate([[0.0], np.cumsum(steps)]) * link.span / max(float(steps.sum()), 1e-300)
-        shares = np.clip((along - link.root_offset) / link.length, 0.0, 1.0)
-        places += [(k, float(share)) for share in shares[1 if k else 0 :]]
+        places += [(k, float(s)) for s in (along - link.root_offset)[1 if k else 0 :]]
     return places
+
+
+def _places(arm: Arm, points: Array, cuts: Sequence[int]) -> list[tuple[int, float]]:
+    """Link and place, 0 to 1 along what bends of it, of each point."""
+    return [(k, float(np.clip(s / arm.links[k].length, 0.0, 1.0))) for k, s in _along(arm, points, cuts)]
 
 
 def _torques(arm: Arm, cuts: Sequence[int], torque: Array) -> list[Pull]:
@@ -196,7 +219,7 @@ def of_episode(
     curvature = np.array([view.q for view in views]) @ table.T
     return Clip(
         label=label, note=_note(plan.settings, ""), t=t, points=shapes[:, kept], cuts=cuts, angles=angles,
-        joints=joints, spans=_spans(arm), curvature=curvature,
+        rigid=rigid_angles(joints, turns_of(arm)), rest=rest_of(arm, shapes[0][kept], cuts), curvature=curvature,
         surface=_surface(arm, curvature), target=target, polar=polar, pulls=_torques(arm, cuts, torque),
         charts=[c for c in charts if c.series],
         payload=arm.payload.mass > 0.0,
