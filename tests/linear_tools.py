@@ -23,9 +23,9 @@ def names(choices: Any) -> list[str]:
 
 
 def every(choices: Any, slow: tuple[str, ...] = ()) -> Any:
-    """Each formulation with its options; those named in `slow` have to compile kernels that no other test needs."""
+    """Each formulation with its options; those `slow`, by formulation or option, compile what no other test needs."""
     sets = [
-        pytest.param(f, o, id=name, marks=[pytest.mark.slow] if f in slow else [])
+        pytest.param(f, o, id=name, marks=[pytest.mark.slow] if {f, *o} & set(slow) else [])
         for (f, o), name in zip(choices, names(choices), strict=True)
     ]
     return pytest.mark.parametrize(("formulation", "options"), sets)
@@ -43,5 +43,10 @@ def two_links(section: Section = SLENDER, **arm: Any) -> Arm:
     return Arm("two", (Link(1.0, section), Link(1.0, section)), **arm)
 
 
+def unloaded(arm: Arm, **more: Any) -> Scene:
+    """For steady rotation, which there is without gravity alone."""
+    return Scene("rest", arm, duration=1.0, dt=0.01, **more)
+
+
 def at_rest(arm: Arm, **more: Any) -> Scene:
-    return everything(Scene("rest", arm, duration=1.0, dt=0.01, **more))
+    return everything(unloaded(arm, **more))

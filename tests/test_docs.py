@@ -16,8 +16,8 @@ DOCS = ROOT / "docs"
 TRAINING = {"tutorials/train.md", "tutorials/randomisation.md"}
 PAGES = ["index.md", "getting-started.md", "linearization.md"]
 PAGES += sorted(f"tutorials/{path.name}" for path in (DOCS / "tutorials").glob("*.md"))
-SLOW = TRAINING | {"tutorials/own-arm.md", "tutorials/replay.md"}
-"""Pages that take half a minute and more, for what they have to compile."""
+QUICK = {*PAGES[:3], "tutorials/controller.md", "tutorials/index.md", "tutorials/vector.md"}
+"""Pages that compile what other tests do; the others take half a minute and more."""
 BLOCK = re.compile(
     r"(?:<!-- shortened in the tests: (?P<old>.*?) => (?P<new>.*?) -->\n\n)?```(?P<kind>python|sh)\n(?P<code>.*?)```",
     re.DOTALL,
@@ -43,7 +43,7 @@ def script_of(text: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in PAGES]
+    "page", [pytest.param(page, marks=() if page in QUICK else pytest.mark.slow) for page in PAGES]
 )
 def test_code_runs_as_printed(page: str, tmp_path: Path) -> None:
     text = (DOCS / page).read_text("utf-8")

@@ -174,6 +174,7 @@ def test_environment_and_controllers_have_the_same_goals() -> None:
 
 
 # ------------------------------------------------------------------ controllers
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pd", "zv", "zvd", "lqr"])
 def test_controllers_reach_their_targets(name: str) -> None:
     envs = gym.make_vec(ID, num_envs=20, vectorization_mode="vector_entry_point")

@@ -14,7 +14,7 @@ from flexarm_env.parameters import Arm, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.simulation import Simulation, simulate
 from flexarm_env.time_functions import constant, cycloid, pulse, ramp
-from tests.linear_tools import ALL, ELASTICA, FULL, SLENDER, at_rest, every, one_link, two_links
+from tests.linear_tools import ALL, ELASTICA, FULL, SLENDER, at_rest, every, one_link, two_links, unloaded
 from tests.scene_tools import everything
 
 
@@ -72,7 +72,7 @@ def differences(model: LinearModel, simulation: Simulation) -> tuple[np.ndarray,
 
 
 @pytest.mark.parametrize("name", ["robot_arm_torque", "two_link_motion"])
-@every((*ALL, ("geometrically_exact", {"elements": 3, "period_correction": True})))
+@every((*ALL, ("geometrically_exact", {"elements": 3, "period_correction": True})), slow=("period_correction",))
 def test_a_period_is_the_derivative_of_the_solver(name: str, formulation: str, options: dict[str, Any]) -> None:
     simulation = moving(name, formulation, options)
     before = simulation.work.q.copy(), simulation.work.v.copy(), simulation.t
@@ -245,7 +245,7 @@ def test_damping_of_a_bent_or_spinning_slender_beam(spin: float) -> None:
     """About a posture that gravity bends by 0.3 L, and in rotation: the elastica's, which has no fast poles."""
     section = Section(EI=1.0, EA=1e8, C=1e8, m=1.0, J=1e-9)
     arm = Arm("slender", (Link(1.0, section),), hub_inertia=0.05, tau_d=1e-3)
-    scene = everything(Scene("slender", arm, duration=1.0, dt=0.01, gravity=None if spin else (0.0, -3.0)))
+    scene = unloaded(arm) if spin else at_rest(arm, gravity=(0.0, -3.0))
     count = 3 if spin else 2  # the hub turns freely in rotation
     exact = modes(scene, count, "geometrically_exact", elements=32, clamped=not spin, spin=spin)
     elastica = modes(scene, count, "elastica", nodes=8, clamped=not spin, spin=spin)
@@ -263,7 +263,7 @@ def test_a_free_arm_has_four_rigid_motions(formulation: str, options: dict[str, 
 
 
 def test_modes_do_not_depend_on_where_the_arm_points() -> None:
-    there, here = (modes(at_rest(one_link(), angles=(angle,)), 2, spin=3.0, segments=2) for angle in (2.0, 0.0))
+    there, here = (modes(unloaded(one_link(), angles=(angle,)), 2, spin=3.0, segments=2) for angle in (2.0, 0.0))
     assert there.frequencies == pytest.approx(here.frequencies, abs=1e-6)
 
 
@@ -284,14 +284,14 @@ ROTATING = {2.0: (3.6218, 22.5263), 6.0: (4.2632, 26.1290), 12.0: (5.4270, 35.63
 @pytest.mark.parametrize("spin", ROTATING)
 @every([("floating_frame", {"segments": 16}), ("geometrically_exact", {"elements": 8}), ELASTICA])
 def test_rotating_cantilever(spin: float, formulation: str, options: dict[str, Any]) -> None:
-    result = modes(at_rest(one_link()), 2, formulation, spin=spin, clamped=True, **options)
+    result = modes(unloaded(one_link()), 2, formulation, spin=spin, clamped=True, **options)
     assert result.frequencies == pytest.approx(ROTATING[spin], rel=1e-3)
     assert result.damping == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
 def test_rotating_link_reduced_to_modes() -> None:
     """The second-order foreshortening: exact at slow spin, stiffer than it should be at four times the frequency."""
-    slow = modes(at_rest(one_link()), 2, "floating_frame", modes=3, spin=2.0, clamped=True)
+    slow = modes(unloaded(one_link()), 2, "floating_frame", modes=3, spin=2.0, clamped=True)
     assert slow.frequencies == pytest.approx(ROTATING[2.0], rel=1e-3)
 
 
@@ -299,7 +299,7 @@ def test_rotating_link_reduced_to_modes() -> None:
 def test_elbow_of_a_rotating_chain_swings_as_a_pendulum(formulation: str, options: dict[str, Any]) -> None:
     """Stiff links, the hub's rate held: the second link is a rod that hangs in the centrifugal field."""
     stiff = Section(EI=1e4, EA=1e8, C=1e8, m=1.0, J=1e-6)
-    scene = at_rest(two_links(stiff), position=(3.0, -1.0), angles=(0.7, 0.7))
+    scene = unloaded(two_links(stiff), position=(3.0, -1.0), angles=(0.7, 0.7))
     result = modes(scene, 1, formulation, spin=2.0, clamped=True, **options)
     assert result.frequencies[0] == pytest.approx(2.0 * np.sqrt(1.5), rel=1e-3)
 
@@ -345,7 +345,7 @@ def test_bad_input_names_itself() -> None:
         ("elastica", {"nodes": 6}, 2e-4),
         ("geometrically_exact", {"elements": 6}, 2e-3),
         ("floating_frame", {"segments": 4}, 3e-2),
-        ("floating_frame", {"segments": 3, "frame": "root"}, 3e-2),
+        pytest.param("floating_frame", {"segments": 3, "frame": "root"}, 3e-2, marks=pytest.mark.slow),
         pytest.param("floating_frame", {"modes": 6}, 3e-2, marks=pytest.mark.slow),
     ],
 )
