@@ -300,7 +300,6 @@ PAIRS = [
     ("elbow masses", "friction"),
     ("curved", "gravity"),
     ("curved", "elbow masses", "elastic gears"),
-    ("curved", "prescribed elbow"),
     ("curved", "free flight"),
     ("eccentric payload", "gravity"),
     ("eccentric payload", "free flight"),
