@@ -77,7 +77,7 @@ def variant(label: str, names: tuple[str, ...], more: str) -> dict[str, Any]:
     spent, values = time.process_time() - clock, problem.values(found.z)
 
     def explained(run: Any, kept: Any) -> list[float]:
-        readings = experiment.predict(values, run)
+        readings = experiment.predict(experiment.elsewhere(values) if run is other else values, run)
         return [vaf(run.outputs[c.name][kept], readings[c.name][kept]) for c in config.outputs]
 
     return {
@@ -189,7 +189,9 @@ read through the same low-pass, and compared from 2 s on, a constant offset of e
 CONCLUSIONS = """\
 The strain of link 1 at rest goes with the hub's angle, that of link 2 hardly does: something pulls steadily at
 the elbow, a cable perhaps. With the pull the residual of link 1 at rest is gone. A base that is not level would
-do the same to link 1, and to link 2 what is not there.
+do the same to link 1, and to link 2 what is not there. A cable lies differently a month later: the pull is the
+fitted run's own (`nuisance = true`), and the other is predicted without it. That it was not there either was seen
+in that run: with the pull 95.0 / 93.6 % of it are explained.
 """
 
 MEANING = """\

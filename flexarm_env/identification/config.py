@@ -54,7 +54,7 @@ class Parameter:
             the experiment ("loads[0].force_x", "gravity[0]", "inputs.joint0.gain", "outputs.hub_angle.shift").
         name: a short one. low, high: bounds. start: where the fit begins; None: the value that the arm has.
         prior: mean and standard deviation of what is known otherwise, or None. size: a change that matters; None: the
-            size of the start.
+            size of the start. nuisance: it belongs to the logs that are fitted, and has its start in all others.
     """
 
     path: str
@@ -64,6 +64,7 @@ class Parameter:
     start: float | None = None
     prior: tuple[float, float] | None = None
     size: float | None = None
+    nuisance: bool = False
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,7 @@ def _channel(path: str, name: str, entry: Any, offsets: bool) -> Channel:
 def _parameter(path: str, entry: Any) -> Parameter:
     where = f'parameters."{path}"'
     table = check.table_of(where, entry)
-    check.known_keys(where, table, ("name", "low", "high", "start", "prior", "size"))
+    check.known_keys(where, table, ("name", "low", "high", "start", "prior", "size", "nuisance"))
     low, high = (
         check.number(f"{where}.{end}", check.needed(where, table, end, "must be a number: bounds keep a fit in sight"))
         for end in ("low", "high")
@@ -196,6 +197,7 @@ def _parameter(path: str, entry: Any) -> Parameter:
         path=path, name=check.text(f"{where}.name", table.get("name", path), empty=False), low=low, high=high,
         start=None if start is None else check.number(f"{where}.start", start, minimum=low, maximum=high),
         prior=prior, size=None if size is None else check.number(f"{where}.size", size, above=0.0),
+        nuisance=check.flag(f"{where}.nuisance", table.get("nuisance", False)),
     )  # fmt: skip
 
 

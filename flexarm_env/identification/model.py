@@ -95,6 +95,10 @@ class Experiment:
         own = ("inputs", "outputs", "gravity", "loads")
         return arms.from_table({key: value for key, value in self.table(values).items() if key not in own})
 
+    def elsewhere(self, values: Array) -> Array:
+        """The values for logs that were not fitted: what is a nuisance has its start."""
+        return np.where([p.nuisance for p in self.parameters], self.start, values)
+
     def predict(self, values: Array, run: Run) -> dict[str, Array]:
         """What the sensors read at the run's instants, by output, (n,); LOST where the arm's run fails."""
         table = self.table(values)

@@ -138,8 +138,8 @@ def identify(
     values = problem.values(best.z)
     worth = uncertainty(problem, best.z)
     everything = (*runs, *others)
-    fitted = [_judged(run, experiment.predict(values, run), setup) for run in everything]
-    train, held = tuple(fitted[: len(runs)]), tuple(fitted[len(runs) :])
+    train = tuple(_judged(run, experiment.predict(values, run), setup) for run in runs)
+    held = tuple(_judged(run, experiment.predict(experiment.elsewhere(values), run), setup) for run in others)
     before = Experiment(given, setup, ())
     unfitted = tuple(_judged(run, before.predict(np.zeros(0), run), setup) for run in everything)
     sought = _laws(experiment)
