@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents.arguments import parse
-from agents.runs import fail, load_model, read_run, versions, write_whole
+from agents.runs import OF_POLICY, fail, load_model, read_run, versions, write_whole
 from flexarm_env.control import NumpyPolicy
 from flexarm_env.control.policy import FORMAT
 
@@ -87,7 +87,7 @@ def export(run: Path) -> float:
     """Export a run folder's model; the largest difference from it."""
     record = read_run(run)
     model, normaliser = load_model(run, record["algorithm"])
-    meta = {key: record[key] for key in ("env_id", "env_kwargs", "layout", "seed", "algorithm")}
+    meta = {key: record[key] for key in OF_POLICY if key in record}  # older runs have fewer
     policy = numpy_policy(model, {**meta, "versions": versions()}, normaliser)
     off = difference(policy, model, normaliser)
     if off > TOLERANCE:

@@ -187,11 +187,16 @@ def resumed(arguments: T, *kept: str, algorithm: str | None = None) -> T:
     return type(arguments)(**values | {name: getattr(given, name) for name in kept})
 
 
-def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], layout: Any, **more: Any) -> dict[str, Any]:
-    """What run.json says of a run at its start."""
+OF_POLICY = ("env_id", "env_kwargs", "layout", "scales", "torque_limits", "seed", "algorithm", "versions")
+"""What a policy's file has of its run's record."""
+
+
+def new_record(arguments: Any, algorithm: str, env_kwargs: dict[str, Any], setup: Any, **more: Any) -> dict[str, Any]:
+    """What run.json says of a run at its start; setup: what `Setup.of` the environment it trains in."""
     given = {k: str(v) if isinstance(v, Path) else v for k, v in dataclasses.asdict(arguments).items()}
     return {
-        "algorithm": algorithm, "env_id": arguments.env, "env_kwargs": env_kwargs, "layout": layout,
+        "algorithm": algorithm, "env_id": arguments.env, "env_kwargs": env_kwargs, "layout": setup.layout,
+        "scales": dict(zip(setup.names, setup.scales, strict=True)), "torque_limits": list(setup.torque_limits),
         "seed": arguments.seed, "arguments": given, "versions": versions(), "finished": False, **more,
     }  # fmt: skip
 

@@ -23,7 +23,7 @@ from agents import config as configs
 from agents import episodes
 from agents.arguments import parse
 from agents.progress import training_program
-from agents.runs import Training, new_record, write_json, write_text
+from agents.runs import OF_POLICY, Training, new_record, write_json, write_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ def train(arguments: Arguments) -> Any:
     setup = Setup.of(eval_env)
     env = make_sb3_vec(arguments.env, config.n_envs, seed=arguments.seed, normalize=config.normalize or False, **kwargs)
     algorithm = configs.algorithm_class(config.algorithm)
-    record = new_record(arguments, config.algorithm, kwargs, setup.layout)
+    record = new_record(arguments, config.algorithm, kwargs, setup)
     if arguments.resume and training.checkpoints(folder):
         model, progress = training.restore(folder, algorithm, env)
     else:
@@ -70,7 +70,7 @@ def train(arguments: Arguments) -> Any:
         write_text(folder / "config.yml", configs.text_of(config, arguments.env))
         write_json(folder / "run.json", record)
     _log(model, folder, arguments)
-    meta = {key: record[key] for key in ("env_id", "env_kwargs", "layout", "seed", "algorithm", "versions")}
+    meta = {key: record[key] for key in OF_POLICY}
     watch = training.Watch(
         folder, eval_env, meta, evaluate_every=arguments.evaluate_every, checkpoint_every=arguments.checkpoint_every,
         solved_at=arguments.solved_at, stop=arguments.stop_when_solved, progress=progress, total=config.n_timesteps,

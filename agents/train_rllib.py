@@ -29,7 +29,7 @@ from agents import episodes
 from agents.arguments import parse
 from agents.progress import Progress, after, training_program, write_curve
 from agents.rllib import cluster, setup
-from agents.runs import Training, checkpoints, fail, new_record, write_json, write_text, write_whole
+from agents.runs import OF_POLICY, Training, checkpoints, fail, new_record, write_json, write_text, write_whole
 
 FAILED = 1
 
@@ -110,8 +110,8 @@ class Run:
 
         self.arguments, self.config, self.algorithm, self.eval_env = arguments, config, algorithm, eval_env
         self.folder, self.state, self.steps, self.workers_cpu = arguments.folder, Progress(), 0, 0.0
-        self.record = new_record(arguments, "rllib_ppo", kwargs, Setup.of(eval_env).layout, runners=self._places())
-        self.meta = {k: self.record[k] for k in ("env_id", "env_kwargs", "layout", "seed", "algorithm", "versions")}
+        self.record = new_record(arguments, "rllib_ppo", kwargs, Setup.of(eval_env), runners=self._places())
+        self.meta = {key: self.record[key] for key in OF_POLICY}
         self._board: Any = None
         self._bar: Any = None
 

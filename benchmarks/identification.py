@@ -52,7 +52,7 @@ def case(seed: int) -> dict[str, Any]:
     rng, t = np.random.default_rng(seed), np.arange(401) / 100
     arm = arms.named("strip")
     config = read_config(CONFIG, arm)
-    waves = zip(rng.normal(0, 1, 9), np.linspace(2, 65, 9) + rng.uniform(-2, 2, 9), rng.uniform(0, 6, 9), strict=True)
+    waves = zip(rng.normal(0, 1, 9), np.linspace(4, 65, 9) + rng.uniform(-2, 2, 9), rng.uniform(0, 6, 9), strict=True)
     hub = np.minimum(t, 1.0) ** 3 * sum(a * np.sin(w * t + p) / w for a, w, p in waves)
     experiment = Experiment(arm, config, config.chosen(TOLD))
     truth = experiment.start * rng.uniform(0.92, 1.08, 3)

@@ -257,6 +257,20 @@ def test_policies_that_do_not_fit_are_refused(tmp_path: Path, slew, reach):
         whole.check(control.Setup.of(reach))
 
 
+def test_a_policy_reads_another_arms_entries_by_its_own_scales(slew):
+    """What it would see of the arm that it was trained on; not where its actions would stand for other torques."""
+    setup = control.Setup.of(slew)
+    scales = {name: 2.0 * scale for name, scale in zip(setup.names, setup.scales, strict=True)}
+    policy = small_policy(setup, layout="that of another arm", scales=scales, torque_limits=list(setup.torque_limits))
+    observation, _ = slew.reset(seed=0)
+    plain = policy.act(0.5 * observation)
+    policy.check(setup)
+    np.testing.assert_allclose(policy.act(observation), plain, rtol=1e-6)
+    policy.meta["torque_limits"] = [9.0]
+    with pytest.raises(ValueError, match="observation layout"):
+        policy.check(setup)
+
+
 WRONG = {
     "activation": ({"activation": "gelu"}, {}, 'meta.activation = \'gelu\': must be one of "tanh", "relu"'),
     "env_kwargs": ({"env_kwargs": "x"}, {}, "meta.env_kwargs = 'x': must be a table"),

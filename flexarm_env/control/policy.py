@@ -1,9 +1,10 @@
 """Trained policies run with NumPy alone: a small network from a `policy.npz` file.
 
 The file holds `meta` (JSON: format, env_id, env_kwargs, layout, activation, squash, versions, and what else the run
-says of itself), weights `w0`, `b0`, `w1`, ... (float32; layer k maps x to x w + b), and, where observations were
-normalised, `mean`, `variance` (float64), `clip` and `epsilon`. It holds numbers and text alone; reading it runs
-nothing, where reading a pickle (a model.zip, a checkpoint) may.
+says of itself; with `scales`, of the observation's entries by name, and `torque_limits` it acts on other arms too),
+weights `w0`, `b0`, `w1`, ... (float32; layer k maps x to x w + b), and, where observations were normalised, `mean`,
+`variance` (float64), `clip` and `epsilon`. It holds numbers and text alone; reading it runs nothing, where reading a
+pickle (a model.zip, a checkpoint) may.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ class NumpyPolicy:
         normaliser: Mapping[str, Any] | None = None,
     ) -> None:
         self.meta, self.weights, self.normaliser = dict(meta), weights, normaliser
+        self.ratio: NDArray[np.float64] | None = None  # the environment's scales over the policy's own
 
     def reset(self, observation: NDArray[np.floating]) -> None:
         """Nothing to remember."""
@@ -51,6 +53,8 @@ class NumpyPolicy:
     def act(self, observation: NDArray[np.floating]) -> Array32:
         """Actions in [-1, 1], (n, N), or (N,) for a single observation."""
         x = np.asarray(observation)
+        if self.ratio is not None:
+            x = x * self.ratio
         if self.normaliser is not None:
             n = self.normaliser
             x = np.clip((x - n["mean"]) / np.sqrt(n["variance"] + n["epsilon"]), -n["clip"], n["clip"])
@@ -64,8 +68,12 @@ class NumpyPolicy:
         return action
 
     def check(self, setup: Setup) -> None:
-        """ValueError unless the environment's observation and action are those that the policy was trained on."""
-        if setup.layout != self.meta["layout"]:
+        """ValueError unless the environment's observation and action are those that the policy was trained on.
+
+        Entries of the same names in other scales, those of another arm, are brought to the policy's own from here on.
+        """
+        self.ratio = self._ratio(setup)
+        if setup.layout != self.meta["layout"] and self.ratio is None:
             raise ValueError(
                 f"the policy was trained on {self.meta['env_id']} with observation layout {self.meta['layout']}; "
                 f"this environment's is {setup.layout} ({setup.size} entries, other names or scales)"
@@ -76,6 +84,15 @@ class NumpyPolicy:
                 f"the policy makes {given} actions of {taken} entries of an observation; this environment's are "
                 f"{setup.n_joints} and {setup.size}"
             )
+
+    def _ratio(self, setup: Setup) -> NDArray[np.float64] | None:
+        """The environment's scales over those of the arm that the policy was trained on; None where they are alike, and
+        where the entries or the torques that actions stand for are not."""
+        own = self.meta.get("scales", {})
+        alike = tuple(own) == setup.names and self.meta.get("torque_limits") == list(setup.torque_limits)
+        if setup.layout == self.meta["layout"] or not alike:
+            return None
+        return np.tile(np.divide(setup.scales, [own[name] for name in setup.names]), setup.history)
 
 
 def load_policy(source: str | os.PathLike[str]) -> NumpyPolicy:
@@ -115,6 +132,8 @@ def _policy(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> NumpyPo
         check.text(f"meta.{key}", meta[key], empty=False)
     check.table_of("meta.env_kwargs", meta["env_kwargs"])
     check.flag("meta.squash", meta["squash"])
+    for name, scale in check.table_of("meta.scales", meta.get("scales", {})).items():
+        check.number(f"meta.scales.{name}", scale, above=0.0)
     weights: list[tuple[Array32, Array32]] = []
     for k in range(check.integer("meta.layers", meta["layers"], minimum=1, maximum=MOST_LAYERS)):
         rows = weights[-1][0].shape[1] if weights else None
