@@ -52,8 +52,8 @@ SETTINGS: dict[str, dict[str, tuple[dict[str, Any], str | None]]] = {
         "strip_geared, measured": ({"arm": "strip_geared"} | MEASURED, "flexible_arm_geared"),
     },
     "two_link": {
-        "two_rods, full": ({}, "two_link"),
-        "two_rods, measured": (MEASURED, None),
+        "de_luca_siciliano, full": ({}, "two_link"),
+        "de_luca_siciliano, measured": (MEASURED, None),
         "two_link_geared, full": ({"arm": "two_link_geared"}, None),
         "two_link_geared, measured": ({"arm": "two_link_geared"} | MEASURED, "two_link_geared"),
     },

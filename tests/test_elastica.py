@@ -132,7 +132,7 @@ def test_correction_keeps_periods() -> None:
     assert options.period_error == pytest.approx(1 / 12)
     assert Settings.make("elastica", newmark=(1 / 6, 0.5)).period_error == pytest.approx(1 / 24)
     parts = chain(ONE, 8)
-    C = phase_correction(parts, 0.2, h, options)[0]
+    C = phase_correction(parts, 0.2, parts.w[None], None, h, options)[0]
     assert np.abs(C.sum(axis=0)).max() < 1e-14 * np.abs(C).max() * 8
     M, K = parts.P + 0.2 * np.outer(parts.w, parts.w) + parts.R[0], parts.K[0]
     assert np.linalg.eigvalsh(M - C).min() > 0.0

@@ -61,20 +61,33 @@ def benchmarks(home: Path) -> Iterator[tuple[str, str]]:
 
 
 def flags(script: str) -> str:
-    """Flags of a script of agents/, from the docstring of its `Arguments`; "" where there is no checkout."""
+    """Flags of a script of agents/, from the docstrings of its `Arguments` and what that extends; "" where there is no
+    checkout."""
     home = checkout("agents")
     path = None if home is None else home.joinpath(*script.split(".")).with_suffix(".py")
     if path is None or not path.is_file():
         return ""
-    classes = [node for node in ast.parse(path.read_text("utf-8")).body if isinstance(node, ast.ClassDef)]
-    text = next((ast.get_docstring(node) or "" for node in classes if node.name == "Arguments"), "")
-    entries = re.findall(r"^\s+(\w+): (.*(?:\n {8,}.*)*)", text.partition("Args:")[2], re.MULTILINE)
+    classes = _classes(path) | _classes(path.parent / "runs.py")
+    given = classes.get("Arguments")
+    bases = [] if given is None else [base.id for base in given.bases if isinstance(base, ast.Name)]
+    found: dict[str, str] = {}
+    for name in (*bases, "Arguments"):
+        text = (ast.get_docstring(classes[name]) or "") if name in classes else ""
+        found |= re.findall(r"^\s+(\w+): (.*(?:\n {8,}.*)*)", text.partition("Args:")[2], re.MULTILINE)
+    entries = list(found.items())
     if not entries:
         return ""
     names = {name: "--" + name.replace("_", "-") for name, _ in entries}
     width = max(len(name) for name in names.values())
     lines = [f"  {names[name]:{width}}  {' '.join(words.split()).rstrip('.')}" for name, words in entries]
     return "\n".join(["flags:", *lines, ""])
+
+
+def _classes(path: Path) -> dict[str, ast.ClassDef]:
+    """Of a Python file, by name."""
+    if not path.is_file():
+        return {}
+    return {node.name: node for node in ast.parse(path.read_text("utf-8")).body if isinstance(node, ast.ClassDef)}
 
 
 def _list(known: dict[str, str], as_json: bool) -> None:

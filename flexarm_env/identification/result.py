@@ -264,7 +264,7 @@ def _ranges(
             if mine and (key != "payload" or p.path.startswith("payload")) and value > 0.0 and np.isfinite(half):
                 share = min(half / value, 0.5)
                 low, high = found.get(key, (1.0, 1.0))
-                found[key] = min(low, round(1.0 - share, 4)), max(high, round(1.0 + share, 4))
+                found[key] = float(min(low, round(1.0 - share, 4))), float(max(high, round(1.0 + share, 4)))
     return found
 
 
