@@ -15,6 +15,7 @@ import flexarm_env
 from flexarm_env import Joint, Motor, Scene, StrainGauge, arms
 from flexarm_env.identification import BadLog, free_decay, identify, randomization, read_config, read_run, vaf
 from flexarm_env.identification.fit import Problem, Solver
+from flexarm_env.identification.log import Run
 from flexarm_env.identification.model import Experiment
 from flexarm_env.sensors import Encoder, LowPass, Sensors
 from flexarm_env.time_functions import linear_table, spline_table
@@ -326,6 +327,31 @@ dt = 0.005
     true = {"k": 0.05, "viscous": 0.3, "coulomb": 0.15, "gear": 80.0}
     for p, value in zip(found.parameters, found.values, strict=True):
         assert abs(value / true[p.name] - 1.0) < 0.06, p.name
+
+
+def test_a_voltage_turns_a_motor_at_the_rate_whose_back_emf_it_is() -> None:
+    """A strip without friction under a constant voltage: hub rate U / (k r), and no current any more."""
+    motor = Motor(torque_constant=0.05, resistance=0.5)
+    arm = dataclasses.replace(arms.named("strip"), joints=(Joint(gear_ratio=50.0, motor_inertia=2e-5, motor=motor),))
+    config = read_config(
+        """
+[inputs]
+voltage0 = { column = "u" }
+[outputs]
+hub_angle = { column = "hub", offset = 0.0 }
+[sensors]
+encoders = { counts = 4096 }
+[solver]
+nodes = 4
+[parameters]
+tau_d = { low = 1e-5, high = 0.05 }
+""",
+        arm,
+    )
+    experiment, t = Experiment(arm, config, config.chosen()), np.arange(401) / 100
+    run = Run("steady", t, {"voltage0": np.full(len(t), 2.0)}, {"hub_angle": np.zeros(len(t))}, t >= 0.0)
+    angle = experiment.predict(experiment.start, run)["hub_angle"]
+    assert np.diff(np.unwrap(angle))[-200:].mean() / 0.01 == pytest.approx(2.0 / (0.05 * 50.0), rel=1e-3)
 
 
 def test_frequency_and_damping_by_amplitude() -> None:
