@@ -71,7 +71,7 @@ FAMILIES = (
     Family("two_link_robust", "TwoLinkFlexArm-v0", "robust.yml", 1, test=200, robust=True, every=131_072),
     Family("flexible_arm_measured", "FlexibleArm-v0", "measured.yml", 1, published=False),
     Family("flexible_arm_geared", "FlexibleArm-v0", "geared.yml", 1, published=False),
-    Family("two_link_geared", "TwoLinkFlexArm-v0", "geared.yml", 1, published=False, every=131_072),
+    Family("two_link_geared", "TwoLinkFlexArm-v0", "geared.yml", 2, published=False, every=131_072),
 )
 
 
