@@ -244,7 +244,7 @@ GAUGE = {
     "exact": 0.02, "elastica": 0.02, "segments": 0.03, "modes in segments": 0.05, "modes": 0.08,
     "clamped segments": 0.03, "joined segments": 0.03, "clamped modes": 0.08,
 }  # fmt: skip
-"""Largest difference of what a strain gauge at a quarter of a link reads, over the most that it reads."""
+"""Largest difference of what strain gauges at a quarter of each link read, over the most that any of them reads."""
 FRONTS = ("jolted base",)
 """A jump of the root's velocity sends waves that no mesh has an end to; what light damping takes of those, and what any
 takes from a few modes, is the mesh's own: dissipation is then held for heavy damping of full models alone."""
@@ -367,13 +367,13 @@ def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
         "torque": torque,
         "dissipated": abs(float(run.dissipated[-1] / other.dissipated[-1]) - 1.0),
         "balance": float(np.abs(run.balance).max()) / run.turned_over,
-        "gauge": max(_gauge(run, other, k) for k in range(other.scene.arm.n_links)),
+        "gauge": _gauges(run, other),
     }
 
 
-def _gauge(run: Trajectory, other: Trajectory, link: int) -> float:
-    """How far a strain gauge at a quarter of a link is off, over the most that it reads."""
-    read, wanted = (one.strain(link, 0.25) for one in (run, other))
+def _gauges(run: Trajectory, other: Trajectory) -> float:
+    """How far strain gauges at a quarter of each link are off, over the most that any of them reads."""
+    read, wanted = (np.array([one.strain(k, 0.25) for k in range(other.scene.arm.n_links)]) for one in (run, other))
     return float(np.abs(read - wanted).max() / np.abs(wanted).max())
 
 

@@ -21,6 +21,7 @@ CELLS = [
     for method in TIP
     if (cell, method) not in OFTEN
     and not (method in matrix.JOINED and matrix.NOT_JOINED & set(cell))
+    and not (method in matrix.WHOLE and "curved" in cell)  # bent beyond the range of few modes without any load
 ]
 
 
@@ -33,8 +34,8 @@ def check(features: tuple[str, ...], method: str) -> None:
     fronts = not set(matrix.FRONTS).isdisjoint(features)
     if not fronts or ("heavy damping" in features and method not in matrix.WHOLE):
         assert row["dissipated"] <= matrix.DISSIPATED
+        assert row["gauge"] <= matrix.GAUGE[method]
     assert row["balance"] <= matrix.BALANCE
-    assert row["gauge"] <= matrix.GAUGE[method]
 
 
 def name(features: tuple[str, ...]) -> str:
