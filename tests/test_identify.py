@@ -98,6 +98,25 @@ def test_the_truth_lies_in_the_intervals(fitted: tuple[Any, Path]) -> None:
     assert found.baseline[1].vaf["strain_gauge_1"] > 80.0
 
 
+def test_what_is_a_nuisance_stays_with_the_fitted_log(fitted: tuple[Any, Path], tmp_path: Path) -> None:
+    """A gauge that was read by another amplifier in the fitted run alone."""
+    folder = fitted[1]
+    t, angle, strain = np.loadtxt(folder / "one.csv", delimiter=",", skiprows=1).T
+    data = write(tmp_path / "louder.csv", {"t": t, "hub": angle, "strain": 1.5 * strain})
+    entry = '\n"outputs.strain_gauge_1.gain" = { name = "amplifier", low = 0.1, high = 5.0, nuisance = %s }\n'
+    explained = {}
+    for word in ("true", "false"):
+        config = CONFIG.replace("starts = 2", "starts = 1") + entry % word
+        other, out = folder / "two.csv", tmp_path / word
+        found = identify(truth(), config, [data], fit=("amplifier",), hold_out=[other], out=out)
+        assert found.values[0] == pytest.approx(1.5, rel=1e-2)
+        assert ("`outputs.strain_gauge_1.gain`: of the fitted runs" in (out / "report.md").read_text()) == (
+            word == "true"
+        )
+        explained[word] = found.held_out[0].vaf["strain_gauge_1"]
+    assert explained["true"] > 99.9 and explained["false"] == pytest.approx(75.0, abs=1.0)  # 1 - (1.5 - 1)^2
+
+
 def test_what_is_written(fitted: tuple[Any, Path]) -> None:
     found, folder = fitted
     out = folder / "out"

@@ -137,6 +137,9 @@ def page(result: Identification) -> str:
         "independent samples.",
         _correlations(result),
     ]
+    own = [f"`{p.path}`" for p in result.parameters if p.nuisance]
+    if own:
+        parts.append(f"{', '.join(own)}: of the fitted runs alone; runs held out are predicted without.")
     for blind, known in _pairs(result):
         parts.append(f"Not told: {direction(blind)}: changes that hardly show, together, in shares of each one's size.")
         if known:

@@ -50,11 +50,12 @@ class Identification:
         arm: as fitted, its sensors those of the arm that was given. given: that arm.
         parameters, values (p,), start (p,): what was fitted, what came out, what the arm had. uncertainty: of values.
         verdict: "good", or a sentence on why the fit is not to be trusted.
-        train, held_out: Predictions by the fitted arm. unfitted, baseline: of the same runs, training first, by the arm
-            that was given and by one oscillator an output. gains: of that oscillator: frequency (Hz), damping.
+        train, held_out: Predictions by the fitted arm, of runs held out without nuisances. unfitted, baseline: of the
+            same runs, training first, by the arm that was given and by one oscillator an output. oscillators: those:
+            frequency (Hz) and damping ratio, by output.
         frequencies, damping: of the fitted arm with the prescribed joints held, Hz and ratios; seen: ringing read off
             the runs, by output.
-        fit: how the fit went. ranges: factors for `randomization`.
+        fit: how the fit went. ranges: factors for `randomization`. experiment: what was fitted. files: of the runs.
     """
 
     arm: Arm
