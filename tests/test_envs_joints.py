@@ -164,6 +164,25 @@ def test_friction_under_torques_that_jump_keeps_the_books(
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+@pytest.mark.parametrize("formulation", ["elastica", "floating_frame"])
+def test_three_joints_stick_and_slip_together(formulation: str) -> None:
+    """Torques below friction move none of them, to the last bit; above it, books close."""
+    arm = arms.named("three_strips")
+    joints = tuple(Joint(friction_coulomb=0.1 * limit, friction_viscous=0.02 * limit) for limit in arm.torque_limits)
+    arm = dataclasses.replace(arm, joints=joints)
+    env = gym.make("MultiLinkFlexArm-v0", arm=arm, formulation=formulation, info_level="full")
+    for largest in (0.05, 0.12, 0.3, 1.0):
+        rng, start = np.random.default_rng(0), env.reset(seed=0)[1]["motor_angle"]
+        for _ in range(150):
+            *_, terminated, _, info = env.step(rng.uniform(-largest, largest, 3).astype(np.float32))
+            assert not terminated, info["termination_reason"]
+        moved = np.abs(np.subtract(info["motor_angle"], start)).max()
+        assert moved == 0.0 if largest < 0.1 else moved > 1e-4
+        energy = sum(info[f"energy_{kind}"] for kind in ("kinetic", "strain", "gravity"))
+        assert energy + info["energy_dissipated"] == pytest.approx(info["work"], rel=1e-3, abs=1e-7)
+
+
 @pytest.mark.parametrize("formulation", ["elastica", "floating_frame"])
 def test_friction_under_torques_that_jump_is_that_of_short_steps(formulation: str) -> None:
     """An environment's joint, thrown about, against a scene's of the same torques in steps of 0.25 ms, in which every

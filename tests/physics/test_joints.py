@@ -18,7 +18,7 @@ from flexarm_env.linear import linearize, modes, static_equilibrium
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.simulation import Simulation, simulate
-from flexarm_env.time_functions import TimeFunction, constant, cycloid, ramp, sine, steps
+from flexarm_env.time_functions import TimeFunction, constant, cycloid, linear_table, ramp, sine, steps
 from flexarm_env.trajectory import Trajectory
 from tests.scene_tools import everything
 
@@ -294,6 +294,21 @@ def test_slip_under_a_torque_that_jumps(gear: str, method: str) -> None:
     )  # fmt: skip
     assert found.status == "ok"
     assert np.abs(found.motor_angles[:, 0] - exact).max() < 2e-3 * exact.max()
+
+
+@pytest.mark.parametrize("method", ["elastica", pytest.param("exact", marks=pytest.mark.slow)])
+def test_a_joint_struck_and_turned_by_a_motion_loses_friction_times_its_way(method: str) -> None:
+    """From rest to 1 rad/s at once, and to rest at once: beside what the link's own damping takes, T_C times the angle;
+    the blows, which friction has no part in, are in the books."""
+    arm, coulomb = rod(Joint(motor_inertia=0.05)), 0.6
+    turned = Motion("joint0", linear_table([0.0, 0.3, 0.6], [0.0, 0.3, 0.3]))
+    options: dict[str, Any] = {"elements": 1, "order": 2} if method == "exact" else {"nodes": 4}
+    free, rubbed = (
+        run(scene(dataclasses.replace(arm, joints=(joint,)), motions=(turned,), duration=0.6), method, **options)
+        for joint in (arm.joint(0), dataclasses.replace(arm.joint(0), friction_coulomb=coulomb))
+    )
+    assert rubbed.dissipated[-1] - free.dissipated[-1] == pytest.approx(coulomb * 0.3, rel=1e-6)
+    assert np.abs(rubbed.balance - free.balance).max() < 1e-9  # what the scheme takes of the rod's waves is in both
 
 
 def test_strong_viscous_friction_sets_no_limit_to_steps() -> None:
