@@ -54,8 +54,8 @@ def rub(lane, model, state, weights, ahead, S, x):
 
 @kernel
 def _rub(lane, rough, model, state, weights, ahead, S, x):
-    """Which joints stick is guessed, the torques are solved for, and the guess is mended: one joint's is right at once,
-    of more each time at least one."""
+    """Which joints stick is guessed, the torques are solved for, and the guess is mended: right at once for one joint;
+    what is wrong of several after these passes is mended by Newton's next iteration."""
     if rough is not None:
         joints, share = count(model), 1.0 / (weights.damping + ahead * weights.mass)
         for i in range(joints):
