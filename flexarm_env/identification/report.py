@@ -83,7 +83,7 @@ def draw(row: Prediction, axes: Any) -> None:
         below.plot(run.t, run.outputs[name] - row.readings[name], lw=0.8, color="#1f5fa8", label="residual")
         for axis in (above, below):
             axis.axvspan(0.0, run.t[~run.kept].max(initial=0.0), color="#eeeeee", lw=0)
-            axis.legend(loc="upper right")
+            axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, frameon=False)
     axes[-1].set_xlabel("t, s")
 
 
