@@ -270,6 +270,11 @@ def _py_with_slope(y: float, x: float, slope: float) -> float:
     return y
 
 
+def _py_change(x: float) -> float:
+    """-0 with the tangent of x, which added to a number changes its tangent alone."""
+    return -0.0
+
+
 def _operation(operation: Any, *places: int, result: Any = None) -> Any:
     """The intrinsic of an operation on symbols; result: its type from the widest of the arguments (which, or all)."""
 
@@ -304,6 +309,7 @@ absolute = _either(_py_absolute, _operation(symbols.absolute))
 square_root = _either(_py_square_root, _operation(symbols.square_root))
 round_even = _either(_py_round_even, _operation(symbols.round_even))
 alone = _either(_py_alone, _operation(lambda x: x.alone, result=_plain))
+change = _either(_py_change, _operation(symbols.change))
 with_slope = _either(_py_with_slope, _operation(symbols.with_slope, 1))
 
 

@@ -190,6 +190,11 @@ def with_slope(y: Value, x: Value, slope: Value) -> Value:
     return y.alone._with(_times(x.rate, slope))
 
 
+def change(x: Value) -> Value:
+    """-0 with the tangent of x: added to a number it changes the tangent alone."""
+    return x.like(broadcast(x.builder, ir.Constant(DOUBLE, -0.0), x.count), x.count, x.tangent)
+
+
 def turned(t: Value, s: Value, c: Value) -> tuple[Value, Value]:
     """(sine, cosine) of an angle whose remainder from k right angles has sine s and cosine c; t: 1.5 * 2^52 + k."""
     builder, count = t.builder, t.count

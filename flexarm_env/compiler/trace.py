@@ -79,6 +79,7 @@ class _Tracer:
             lanes.turn: symbols.turned,
             lanes.round_even: symbols.round_even,
             lanes.alone: lambda x: x.alone,
+            lanes.change: symbols.change,
             lanes.with_slope: symbols.with_slope,
             stack: lambda lane, sizes: [None] * len(sizes),
             size: lambda n: len(n) if isinstance(n, tuple) else n,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..compiler import TUPLE, by_kind, kernel, load, size, store
-from ..physics.arithmetic import clip
+from ..compiler import TUPLE, by_kind, kernel, largest, load, select_lt, size, splat, store
+from ..physics.arithmetic import clip, put
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
@@ -111,21 +111,16 @@ def _jump_afresh(lane, predictor, p, model, par, record, saved, block, w):
 
 @kernel
 def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
-    lanes, n, any_first = len(lane), size(model.n), False
-    for i in range(lanes):
-        if record[PERIODS * lanes + i] < 0.5:
-            any_first = True
-    if any_first:
+    n, zero = size(model.n), splat(lane, 0.0)
+    first = select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), zero)
+    if largest(first) > 0.5:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
-        for i in range(lanes):
-            if record[PERIODS * lanes + i] < 0.5:
-                for k in range(size(p.task.links)):
-                    w.u0[k * lanes + i] = w.u[k * lanes + i]
-            else:
-                at = saved_at(0, n, 0, 0, 0)
-                for k in range(n):
-                    w.a[k * lanes + i] = saved[(at.a + k) * lanes + i]
-                    w.b[k * lanes + i] = saved[(at.b + k) * lanes + i]
+        for k in range(size(p.task.links)):
+            put(first, w.u0, k, load(lane, w.u, k), load(lane, w.u0, k))
+        at = saved_at(0, n, 0, 0, 0)
+        for k in range(n):
+            put(first, w.a, k, load(lane, w.a, k), load(lane, saved, at.a + k))
+            put(first, w.b, k, load(lane, w.b, k), load(lane, saved, at.b + k))
     switch(lane, model, par, block, 0, p.h)
 
 
