@@ -6,8 +6,8 @@ A kernel takes a *lane tag*, a tuple of zeros whose length L is the number of ar
 and the functions below accept both, so the same source is the kernel of a single arm and of a batch.
 No operation is contracted or reordered, hence both give the same bits, on any x86 or Arm vector unit.
 
-A tag twice as long (`dual(lane)`) makes of the same source the kernel of its derivative: each element is followed by
-its tangent, L numbers that say how it changes along one direction, and every operation carries them on by the rules in
+A longer tag, `dual(lane, D)`, makes of the same source the kernel of its derivative: each element is followed by D
+tangents, L numbers each that say how it changes along a direction, and every operation carries them on by the rules in
 `symbols`. `arms(lane)` is the number of arms of either.
 
 Only what kernels need is defined: + - * / and negation, mixed with float64; `load store splat select_lt
@@ -28,66 +28,69 @@ from numba.extending import intrinsic, lower_builtin, models, register_model, ty
 from . import symbols
 from .arrays import pointer
 from .decorator import kernel
-from .symbols import INDEX, Value, pair, vector
+from .symbols import INDEX, Value, bundle, vector
 
 SINGLE: tuple[int, ...] = (0,)
 EIGHT: tuple[int, ...] = (0,) * 8
 WIDEST = SINGLE if config.DISABLE_JIT else EIGHT
 """What many arms stand in. Where compilation is disabled there are no vectors: every arm is advanced by itself."""
 
-_COUNTS = (len(SINGLE), len(EIGHT))
 
-
-def dual(lane: tuple[int, ...]) -> tuple[int, ...]:
-    """The tag of as many arms with their tangents."""
-    return lane * 2
+def dual(lane: tuple[int, ...], tangents: int = 1) -> tuple[int, ...]:
+    """The tag of as many arms with so many tangents each (of one arm: at most 6)."""
+    return lane * (1 + tangents)
 
 
 class LanesType(types.Type):  # type: ignore[misc]
-    """Numba type of a vector of `count` float64; dual: with as many tangents."""
+    """Numba type of a vector of `count` float64, with so many tangents."""
 
-    def __init__(self, count: int, dual: bool = False) -> None:
-        self.count, self.dual = count, dual
-        super().__init__(name=f"{'Dual' if dual else 'Lanes'}({count})")
+    def __init__(self, count: int, tangents: int = 0) -> None:
+        self.count, self.tangents = count, tangents
+        super().__init__(name=f"Lanes({count}, {tangents})" if tangents else f"Lanes({count})")
 
 
 @register_model(LanesType)
 class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, fe_type: LanesType) -> None:
-        super().__init__(manager, fe_type, (pair if fe_type.dual else vector)(fe_type.count))
+        super().__init__(manager, fe_type, bundle(fe_type.count, fe_type.tangents))
 
 
 def lane_type(length: int) -> Any:
     """The type of what lanes under a tag of this length hold."""
-    if length in _COUNTS:
-        return types.float64 if length == 1 else LanesType(length)
-    assert length // 2 in _COUNTS, f"a lane tag has {length} entries"
-    return LanesType(length // 2, dual=True)
+    count = 1 if length % len(EIGHT) else len(EIGHT)
+    return types.float64 if length == 1 else LanesType(count, length // count - 1)
 
 
 def _widest(*kinds: Any) -> Any:
     """The type of what comes of numbers of these types."""
     wide = [kind for kind in kinds if isinstance(kind, LanesType)]
-    return max(wide, key=lambda kind: kind.dual) if wide else types.float64
+    return max(wide, key=lambda kind: kind.tangents) if wide else types.float64
+
+
+def shape(kind: Any) -> tuple[int, int]:
+    """How many lanes and tangents a type has."""
+    return (kind.count, kind.tangents) if isinstance(kind, LanesType) else (1, 0)
 
 
 def symbol(context: Any, builder: Any, kind: Any, value: Any) -> Value:
     """What stands for a number of a Numba type."""
     if not isinstance(kind, LanesType):
         return Value(builder, context.cast(builder, value, kind, types.float64), 1)
-    if kind.dual:
-        return Value(builder, builder.extract_value(value, 0), kind.count, builder.extract_value(value, 1))
-    return Value(builder, value, kind.count)
+    if kind.tangents == 0:
+        return Value(builder, value, kind.count)
+    first, *rest = [Value(builder, builder.extract_value(value, k), kind.count) for k in range(1 + kind.tangents)]
+    return first.having(rest)
 
 
 def number(kind: Any, x: Value) -> Any:
     """The number of a Numba type that a symbol stands for."""
-    if not isinstance(kind, LanesType):
-        return x.value
-    if not kind.dual:
-        return x.wide(kind.count)
-    both = x.builder.insert_value(ir.Constant(pair(kind.count), ir.Undefined), x.wide(kind.count), 0)
-    return x.builder.insert_value(both, x.slope(kind.count), 1)
+    count, tangents = shape(kind)
+    if tangents == 0:
+        return x.wide(count)
+    result = ir.Constant(bundle(count, tangents), ir.Undefined)
+    for k, part in enumerate(x.parts(count, tangents)):
+        result = x.builder.insert_value(result, part, k)
+    return result
 
 
 def _lowered(operation: Any) -> Any:
@@ -145,12 +148,11 @@ lower_builtin(operator.neg, LanesType)(_lowered(operator.neg))
 
 
 def _places(context: Any, builder: Any, array_type: Any, array: Any, k: Any, kind: Any) -> list[Any]:
-    """Where element k lies, and where there are tangents its tangent."""
-    data = pointer(context, builder, array_type, array)
-    count, dual = (kind.count, kind.dual) if isinstance(kind, LanesType) else (1, False)
-    first = builder.gep(data, [builder.mul(k, ir.Constant(INDEX, 2 * count if dual else count))], inbounds=True)
-    both = [first, builder.gep(first, [ir.Constant(INDEX, count)], inbounds=True)] if dual else [first]
-    return [builder.bitcast(place, vector(count).as_pointer()) for place in both]
+    """Where element k and its tangents lie."""
+    data, (count, tangents) = pointer(context, builder, array_type, array), shape(kind)
+    first = builder.gep(data, [builder.mul(k, ir.Constant(INDEX, count * (1 + tangents)))], inbounds=True)
+    rest = [builder.gep(first, [ir.Constant(INDEX, count * (1 + i))], inbounds=True) for i in range(tangents)]
+    return [builder.bitcast(place, vector(count).as_pointer()) for place in (first, *rest)]
 
 
 def _either(python: Any, compiled: Any) -> Any:
@@ -192,9 +194,8 @@ def _load(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         places = _places(context, builder, signature.args[1], args[1], args[2], kind)
-        read = [builder.load(place, align=8) for place in places]
-        count = kind.count if isinstance(kind, LanesType) else 1
-        return number(kind, Value(builder, read[0], count, read[1] if len(read) > 1 else None))
+        first, *rest = [Value(builder, builder.load(place, align=8), shape(kind)[0]) for place in places]
+        return number(kind, first.having(rest))
 
     return kind(lane, array, types.intp), codegen
 
@@ -206,7 +207,7 @@ def _store(typingctx: Any, array: Any, k: Any, value: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         x = symbol(context, builder, kind, args[2])
         places = _places(context, builder, signature.args[0], args[0], args[1], kind)
-        for place, part in zip(places, (x.value, x.tangent), strict=False):
+        for place, part in zip(places, x.parts(*shape(kind)), strict=True):
             builder.store(part, place, align=8)
         return context.get_dummy_value()
 
@@ -261,7 +262,7 @@ def _py_arms(lane: tuple[int, ...]) -> int:
 
 
 def _py_alone(x: float) -> float:
-    """x without its tangent, where it has one."""
+    """x without tangents."""
     return x
 
 
@@ -271,7 +272,7 @@ def _py_with_slope(y: float, x: float, slope: float) -> float:
 
 
 def _py_change(x: float) -> float:
-    """-0 with the tangent of x, which added to a number changes its tangent alone."""
+    """-0 with the tangents of x, which added to a number changes its tangents alone."""
     return -0.0
 
 
@@ -292,13 +293,13 @@ def _operation(operation: Any, *places: int, result: Any = None) -> Any:
 
 def _plain(kind: Any) -> Any:
     """A type without tangents."""
-    return types.float64 if not isinstance(kind, LanesType) or kind.count == 1 else LanesType(kind.count)
+    count, _ = shape(kind)
+    return types.float64 if count == 1 else LanesType(count)
 
 
 @intrinsic
 def _arms(typingctx: Any, lane: Any) -> Any:
-    kind = lane_type(len(lane))
-    count = kind.count if isinstance(kind, LanesType) else 1
+    count, _ = shape(lane_type(len(lane)))
     return types.intp(lane), lambda context, builder, signature, args: ir.Constant(INDEX, count)
 
 

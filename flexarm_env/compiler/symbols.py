@@ -1,13 +1,14 @@
 """Numbers of run time as symbols of Python: each operation on one writes instructions.
 
-A `Value` is a float64 or a vector of lanes, alone or *dual*: with its tangent, its derivative along one direction. The
+A `Value` is a float64 or a vector of lanes, alone or *dual*: with tangents, its derivatives along some directions. The
 rules of differentiation stand here, once: kernels' operations on lanes (`lanes`) and straight-line code (`trace`) are
-both made of these. What a value is does not depend on its tangent, to the last bit. At a kink the derivative is that of
-the branch taken: of a choice that which is chosen, of |x| at 0 that from above; of a square root at 0 it is 0.
+both made of these. What a value is does not depend on its tangents, to the last bit. At a kink the derivative is that
+of the branch taken: of a choice that which is chosen, of |x| at 0 that from above; of a square root at 0 it is 0.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -21,9 +22,9 @@ def vector(count: int) -> ir.Type:
     return DOUBLE if count == 1 else ir.VectorType(DOUBLE, count)
 
 
-def pair(count: int) -> ir.Type:
-    """The type of `count` numbers and their tangents."""
-    return ir.LiteralStructType([vector(count), vector(count)])
+def bundle(count: int, tangents: int) -> ir.Type:
+    """The type of `count` numbers with so many tangents each."""
+    return ir.LiteralStructType([vector(count)] * (1 + tangents)) if tangents else vector(count)
 
 
 def broadcast(builder: Any, value: Any, count: int) -> Any:
@@ -37,24 +38,23 @@ def broadcast(builder: Any, value: Any, count: int) -> Any:
 
 
 class Value:
-    """A float64 (count 1) or a vector of lanes that exists at run time; tangent: likewise, or None (constant)."""
+    """A float64 (count 1) or a vector of lanes that exists at run time; tangents: likewise, none of what is constant."""
 
-    def __init__(self, builder: Any, value: Any, count: int, tangent: Any = None) -> None:
-        self.builder, self.value, self.count, self.tangent = builder, value, count, tangent
+    def __init__(self, builder: Any, value: Any, count: int, tangents: Sequence[Value] = ()) -> None:
+        self.builder, self.value, self.count, self.tangents = builder, value, count, tuple(tangents)
 
     def wide(self, count: int) -> Any:
         """The same in `count` lanes."""
         return self.value if self.count == count else broadcast(self.builder, self.value, count)
 
-    def slope(self, count: int) -> Any:
-        """The tangent in `count` lanes: numbers."""
-        if self.tangent is None:
-            return broadcast(self.builder, ir.Constant(DOUBLE, 0.0), count)
-        return self.tangent if self.count == count else broadcast(self.builder, self.tangent, count)
+    def parts(self, count: int, tangents: int) -> list[Any]:
+        """The value and its tangents in `count` lanes: numbers."""
+        slopes = self.tangents or (self.other(0.0),) * tangents
+        return [x.wide(count) for x in (self, *slopes)]
 
-    def like(self, value: Any, count: int, tangent: Any = None) -> Value:
+    def like(self, value: Any, count: int) -> Value:
         """A new value."""
-        return Value(self.builder, value, count, tangent)
+        return Value(self.builder, value, count)
 
     def other(self, x: Any) -> Value:
         """x as a Value."""
@@ -62,40 +62,35 @@ class Value:
 
     @property
     def alone(self) -> Value:
-        """The value without its tangent."""
+        """The value without its tangents."""
         return self.like(self.value, self.count)
-
-    @property
-    def rate(self) -> Value | None:
-        """The tangent as a value of its own."""
-        return None if self.tangent is None else self.like(self.tangent, self.count)
 
     def _binary(self, instruction: str, a: Any, b: Any) -> Value:
         """An instruction on values, tangents left aside."""
         count = max(a.count, b.count)
         return self.like(getattr(self.builder, instruction)(a.wide(count), b.wide(count)), count)
 
-    def _with(self, tangent: Value | None) -> Value:
-        """The value with a tangent."""
-        return self if tangent is None else self.like(self.value, self.count, tangent.wide(self.count))
+    def having(self, tangents: Sequence[Value]) -> Value:
+        """The value with these tangents."""
+        return Value(self.builder, self.value, self.count, tangents)
 
     def __add__(self, x: Any) -> Value:
         x = self.other(x)
-        return self._binary("fadd", self, x)._with(_sum(self.rate, x.rate))
+        return self._binary("fadd", self, x).having(_sum(self.tangents, x.tangents))
 
     def __radd__(self, x: Any) -> Value:
         return self.other(x) + self
 
     def __sub__(self, x: Any) -> Value:
         x = self.other(x)
-        return self._binary("fsub", self, x)._with(_difference(self.rate, x.rate))
+        return self._binary("fsub", self, x).having(_difference(self.tangents, x.tangents))
 
     def __rsub__(self, x: Any) -> Value:
         return self.other(x) - self
 
     def __mul__(self, x: Any) -> Value:
         x = self.other(x)
-        return self._binary("fmul", self, x)._with(_sum(_times(self.rate, x), _times(x.rate, self)))
+        return self._binary("fmul", self, x).having(_sum(_times(self.tangents, x), _times(x.tangents, self)))
 
     def __rmul__(self, x: Any) -> Value:
         return self.other(x) * self
@@ -103,15 +98,16 @@ class Value:
     def __truediv__(self, x: Any) -> Value:
         x = self.other(x)
         ratio = self._binary("fdiv", self, x)
-        change = _difference(self.rate, _times(x.rate, ratio))
-        return ratio._with(None if change is None else self._binary("fdiv", change, x))
+        if not self.tangents and not x.tangents:
+            return ratio
+        inverse = self._binary("fdiv", self.other(1.0), x)
+        return ratio.having(_times(_difference(self.tangents, _times(x.tangents, ratio)), inverse))
 
     def __rtruediv__(self, x: Any) -> Value:
         return self.other(x) / self
 
     def __neg__(self) -> Value:
-        value = self.like(self.builder.fneg(self.value), self.count)
-        return value._with(None if self.rate is None else -self.rate)
+        return self.like(self.builder.fneg(self.value), self.count).having([-x for x in self.tangents])
 
     def __bool__(self) -> bool:
         raise TypeError("a value is not known when the kernel is written out: no branch may depend on it")
@@ -124,53 +120,51 @@ class Value:
         return self.like(self.builder.call(function, [self.value]), self.count)
 
 
-def _times(a: Value | None, b: Value) -> Value | None:
-    return None if a is None else a * b.alone
+Tangents = Sequence[Value]
 
 
-def _sum(a: Value | None, b: Value | None) -> Value | None:
-    if a is None or b is None:
-        return b if a is None else a
-    return a + b
+def _times(a: Tangents, b: Value) -> Tangents:
+    return [x * b.alone for x in a]
 
 
-def _difference(a: Value | None, b: Value | None) -> Value | None:
-    if b is None:
-        return a
-    return -b if a is None else a - b
+def _sum(a: Tangents, b: Tangents) -> Tangents:
+    return [x + y for x, y in zip(a, b, strict=True)] if a and b else a or b
+
+
+def _difference(a: Tangents, b: Tangents) -> Tangents:
+    if not a or not b:
+        return a or [-y for y in b]
+    return [x - y for x, y in zip(a, b, strict=True)]
 
 
 def select_lt(a: Value, b: Value, x: Value, y: Value) -> Value:
     """x where a < b, otherwise y."""
     count = max(item.count for item in (a, b, x, y))
     less = a.builder.fcmp_ordered("<", a.wide(count), b.wide(count))
-    chosen = a.like(a.builder.select(less, x.wide(count), y.wide(count)), count)
-    if x.tangent is not None or y.tangent is not None:
-        chosen.tangent = a.builder.select(less, x.slope(count), y.slope(count))
-    return chosen
+    found = len(x.tangents or y.tangents)
+    pairs = zip(x.parts(count, found), y.parts(count, found), strict=True)
+    value, *tangents = [a.like(a.builder.select(less, one, other), count) for one, other in pairs]
+    return value.having(tangents)
 
 
 def absolute(x: Value) -> Value:
     """|x|"""
-    result = x.call("fabs")
-    if x.rate is not None:
-        result.tangent = select_lt(x.alone, x.other(0.0), -x.rate, x.rate).value
-    return result
+    return x.call("fabs").having([select_lt(x.alone, x.other(0.0), -slope, slope) for slope in x.tangents])
 
 
 def square_root(x: Value) -> Value:
     """The square root of x."""
     result = x.call("sqrt")
-    if x.rate is not None:
-        zero = x.other(0.0)
-        result.tangent = select_lt(zero, result.alone, x.rate * 0.5 / result.alone, zero).value
-    return result
+    if not x.tangents:
+        return result
+    zero = x.other(0.0)
+    slope = select_lt(zero, result, x.other(0.5) / result, zero)
+    return result.having(_times(x.tangents, slope))
 
 
 def round_even(x: Value) -> Value:
     """The nearest whole number, ties to even."""
-    result = x.call("rint")
-    return result if x.tangent is None else result._with(x.other(0.0))
+    return x.call("rint")
 
 
 def largest(x: Value) -> Value:
@@ -187,12 +181,12 @@ def largest(x: Value) -> Value:
 
 def with_slope(y: Value, x: Value, slope: Value) -> Value:
     """y, a function of x whose derivative is `slope`."""
-    return y.alone._with(_times(x.rate, slope))
+    return y.alone.having(_times(x.tangents, slope))
 
 
 def change(x: Value) -> Value:
-    """-0 with the tangent of x: added to a number it changes the tangent alone."""
-    return x.like(broadcast(x.builder, ir.Constant(DOUBLE, -0.0), x.count), x.count, x.tangent)
+    """-0 with the tangents of x: added to a number it changes the tangents alone."""
+    return x.other(-0.0).having(x.tangents)
 
 
 def turned(t: Value, s: Value, c: Value) -> tuple[Value, Value]:

@@ -45,30 +45,25 @@ class Slots:
         return place if count == 1 else self.builder.bitcast(place, vector(count).as_pointer())
 
     def __getitem__(self, k: int) -> Value:
-        return self.get(k, 1, False)
+        return self.get(k, 1, 0)
 
-    def get(self, k: int, count: int, dual: bool) -> Value:
-        """Element k of `count` lanes, with its tangent where there are any."""
-        if not dual:
-            return Value(self.builder, self.builder.load(self.address(k, count), align=8), count)
-        value, tangent = (self.builder.load(self.address(2 * k + part, count), align=8) for part in range(2))
-        return Value(self.builder, value, count, tangent)
+    def get(self, k: int, count: int, tangents: int) -> Value:
+        """Element k of `count` lanes, with its tangents."""
+        places = [self.address(k * (1 + tangents) + part, count) for part in range(1 + tangents)]
+        first, *rest = [Value(self.builder, self.builder.load(place, align=8), count) for place in places]
+        return first.having(rest)
 
-    def put(self, k: int, value: Value, count: int, dual: bool) -> None:
+    def put(self, k: int, value: Value, count: int, tangents: int) -> None:
         """Write element k."""
-        if not dual:
-            self.builder.store(value.wide(count), self.address(k, count), align=8)
-            return
-        self.builder.store(value.wide(count), self.address(2 * k, count), align=8)
-        self.builder.store(value.slope(count), self.address(2 * k + 1, count), align=8)
+        for part, x in enumerate(value.parts(count, tangents)):
+            self.builder.store(x, self.address(k * (1 + tangents) + part, count), align=8)
 
 
 class _Tracer:
     """What the functions of lanes.py are on symbols, for lanes of one type."""
 
     def __init__(self, builder: Any, lane: Any) -> None:
-        wide = isinstance(lane, lanes.LanesType)
-        self.builder, self.count, self.dual = builder, lane.count if wide else 1, wide and lane.dual
+        self.builder, (self.count, self.tangents) = builder, lanes.shape(lane)
         self.words: dict[Any, Any] = {
             lanes.load: self.load,
             lanes.store: self.store,
@@ -89,11 +84,11 @@ class _Tracer:
         return x if isinstance(x, Value) else Value(self.builder, ir.Constant(DOUBLE, float(x)), 1)
 
     def load(self, lane: Any, array: Any, k: int) -> Value:
-        return array.get(k, self.count, self.dual) if isinstance(array, Slots) else array[k]
+        return array.get(k, self.count, self.tangents) if isinstance(array, Slots) else array[k]
 
     def store(self, array: Any, k: int, value: Any) -> None:
         if isinstance(array, Slots):
-            array.put(k, self.value(value), self.count, self.dual)
+            array.put(k, self.value(value), self.count, self.tangents)
         else:
             array[k] = self.value(value)
 

@@ -14,12 +14,16 @@ from ..batch import Batch
 from ..compiler import WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics.integrator.work import unpack
 from ..runtime import derivative
+from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of, record_sizes
 from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RATE, TORQUE_FACTOR
 
 Array = NDArray[np.float64]
 
 OK = 0
+
+MOST_AT_ONCE = int(__import__("os").environ.get("AT_ONCE", "9"))
+"""Columns that go through a period side by side."""
 
 
 class Jacobians(NamedTuple):
@@ -136,24 +140,27 @@ class Arms:
         batch: Batch = made.batch
         self._batch, self.parameters = batch, check.flag("parameters", parameters)
         task, model, extras = batch.task, batch.system.model, batch.extras
-        lanes = len(WIDEST)
-        both = dual(WIDEST)
-        layouts = [layout_of(k, model, task, batch.entries, extras, False) for k in (lanes, 2 * lanes)]
         own, self.names, self.moving = _places(batch, len(batch.lane), batch.layout, self.parameters)
         self._own = own
         self.state_size = len(self.names)
+        lanes, columns = len(WIDEST), self.moving + self.action_size
+        implied = getattr(model, "rough", None) is None and model.correction is None
+        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied else 1
+        self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
+        both = dual(WIDEST, at_once)
+        layouts = [layout_of(k, model, task, batch.entries, extras, False) for k in (lanes, len(both))]
         chosen = extras.selection.chosen if extras.selection is not None else np.arange(batch.entries)
         self.observation_size = len(chosen)
-        columns, rows = self.moving + self.action_size, self.moving + self.observation_size + 1
+        rows = self.moving + self.observation_size + 1
         self._groups = -(-self.n // lanes)
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
-        blocks = [aligned(self._groups, layout.row) for layout in layouts]
+        blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
         self._blocks = blocks
         self._program = derivative.Derivative(
             lane=WIDEST, dual=both, program=batch.program, plain=layouts[0], both=layouts[1], columns=columns,
             moving=self.moving,
             places=_places(batch, lanes, layouts[0], self.parameters)[0],
-            twice=_places(batch, 2 * lanes, layouts[1], self.parameters)[0],
+            twice=_places(batch, len(both), layouts[1], self.parameters)[0],
             chosen=np.asarray(chosen, np.int64), n=self.n,
             state=np.zeros(self.n * self.state_size), action=np.zeros(self.n * self.action_size),
             after=np.zeros(self.n * self.state_size), observation=np.zeros(self.n * self.observation_size),
@@ -195,7 +202,7 @@ class Arms:
     def jacobians(self, state: Array, action: Array) -> Jacobians:
         """The same, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
         given = self._put(state, action)
-        self._run(derivative.tangents)
+        self._run(self._derivative)
         moved = self._program.jacobian.reshape(self._shape).copy()
         moved[:, :, self.moving :] *= (np.abs(given) <= 1.0)[:, None, :]
         outcome = self._outcome()

@@ -5,13 +5,14 @@ taken by and of, then what is given. The period is that of `episode`, without wh
 action to the torques, the steps, the observation and the reward. Its derivative, `jacobian`, is D = X + A columns of
 X + O + 1 rows: what the end's numbers that move, the observation's entries and the reward change by.
 
-`tangents` goes through the period once a column with dual lanes: whatever a period is made of is differentiated as it
-is computed, Newton's solution by the implicit function theorem (`physics.integrator.newton`).
+`tangents` goes through the period with dual lanes, some columns at a time: whatever a period is made of is differentiated
+as it is computed, Newton's solution by the implicit function theorem (`physics.integrator.newton`). `implicit` has the
+same in less time where nothing but a step's equations decides what it comes to.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class Derivative(NamedTuple):
     program: Program
     plain: Block  # sections of a block of `lane`
     both: Block  # of `dual`
-    columns: int  # X + A, or X where nothing is asked for by the action
+    columns: int  # X + A
     moving: int  # X
     places: np.ndarray  # (S,) int64: where a state's entries are in a plain block
     twice: np.ndarray  # likewise in a dual one
@@ -57,9 +58,9 @@ def step(address, first, last):
     d = follow(address)
     for g in range(first, last):
         block = d.block[g * d.plain.row : (g + 1) * d.plain.row]
-        _fill(d.lane, d, d.places, d.plain, g, block)
+        fill(d.lane, d, d.places, d.plain, g, block)
         _period(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
-        _tell(d.lane, d, d.places, d.plain, g, block)
+        tell(d.lane, d, d.places, d.plain, g, block)
     return 0
 
 
@@ -69,44 +70,50 @@ def look(address, first, last):
     d = follow(address)
     for g in range(first, last):
         block = d.block[g * d.plain.row : (g + 1) * d.plain.row]
-        _fill(d.lane, d, d.places, d.plain, g, block)
-        _see(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
-        _tell(d.lane, d, d.places, d.plain, g, block)
+        fill(d.lane, d, d.places, d.plain, g, block)
+        see(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
+        tell(d.lane, d, d.places, d.plain, g, block)
     return 0
 
 
 @kernel
 def tangents(address, first, last):
-    """The derivative of the period of groups first ... last - 1, a column at a time."""
+    """The derivative of the period of groups first ... last - 1."""
     d = follow(address)
     for g in range(first, last):
         block = d.scratch[g * d.both.row : (g + 1) * d.both.row]
-        for j in range(d.columns):
-            _fill(d.dual, d, d.twice, d.both, g, block)
-            _seed(d.dual, d, d.twice, d.both, j, block)
+        for j in range(0, d.columns, at_once(d)):
+            fill(d.dual, d, d.twice, d.both, g, block)
+            seed(d.dual, d, j, block)
             _period(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0))
-            _take_column(d.dual, d, g, j, block)
-        _tell(d.dual, d, d.twice, d.both, g, block)
+            take_columns(d.dual, d, g, j, block)
+        tell(d.dual, d, d.twice, d.both, g, block)
     return 0
 
 
 @kernel
 def sights(address, first, last):
-    """The derivative of what is to be seen of groups first ... last - 1, a column at a time."""
+    """The derivative of what is to be seen of groups first ... last - 1."""
     d = follow(address)
     for g in range(first, last):
         block = d.scratch[g * d.both.row : (g + 1) * d.both.row]
-        for j in range(d.moving):
-            _fill(d.dual, d, d.twice, d.both, g, block)
-            _seed(d.dual, d, d.twice, d.both, j, block)
-            _see(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0))
-            _take_column(d.dual, d, g, j, block)
-        _tell(d.dual, d, d.twice, d.both, g, block)
+        for j in range(0, d.columns, at_once(d)):
+            fill(d.dual, d, d.twice, d.both, g, block)
+            seed(d.dual, d, j, block)
+            see(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0))
+            take_columns(d.dual, d, g, j, block)
+        tell(d.dual, d, d.twice, d.both, g, block)
     return 0
 
 
 @kernel
-def _fill(lane, d, places, layout, g, block):
+def at_once(d):
+    """Columns that a dual lane carries."""
+    return len(d.dual) // len(d.lane) - 1
+
+
+@kernel
+def fill(lane, d, places, layout, g, block):
     """States and actions of group g into a block, tangents 0. Lanes without an arm are like the first."""
     count, joints = places.shape[0], size(d.program.task.links)
     for k in range(count):
@@ -125,13 +132,16 @@ def _fill(lane, d, places, layout, g, block):
 
 
 @kernel
-def _seed(lane, d, places, layout, j, block):
-    """Tangents of 1 for column j: a number of the state, or of the action."""
-    at = layout.action + (j - d.moving) * len(lane)
-    if j < d.moving:
-        at = places[j]
-    for i in range(arms(lane), len(lane)):
-        block[at + i] = 1.0
+def seed(lane, d, first, block):
+    """Tangents of 1: of a number of the state, or of the action, for each column from `first` on."""
+    joints = size(d.program.task.links)
+    for j in range(first, min(first + at_once(d), d.moving + joints)):
+        at = d.both.action + (j - d.moving) * len(lane)
+        if j < d.moving:
+            at = d.twice[j]
+        at += (1 + j - first) * arms(lane)
+        for i in range(arms(lane)):
+            block[at + i] = 1.0
 
 
 @kernel
@@ -144,11 +154,11 @@ def _period(lane, p, layout, block, w):
     keep(lane, size(p.model.n), w, record, saved)
     take_steps(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
     store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
-    _see(lane, p, layout, block, w)
+    see(lane, p, layout, block, w)
 
 
 @kernel
-def _see(lane, p, layout, block, w):
+def see(lane, p, layout, block, w):
     """Poses, the observation and the reward of the arms in a block."""
     par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
     record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
@@ -161,7 +171,7 @@ def _see(lane, p, layout, block, w):
 
 
 @kernel
-def _tell(lane, d, places, layout, g, block):
+def tell(lane, d, places, layout, g, block):
     """What came of group g into the rows."""
     count, entries, at = places.shape[0], d.chosen.shape[0], info_of(d.program.task)
     flag = unpack(lane, d.program.model, block, 0).flag
@@ -178,18 +188,20 @@ def _tell(lane, d, places, layout, g, block):
 
 
 @kernel
-def _take_column(lane, d, g, j, block):
-    """Tangents of group g into column j of the arms' Jacobians."""
+def take_columns(lane, d, g, first, block):
+    """Tangents of group g into the columns of the arms' Jacobians from `first` on."""
     entries, at, columns = d.chosen.shape[0], info_of(d.program.task), d.columns
+    count = min(at_once(d), columns - first)
     for i in range(arms(lane)):
         arm = g * arms(lane) + i
         if arm < d.n:
-            first = arm * (d.moving + entries + 1) * columns + j
-            for k in range(d.moving):
-                d.jacobian[first + k * columns] = block[d.twice[k] + arms(lane) + i]
-            first += d.moving * columns
-            for k in range(entries):
-                place = d.both.seen + d.chosen[k] * len(lane) + arms(lane) + i
-                d.jacobian[first + k * columns] = block[place]
-            place = d.both.info + at.reward * len(lane) + arms(lane) + i
-            d.jacobian[first + entries * columns] = block[place]
+            row = arm * (d.moving + entries + 1) * columns + first
+            for k in range(d.moving + entries + 1):
+                place = d.both.info + at.reward * len(lane)
+                if k < d.moving:
+                    place = d.twice[k]
+                elif k < d.moving + entries:
+                    place = d.both.seen + d.chosen[k - d.moving] * len(lane)
+                for j in range(count):
+                    d.jacobian[row + j] = block[place + (1 + j) * arms(lane) + i]
+                row += columns

@@ -110,7 +110,8 @@ def _jump_afresh(lane, predictor, p, model, par, record, saved, block, w):
 
 
 @kernel
-def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
+def begin_stiff(lane, p, model, par, record, saved, block, w):
+    """1 in lanes where an episode begins, whose accelerations are solved for; elsewhere they stay."""
     n, zero = size(model.n), splat(lane, 0.0)
     first = select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), zero)
     if largest(first) > 0.5:
@@ -121,6 +122,12 @@ def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
         for k in range(n):
             put(first, w.a, k, load(lane, w.a, k), load(lane, saved, at.a + k))
             put(first, w.b, k, load(lane, w.b, k), load(lane, saved, at.b + k))
+    return first
+
+
+@kernel
+def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
+    begin_stiff(lane, p, model, par, record, saved, block, w)
     switch(lane, model, par, block, 0, p.h)
 
 
@@ -137,21 +144,35 @@ def _jump(kind: str) -> Any:
 @kernel
 def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
     """The motors' torques followed through each step."""
-    n = size(p.task.links)
-    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
-    for k in range(n):
-        _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
+    tell_motors(lane, p.task, actuator, record, w)
     for s in range(p.n_steps):
-        age = actuator.age + 1 if s < actuator.late else actuator.age
-        for k in range(n):
-            asked = load(lane, record, at.commands + age * n + k)
-            torque = load(lane, record, at.torque + k)
-            torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
-            store(record, at.torque + k, torque)
-            store(w.u, k, torque)
+        turn_motors(lane, p.task, actuator, s, record, w)
         if s == 0:
             _jump(lane, model.predictor, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
+
+
+@kernel
+def tell_motors(lane, task, actuator, record, w):
+    """Remember what the motors are asked for, w.u."""
+    n = size(task.links)
+    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
+    for k in range(n):
+        _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
+
+
+@kernel
+def turn_motors(lane, task, actuator, s, record, w):
+    """w.u <- the motors' torques in step s of a period."""
+    n = size(task.links)
+    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
+    age = actuator.age + 1 if s < actuator.late else actuator.age
+    for k in range(n):
+        asked = load(lane, record, at.commands + age * n + k)
+        torque = load(lane, record, at.torque + k)
+        torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
+        store(record, at.torque + k, torque)
+        store(w.u, k, torque)
 
 
 @kernel
