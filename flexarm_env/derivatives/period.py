@@ -14,6 +14,7 @@ from ..batch import Batch
 from ..compiler import WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics.integrator.work import unpack
 from ..runtime import derivative
+from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of, record_sizes
 from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RATE, TORQUE_FACTOR
@@ -156,6 +157,7 @@ class Arms:
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
         blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
         self._blocks = blocks
+        room = lanes * int(uncompiled(room_of)(model, task, batch.program.n_steps))
         self._program = derivative.Derivative(
             lane=WIDEST, dual=both, program=batch.program, plain=layouts[0], both=layouts[1], columns=columns,
             moving=self.moving,
@@ -166,6 +168,10 @@ class Arms:
             after=np.zeros(self.n * self.state_size), observation=np.zeros(self.n * self.observation_size),
             reward=np.zeros(self.n), failed=np.zeros(self.n, np.uint8), past=np.zeros(self.n, np.uint8),
             jacobian=np.zeros(self.n * rows * columns),
+            state_bar=np.zeros(self.n * self.state_size), observation_bar=np.zeros(self.n * self.observation_size),
+            reward_bar=np.zeros(self.n), action_bar=np.zeros(self.n * self.action_size),
+            bars=aligned(self._groups, layouts[0].row).reshape(-1),
+            tape=aligned(self._groups, room).reshape(-1), room=room,
             block=blocks[0].reshape(-1), scratch=blocks[1].reshape(-1),
         )  # fmt: skip
         self._shape = (self.n, rows, columns)
@@ -208,6 +214,21 @@ class Arms:
         outcome = self._outcome()
         moved[self.failed] = np.nan
         return Jacobians(*outcome, moved)
+
+    def pull(
+        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
+    ) -> tuple[Array, Array]:
+        """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A)."""
+        d = self._program
+        given = self._put(state, action)
+        d.state_bar.reshape(self.n, -1)[:] = _checked("state_bar", state_bar, (self.n, self.state_size))
+        shape = (self.n, self.observation_size)
+        d.observation_bar.reshape(shape)[:] = _checked("observation_bar", observation_bar, shape)
+        d.reward_bar[:] = _checked("reward_bar", reward_bar, (self.n,))
+        self._run(adjoint)
+        return self._rows("state_bar", self.state_size), self._rows("action_bar", self.action_size) * (
+            np.abs(given) <= 1.0
+        )
 
     def sights(self, state: Array) -> tuple[Array, Array]:
         """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
