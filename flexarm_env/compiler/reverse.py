@@ -212,10 +212,9 @@ def pulled(function: Any, names: tuple[str, ...]) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             tracer = _Backward(builder, lanes.lane_type(len(signature.args[lane])))
             items = [tracer.symbol(context, k, x) for k, x in zip(signature.args, args, strict=True)]
-            bars, kept = dict(zip(names, items[count:], strict=True)), []
+            bars, kept = dict(zip(names, items[count:], strict=True)), list[_Kept]()
             given = [
-                _wrapped(tracer.tape, item, bars.get(name), kept)
-                for name, item in zip(own, items[:count], strict=True)
+                _wrapped(tracer.tape, item, bars.get(name), kept) for name, item in zip(own, items[:count], strict=True)
             ]
             tracer.on_symbols(function)(*given)
             for array in kept:

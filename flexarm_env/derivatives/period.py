@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import Batch
-from ..compiler import WIDEST, Crew, Placed, dual, entry, native, uncompiled
+from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics.integrator.work import unpack
+from ..physics.model import OK, Elastica
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
@@ -21,9 +22,7 @@ from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RA
 
 Array = NDArray[np.float64]
 
-OK = 0
-
-MOST_AT_ONCE = int(__import__("os").environ.get("AT_ONCE", "9"))
+MOST_AT_ONCE = 9
 """Columns that go through a period side by side."""
 
 
@@ -130,6 +129,8 @@ class Arms:
     def __init__(
         self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
     ) -> None:
+        if WIDEST is SINGLE:
+            raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
         self.n = check.integer("n", n, minimum=1)
         made: Any = gym.make_vec(
             id, num_envs=self.n, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, threads=threads, **keywords
@@ -174,6 +175,7 @@ class Arms:
             tape=aligned(self._groups, room).reshape(-1), room=room,
             block=blocks[0].reshape(-1), scratch=blocks[1].reshape(-1),
         )  # fmt: skip
+        self._backwards = isinstance(model, Elastica) and isinstance(model.n, tuple)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
         self._crew = Crew(batch.threads - 1)
@@ -218,17 +220,24 @@ class Arms:
     def pull(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A)."""
-        d = self._program
-        given = self._put(state, action)
-        d.state_bar.reshape(self.n, -1)[:] = _checked("state_bar", state_bar, (self.n, self.state_size))
-        shape = (self.n, self.observation_size)
-        d.observation_bar.reshape(shape)[:] = _checked("observation_bar", observation_bar, shape)
-        d.reward_bar[:] = _checked("reward_bar", reward_bar, (self.n,))
+        """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A).
+
+        Of elasticas without friction in less time than the Jacobians take; of all others by these.
+        """
+        given = _checked("state_bar", state_bar, (self.n, self.state_size))
+        seen = _checked("observation_bar", observation_bar, (self.n, self.observation_size))
+        paid = _checked("reward_bar", reward_bar, (self.n,))
+        if not self._backwards:
+            return self.jacobians(state, action).pull(given, seen, paid)
+        d, asked = self._program, self._put(state, action)
+        d.state_bar[:], d.observation_bar[:], d.reward_bar[:] = given.ravel(), seen.ravel(), paid
         self._run(adjoint)
-        return self._rows("state_bar", self.state_size), self._rows("action_bar", self.action_size) * (
-            np.abs(given) <= 1.0
-        )
+        self._note_failures()
+        by_state, by_action = self._rows("state_bar", self.state_size), self._rows("action_bar", self.action_size)
+        by_action *= np.abs(asked) <= 1.0
+        for values in (by_state, by_action):
+            values[self.failed] = np.nan
+        return by_state, by_action
 
     def sights(self, state: Array) -> tuple[Array, Array]:
         """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
@@ -259,16 +268,20 @@ class Arms:
 
     def _outcome(self) -> tuple[Array, Array, Array]:
         d = self._program
-        self.failed, self.past = d.failed != OK, d.past.astype(np.bool_)
+        self._note_failures()
         after, seen, reward = (
             self._rows("after", self.state_size), self._rows("observation", self.observation_size), d.reward.copy(),
         )  # fmt: skip
         if self.failed.any():
             for values in (after, seen, reward):
                 values[self.failed] = np.nan
+        return after, seen, reward
+
+    def _note_failures(self) -> None:
+        self.failed, self.past = self._program.failed != OK, self._program.past.astype(np.bool_)
+        if self.failed.any():
             for block in self._blocks:
                 block[:] = 0.0
-        return after, seen, reward
 
     def _run(self, function: Any) -> None:
         if function not in self._entries:

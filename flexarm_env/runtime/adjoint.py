@@ -20,9 +20,9 @@ from ..physics.integrator.tangents import prepare
 from ..physics.integrator.work import state_of, unpack
 from ..physics.layout import POSE
 from ..physics.protocol import MASS_ALONE, assemble, factor, link_poses
-from ..tasks.program import PERIODS, record_at
+from ..tasks.program import record_at
 from ..tasks.task import info_of, judge, observe
-from .derivative import fill, see, tell
+from .derivative import fill
 from .motors import command, tell_motors, turn_motors
 
 
@@ -35,7 +35,7 @@ class Asked(NamedTuple):
     y: np.ndarray
 
 
-def _see(lane, model, task, par, q, v, record, action, seen, outcome):  # type: ignore[no-untyped-def]
+def _see(lane, model, task, par, q, v, record, action, seen, outcome):
     poses, info = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * info_of(task).end)
     for k in range(info_of(task).end):
         store(info, k, splat(lane, 0.0))
@@ -45,7 +45,7 @@ def _see(lane, model, task, par, q, v, record, action, seen, outcome):  # type: 
     store(outcome, 0, reward)
 
 
-def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u):  # type: ignore[no-untyped-def]
+def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u):
     poses, y = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * size(model.n_inputs))
     command(lane, task, controller, amplifier, model, par, action, poses, record, Asked(q, v, u, y))
 
@@ -87,9 +87,9 @@ def _period(lane, d, g, block, bars, tape):
             _keep(lane, model, p.task, w, tape)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         _keep(lane, model, p.task, w, tape[(s + 1) * length :])
-    store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
-    see(lane, p, layout, block, w)
-    tell(lane, d, d.places, layout, g, block)
+    for i in range(arms(lane)):
+        if g * arms(lane) + i < d.n:
+            d.failed[g * arms(lane) + i] = np.uint8(w.flag[i])
     _give(lane, d, g, bars)
     _pull_sight(
         lane, model, p.task, par, w.q, w.v, record, action, seen, info,

@@ -5,9 +5,9 @@ taken by and of, then what is given. The period is that of `episode`, without wh
 action to the torques, the steps, the observation and the reward. Its derivative, `jacobian`, is D = X + A columns of
 X + O + 1 rows: what the end's numbers that move, the observation's entries and the reward change by.
 
-`tangents` goes through the period with dual lanes, some columns at a time: whatever a period is made of is differentiated
-as it is computed, Newton's solution by the implicit function theorem (`physics.integrator.newton`). `implicit` has the
-same in less time where nothing but a step's equations decides what it comes to.
+`tangents` goes through the period with dual lanes, some columns at a time: whatever a period is made of is
+differentiated as it is computed, Newton's solution by the implicit function theorem (`physics.integrator.newton`).
+`implicit` has the same in less time where nothing but a step's equations decides what it comes to.
 """
 
 from __future__ import annotations

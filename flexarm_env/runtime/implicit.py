@@ -116,9 +116,7 @@ def _open(d, g, c, both):
     seed(lane, d, c * at_once(d), both)
     for k in range(size(p.task.links)):
         store(x.u0, k, load(lane, x.u, k))
-    command(
-        lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x
-    )
+    command(lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x)
     _tell(lane, p.task, p.actuator, _record(d, both), x)
 
 

@@ -12,7 +12,7 @@ from ..protocol import RESIDUAL_ALONE, State, assemble, solve_transposed
 from .work import take_out_known
 
 
-def _residual(lane, model, par, q, v, a, u, r):  # type: ignore[no-untyped-def]
+def _residual(lane, model, par, q, v, a, u, r):
     assemble(lane, model, par, State(q, v, a), u, RESIDUAL_ALONE, r, r)
 
 
