@@ -13,11 +13,12 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from numba import types
+from llvmlite import ir
+from numba import config, types
 from numba.extending import intrinsic
 
 from . import lanes, symbols
-from .symbols import Value
+from .symbols import DOUBLE, Value
 from .trace import Slots, Tracer
 
 Pull = tuple[Any, Callable[[Value], Value]]
@@ -169,14 +170,11 @@ class _Kept:
             for k, count in self.written.items():
                 leaf = self.leaves.pop(k, None)
                 found = None if leaf is None else leaf.cotangent
-                self.bar.put(k, self.tape_zero() if found is None else found, count, 0)
+                zero = Value(self.slots.builder, ir.Constant(DOUBLE, 0.0), 1)
+                self.bar.put(k, zero if found is None else found, count, 0)
             for k, leaf in self.leaves.items():
                 if leaf.cotangent is not None:
                     self.bar.put(k, self.bar.get(k, leaf.count, 0) + leaf.cotangent, leaf.count, 0)
-
-    def tape_zero(self) -> Value:
-        """0"""
-        return Value(self.slots.builder, symbols.ir.Constant(symbols.DOUBLE, 0.0), 1)
 
 
 class _Backward(Tracer):
@@ -202,7 +200,7 @@ def _wrapped(tape: Tape, item: Any, bar: Slots | None, all_kept: list[_Kept]) ->
 
 def pulled(function: Any, names: tuple[str, ...]) -> Any:
     """See above. names: arrays among the function's own arguments."""
-    if lanes.config.DISABLE_JIT:
+    if config.DISABLE_JIT:
         return function
     source = getattr(function, "py_func", function)
     own = list(inspect.signature(source).parameters)
