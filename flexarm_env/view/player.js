@@ -114,7 +114,7 @@ function drawCurves(pen, chart, curves, width, height) {
     });
     pen.setLineDash(curve.dash);
     pen.strokeStyle = runColor(curve.color);
-    pen.lineWidth = 1.8;
+    pen.lineWidth = (CLIPS.length > 1 ? 1.4 : 1.8) + 2.4 * over(curve.run);
     pen.stroke();
   }
   pen.setLineDash([]);
