@@ -116,11 +116,10 @@ def versions(python: Path) -> list[str]:
 
 def used(python: Path, folder: Path) -> None:
     """Let the package check itself and make both players."""
-    for words in (("doctor",), *(("view", *own, "--out", f"{name}.html") for name, own in VIEWS.items())):
-        done = subprocess.run(
-            [python, "-m", "flexarm_env", *words], cwd=folder, env=_plain() | {"NUMBA_CACHE_DIR": str(FOLDER / "cache")},
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
+    own = _plain() | {"NUMBA_CACHE_DIR": str(FOLDER / "cache")}
+    for words in (("doctor",), *(("view", *runs, "--out", f"{name}.html") for name, runs in VIEWS.items())):
+        command = [python, "-m", "flexarm_env", *words]
+        done = subprocess.run(command, cwd=folder, env=own, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"flexarm {' '.join(words)}: {(done.stdout + done.stderr)[-2000:]}")
 
@@ -181,7 +180,8 @@ def main(arguments: list[str]) -> int:
                     failed += 1
                     print(f"{python}, {age}, {file.name}: FAILED: {error}", flush=True)
     columns = "Python | " + " | ".join(NEEDED) + " | from | installed in | two players in | in all, with pictures"
-    lines = [*table(columns, rows), "", f"{sizes}. {platform.platform()}, {platform.machine()}, {date.today()}.", "", REST]
+    where = f"{platform.platform()}, {platform.machine()}, {date.today()}"
+    lines = [*table(columns, rows), "", f"{sizes}. {where}.", "", REST]
     print("", *lines, sep="\n")
     good = bool(rows) and not faults and not failed
     if good and "--page" in arguments:

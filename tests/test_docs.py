@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 import shlex
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+
+import flexarm_env
 
 from tests.processes import python
 from tests.test_architecture import PACKAGE, ROOMS, ROOT, python_files
@@ -72,6 +76,29 @@ def documented() -> set[str]:
 def test_every_public_room_is_in_the_api() -> None:
     rooms = {name.split(".")[1] for name in documented()}
     assert rooms == set(ROOMS) - INSIDE
+
+
+def shown() -> set[object]:
+    """Functions and classes that the API pages show: a module's `__all__`, or what it defines itself."""
+    out = set()
+    for name in documented() - {"flexarm_env.sb3"}:  # which takes seconds to import
+        module = import_module(name)
+        given = getattr(module, "__all__", None)
+        for word, item in vars(module).items():
+            own = word in given if given is not None else getattr(item, "__module__", "") == name
+            if own and not word.startswith("_") and callable(item):
+                out.add(item)
+    return out
+
+
+def test_every_public_name_is_on_a_page() -> None:
+    there = shown()
+    names = {f"flexarm_env.{word}": getattr(flexarm_env, word) for word in flexarm_env.__all__}
+    for room in sorted(set(ROOMS) - INSIDE - {"sb3"}):
+        module = import_module(f"flexarm_env.{room}")
+        names |= {f"{room}.{word}": getattr(module, word) for word in getattr(module, "__all__", ())}
+    lost = [name for name, item in names.items() if inspect.isfunction(item) or inspect.isclass(item)]
+    assert [name for name in lost if names[name] not in there] == []
 
 
 def public(body: list[ast.stmt]) -> list[ast.FunctionDef | ast.ClassDef]:
