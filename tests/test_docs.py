@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 import flexarm_env
-
 from tests.processes import python
 from tests.test_architecture import PACKAGE, ROOMS, ROOT, python_files
 
