@@ -60,6 +60,15 @@ def test_every_page_has_code() -> None:
     assert without == ["tutorials/index.md"]
 
 
+def test_every_page_begins_with_what_it_is_for() -> None:
+    """A sentence below the title, before anything else; and who wrote the page is not what it is for."""
+    pages = [path for path in sorted(DOCS.rglob("*.md")) if "_build" not in path.parts]
+    texts = {path: path.read_text("utf-8") for path in pages}
+    own = {path: text for path, text in texts.items() if not text.startswith("```{include}")}
+    begins = re.compile(r"# .+\n\n(?!Written by|Made by)[A-Z`*]\S* .*", re.MULTILINE)
+    assert [path.relative_to(DOCS).as_posix() for path, text in own.items() if not begins.match(text)] == []
+
+
 # ----------------------------------------------------------------- the API
 INSIDE = {"compiler", "layout", "physics", "runtime", "tasks", "batch", "curves", "rest"}
 INSIDE |= {"cli", "data", "__main__", "__init__"}

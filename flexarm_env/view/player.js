@@ -326,7 +326,8 @@ function draw() {
 
 readColors();
 $("title").textContent = DATA.title;
-$("note").textContent = CLIPS.map((clip) => (CLIPS.length > 1 ? `${clip.label}: ${clip.note}` : clip.note)).join("\n");
+const same = CLIPS.every((clip) => clip.note === CLIPS[0].note);
+$("note").textContent = same ? CLIPS[0].note : CLIPS.map((clip) => `${clip.label}: ${clip.note}`).join("\n");
 $("time").max = TIMES.length - 1;
 $("layout-label").hidden = CLIPS.length < 2;
 setTheme("auto");
