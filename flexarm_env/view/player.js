@@ -114,7 +114,7 @@ function drawCurves(pen, chart, curves, width, height) {
     });
     pen.setLineDash(curve.dash);
     pen.strokeStyle = runColor(curve.color);
-    pen.lineWidth = (CLIPS.length > 1 ? 1.4 : 1.8) + 2.4 * over(curve.run);
+    pen.lineWidth = (CLIPS.length > 1 ? 1.4 : 1.8) + 3 * over(curve.run);
     pen.stroke();
   }
   pen.setLineDash([]);
@@ -287,7 +287,8 @@ const KEYS = {
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const own = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  const taken = own.matches("select, summary, #magnify") ? key !== "s" && key !== "t" && key !== "f" : own.matches("button") && key === " ";
+  const taken = own.matches("select, summary, #magnify") ? key !== "s" && key !== "t" && key !== "f"
+    : own.matches("#time") ? key === "ArrowUp" || key === "ArrowDown" : own.matches("button") && key === " ";
   if (taken || !(key in KEYS)) return; // the element's own keys
   event.preventDefault();
   KEYS[key](event);
