@@ -78,6 +78,7 @@ EXTERNALS: dict[str, set[str]] = {
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},
+    "onnx": {"control"},
     "ray": set(),
 }
 
