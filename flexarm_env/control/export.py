@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from .. import validation as check
 from ..tasks.program import CLIP
 from .policy import NumpyPolicy
@@ -94,7 +93,6 @@ def onnx_bytes(policy: NumpyPolicy) -> bytes:
     )  # fmt: skip
     model = helper.make_model(
         graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, producer_name="flexarm_env",
-        producer_version=__version__,
     )  # fmt: skip
     helper.set_model_props(model, {"flexarm_env": json.dumps(policy.meta)})
     checker.check_model(model)
@@ -171,7 +169,7 @@ def _head(policy: NumpyPolicy, entries: Entries, history: int) -> str:
     units = [f"    {k}: {one} / {scale:.9g}" for k, (one, scale) in enumerate(of_one)]
     lines = [
         f"NAME: a policy trained on {meta['env_id']} {kwargs}",
-        f"written by flexarm_env {__version__}. C99, float32, no allocation, no state but what the caller holds.",
+        f"written by flexarm_env. C99, float32, no allocation, no state but what the caller holds.",
         "",
         f"  void NAME_decide(const float observation[UPPER_OBSERVATION], float action[{joints}])",
         f"      the environment's observation ({history} x {len(entries.names)}, the newest instant last) to actions",
