@@ -169,7 +169,7 @@ def _head(policy: NumpyPolicy, entries: Entries, history: int) -> str:
     units = [f"    {k}: {one} / {scale:.9g}" for k, (one, scale) in enumerate(of_one)]
     lines = [
         f"NAME: a policy trained on {meta['env_id']} {kwargs}",
-        f"written by flexarm_env. C99, float32, no allocation, no state but what the caller holds.",
+        "written by flexarm_env. C99, float32, no allocation, no state but what the caller holds.",
         "",
         f"  void NAME_decide(const float observation[UPPER_OBSERVATION], float action[{joints}])",
         f"      the environment's observation ({history} x {len(entries.names)}, the newest instant last) to actions",

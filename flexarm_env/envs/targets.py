@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,11 @@ AHEAD = (0.1, 0.3)
 
 
 class Target(ABC):
-    """numbers: that a target has; two are kept of any, an angle's second is 0."""
+    """numbers: that a target has; two are kept of any, an angle's second is 0. drawn: names of the first of the four
+    numbers that a path is drawn by, and their units; the others mean nothing."""
 
     numbers: int
+    drawn: tuple[tuple[str, str], ...]
 
     @abstractmethod
     def read(self, arm: Arm, value: Any) -> Pair:
@@ -48,6 +50,21 @@ class Target(ABC):
     def ranges(self, arm: Arm) -> list[Pair]:
         """What the four numbers of a path lie within that is drawn (`draw_path` of the task)."""
 
+    def ranges_given(self, given: Mapping[str, Any], arm: Arm) -> list[Pair]:
+        """`ranges` with those that are given, by name, in their place."""
+        names = [name for name, _ in self.drawn]
+        check.known_keys("reference", given, names)
+        ranges = self.ranges(arm)
+        for k, (name, unit) in enumerate(self.drawn):
+            if name in given:
+                least = {"above": 0.0} if name == "period" else {} if name == "bearing" else {"minimum": 0.0}
+                ranges[k] = check.limits(f"reference.{name}", given[name], unit, **least)
+        self.check_ranges(ranges, arm)
+        return ranges
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm) -> None:  # noqa: B027
+        """ValueError where paths within these ranges may lead out of reach."""
+
     @abstractmethod
     def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
         """A given reference as one function of time for each number; t: where it will be read, s."""
@@ -57,6 +74,7 @@ class Angle(Target):
     """The polar angle of the tip, rad."""
 
     numbers = 1
+    drawn = (("width", "rad"), ("period", "s"))
 
     def read(self, arm: Arm, value: Any) -> Pair:
         if np.ndim(value) == 1 and len(value) == 1:
@@ -85,6 +103,7 @@ class Point(Target):
     """A place of the tip, (x, y) in m."""
 
     numbers = 2
+    drawn = (("distance", "m"), ("period", "s"), ("radius", "m"), ("bearing", "rad"))
 
     def read(self, arm: Arm, value: Any) -> Pair:
         x, y = check.sequence("options.target", value, "two numbers (m), (x, y)", 2)
@@ -114,6 +133,13 @@ class Point(Target):
         rate, far = rate_scale(arm, 0), arm.total_length
         turns = (-math.pi / 3, math.pi / 3)
         return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm) -> None:
+        (nearest, farthest), _, (_, radius), _ = ranges
+        near, far = reach(arm)
+        if nearest - radius < near * (1.0 - 1e-9) or farthest + radius > far * (1.0 + 1e-9):
+            what = f"must keep circles of these distances within reach, {near:g} to {far:g} m from the root"
+            raise check.InvalidValue("reference.radius", ranges[2], what)
 
     def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
         if _is_path(given):
