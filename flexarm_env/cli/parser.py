@@ -146,9 +146,12 @@ pickles and can run any code: take those from nobody whom you do not trust.
 """
 
 BENCH = """\
-Run a benchmark of a checkout (benchmarks/NAME.py); all flags behind NAME go there. Without NAME: list them.
+Judge policies on the suite's tasks (suite), make a page of the results (page), or run a benchmark of a checkout
+(benchmarks/NAME.py); all flags behind NAME go there. Without NAME: list them.
 
   flexarm bench
+  flexarm bench suite --policy pd,lqg
+  flexarm bench suite --help
   flexarm bench agreement
   flexarm bench agreement --help
 """
@@ -309,7 +312,7 @@ def build_parser() -> Parser:
     _add_play(add("play", "fly an arm, or watch a controller or a policy", PLAY, "play"))
     train = add("train", "train a policy (from a checkout)", TRAIN, "checkout", "")
     evaluate = add("evaluate", "judge policies and controllers (from a checkout)", EVALUATE, "checkout", "")
-    bench = add("bench", "run a benchmark (from a checkout)", BENCH, "checkout", "")
+    bench = add("bench", "judge policies on the suite, or run a benchmark", BENCH, "checkout", "")
     train.script, evaluate.script = SCRIPTS["train"], SCRIPTS["evaluate"]
     train.usage, evaluate.usage, bench.usage = "%(prog)s [FLAGS]", "%(prog)s [FLAGS]", "%(prog)s [NAME [FLAGS]]"
 
