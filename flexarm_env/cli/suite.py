@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,8 +13,8 @@ from flexarm_env.cli.parser import DONE, FAILED, Parser
 from flexarm_env.cli.progress import show
 from flexarm_env.suite.data import Task
 from flexarm_env.suite.page import page
-from flexarm_env.suite.policies import PLACE, Chosen, choose, default_name
-from flexarm_env.suite.results import Results, begun, chosen_tasks, folder_of, frozen, summary
+from flexarm_env.suite.policies import PLACE
+from flexarm_env.suite.results import Results, chosen_tasks, folder_of, frozen, judged, summary
 from flexarm_env.suite.score import EPISODES, FIRST, references
 from flexarm_env.trajectory import write_whole
 
@@ -77,7 +76,7 @@ def _suite(words: Sequence[str]) -> int:
         raise check.InvalidValue("--name", args.name, "must be given for one policy alone")
     done, trouble = [], []
     for word in policies:
-        results, refused = _judged(word, wanted, args, count)
+        results, refused = judged(word, wanted, Path(args.out), name=args.name, run=args.run, episodes=count)
         trouble += refused
         if not results.tasks:
             continue
@@ -91,37 +90,6 @@ def _suite(words: Sequence[str]) -> int:
     for sentence in trouble:
         sys.stderr.write(f"flexarm bench suite: {sentence}\n")
     return FAILED if trouble else DONE
-
-
-def _judged(word: str, wanted: Sequence[Task], args: argparse.Namespace, count: int) -> tuple[Results, list[str]]:
-    """A policy on all tasks, its file written after each; and why some could not be judged."""
-    folder, name = Path(args.out), args.name or default_name(word)
-    results: Results | None = None
-    trouble: list[str] = []
-    for task in wanted:
-        try:
-            chosen = choose(word, task)
-            if results is None:
-                results = begun(folder, name, chosen.run if args.run is None else args.run)
-            if not results.has(task, chosen, count):
-                _judge(results, task, chosen, count)
-                results.write(folder)
-        except ValueError as error:
-            sentence = " ".join(str(error).split())
-            trouble.append(f"{task.id}: {sentence}")
-            if results is not None and chosen.kind == "controller":
-                results.tasks.pop(task.id, None)
-                results.refused[task.id] = sentence
-                results.write(folder)
-    return results or Results(name), trouble
-
-
-def _judge(results: Results, task: Task, chosen: Chosen, count: int) -> None:
-    env = suite.make_vec(task.id, count)
-    try:
-        results.add(task, chosen, env)
-    finally:
-        env.close()
 
 
 def _summary(results: Results, wanted: Sequence[Task], folder: Path) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import json
 import math
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import date
 from importlib import metadata
@@ -17,10 +17,10 @@ import numpy as np
 
 from .. import validation as check
 from ..trajectory import write_whole
-from . import digest
+from . import digest, make_vec
 from .data import Task, tasks
 from .judge import Judged, judge
-from .policies import Chosen
+from .policies import Chosen, choose, default_name
 from .score import EPISODES, FIRST, score
 
 FORMAT = 1
@@ -85,6 +85,49 @@ class Results:
             "versions": versions(), "date": date.today().isoformat(),
         }  # fmt: skip
         return found
+
+
+def judged(
+    word: str,
+    wanted: Sequence[Task],
+    folder: Path,
+    *,
+    name: str | None = None,
+    run: int | None = None,
+    episodes: int = EPISODES,
+    choose: Callable[[str, Task], Chosen] = choose,
+) -> tuple[Results, list[str]]:
+    """Judge a policy on tasks, what has been judged already left as it is; its file is written after each.
+
+    Args:
+        word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default after the policy.
+    Returns:
+        the results, and of each task that it could not be judged on why.
+    """
+    results: Results | None = None
+    trouble: list[str] = []
+    for task in wanted:
+        kind = ""
+        try:
+            chosen = choose(word, task)
+            kind = chosen.kind
+            if results is None:
+                results = begun(folder, name or default_name(word), chosen.run if run is None else run)
+            if not results.has(task, chosen, episodes):
+                env = make_vec(task.id, episodes)
+                try:
+                    results.add(task, chosen, env)
+                finally:
+                    env.close()
+                results.write(folder)
+        except ValueError as error:
+            sentence = " ".join(str(error).split())
+            trouble.append(f"{task.id}: {sentence}")
+            if results is not None and kind == "controller":
+                results.tasks.pop(task.id, None)
+                results.refused[task.id] = sentence
+                results.write(folder)
+    return results or Results(name or default_name(word)), trouble
 
 
 def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
