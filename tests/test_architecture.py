@@ -62,7 +62,7 @@ ROOMS: dict[str, set[str]] = {
     "plotting": {*_PHYSICS, "comparison", "view"},
     "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
-    "suite": {*_DESCRIPTION, "envs"},
+    "suite": {*_DESCRIPTION, "control", "envs", "trajectory"},
     "identification": {*_PHYSICS - {"batch"}, "plotting"},
     "cli": {*_PUBLIC, "data", "compiler"},
     "__main__": {"cli"},
@@ -79,6 +79,8 @@ EXTERNALS: dict[str, set[str]] = {
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},
+    "onnx": {"control"},
+    "onnxruntime": {"suite"},
     "ray": set(),
 }
 
