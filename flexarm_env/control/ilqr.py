@@ -2,7 +2,7 @@
 
 What is to be minimised is, for each arm by itself,
 
-    sum_k cost_k(x_k) + 1/2 sum_k weight . u_k^2      with x_k+1 = f(x_k, u_k), |u| <= 1, k = 0 ... T - 1 (cost: T)
+    sum_k cost_k(x_k) + 1/2 sum_k weight . u_k^2      with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1 (cost: T)
 
 Every iteration takes the derivatives of all stages of all arms in one compiled call, solves the linear-quadratic problem
 backwards with controls kept within limits, and tries steps of several lengths at once. Limits on states are costs with
@@ -77,7 +77,7 @@ class Limits:
     of: Any
     low: Array
     high: Array
-    penalty: float = 10.0
+    penalty: Array
     above: Array = field(init=False)
     below: Array = field(init=False)
 
@@ -86,8 +86,9 @@ class Limits:
 
     def _active(self, g: Array, k: int | slice) -> tuple[Array, Array]:
         """Forces (..., n, G) that push back, and where they do."""
-        over = self.above[k] + self.penalty * (g - self.high[k])
-        under = self.below[k] + self.penalty * (self.low[k] - g)
+        stiff = self.penalty[:, None]
+        over = self.above[k] + stiff * (g - self.high[k])
+        under = self.below[k] + stiff * (self.low[k] - g)
         return np.maximum(over, 0.0), np.maximum(under, 0.0)
 
     def value(self, x: Array, k: int | slice) -> Array:
@@ -98,7 +99,7 @@ class Limits:
         g, slope = self.of(x)
         over, under = self._active(g, slice(None))
         gradient = np.einsum("...g,...gs->...s", over - under, slope)
-        stiff = self.penalty * ((over > 0.0) | (under > 0.0))
+        stiff = self.penalty[:, None] * ((over > 0.0).astype(np.float64) + (under > 0.0))
         return gradient, slope.swapaxes(-1, -2) @ (stiff[..., None] * slope)
 
     def violation(self, x: Array) -> Array:
@@ -142,17 +143,18 @@ def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array) 
 
 def solve(
     system: System, x: Array, controls: Array, costs: Sequence[Cost], effort: Array, *,
-    iterations: int = 50, tolerance: float = 1e-6,
+    iterations: int = 50, tolerance: float = 1e-6, bound: float = 1.0,
 ) -> Solution:  # fmt: skip
     """The controls that cost least, found from a first guess.
 
     Args:
         x: states (n, S) to start from. controls (T, n, N): the first guess. effort (N,): weights, positive.
         iterations: at most. tolerance: of the cost, over itself: when no arm's falls by more, it is done.
+        bound: of the controls.
     Raises:
         ValueError: the first guess leads to states that are not finite.
     """
-    controls = np.clip(controls, -1.0, 1.0)
+    controls = np.clip(controls, -bound, bound)
     states = rollout(system, x, controls)
     cost = total(costs, effort, states, controls)
     if not np.isfinite(cost).all():
@@ -161,8 +163,8 @@ def solve(
     gains = np.zeros((*controls.shape, system.size))
     done = 0
     for done in range(1, iterations + 1):
-        feed, gains = backward(system, states, controls, costs, effort, damping)
-        found, moved, costs_of = _forward(system, states, controls, feed, gains, costs, effort)
+        feed, gains = backward(system, states, controls, costs, effort, damping, bound)
+        found, moved, costs_of = _forward(system, states, controls, feed, gains, costs, effort, bound)
         best = np.argmin(costs_of, axis=0)
         arms = np.arange(len(x))
         lower = costs_of[best, arms]
@@ -181,7 +183,8 @@ def solve(
 
 
 def backward(
-    system: System, states: Array, controls: Array, costs: Sequence[Cost], effort: Array, damping: Array
+    system: System, states: Array, controls: Array, costs: Sequence[Cost], effort: Array, damping: Array,
+    bound: float = 1.0,
 ) -> tuple[Array, Array]:
     """Changes of the controls (T, n, N) and their gains (T, n, N, S) that solve the linear-quadratic problem.
 
@@ -193,7 +196,7 @@ def backward(
     gradient, curvature = sum(s[0] for s in slopes), sum(s[1] for s in slopes)
     value, bend = gradient[-1], curvature[-1]
     feed, gains = np.empty(controls.shape), np.empty((*controls.shape, system.size))
-    low, high = -1.0 - controls, 1.0 - controls
+    low, high = -bound - controls, bound - controls
     own = np.eye(count) * (effort + damping[:, None])[:, None, :]
     pull = controls * effort
     for k in range(periods - 1, -1, -1):
@@ -264,7 +267,8 @@ def _partial(Quu: Array, Qux: Array, free: Array) -> Array:
 
 
 def _forward(
-    system: System, states: Array, controls: Array, feed: Array, gains: Array, costs: Sequence[Cost], effort: Array
+    system: System, states: Array, controls: Array, feed: Array, gains: Array, costs: Sequence[Cost], effort: Array,
+    bound: float,
 ) -> tuple[Array, Array, Array]:
     """States (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n) of steps of all `LENGTHS`."""
     periods, n, count = controls.shape
@@ -276,7 +280,7 @@ def _forward(
         for k in range(periods):
             off = found[k] - states[k]
             u = ahead[k] + (gains[k] @ off[..., None])[..., 0]
-            u = np.clip(np.nan_to_num(u), -1.0, 1.0)
+            u = np.clip(np.nan_to_num(u), -bound, bound)
             moved[k] = u
             found[k + 1] = system.stage(k, found[k].reshape(-1, size), u.reshape(-1, count)).reshape(tried, n, size)
     value = np.array([total(costs, effort, found[:, i], moved[:, i]) for i in range(tried)])
