@@ -309,6 +309,8 @@ def _differentiable(made: Any) -> None:
         "history": plan.history > 1,
         "task": plan.task in ("track", "replay"),
         "step_tolerance": made.batch.program.models is not None,
+        "pushes": extras.pushes is not None,
+        "payload_change": extras.payload_change is not None,
         "multipliers": bool(plan.settings.multipliers),
     }
     for name, is_so in wrong.items():
