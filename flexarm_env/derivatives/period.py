@@ -22,8 +22,8 @@ from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RA
 
 Array = NDArray[np.float64]
 
-MOST_AT_ONCE = 9
-"""Columns that go through a period side by side."""
+MOST_AT_ONCE = 3
+"""Columns that go side by side: more of them cost as much and take longer to compile."""
 
 
 class Jacobians(NamedTuple):
@@ -309,8 +309,6 @@ def _differentiable(made: Any) -> None:
         "history": plan.history > 1,
         "task": plan.task in ("track", "replay"),
         "step_tolerance": made.batch.program.models is not None,
-        "pushes": extras.pushes is not None,
-        "payload_change": extras.payload_change is not None,
         "pushes": extras.pushes is not None,
         "payload_change": extras.payload_change is not None,
         "multipliers": bool(plan.settings.multipliers),
