@@ -3,7 +3,8 @@ docs/results/suite_speed.{md,json}.
 
     python -m benchmarks.suite_speed [--rounds 5] [--out FOLDER]
 
-64 arms on one thread by random actions, in turns, by processor time, the best round of each (others may share the machine).
+64 arms on one thread by random actions, in turns, by processor time, the best round of each (others may share the
+machine).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Reward and success of every task, from the formula that docs/suite.md has, on recorded episodes: NumPy alone, from tip,
-deflections, target and actions."""
+"""Reward and success of every task, from the formula that docs/suite.md has, on recorded episodes: NumPy alone, from
+tips, deflections, targets and actions."""
 
 from __future__ import annotations
 
