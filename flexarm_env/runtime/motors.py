@@ -12,6 +12,7 @@ from ..physics.integrator.switching import switch
 from ..physics.layout import POSE
 from ..physics.protocol import link_poses, ports
 from ..tasks.program import GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
+from .events import push
 
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
@@ -94,8 +95,9 @@ def command(lane, task, controller, amplifier, model, par, action, poses, record
 @kernel
 def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
     """The steps of one period under an action, each in so many parts."""
-    for k in range(size(p.task.links)):
+    for k in range(w.u.shape[0] // len(lane)):
         store(w.u0, k, load(lane, w.u, k))
+    push(lane, p.pushes, size(p.task.links), record, w)
     command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
     if actuator is None:
         _jump(lane, model.predictor, p, model, par, record, saved, block, w)
@@ -119,7 +121,7 @@ def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
         for i in range(lanes):
             if record[PERIODS * lanes + i] < 0.5:
-                for k in range(size(p.task.links)):
+                for k in range(w.u.shape[0] // lanes):
                     w.u0[k * lanes + i] = w.u[k * lanes + i]
             else:
                 at = saved_at(0, n, 0, 0, 0)

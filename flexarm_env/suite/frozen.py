@@ -26,6 +26,7 @@ def resolved(one: Task) -> Plan:
 def digest_of(one: Task) -> str:
     """See `flexarm_env.suite.digest`."""
     made = resolved(one)
+    built = made.kind.build(made.arm, np.array(made.rewards), made.period, made.aims)
     arm = {key: value for key, value in arms.to_table(made.arm).items() if key != "source"}
     starts = {key: getattr(made.starts, key) for key in ("start", "target", "straight", "vibration", "factors")}
     what = {
@@ -38,6 +39,7 @@ def digest_of(one: Task) -> str:
         "gravity": made.gravity,
         "weights": dict(zip(made.kind.rewards, made.rewards, strict=True)),
         "starts": starts,
+        "success": dict(zip((*made.kind.bands, "hold"), (*built.bands, built.hold), strict=True)),
         "observation": [list(pair) for pair in zip(made.names, made.scales, strict=True)],
         "history": made.history,
     }

@@ -97,7 +97,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     arm, n = scene.arm, settings.nodes
     parts = chain(arm, n)
     count, m = arm.n_links, arm.n_links * n
-    own = m <= UNROLLED and not scene.motions and not scene.loads
+    own = m <= UNROLLED and scene.undriven
     movable = [scene.root == "free" or scene.motion_of(name) is not None for name in ("root_x", "root_y")]
     has_root = any(movable) or not own
     rows = m + (2 if has_root else 0)
@@ -140,7 +140,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         payload_turns=None if own and not arm.payload.inertia else (0,),
         damping=damping,
         data=data,
-        loads=None if own else np.concatenate([np.zeros(0), *ends]),
+        loads=None if own and not ends else np.concatenate([np.zeros(0), *ends]),
         eccentric=_eccentric(arm.payload, carried, beta),
         rest=rest,
     )

@@ -244,7 +244,7 @@ class _Modes:
             angle = float(self.chain.angle_at(load.link, s) @ shape)
             parts = ((load.force_x, point[0]), (load.force_y, point[1]), (load.torque, angle))
             force += sum((f(t) * x for f, x in parts if f is not None), np.zeros(t.size))
-        if not scene.loads and not scene.motions and arm.torque_limits:
+        if scene.undriven and arm.torque_limits:
             force += sum(limit * abs(angle) for limit, angle in zip(arm.torque_limits, joints, strict=True))
         if weight and scene.gravity is not None:
             force += float(np.asarray(scene.gravity) @ ((across * shape) @ self.b + self.mass * root))
