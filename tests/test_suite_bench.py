@@ -326,7 +326,8 @@ def test_controllers_files_and_models_on_a_real_task(tmp_path: Path, capsys, mon
             total, over = total + reward, terminated or truncated
         totals.append(total)
     assert json.loads((tmp_path / "o" / "pd-0.json").read_text())["tasks"][FIRST_TASK.id]["returns"] == totals
-    assert "observation layout" in refused(capsys, "bench", "suite", "--policy", "two_link", "--task", FIRST_TASK.id)
+    for name, sentence in (("flexible_arm", "observation layout"), ("two_link", 'must be "torque"')):
+        assert sentence in refused(capsys, "bench", "suite", "--policy", name, "--task", FIRST_TASK.id)
 
 
 @pytest.mark.slow
