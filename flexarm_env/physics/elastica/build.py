@@ -77,7 +77,7 @@ def size(tag_or_number: int | tuple[int, ...]) -> int:
 def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
     """The fields of `LOAD`."""
     s = _ends(chain_.lines[load.link])[load.end == "tip"]
-    return {"arm": chain_.arm_to(load.link, s), "angle": chain_.angle_at(load.link, s)}
+    return {"arm": chain_.arms_to(load.link, np.array([s]))[0], "angle": chain_.angle_at(load.link, s)}
 
 
 def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
@@ -106,7 +106,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     sizes = {"links": count, "nodes": n}
     ends = [LOAD.pack(sizes, **_end(parts, load)) for load in scene.loads if isinstance(load, PointLoad)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
-    stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line, points, k)]
+    stations = np.concatenate([parts.arms_to(k, _stations(line, points, k)) for k, line in enumerate(parts.lines)])
     correction, carried = np.zeros_like(parts.R), _payload_arm(parts, arm.payload)
     rest = rest_angles(parts)
     if settings.dt is not None:
@@ -153,7 +153,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     q0 = np.concatenate([angles, centre if has_root else ()]).astype(np.float64)
     for k in range(1, count):
         q0[k * n] = scene.initial_value(f"joint{k}")
-    return System(model, par, q0, np.zeros(rows), coordinates, names, Notes(scene, parts))
+    return System(model, par, q0, np.zeros(rows), coordinates, names, Notes(scene, n))
 
 
 def _payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:
