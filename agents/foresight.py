@@ -8,6 +8,8 @@ whole state; it is played in the task itself, sensors and all, where it must giv
 
 from __future__ import annotations
 
+import hashlib
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,9 +18,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.runs import write_whole
+from agents.runs import read_json, write_json, write_whole
 from flexarm_env import suite
-from flexarm_env.suite.policies import choose
+from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
 
 Array = NDArray[np.float64]
@@ -94,6 +96,8 @@ def search(task: suite.Task, *, steps: int = 1000, memory: int = 12) -> tuple[Ar
     """
     from flexarm_env.derivatives import Arms
 
+    if task.price:
+        raise ValueError(f"{task.id}: costs have no slope")
     best, reached = beginnings(task)
     arms = Arms(task.environment, EPISODES, **seen_whole(task))
     start, shape = arms.reset(seed=FIRST), best.shape
@@ -167,6 +171,30 @@ def returned(arms: Any, start: Array, actions: Array) -> tuple[Array, Array]:
     return np.where(over, np.nan, total), slopes
 
 
-def write(path: Path, actions: Array, returns: Array) -> None:
-    """Keep what was found."""
-    write_whole(path, lambda part: np.savez_compressed(part, actions=actions.astype(np.float32), returns=returns))
+def found(task: suite.Task, folder: Path) -> Path:
+    """The folder with the actions of a task's episodes: searched for, or there already."""
+    path = folder / "actions.npz"
+    if not path.is_file():
+        wall, cpu = time.perf_counter(), time.process_time()
+        actions, returns = search(task)
+        spent = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
+        write_json(folder / "run.json", {"algorithm": "foresight", "steps": 0, **spent})
+        given = {"actions": actions.astype(np.float32), "returns": returns}
+        write_whole(path, lambda part: np.savez_compressed(part, **given))
+    return folder
+
+
+def chosen(folder: Path) -> Chosen:
+    """What was found, as a policy of the task's episodes; ValueError where it is played on others."""
+    path = folder / "actions.npz"
+    record = read_json(folder / "run.json")
+    with np.load(path) as data:
+        actions = data["actions"].astype(float)
+
+    def make(env: Any) -> Foresight:
+        if (int(env.num_envs), env.single_action_space.shape[0]) != actions.shape[1:]:
+            raise ValueError(f"{path}: actions of {actions.shape[1]} episodes, which are judged together or not at all")
+        return Foresight(actions)
+
+    content = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    return Chosen("actions", folder.name, content, make, 0, record)

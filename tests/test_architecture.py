@@ -25,7 +25,7 @@ _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {
-    *_PHYSICS - {"physics"}, "comparison", "control", "envs", "identification", "plotting", "recording", "sb3",
+    *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "identification", "plotting", "recording", "sb3",
     "suite", "view", "__init__",
 }  # fmt: skip
 
