@@ -63,11 +63,13 @@ def played(env: Any, policy: Any) -> tuple[Array, Array]:
     return actions, returns
 
 
-def beginnings(task: suite.Task, words: Sequence[str] = CONTROLLERS) -> tuple[Array, Array]:
-    """Of each episode the actions and the return of the best of some controllers, which see all there is."""
+def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
+    """Of each episode the actions and the return of the best of the controllers, which see all there is, and of trained
+    policies (run folders), which see what the task shows."""
     best: Array | None = None
-    env = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
-    for word in words:
+    whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
+    shown = suite.make_vec(task.id, EPISODES)
+    for word, env in [*((word, whole) for word in CONTROLLERS), *((str(path), shown) for path in trained)]:
         try:
             actions, returns = played(env, choose(word, task).make(env))
         except ValueError:  # a controller that is not made for the task
@@ -76,7 +78,8 @@ def beginnings(task: suite.Task, words: Sequence[str] = CONTROLLERS) -> tuple[Ar
             kept, best = actions, returns
         better = returns > best
         kept[:, better], best = actions[:, better], np.maximum(best, returns)
-    env.close()
+    whole.close()
+    shown.close()
     if best is None:
         raise ValueError(f"{task.id}: no controller to begin with")
     return kept, best
@@ -87,10 +90,12 @@ def seen_whole(task: suite.Task) -> dict[str, Any]:
     return {key: value for key, value in task.keywords.items() if key not in SENSED}
 
 
-def search(task: suite.Task, *, steps: int = 1000, memory: int = 12) -> tuple[Array, Array]:
+def search(
+    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 1000, memory: int = 12
+) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
-    steps: of L-BFGS with so long a memory (Liu & Nocedal 1989), each episode for itself: actions at a limit that the
+    trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989), each episode for itself: actions at a limit that the
     slope would push beyond stay there, a step that pays less is halved. ValueError where the task's environment has no
     derivatives, or does not give these returns.
     """
@@ -98,7 +103,7 @@ def search(task: suite.Task, *, steps: int = 1000, memory: int = 12) -> tuple[Ar
 
     if task.price:
         raise ValueError(f"{task.id}: costs have no slope")
-    best, reached = beginnings(task)
+    best, reached = beginnings(task, trained)
     arms = Arms(task.environment, EPISODES, **seen_whole(task))
     start, shape = arms.reset(seed=FIRST), best.shape
 
@@ -172,11 +177,12 @@ def returned(arms: Any, start: Array, actions: Array) -> tuple[Array, Array]:
 
 
 def found(task: suite.Task, folder: Path) -> Path:
-    """The folder with the actions of a task's episodes: searched for, or there already."""
+    """The folder with the actions of a task's episodes: searched for, or there already; policies beside it help."""
     path = folder / "actions.npz"
     if not path.is_file():
         wall, cpu = time.perf_counter(), time.process_time()
-        actions, returns = search(task)
+        beside = sorted(path.parent for path in folder.parents[1].glob(f"*/{task.id}/policy.npz"))
+        actions, returns = search(task, beside)
         spent = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
         write_json(folder / "run.json", {"algorithm": "foresight", "steps": 0, **spent})
         given = {"actions": actions.astype(np.float32), "returns": returns}

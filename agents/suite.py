@@ -60,11 +60,11 @@ class Method:
 
 METHODS = (
     *(Method(name) for name in NAMES),
-    Method("foresight", 1, "foresight"),
     Method("ppo", 5, "ppo"),
     Method("sac", 2, "sac", FEW),
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
+    Method("foresight", 1, "foresight"),
 )
 
 

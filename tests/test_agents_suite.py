@@ -111,7 +111,7 @@ def test_the_search_climbs_each_episode_to_its_top(monkeypatch: pytest.MonkeyPat
     began = np.zeros((3, 2, 1))
     monkeypatch.setattr(derivatives, "Arms", lambda *words, **keywords: hills)
     monkeypatch.setattr(foresight, "returned", hills.returned)
-    monkeypatch.setattr(foresight, "beginnings", lambda task: (began, hills.returned(None, None, began)[0]))
+    monkeypatch.setattr(foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began)[0]))
     actions, reached = foresight.search(TASKS[0], steps=60)
     assert actions == pytest.approx(np.minimum(hills.best, 1.0), abs=1e-3)
     assert reached == pytest.approx(hills.returned(None, None, actions)[0])
