@@ -95,9 +95,9 @@ def search(
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
-    trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989), each episode for itself: actions at a limit that the
-    slope would push beyond stay there, a step that pays less is halved. ValueError where the task's environment has no
-    derivatives, or does not give these returns.
+    trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
+    each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
+    halved. ValueError where the task's environment has no derivatives, or does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
