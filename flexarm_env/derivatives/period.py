@@ -17,6 +17,7 @@ from ..runtime import derivative
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of, record_sizes
 from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RATE, TORQUE_FACTOR
+from .rollouts import Rollout, rollout
 
 Array = NDArray[np.float64]
 
@@ -101,6 +102,7 @@ class Jacobians(NamedTuple):
         x = self._sizes[0]
         given = np.concatenate([state[:, :x], observation, reward[:, None]], axis=1)
         out = (given[:, None, :] @ self.moved)[:, 0]
+        out[~given.any(axis=1)] = 0.0  # nothing is asked, also of a solver that failed
         return np.concatenate([out[:, :x], state[:, x:]], axis=1), out[:, x:]
 
 
@@ -197,6 +199,10 @@ class Arms:
         self._put(state, action)
         self._run(derivative.step)
         return self._outcome()
+
+    def rollout(self, state: Array, actions: Array) -> Rollout:
+        """The periods from states (n, S) under actions (T, n, A), and derivatives through them: see `Rollout`."""
+        return rollout(self, state, actions)
 
     # --- derivatives -----------------------------------------------------------------------------
     def jacobians(self, state: Array, action: Array) -> Jacobians:
