@@ -27,7 +27,7 @@ class Config:
     """Hyper-parameters of a run, as they stand in the file (`text`) and as the algorithm takes them.
 
     Args:
-        algorithm: "ppo" or "sac". text: key -> value of the file. env_kwargs: keywords of the environment.
+        algorithm: "ppo", "sac" or "gradient". text: key -> value of the file. env_kwargs: keywords of the environment.
     """
 
     algorithm: str
@@ -97,9 +97,10 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
 
 
 def taken_by(algorithm: str) -> set[str]:
-    """Keys that may stand in the file, from the signature of Stable-Baselines3's class."""
+    """Keys that may stand in the file, from the signature of the algorithm's class."""
     taken = {*inspect.signature(algorithm_class(algorithm).__init__).parameters} - {*OURS}
-    return {*taken, *ZOO, "policy_kwargs"}
+    zoo = {*ZOO} - {"normalize"} if algorithm == "gradient" else {*ZOO}
+    return {*taken, *zoo, "policy_kwargs"}
 
 
 def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) -> Config:
@@ -125,12 +126,16 @@ def text_of(config: Config, env_id: str) -> str:
 
 
 def algorithm_class(name: str) -> Any:
-    """The class in Stable-Baselines3."""
+    """The class: of Stable-Baselines3, or one like them."""
     import stable_baselines3
 
+    if name == "gradient":
+        from agents.gradient import Gradient
+
+        return Gradient
     classes = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
     if name not in classes:
-        raise ValueError(f"algo = {name!r}: must be one of {', '.join(classes)}")
+        raise ValueError(f"algo = {name!r}: must be one of {', '.join(classes)}, gradient")
     return classes[name]
 
 

@@ -1,4 +1,4 @@
-"""Train a policy with Stable-Baselines3: PPO, or SAC with --algo sac.
+"""Train a policy with Stable-Baselines3's PPO, or SAC with --algo sac, or by gradients through the arms with --algo gradient.
 
     python -m agents.train_ppo --env FlexibleArm-v0
     python -m agents.train_ppo --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml
@@ -31,7 +31,7 @@ class Arguments(Training):
     """What `python -m agents.train_ppo` takes.
 
     Args:
-        algo: "ppo" or "sac".
+        algo: "ppo", "sac" or "gradient".
         config: file of hyper-parameters, RL Zoo format; default configs/ALGO/default.yml.
     """
 
@@ -66,7 +66,8 @@ def train(arguments: Arguments) -> Any:
     else:
         model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
         progress = training.Progress()
-        training.start_staggered(model, arguments.seed)
+        if config.algorithm != "gradient":  # whose arms are spread already
+            training.start_staggered(model, arguments.seed)
         write_text(folder / "config.yml", configs.text_of(config, arguments.env))
         write_json(folder / "run.json", record)
     _log(model, folder, arguments)
