@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from agents.networks import Network, of_policy
-from flexarm_env.derivatives import Arms, Jacobians
+from agents.networks import of_policy
+from flexarm_env.derivatives import Arms
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
@@ -35,18 +35,21 @@ NOT_OF_ARMS = ("autoreset_mode", "num_envs", "vectorization_mode", "render_mode"
 class Window:
     """T control periods of n arms: lists of T entries.
 
-    seen (n, O): before each period; inputs: of the policy's layers; wanted, noise (n, A): actions before they are
-    clipped, and the part that was drawn; periods: what came of it. rewards (T, n): failure's price in them. ended
-    (T, n): no return is to be had beyond. after (T, n, O): observations after each period.
+    states (n, S), seen (n, O): before each period; inputs: of the policy's layers; wanted, noise (n, A): actions before
+    they are clipped, and the part that was drawn. rewards (T, n): with what limits cost and failure's price; slopes
+    (n, O): of the former by what was seen after the period. ended, failed (T, n): no return is to be had beyond; the
+    solver failed. after (T, n, O): observations after each period.
     """
 
+    states: list[Array]
     seen: list[Array32]
     inputs: list[list[Array32]]
     wanted: list[Array32]
     noise: list[Array32]
-    periods: list[Jacobians]
+    slopes: list[Array]
     rewards: Array
     ended: Flags
+    failed: Flags
     after: Array32
 
 
@@ -115,8 +118,9 @@ class Gradient(BaseAlgorithm):
             self.state = self.arms.reset(seed=self._seeds(self.n_envs))
             self.ages = self.rng.permutation(np.arange(self.n_envs) * self.limit // self.n_envs)
             self.returns = np.zeros(self.n_envs)
-        self.arms.jacobians(self.state, np.zeros((self.n_envs, self.arms.action_size)))
-        self.arms.observe(self.state)
+        still = np.zeros((self.n_envs, self.arms.action_size))
+        self.arms.step(self.state, still)
+        self.arms.pull(self.state, still, self.state, self.arms.observe(self.state), self.returns)
 
     def _seeds(self, count: int) -> list[int]:
         return [int(seed) for seed in self.rng.integers(*SEEDS, size=count)]
@@ -155,9 +159,10 @@ class Gradient(BaseAlgorithm):
         assert self.state is not None
         arms, n, steps = self.arms, self.n_envs, self.n_steps
         self._begin_anew(self.ages >= self.limit)
+        shape = steps, n
         window = Window(
-            [], [], [], [], [], np.zeros((steps, n)), np.zeros((steps, n), np.bool_),
-            np.zeros((steps, n, arms.observation_size), np.float32),
+            [], [], [], [], [], [], np.zeros(shape), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_),
+            np.zeros((*shape, arms.observation_size), np.float32),
         )  # fmt: skip
         std = np.exp(self.actor.more[0])
         seen = arms.observe(self.state).astype(np.float32)
@@ -165,17 +170,21 @@ class Gradient(BaseAlgorithm):
             mean, inputs = self.actor.forward(seen)
             noise = std * self.rng.standard_normal(mean.shape, np.float32)
             wanted = mean + noise
-            period = arms.jacobians(self.state, np.clip(wanted, -1.0, 1.0).astype(np.float64))
+            window.states.append(self.state)
             window.seen.append(seen)
             window.inputs.append(inputs)
             window.wanted.append(wanted)
             window.noise.append(noise)
-            ended, period = arms.failed | arms.past, _sound(period, arms.failed)
-            cost = self._near_limits(period)
-            window.periods.append(period)
-            self.state, seen = period.state, period.observation.astype(np.float32)
-            reward = period.reward - self.price * ended
-            window.rewards[k], window.ended[k], window.after[k] = reward - cost, ended, seen
+            self.state, after, reward = arms.step(self.state, np.clip(wanted, -1.0, 1.0))
+            failed, ended = arms.failed, arms.failed | arms.past
+            if failed.any():
+                after[failed], reward[failed] = 0.0, 0.0
+            cost, slopes = self._near_limits(after)
+            window.slopes.append(slopes)
+            reward = reward - self.price * ended
+            seen = after.astype(np.float32)
+            window.rewards[k], window.after[k] = reward - cost, seen
+            window.ended[k], window.failed[k] = ended, failed
             self.ages += 1
             self.returns += reward
             if ended.any():
@@ -195,20 +204,19 @@ class Gradient(BaseAlgorithm):
             self.state = np.where(chosen[:, None], fresh, self.state)
             self.ages, self.returns = np.where(chosen, 0, self.ages), np.where(chosen, 0.0, self.returns)
 
-    def _near_limits(self, period: Jacobians) -> Array:
-        """What joints near their limits cost (n,); its slopes go into those of the reward."""
-        cost, moving = np.zeros(self.n_envs), self.arms.moving
+    def _near_limits(self, seen: Array) -> tuple[Array, Array]:
+        """What joints near their limits cost (n,), and the slopes (n, O) of minus that by what is seen."""
+        cost, slopes = np.zeros(self.n_envs), np.zeros(seen.shape)
         for sine, cosine, low, high in self.margins:
-            s, c = period.observation[:, sine], period.observation[:, cosine]
+            s, c = seen[:, sine], seen[:, cosine]
             angle = np.arctan2(s, c)
-            over = np.maximum(angle - high, low - angle) / self.limit_margin + 1.0
-            side = np.where(angle - high > low - angle, 1.0, -1.0)
-            over = np.clip(over, 0.0, 2.0)
+            above, below = angle - high, low - angle
+            over = np.clip(np.maximum(above, below) / self.limit_margin + 1.0, 0.0, 2.0)
             cost += self.limit_cost * over * over
-            slope = (-2.0 * self.limit_cost / self.limit_margin) * over * side
-            rows = period.moved
-            rows[:, -1] += slope[:, None] * (c[:, None] * rows[:, moving + sine] - s[:, None] * rows[:, moving + cosine])
-        return cost
+            slope = np.where(above > below, -2.0, 2.0) * (self.limit_cost / self.limit_margin) * over
+            slopes[:, sine] += slope * c
+            slopes[:, cosine] -= slope * s
+        return cost, slopes
 
     def _improve(self, window: Window, rate: float) -> None:
         """A step of the actor along the gradient of what the window's arms are paid, and of the critic's beyond it."""
@@ -222,9 +230,11 @@ class Gradient(BaseAlgorithm):
         slopes: list[list[Array32]] = []
         spread = np.zeros_like(self.actor.more[0])
         for k in reversed(range(steps)):
-            on = ~window.ended[k][:, None]
-            by_state, by_action = window.periods[k].pull(by_state * on, by_seen * on, weights[k])
-            wanted = window.wanted[k]
+            on, wanted, weight = ~window.ended[k][:, None], window.wanted[k], np.where(window.failed[k], 0.0, weights[k])
+            by_seen = by_seen * on + window.slopes[k] * weight[:, None]
+            by_state, by_action = self.arms.pull(
+                window.states[k], np.clip(wanted, -1.0, 1.0), by_state * on, by_seen, weight
+            )  # fmt: skip
             free = (np.abs(wanted) < 1.0) | (by_action * wanted < 0.0)  # beyond the limits: the way back alone
             slope = np.where(free, by_action, 0.0).astype(np.float32)
             by_seen, each = self.actor.backward(slope, window.inputs[k])
@@ -261,16 +271,9 @@ class Gradient(BaseAlgorithm):
         return paid
 
 
-def _sound(period: Jacobians, failed: Flags) -> Jacobians:
-    """Zeros in place of what a solver that failed leaves."""
-    if not failed.any():
-        return period
-    return Jacobians(*(np.where(failed.reshape(-1, *[1] * (x.ndim - 1)), 0.0, x) for x in period))
-
-
 def _joined(rows: list[list[Array32]]) -> list[Array32]:
     """Layer by layer, all periods' rows in one array."""
     return [np.concatenate(layer) for layer in zip(*rows, strict=True)]
 
 
-__all__ = ["Gradient", "Network"]
+__all__ = ["Gradient"]

@@ -101,8 +101,8 @@ class _Step(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, by_state: Tensor, by_seen: Tensor, by_paid: Tensor) -> tuple[None, Tensor, Tensor]:
         state, action = ctx.saved_tensors
-        period = ctx.arms.jacobians(_numbers("state", state), _numbers("action", action))
-        back, by_action = period.pull(by_state.numpy(), by_seen.numpy(), by_paid.numpy())
+        began = _numbers("state", state), _numbers("action", action)
+        back, by_action = ctx.arms.pull(*began, by_state.numpy(), by_seen.numpy(), by_paid.numpy())
         return None, torch.from_numpy(back).to(state.dtype), torch.from_numpy(by_action).to(action.dtype)
 
 

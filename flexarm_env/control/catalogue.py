@@ -13,6 +13,7 @@ from .. import validation as check
 from .base import Controller, Setup
 from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
+from .mpc import MPC, MPCGains
 from .pd import PD, PDGains
 from .shaping import ShapedGains, ShapedPD
 from .time_optimal import TimeOptimal, TimeOptimalGains
@@ -23,6 +24,7 @@ _KINDS: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
     "zvd": (ShapedGains, lambda setup, gains: ShapedPD(setup, gains, "zvd")),
     "lqr": (LQRGains, LQR),
     "lqg": (LQGGains, LQG),
+    "mpc": (MPCGains, MPC),
     "time_optimal": (TimeOptimalGains, TimeOptimal),
 }
 
@@ -70,7 +72,7 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     """A controller for an environment of this package.
 
     Args:
-        name: "pd", "zv", "zvd", "lqr", "lqg" or "time_optimal".
+        name: "pd", "zv", "zvd", "lqr", "lqg", "mpc" or "time_optimal".
         env: a `Setup`, or an environment (single or vector) with action_mode "torque".
         gains: of the controller's class of gains; None takes the tuned ones of the environment's task.
     Raises:

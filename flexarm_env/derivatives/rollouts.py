@@ -77,8 +77,7 @@ class Rollout:
         by_paid = _given("rewards", rewards, self.rewards.shape)
         by_actions, by_state = np.zeros_like(self.actions), by_states[-1]
         for k in reversed(range(len(self.actions))):
-            period = self.arms.jacobians(self.states[k], self.actions[k])
-            back, by_actions[k] = period.pull(by_state, by_seen[k], by_paid[k])
+            back, by_actions[k] = self.arms.pull(self.states[k], self.actions[k], by_state, by_seen[k], by_paid[k])
             by_state = back + by_states[k]
         return Gradient(by_state, by_actions)
 

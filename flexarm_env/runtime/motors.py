@@ -12,6 +12,7 @@ from ..physics.integrator.switching import switch
 from ..physics.layout import POSE
 from ..physics.protocol import link_poses, ports
 from ..tasks.program import GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
+from .events import push
 
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
@@ -94,8 +95,9 @@ def command(lane, task, controller, amplifier, model, par, action, poses, record
 @kernel
 def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
     """The steps of one period under an action, each in so many parts."""
-    for k in range(size(p.task.links)):
+    for k in range(size(model.n_inputs)):
         store(w.u0, k, load(lane, w.u, k))
+    push(lane, p.pushes, size(p.task.links), record, w)
     command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
     if actuator is None:
         _jump(lane, model.predictor, p, model, par, record, saved, block, w)
@@ -116,7 +118,7 @@ def begin_stiff(lane, p, model, par, record, saved, block, w):
     first = select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), zero)
     if largest(first) > 0.5:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
-        for k in range(size(p.task.links)):
+        for k in range(size(model.n_inputs)):
             put(first, w.u0, k, load(lane, w.u, k), load(lane, w.u0, k))
         at = saved_at(0, n, 0, 0, 0)
         for k in range(n):

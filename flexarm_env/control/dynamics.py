@@ -1,0 +1,253 @@
+"""Control periods of an arm as a function of its state and torques, many at once, with derivatives.
+
+The arm is the elastica with ideal joints, as the environments compute it: torques are held over a period, accelerations
+are solved afresh where they change, so that angles and rates of the nodes are the whole state.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, Starts, Task
+from ..parameters import Arm
+from ..physics.elastica.chain import chain
+from ..settings import Settings
+
+Array = NDArray[np.float64]
+
+STEP = 0.02 / 3.0
+"""Longest step of the solver, s: the environments'."""
+
+AT_ONCE = 1024
+"""Most arms that one compiled call moves: their memory stays in the processor's cache."""
+
+MOVED_BY = 2.0**-12
+"""Step of central differences: exact in single precision, in which actions are held."""
+
+
+class Dynamics:
+    """One control period of an arm: (x, u) -> x'.
+
+    x (m, S): coordinates q, then their rates; q of a link are its tangent angles at its nodes, the first relative to
+    the tip before it: the joint's. u (m, N): torques over their limits, within -1 and 1.
+
+    Args:
+        arm: the arm; its joints are taken to be ideal, and their limits left out. period: s. nodes: of a link.
+    """
+
+    def __init__(self, arm: Arm, period: float, nodes: int = 4) -> None:
+        assert arm.torque_limits is not None
+        self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
+        self.period, self.nodes = period, nodes
+        dt = period / max(1, math.ceil(period / STEP - 1e-9))
+        self.settings = Settings.make("elastica", nodes=nodes, dt=dt, tolerance=1e-9)
+        self.n_inputs, self.half = arm.n_links, arm.n_links * nodes
+        self.size = 2 * self.half
+        self.joints = np.arange(arm.n_links) * nodes
+        """Where the joints' angles stand in x; their rates `half` further on."""
+        self._batches: dict[int, Batch] = {}
+        parts = chain(self.arm, nodes)
+        self._angles = np.eye(self.half)
+        for k in self.joints[1:]:
+            self._angles[k, k - 1] = 1.0
+        self.tip_weights = parts.w
+        self._shapes = np.zeros((arm.n_links, self.half))
+        for k, line in enumerate(parts.lines):
+            self._shapes[k, k * nodes : (k + 1) * nodes] = line.tip_weights / arm.links[k].span
+        self._stiffness = parts.K
+
+    def advance(self, x: Array, u: Array) -> Array:
+        """States (m, S) after a period; not finite where the solver fails."""
+        out = np.empty((len(x), self.size))
+        for first in range(0, len(x), AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            self._move(x[part], u[part], out[part])
+        return out
+
+    def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """A (m, S, S) and B (m, S, N): derivatives of `advance` by x and u."""
+        m, size, n = len(x), self.size, self.n_inputs
+        count = size + n
+        steps = np.concatenate([np.eye(count), -np.eye(count)]) * MOVED_BY
+        held = np.float32(u).astype(np.float64)[:, None] * (1.0 - MOVED_BY)  # the difference must not be clipped
+        xs = (x[:, None] + steps[:, :size]).reshape(-1, size)
+        us = np.float32(held + steps[:, size:])
+        moved = self.advance(xs, us.reshape(-1, n)).reshape(m, 2, count, size)
+        change = (moved[:, 0] - moved[:, 1]).transpose(0, 2, 1)
+        us = us.reshape(m, 2, count, n).astype(np.float64)
+        widths = np.concatenate([np.full((m, size), 2.0 * MOVED_BY), _diagonal(us[:, 0] - us[:, 1], size)], axis=1)
+        change = change / widths[:, None]
+        return np.ascontiguousarray(change[:, :, :size]), np.ascontiguousarray(change[:, :, size:])
+
+    def stage(self, k: int, x: Array, u: Array) -> Array:
+        """`advance`, as `ilqr.System` has it: all stages are alike."""
+        return self.advance(x, u)
+
+    def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """`jacobians` of all stages: x (T, n, S), u (T, n, N)."""
+        A, B = self.jacobians(x.reshape(-1, self.size), u.reshape(-1, self.n_inputs))
+        return A.reshape(*x.shape, -1), B.reshape(*x.shape, -1)
+
+    def rest(self, angles: Array) -> Array:
+        """States (m, S) of the straight arm at rest at joint angles (m, N)."""
+        x = np.zeros((len(angles), self.size))
+        for k, joint in enumerate(self.joints):
+            x[:, joint : joint + self.nodes] = angles[:, k : k + 1] if k == 0 else 0.0
+        turned = np.cumsum(angles, axis=1)
+        for k in range(1, self.n_inputs):
+            at = int(self.joints[k])
+            x[:, at + 1 : at + self.nodes] = turned[:, k : k + 1]
+            x[:, at] = angles[:, k]
+        return x
+
+    def tip(self, x: Array) -> tuple[Array, Array]:
+        """Tip (..., 2), m, about the root, and its derivative (..., 2, S)."""
+        phi = x[..., : self.half] @ self._angles.T
+        cosine, sine = np.cos(phi) * self.tip_weights, np.sin(phi) * self.tip_weights
+        slope = np.zeros((*x.shape[:-1], 2, self.size))
+        slope[..., 0, : self.half], slope[..., 1, : self.half] = -sine @ self._angles, cosine @ self._angles
+        return np.stack([cosine.sum(-1), sine.sum(-1)], axis=-1), slope
+
+    def bends(self, x: Array) -> tuple[Array, Array]:
+        """Tip deflections over length (..., N) and their derivative (..., N, S)."""
+        phi = x[..., : self.half] @ self._angles.T
+        roots = np.repeat(phi[..., self.joints], self.nodes, axis=-1)
+        own = np.cos(phi - roots)[..., None, :] * self._shapes
+        own[..., np.arange(self.n_inputs), self.joints] -= own.sum(-1)
+        slope = np.zeros((*x.shape[:-1], self.n_inputs, self.size))
+        slope[..., : self.half] = own @ self._angles
+        return np.sin(phi - roots) @ self._shapes.T, slope
+
+    def corrected(self, x: Array, outputs: Array) -> Array:
+        """The states nearest to x (m, S), by strain energy, whose outputs (m, 4 N) are these: joint angles, their
+        rates, deflections over length, their rates. Deflections are taken to first order about x, with a joint's angle
+        moving its link and all beyond it."""
+        n, half = self.n_inputs, self.half
+        out = x.copy()
+        angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)
+        for part, wanted, bent in ((0, angle, bend), (half, rate, bend_rate)):
+            for k, joint in enumerate(self.joints):
+                turn = wanted[:, k] - out[:, part + joint]
+                self._turn(out, part, k, turn)
+                value, slope = self.bends(out)
+                if part:
+                    value = np.einsum("mns,ms->mn", slope[..., :half], out[:, half:])
+                self._bend(out, part, k, (bent[:, k] - value[:, k]), slope[:, k])
+        assert n == len(self.joints)
+        return out
+
+    def _turn(self, x: Array, part: int, k: int, by: Array) -> None:
+        """Turn link k and all that follow it."""
+        x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += by[:, None]
+        for later in range(k + 1, self.n_inputs):
+            at = part + later * self.nodes
+            x[:, at + 1 : at + self.nodes] += by[:, None]
+
+    def _bend(self, x: Array, part: int, k: int, by: Array, slope: Array) -> None:
+        """Bend link k; the links beyond it turn with its tip."""
+        own, shape = slice(k * self.nodes, (k + 1) * self.nodes), self._bent[k]
+        gain = slope[:, own] @ shape
+        amount = by / gain
+        x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += amount[:, None] * shape
+        for later in range(k + 1, self.n_inputs):
+            at = part + later * self.nodes
+            x[:, at + 1 : at + self.nodes] += (amount * shape[-1])[:, None]
+
+    @property
+    def _bent(self) -> list[Array]:
+        """Of each link the nodes' angles about its root's for a force at its tip, (n,)."""
+        shapes = []
+        for k in range(self.n_inputs):
+            shape = np.zeros(self.nodes)
+            own = self._shapes[k, k * self.nodes : (k + 1) * self.nodes]
+            shape[1:] = np.linalg.solve(self._stiffness[k][1:, 1:], own[1:])
+            shapes.append(shape)
+        return shapes
+
+    def _move(self, x: Array, u: Array, out: Array) -> None:
+        batch = self._batch(len(x))
+        lanes, m, half = len(batch.lane), len(x), self.half
+        groups = -(-m // lanes)
+        block = batch.block
+        state = np.zeros((groups * lanes, self.size))
+        state[:m] = x
+        block[:groups, : self.size * lanes] = (
+            state.reshape(groups, lanes, self.size).transpose(0, 2, 1).reshape(groups, -1)
+        )
+        mode = batch.layout.record + MODE * lanes
+        block[:groups, mode : mode + lanes] = RUNNING
+        batch.action[:m] = u
+        batch.action[m:] = 0.0
+        batch.terminated[:] = False
+        batch.compiled_step(batch.address, 0, groups)
+        moved = block[:groups, : self.size * lanes].reshape(groups, self.size, lanes)
+        out[...] = moved.transpose(0, 2, 1).reshape(-1, self.size)[:m]
+        out[batch.terminated[:m]] = np.nan
+        if half and batch.table[batch.info_at.reason, :m].any():
+            out[batch.table[batch.info_at.reason, :m] != 0.0] = np.nan
+
+    def _batch(self, m: int) -> Batch:
+        size = 8
+        while size < m:
+            size *= 2
+        if size not in self._batches:
+            made = Batch(self.arm, self.settings, size, _task(self.arm), _standing(self.arm), period=self.period)
+            made.begin(range(size), [0] * size, limit=10**9)
+            self._batches[size] = made
+        return self._batches[size]
+
+
+class Grid:
+    """Stages of one length after a first one that may be shorter.
+
+    first, later: of the same arm and nodes.
+    """
+
+    def __init__(self, first: Dynamics, later: Dynamics) -> None:
+        self.first, self.later = first, later
+        self.size, self.n_inputs = later.size, later.n_inputs
+
+    def stage(self, k: int, x: Array, u: Array) -> Array:
+        """See `ilqr.System`."""
+        return (self.later if k else self.first).advance(x, u)
+
+    def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """See `ilqr.System`."""
+        A, B = self.later.linear(x, u)
+        if self.first is not self.later:
+            A[:1], B[:1] = self.first.linear(x[:1], u[:1])
+        return A, B
+
+
+@lru_cache(maxsize=16)
+def dynamics(arm: Arm, period: float, nodes: int = 4) -> Dynamics:
+    """`Dynamics`, one for all that ask for the same."""
+    return Dynamics(arm, period, nodes)
+
+
+def _diagonal(differences: Array, size: int) -> Array:
+    n = differences.shape[-1]
+    return np.asarray(differences[:, size + np.arange(n), np.arange(n)])
+
+
+def _standing(arm: Arm) -> Starts:
+    return Starts(start=[(0.0, 0.0)] * arm.n_links, target=[(arm.total_length, arm.total_length), (0.0, 0.0)])
+
+
+def _task(arm: Arm) -> Task:
+    """A task that asks for nothing; of the environments' kind, so that their compiled functions serve."""
+    n = arm.n_links
+    kind = Slew if n == 1 else Reach if n == 2 else Chain
+    entries = 6 if n == 1 else 5 * n + 4
+    assert arm.torque_limits is not None
+    return kind(
+        links=(0,) * n, targets=(0,) * (1 if n == 1 else 2), terms=(0,) * 6, entries=(0,) * entries,
+        length=arm.total_length, lengths=np.array([link.span for link in arm.links]), scales=np.ones(entries),
+        rates=np.ones(n), weights=np.zeros(6), torque_limits=np.array(arm.torque_limits),
+        joint_limits=np.array([(-np.inf, np.inf)] * n).ravel(), hold=1.0,
+    )  # fmt: skip

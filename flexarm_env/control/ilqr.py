@@ -1,0 +1,290 @@
+"""Iterative LQR with limits on the controls, for many arms at once (Li & Todorov 2004; limits: Tassa et al. 2014).
+
+What is to be minimised is, for each arm by itself,
+
+    sum_k cost_k(x_k) + 1/2 sum_k weight . u_k^2      with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1 (cost: T)
+
+Every iteration takes the derivatives of all stages of all arms in one compiled call, solves the linear-quadratic problem
+backwards with controls kept within limits, and tries steps of several lengths at once. Limits on states are costs with
+multipliers (`Limits`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LENGTHS = np.array([1.0, 0.7, 0.45, 0.25, 0.12, 0.05, 0.02, 0.005])
+"""Steps that are tried, over the whole one: as many as arms stand side by side in compiled code."""
+
+
+class System(Protocol):
+    """What moves: `control.dynamics.Dynamics`, or anything like it."""
+
+    size: int
+    n_inputs: int
+
+    def stage(self, k: int, x: Array, u: Array) -> Array:
+        """States (m, S) after stage k from states and controls (m, N)."""
+
+    def linear(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """A (T, n, S, S) and B (T, n, S, N): derivatives of all stages at states (T, n, S) and controls (T, n, N)."""
+
+
+class Cost(Protocol):
+    """A cost of states, stage by stage."""
+
+    def value(self, x: Array, k: int | slice) -> Array:
+        """Cost (..., n) of states (..., n, S) of stage k, or of stages in a row."""
+
+    def slopes(self, x: Array) -> tuple[Array, Array]:
+        """Gradient (T + 1, n, S) and, positive semi-definite, curvature (T + 1, n, S, S) for states (T + 1, n, S)."""
+
+
+@dataclass
+class Quadratic:
+    """1/2 (x - goal)' weight (x - goal): goal (n, S) or (T + 1, n, S); weight (T + 1, S, S) or (T + 1, n, S, S)."""
+
+    goal: Array
+    weight: Array
+
+    def value(self, x: Array, k: int | slice) -> Array:
+        goal = self.goal if self.goal.ndim == 2 else self.goal[k]
+        off, weight = x - goal, self.weight[k]
+        weight = weight if self.weight.ndim == 4 else weight[..., None, :, :]
+        return 0.5 * np.einsum("...i,...i->...", (weight @ off[..., None])[..., 0], off)
+
+    def slopes(self, x: Array) -> tuple[Array, Array]:
+        off = x - self.goal
+        weight = self.weight if self.weight.ndim == 4 else self.weight[:, None]
+        weight = np.broadcast_to(weight, (*off.shape, off.shape[-1]))
+        return (weight @ off[..., None])[..., 0], weight
+
+
+@dataclass
+class Limits:
+    """low <= g(x) <= high by augmented Lagrangian; with low = high an equality.
+
+    of: x (..., S) -> g (..., G) and its derivative (..., G, S). low, high: (T + 1, n, G), infinite where there is none.
+    """
+
+    of: Any
+    low: Array
+    high: Array
+    penalty: Array
+    above: Array = field(init=False)
+    below: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.above, self.below = np.zeros(self.high.shape), np.zeros(self.high.shape)
+
+    def _active(self, g: Array, k: int | slice) -> tuple[Array, Array]:
+        """Forces (..., n, G) that push back, and where they do."""
+        stiff = self.penalty[:, None]
+        over = self.above[k] + stiff * (g - self.high[k])
+        under = self.below[k] + stiff * (self.low[k] - g)
+        return np.maximum(over, 0.0), np.maximum(under, 0.0)
+
+    def value(self, x: Array, k: int | slice) -> Array:
+        over, under = self._active(self.of(x)[0], k)
+        return np.asarray((over**2 + under**2).sum(-1) / (2.0 * self.penalty))
+
+    def slopes(self, x: Array) -> tuple[Array, Array]:
+        g, slope = self.of(x)
+        over, under = self._active(g, slice(None))
+        gradient = np.einsum("...g,...gs->...s", over - under, slope)
+        stiff = self.penalty[:, None] * ((over > 0.0).astype(np.float64) + (under > 0.0))
+        return gradient, slope.swapaxes(-1, -2) @ (stiff[..., None] * slope)
+
+    def violation(self, x: Array) -> Array:
+        """Largest violation (n,) along trajectories (T + 1, n, S)."""
+        g = self.of(x)[0]
+        return np.asarray(np.maximum(np.maximum(g - self.high, self.low - g), 0.0).max(axis=(0, 2)))
+
+    def update(self, x: Array) -> None:
+        """Multipliers for the next round."""
+        self.above, self.below = self._active(self.of(x)[0], slice(None))
+
+
+@dataclass
+class Solution:
+    """Controls (T, n, N), states (T + 1, n, S), cost (n,), and gains (T, n, N, S): u = controls + gains (x - states)."""
+
+    controls: Array
+    states: Array
+    cost: Array
+    gains: Array
+    iterations: int = 0
+
+
+def rollout(system: System, x: Array, controls: Array) -> Array:
+    """States (T + 1, n, S) from x (n, S) under controls (T, n, N)."""
+    states = np.empty((len(controls) + 1, *x.shape))
+    states[0] = x
+    for k, u in enumerate(controls):
+        states[k + 1] = system.stage(k, states[k], u)
+    return states
+
+
+def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array) -> Array:
+    """Cost (n,) of trajectories; infinite where they are not finite."""
+    value = 0.5 * np.einsum("tna,a->n", controls**2, effort)
+    with np.errstate(all="ignore"):
+        for cost in costs:
+            value = value + cost.value(states, slice(None)).sum(0)
+    return np.where(np.isfinite(value), value, np.inf)
+
+
+def solve(
+    system: System, x: Array, controls: Array, costs: Sequence[Cost], effort: Array, *,
+    iterations: int = 50, tolerance: float = 1e-6, bound: float = 1.0,
+) -> Solution:  # fmt: skip
+    """The controls that cost least, found from a first guess.
+
+    Args:
+        x: states (n, S) to start from. controls (T, n, N): the first guess. effort (N,): weights, positive.
+        iterations: at most. tolerance: of the cost, over itself: when no arm's falls by more, it is done.
+        bound: of the controls.
+    Raises:
+        ValueError: the first guess leads to states that are not finite.
+    """
+    controls = np.clip(controls, -bound, bound)
+    states = rollout(system, x, controls)
+    cost = total(costs, effort, states, controls)
+    if not np.isfinite(cost).all():
+        raise ValueError("controls: the first guess leads to states that are not finite")
+    damping = np.full(len(x), 0.0)
+    gains = np.zeros((*controls.shape, system.size))
+    done = 0
+    for done in range(1, iterations + 1):
+        feed, gains = backward(system, states, controls, costs, effort, damping, bound)
+        found, moved, costs_of = _forward(system, states, controls, feed, gains, costs, effort, bound)
+        best = np.argmin(costs_of, axis=0)
+        arms = np.arange(len(x))
+        lower = costs_of[best, arms]
+        better = lower < cost
+        fall = np.where(better, (cost - lower) / np.maximum(np.abs(cost), 1e-12), 0.0)
+        controls = np.where(better[:, None], moved[:, best, arms], controls)
+        states = np.where(better[:, None], found[:, best, arms], states)
+        cost = np.where(better, lower, cost)
+        weak = ~better | (LENGTHS[best] < 0.1)
+        damping = np.where(weak, np.maximum(10.0 * damping, 1e-6), np.where(damping > 1e-6, 0.2 * damping, 0.0))
+        if (fall < tolerance).all() and (better | (damping > 1e3)).all():
+            break
+        if (fall < tolerance).all() and (damping > 1.0).all():
+            break
+    return Solution(controls, states, cost, gains, done)
+
+
+def backward(
+    system: System, states: Array, controls: Array, costs: Sequence[Cost], effort: Array, damping: Array,
+    bound: float = 1.0,
+) -> tuple[Array, Array]:
+    """Changes of the controls (T, n, N) and their gains (T, n, N, S) that solve the linear-quadratic problem.
+
+    damping (n,): added to the curvature by the controls.
+    """
+    periods, _, count = controls.shape
+    A, B = system.linear(states[:-1], controls)
+    slopes = [cost.slopes(states) for cost in costs]
+    gradient, curvature = sum(s[0] for s in slopes), sum(s[1] for s in slopes)
+    value, bend = gradient[-1], curvature[-1]
+    feed, gains = np.empty(controls.shape), np.empty((*controls.shape, system.size))
+    low, high = -bound - controls, bound - controls
+    own = np.eye(count) * (effort + damping[:, None])[:, None, :]
+    pull = controls * effort
+    for k in range(periods - 1, -1, -1):
+        Ak, Bk = A[k], B[k]
+        AT, BT = Ak.swapaxes(1, 2), Bk.swapaxes(1, 2)
+        Qu = pull[k] + (BT @ value[:, :, None])[:, :, 0]
+        PA = bend @ Ak
+        Quu, Qux = own + BT @ (bend @ Bk), BT @ PA
+        step, gain = _within(Quu, Qu, Qux, low[k], high[k])
+        feed[k], gains[k] = step, gain
+        GT = gain.swapaxes(1, 2)
+        value = (
+            gradient[k] + (AT @ value[:, :, None])[:, :, 0]
+            + (GT @ (Qu + (Quu @ step[:, :, None])[:, :, 0])[:, :, None])[:, :, 0]
+            + (Qux.swapaxes(1, 2) @ step[:, :, None])[:, :, 0]
+        )  # fmt: skip
+        cross = GT @ Qux
+        bend = curvature[k] + AT @ PA + GT @ (Quu @ gain) + cross + cross.swapaxes(1, 2)
+        bend = 0.5 * (bend + bend.swapaxes(1, 2))
+    return feed, gains
+
+
+def _within(Quu: Array, Qu: Array, Qux: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Minimiser (n, N) of 1/2 u' Quu u + Qu u between low and high, and the gains of those not at a limit."""
+    if Quu.shape[1] == 1:
+        step = np.clip(-Qu / Quu[:, 0], low, high)
+        free = (step > low) & (step < high)
+        return step, np.where(free[:, :, None], -Qux / Quu, 0.0)
+    both = -np.linalg.solve(Quu, np.concatenate([Qu[:, :, None], Qux], axis=2))
+    step, gain = both[:, :, 0], both[:, :, 1:]
+    inside = ((step > low) & (step < high)).all(axis=1)
+    if inside.all():
+        return step, gain
+    held = np.flatnonzero(~inside)
+    step[held] = _corner(Quu[held], Qu[held], low[held], high[held])
+    free = (step > low) & (step < high)
+    gain[held] = _partial(Quu[held], Qux[held], free[held])
+    return step, gain
+
+
+def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
+    """Minimiser of 1/2 u' H u + g u between low and high: of two, the best with one at a limit; more, by turns."""
+    count = H.shape[1]
+    if count == 2:
+        tried = []
+        for i, j in ((0, 1), (1, 0)):
+            for end in (low, high):
+                u = np.empty(g.shape)
+                u[:, i] = end[:, i]
+                u[:, j] = np.clip(-(g[:, j] + H[:, i, j] * u[:, i]) / H[:, j, j], low[:, j], high[:, j])
+                tried.append(u)
+        each = np.array(tried)
+        worth = np.einsum("cni,cni->cn", each, 0.5 * np.einsum("nij,cnj->cni", H, each) + g)
+        return np.asarray(each[np.argmin(worth, axis=0), np.arange(len(g))])
+    u = np.clip(np.zeros(g.shape), low, high)
+    for _ in range(30):
+        for i in range(count):
+            rest = g[:, i] + np.einsum("nj,nj->n", H[:, i], u) - H[:, i, i] * u[:, i]
+            u[:, i] = np.clip(-rest / H[:, i, i], low[:, i], high[:, i])
+    return u
+
+
+def _partial(Quu: Array, Qux: Array, free: Array) -> Array:
+    """Gains of the free controls, the others held."""
+    both = free[:, :, None] & free[:, None, :]
+    H = np.where(both, Quu, np.eye(Quu.shape[1]))
+    return np.asarray(np.where(free[:, :, None], -np.linalg.solve(H, np.where(free[:, :, None], Qux, 0.0)), 0.0))
+
+
+def _forward(
+    system: System, states: Array, controls: Array, feed: Array, gains: Array, costs: Sequence[Cost], effort: Array,
+    bound: float,
+) -> tuple[Array, Array, Array]:
+    """States (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n) of steps of all `LENGTHS`."""
+    periods, n, count = controls.shape
+    size, tried = system.size, len(LENGTHS)
+    found, moved = np.empty((periods + 1, tried, n, size)), np.empty((periods, tried, n, count))
+    found[0] = states[0]
+    ahead = controls[:, None] + LENGTHS[:, None, None] * feed[:, None]
+    with np.errstate(all="ignore"):
+        for k in range(periods):
+            off = found[k] - states[k]
+            u = ahead[k] + (gains[k] @ off[..., None])[..., 0]
+            u = np.clip(np.nan_to_num(u), -bound, bound)
+            moved[k] = u
+            found[k + 1] = system.stage(k, found[k].reshape(-1, size), u.reshape(-1, count)).reshape(tried, n, size)
+    value = np.array([total(costs, effort, found[:, i], moved[:, i]) for i in range(tried)])
+    return found, moved, value
+
+
+__all__ = ["Cost", "Limits", "Quadratic", "Solution", "System", "backward", "rollout", "solve", "total"]

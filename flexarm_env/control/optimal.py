@@ -1,0 +1,310 @@
+"""Optimal motions of many arms at once: least effort, least time, soonest settled, and along a path of the tip.
+
+    plant = dynamics(arm, 0.02)
+    motion = least_time(plant, plant.rest(start), plant.rest(goal), Bounds(deflection=0.1))
+    motion.controls       # (T, n, N) torques over their limits, held for a period each; zero behind each arm's end
+
+All are solved by `ilqr` on the elastica itself, torques within their limits throughout; bounds on joint angles and
+deflections, and where an arm is to be when, are kept by multipliers. Times are whole control periods, found by
+bisection for all arms together. What is found is a local optimum: nothing says that there is none better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from . import ilqr
+from .dynamics import Dynamics
+from .kinematics import rigid_inertia
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+TOLERANCE = 2e-3
+"""What a limit may be missed by: rad, rates over the arm's own (`rates_of`), or shares of a length or of a band."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Limits beside the motors' own.
+
+    torque: share of the torque limits. joints: (low, high) of each joint angle, rad; () for none. deflection: largest
+    tip deflection over length of any link.
+    """
+
+    torque: float = 1.0
+    joints: Sequence[tuple[float, float]] = ()
+    deflection: float = np.inf
+
+
+@dataclass
+class Motion:
+    """controls (T, n, N): torques over their limits; states (T + 1, n, S); periods (n,): when each arm is there;
+    missed (n,): by how much limits are (see `TOLERANCE`)."""
+
+    controls: Array
+    states: Array
+    periods: Counts
+    missed: Array
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """Which arms keep all limits (n,)."""
+        return self.missed <= TOLERANCE
+
+    def energy(self, dt: float) -> Array:
+        """Effort (n,), s: the integral of the squared torques over their limits."""
+        return np.asarray(np.sum(self.controls**2, axis=(0, 2)) * dt)
+
+
+def rates_of(plant: Dynamics) -> float:
+    """A rate that is large for the arm, 1/s: what its full hub torque makes of it, rigid and straight, in a turn of 1."""
+    arm = plant.arm
+    assert arm.torque_limits is not None
+    inertia = rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0]
+    return float(np.sqrt(np.max(np.asarray(arm.torque_limits) / np.diag(inertia))))
+
+
+def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
+    """Control periods (n,) that the rigid arm at the goal's posture takes from rest to rest, joints (n, N) in step."""
+    arm = plant.arm
+    assert arm.torque_limits is not None
+    inertia = rigid_inertia(arm, goal[:, 1:])
+    load = np.abs(np.einsum("nij,nj->ni", inertia, goal - start)) / np.asarray(arm.torque_limits)
+    return np.maximum(1, np.ceil(2.0 * np.sqrt(load.max(axis=1)) / plant.period)).astype(np.int64)
+
+
+def optimise(
+    plant: Any, x: Array, controls: Array, costs: Sequence[ilqr.Cost], limits: Sequence[ilqr.Limits], effort: float,
+    *, rounds: int = 8, iterations: int = 12, torque: float = 1.0, growth: float = 5.0,
+) -> tuple[ilqr.Solution, Array]:  # fmt: skip
+    """`ilqr.solve` with limits by multipliers: the solution, and by how much each arm (n,) misses its limits."""
+    weights = np.full(plant.n_inputs, effort)
+    missed = np.full(len(x), np.inf)
+    for _ in range(rounds):
+        found = ilqr.solve(
+            plant, x, controls, [*costs, *limits], weights, iterations=iterations, tolerance=1e-4, bound=torque
+        )
+        controls = found.controls
+        worst = np.zeros(len(x))
+        for one in limits:
+            worst = np.maximum(worst, one.violation(found.states))
+            one.update(found.states)
+        if (worst <= 0.5 * TOLERANCE).all():
+            missed = worst
+            break
+        for one in limits:
+            one.penalty = np.where(worst > 0.3 * missed, np.minimum(one.penalty * growth, 1e7), one.penalty)
+        missed = worst
+    return found, missed
+
+
+def arrive(plant: Dynamics, goal: Array, periods: Counts, total: int) -> ilqr.Limits:
+    """At rest at the goal (n, S) after so many periods (n,) of `total`."""
+    scale = np.ones(plant.size)
+    scale[plant.half :] = 1.0 / rates_of(plant)
+    slope = np.diag(scale)
+
+    def off(x: Array) -> tuple[Array, Array]:
+        return (x - goal) * scale, np.broadcast_to(slope, (*x.shape, plant.size))
+
+    low = np.full((total + 1, *goal.shape), -np.inf)
+    low[periods, np.arange(len(goal))] = 0.0
+    return ilqr.Limits(off, low, -low, np.full(len(goal), 100.0))
+
+
+def within(plant: Dynamics, bounds: Bounds, n: int, total: int) -> list[ilqr.Limits]:
+    """Joint angles and deflections within bounds, throughout."""
+    found = []
+    count = plant.n_inputs
+    if bounds.joints:
+        rows = check.sequence("bounds.joints", bounds.joints, f"{count} pairs (low, high)", count)
+        low, high = np.array(rows, np.float64).T
+        slope = np.zeros((count, plant.size))
+        slope[np.arange(count), plant.joints] = 1.0
+
+        def angles(x: Array) -> tuple[Array, Array]:
+            return x[..., plant.joints], np.broadcast_to(slope, (*x.shape[:-1], *slope.shape))
+
+        found.append(_throughout(angles, low, high, n, total))
+    if np.isfinite(bounds.deflection):
+        high = np.full(count, check.number("bounds.deflection", bounds.deflection, above=0.0))
+        found.append(_throughout(plant.bends, -high, high, n, total))
+    return found
+
+
+def _throughout(of: Callable[[Array], tuple[Array, Array]], low: Array, high: Array, n: int, total: int) -> ilqr.Limits:
+    shape = (total + 1, n, len(low))
+    return ilqr.Limits(of, np.broadcast_to(low, shape), np.broadcast_to(high, shape), np.full(n, 100.0))
+
+
+def least_effort(
+    plant: Dynamics, start: Array, goal: Array, periods: int, bounds: Bounds | None = None, guess: Array | None = None
+) -> Motion:
+    """From state to rest in a given time with the least integral of the squared torques.
+
+    Args:
+        plant: the arm. start, goal: states (n, S), see `Dynamics.rest`. periods: control periods.
+        bounds: see `Bounds`. guess: first guess (T, n, N).
+    Returns a motion whose `found` says which arms can.
+    """
+    own = bounds or Bounds()
+    n, total = len(start), check.integer("periods", periods, minimum=1)
+    controls = np.zeros((total, n, plant.n_inputs)) if guess is None else guess
+    when = np.full(n, total)
+    limits = [arrive(plant, goal, when, total), *within(plant, own, n, total)]
+    found, missed = optimise(plant, start, controls, [], limits, 1.0, torque=own.torque, rounds=14)
+    return Motion(found.controls, found.states, when, missed)
+
+
+def least_time(plant: Dynamics, start: Array, goal: Array, bounds: Bounds | None = None, most: int = 400) -> Motion:
+    """From state to rest in the fewest control periods.
+
+    Arguments as for `least_effort`; most: periods. ValueError where an arm cannot be there in so many.
+    """
+    own = bounds or Bounds()
+    joints = plant.joints
+    high = (1.4 * rigid_periods(plant, start[:, joints], goal[:, joints]) / np.sqrt(own.torque)).astype(np.int64) + 4
+
+    def tried(chosen: Counts, periods: Counts, guess: Array) -> Motion:
+        total, n = int(periods.max()), len(chosen)
+        limits = [arrive(plant, goal[chosen], periods, total), *within(plant, own, n, total)]
+        found, missed = optimise(plant, start[chosen], guess[:total], [], limits, 1e-2, torque=own.torque)
+        return Motion(found.controls, found.states, periods, missed)
+
+    return soonest(plant, start, high, tried, most)
+
+
+def least_settling(
+    plant: Dynamics, start: Array, goal: Array, off: Callable[[Array, NDArray[np.int64]], tuple[Array, Array]],
+    after: tuple[Array, Array], *, guess: Array, periods: Counts, tail: int, least: Counts, most: int = 400,
+) -> Motion:  # fmt: skip
+    """The motion after whose fewest periods the tip stays where it is to be.
+
+    Args:
+        plant: the arm. start, goal: states (n, S), the goal at rest.
+        off: (states (..., n, S), arms (n,)) -> distances (..., n, 1) from where the tip is to be over what is allowed,
+            and their derivative (..., n, 1, S).
+        after: costs of a stage, weight (S, S), and of the last one, weight (n, S, S), from when the tip is there.
+        guess: controls (T, n, N) that are there after `periods` (n,) or nearly. tail: periods that are looked at after
+            that. least: periods (n,) known to be too few. most: periods.
+    `missed` is in shares of what is allowed.
+    """
+    stage, last = after
+
+    def tried(chosen: Counts, periods: Counts, guess: Array) -> Motion:
+        total, n = int(periods.max()) + tail, len(chosen)
+        there = np.arange(total + 1)[:, None] >= periods
+        weight = there[:, :, None, None] * stage
+        weight[-1] = last[chosen]
+        high = np.where(there, 1.0 - 2.0 * TOLERANCE, np.inf)[:, :, None]
+        band = ilqr.Limits(lambda x: off(x, chosen), np.full(high.shape, -np.inf), high, np.full(n, 10.0))
+        costs = [ilqr.Quadratic(goal[chosen], weight)]
+        found, missed = optimise(plant, start[chosen], _padded(guess, total), costs, [band], 1e-2)
+        return Motion(found.controls, found.states, periods, missed)
+
+    return soonest(plant, start, periods, tried, most, _padded(guess, len(guess)), least, tail)
+
+
+def soonest(
+    plant: Dynamics, start: Array, high: Counts, tried: Callable[[Counts, Counts, Array], Motion], most: int,
+    guess: Array | None = None, low: Counts | None = None, tail: int = 0,
+) -> Motion:  # fmt: skip
+    """The fewest periods of each arm for which `tried` finds a motion, by bisection.
+
+    Args:
+        start: states (n, S). high: periods (n,) to begin with. tried: (arms, periods, first guess) -> `Motion`.
+        most: periods. guess: first guess (T, n, N). low: periods (n,) known to be too few. tail: periods of a motion
+            that follow these.
+    Raises:
+        ValueError: an arm has none of at most `most` periods.
+    """
+    n, high = len(start), high.copy()
+    low = np.zeros(n, np.int64) if low is None else low.copy()
+    best = np.zeros((most + tail + 1, n, plant.n_inputs)) if guess is None else _padded(guess, most + tail + 1)
+    kept = Motion(best, np.zeros((1, n, plant.size)), np.zeros(n, np.int64), np.full(n, np.inf))
+    have = np.zeros(n, np.bool_)
+    aim = high.copy()
+    while True:
+        chosen = np.flatnonzero(high - low > 1) if have.all() else np.flatnonzero(~have | (high - low > 1))
+        if not chosen.size:
+            break
+        motion = tried(chosen, aim[chosen], best[:, chosen])
+        good = motion.found
+        for i, arm in enumerate(chosen):
+            if good[i]:
+                have[arm], high[arm] = True, aim[arm]
+                total = motion.periods[i] + tail
+                kept.controls[:, arm] = 0.0
+                kept.controls[:total, arm] = motion.controls[:total, i]
+                kept.periods[arm], kept.missed[arm] = motion.periods[i], motion.missed[i]
+                best[:, arm] = kept.controls[:, arm]
+            else:
+                low[arm] = aim[arm]
+                if not have[arm]:
+                    if aim[arm] >= most:
+                        raise ValueError(f"most = {most}: arm {arm} is not there in so few control periods")
+                    high[arm] = min(most, int(1.25 * aim[arm]) + 1)
+            aim[arm] = (low[arm] + high[arm]) // 2 if have[arm] else high[arm]
+            if have[arm] and low[arm] == 0:
+                aim[arm] = min(high[arm] - 1, int(0.85 * high[arm]))
+    longest = int(kept.periods.max()) + tail
+    controls = kept.controls[:longest]
+    return Motion(controls, ilqr.rollout(plant, start, controls), kept.periods, kept.missed)
+
+
+def _padded(controls: Array, total: int) -> Array:
+    out = np.zeros((total, *controls.shape[1:]))
+    count = min(total, len(controls))
+    out[:count] = controls[:count]
+    return out
+
+
+@dataclass
+class TipPath:
+    """1/2 weight |tip - path|^2, stage by stage: path (T + 1, n, 2) m; weight: 1/m^2."""
+
+    plant: Dynamics
+    path: Array
+    weight: float
+
+    def value(self, x: Array, k: int | slice) -> Array:
+        off = self.plant.tip(x)[0] - self.path[k]
+        return np.asarray(0.5 * self.weight * (off**2).sum(-1))
+
+    def slopes(self, x: Array) -> tuple[Array, Array]:
+        tip, slope = self.plant.tip(x)
+        off = self.weight * (tip - self.path)
+        return np.einsum("...i,...is->...s", off, slope), self.weight * slope.swapaxes(-1, -2) @ slope
+
+
+def follow(
+    plant: Dynamics, start: Array, path: Array, bounds: Bounds | None = None, *, weight: float = 1e6,
+    iterations: int = 100,
+) -> Motion:  # fmt: skip
+    """Torques that lead the tip along a path: feedforward for what bends.
+
+    Args:
+        plant: the arm. start: states (n, S), tips at the path's start. path (T + 1, n, 2): where the tips are to be at
+            each control instant, m about the root. bounds: see `Bounds`. weight: of distances squared, 1/m^2, against
+            the squared torques over their limits; the larger, the nearer the tip keeps to the path.
+    Returns a motion; `missed` is of the bounds alone.
+    """
+    own, total, n = bounds or Bounds(), len(path) - 1, len(start)
+    if path.shape != (total + 1, n, 2):
+        raise check.InvalidValue("shape of path", path.shape, f"must be (T + 1, {n}, 2)")
+    limits, controls = within(plant, own, n, total), np.zeros((total, n, plant.n_inputs))
+    for share in (1e-4, 1e-2, 1.0):
+        cost = TipPath(plant, path, share * weight)
+        found, missed = optimise(
+            plant, start, controls, [cost], limits, 1.0, torque=own.torque, iterations=iterations,
+            rounds=8 if limits else 1,
+        )  # fmt: skip
+        controls = found.controls
+    return Motion(found.controls, found.states, np.full(n, total), missed)
