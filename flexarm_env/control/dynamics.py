@@ -27,7 +27,7 @@ AT_ONCE = 1024
 """Most arms that one compiled call moves: their memory stays in the processor's cache."""
 
 MOVED_BY = 2.0**-12
-"""Step of central differences: exact in single precision, in which actions are held."""
+"""Step of differences: exact in single precision, in which actions are held."""
 
 
 class Dynamics:
@@ -45,7 +45,7 @@ class Dynamics:
         self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
         self.period, self.nodes = period, nodes
         dt = period / max(1, math.ceil(period / STEP - 1e-9))
-        self.settings = Settings.make("elastica", nodes=nodes, dt=dt, tolerance=1e-9)
+        self.settings = Settings.make("elastica", nodes=nodes, dt=dt, tolerance=1e-7)
         self.n_inputs, self.half = arm.n_links, arm.n_links * nodes
         self.size = 2 * self.half
         self.joints = np.arange(arm.n_links) * nodes
@@ -72,17 +72,17 @@ class Dynamics:
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
         """A (m, S, S) and B (m, S, N): derivatives of `advance` by x and u."""
         m, size, n = len(x), self.size, self.n_inputs
-        count = size + n
-        steps = np.concatenate([np.eye(count), -np.eye(count)]) * MOVED_BY
-        held = np.float32(u).astype(np.float64)[:, None] * (1.0 - MOVED_BY)  # the difference must not be clipped
-        xs = (x[:, None] + steps[:, :size]).reshape(-1, size)
-        us = np.float32(held + steps[:, size:])
-        moved = self.advance(xs, us.reshape(-1, n)).reshape(m, 2, count, size)
-        change = (moved[:, 0] - moved[:, 1]).transpose(0, 2, 1)
-        us = us.reshape(m, 2, count, n).astype(np.float64)
-        widths = np.concatenate([np.full((m, size), 2.0 * MOVED_BY), _diagonal(us[:, 0] - us[:, 1], size)], axis=1)
-        change = change / widths[:, None]
-        return np.ascontiguousarray(change[:, :, :size]), np.ascontiguousarray(change[:, :, size:])
+        xs, us = np.repeat(x[:, None], size + n + 1, axis=1), np.repeat(u[:, None], size + n + 1, axis=1)
+        at = np.arange(size)
+        xs[:, at, at] += MOVED_BY
+        at = np.arange(n)
+        us[:, size + at, at] -= np.where(u > 0.0, MOVED_BY, -MOVED_BY)  # inwards: actions beyond 1 are clipped
+        us = np.float32(us).astype(np.float64)
+        moved = self.advance(xs.reshape(-1, size), us.reshape(-1, n)).reshape(m, -1, size)
+        change = (moved[:, :-1] - moved[:, -1:]).transpose(0, 2, 1)
+        A = change[:, :, :size] / MOVED_BY
+        B = change[:, :, size:] / (us[:, size + at, at] - us[:, -1])[:, None]
+        return A, B
 
     def stage(self, k: int, x: Array, u: Array) -> Array:
         """`advance`, as `ilqr.System` has it: all stages are alike."""
@@ -228,11 +228,6 @@ class Grid:
 def dynamics(arm: Arm, period: float, nodes: int = 4) -> Dynamics:
     """`Dynamics`, one for all that ask for the same."""
     return Dynamics(arm, period, nodes)
-
-
-def _diagonal(differences: Array, size: int) -> Array:
-    n = differences.shape[-1]
-    return np.asarray(differences[:, size + np.arange(n), np.arange(n)])
 
 
 def _standing(arm: Arm) -> Starts:

@@ -252,10 +252,13 @@ def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
         worth = np.einsum("cni,cni->cn", each, 0.5 * np.einsum("nij,cnj->cni", H, each) + g)
         return np.asarray(each[np.argmin(worth, axis=0), np.arange(len(g))])
     u = np.clip(np.zeros(g.shape), low, high)
-    for _ in range(30):
+    for _ in range(200):
+        before = u.copy()
         for i in range(count):
             rest = g[:, i] + np.einsum("nj,nj->n", H[:, i], u) - H[:, i, i] * u[:, i]
             u[:, i] = np.clip(-rest / H[:, i, i], low[:, i], high[:, i])
+        if np.abs(u - before).max() < 1e-9:
+            break
     return u
 
 
@@ -280,7 +283,7 @@ def _forward(
         for k in range(periods):
             off = found[k] - states[k]
             u = ahead[k] + (gains[k] @ off[..., None])[..., 0]
-            u = np.clip(np.nan_to_num(u), -bound, bound)
+            u = np.minimum(np.maximum(u, -bound), bound)
             moved[k] = u
             found[k + 1] = system.stage(k, found[k].reshape(-1, size), u.reshape(-1, count)).reshape(tried, n, size)
     value = np.array([total(costs, effort, found[:, i], moved[:, i]) for i in range(tried)])

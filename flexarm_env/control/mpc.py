@@ -45,7 +45,10 @@ class MPCGains:
     first: int = 10
     before: float = 0.0
     soonest: float = 1.0
-    allowed: float = 1.0
+    allowed: float = 10.0
+    lead: int = 0
+    hold: float = 1.0
+    memory: float = 1.0
 
 
 class Regulator(NamedTuple):
@@ -80,7 +83,7 @@ def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ..
     n = arm.n_links
     x = plant.rest(np.array([(0.0, *posture)]))
     A, B = (part[0] for part in plant.jacobians(x, np.zeros((1, n))))
-    P = solve_discrete_are(A, B, stage_weight(arm, period, gains), np.eye(n))
+    P = solve_discrete_are(A, B, gains.hold**2 * stage_weight(arm, period, gains), np.eye(n))
     K = np.linalg.solve(np.eye(n) + B.T @ P @ B, B.T @ P @ A)
     reach = 1.0 / float(np.max(np.einsum("is,is->i", K, np.linalg.solve(P, K.T).T)))
     return Regulator(K, P, reach)
@@ -126,6 +129,8 @@ class MPC(Controller):
             iterations = 3
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
+        if self.gains.memory < 1.0:
+            self.x = self.gains.memory * self.x + (1.0 - self.gains.memory) * self.plant.corrected(self.plant.rest(self.goal - to_go), self._outputs(signals, to_go))
         self.x = self.plant.corrected(self.x, self._outputs(signals, to_go))
         off = self.x - self.home
         shares = -(self.K @ off[:, :, None])[:, :, 0]
@@ -152,10 +157,11 @@ class MPC(Controller):
 
     def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> None:
         """Go on with the plans of some arms, from where they are."""
+        self.arrival = np.maximum(self.arrival, self.step + self.gains.lead)
         there = self._ends[:, None] >= self.arrival[chosen]
         shares = self.gains.block * np.where(there, 1.0, self.gains.before)
         weight = shares[:, :, None, None] * self.stage
-        weight[-1] = self.P[chosen]
+        weight[-1] = self.P[chosen] / self.gains.hold**2
         cost = ilqr.Quadratic(self.home[chosen], weight)
         found = ilqr.solve(
             self.grids[self.left - 1], self.x[chosen], self.plan[:, chosen], [cost], self.effort, iterations=iterations
