@@ -49,7 +49,8 @@ def test_of_a_linear_quadratic_problem_one_iteration_is_riccatis_answer():
     K = np.linalg.solve(np.diag(R) + B.T @ P @ B, B.T @ P @ A)
     x = 0.2 * rng.normal(size=(3, 5))
     weight = np.concatenate([np.broadcast_to(Q, (12, 5, 5)), P[None]])
-    found = ilqr.solve(Linear(A, B), x, np.zeros((12, 3, 2)), [ilqr.Quadratic(np.zeros((3, 5)), weight)], R, iterations=2)
+    cost = ilqr.Quadratic(np.zeros((3, 5)), weight)
+    found = ilqr.solve(Linear(A, B), x, np.zeros((12, 3, 2)), [cost], R, iterations=2)
     assert np.abs(found.controls).max() < 1.0
     assert found.controls[0] == pytest.approx(-x @ K.T, abs=1e-12)
     assert found.gains[0] == pytest.approx(np.broadcast_to(-K, (3, 2, 5)), abs=1e-10)
@@ -149,14 +150,42 @@ def test_the_tip_follows_a_path(strip):
 
 
 # ------------------------------------------------------------------ the receding horizon
-def test_it_decides_within_the_limits_and_hands_over_to_a_regulator_that_keeps_them(two):
-    env = gym.make_vec("TwoLinkFlexArm-v0", num_envs=2, vectorization_mode="vector_entry_point")
-    observation, info = env.reset(seed=5)
+def run(env_id, seed, periods, **keywords):
+    """Tip errors (periods, 4), m, under `mpc`, and whether it planned, or left the arm to its regulator."""
+    env = gym.make_vec(env_id, num_envs=4, vectorization_mode="vector_entry_point", **keywords)
+    observation, info = env.reset(seed=seed)
     controller = control.make("mpc", env)
     controller.reset(observation)
-    for _ in range(110):
+    errors = []
+    for _ in range(periods):
         action = controller.act(observation)
         assert np.abs(action).max() <= 1.0
         observation, *_, info = env.step(action)
-    assert np.linalg.norm(info["target"] - info["tip_position"], axis=1).max() < 0.02
+        target = info["target"]
+        target = target if target.ndim == 2 else np.stack([np.cos(target), np.sin(target)], axis=1)
+        errors.append(np.linalg.norm(target - info["tip_position"], axis=1))
     env.close()
+    off = controller.x - controller.home
+    return np.array(errors), np.einsum("ni,nij,nj->n", off, controller.P, off) <= controller.reach
+
+
+def test_it_slews_and_hands_over_to_its_regulator():
+    errors, regulated = run("FlexibleArm-v0", 5, 90)
+    assert errors[60:].max() < 0.035 and errors[-1].max() < 0.01 and regulated.all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1.0, 0.7])
+def test_it_reaches_with_links_less_stiff_than_it_thinks(factor):
+    errors, _ = run("TwoLinkFlexArm-v0", 5, 250, randomization={"EI": [factor, factor]})
+    assert errors[-50:].max() < 0.02
+
+
+def test_what_is_read_is_in_the_state(two):
+    rng = np.random.default_rng(2)
+    outputs = np.hstack([rng.uniform(-2, 2, (5, 4)), rng.uniform(-0.1, 0.1, (5, 2)), rng.normal(size=(5, 2))])
+    x = two.corrected(two.rest(np.zeros((5, 2))), outputs)
+    bends, slope = two.bends(x)
+    rates = np.einsum("mns,ms->mn", slope[..., : two.half], x[:, two.half :])
+    read = np.concatenate([x[:, two.joints], x[:, two.half + two.joints], bends, rates], axis=1)
+    assert read == pytest.approx(outputs, abs=1e-5)

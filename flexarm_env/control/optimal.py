@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +67,7 @@ FALL = 0.9
 
 
 def rates_of(plant: Dynamics) -> float:
-    """A rate that is large for the arm, 1/s: what its full hub torque makes of it, rigid and straight, in a turn of 1."""
+    """A rate that is large for the arm, 1/s: what full torque makes of a joint of the straight rigid arm in 1 rad."""
     arm = plant.arm
     assert arm.torque_limits is not None
     inertia = rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0]
@@ -81,31 +80,33 @@ def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
     assert arm.torque_limits is not None
     inertia = rigid_inertia(arm, goal[:, 1:])
     load = np.abs(np.einsum("nij,nj->ni", inertia, goal - start)) / np.asarray(arm.torque_limits)
-    return np.maximum(1, np.ceil(2.0 * np.sqrt(load.max(axis=1)) / plant.period)).astype(np.int64)
+    return np.asarray(np.maximum(1, np.ceil(2.0 * np.sqrt(load.max(axis=1)) / plant.period)), np.int64)
 
 
 def optimise(
-    plant: Any, x: Array, controls: Array, costs: Sequence[ilqr.Cost], limits: Sequence[ilqr.Limits], effort: float,
-    *, rounds: int = 8, iterations: int = 12, torque: float = 1.0, growth: float = 5.0,
+    plant: ilqr.System, x: Array, controls: Array, costs: Sequence[ilqr.Cost], limits: Sequence[ilqr.Limits],
+    effort: float, *, rounds: int = 10, iterations: int = 10, torque: float = 1.0, growth: float = 5.0,
 ) -> tuple[ilqr.Solution, Array]:  # fmt: skip
-    """`ilqr.solve` with limits by multipliers: the solution, and by how much each arm (n,) misses its limits."""
+    """`ilqr.solve` with limits by multipliers: the solution, and by how much each arm (n,) misses its limits.
+
+    A round's violations that are not halved in the next ask for a larger penalty. It ends when every arm keeps its
+    limits, or has not come nearer to them for two rounds.
+    """
     weights = np.full(plant.n_inputs, effort)
-    missed = np.full(len(x), np.inf)
+    missed, stuck = np.full(len(x), np.inf), np.zeros(len(x), np.int64)
     for _ in range(rounds):
         found = ilqr.solve(
             plant, x, controls, [*costs, *limits], weights, iterations=iterations, tolerance=1e-4, bound=torque
         )
         controls = found.controls
-        worst = np.zeros(len(x))
-        for one in limits:
-            worst = np.maximum(worst, one.violation(found.states))
-            one.update(found.states)
-        if (worst <= 0.5 * TOLERANCE).all():
-            missed = worst
+        worst = np.max([one.violation(found.states) for one in limits], axis=0, initial=0.0)
+        slow = worst > 0.5 * missed
+        stuck, missed = np.where(worst < 0.9 * missed, 0, stuck + 1), worst
+        if ((missed <= 0.5 * TOLERANCE) | (stuck >= 2)).all():
             break
         for one in limits:
-            one.penalty = np.where(worst > 0.3 * missed, np.minimum(one.penalty * growth, 1e7), one.penalty)
-        missed = worst
+            one.update(found.states)
+            one.penalty = np.where(slow, np.minimum(one.penalty * growth, 1e7), one.penalty)
     return found, missed
 
 
