@@ -39,7 +39,7 @@ $(READY): pyproject.toml constraints.txt
 	    echo "Could not make $(VENV): the venv module of '$(PYTHON)' is missing or incomplete" \
 	         "(on Debian and Ubuntu: the package python3-venv)." >&2; exit 1; }; \
 	fi
-	$(PIP_INSTALL) -e ".[train,render,plot,docs,data,dev]"
+	$(PIP_INSTALL) -e ".[train,render,plot,docs,data,export,dev]"
 	@touch $@
 
 setup-bench: $(READY_BENCH) ## in addition, the programs that the benchmarks compare with

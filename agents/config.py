@@ -7,11 +7,14 @@ hyper-parameters are for. RL Zoo passes it over; there, the same goes after `--e
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+from flexarm_env import validation as check
 
 HOME = Path(__file__).resolve().parents[1] / "configs"
 
@@ -19,6 +22,10 @@ ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
 """Keys that are no argument of the algorithm's class."""
 
 SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
+CLASSES = {
+    "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "tqc": "sb3_contrib:TQC",
+    "recurrent_ppo": "sb3_contrib:RecurrentPPO",
+}  # fmt: skip
 OURS = ("env", "seed", "tensorboard_log", "verbose", "device", "policy_kwargs", "self", "_init_setup_model")
 
 
@@ -27,7 +34,7 @@ class Config:
     """Hyper-parameters of a run, as they stand in the file (`text`) and as the algorithm takes them.
 
     Args:
-        algorithm: "ppo" or "sac". text: key -> value of the file. env_kwargs: keywords of the environment.
+        algorithm: a key of CLASSES. text: key -> value of the file. env_kwargs: keywords of the environment.
     """
 
     algorithm: str
@@ -67,7 +74,8 @@ class Config:
             chosen["policy_kwargs"] = _value("policy_kwargs", chosen["policy_kwargs"])
         if isinstance(chosen.get("train_freq"), list):
             chosen["train_freq"] = tuple(chosen["train_freq"])
-        return {"policy": self.text.get("policy", "MlpPolicy"), **chosen}
+        usual = "MlpLstmPolicy" if self.algorithm == "recurrent_ppo" else "MlpPolicy"
+        return {"policy": self.text.get("policy", usual), **chosen}
 
 
 def default_path(algorithm: str) -> Path:
@@ -125,13 +133,14 @@ def text_of(config: Config, env_id: str) -> str:
 
 
 def algorithm_class(name: str) -> Any:
-    """The class in Stable-Baselines3."""
-    import stable_baselines3
-
-    classes = {"ppo": stable_baselines3.PPO, "sac": stable_baselines3.SAC}
-    if name not in classes:
-        raise ValueError(f"algo = {name!r}: must be one of {', '.join(classes)}")
-    return classes[name]
+    """The class in Stable-Baselines3, or in its contrib. ValueError for one there is not."""
+    if name not in CLASSES:
+        raise ValueError(f"algo = {name!r}: must be one of {', '.join(CLASSES)}")
+    module, _, kind = CLASSES[name].partition(":")
+    try:
+        return getattr(importlib.import_module(module), kind)
+    except ImportError as error:
+        raise ValueError(f"algo = {name!r}: {check.lacking('it', module, 'train')}") from error
 
 
 class Linear:

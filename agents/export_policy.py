@@ -20,6 +20,8 @@ from flexarm_env.control import NumpyPolicy
 from flexarm_env.control.policy import FORMAT
 
 TOLERANCE = 1e-5
+UNEXPORTED = ("recurrent_ppo",)
+"""Algorithms whose policies have a memory, which policy.npz has not."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,12 @@ class Arguments:
 
 
 def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) -> NumpyPolicy:
-    """The deterministic policy of a PPO or SAC model. normaliser: its VecNormalize, or None."""
+    """The deterministic policy of a PPO, SAC or TQC model. normaliser: its VecNormalize, or None."""
     from torch import nn
 
     policy = model.policy
     actor = getattr(policy, "actor", None)
-    if actor is not None:  # SAC: the mean, squashed
+    if actor is not None:  # SAC, TQC: the mean, squashed
         layers, squash = [*actor.latent_pi, actor.mu], True
     else:
         layers, squash = [*policy.mlp_extractor.policy_net, policy.action_net], False

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.export_policy import numpy_policy
 from agents.runs import load_model, read_run
 from flexarm_env import control
 from flexarm_env.control import NumpyPolicy, Setup, load_policy
@@ -43,6 +44,29 @@ class TorchPolicy:
         seen = observation if self.normaliser is None else self.normaliser.normalize_obs(observation)
         action: NDArray[np.float32] = self.model.predict(seen, deterministic=True)[0]
         return action
+
+
+class RecurrentPolicy(TorchPolicy):
+    """A model of RecurrentPPO with its normaliser; it remembers since the episodes' beginning."""
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Forget."""
+        self.memory: Any = None
+        self.first = np.ones(len(observation), bool)
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Deterministic actions."""
+        seen = observation if self.normaliser is None else self.normaliser.normalize_obs(observation)
+        action, self.memory = self.model.predict(seen, self.memory, self.first, deterministic=True)
+        self.first = np.zeros(len(observation), bool)
+        return np.asarray(action, np.float32)
+
+
+def acting(model: Any, meta: Mapping[str, Any], normaliser: Any) -> NumpyPolicy | RecurrentPolicy:
+    """A model as a Policy: for NumPy alone where that can be."""
+    if hasattr(model.policy, "lstm_actor"):
+        return RecurrentPolicy(model, normaliser)
+    return numpy_policy(model, meta, normaliser)
 
 
 def choose(word: str, env_id: str) -> Chosen:
@@ -87,11 +111,13 @@ def _from_model(run: Path, env_id: str) -> Chosen:
     _same_env(str(run), record["env_id"], env_id)
     model, normaliser = load_model(run, record["algorithm"])
 
+    kind = RecurrentPolicy if hasattr(model.policy, "lstm_actor") else TorchPolicy
+
     def make(env: Any) -> TorchPolicy:
         layout = Setup.of(env).layout
         if layout != record["layout"]:
             raise ValueError(f"{run}: trained on observation layout {record['layout']}; this environment's is {layout}")
-        return TorchPolicy(model, normaliser)
+        return kind(model, normaliser)
 
     return Chosen(run.name, record["env_kwargs"], make)
 

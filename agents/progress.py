@@ -36,10 +36,13 @@ class Progress:
     wall_s: float = 0.0
     cpu_s: float = 0.0
 
-    def add(self, result: episodes.Episodes, steps: int, solved_at: float, **others: float) -> bool:
+    def add(
+        self, result: episodes.Episodes, steps: int, solved_at: float, best_by: str = "settling", **others: float
+    ) -> bool:
         """Note an evaluation after `steps` steps; whether it is the best so far.
 
-        others: train_return, std, learning_rate. solved_at: success rate from which the task counts as solved.
+        solved_at: success rate from which the task counts as solved. best_by: as in `cost`. others: train_return, std,
+            learning_rate.
         """
         row = {
             "steps": float(steps),
@@ -54,7 +57,7 @@ class Progress:
         self.curve.append(row)
         if self.solved is None and row["success_rate"] >= solved_at:
             self.solved = dict(row)
-        now = cost(result)
+        now = cost(result, best_by)
         better = now < self.best
         if better:
             self.best, self.best_steps = now, steps
@@ -77,8 +80,11 @@ class Progress:
         }
 
 
-def cost(result: episodes.Episodes) -> float:
-    """Mean settling time, s, an episode without success counting twice the duration."""
+def cost(result: episodes.Episodes, by: str = "settling") -> float:
+    """What the best policy has least of: mean settling time, s, an episode without success counting twice the duration;
+    by="return": the mean return, negative."""
+    if by == "return":
+        return -float(result.returns.mean())
     duration = (len(result.errors) - 1) * result.dt
     return float(np.where(result.success, result.settling, 2.0 * duration).mean())
 

@@ -16,9 +16,13 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from flexarm_env.suite.score import FIRST
+
 T = TypeVar("T")
 
 INTERRUPTED = 130
+MOST_SEED = FIRST - 1001
+"""Of a training run, whose environments have the thousand seeds from it on."""
 PACKAGES = ("flexarm_env", "numpy", "scipy", "numba", "gymnasium", "stable_baselines3", "torch", "ray")
 
 
@@ -127,6 +131,7 @@ class Training:
             of the run).
         evaluate_every: environment steps from one evaluation to the next.
         eval_episodes: episodes of an evaluation.
+        best_by: which policy is kept: "settling" (soonest at rest, with success) or "return".
         solved_at: success rate from which the task counts as solved.
         stop_when_solved: end the run there.
         checkpoint_every: environment steps from one checkpoint to the next.
@@ -144,6 +149,7 @@ class Training:
     resume: bool = False
     evaluate_every: int = 32_768
     eval_episodes: int = 100
+    best_by: str = "settling"
     solved_at: float = 0.95
     stop_when_solved: bool = False
     checkpoint_every: int = 131_072
@@ -152,7 +158,13 @@ class Training:
     progress: bool = True
 
     def begun(self, *kept: str, algorithm: str | None = None) -> Self:
-        """The arguments of the run, new or to be gone on with (`resumed`). ValueError for one that is there already."""
+        """The arguments of the run, new or to be gone on with (`resumed`). ValueError for one that is there already, or
+        whose seed is one of those that policies are judged on."""
+        if not 0 <= self.seed <= MOST_SEED:
+            what = f"must be from 0 to {MOST_SEED}; those from {FIRST} on are for judging"
+            raise ValueError(f"--seed {self.seed}: {what}")
+        if self.best_by not in ("settling", "return"):
+            raise ValueError(f"--best-by {self.best_by}: must be settling or return")
         if self.resume:
             return resumed(self, *kept, algorithm=algorithm)
         if (self.folder / "run.json").exists():

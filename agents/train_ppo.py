@@ -1,4 +1,4 @@
-"""Train a policy with Stable-Baselines3: PPO, or SAC with --algo sac.
+"""Train a policy with Stable-Baselines3: PPO, or with --algo sac, tqc, recurrent_ppo another.
 
     python -m agents.train_ppo --env FlexibleArm-v0
     python -m agents.train_ppo --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml
@@ -31,7 +31,7 @@ class Arguments(Training):
     """What `python -m agents.train_ppo` takes.
 
     Args:
-        algo: "ppo" or "sac".
+        algo: "ppo", "sac", "tqc" or "recurrent_ppo", whose policy stays a model.zip (policy.npz has no memory).
         config: file of hyper-parameters, RL Zoo format; default configs/ALGO/default.yml.
     """
 
@@ -74,7 +74,7 @@ def train(arguments: Arguments) -> Any:
     watch = training.Watch(
         folder, eval_env, meta, evaluate_every=arguments.evaluate_every, checkpoint_every=arguments.checkpoint_every,
         solved_at=arguments.solved_at, stop=arguments.stop_when_solved, progress=progress, total=config.n_timesteps,
-        bar=arguments.progress,
+        bar=arguments.progress, best_by=arguments.best_by,
     )  # fmt: skip
     left = config.n_timesteps - model.num_timesteps
     if left > 0:
@@ -86,13 +86,14 @@ def train(arguments: Arguments) -> Any:
 
 
 def _finish(folder: Path, record: dict[str, Any], progress: Any) -> None:
-    from agents.export_policy import export
+    from agents.export_policy import UNEXPORTED, export
     from agents.figures import learning_curve
 
     record |= progress.outcome()
     write_json(folder / "run.json", record)
     learning_curve([progress.curve], folder / "learning_curve.png", str(record["env_id"]))
-    export(folder)
+    if record["algorithm"] not in UNEXPORTED:
+        export(folder)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents import episodes
-from agents.export_policy import numpy_policy
+from agents.policies import acting
 from agents.progress import Progress, after, write_curve
 from agents.runs import at, checkpoints, write_whole
 from agents.starts import staggered
@@ -29,16 +29,18 @@ class Watch(BaseCallback):
         folder: the run folder. env: the vector environment for evaluation. meta: of the exported policy.
         evaluate_every, checkpoint_every: environment steps. solved_at: success rate. stop: end when solved.
         progress: what an earlier part of the run has come to. total: steps of the run. bar: show a progress bar.
+        best_by: as in `agents.progress.cost`.
     """
 
     def __init__(
         self, folder: Path, env: Any, meta: dict[str, Any], *, evaluate_every: int, checkpoint_every: int,
-        solved_at: float, stop: bool, progress: Progress, total: int, bar: bool,
+        solved_at: float, stop: bool, progress: Progress, total: int, bar: bool, best_by: str = "settling",
     ) -> None:  # fmt: skip
         super().__init__()
         self.folder, self.eval_env, self.meta, self.state = folder, env, meta, progress
         self.evaluate_every, self.checkpoint_every = evaluate_every, checkpoint_every
         self.solved_at, self.stop, self.total, self.show = solved_at, stop, total, bar
+        self.best_by = best_by
         self._bar: Any = None
         self._over = False
         self._wall = self._cpu = 0.0
@@ -93,12 +95,12 @@ class Watch(BaseCallback):
     # --- evaluation ----------------------------------------------------------------------------------
     def judge(self) -> None:
         """Evaluate on the validation episodes, note it, keep the model where it is the best so far."""
-        policy = numpy_policy(self.model, self.meta, self.model.get_vec_normalize_env())
+        policy = acting(self.model, self.meta, self.model.get_vec_normalize_env())
         result = episodes.run(self.eval_env, policy, episodes.VALIDATION)
         state = self.state
         std = getattr(self.model.policy, "log_std", None)
         better = state.add(
-            result, self.num_timesteps, self.solved_at,
+            result, self.num_timesteps, self.solved_at, self.best_by,
             train_return=float(np.mean([e["r"] for e in self.model.ep_info_buffer or []] or [np.nan])),
             std=float(np.exp(std.detach().numpy()).mean()) if std is not None else float("nan"),
             learning_rate=float(self.model.lr_schedule(self.model._current_progress_remaining)),

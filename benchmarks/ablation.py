@@ -191,6 +191,7 @@ def page(results: dict[str, Any]) -> str:
     """The results as Markdown."""
     lines = [
         "# What features cost", "",
+        "What gravity, damping, sensors and the rest add to a control period.",
         "A control period of `FlexibleArm-v0` at its defaults with and without a feature, us an arm (best of several",
         "rounds in turn): a single environment through `gymnasium.make`, and 64 arms on one thread. Written by",
         "`python -m benchmarks.ablation`.", "", told(results["machine"]), "",

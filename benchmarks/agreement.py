@@ -143,6 +143,7 @@ def page(rows: list[dict[str, Any]], pairs: list[dict[str, Any]], machine: dict[
     lines = [
         "# All scenes, all formulations",
         "",
+        "How far is each formulation from the converged solution, scene by scene?",
         "Largest distance of the tip from the converged solution over the whole run, in % of the arm's length; CPU",
         "time of the run (compiled, one core); energy that appeared or went, over the drives' gross work. Written by",
         "`python -m benchmarks.agreement`; the converged solutions by `python -m benchmarks.converged`, whose own",

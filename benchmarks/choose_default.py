@@ -272,6 +272,7 @@ def main(arguments: list[str] | None = None) -> int:
     machine = describe_machine()
     text = [
         "# Default formulation and step", "",
+        "Why the environments' defaults are what they are. "
         "Made by `python -m benchmarks.choose_default`; see its docstring for the rule. Errors are the largest tip "
         "distance from the converged exact beam in an episode, in % of L: the value that 99 % of the episodes do not "
         "exceed. Costs are CPU microseconds of one arm and control period (20 ms): in a vector of 512 arms on one "

@@ -110,6 +110,7 @@ def page(results: dict[str, Any]) -> str:
     lines = [
         "# What a step costs",
         "",
+        "How many operations a step takes, and how near the machine's ceiling it runs.",
         "Operations (additions, multiplications, divisions of the state; counted by running the kernels on numbers",
         "that count) of one step of 5 ms at tolerance 1e-6, the time they would take at the machine's ceiling of",
         f"{one:.2f} and, in eight lanes, {eight:.1f} thousand million operations a second (measured: independent",

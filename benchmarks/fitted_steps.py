@@ -142,6 +142,7 @@ def page(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
     """The page of the results."""
     lines = [
         "# Steps fitted to a tolerance", "",
+        "When `step_tolerance` pays. "
         "Written by `python -m benchmarks.fitted_steps`, whose docstring says how. `step_tolerance` makes of `dt` the "
         "longest step, and each arm takes in each control period as short ones as it needs "
         "([theory](../theory.md), section 6). Errors of a control period, and what is tolerated, in % of the arm's "

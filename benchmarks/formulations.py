@@ -81,7 +81,9 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
     """Markdown of what was found."""
     orders, strips, reduction = found["exact_orders"], found["strips"], found["reduction"]
     lines = [
-        "# Exact beam, elastica, modes", "", "Written by `python -m benchmarks.formulations`.", "",
+        "# Exact beam, elastica, modes", "",
+        "Do elements, polynomials and modes converge at the orders that theory gives them? "
+        "Written by `python -m benchmarks.formulations`.", "",
         told(machine), "",
         *table("what | holds", [(k, "yes" if holds else "**no**") for k, holds in found["verdicts"].items()]), "",
         "## Exact beam: order", "",

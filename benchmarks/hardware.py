@@ -167,6 +167,8 @@ def page(found: Any, variants: list[dict[str, Any]], machine: dict[str, str]) ->
 ABOUT = """\
 # A robot that was measured
 
+Does a fitted arm predict runs of a real robot that no fit has seen?
+
 Two steel strips on harmonic drives, the arm that the package has as `quanser_2dsfl`. The logs are measured by
 others: GitHub repository basta/quanser-2-dof-serial-flexible-link, MIT licence, (c) 2022 aa4cc / Edu Ctrl Lab
 Models; every fifth of the samples at 500 Hz, columns of time, joint angles and base strains, in

@@ -12,11 +12,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import flexarm_env
 from benchmarks.running import cores
 from flexarm_env.trajectory import write_whole
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PACKAGES = ("flexarm-env", "numpy", "numba", "gymnasium")
+PACKAGES = ("numpy", "numba", "gymnasium")
 
 
 def _processor() -> str:
@@ -35,6 +36,7 @@ def describe_machine(*packages: str) -> dict[str, str]:
         "processor": _processor(),
         "cores": str(cores()),
         "python": platform.python_version(),
+        "flexarm_env": flexarm_env.__version__,  # of this tree; an editable install may still say another
     }
     for name in (*PACKAGES, *packages):
         try:

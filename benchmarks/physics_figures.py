@@ -197,7 +197,9 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
     """Markdown of what was found."""
     spin = found["spin_up"]
     lines = [
-        "# Known answers", "", "Written by `python -m benchmarks.physics_figures`.", "",
+        "# Known answers", "",
+        "Does the solver meet closed solutions and the paper's figures, and does it conserve what must be conserved? "
+        "Written by `python -m benchmarks.physics_figures`.", "",
         told(machine), "",
         *table("what | holds", [(k, "yes" if holds else "**no**") for k, holds in found["verdicts"].items()]), "",
         "## Spin-up past the first frequency", "",

@@ -227,6 +227,7 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
     """The page of the results."""
     lines = [
         "# Stability under stress", "",
+        "What happens with coarse steps, soft arms and hard drives: a good end, a warning, or an error? "
         "Written by `python -m benchmarks.stability`, whose docstring says what the words mean.", "",
         told(machine) + f" · {seconds:.0f} s by the clock "
         f"and {cpu_seconds():.0f} s of processor time for what was not kept from before; cases "

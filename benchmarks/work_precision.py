@@ -262,6 +262,7 @@ def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: f
     scenes = list(dict.fromkeys(row["case"]["scene"] for row in rows))
     lines = [
         "# Run time against error", "",
+        "The quickest settings for an error that you allow, by kind of motion. "
         "Written by `python -m benchmarks.work_precision`, whose docstring says how. Error: largest distance of the "
         "tip from the converged solution, in % of the arm's length. CPU: ms per simulated second, one core, compiled.",
         "", told(machine)

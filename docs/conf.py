@@ -239,11 +239,22 @@ def keep_tags(app: Sphinx, tree: nodes.document) -> None:
             node.children = [nodes.Text(f"\\[{node.astext()}\\]")]
 
 
+def reach(app: Sphinx, name: str, template: str, context: dict[str, Any], tree: Any) -> None:
+    """What the theme leaves out: headings of the navigation have a level, and code that scrolls takes the keyboard."""
+    caption = '<p class="caption" role="heading">'
+    context["furo_navigation_tree"] = context.get("furo_navigation_tree", "").replace(
+        caption, caption.replace(">", ' aria-level="2">')
+    )
+    if "body" in context:
+        context["body"] = context["body"].replace("<pre>", '<pre tabindex="0">')
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", tidy, priority=100)
     app.connect("autodoc-process-signature", spell)
     app.connect("doctree-read", keep_tags)
+    app.connect("html-page-context", reach, priority=900)
     app.add_directive("specification", Specification)
     app.add_directive("player", PlayerFrame)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

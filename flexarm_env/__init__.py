@@ -1,15 +1,18 @@
 """Flexible robot arms: planar beam mechanics, scene replay and Gymnasium environments.
 
-Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0 and MultiLinkFlexArm-v0; the public names below are loaded when
-they are first used.
+Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0 and the tasks of `flexarm_env.suite`; the
+public names below are loaded when they are first used.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
+
+from .suite.data import tasks as _tasks
 
 __version__ = "0.2.0"
 
@@ -56,12 +59,20 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *_HOME})
 
 
-def _register(env_id: str, module: str, name: str) -> None:
+_ENVIRONMENTS = {
+    "FlexibleArm-v0": "flexible_arm:FlexibleArm",
+    "TwoLinkFlexArm-v0": "two_link:TwoLinkFlexArm",
+    "MultiLinkFlexArm-v0": "multi_link:MultiLinkFlexArm",
+}
+
+
+def _register(env_id: str, environment: str, keywords: Mapping[str, Any]) -> None:
     if env_id not in registry:
-        home = f"flexarm_env.envs.{module}"
-        register(env_id, entry_point=f"{home}:{name}Env", vector_entry_point=f"{home}:{name}VectorEnv")
+        home = f"flexarm_env.envs.{_ENVIRONMENTS[environment]}"
+        register(env_id, entry_point=f"{home}Env", vector_entry_point=f"{home}VectorEnv", kwargs=dict(keywords))
 
 
-_register("FlexibleArm-v0", "flexible_arm", "FlexibleArm")
-_register("TwoLinkFlexArm-v0", "two_link", "TwoLinkFlexArm")
-_register("MultiLinkFlexArm-v0", "multi_link", "MultiLinkFlexArm")
+for _id in _ENVIRONMENTS:
+    _register(_id, _id, {})
+for _task in _tasks():
+    _register(_task.registered, _task.environment, _task.keywords)

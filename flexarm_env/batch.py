@@ -26,13 +26,14 @@ from .runtime import starts
 from .runtime.layout import aligned, layout_of
 from .runtime.sampling import observe_arm
 from .runtime.sensors import LAW_SIZE, law_of, room_of
-from .scene import Scene
+from .scene import PointLoad, Scene
 from .settings import Settings
 from .simulation import fitted_systems, room_for_points
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CLIP,
     FRESH,
+    FURTHER,
     GOAL,
     GUIDED,
     INFO,
@@ -51,9 +52,13 @@ from .tasks.program import (
     Actuator,
     Amplifier,
     Controller,
+    Cost,
+    Extras,
     Instruments,
     Models,
+    PayloadChange,
     Program,
+    Pushes,
     Ranges,
     Reference,
     Selection,
@@ -62,6 +67,7 @@ from .tasks.program import (
 from .tasks.reach import Chain, Reach
 from .tasks.slew import Slew
 from .tasks.task import Task
+from .time_functions import constant
 
 Array = NDArray[np.float64]
 
@@ -93,25 +99,15 @@ class Starts:
 
 def info_places(task: Task) -> Any:
     """Where each field of a task's `INFO` begins."""
-    return INFO.offsets(0, len(task.links), len(task.targets), len(task.terms))
+    return INFO.offsets(0, len(task.links), len(task.targets), len(task.terms), len(task.further))
 
 
-@dataclass(frozen=True)
-class Extras:
-    """What an ideal environment lacks; None: absent, and not compiled."""
-
-    controller: Controller | None = None
-    amplifier: Amplifier | None = None
-    actuator: Actuator | None = None
-    sensors: Sensors | None = None
-    reference: Reference | None = None
-    instruments: Instruments | None = None
-    selection: Selection | None = None
-
-
-def standing_scene(arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = ()) -> Scene:
-    """The arm, pinned; nothing moves or loads it."""
-    return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles))
+def standing_scene(
+    arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = (), pushed: bool = False
+) -> Scene:
+    """The arm, pinned; nothing moves it. pushed: there is room for a force on its tip."""
+    loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
+    return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles), loads=loads)
 
 
 def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> Array:
@@ -182,7 +178,8 @@ class Batch:
         assert settings.dt is not None
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
-        self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity), settings)
+        pushed = self.extras.pushes is not None
+        self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, pushed=pushed), settings)
         self.system: System = self.systems[-1]
         self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
         self.groups = -(-n // len(self.lane))
@@ -222,10 +219,7 @@ class Batch:
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
-            ranges=self._ranges(), controller=self.extras.controller, amplifier=self.extras.amplifier,
-            actuator=self.extras.actuator, sensors=self.extras.sensors, reference=self.extras.reference,
-            instruments=self.extras.instruments, selection=self.extras.selection, layout=self.layout,
-            entries=self.entries,
+            ranges=self._ranges(), **vars(self.extras), layout=self.layout, entries=self.entries,
             books=(0,) if self.books else None, estimate=self.estimate, period=self.period,
             h=self.period / n_steps, n_steps=n_steps, n=count,
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
@@ -439,9 +433,9 @@ class Batch:
 
 
 __all__ = [
-    "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Extras", "FRESH", "GOAL",
-    "GUIDED", "INFO", "Instruments", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS", "PERIODS_ALLOWED",
-    "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS", "Selection", "Sensors", "Slew", "Starts",
-    "TARGET", "Task", "View", "gauge_table", "info_places", "law_of", "one_at_a_time", "room_of", "scene_gauges",
-    "standing_scene",
+    "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Cost", "Extras", "FRESH",
+    "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS",
+    "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS", "Selection",
+    "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table", "info_places", "law_of", "one_at_a_time",
+    "room_of", "scene_gauges", "standing_scene",
 ]  # fmt: skip

@@ -20,6 +20,7 @@ is compiled in.
 
 from __future__ import annotations
 
+import math
 from collections import namedtuple
 from collections.abc import Mapping
 from itertools import pairwise
@@ -53,6 +54,7 @@ class Layout:
         length: how many numbers there are, as an expression in the sizes.
         offsets: function (first, *sizes) -> named tuple of the places of all fields and of the `end`.
         views: function (flat, first, *sizes) -> named tuple of one-dimensional slices.
+        shapes: function (**sizes) -> the fields' shapes in numbers.
         places: `offsets(0)` of a layout without sizes; otherwise None.
     Raises:
         ValueError: two fields of one name, or one that is named `end`.
@@ -79,6 +81,8 @@ class Layout:
         self.offsets = _function(f"{name}_offsets", arguments, lines, f"Offsets({begins})", scope)
         self.views = _function(f"{name}_views", ["_flat", *arguments], lines, f"Views({slices})", scope)
         self.places: Any = None if self.sizes else self.offsets(0)
+        shapes = [f"({''.join(f'int({part}), ' for part in field.shape)})" for field in fields]
+        self.shapes = _function(f"{name}_shapes", [*self.sizes], [], f"[{', '.join(shapes)}]", scope)
 
     def pack(self, sizes: Mapping[str, int], /, **values: Any) -> NDArray[np.float64]:
         """The flat array of all fields' values.
@@ -91,10 +95,9 @@ class Layout:
             wrong = sorted(known ^ set(values))
             raise ValueError(f"layout {self.name}: {wrong[0]!r} is {'missing' if wrong[0] in known else 'not a field'}")
         parts = [np.zeros(0)]
-        for field in self.fields:
+        for field, shape in zip(self.fields, self.shapes(**sizes), strict=True):
             value = np.asarray(values[field.name], dtype=np.float64)
-            shape = self.shape(field, **sizes)
-            if value.size != int(np.prod(shape)) or (value.ndim == len(shape) and value.shape != shape):
+            if value.size != math.prod(shape) or (value.ndim == len(shape) and value.shape != shape):
                 raise ValueError(f"layout {self.name}: {field.name} has shape {value.shape}, must have {shape}")
             parts.append(value.ravel())
         return np.concatenate(parts)
@@ -102,16 +105,11 @@ class Layout:
     def unpack(self, flat: NDArray[np.float64], first: int = 0, /, **sizes: int) -> dict[str, NDArray[np.float64]]:
         """Views of the fields in their shapes, by name; the layout begins at flat[..., first]."""
         begins = self.offsets(first, *[sizes[word] for word in self.sizes])
-        shapes = [self.shape(field, **sizes) for field in self.fields]
         parts = [flat[..., a:b] for a, b in pairwise(begins)]
         return {
             field.name: part.reshape(flat.shape[:-1] + shape)
-            for field, part, shape in zip(self.fields, parts, shapes, strict=True)
+            for field, part, shape in zip(self.fields, parts, self.shapes(**sizes), strict=True)
         }
-
-    def shape(self, field: Field, **sizes: int) -> tuple[int, ...]:
-        """A field's shape in numbers."""
-        return tuple(int(eval(str(part), {"__builtins__": {}}, sizes)) for part in field.shape)
 
     def __str__(self) -> str:
         """A line a field: name, shape, unit, meaning."""

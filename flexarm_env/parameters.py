@@ -17,7 +17,7 @@ from flexarm_env.sections import Link, Points, Section, Taper
 from flexarm_env.sensors import Sensors
 from flexarm_env.validation import store as _store
 
-__all__ = ["Arm", "Elbow", "JointRange", "Link", "Payload", "Points", "Section", "Taper"]
+__all__ = ["Arm", "Elbow", "Joint", "JointRange", "Link", "Motor", "Payload", "Points", "Section", "Taper"]
 
 JointRange = tuple[float, float]
 

@@ -50,7 +50,7 @@ TRANSPARENT = (PassiveEnvChecker, OrderEnforcing, TimeLimit)
 Array32 = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Episode:
     """T steps of one environment, and what it takes to play them again.
 
@@ -77,6 +77,9 @@ class Episode:
 
     def __len__(self) -> int:
         return len(self.rewards)
+
+    def __repr__(self) -> str:
+        return f"<Episode of {self.env_id}: {len(self)} steps, return {self.rewards.sum():.6g}>"
 
     @property
     def complete(self) -> bool:

@@ -39,7 +39,7 @@ _AT = STRETCH.places
 CHUNK = 500
 """Steps between two looks at the work done."""
 CHUNKS = 4
-"""Such stretches between two returns from compiled code, where the clock is looked at and Ctrl-C heard."""
+"""So many times as many between two returns from compiled code, where the clock is looked at and Ctrl-C heard."""
 CHEAP = 250
 """Unknowns up to which CHUNKS of CHUNK steps take less than a second."""
 ENERGY_LIMIT = 1e3
@@ -261,7 +261,8 @@ class Simulation:
         while True:
             made += int(sample_rows(
                 SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links, stretch,
-                instants[made:], self._chunk, CHUNKS, self.scheme, (0,) if books else None, table[made:], shapes[made:],
+                instants[made:], self._chunk, CHUNKS * self._chunk, self.scheme, (0,) if books else None, table[made:],
+                shapes[made:],
             ))  # fmt: skip
             self.t, self.gross = float(stretch[_AT.time]), float(stretch[_AT.gross])
             if self.status != OK:

@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -95,17 +96,17 @@ class TimeFunction:
         """Instant (s) at which the last piece begins, which holds from there on."""
         return float(self.pieces[-1, T0])
 
-    @property
+    @cached_property
     def jumps(self) -> tuple[float, ...]:
         """Instants (s) where the value itself jumps."""
         return self.kinks_up_to(0)
 
-    @property
+    @cached_property
     def load_kinks(self) -> tuple[float, ...]:
         """Instants (s) where the value or its slope jumps: where a load's kinks are."""
         return self.kinks_up_to(1)
 
-    @property
+    @cached_property
     def kinks(self) -> tuple[float, ...]:
         """Instants (s) where the value, the first or the second derivative jumps: where a motion's kinks are."""
         return self.kinks_up_to(2)

@@ -66,7 +66,7 @@ def joint_angles(poses: Array) -> tuple[Array, Array]:
     return angles, rates
 
 
-@dataclass
+@dataclass(repr=False)
 class Trajectory:
     """A recorded run of n instants and N links, SI units. At a kink the values just before it are recorded.
 
@@ -132,6 +132,11 @@ class Trajectory:
     motor_angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
     motor_rates: Array = field(default_factory=lambda: np.zeros((0, 0)))
     link_angles: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+
+    def __repr__(self) -> str:
+        end = f" to {self.t[-1]:g} s" if len(self.t) else ""
+        how = f"{self.settings.formulation}, dt = {self.settings.dt:.4g} s"
+        return f"<Trajectory of {self.scene.name}: {self.status}, {len(self.t)} instants{end}; {how}>"
 
     @property
     def finished(self) -> bool:

@@ -165,6 +165,15 @@ def number(
     return result
 
 
+def limits(path: str, value: object, unit: str = "", **bounds: float) -> tuple[float, float]:
+    """``value`` as two numbers (low, high), low at most high; bounds as in :func:`number`."""
+    low, high = sequence(path, value, f"two numbers{f' ({unit})' if unit else ''}, (low, high)", 2)
+    low, high = number(f"{path}[0]", low, unit, **bounds), number(f"{path}[1]", high, unit, **bounds)
+    if low > high:
+        raise InvalidValue(path, (low, high), "must be (low, high) with low at most high")
+    return low, high
+
+
 def integer(path: str, value: object, *, minimum: int, maximum: int | None = None) -> int:
     """``value`` as an int within inclusive limits. A bool, a float or a string is none."""
     limits = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"

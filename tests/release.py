@@ -2,15 +2,18 @@
 
 `make release-check` runs `python -m tests.release`: it builds wheel and source distribution, checks what is in them
 (one package, licence, citation, metadata, one version everywhere, at most 3 MB), installs the wheel alone under the
-oldest and newest requirements of every Python from 3.11 on that the machine has (as `tests.versions`), and the source
-distribution under the newest. In each of these environments, from an empty folder, the command line checks itself and
-makes two players: a scene, a packaged policy beside PD. Where there is a browser they are opened, and pictures of
-them are left in runs/release/. The exit code is 1 where something fails; the table at the end says what was tried.
+newest requirements of every Python from 3.11 on that the machine has and under the oldest of 3.11 (as
+`tests.versions`), and the source distribution under the newest. In each of these environments, from an empty folder,
+the command line checks itself and makes two players: a scene, a packaged policy beside PD. The browser of `make
+test-browser` opens them, and pictures are left in runs/release/. Compilation left out, all that takes a minute at most
+(of processor time: other work on the machine does not count). The exit code is 1 where something fails; the table at
+the end says what was tried, and `python -m tests.release --page` keeps it as docs/results/releases.md.
 """
 
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -19,18 +22,33 @@ import tempfile
 import time
 import tomllib
 import zipfile
+from datetime import date
 from email import message_from_string
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from packaging.requirements import Requirement
 
-from tests.versions import ROOT, bounds, pythons
+from benchmarks.machine import cpu_seconds, table, write_text
+from tests.browser.chrome import browser
+from tests.versions import NEEDED, ROOT, ages, bounds, pythons
 
 FOLDER = ROOT / ".venv-versions" / "release"
 PICTURES = ROOT / "runs" / "release"
 MOST_BYTES = 3_000_000
 SECONDS = 60.0
-"""For installing the wheel and making both players, once compiled."""
+"""Of processor time, for installing, making both players and their pictures, once compiled."""
+PAGE = ROOT / "docs" / "results" / "releases.md"
+HEAD = """# What was tried where
+
+Where the package is known to work: wheel and source distribution, each installed alone into an empty environment, under
+the oldest and the newest releases of what it asks for. From an empty folder `flexarm doctor` checks itself, `flexarm
+view two_link_motion` and `flexarm view two_link pd` make players, and a browser (headless Chromium) shows both.
+Times are those of the processor, without compilation. Written by `python -m tests.release --page` (`make release-check`
+without the page)."""
+REST = "Not tried, for want of such machines: macOS, Windows, ARM; other browsers, touch screens and screen readers."
 VIEWS = {"scene": ("two_link_motion",), "policy": ("two_link", "pd")}
 
 
@@ -78,40 +96,44 @@ def installed(python: str, age: str, file: Path) -> Path:
     """The interpreter of a fresh environment that holds the file and what it asks for."""
     folder = FOLDER / f"{python}-{age}-{'wheel' if file.suffix == '.whl' else 'sdist'}"
     shutil.rmtree(folder, ignore_errors=True)
-    subprocess.run([python, "-m", "venv", folder], check=True)
+    subprocess.run([python, "-m", "venv", folder], check=True, env=_plain())
     inside = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     pinned = [f"{name}=={low}" for name, (low, _) in bounds().items()] if age == "oldest" else []
     pip = [inside, "-m", "pip", "install", "--disable-pip-version-check", "--quiet"]
-    subprocess.run([*pip, str(file), *pinned], check=True)
+    subprocess.run([*pip, str(file), *pinned], check=True, env=_plain())
     return inside
 
 
-def used(python: Path, folder: Path) -> str:
-    """Use the package in an empty folder, twice: the second time all is compiled. What came of it."""
-    own = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    own["NUMBA_CACHE_DIR"] = str(FOLDER / "cache")
+def _plain() -> dict[str, str]:
+    """This process's variables without those that would lead another Python here."""
+    return {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
 
-    def flexarm(*words: str) -> None:
+
+def _clocks() -> NDArray[np.float64]:
+    """s by the clock, and of processor time of what has ended."""
+    return np.array([time.monotonic(), cpu_seconds()])
+
+
+def versions(python: Path) -> list[str]:
+    """Of Python and of the packages that tests.versions names."""
+    lines = "import platform, sys; from importlib.metadata import version; print(platform.python_version()); "
+    lines += f"print(*map(version, {NEEDED}), sep='\\n')"
+    done = subprocess.run([python, "-c", lines], check=True, capture_output=True, text=True, env=_plain())
+    return done.stdout.split()
+
+
+def used(python: Path, folder: Path) -> None:
+    """Let the package check itself and make both players."""
+    own = _plain() | {"NUMBA_CACHE_DIR": str(FOLDER / "cache")}
+    for words in (("doctor",), *(("view", *runs, "--out", f"{name}.html") for name, runs in VIEWS.items())):
         command = [python, "-m", "flexarm_env", *words]
         done = subprocess.run(command, cwd=folder, env=own, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"flexarm {' '.join(words)}: {(done.stdout + done.stderr)[-2000:]}")
 
-    flexarm("doctor")
-    for name, words in VIEWS.items():
-        flexarm("view", *words, "--out", f"{name}.html")
-    start = time.monotonic()
-    for name, words in VIEWS.items():
-        flexarm("view", *words, "--out", f"{name}.html")
-    return f"{time.monotonic() - start:.0f} s for both players"
 
-
-def photographed(folder: Path) -> str:
+def photographed(folder: Path) -> None:
     """Open both players in a browser, and keep a picture of each."""
-    from tests.browser.chrome import browser, program
-
-    if program() is None:
-        return "no browser here"
     PICTURES.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as profile, browser(Path(profile) / "profile") as page:
         for name in VIEWS:
@@ -122,34 +144,58 @@ def photographed(folder: Path) -> str:
             page.picture(PICTURES / f"{name}.png")
         if page.faults:
             raise RuntimeError(f"the browser complained: {page.faults}")
-    return f"pictures in {PICTURES.relative_to(ROOT)}"
 
 
-def main() -> int:
+def tried(python: str, age: str, file: Path) -> tuple[object, ...]:
+    """A row of the table: install, compile once, then from an empty folder to the pictures."""
+    marks = [_clocks()]
+    inside = installed(python, age, file)
+    marks.append(_clocks())
+    with tempfile.TemporaryDirectory() as empty:
+        used(inside, Path(empty))
+    with tempfile.TemporaryDirectory() as empty:
+        marks.append(_clocks())
+        used(inside, Path(empty))
+        marks.append(_clocks())
+        photographed(Path(empty))
+        marks.append(_clocks())
+    install, _, made, shot = (after - before for before, after in pairwise(marks))
+    clock, work = install + made + shot
+    if work > SECONDS:
+        raise RuntimeError(f"{work:.0f} s of processor time from the wheel to the pictures, not {SECONDS:g}")
+    parts = (f"{part[1]:.0f} s" for part in (install, made, shot))
+    kind = "wheel" if file.suffix == ".whl" else "source"
+    return *versions(inside), kind, *parts, f"{work:.0f} s, {clock:.0f} s"
+
+
+def main(arguments: list[str]) -> int:
     """All of it; 1 where something fails."""
-    rows, good = [], True
+    rows: list[tuple[object, ...]] = []
+    failed = 0
     with tempfile.TemporaryDirectory() as temporary:
         wheel, sdist = build(Path(temporary))
-        print(f"{wheel.name}: {wheel.stat().st_size / 1e3:.0f} kB; {sdist.name}: {sdist.stat().st_size / 1e3:.0f} kB")
+        sizes = f"{wheel.name}: {wheel.stat().st_size / 1e3:.0f} kB; {sdist.name}: {sdist.stat().st_size / 1e3:.0f} kB"
+        print(sizes)
         faults = faults_of(wheel, sdist)
         for fault in faults:
             print(f"missing: {fault}")
         for python in pythons():
-            for age, file in (("oldest", wheel), ("newest", wheel), ("newest", sdist)):
+            for age, file in (*((age, wheel) for age in ages(python)), ("newest", sdist)):
                 try:
-                    start = time.monotonic()
-                    inside = installed(python, age, file)
-                    took = f"installed in {time.monotonic() - start:.0f} s"
-                    with tempfile.TemporaryDirectory() as empty:
-                        outcome = f"{took}, {used(inside, Path(empty))}, {photographed(Path(empty))}"
+                    rows.append(tried(python, age, file))
+                    print(*rows[-1], flush=True)
                 except (subprocess.CalledProcessError, RuntimeError) as error:
-                    outcome, good = f"FAILED: {error}", False
-                rows.append(f"| {python} | {age} | {'wheel' if file == wheel else 'source'} | {outcome} |")
-                print(rows[-1], flush=True)
-    print("", "| Python | requirements | from | outcome |", "|---|---|---|---|", *rows, sep="\n")
-    print(f"\n{sys.platform} alone; other systems and processors were not tried.")
-    return 0 if good and rows and not faults else 1
+                    failed += 1
+                    print(f"{python}, {age}, {file.name}: FAILED: {error}", flush=True)
+    columns = f"python | {' | '.join(NEEDED)} | from | install | two players | pictures | in all, by the clock"
+    where = f"{platform.platform()}, {platform.machine()}, {date.today()}"
+    lines = [*table(columns, rows), "", f"{sizes}. {where}.", "", REST]
+    print("", *lines, sep="\n")
+    good = bool(rows) and not faults and not failed
+    if good and "--page" in arguments:
+        write_text(PAGE, "\n".join([HEAD, "", *lines, ""]))
+    return 0 if good else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -26,7 +26,7 @@ _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {
     *_PHYSICS - {"physics"}, "comparison", "control", "envs", "identification", "plotting", "recording", "sb3",
-    "view", "__init__",
+    "suite", "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -59,13 +59,15 @@ ROOMS: dict[str, set[str]] = {
     "comparison": {*_DESCRIPTION, "trajectory", "simulation"},
     "control": {*_PHYSICS, "tasks"},
     "envs": {*_PHYSICS, "compiler", "control", "view"},
+    "derivatives": {*_COMPILED, "batch", "envs", "validation"},
     "plotting": {*_PHYSICS, "comparison", "view"},
     "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
+    "suite": {*_DESCRIPTION, "control", "envs", "trajectory"},
     "identification": {*_PHYSICS - {"batch"}, "plotting"},
     "cli": {*_PUBLIC, "data", "compiler"},
     "__main__": {"cli"},
-    "__init__": {*_PHYSICS, "control", "envs", "identification"},
+    "__init__": {*_PHYSICS, "control", "envs", "identification", "suite"},
 }
 
 # other packages that only some rooms may import, anywhere in their code
@@ -74,10 +76,12 @@ EXTERNALS: dict[str, set[str]] = {
     "stable_baselines3": {"sb3"},
     "numba": {"compiler"},
     "llvmlite": {"compiler"},
-    "gymnasium": {"__init__", "envs", "recording", "sb3", "cli"},
+    "gymnasium": {"__init__", "envs", "derivatives", "recording", "sb3", "suite", "cli"},
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},
+    "onnx": {"control"},
+    "onnxruntime": {"suite"},
     "ray": set(),
 }
 

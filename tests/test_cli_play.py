@@ -239,5 +239,7 @@ def test_without_a_checkout_a_sentence(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(checkout, "__file__", str(tmp_path / "site-packages" / "flexarm_env" / "cli" / "checkout.py"))
     assert "needs agents/ of a checkout" in refused(capsys, "train", "--env", "FlexibleArm-v0")
-    assert "needs benchmarks/ of a checkout" in refused(capsys, "bench")
+    assert "needs benchmarks/ of a checkout" in refused(capsys, "bench", "agreement")
+    assert main(["bench"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["suite", "page"]
     assert checkout.flags("agents.train_ppo") == ""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 import shlex
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+import flexarm_env
 from tests.processes import python
 from tests.test_architecture import PACKAGE, ROOMS, ROOT, python_files
 
@@ -57,6 +60,15 @@ def test_every_page_has_code() -> None:
     assert without == ["tutorials/index.md"]
 
 
+def test_every_page_begins_with_what_it_is_for() -> None:
+    """A sentence below the title, before anything else; and who wrote the page is not what it is for."""
+    pages = [path for path in sorted(DOCS.rglob("*.md")) if "_build" not in path.parts]
+    texts = {path: path.read_text("utf-8") for path in pages}
+    own = {path: text for path, text in texts.items() if not text.startswith("```{include}")}
+    begins = re.compile(r"# .+\n\n(?!Written by|Made by)[A-Z`*]\S* .*", re.MULTILINE)
+    assert [path.relative_to(DOCS).as_posix() for path, text in own.items() if not begins.match(text)] == []
+
+
 # ----------------------------------------------------------------- the API
 INSIDE = {"compiler", "layout", "physics", "runtime", "tasks", "batch", "curves", "rest"}
 INSIDE |= {"cli", "data", "__main__", "__init__"}
@@ -72,6 +84,29 @@ def documented() -> set[str]:
 def test_every_public_room_is_in_the_api() -> None:
     rooms = {name.split(".")[1] for name in documented()}
     assert rooms == set(ROOMS) - INSIDE
+
+
+def shown() -> set[object]:
+    """Functions and classes that the API pages show: a module's `__all__`, or what it defines itself."""
+    out = set()
+    for name in documented() - {"flexarm_env.sb3"}:  # which takes seconds to import
+        module = import_module(name)
+        given = getattr(module, "__all__", None)
+        for word, item in vars(module).items():
+            own = word in given if given is not None else getattr(item, "__module__", "") == name
+            if own and not word.startswith("_") and callable(item):
+                out.add(item)
+    return out
+
+
+def test_every_public_name_is_on_a_page() -> None:
+    there = shown()
+    names = {f"flexarm_env.{word}": getattr(flexarm_env, word) for word in flexarm_env.__all__}
+    for room in sorted(set(ROOMS) - INSIDE - {"sb3"}):
+        module = import_module(f"flexarm_env.{room}")
+        names |= {f"{room}.{word}": getattr(module, word) for word in getattr(module, "__all__", ())}
+    lost = [name for name, item in names.items() if inspect.isfunction(item) or inspect.isclass(item)]
+    assert [name for name in lost if names[name] not in there] == []
 
 
 def public(body: list[ast.stmt]) -> list[ast.FunctionDef | ast.ClassDef]:

@@ -92,6 +92,16 @@ def test_returns_from_compiled_code_change_no_bits(monkeypatch: pytest.MonkeyPat
     assert runs[0].steps >= 5000
 
 
+def test_samples_near_each_other_cost_few_returns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many samples of few steps are made by a handful of calls: the budget of a call counts steps."""
+    calls: list[int] = []
+    sample_rows = simulation.sample_rows
+    monkeypatch.setattr(simulation, "sample_rows", lambda *arguments: calls.append(1) or sample_rows(*arguments))
+    run = simulate(named("robot_arm_motion"), "elastica", dt=0.05, sample=0.05, estimate_error=False)
+    assert len(run.t) == 181
+    assert len(calls) <= 8
+
+
 LONG = """
 import signal
 from flexarm_env import named, simulate

@@ -42,6 +42,12 @@ def test_csv_holds_every_bit(run: Trajectory, two_links: Trajectory, tmp_path: P
         assert sorted(p.name for p in path.parent.iterdir())[: number + 1] == [f"run{i}.csv" for i in range(number + 1)]
 
 
+def test_it_names_itself_in_a_line(run: Trajectory) -> None:
+    """Where it is the last of a cell, or in an interpreter: its arrays would be pages."""
+    own = repr(run)
+    assert own.startswith(f"<Trajectory of {run.scene.name}: ok, {len(run.t)} instants to ") and len(own) < 120
+
+
 def test_hinges_of_longer_chains_are_numbered() -> None:
     section = Section(5.0, 1e3, 1e3, 0.4, 0.01)
     arm = Arm("three", (Link(0.4, section),) * 3)

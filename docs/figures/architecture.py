@@ -16,27 +16,36 @@ from flexarm_env.plotting import COLORS, INK, styled_figure
 
 HERE = Path(__file__).resolve().parent
 
+ROOMS = {path.stem for path in (HERE.parents[1] / "flexarm_env").iterdir()}
+
 # name: (x, y, width, height, colour, lines); y upwards
 BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
-    "describe": (0.0, 3.1, 2.5, 1.15, COLORS[0],
-        ("parameters, arms, rigid", "scene, scenes", "time_functions, settings")),
-    "physics": (3.2, 3.1, 3.3, 1.15, COLORS[2], ("physics", "floating · exact · elastica", "integrator")),
-    "compiler": (3.2, 4.7, 7.4, 0.55, COLORS[4], ("compiler, layout",)),
-    "tasks": (7.2, 3.1, 1.4, 1.15, COLORS[1], ("tasks", "see, judge")),
-    "runtime": (9.2, 3.1, 1.4, 1.15, COLORS[1], ("runtime", "an episode")),
-    "simulation": (5.9, 1.4, 2.2, 0.95, COLORS[0], ("simulation", "one arm, a scene")),
-    "batch": (8.7, 1.4, 1.9, 0.95, COLORS[0], ("batch", "many arms, a call")),
-    "linear": (3.2, 1.4, 2.1, 0.95, COLORS[2], ("linear", "A, B, modes, rest")),
-    "control": (0.0, 1.4, 2.5, 0.95, COLORS[3], ("control", "PD ... LQR, trained policies")),
-    "envs": (3.2, -0.3, 7.4, 0.95, COLORS[3], ("envs", "single and vector environment; pictures and films")),
-    "users": (0.0, -0.3, 2.5, 0.95, COLORS[5], ("cli, plotting, recording, sb3", "agents/, benchmarks/")),
+    "compiler": (3.2, 6.0, 7.4, 0.55, COLORS[4], ("compiler, layout",)),
+    "describe": (0.0, 4.45, 2.6, 1.15, COLORS[0],
+        ("sections, curves, sensors", "parameters, arms, rigid", "scene, scenes, settings",
+         "time_functions, csv_files")),
+    "physics": (3.2, 4.45, 3.2, 1.15, COLORS[2], ("physics", "floating · exact · elastica", "integrator")),
+    "tasks": (7.0, 4.45, 1.5, 1.15, COLORS[1], ("tasks", "see, judge")),
+    "runtime": (9.1, 4.45, 1.5, 1.15, COLORS[1], ("runtime", "an episode")),
+    "view": (0.0, 2.9, 2.6, 1.05, COLORS[5], ("view", "what is shown of a run", "the page that plays it")),
+    "simulation": (3.2, 2.9, 3.2, 1.05, COLORS[0],
+        ("simulation, rest", "trajectory, accuracy", "one arm, a scene")),
+    "batch": (9.1, 2.9, 1.5, 1.05, COLORS[0], ("batch", "many arms, a call")),
+    "identification": (0.0, 1.35, 2.6, 1.05, COLORS[3], ("identification", "from a log to an arm")),
+    "linear": (3.2, 1.35, 2.0, 1.05, COLORS[2], ("linear", "A, B, modes, rest")),
+    "control": (5.8, 1.35, 2.2, 1.05, COLORS[3], ("control", "PD ... LQR, policies")),
+    "envs": (8.6, 1.35, 2.0, 1.05, COLORS[3], ("envs", "single, vector, films")),
+    "users": (0.0, -0.05, 10.6, 0.9, COLORS[5],
+        ("comparison, plotting, recording, sb3, cli", "agents/ and benchmarks/, which are not installed")),
 }  # fmt: skip
 ARROWS = (
     ("compiler", "physics", "down"), ("compiler", "tasks", "down"), ("compiler", "runtime", "down"),
     ("describe", "physics", "right"), ("physics", "tasks", "right"), ("tasks", "runtime", "right"),
-    ("physics", "simulation", "down"), ("runtime", "batch", "down"), ("simulation", "linear", "left"),
-    ("simulation", "batch", "right"), ("batch", "envs", "down"), ("simulation", "envs", "down"),
-    ("linear", "envs", "down"), ("linear", "control", "left"), ("control", "users", "down"), ("envs", "users", "left"),
+    ("describe", "view", "down"), ("view", "simulation", "right"), ("physics", "simulation", "down"),
+    ("runtime", "batch", "down"), ("simulation", "batch", "right"), ("simulation", "linear", "down"),
+    ("linear", "identification", "left"), ("linear", "control", "right"), ("control", "envs", "right"),
+    ("batch", "envs", "down"), ("identification", "users", "down"), ("linear", "users", "down"),
+    ("control", "users", "down"), ("envs", "users", "down"),
 )  # fmt: skip
 
 
@@ -44,15 +53,15 @@ def main() -> None:
     """Draw it."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "architecture.svg"
     mpl.rcParams["svg.fonttype"] = "none"
-    with styled_figure(path, 9.6, 5.5) as figure:
+    with styled_figure(path, 9.6, 6.2) as figure:
         axes: Any = figure.add_subplot()
-        axes.set(xlim=(-0.1, 10.7), ylim=(-0.35, 5.3))
+        axes.set(xlim=(-0.1, 10.7), ylim=(-0.1, 6.6))
         axes.set_axis_off()
         for x, y, width, height, color, lines in BOXES.values():
             axes.add_patch(_box(x, y, width, height, color))
             for k, line in enumerate(lines):
                 place = y + height / 2 + 0.26 * ((len(lines) - 1) / 2 - k)
-                bold = "bold" if k == 0 or len(lines) != 2 else "normal"
+                bold = "bold" if k == 0 or set(line.replace(",", "").split()) <= ROOMS else "normal"
                 axes.text(x + width / 2, place, line, ha="center", va="center", color=INK, weight=bold, fontsize=8.5)
         for source, target, way in ARROWS:
             style = {"arrowstyle": "-|>", "color": "#777777", "lw": 1.1, "shrinkA": 1, "shrinkB": 1}

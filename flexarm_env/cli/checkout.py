@@ -1,5 +1,7 @@
 """`flexarm train`, `evaluate` and `bench`: what a checkout brings beside the package, run with the flags given.
 
+`flexarm bench suite` and `page` are the package's own.
+
 `agents/` and `benchmarks/` are looked for in the current folder and those above it, then beside the package. All words
 behind the command go to the script, and its exit code comes back.
 """
@@ -23,6 +25,15 @@ def run(args: argparse.Namespace) -> int:
     """Run the script; the exit code is its own. 2 with a sentence where there is no checkout, or no such script."""
     folder = "benchmarks" if args.command == "bench" else "agents"
     home = checkout(folder)
+    if args.command == "bench":
+        from flexarm_env.cli import suite
+
+        name, words = (args.words[0], args.words[1:]) if args.words else ("", [])
+        if name in suite.COMMANDS:
+            return suite.run(name, words)
+        if name in ("", "--json"):
+            _list(suite.COMMANDS | ({} if home is None else dict(benchmarks(home))), as_json=name == "--json")
+            return DONE
     if home is None:
         sys.stderr.write(
             f"flexarm {args.command}: needs {folder}/ of a checkout, and there is none in {Path.cwd()}, above it or "
@@ -31,14 +42,10 @@ def run(args: argparse.Namespace) -> int:
         return BAD_INPUT
     if args.command != "bench":
         return _module(home, SCRIPTS[args.command], args.words)
-    name, words = (args.words[0], args.words[1:]) if args.words else ("", [])
     known = dict(benchmarks(home))
-    if name in ("", "--json"):
-        _list(known, as_json=name == "--json")
-        return DONE
     script = name.replace("-", "_")  # as one may spell it on a command line
     if script not in known:
-        sys.stderr.write(f"flexarm bench: no benchmark {name!r}; there are {', '.join(known)}\n")
+        sys.stderr.write(f"flexarm bench: no benchmark {name!r}; there are {', '.join((*suite.COMMANDS, *known))}\n")
         return BAD_INPUT
     return _module(home, f"benchmarks.{script}", words)
 

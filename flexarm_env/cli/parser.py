@@ -54,6 +54,7 @@ Planar flexible robot arms: replay scenes, compare with references, play, train,
   flexarm play FlexibleArm-v0 --policy lqr         watch a controller; without --policy, fly the arm yourself
   flexarm train --env FlexibleArm-v0               train a policy (from a checkout)
   flexarm evaluate --policy pd,zvd,lqr             judge controllers and policies (from a checkout)
+  flexarm export two_link --to c --out two_link.c  a trained policy for a controller board
   flexarm bench                                    what is measured, and how (from a checkout)
   flexarm identify ARM --config FILE --data LOG.csv  fit an arm to a measured log
   flexarm compile                                  compile beforehand what is used first
@@ -145,9 +146,12 @@ pickles and can run any code: take those from nobody whom you do not trust.
 """
 
 BENCH = """\
-Run a benchmark of a checkout (benchmarks/NAME.py); all flags behind NAME go there. Without NAME: list them.
+Judge policies on the suite's tasks (suite), make a page of the results (page), or run a benchmark of a checkout
+(benchmarks/NAME.py); all flags behind NAME go there. Without NAME: list them.
 
   flexarm bench
+  flexarm bench suite --policy pd,lqg
+  flexarm bench suite --help
   flexarm bench agreement
   flexarm bench agreement --help
 """
@@ -173,6 +177,17 @@ TOML file, says what the columns are and what is fitted (configs/identify/ in a 
 Prints vaf.STEM.OUTPUT in % for each run held out; those of training, of the arm before the fit and of one oscillator an
 output stand under train., unfitted. and baseline. RESULTS holds arm.toml, which every command takes, a report and
 figures; an interrupted fit goes on from there.
+"""
+
+EXPORT = """\
+Write a trained policy for other machines, where it decides as NumPy does, to 1e-6. --to c: one C99 file without main,
+float32, arrays of fixed size, no allocation; scaling, clipping, normalisation and history are in it, and its first
+lines say what to call. --to onnx: observations (n, entries) to actions (n, joints), for any runtime (pip install onnx).
+
+POLICY is a run folder, a policy.npz or the name of a policy that comes with the package.
+
+  flexarm export two_link --to c --out two_link.c
+  flexarm export runs/ppo-FlexibleArm-v0-0 --to onnx --out arm.onnx
 """
 
 COMPILE = """\
@@ -297,7 +312,7 @@ def build_parser() -> Parser:
     _add_play(add("play", "fly an arm, or watch a controller or a policy", PLAY, "play"))
     train = add("train", "train a policy (from a checkout)", TRAIN, "checkout", "")
     evaluate = add("evaluate", "judge policies and controllers (from a checkout)", EVALUATE, "checkout", "")
-    bench = add("bench", "run a benchmark (from a checkout)", BENCH, "checkout", "")
+    bench = add("bench", "judge policies on the suite, or run a benchmark", BENCH, "checkout", "")
     train.script, evaluate.script = SCRIPTS["train"], SCRIPTS["evaluate"]
     train.usage, evaluate.usage, bench.usage = "%(prog)s [FLAGS]", "%(prog)s [FLAGS]", "%(prog)s [NAME [FLAGS]]"
 
@@ -309,6 +324,12 @@ def build_parser() -> Parser:
     identify.add_argument("--hold-out", metavar="B.csv[,...]", help="logs to judge by")
     identify.add_argument("--out", metavar="FOLDER", help="for arm.toml, report.md, figures; an old fit there goes on")
     identify.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
+
+    export = add("export", "a trained policy as ONNX or C", EXPORT, "export")
+    export.add_argument("policy", metavar="POLICY", help="run folder, policy.npz, or the name of a packaged policy")
+    export.add_argument("--to", required=True, choices=("onnx", "c"), help="the form")
+    export.add_argument("--out", required=True, metavar="FILE", help="the file: .onnx or .c")
+    export.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
     compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")

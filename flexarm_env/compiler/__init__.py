@@ -10,6 +10,10 @@ from .lanes import (
     SINGLE,
     WIDEST,
     absolute,
+    alone,
+    arms,
+    change,
+    dual,
     largest,
     load,
     maximum,
@@ -25,7 +29,7 @@ from .trace import aligned_frame, traced, unrolled
 
 __all__ = [
     "kernel", "inlined", "uncompiled",
-    "SINGLE", "EIGHT", "WIDEST", "load", "store", "splat",
+    "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "load", "store", "splat",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
     "bare", "stack", "unrolled", "traced", "aligned_frame",
     "Family", "by_kind", "size", "NONE", "NUMBER", "TUPLE",

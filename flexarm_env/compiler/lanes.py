@@ -6,6 +6,10 @@ A kernel takes a *lane tag*, a tuple of zeros whose length L is the number of ar
 and the functions below accept both, so the same source is the kernel of a single arm and of a batch.
 No operation is contracted or reordered, hence both give the same bits, on any x86 or Arm vector unit.
 
+A longer tag, `dual(lane, D)`, makes of the same source the kernel of its derivative: each element is followed by D
+tangents, L numbers each that say how it changes along a direction, and every operation carries them on by the rules in
+`symbols`. `arms(lane)` is the number of arms of either.
+
 Only what kernels need is defined: + - * / and negation, mixed with float64; `load store splat select_lt
 absolute maximum square_root round_even largest sincos`.
 """
@@ -21,96 +25,112 @@ from llvmlite import ir
 from numba import config, types
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
+from . import symbols
 from .arrays import pointer
 from .decorator import kernel
+from .symbols import INDEX, Value, bundle, vector
 
 SINGLE: tuple[int, ...] = (0,)
 EIGHT: tuple[int, ...] = (0,) * 8
 WIDEST = SINGLE if config.DISABLE_JIT else EIGHT
 """What many arms stand in. Where compilation is disabled there are no vectors: every arm is advanced by itself."""
 
-_DOUBLE = ir.DoubleType()
-_INDEX = ir.IntType(64)
-_SLOT = ir.IntType(32)
+
+def dual(lane: tuple[int, ...], tangents: int = 1) -> tuple[int, ...]:
+    """The tag of as many arms with so many tangents each (of one arm: at most 6)."""
+    return lane * (1 + tangents)
 
 
 class LanesType(types.Type):  # type: ignore[misc]
-    """Numba type of a vector of `count` float64."""
+    """Numba type of a vector of `count` float64, with so many tangents."""
 
-    def __init__(self, count: int) -> None:
-        self.count = count
-        super().__init__(name=f"Lanes({count})")
+    def __init__(self, count: int, tangents: int = 0) -> None:
+        self.count, self.tangents = count, tangents
+        super().__init__(name=f"Lanes({count}, {tangents})" if tangents else f"Lanes({count})")
 
 
 @register_model(LanesType)
 class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, fe_type: LanesType) -> None:
-        super().__init__(manager, fe_type, _vector(fe_type.count))
+        super().__init__(manager, fe_type, bundle(fe_type.count, fe_type.tangents))
 
 
-def _vector(count: int) -> ir.Type:
-    return _DOUBLE if count == 1 else ir.VectorType(_DOUBLE, count)
+def lane_type(length: int) -> Any:
+    """The type of what lanes under a tag of this length hold."""
+    count = 1 if length % len(EIGHT) else len(EIGHT)
+    return types.float64 if length == 1 else LanesType(count, length // count - 1)
 
 
-def _width(numba_type: Any) -> int:
-    return numba_type.count if isinstance(numba_type, LanesType) else 1
+def _widest(*kinds: Any) -> Any:
+    """The type of what comes of numbers of these types."""
+    wide = [kind for kind in kinds if isinstance(kind, LanesType)]
+    return max(wide, key=lambda kind: kind.tangents) if wide else types.float64
 
 
-def lane_type(count: int) -> Any:
-    """The type of what `count` lanes hold."""
-    return types.float64 if count == 1 else LanesType(count)
+def shape(kind: Any) -> tuple[int, int]:
+    """How many lanes and tangents a type has."""
+    return (kind.count, kind.tangents) if isinstance(kind, LanesType) else (1, 0)
 
 
-def broadcast(builder: Any, value: Any, count: int) -> Any:
-    """A scalar repeated in every lane."""
-    if count == 1:
-        return value
-    first = builder.insert_element(ir.Constant(_vector(count), ir.Undefined), value, ir.Constant(_SLOT, 0))
-    return builder.shuffle_vector(
-        first, ir.Constant(_vector(count), ir.Undefined), ir.Constant(ir.VectorType(_SLOT, count), [0] * count)
-    )
+def symbol(context: Any, builder: Any, kind: Any, value: Any) -> Value:
+    """What stands for a number of a Numba type."""
+    if not isinstance(kind, LanesType):
+        return Value(builder, context.cast(builder, value, kind, types.float64), 1)
+    if kind.tangents == 0:
+        return Value(builder, value, kind.count)
+    first, *rest = [Value(builder, builder.extract_value(value, k), kind.count) for k in range(1 + kind.tangents)]
+    return first.having(rest)
 
 
-def _widen(context: Any, builder: Any, value: Any, from_type: Any, count: int) -> Any:
-    if isinstance(from_type, LanesType):
-        return value
-    return broadcast(builder, context.cast(builder, value, from_type, types.float64), count)
+def number(kind: Any, x: Value) -> Any:
+    """The number of a Numba type that a symbol stands for."""
+    count, tangents = shape(kind)
+    if tangents == 0:
+        return x.wide(count)
+    result = ir.Constant(bundle(count, tangents), ir.Undefined)
+    for k, part in enumerate(x.parts(count, tangents)):
+        result = x.builder.insert_value(result, part, k)
+    return result
+
+
+def _lowered(operation: Any) -> Any:
+    """Code generation of an operation on symbols."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        items = [symbol(context, builder, k, x) for k, x in zip(signature.args, args, strict=True)]
+        return number(signature.return_type, operation(*items))
+
+    return codegen
 
 
 # --- arithmetic ------------------------------------------------------------------------------------
 
 
-def _register_arithmetic(symbol: Any, instruction: str) -> None:
-    @type_callable(symbol)
+def _register_arithmetic(function: Any, operation: Any) -> None:
+    @type_callable(function)
     def _type(context: Any) -> Any:
         def typer(a: Any, b: Any) -> Any:
             scalars = (types.Float, types.Integer, LanesType)
             if not (isinstance(a, scalars) and isinstance(b, scalars)):
                 return None
-            width = max(_width(a), _width(b))
-            if width == 1 or (isinstance(a, LanesType) and isinstance(b, LanesType) and a != b):
+            if isinstance(a, LanesType) and isinstance(b, LanesType) and a != b:
                 return None
-            return LanesType(width)
+            return _widest(a, b) if isinstance(_widest(a, b), LanesType) else None
 
         return typer
 
-    def _lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        count = signature.return_type.count
-        a, b = (_widen(context, builder, x, t, count) for x, t in zip(args, signature.args, strict=True))
-        return getattr(builder, instruction)(a, b)
-
     for left, right in ((LanesType, LanesType), (LanesType, types.Number), (types.Number, LanesType)):
-        lower_builtin(symbol, left, right)(_lower)
+        lower_builtin(function, left, right)(_lowered(operation))
 
 
-for _symbols, _instruction in (
-    ((operator.add, operator.iadd), "fadd"),
-    ((operator.sub, operator.isub), "fsub"),
-    ((operator.mul, operator.imul), "fmul"),
-    ((operator.truediv, operator.itruediv), "fdiv"),
+for _function, _in_place in (
+    (operator.add, operator.iadd),
+    (operator.sub, operator.isub),
+    (operator.mul, operator.imul),
+    (operator.truediv, operator.itruediv),
 ):
-    for _symbol in _symbols:
-        _register_arithmetic(_symbol, _instruction)
+    for _symbol in (_function, _in_place):
+        _register_arithmetic(_symbol, _function)
 
 
 @type_callable(operator.neg)
@@ -121,18 +141,18 @@ def _type_negative(context: Any) -> Any:
     return typer
 
 
-@lower_builtin(operator.neg, LanesType)
-def _lower_negative(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    return builder.fneg(args[0])
+lower_builtin(operator.neg, LanesType)(_lowered(operator.neg))
 
 
 # --- memory ----------------------------------------------------------------------------------------
 
 
-def _pointer(context: Any, builder: Any, array_type: Any, array: Any, k: Any, count: int) -> Any:
-    data = pointer(context, builder, array_type, array)
-    first = builder.gep(data, [builder.mul(k, ir.Constant(_INDEX, count))], inbounds=True)
-    return builder.bitcast(first, _vector(count).as_pointer())
+def _places(context: Any, builder: Any, array_type: Any, array: Any, k: Any, kind: Any) -> list[Any]:
+    """Where element k and its tangents lie."""
+    data, (count, tangents) = pointer(context, builder, array_type, array), shape(kind)
+    first = builder.gep(data, [builder.mul(k, ir.Constant(INDEX, count * (1 + tangents)))], inbounds=True)
+    rest = [builder.gep(first, [ir.Constant(INDEX, count * (1 + i))], inbounds=True) for i in range(tangents)]
+    return [builder.bitcast(place, vector(count).as_pointer()) for place in (first, *rest)]
 
 
 def _either(python: Any, compiled: Any) -> Any:
@@ -170,32 +190,38 @@ def _py_splat(lane: tuple[int, ...], x: float) -> float:
 
 @intrinsic
 def _load(typingctx: Any, lane: Any, array: Any, k: Any) -> Any:
-    count = len(lane)
+    kind = lane_type(len(lane))
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.load(_pointer(context, builder, signature.args[1], args[1], args[2], count), align=8)
+        places = _places(context, builder, signature.args[1], args[1], args[2], kind)
+        first, *rest = [Value(builder, builder.load(place, align=8), shape(kind)[0]) for place in places]
+        return number(kind, first.having(rest))
 
-    return lane_type(count)(lane, array, types.intp), codegen
+    return kind(lane, array, types.intp), codegen
 
 
 @intrinsic
 def _store(typingctx: Any, array: Any, k: Any, value: Any) -> Any:
+    kind = _widest(value)
+
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        target = _pointer(context, builder, signature.args[0], args[0], args[1], _width(value))
-        builder.store(args[2], target, align=8)
+        x = symbol(context, builder, kind, args[2])
+        places = _places(context, builder, signature.args[0], args[0], args[1], kind)
+        for place, part in zip(places, x.parts(*shape(kind)), strict=True):
+            builder.store(part, place, align=8)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, value if isinstance(value, LanesType) else types.float64), codegen
+    return types.void(array, types.intp, kind), codegen
 
 
 @intrinsic
 def _splat(typingctx: Any, lane: Any, x: Any) -> Any:
-    count = len(lane)
+    kind = lane_type(len(lane))
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return broadcast(builder, args[1], count)
+        return number(kind, Value(builder, args[1], 1))
 
-    return lane_type(count)(lane, types.float64), codegen
+    return kind(lane, types.float64), codegen
 
 
 load, store, splat = _either(_py_load, _load), _either(_py_store, _store), _either(_py_splat, _splat)
@@ -229,53 +255,63 @@ def _py_largest(x: float) -> float:
     return x
 
 
+def _py_arms(lane: tuple[int, ...]) -> int:
+    """How many arms stand under a tag."""
+    _one(lane)
+    return 1
+
+
+def _py_alone(x: float) -> float:
+    """x without tangents."""
+    return x
+
+
+def _py_with_slope(y: float, x: float, slope: float) -> float:
+    """y as a function of x, without tangents; its derivative is `slope`."""
+    return y
+
+
+def _py_change(x: float) -> float:
+    """-0 with the tangents of x, which added to a number changes its tangents alone."""
+    return -0.0
+
+
+def _operation(operation: Any, *places: int, result: Any = None) -> Any:
+    """The intrinsic of an operation on symbols; result: its type from the widest of the arguments (which, or all)."""
+
+    def typed(kinds: tuple[Any, ...]) -> Any:
+        widest = _widest(*(kinds[k] for k in places) if places else kinds)
+        arguments = [kind if isinstance(kind, LanesType) else types.float64 for kind in kinds]
+        return (widest if result is None else result(widest))(*arguments), _lowered(operation)
+
+    return {
+        1: intrinsic(lambda typingctx, a: typed((a,))),
+        3: intrinsic(lambda typingctx, a, b, c: typed((a, b, c))),
+        4: intrinsic(lambda typingctx, a, b, c, d: typed((a, b, c, d))),
+    }[operation.__code__.co_argcount]
+
+
+def _plain(kind: Any) -> Any:
+    """A type without tangents."""
+    count, _ = shape(kind)
+    return types.float64 if count == 1 else LanesType(count)
+
+
 @intrinsic
-def _select_lt(typingctx: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
-    count = max(_width(kind) for kind in (a, b, x, y))
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        a_, b_, x_, y_ = (_widen(context, builder, v, t, count) for v, t in zip(args, signature.args, strict=True))
-        return builder.select(builder.fcmp_ordered("<", a_, b_), x_, y_)
-
-    arguments = [kind if isinstance(kind, LanesType) else types.float64 for kind in (a, b, x, y)]
-    return lane_type(count)(*arguments), codegen
+def _arms(typingctx: Any, lane: Any) -> Any:
+    count, _ = shape(lane_type(len(lane)))
+    return types.intp(lane), lambda context, builder, signature, args: ir.Constant(INDEX, count)
 
 
-@intrinsic
-def _largest(typingctx: Any, x: Any) -> Any:
-    count = _width(x)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        if count == 1:
-            return args[0]
-        result = builder.extract_element(args[0], ir.Constant(_SLOT, 0))
-        for i in range(1, count):
-            entry = builder.extract_element(args[0], ir.Constant(_SLOT, i))
-            result = builder.select(builder.fcmp_ordered("<", result, entry), entry, result)
-        return result
-
-    return types.float64(lane_type(count)), codegen
-
-
-def _unary(name: str) -> Any:
-    @intrinsic
-    def function(typingctx: Any, x: Any) -> Any:
-        count = _width(x)
-        suffix = "f64" if count == 1 else f"v{count}f64"
-
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            kind = ir.FunctionType(_vector(count), [_vector(count)])
-            return builder.call(builder.module.declare_intrinsic(f"{name}.{suffix}", (), kind), args)
-
-        return lane_type(count)(lane_type(count)), codegen
-
-    return function
-
-
-select_lt, largest = _either(_py_select_lt, _select_lt), _either(_py_largest, _largest)
-absolute = _either(_py_absolute, _unary("llvm.fabs"))
-square_root = _either(_py_square_root, _unary("llvm.sqrt"))
-round_even = _either(_py_round_even, _unary("llvm.rint"))
+arms = _either(_py_arms, _arms)
+select_lt = _either(_py_select_lt, _operation(symbols.select_lt))
+largest = _either(_py_largest, _operation(symbols.largest, result=lambda kind: types.float64))
+absolute = _either(_py_absolute, _operation(symbols.absolute))
+square_root = _either(_py_square_root, _operation(symbols.square_root))
+round_even = _either(_py_round_even, _operation(symbols.round_even))
+alone = _either(_py_alone, _operation(lambda x: x.alone, result=_plain))
+change = _either(_py_change, _operation(symbols.change))
+with_slope = _either(_py_with_slope, _operation(symbols.with_slope, 1))
 
 
 @kernel
@@ -288,30 +324,14 @@ _WHOLE = 6755399441055744.0
 """1.5 * 2^52: a number of moderate size added to it is rounded to a whole one, which stands in its lowest bits."""
 
 
-def turned(builder: Any, t: Any, s: Any, c: Any, count: int) -> tuple[Any, Any]:
-    """Instructions of `turn`."""
-    kind = _INDEX if count == 1 else ir.VectorType(_INDEX, count)
-
-    def constant(x: int) -> Any:
-        return ir.Constant(kind, x if count == 1 else [x] * count)
-
-    def signed(x: Any, bit: Any) -> Any:
-        sign = builder.and_(builder.shl(bit, constant(62)), constant(-(2**63)))
-        return builder.bitcast(builder.xor(builder.bitcast(x, kind), sign), _vector(count))
-
-    k = builder.bitcast(t, kind)
-    odd = builder.icmp_unsigned("!=", builder.and_(k, constant(1)), constant(0))
-    sine, cosine = builder.select(odd, c, s), builder.select(odd, s, c)
-    return signed(sine, k), signed(cosine, builder.add(k, constant(1)))
-
-
 @intrinsic
 def _turn(typingctx: Any, t: Any, s: Any, c: Any) -> Any:
-    kind = lane_type(max(_width(x) for x in (t, s, c)))
+    kind = _widest(t, s, c)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        t, s, c = args
-        return context.make_tuple(builder, signature.return_type, turned(builder, t, s, c, _width(kind)))
+        pairs = zip(signature.args, args, strict=True)
+        both = symbols.turned(*(symbol(context, builder, k, x) for k, x in pairs))
+        return context.make_tuple(builder, signature.return_type, [x.value for x in both])
 
     return types.UniTuple(kind, 2)(kind, kind, kind), codegen
 
@@ -349,13 +369,15 @@ _C = (
 @kernel
 def sincos(x):
     """(sin x, cos x) within 2e-16 for |x| < 1e6, the same bits in any lane."""
-    t = x * (2.0 / math.pi) + _WHOLE
+    angle = alone(x)
+    t = angle * (2.0 / math.pi) + _WHOLE
     k = t - _WHOLE
-    r = ((x - k * _HALF_PI_1) - k * _HALF_PI_2) - k * _HALF_PI_3
+    r = ((angle - k * _HALF_PI_1) - k * _HALF_PI_2) - k * _HALF_PI_3
     z = r * r
     y = z * z
     s = ((z * _S[5] + _S[4]) * y + (z * _S[3] + _S[2])) * y + (z * _S[1] + _S[0])
     s = r + r * (z * s)
     c = ((z * _C[5] + _C[4]) * y + (z * _C[3] + _C[2])) * y + (z * _C[1] + _C[0])
     c = (1.0 - z * 0.5) + y * c
-    return turn(t, s, c)
+    s, c = turn(t, s, c)
+    return with_slope(s, x, c), with_slope(c, x, -s)

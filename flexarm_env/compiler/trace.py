@@ -24,74 +24,13 @@ from llvmlite import ir
 from numba import config, types
 from numba.extending import intrinsic, is_jitted
 
-from . import lanes
+from . import lanes, symbols
 from .arrays import BareType, pointer, stack
 from .dispatch import call_chosen, size, take_name
+from .symbols import DOUBLE, Value, vector
 
-_DOUBLE = ir.DoubleType()
 _SOURCES: dict[Any, Any] = {}
 """What stands for a traced function in kernels, and the function."""
-
-
-class Value:
-    """A float64 (count 1) or a vector of lanes that exists at run time."""
-
-    def __init__(self, builder: Any, value: Any, count: int) -> None:
-        self.builder, self.value, self.count = builder, value, count
-
-    def wide(self, count: int) -> Any:
-        """The same in `count` lanes."""
-        return self.value if self.count == count else lanes.broadcast(self.builder, self.value, count)
-
-    def like(self, value: Any, count: int) -> Value:
-        """A new value."""
-        return Value(self.builder, value, count)
-
-    def other(self, x: Any) -> Value:
-        """x as a Value."""
-        return x if isinstance(x, Value) else Value(self.builder, ir.Constant(_DOUBLE, float(x)), 1)
-
-    def _binary(self, instruction: str, a: Any, b: Any) -> Value:
-        a, b = self.other(a), self.other(b)
-        count = max(a.count, b.count)
-        return self.like(getattr(self.builder, instruction)(a.wide(count), b.wide(count)), count)
-
-    def __add__(self, x: Any) -> Value:
-        return self._binary("fadd", self, x)
-
-    def __radd__(self, x: Any) -> Value:
-        return self._binary("fadd", x, self)
-
-    def __sub__(self, x: Any) -> Value:
-        return self._binary("fsub", self, x)
-
-    def __rsub__(self, x: Any) -> Value:
-        return self._binary("fsub", x, self)
-
-    def __mul__(self, x: Any) -> Value:
-        return self._binary("fmul", self, x)
-
-    def __rmul__(self, x: Any) -> Value:
-        return self._binary("fmul", x, self)
-
-    def __truediv__(self, x: Any) -> Value:
-        return self._binary("fdiv", self, x)
-
-    def __rtruediv__(self, x: Any) -> Value:
-        return self._binary("fdiv", x, self)
-
-    def __neg__(self) -> Value:
-        return self.like(self.builder.fneg(self.value), self.count)
-
-    def __bool__(self) -> bool:
-        raise TypeError("a value is not known when the kernel is written out: no branch may depend on it")
-
-    def call(self, name: str) -> Value:
-        """An LLVM intrinsic of one argument."""
-        kind = _DOUBLE if self.count == 1 else ir.VectorType(_DOUBLE, self.count)
-        suffix = "f64" if self.count == 1 else f"v{self.count}f64"
-        function = self.builder.module.declare_intrinsic(f"llvm.{name}.{suffix}", (), ir.FunctionType(kind, [kind]))
-        return self.like(self.builder.call(function, [self.value]), self.count)
 
 
 class Slots:
@@ -101,61 +40,57 @@ class Slots:
         self.builder, self.data = builder, data
 
     def address(self, k: int, count: int) -> Any:
-        """Where element k of `count` lanes lies."""
-        first = self.builder.gep(self.data, [ir.Constant(ir.IntType(64), k * count)], inbounds=True)
-        return first if count == 1 else self.builder.bitcast(first, ir.VectorType(_DOUBLE, count).as_pointer())
+        """Where the k-th `count` numbers lie."""
+        place = self.builder.gep(self.data, [ir.Constant(ir.IntType(64), k * count)], inbounds=True)
+        return place if count == 1 else self.builder.bitcast(place, vector(count).as_pointer())
 
     def __getitem__(self, k: int) -> Value:
-        return self.get(k, 1)
+        return self.get(k, 1, 0)
 
-    def get(self, k: int, count: int) -> Value:
-        """Element k of `count` lanes."""
-        return Value(self.builder, self.builder.load(self.address(k, count), align=8), count)
+    def get(self, k: int, count: int, tangents: int) -> Value:
+        """Element k of `count` lanes, with its tangents."""
+        places = [self.address(k * (1 + tangents) + part, count) for part in range(1 + tangents)]
+        first, *rest = [Value(self.builder, self.builder.load(place, align=8), count) for place in places]
+        return first.having(rest)
 
-    def put(self, k: int, value: Value, count: int) -> None:
+    def put(self, k: int, value: Value, count: int, tangents: int) -> None:
         """Write element k."""
-        self.builder.store(value.wide(count), self.address(k, count), align=8)
+        for part, x in enumerate(value.parts(count, tangents)):
+            self.builder.store(x, self.address(k * (1 + tangents) + part, count), align=8)
 
 
 class _Tracer:
-    """What the functions of lanes.py are on symbols, for one count of lanes."""
+    """What the functions of lanes.py are on symbols, for lanes of one type."""
 
-    def __init__(self, builder: Any, count: int) -> None:
-        self.builder, self.count = builder, count
+    def __init__(self, builder: Any, lane: Any) -> None:
+        self.builder, (self.count, self.tangents) = builder, lanes.shape(lane)
         self.words: dict[Any, Any] = {
             lanes.load: self.load,
             lanes.store: self.store,
             lanes.splat: lambda lane, x: self.value(x),
-            lanes.select_lt: self.select_lt,
-            lanes.absolute: lambda x: x.call("fabs"),
-            lanes.square_root: lambda x: x.call("sqrt"),
-            lanes.turn: self.turn,
-            lanes.round_even: lambda x: x.call("rint"),
+            lanes.select_lt: lambda *items: symbols.select_lt(*(self.value(x) for x in items)),
+            lanes.absolute: symbols.absolute,
+            lanes.square_root: symbols.square_root,
+            lanes.turn: symbols.turned,
+            lanes.round_even: symbols.round_even,
+            lanes.alone: lambda x: x.alone,
+            lanes.change: symbols.change,
+            lanes.with_slope: symbols.with_slope,
             stack: lambda lane, sizes: [None] * len(sizes),
             size: lambda n: len(n) if isinstance(n, tuple) else n,
         }
 
     def value(self, x: Any) -> Value:
-        return x if isinstance(x, Value) else Value(self.builder, ir.Constant(_DOUBLE, float(x)), 1)
+        return x if isinstance(x, Value) else Value(self.builder, ir.Constant(DOUBLE, float(x)), 1)
 
     def load(self, lane: Any, array: Any, k: int) -> Value:
-        return array.get(k, self.count) if isinstance(array, Slots) else array[k]
+        return array.get(k, self.count, self.tangents) if isinstance(array, Slots) else array[k]
 
     def store(self, array: Any, k: int, value: Any) -> None:
         if isinstance(array, Slots):
-            array.put(k, self.value(value), self.count)
+            array.put(k, self.value(value), self.count, self.tangents)
         else:
             array[k] = self.value(value)
-
-    def turn(self, t: Value, s: Value, c: Value) -> tuple[Value, ...]:
-        pair = lanes.turned(self.builder, t.value, s.value, c.value, t.count)
-        return tuple(Value(self.builder, x, t.count) for x in pair)
-
-    def select_lt(self, a: Any, b: Any, x: Any, y: Any) -> Value:
-        a, b, x, y = (self.value(item) for item in (a, b, x, y))
-        count = max(item.count for item in (a, b, x, y))
-        less = self.builder.fcmp_ordered("<", a.wide(count), b.wide(count))
-        return Value(self.builder, self.builder.select(less, x.wide(count), y.wide(count)), count)
 
     def on_symbols(self, function: Any) -> Any:
         """The function, and all that is traced with it, with the functions of lanes.py replaced."""
@@ -188,10 +123,8 @@ class _Tracer:
         if isinstance(kind, BareType | types.Array):
             known = kind.dtype == types.float64
             return Slots(self.builder, pointer(context, self.builder, kind, value)) if known else None
-        if isinstance(kind, types.Float):
-            return Value(self.builder, value, 1)
-        if isinstance(kind, lanes.LanesType):
-            return Value(self.builder, value, kind.count)
+        if isinstance(kind, types.Float | lanes.LanesType):
+            return lanes.symbol(context, self.builder, kind, value)
         if isinstance(kind, types.Optional):
             raise TypeError(f"{kind}: whether it is None must be known when the kernel is written out")
         return None
@@ -210,13 +143,13 @@ def _straight(function: Any, lane: int, result: Callable[[Any, int], Any]) -> An
 
     def typed(typingctx: Any, *kinds: Any) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            count = len(signature.args[lane])
-            tracer = _Tracer(builder, count)
+            held = lanes.lane_type(len(signature.args[lane]))
+            tracer = _Tracer(builder, held)
             symbols = [tracer.symbol(context, k, x) for k, x in zip(signature.args, args, strict=True)]
             values = tracer.on_symbols(function)(*symbols)
             if signature.return_type == types.void:
                 return context.get_dummy_value()
-            return context.make_tuple(builder, signature.return_type, [x.wide(count) for x in values])
+            return context.make_tuple(builder, signature.return_type, [lanes.number(held, x) for x in values])
 
         return result(kinds, len(kinds[lane]))(*kinds), codegen
 

@@ -46,26 +46,29 @@ class NumpyPolicy:
     ) -> None:
         self.meta, self.weights, self.normaliser = dict(meta), weights, normaliser
         self.ratio: NDArray[np.float64] | None = None  # the environment's scales over the policy's own
+        self._layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in weights]
 
     def reset(self, observation: NDArray[np.floating]) -> None:
         """Nothing to remember."""
 
     def act(self, observation: NDArray[np.floating]) -> Array32:
-        """Actions in [-1, 1], (n, N), or (N,) for a single observation."""
-        x = np.asarray(observation)
+        """Actions in [-1, 1], (n, N), or (N,) for a single observation.
+
+        Worked out in float64, so that an action does not depend on how many are asked for together.
+        """
+        x = np.asarray(observation, np.float64)
         if self.ratio is not None:
             x = x * self.ratio
         if self.normaliser is not None:
             n = self.normaliser
             x = np.clip((x - n["mean"]) / np.sqrt(n["variance"] + n["epsilon"]), -n["clip"], n["clip"])
-        x = x.astype(np.float32)
-        for w, b in self.weights[:-1]:
+        for w, b in self._layers[:-1]:
             x = x @ w + b
-            x = np.tanh(x) if self.meta["activation"] == "tanh" else np.maximum(x, np.float32(0.0))
-        w, b = self.weights[-1]
+            x = np.tanh(x) if self.meta["activation"] == "tanh" else np.maximum(x, 0.0)
+        w, b = self._layers[-1]
         x = x @ w + b
-        action: Array32 = np.tanh(x) if self.meta["squash"] else np.clip(x, np.float32(-1.0), np.float32(1.0))
-        return action
+        action = np.tanh(x) if self.meta["squash"] else np.clip(x, -1.0, 1.0)
+        return action.astype(np.float32)
 
     def check(self, setup: Setup) -> None:
         """ValueError unless the environment's observation and action are those that the policy was trained on.

@@ -194,8 +194,12 @@ def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
 
 
 def reference(frame: Frame, given: Any, periods: int) -> Reference:
-    """The target's path: what is given, sampled at the control instants, or drawn anew each episode."""
+    """The target's path: what is given, sampled at the control instants, or drawn anew each episode, within ranges that
+    may be given."""
     target, arm = frame.kind.target, frame.arm
+    told = given if isinstance(given, Mapping) and "t" not in given else {}
+    shape, ranges = target.drawn(told, arm)
+    given = None if told else given
     ahead = np.array([max(1, round(time / frame.period)) for time in AHEAD], np.int64)
     table = np.zeros(0)
     if given is not None:
@@ -203,7 +207,8 @@ def reference(frame: Frame, given: Any, periods: int) -> Reference:
         path = target.path(given, arm, t)
         table = np.column_stack([f(t) for f in path] + [f(t, 1) for f in path]).ravel()
     scales = np.array([scale for _, scale in target.entries(arm)])
-    return Reference(table=table, ranges=np.array(target.ranges(arm)).ravel(), ahead=ahead, scales=scales)
+    line = (0,) if shape == "line" else None
+    return Reference(line=line, table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales)
 
 
 __all__ = [

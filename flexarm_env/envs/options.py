@@ -17,6 +17,7 @@ from ..batch import CLIP, Batch, Extras, Starts
 from ..parameters import Arm
 from ..sensors import Sensors
 from ..settings import Settings, check_options, default_options, merged
+from . import events
 from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, rubbed
 from .features import actuator as make_actuator
 from .features import reference as make_reference
@@ -63,9 +64,9 @@ class Plan:
     """A checked environment: all that a Batch is made from, and what its outside looks like.
 
     names, scales: of the entries of one observation; history: how many of these stand in what is observed, the oldest
-    first. gauges, gauge_scales: link and place of each strain gauge, 1/m. limit: control periods to `duration` or
-    max_episode_steps; max_steps: the latter. motion: of every episode of task="replay". entries: of info. full:
-    energies in it; words: words in it.
+    first. aims: those fields of the task's record that are not the usual. gauges, gauge_scales: link and place of each
+    strain gauge, 1/m. limit: control periods to `duration` or max_episode_steps; max_steps: the latter. motion: of every
+    episode of task="replay". entries: of info. full: energies in it; words: words in it.
     """
 
     kind: Kind
@@ -82,6 +83,7 @@ class Plan:
     render_mode: str | None
     starts: Starts
     rewards: tuple[float, ...]
+    aims: Mapping[str, Any]
     extras: Extras
     names: tuple[str, ...]
     scales: tuple[float, ...]
@@ -94,7 +96,7 @@ class Plan:
 
     def batch(self, n: int, threads: int = 1) -> Batch:
         """n arms of this environment."""
-        task = self.kind.build(self.arm, np.array(self.rewards), self.period)
+        task = self.kind.build(self.arm, np.array(self.rewards), self.period, self.aims)
         return Batch(
             self.arm, self.settings, n, task, self.starts,
             period=self.period, gravity=self.gravity, books=self.full, threads=threads, extras=self.extras,
@@ -131,6 +133,12 @@ def plan(
     history: int = 1,
     sensors: Mapping[str, Any] | Sensors | None = None,
     actuator: Mapping[str, Any] | None = None,
+    cost: Mapping[str, Any] | None = None,
+    pushes: Mapping[str, Any] | None = None,
+    payload_change: Mapping[str, Any] | None = None,
+    success: Mapping[str, Any] | None = None,
+    turns: str = "exact",
+    starts: Mapping[str, Any] | None = None,
     initial_vibration: float = 0.0,
     joint_limits: Any = OF_THE_ARM,
     gravity: Sequence[float] | None = None,
@@ -172,20 +180,28 @@ def plan(
         reference=make_reference(frame, reference, limit) if word == "track" else None,
         instruments=seen.instruments,
         selection=seen.selection(frames),
+        cost=events.cost(frame, cost),
+        pushes=events.pushes(frame, pushes),
+        payload_change=events.payload_change(frame, payload_change),
     )
+    if word == "replay":
+        events.unguided(extras, "task", word)
     weights = reward_weights(kind, reward)
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
-    starts = dataclasses.replace(kind.starts(own), factors=_factors(randomization), vibration=vibration)
+    begun, absolute = events.starts(kind, own, starts)
+    begun = dataclasses.replace(begun, factors=_factors(randomization), vibration=vibration)
     if vibration > 0.0:
-        starts = dataclasses.replace(starts, shake=shake(own, settings, frame.gravity))
+        begun = dataclasses.replace(begun, shake=shake(own, settings, frame.gravity))
+    aims = events.aims(frame, extras, success, turns, absolute)
+    built = kind.build(own, weights, period, aims)
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
-        starts=starts, rewards=tuple(weights.tolist()), extras=extras,
+        starts=begun, rewards=tuple(weights.tolist()), aims=aims, extras=extras,
         names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames, sensors=carried,
         gauges=tuple((gauge.link, gauge.place) for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
-        entries=info_entries(kind, kind.build(own, weights, period), full, full and own.jointed and word != "replay"),
+        entries=info_entries(kind, built, full, full and own.jointed and word != "replay", extras),
     )  # fmt: skip
 
 
@@ -262,11 +278,7 @@ def _factors(given: Any) -> tuple[tuple[float, float], ...]:
     rows = []
     for name in FACTORS:
         path = f"randomization.{name}"
-        low, high = check.sequence(path, table.get(name, (1.0, 1.0)), "two numbers, (low, high)", 2)
-        low = check.number(f"{path}[0]", low, minimum=0.0)
-        high = check.number(f"{path}[1]", high, minimum=0.0)
-        if low > high:
-            raise check.InvalidValue(path, (low, high), "must be factors (low, high) with low at most high")
+        low, high = check.limits(path, table.get(name, (1.0, 1.0)), minimum=0.0)
         if low == 0.0 and name in ("EI", "torque_constant"):
             raise check.InvalidValue(f"{path}[0]", low, "must be a positive number: an arm without it cannot be moved")
         rows.append((low, high))
@@ -275,7 +287,8 @@ def _factors(given: Any) -> tuple[tuple[float, float], ...]:
 
 ARGUMENTS = (
     "arm", "formulation", "control_dt", "action_mode", "residual_share", "duration", "task", "reference", "motion",
-    "reward", "randomization", "observation", "history", "sensors", "actuator", "initial_vibration", "joint_limits",
-    "gravity", "info_level", "render_mode", "max_episode_steps",
+    "reward", "randomization", "observation", "history", "sensors", "actuator", "cost", "pushes", "payload_change",
+    "success", "turns", "starts", "initial_vibration", "joint_limits", "gravity", "info_level", "render_mode",
+    "max_episode_steps",
     *dict.fromkeys(name for f in DEFAULT_OPTIONS for name in default_options(f)),
 )  # fmt: skip

@@ -344,5 +344,6 @@ def _draw_bars(
                 pg.draw.polygon(picture, color, [(end, bar.top - 2), (end, bar.bottom + 1), (tip, bar.centery)])
         pg.draw.line(picture, FAINT, (bar.centerx, bar.top - 2), (bar.centerx, bar.bottom + 1))
         digits = 1 if abs(value) < 0.9995 else 0  # wider numbers would touch the bar
-        number = f"{100 * value:+.{digits}f} %".replace("-", "−") if math.isfinite(value) else "–"
+        per_cent = round(100 * value, digits) if math.isfinite(value) else math.nan
+        number = "–" if per_cent != per_cent else f"{per_cent:+.{digits}f} %".replace("-", "−") if per_cent else "0 %"
         write(picture, number, (left + 168 * u, y), 18 * u, INK, "midright")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import ACTION_NOT_FINITE, GUIDED, Batch
 from ..trajectory import joint_angles
+from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
 
@@ -53,6 +54,8 @@ def request_of(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Request
     motion = plan.motion
     if table.get("motion") is not None:
         motion = prescribed(table["motion"], n, interpolation)
+    if motion is not None:
+        unguided(plan.extras, "options.motion", table.get("motion"))
     if motion is not None and table.get("vibration") is not None:
         raise check.InvalidValue("options.vibration", table["vibration"], "must not be given together with a motion")
     if plan.task == "track" and table.get("target") is not None:

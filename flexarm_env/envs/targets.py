@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,11 @@ AHEAD = (0.1, 0.3)
 
 
 class Target(ABC):
-    """numbers: that a target has; two are kept of any, an angle's second is 0."""
+    """numbers: that a target has; two are kept of any, an angle's second is 0. paths: shapes that its path may have,
+    the usual one first; of each the numbers that it is drawn by (four at most), and their units."""
 
     numbers: int
+    paths: Mapping[str, tuple[tuple[str, str], ...]]
 
     @abstractmethod
     def read(self, arm: Arm, value: Any) -> Pair:
@@ -45,8 +47,28 @@ class Target(ABC):
         """Names and scales of what a moving target adds to the observation: its rate, its ways ahead."""
 
     @abstractmethod
-    def ranges(self, arm: Arm) -> list[Pair]:
-        """What the four numbers of a path lie within that is drawn (`draw_path` of the task)."""
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        """What the four numbers of a path of this shape lie within that is drawn (`draw_path`, `draw_line` of the
+        task)."""
+
+    def drawn(self, given: Mapping[str, Any], arm: Arm) -> tuple[str, list[Pair]]:
+        """Shape and ranges of paths that are drawn, with the ranges that are given, by name, in the usual ones' place.
+
+        Raises:
+            ValueError: an unknown name, a range that is none, a path that may lead out of reach.
+        """
+        shape = check.choice("reference.path", given.get("path", next(iter(self.paths))), tuple(self.paths))
+        check.known_keys("reference", given, ("path", *(name for name, _ in self.paths[shape])))
+        ranges = self.ranges(arm, shape)
+        for k, (name, unit) in enumerate(self.paths[shape]):
+            if name in given:
+                least = {"above": 0.0} if name == "period" else {} if name == "bearing" else {"minimum": 0.0}
+                ranges[k] = check.limits(f"reference.{name}", given[name], unit, **least)
+        self.check_ranges(ranges, arm, shape)
+        return shape, ranges
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:  # noqa: B027
+        """ValueError where paths within these ranges lead out of reach."""
 
     @abstractmethod
     def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
@@ -57,6 +79,7 @@ class Angle(Target):
     """The polar angle of the tip, rad."""
 
     numbers = 1
+    paths: ClassVar = {"swing": (("width", "rad"), ("period", "s")), "line": (("behind", "rad"), ("rate", "rad/s"))}
 
     def read(self, arm: Arm, value: Any) -> Pair:
         if np.ndim(value) == 1 and len(value) == 1:
@@ -73,8 +96,10 @@ class Angle(Target):
         ahead = [(f"target_ahead_{k + 1}", 1.0) for k in range(len(AHEAD))]
         return [("target_rate", rate_scale(arm, 0)), *ahead]
 
-    def ranges(self, arm: Arm) -> list[Pair]:
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
         rate = rate_scale(arm, 0)
+        if path == "line":
+            return [(0.5, 1.0), (0.1 * rate, 0.3 * rate), (0.0, 0.0), (0.0, 0.0)]
         return [(0.3, math.pi / 2), (10.0 / rate, 20.0 / rate), (0.0, 0.0), (0.0, 0.0)]
 
     def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
@@ -85,6 +110,10 @@ class Point(Target):
     """A place of the tip, (x, y) in m."""
 
     numbers = 2
+    paths: ClassVar = {
+        "circle": (("distance", "m"), ("period", "s"), ("radius", "m"), ("bearing", "rad")),
+        "line": (("distance", "m"), ("time", "s"), ("speed", "m/s"), ("bearing", "rad")),
+    }
 
     def read(self, arm: Arm, value: Any) -> Pair:
         x, y = check.sequence("options.target", value, "two numbers (m), (x, y)", 2)
@@ -110,10 +139,20 @@ class Point(Target):
         named = [("target_velocity", speed), *((f"target_ahead_{k + 1}", way) for k in range(len(AHEAD)))]
         return [(f"{name}_{axis}", scale) for name, scale in named for axis in "xy"]
 
-    def ranges(self, arm: Arm) -> list[Pair]:
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
         rate, far = rate_scale(arm, 0), arm.total_length
         turns = (-math.pi / 3, math.pi / 3)
+        if path == "line":
+            return [(0.5 * far, 0.75 * far), (3.0 / rate, 5.0 / rate), (0.1 * rate * far, 0.25 * rate * far), turns]
         return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
+
+    def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        (nearest, farthest), _, (_, radius), _ = ranges
+        near, far = reach(arm)
+        wide = radius if path == "circle" else 0.0
+        if nearest - wide < near * (1.0 - 1e-9) or farthest + wide > far * (1.0 + 1e-9):
+            what = f"must keep the path within reach, {near:g} to {far:g} m from the root, or a line's nearest point"
+            raise check.InvalidValue("reference.distance", ranges[0], what)
 
     def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
         if _is_path(given):

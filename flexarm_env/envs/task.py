@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import SUCCESS, Chain, Reach, Slew, Starts, Task, info_places
+from ..batch import FURTHER, SUCCESS, Chain, Extras, Reach, Slew, Starts, Task, info_places
 from ..parameters import Arm
 from ..rigid import inertia_beyond, rate_scale
 from .targets import ANGLE_OF_TIP, POINT, Target
@@ -32,8 +33,8 @@ class Kind:
     reached. rewards: names and default weights of the reward's terms, in the order in which the task's `judge` pays
     them; the last is paid for failure. entries: names and scales of the observation of an arm, in the order in which
     `observe` shows them. record: class of the task's record for an arm, which says the kernels. starts: what fresh
-    starts are drawn from. replays: motion that task="replay" follows where none is given; joints beyond those that
-    it moves follow the last of them.
+    starts are drawn from. bands: of success, by name: the usual bound, its unit. replays: motion that task="replay"
+    follows where none is given; joints beyond those that it moves follow the last of them.
     """
 
     id: str
@@ -46,14 +47,16 @@ class Kind:
     entries: Callable[[Arm], list[tuple[str, float]]]
     record: Callable[[Arm], type[Task]]
     starts: Callable[[Arm], Starts]
+    bands: Mapping[str, tuple[float, str]]
     replays: str
 
-    def build(self, arm: Arm, weights: Array, period: float) -> Task:
-        """The record of the task for an arm. weights: of the rewards. period: of control, s."""
+    def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any] | None = None) -> Task:
+        """The record of the task for an arm. weights: of the rewards. period: of control, s. aims: of its fields those
+        that are not the usual."""
         assert arm.torque_limits is not None
         scales = [scale for _, scale in self.entries(arm)]
         limits = [(-math.inf, math.inf) if r is None else r for r in arm.joint_limits or (None,) * arm.n_links]
-        return self.record(arm)(
+        usual = self.record(arm)(
             links=(0,) * arm.n_links,
             targets=(0,) * self.target.numbers,
             terms=(0,) * len(weights),
@@ -66,7 +69,9 @@ class Kind:
             torque_limits=np.array(arm.torque_limits),
             joint_limits=np.array(limits, np.float64).ravel(),
             hold=float(math.ceil(HOLD_TIME / period - 1e-9) + 1),
+            bands=np.array([bound for bound, _ in self.bands.values()]),
         )
+        return usual._replace(**(aims or {}))
 
 
 def controller_gains(arm: Arm) -> Array:
@@ -134,6 +139,7 @@ SLEW = Kind(
     entries=_slew_entries,
     record=_slew_record,
     starts=_slew_starts,
+    bands={"position": (math.pi / 180.0, "rad"), "speed": (math.inf, "rad/s"), "vibration": (0.01, "1/s")},
     replays="robot_arm_motion",
 )
 
@@ -148,6 +154,7 @@ REACH = Kind(
     entries=_reach_entries,
     record=_reach_record,
     starts=_reach_starts,
+    bands={"position": (0.01, ""), "speed": (0.05, "1/s")},
     replays="two_link_motion",
 )
 
@@ -163,10 +170,12 @@ class Entry:
     count: int | None
 
 
-def info_entries(kind: Kind, task: Task, full: bool, motors: bool = False) -> tuple[Entry, ...]:
+def info_entries(
+    kind: Kind, task: Task, full: bool, motors: bool = False, extras: Extras | None = None
+) -> tuple[Entry, ...]:
     """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them.
 
-    motors: with their angles and rates, where joints are not ideal.
+    motors: with their angles and rates, where joints are not ideal. extras: what more there is to be told of.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -183,6 +192,13 @@ def info_entries(kind: Kind, task: Task, full: bool, motors: bool = False) -> tu
         entries += [Entry(name, at.energies + k, None) for k, name in enumerate(names)]
     if motors:
         entries += [Entry("motor_angle", at.motors, n), Entry("motor_rate", at.motors + n, n)]
+    told, first = extras or Extras(), at.further
+    if told.cost is not None:
+        entries += [Entry(name, first + getattr(FURTHER, name), None) for name in ("cost", "episode_cost")]
+    if told.payload_change is not None:
+        entries.append(Entry("payload_mass", first + FURTHER.payload, None))
+    if told.pushes is not None:
+        entries.append(Entry("push", first + FURTHER.push, 2))
     return tuple(entries)
 
 

@@ -42,7 +42,7 @@ class Prediction:
     nrmse: Mapping[str, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identification:
     """What came of it.
 
@@ -78,6 +78,10 @@ class Identification:
     ranges: Mapping[str, tuple[float, float]]
     experiment: Experiment
     files: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{p.name} {value:.4g}" for p, value in zip(self.parameters, self.values, strict=True))
+        return f"<Identification of {self.given.name}: {self.verdict}; {values}>"
 
     @property
     def good(self) -> bool:

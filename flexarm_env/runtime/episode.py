@@ -37,6 +37,7 @@ from ..tasks.program import (
 )
 from ..tasks.task import info_of, judge, observe
 from ..tasks.track import look_ahead, move_targets
+from .events import befall, tell
 from .fitted import move
 from .keeping import keep, put_back
 from .sensors import read_gauges, see_motors, sense
@@ -65,6 +66,7 @@ def _period(lane, p, g, block, w):
     seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
     saved = block[layout.saved : layout.end]
     _read_actions(lane, task, p.n, p.action, g, action, record, w.flag)
+    befall(lane, p, g, par, record, w)
     keep(lane, size(model.n), w, record, saved)
     scratch = block[layout.end : layout.row]
     move(lane, p, p.models, par, poses, record, action, saved, scratch, block, w)
@@ -76,6 +78,7 @@ def _period(lane, p, g, block, w):
     live = _live(lane, p.entries, w.flag, seen)
     outcome = stack(lane, OUTCOME)
     weigh(lane, p, live, poses, action, record, info, outcome)
+    tell(lane, p, par, record, w, live, info)
     _note(lane, task, p.actuator, p.estimate, record, w.u, live, info)
     _less_emf(lane, p.amplifier, task, model, par, w, live, info)
     inside = select_lt(out_of_range(lane, model, par, w.q), 0.5, splat(lane, 1.0), splat(lane, 0.0))

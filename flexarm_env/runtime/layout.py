@@ -34,7 +34,7 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     tolerance.
     """
     links, record = len(task.links), RECORD.offsets(0, *record_sizes(task, entries, extras)).end
-    info = INFO.offsets(0, links, len(task.targets), len(task.terms)).end
+    info = INFO.offsets(0, links, len(task.targets), len(task.terms), len(task.further)).end
     kept = 0 if extras.actuator is None and extras.reference is None else record
     saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
     first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8

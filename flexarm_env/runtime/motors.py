@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..compiler import TUPLE, by_kind, kernel, load, size, store
-from ..physics.arithmetic import clip
+from ..compiler import TUPLE, by_kind, kernel, largest, load, select_lt, size, splat, store
+from ..physics.arithmetic import clip, put
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
 from ..physics.layout import POSE
 from ..physics.protocol import link_poses, ports
 from ..tasks.program import GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
+from .events import push
 
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
@@ -94,8 +95,9 @@ def command(lane, task, controller, amplifier, model, par, action, poses, record
 @kernel
 def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
     """The steps of one period under an action, each in so many parts."""
-    for k in range(size(p.task.links)):
+    for k in range(size(model.n_inputs)):
         store(w.u0, k, load(lane, w.u, k))
+    push(lane, p.pushes, size(p.task.links), record, w)
     command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
     if actuator is None:
         _jump(lane, model.predictor, p, model, par, record, saved, block, w)
@@ -110,22 +112,24 @@ def _jump_afresh(lane, predictor, p, model, par, record, saved, block, w):
 
 
 @kernel
-def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
-    lanes, n, any_first = len(lane), size(model.n), False
-    for i in range(lanes):
-        if record[PERIODS * lanes + i] < 0.5:
-            any_first = True
-    if any_first:
+def begin_stiff(lane, p, model, par, record, saved, block, w):
+    """1 in lanes where an episode begins, whose accelerations are solved for; elsewhere they stay."""
+    n, zero = size(model.n), splat(lane, 0.0)
+    first = select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), zero)
+    if largest(first) > 0.5:
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
-        for i in range(lanes):
-            if record[PERIODS * lanes + i] < 0.5:
-                for k in range(size(p.task.links)):
-                    w.u0[k * lanes + i] = w.u[k * lanes + i]
-            else:
-                at = saved_at(0, n, 0, 0, 0)
-                for k in range(n):
-                    w.a[k * lanes + i] = saved[(at.a + k) * lanes + i]
-                    w.b[k * lanes + i] = saved[(at.b + k) * lanes + i]
+        for k in range(size(model.n_inputs)):
+            put(first, w.u0, k, load(lane, w.u, k), load(lane, w.u0, k))
+        at = saved_at(0, n, 0, 0, 0)
+        for k in range(n):
+            put(first, w.a, k, load(lane, w.a, k), load(lane, saved, at.a + k))
+            put(first, w.b, k, load(lane, w.b, k), load(lane, saved, at.b + k))
+    return first
+
+
+@kernel
+def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
+    begin_stiff(lane, p, model, par, record, saved, block, w)
     switch(lane, model, par, block, 0, p.h)
 
 
@@ -142,21 +146,35 @@ def _jump(kind: str) -> Any:
 @kernel
 def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
     """The motors' torques followed through each step."""
-    n = size(p.task.links)
-    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
-    for k in range(n):
-        _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
+    tell_motors(lane, p.task, actuator, record, w)
     for s in range(p.n_steps):
-        age = actuator.age + 1 if s < actuator.late else actuator.age
-        for k in range(n):
-            asked = load(lane, record, at.commands + age * n + k)
-            torque = load(lane, record, at.torque + k)
-            torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
-            store(record, at.torque + k, torque)
-            store(w.u, k, torque)
+        turn_motors(lane, p.task, actuator, s, record, w)
         if s == 0:
             _jump(lane, model.predictor, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
+
+
+@kernel
+def tell_motors(lane, task, actuator, record, w):
+    """Remember what the motors are asked for, w.u."""
+    n = size(task.links)
+    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
+    for k in range(n):
+        _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
+
+
+@kernel
+def turn_motors(lane, task, actuator, s, record, w):
+    """w.u <- the motors' torques in step s of a period."""
+    n = size(task.links)
+    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
+    age = actuator.age + 1 if s < actuator.late else actuator.age
+    for k in range(n):
+        asked = load(lane, record, at.commands + age * n + k)
+        torque = load(lane, record, at.torque + k)
+        torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
+        store(record, at.torque + k, torque)
+        store(w.u, k, torque)
 
 
 @kernel

@@ -66,8 +66,8 @@ def gained(kinetic, strain, gravity, start, gross, dissipated, gain):
 
 @inlined
 def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
-    """Equal steps of at most stretch.longest to `stop`; returns how many chunks of `most` are left, -1 where the arm
-    has failed or there were too few: what is done is then noted in `stretch`."""
+    """Equal steps of at most stretch.longest to `stop`; returns how many of `most` steps are left, -1 where the arm has
+    failed or there were too few: what is done is then noted in `stretch`."""
     start, done = stretch[_AT.time], int(stretch[_AT.done])
     if done > 0:
         start = stretch[_AT.begun]
@@ -75,12 +75,12 @@ def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
         n_steps = max(1, math.ceil((stop - start) / stretch[_AT.longest] * (1.0 - 1e-9)))
         h = (stop - start) / n_steps
         while done < n_steps:
-            if most == 0:
+            if most <= 0:
                 stretch[_AT.begun], stretch[_AT.done] = start, done
                 return -1
-            most -= 1
             before = w.books[WORK_DONE]
             steps = min(chunk, n_steps - done)
+            most -= steps
             stretch[_AT.time] = advance_bare(lane, arm, drive, p, w, start + done * h, h, steps, scheme, books)
             stretch[_AT.gross] += abs(w.books[WORK_DONE] - before)
             if w.flag[0] != OK:
@@ -91,7 +91,7 @@ def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
                     return -1
             done += steps
         stretch[_AT.time], stretch[_AT.done] = stop, 0.0
-    return most
+    return max(most, 0)
 
 
 @kernel
@@ -102,7 +102,7 @@ def sample_rows(
 
     Steps are equal between instants and at most stretch.longest. `chunk`: steps after which the work done is looked at.
     books: a tag, (0,), where books are kept, or None. Returns how many rows were written; fewer than there are
-    instants where the arm has failed (its flag says why; a row of a diverged arm is written), or after `most` chunks:
+    instants where the arm has failed (its flag says why; a row of a diverged arm is written), or after `most` steps:
     called again with the instants that are left, it goes on with the same steps. No points where P = 0. SINGLE only.
     """
     arm, p, x = bare(model), bare(par), bare(flat)

@@ -30,6 +30,7 @@ from ..tasks.stream import uniform
 from ..tasks.task import aim, info_of, judge, target_from
 from ..tasks.track import start_path
 from .episode import OUTCOME, look, note_energies, settle, show, weigh
+from .events import draw_events
 from .sensors import hear_motors, read_gauges, see_motors, sense
 
 _SHAKE = SHAKE.places
@@ -65,8 +66,10 @@ def _start(lane, p, arm, mode, block, w):
     _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     for k in range(PARAMETERS):
         par[k * lanes + i] = own[at.parameters + k]
+    for k in range(w.u.shape[0] // lanes):
+        w.u[k * lanes + i] = 0.0
     for k in range(n_joints):
-        w.u[k * lanes + i], action[k * lanes + i] = 0.0, 0.0
+        action[k * lanes + i] = 0.0
         record[(GOAL + k) * lanes + i] = own[at.angles + k]
     for k in range(w.books.shape[0] // lanes):
         w.books[k * lanes + i] = 0.0
@@ -76,6 +79,7 @@ def _start(lane, p, arm, mode, block, w):
     see_motors(lane, p.instruments, p.model, par, record, w)
     live = _only(lane, i)
     _open(lanes, p, arm, block, 1.0)
+    draw_events(lanes, p, arm, par, record, info)
     note_energies(lane, p.books, task, p.model, par, record, w, live, info)
     _first_sight(lane, p, arm, live, record, action, poses, seen, info)
     show(lane, arm // lanes, p.block.shape[0] // p.layout.row, info, p.table)

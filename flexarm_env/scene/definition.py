@@ -224,6 +224,11 @@ class Scene:
         link = self.arm.links[joint - 1]
         return self.angles[joint] - (before + link.turn if link.curved else before)
 
+    @property
+    def undriven(self) -> bool:
+        """Whether nothing moves or loads the arm but what comes from outside."""
+        return not self.motions and all(isinstance(load, PointLoad) and load.silent for load in self.loads)
+
     def motion_of(self, coordinate: str) -> TimeFunction | None:
         """The function that prescribes a coordinate, or None where it is free."""
         return next((motion.function for motion in self.motions if motion.coordinate == coordinate), None)

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from flexarm_env import validation as check
-from flexarm_env.time_functions import TimeFunction
+from flexarm_env.time_functions import C0, TimeFunction
 
 COORDINATES = '"joint0", "joint1", ..., "motor0", ... (behind an elastic gear), "root_x" or "root_y"'
 
@@ -84,6 +84,11 @@ class PointLoad:
     def functions(self) -> tuple[TimeFunction, ...]:
         """The functions of time in it."""
         return tuple(f for f in (self.force_x, self.force_y, self.torque) if f is not None)
+
+    @property
+    def silent(self) -> bool:
+        """Whether it is zero throughout: a place for forces that come from outside."""
+        return not any(f.pieces[:, C0:].any() for f in self.functions)
 
 
 Load = JointTorque | PointLoad

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ PATH = Layout(
     Field("size", (), "m or rad", "radius, or width of the swing"),
     Field("rate", (), "rad/s", "of the angle on the circle, or of the swing's phase"),
     Field("phase", (), "rad", "of that angle at t = 0"),
+    Field("vx", (), "m/s or rad/s", "at which all of it moves on"),
+    Field("vy", (), "m/s", ""),
 )  # fmt: skip
 """Numbers of a moving target's path that was drawn."""
 
@@ -57,6 +60,15 @@ CHANNEL = Layout(
 )  # fmt: skip
 """What a sensor remembers of a quantity that it reads."""
 
+PUSH = Layout(
+    "Push", "",
+    Field("first", (), "", "control period in which it begins"),
+    Field("over", (), "", "and the first without it"),
+    Field("x", (), "N", "force on the tip"),
+    Field("y", (), "N", ""),
+)  # fmt: skip
+"""A push at the tip."""
+
 RECORD = Layout(
     "Record", "joints, motors, commands, memory, readings",
     Field("periods", (), "", "control periods done"),
@@ -67,6 +79,9 @@ RECORD = Layout(
     Field("target_rate", (2,), "m/s or rad/s", "its rate"),
     Field("torque_factor", (), "", "on the torque constant"),
     Field("level", (), "", "halvings of the step that the last period took, where steps are fitted"),
+    Field("cost", (), "", "of the episode so far"),
+    Field("change", (2,), "", "period at whose start the payload changes, and to which factor on the nominal"),
+    Field("push", (PUSH.length,), "", "a `PUSH`: the present one, or the next"),
     Field("path", (PATH.length,), "", "a `PATH`"),
     Field("goal", ("joints",), "rad", "joint angles that reach the target"),
     Field("torque", ("motors", "joints"), "N m", "of motors that are not ideal (1 row, or none)"),
@@ -131,7 +146,7 @@ REQUEST = Layout(
 """What a reset asks for; NaN: to be drawn."""
 
 INFO = Layout(
-    "Info", "links, targets, terms",
+    "Info", "links, targets, terms, further",
     Field("success", (), "", "1 or 0"),
     Field("tip", (2,), "m", "where the tip is"),
     Field("deflection", ("links",), "", "of each link's tip, over its length"),
@@ -145,8 +160,21 @@ INFO = Layout(
     Field("reward", (), "", "sum of the terms"),
     Field("truncated", (), "", "1 or 0"),
     Field("motors", (2, "links"), "rad, rad/s", "their angles and rates, after the ratio, where energies are kept"),
+    Field("further", ("further",), "", "a `FURTHER`, or nothing"),
 )  # fmt: skip
 """What the caller is told of an arm."""
+
+_FURTHER = Layout(
+    "Further", "",
+    Field("cost", (), "", "of the period"),
+    Field("episode_cost", (), "", "of the episode so far"),
+    Field("payload", (), "kg", "mass of the payload"),
+    Field("push", (2,), "N", "force on the tip in the period"),
+)  # fmt: skip
+"""What the caller is told of an arm where there is a cost, a payload that changes or a push."""
+
+FURTHER = _FURTHER.places
+"""Where these are; FURTHER.end: how many."""
 
 REPORT = Layout(
     "Report", "links, gauges",
@@ -167,9 +195,10 @@ PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE = (
 TORQUE_FACTOR, LEVEL, PATH_AT, GOAL = (
     _FIRST.torque_factor, _FIRST.level, _FIRST.path, _FIRST.goal,
 )  # fmt: skip
+COST, CHANGE, PUSHED = _FIRST.cost, _FIRST.change, _FIRST.push
 """Where the fields of a record are that no size moves."""
 
-_FIRST_OF_INFO = INFO.offsets(0, 0, 0, 0)
+_FIRST_OF_INFO = INFO.offsets(0, 0, 0, 0, 0)
 SUCCESS, TIP, DEFLECTION = _FIRST_OF_INFO.success, _FIRST_OF_INFO.tip, _FIRST_OF_INFO.deflection
 """Likewise of info."""
 
@@ -316,10 +345,51 @@ class Selection(NamedTuple):
 class Reference(NamedTuple):
     """A moving target: given by a table, or drawn anew for each episode."""
 
+    line: tuple[int, ...] | None  # a tag where straight lines are drawn
     table: np.ndarray  # (m, 2 D) target and rate at each control instant, D numbers each; empty: drawn
     ranges: np.ndarray  # (4, 2): what the numbers of a drawn path lie within
     ahead: np.ndarray  # (2,) int64: control periods by which the observation looks ahead
     scales: np.ndarray  # (3 D,): of rate and of what comes ahead
+
+
+class Cost(NamedTuple):
+    """What it costs to go beyond limits; None: no such limit."""
+
+    deflection: np.ndarray | None  # (N,): of each link's tip, over its length
+    strain: np.ndarray | None  # (G, n): strain at the stations from the state, over the limit
+
+
+class Pushes(NamedTuple):
+    """Forces on the tip, in directions drawn all around; times in control periods."""
+
+    wait: np.ndarray  # (2,): from one to the next, drawn
+    force: np.ndarray  # (2,) N, drawn
+    lasting: float
+    until: float  # none begins later
+
+
+class PayloadChange(NamedTuple):
+    """A payload that changes once in an episode."""
+
+    time: np.ndarray  # (2,) control periods, drawn
+    factor: np.ndarray  # (2,): on the nominal payload, drawn
+    resting: tuple[int, ...] | None  # a tag where what is gripped rests; otherwise it moves with the tip
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What an ideal environment lacks; None: absent, and not compiled."""
+
+    controller: Controller | None = None
+    amplifier: Amplifier | None = None
+    actuator: Actuator | None = None
+    sensors: Sensors | None = None
+    reference: Reference | None = None
+    instruments: Instruments | None = None
+    selection: Selection | None = None
+    cost: Cost | None = None
+    pushes: Pushes | None = None
+    payload_change: PayloadChange | None = None
 
 
 class Models(NamedTuple):
@@ -353,6 +423,9 @@ class Program(NamedTuple):
     reference: Reference | None
     instruments: Instruments | None
     selection: Selection | None
+    cost: Cost | None
+    pushes: Pushes | None
+    payload_change: PayloadChange | None
     layout: Block
     entries: int  # S
     books: tuple[int, ...] | None  # a tag where energies are kept

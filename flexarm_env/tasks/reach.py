@@ -73,8 +73,8 @@ def reach_judge(lane, task, poses, action, record, live, info):
     vx, vy = vx - load(lane, record, TARGET_RATE), vy - load(lane, record, TARGET_RATE + 1)
     error = square_root(dx * dx + dy * dy) / task.length
     speed = square_root(vx * vx + vy * vy) / task.length
-    good = select_lt(error, 0.01, splat(lane, 1.0), splat(lane, 0.0))
-    good = select_lt(speed, 0.05, good, splat(lane, 0.0))
+    good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
+    good = select_lt(speed, task.bands[1], good, splat(lane, 0.0))
     hold(lane, task, good, record, live, info)
     note_tip(lane, task, poses, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
@@ -122,12 +122,24 @@ def reach_draw_path(task, stream, arm, start, drawn, path):
 
 
 @kernel
+def reach_draw_line(task, stream, arm, start, drawn, path):
+    """A straight line; drawn: where it is nearest to the root, m; when, s; speed, m/s; bearing of that point, rad."""
+    side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
+    cosine, sine = math.cos(drawn[3]), math.sin(drawn[3])
+    path[_PATH.vx], path[_PATH.vy] = -side * drawn[2] * sine, side * drawn[2] * cosine
+    path[_PATH.x] = drawn[0] * cosine - path[_PATH.vx] * drawn[1]
+    path[_PATH.y] = drawn[0] * sine - path[_PATH.vy] * drawn[1]
+
+
+@kernel
 def reach_path_at(task, path, t, out):
-    """On the circle."""
+    """On a circle whose centre moves on: for circles it rests, for lines the radius is 0."""
     radius, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
-    out[_MOVING.x], out[_MOVING.y] = path[_PATH.x] + radius * math.cos(angle), path[_PATH.y] + radius * math.sin(angle)
-    out[_MOVING.vx], out[_MOVING.vy] = -radius * rate * math.sin(angle), radius * rate * math.cos(angle)
+    out[_MOVING.x] = path[_PATH.x] + path[_PATH.vx] * t + radius * math.cos(angle)
+    out[_MOVING.y] = path[_PATH.y] + path[_PATH.vy] * t + radius * math.sin(angle)
+    out[_MOVING.vx] = path[_PATH.vx] - radius * rate * math.sin(angle)
+    out[_MOVING.vy] = path[_PATH.vy] + radius * rate * math.cos(angle)
 
 
 @kernel
@@ -138,7 +150,7 @@ def reach_in_hub_frame(task, cosine, sine, x, y):
 
 _OF_BOTH = {
     "observe": reach_observe, "judge": reach_judge, "target_from": reach_target, "draw_path": reach_draw_path,
-    "path_at": reach_path_at, "in_hub_frame": reach_in_hub_frame,
+    "draw_line": reach_draw_line, "path_at": reach_path_at, "in_hub_frame": reach_in_hub_frame,
 }  # fmt: skip
 TASKS.register(Reach, **_OF_BOTH, aim=reach_aim, pursue=reach_aim)
 TASKS.register(Chain, **_OF_BOTH, aim=chain_aim, pursue=chain_pursue)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..compiler import absolute, kernel, load, select_lt, splat
+from ..compiler import absolute, kernel, load, select_lt, sincos, splat
 from ..physics.arithmetic import arctangent, decay, put, smaller
 from ..physics.layout import POSE
 from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
@@ -21,6 +21,23 @@ class Slew(Task):
 
 
 @kernel
+def _least(turns, error):
+    """The error to the nearest of a target's whole turns, where these are alike."""
+    if turns is not None:
+        sine, cosine = sincos(error)
+        return arctangent(sine, cosine)
+    return error
+
+
+@kernel
+def _way(turns, error):
+    """What is paid for: the error in rad, or in half turns where no way is longer than that."""
+    if turns is not None:
+        return error * (1.0 / math.pi)
+    return error
+
+
+@kernel
 def slew_observe(lane, task, poses, record, out):
     """sin, cos of the hub angle; hub rate; tip deflection and rate over L; target less tip angle, unwrapped."""
     normal, along, rate, _, _, _, _, sine, cosine = deflection(lane, poses, 0)
@@ -30,25 +47,28 @@ def slew_observe(lane, task, poses, record, out):
     show_scaled(lane, task, out, 3, normal / task.length)
     show_scaled(lane, task, out, 4, rate / task.length)
     error = load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along))
-    show_scaled(lane, task, out, 5, error)
+    show_scaled(lane, task, out, 5, _least(task.turns, error))
 
 
 @kernel
 def slew_judge(lane, task, poses, action, record, live, info):
     """Terms: accuracy, settle, distance, effort, vibration."""
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
-    error = absolute(load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along)))
+    error = load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along))
+    error = absolute(_least(task.turns, error))
     turning = (dx * dvy - dy * dvx) / (dx * dx + dy * dy)
     rate = absolute(rate / task.length)
     put(live, info, DEFLECTION, normal / task.length, load(lane, info, DEFLECTION))
-    good = select_lt(error, math.pi / 180.0, splat(lane, 1.0), splat(lane, 0.0))
-    good = select_lt(rate, 0.01, good, splat(lane, 0.0))
+    slip = turning - load(lane, record, TARGET_RATE)
+    good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
+    good = select_lt(absolute(slip), task.bands[1], good, splat(lane, 0.0))
+    good = select_lt(rate, task.bands[2], good, splat(lane, 0.0))
     hold(lane, task, good, record, live, info)
     note_tip(lane, task, poses, record, live, info)
-    wide, narrow, slow = error * 10.0, error * 50.0, (turning - load(lane, record, TARGET_RATE)) * 5.0
+    wide, narrow, slow = error * 10.0, error * 50.0, slip * 5.0
     total = pay(lane, task, live, info, 0, decay(wide * wide))
     total = total + pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))
-    total = total + pay(lane, task, live, info, 2, -smaller(error, 1.0))
+    total = total + pay(lane, task, live, info, 2, -smaller(_way(task.turns, error), 1.0))
     total = total + pay(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + pay(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
     return total, past_limits(lane, task, poses)
@@ -56,8 +76,8 @@ def slew_judge(lane, task, poses, action, record, live, info):
 
 @kernel
 def slew_target(task, angles, first, second):
-    """So far from where the arm stands."""
-    return angles[0] + first, 0.0
+    """So far from where the arm stands, or from 0."""
+    return task.relative * angles[0] + first, 0.0
 
 
 @kernel
@@ -76,12 +96,19 @@ def slew_draw_path(task, stream, arm, start, drawn, path):
 
 
 @kernel
+def slew_draw_line(task, stream, arm, start, drawn, path):
+    """From behind past where the arm stands; drawn: how far behind, rad; its rate, rad/s."""
+    side = 1.0 if uniform(stream, arm) < 0.5 else -1.0
+    path[_PATH.x], path[_PATH.vx] = start - drawn[0] * side, drawn[1] * side
+
+
+@kernel
 def slew_path_at(task, path, t, out):
-    """To and fro, from rest."""
+    """To and fro, from rest; or on and on."""
     width, rate = path[_PATH.size], path[_PATH.rate]
     angle = rate * t + path[_PATH.phase]
-    out[_MOVING.x] = path[_PATH.x] + 0.5 * width * (1.0 - math.cos(angle))
-    out[_MOVING.vx] = 0.5 * width * rate * math.sin(angle)
+    out[_MOVING.x] = path[_PATH.x] + path[_PATH.vx] * t + 0.5 * width * (1.0 - math.cos(angle))
+    out[_MOVING.vx] = path[_PATH.vx] + 0.5 * width * rate * math.sin(angle)
 
 
 @kernel
@@ -92,5 +119,5 @@ def slew_in_hub_frame(task, cosine, sine, x, y):
 
 TASKS.register(
     Slew, observe=slew_observe, judge=slew_judge, target_from=slew_target, aim=slew_aim, pursue=slew_aim,
-    draw_path=slew_draw_path, path_at=slew_path_at, in_hub_frame=slew_in_hub_frame,
+    draw_path=slew_draw_path, draw_line=slew_draw_line, path_at=slew_path_at, in_hub_frame=slew_in_hub_frame,
 )  # fmt: skip

@@ -16,6 +16,7 @@ and for one arm, whose `record` is its own (`program.RECORD`):
     pursue(task, record)                       the same, where the target has moved on from these angles' own
     draw_path(task, stream, arm, start, drawn, path)   numbers of a moving target's path (`program.PATH`), from the
                                                angle of joint 0 and four numbers that were drawn
+    draw_line(task, stream, arm, start, drawn, path)   likewise, of one that runs straight
     path_at(task, path, t, out)                out <- a `program.MOVING`: the target at t (s)
     in_hub_frame(task, cosine, sine, x, y)     a target's two numbers as an observation shows them
 """
@@ -50,6 +51,11 @@ class Task(NamedTuple):
     torque_limits: np.ndarray  # (N,) N m
     joint_limits: np.ndarray  # (2 N,): low, high of each joint, rad
     hold: float  # instants in the band that make a success
+    bands: np.ndarray  # what the task's errors must be below in it
+    further: tuple[int, ...] = ()  # as many zeros as `FURTHER` has numbers, or none
+    once: tuple[int, ...] | None = None  # a tag where a success stays one to the end
+    turns: tuple[int, ...] | None = None  # a tag where a target angle is met at any number of whole turns
+    relative: float = 1.0  # 0: target angles are drawn as they stand, and not from where the arm starts
 
 
 TASKS = Family("task")
@@ -61,6 +67,7 @@ target_from = TASKS.function("target_from", "task, angles, first, second")
 aim = TASKS.function("aim", "task, record")
 pursue = TASKS.function("pursue", "task, record")
 draw_path = TASKS.function("draw_path", "task, stream, arm, start, drawn, path")
+draw_line = TASKS.function("draw_line", "task, stream, arm, start, drawn, path")
 path_at = TASKS.function("path_at", "task, path, t, out")
 in_hub_frame = TASKS.function("in_hub_frame", "task, cosine, sine, x, y")
 
@@ -68,7 +75,7 @@ in_hub_frame = TASKS.function("in_hub_frame", "task, cosine, sine, x, y")
 @kernel
 def info_of(task):
     """Where the fields of a task's `INFO` are."""
-    return info_at(0, size(task.links), size(task.targets), size(task.terms))
+    return info_at(0, size(task.links), size(task.targets), size(task.terms), size(task.further))
 
 
 @kernel
@@ -105,10 +112,18 @@ def past_limits(lane, task, poses):
 
 
 @kernel
+def _stays(once, enough, before, held):
+    """Where a success stays one, the count that made it."""
+    if once is not None:
+        return select_lt(before, enough - 0.5, held, before)
+    return held
+
+
+@kernel
 def hold(lane, task, good, record, live, info):
     """Count the instants in the band; success is a count that reaches task.hold."""
     before = load(lane, record, HOLD)
-    held = select_lt(0.5, good, before + 1.0, splat(lane, 0.0))
+    held = _stays(task.once, task.hold, before, select_lt(0.5, good, before + 1.0, splat(lane, 0.0)))
     put(live, record, HOLD, held, before)
     success = select_lt(held, task.hold - 0.5, splat(lane, 0.0), splat(lane, 1.0))
     put(live, info, SUCCESS, success, load(lane, info, SUCCESS))

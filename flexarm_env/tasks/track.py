@@ -9,7 +9,7 @@ from ..physics.arithmetic import clip
 from ..physics.layout import POSE
 from .program import CLIP, GOAL, MODE, MOVING, PATH_AT, PERIODS, RUNNING, TARGET, TARGET_RATE
 from .stream import uniform
-from .task import draw_path, in_hub_frame, path_at, pursue
+from .task import draw_line, draw_path, in_hub_frame, path_at, pursue
 
 _MOVING = MOVING.places
 _ONE, _PLACE, _DRAWN, _PATH = (0,), (0,) * _MOVING.end, (0,) * 4, (0,) * (GOAL - PATH_AT)
@@ -98,6 +98,14 @@ def start_path(reference, task, stream, arm, record, lanes):
 
 
 @kernel
+def _draw(line, task, stream, arm, start, drawn, path):
+    if line is not None:
+        draw_line(task, stream, arm, start, drawn, path)
+    else:
+        draw_path(task, stream, arm, start, drawn, path)
+
+
+@kernel
 def _start_path(reference, task, stream, arm, record, lanes):
     i, targets = arm % lanes, size(task.targets)
     drawn, path, out = stack(_ONE, _DRAWN), stack(_ONE, _PATH), stack(_ONE, _PLACE)
@@ -106,7 +114,7 @@ def _start_path(reference, task, stream, arm, record, lanes):
         drawn[k] = low + (high - low) * uniform(stream, arm)
     for k in range(len(_PATH)):
         path[k] = 0.0
-    draw_path(task, stream, arm, record[GOAL * lanes + i], drawn, path)
+    _draw(reference.line, task, stream, arm, record[GOAL * lanes + i], drawn, path)
     for k in range(len(_PATH)):
         record[(PATH_AT + k) * lanes + i] = path[k]
     _on_path(reference, task, record, lanes, i, 0.0, 0, out)

@@ -108,6 +108,9 @@ function short(x) {
   return text.replaceAll("-", "−");
 }
 
+/** How many runs are drawn over run k (4 at most): what lies below is drawn wider, so that equal curves are both seen. */
+const over = (k) => Math.min(4, CLIPS.length - 1 - k);
+
 // -------------------------------------------------------------------- state
 const state = { time: TIMES[0], magnify: 1, playing: false, speed: 1, beside: false, hidden: new Set() };
 const extent = { curvature: Math.max(...CLIPS.map((c) => c.curvature.reduce((m, v) => Math.max(m, Math.abs(v)), 0))) };
@@ -282,7 +285,7 @@ function drawLinks(pen, clip, points, at) {
     for (let j = a; j <= b; j++) knots.push(at(points[2 * j], points[2 * j + 1]));
     const curve = smooth(knots), wide = (8 - (2.5 * k) / clip.links) * unit;
     pen.lineCap = pen.lineJoin = "round";
-    pen.lineWidth = wide + 3 * unit;
+    pen.lineWidth = wide + (3 + (state.beside ? 0 : 4.5 * over(CLIPS.indexOf(clip)))) * unit;
     pen.strokeStyle = color;
     pen.beginPath();
     curve.forEach(([x, y], j) => (j ? pen.lineTo(x, y) : pen.moveTo(x, y)));

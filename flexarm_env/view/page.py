@@ -177,7 +177,8 @@ def _apart(clips: list[Clip]) -> list[Clip]:
     if len(own) > 1 and not any(chart.title.startswith("tip error") for clip in own for chart in clip.charts):
         first = own[0]
         title = f"distance of the tip from that of {first.label} (m)"
-        own[1:] = [Clip(**{**vars(c), "charts": [Chart(title, _between(first, c)), *c.charts]}) for c in own[1:]]
+        apart = [{}, *(_between(first, clip) for clip in own[1:])]
+        own = [Clip(**{**vars(c), "charts": [Chart(title, far), *c.charts]}) for c, far in zip(own, apart, strict=True)]
     return own
 
 

@@ -114,7 +114,7 @@ function drawCurves(pen, chart, curves, width, height) {
     });
     pen.setLineDash(curve.dash);
     pen.strokeStyle = runColor(curve.color);
-    pen.lineWidth = 1.8;
+    pen.lineWidth = (CLIPS.length > 1 ? 1.4 : 1.8) + 3 * over(curve.run);
     pen.stroke();
   }
   pen.setLineDash([]);
@@ -287,7 +287,8 @@ const KEYS = {
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const own = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  const taken = own.matches("select, summary, #magnify") ? key !== "s" && key !== "t" && key !== "f" : own.matches("button") && key === " ";
+  const taken = own.matches("select, summary, #magnify") ? key !== "s" && key !== "t" && key !== "f"
+    : own.matches("#time") ? key === "ArrowUp" || key === "ArrowDown" : own.matches("button") && key === " ";
   if (taken || !(key in KEYS)) return; // the element's own keys
   event.preventDefault();
   KEYS[key](event);
@@ -326,7 +327,8 @@ function draw() {
 
 readColors();
 $("title").textContent = DATA.title;
-$("note").textContent = CLIPS.map((clip) => (CLIPS.length > 1 ? `${clip.label}: ${clip.note}` : clip.note)).join("\n");
+const same = CLIPS.every((clip) => clip.note === CLIPS[0].note);
+$("note").textContent = same ? CLIPS[0].note : CLIPS.map((clip) => `${clip.label}: ${clip.note}`).join("\n");
 $("time").max = TIMES.length - 1;
 $("layout-label").hidden = CLIPS.length < 2;
 setTheme("auto");

@@ -128,6 +128,39 @@ def test_keys_step_play_and_slow_down(page: Page, tmp_path: Path) -> None:
     assert page.run("document.documentElement.dataset.theme") == "light"
 
 
+def test_a_slider_that_has_the_focus_takes_its_own_keys(page: Page, tmp_path: Path) -> None:
+    page.open(run("two links").view().save(tmp_path / "run.html"))
+    for element, expected in (("time", (1, 1)), ("magnify", (1, 2)), ("play", (1, 3))):
+        page.run(f"document.querySelector('#{element}').focus()")
+        page.press("ArrowUp")
+        now = page.run("flexarm.now()")
+        assert (round(now["time"] / 0.01), now["magnify"]) == expected
+    page.press("Tab")
+    page.press("Tab")
+    page.press("ArrowRight")
+    assert round(page.run("flexarm.now().time") / 0.01) == 2
+
+
+def test_runs_that_are_equal_are_both_seen(page: Page, tmp_path: Path) -> None:
+    """What lies below is wider: each run's colour is there, on the stage and in a chart."""
+    own = run("two links")
+    page.open(own.view(own, labels=["below", "above"]).save(tmp_path / "run.html"))
+    seek(page, 150)
+    assert page.run("document.querySelector('.chart h2').textContent").startswith("distance of the tip")
+    for selector in ("#stage", ".chart:nth-child(2) canvas"):
+        seen = page.run(f"""(() => {{
+          const c = document.querySelector('{selector}'), k = c.width * c.height * 4;
+          const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+          return [COLORS.run0, COLORS.run1].map((text) => {{
+            const [r, g, b] = [1, 3, 5].map((i) => parseInt(text.slice(i, i + 2), 16));
+            let n = 0;
+            for (let i = 0; i < k; i += 4) n += d[i] === r && d[i + 1] === g && d[i + 2] === b;
+            return n;
+          }});
+        }})()""")
+        assert min(seen) > 100, (selector, seen)
+
+
 def test_playing_ends_at_the_end(page: Page, tmp_path: Path) -> None:
     page.open(run("two links").view().save(tmp_path / "run.html"))
     page.run("document.querySelector('#speed').value = '4'")

@@ -77,7 +77,7 @@ def size(tag_or_number: int | tuple[int, ...]) -> int:
 def _end(chain_: Chain, load: PointLoad) -> dict[str, Array]:
     """The fields of `LOAD`."""
     s = _ends(chain_.lines[load.link])[load.end == "tip"]
-    return {"arm": chain_.arm_to(load.link, s), "angle": chain_.angle_at(load.link, s)}
+    return {"arm": chain_.arms_to(load.link, np.array([s]))[0], "angle": chain_.angle_at(load.link, s)}
 
 
 def tag(n: int, compiled_in: bool) -> int | tuple[int, ...]:
@@ -97,7 +97,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     arm, n = scene.arm, settings.nodes
     parts = chain(arm, n)
     count, m = arm.n_links, arm.n_links * n
-    own = m <= UNROLLED and not scene.motions and not scene.loads
+    own = m <= UNROLLED and scene.undriven
     movable = [scene.root == "free" or scene.motion_of(name) is not None for name in ("root_x", "root_y")]
     has_root = any(movable) or not own
     rows = m + (2 if has_root else 0)
@@ -106,7 +106,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     sizes = {"links": count, "nodes": n}
     ends = [LOAD.pack(sizes, **_end(parts, load)) for load in scene.loads if isinstance(load, PointLoad)]
     tips = np.concatenate([line.tip_angle for line in parts.lines])
-    stations = [parts.arm_to(k, s) for k, line in enumerate(parts.lines) for s in _stations(line, points, k)]
+    stations = np.concatenate([parts.arms_to(k, _stations(line, points, k)) for k, line in enumerate(parts.lines)])
     correction, carried = np.zeros_like(parts.R), _payload_arm(parts, arm.payload)
     rest = rest_angles(parts)
     if settings.dt is not None:
@@ -140,7 +140,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         payload_turns=None if own and not arm.payload.inertia else (0,),
         damping=damping,
         data=data,
-        loads=None if own else np.concatenate([np.zeros(0), *ends]),
+        loads=None if own and not ends else np.concatenate([np.zeros(0), *ends]),
         eccentric=_eccentric(arm.payload, carried, beta),
         rest=rest,
     )
@@ -153,7 +153,7 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     q0 = np.concatenate([angles, centre if has_root else ()]).astype(np.float64)
     for k in range(1, count):
         q0[k * n] = scene.initial_value(f"joint{k}")
-    return System(model, par, q0, np.zeros(rows), coordinates, names, Notes(scene, parts))
+    return System(model, par, q0, np.zeros(rows), coordinates, names, Notes(scene, n))
 
 
 def _payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -184,12 +185,11 @@ class Chain:
         """Nodes of a link."""
         return self.lines[0].n
 
-    def arm_to(self, link: int, s: float) -> Array:
-        """Weights (Nn,) in m with which the unit tangents add up to the point at s on a link."""
-        n, weights = self.n, np.zeros(self.w.size)
-        for k in range(link):
-            weights[k * n : (k + 1) * n] = self.lines[k].tip_weights
-        weights[link * n : (link + 1) * n] = self.lines[link].position(np.array([s]))[0]
+    def arms_to(self, link: int, s: Array) -> Array:
+        """Weights (len(s), Nn) in m with which the unit tangents add up to the points at s on a link."""
+        n, weights = self.n, np.zeros((len(s), self.w.size))
+        weights[:, : link * n] = self.w[: link * n]
+        weights[:, link * n : (link + 1) * n] = self.lines[link].position(s)
         return weights
 
     def angle_at(self, link: int, s: float) -> Array:
@@ -200,8 +200,10 @@ class Chain:
         return weights
 
 
+@lru_cache(64)
 def chain(arm: Arm, n: int) -> Chain:
-    """The matrices of an arm, mechanics of docs/theory.md, with n nodes a link."""
+    """The matrices of an arm, mechanics of docs/theory.md, with n nodes a link; kept, since arms are used again and
+    again, and hence read-only."""
     count = arm.n_links
     lines = tuple(Line.of(link, n, k < count - 1) for k, link in enumerate(arm.links))
     total = count * n
@@ -229,6 +231,8 @@ def chain(arm: Arm, n: int) -> Chain:
         own, later = slice(k * n, (k + 1) * n), slice((k + 1) * n, total)
         P[own, later] = np.outer(w[own], b[later])
         P[later, own] = P[own, later].T
+    for matrix in (P, R, K, b, w):
+        matrix.flags.writeable = False
     return Chain(lines, P, R, K, b, w, beyond)
 
 

@@ -14,14 +14,14 @@ error is small (below 0.3 % of the length).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env.parameters import Arm
-from flexarm_env.physics.elastica.chain import Chain
+from flexarm_env.physics.elastica.chain import Chain, chain
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.time_functions import TimeFunction
 
@@ -38,15 +38,13 @@ FEWEST, MOST, A_PERIOD = 2000, 100_000, 20
 class Notes(Mapping[str, float]):
     """ "stretch_and_shear" of a scene, worked out when it is first looked at."""
 
-    def __init__(self, scene: Scene, chain: Chain) -> None:
-        self._of, self._found = (scene, chain), math.nan
+    def __init__(self, scene: Scene, n: int) -> None:
+        self._of = scene, n
 
     def __getitem__(self, name: str) -> float:
         if name != "stretch_and_shear":
             raise KeyError(name)
-        if math.isnan(self._found):
-            self._found = stretch_and_shear(*self._of)
-        return self._found
+        return stretch_and_shear(*self._of)
 
     def __iter__(self) -> Iterator[str]:
         return iter(("stretch_and_shear",))
@@ -55,10 +53,12 @@ class Notes(Mapping[str, float]):
         return 1
 
 
-def stretch_and_shear(scene: Scene, chain: Chain) -> float:
-    """Estimated largest error of the tip, as a share of the arm's length, at most 1."""
+@lru_cache(64)
+def stretch_and_shear(scene: Scene, n: int) -> float:
+    """Estimated largest error of the tip with n nodes a link, as a share of the arm's length, at most 1; kept, since it
+    does not depend on how the scene is run."""
     length = scene.arm.total_length
-    modes = _Modes(scene, chain)
+    modes = _Modes(scene, chain(scene.arm, n))
     count = min(MODES, modes.omega.size)
     wanted = A_PERIOD * modes.omega[:count].max(initial=0.0) * scene.duration / (2.0 * np.pi)
     t = np.linspace(0.0, scene.duration, int(np.clip(wanted, FEWEST, MOST)) + 1)
@@ -240,11 +240,11 @@ class _Modes:
                 continue
             ends = arm.links[load.link]
             s = -ends.root_offset if load.end == "root" else ends.length + ends.tip_offset
-            point = across @ (self.chain.arm_to(load.link, s) * shape) + root
+            point = across @ (self.chain.arms_to(load.link, np.array([s]))[0] * shape) + root
             angle = float(self.chain.angle_at(load.link, s) @ shape)
             parts = ((load.force_x, point[0]), (load.force_y, point[1]), (load.torque, angle))
             force += sum((f(t) * x for f, x in parts if f is not None), np.zeros(t.size))
-        if not scene.loads and not scene.motions and arm.torque_limits:
+        if scene.undriven and arm.torque_limits:
             force += sum(limit * abs(angle) for limit, angle in zip(arm.torque_limits, joints, strict=True))
         if weight and scene.gravity is not None:
             force += float(np.asarray(scene.gravity) @ ((across * shape) @ self.b + self.mass * root))

@@ -11,7 +11,9 @@ from ...compiler import (
     NUMBER,
     TUPLE,
     absolute,
+    arms,
     by_kind,
+    change,
     inlined,
     kernel,
     largest,
@@ -146,4 +148,25 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         before = increment
         if largest(active) < 0.5:
             break
+    if len(lane) > arms(lane):
+        _sharpen(lane, model, drive, par, w, slopes)
     return active
+
+
+@kernel
+def _sharpen(lane, model, drive, par, w, slopes):
+    """Dual lanes: tangents as the equations have them at the values found. Those of the iterations are behind by one
+    where they end; S is the derivative, so that one more makes them exact, and leaves the values what they are."""
+    weights = Weights(slopes.a, slopes.v, 1.0)
+    assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
+    constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
+    take_out_known(lane, model, drive, w.r, w.S, True)
+    factor(lane, model, w.S)
+    solve(lane, model, w.S, w.r)
+    rub(lane, model, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
+    for k in range(size(model.n)):
+        d = change(-load(lane, w.r, k))
+        store(w.q, k, load(lane, w.q, k) + d)
+        store(w.v, k, load(lane, w.v, k) + d * slopes.v)
+        store(w.a, k, load(lane, w.a, k) + d * slopes.a)
+        store(w.b, k, load(lane, w.b, k) + d * slopes.b)

@@ -19,7 +19,7 @@ from ..protocol import (
 from .drive import set_inputs, set_motions
 from .work import move_multipliers, note_reactions, set_known, state_of, take_out_known, unpack
 
-_SMALL = 1e-3
+SMALL = 1e-3
 """Share of a velocity at which the damping of all of it is asked for, so that forces of its square do not count."""
 
 
@@ -186,7 +186,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
     where they are prescribed. M^-1 C (dv - e), the jump of the accelerations (kept in q0) with that of the multipliers,
     is a sum of the same solutions.
     """
-    n, part = size(model.n), 0.5 * h * _SMALL
+    n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
         w.v[k], w.a[k] = part * w.a0[k], 0.0
     move_multipliers(model.algebraic, w.q, w.a, False)
@@ -203,23 +203,23 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
     for k in range(n):
         e = w.r[k]
         w.v[k] -= part * e
-        w.a[k] = -_SMALL * e
+        w.a[k] = -SMALL * e
         w.r[k] = w.v0[k] + w.a0[k] - 0.5 * e  # mean of the velocities before and after the layer
         w.a0[k] -= e
     move_multipliers(model.algebraic, w.v, w.v, True)
-    w.books[DISSIPATED] += damping_work(lane, model, par, w.q, w.v, w.r) / _SMALL  # v is `part` times g - e
+    w.books[DISSIPATED] += damping_work(lane, model, par, w.q, w.v, w.r) / SMALL  # v is `part` times g - e
     _forces(lane, model, par, w, RESIDUAL_ALONE)
     _less(n, w.r, w.b0, 1.0)
     note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
-    _book_impulse(drive, w, 0.0, 1.0 / _SMALL)
+    _book_impulse(drive, w, 0.0, 1.0 / SMALL)
 
 
 @kernel
 def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
-    """r <- (1 - s) x where v is x times h/2 and _SMALL; `share` of it goes into the jump of the accelerations."""
+    """r <- (1 - s) x where v is x times h/2 and SMALL; `share` of it goes into the jump of the accelerations."""
     move_multipliers(model.algebraic, w.v, w.v, True)
     assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
-    _less(size(model.n), w.r, w.b0, 1.0 / _SMALL)
+    _less(size(model.n), w.r, w.b0, 1.0 / SMALL)
     move_multipliers(model.algebraic, w.r, w.r, True)
     _solve(lane, model, drive, w, matrix)
     if not fresh:

@@ -35,14 +35,14 @@ def _switch(lane, model, par, w, h):
     w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
     rub(lane, model, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
-    _jump_multipliers(lane, model.algebraic, w.q, w.r)
+    jump_multipliers(lane, model.algebraic, w.q, w.r)
     for k in range(n):
         store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
         store(w.b, k, load(lane, w.b, k) - load(lane, w.r, k))
 
 
 @kernel
-def _jump_multipliers(lane, algebraic, q, r):
+def jump_multipliers(lane, algebraic, q, r):
     """Multipliers live in q."""
     if algebraic is not None:
         for i in range(algebraic.shape[0]):

@@ -1,0 +1,253 @@
+"""Reference results on the suite: methods trained and judged on its tasks, docs/results/suite.md made of them.
+
+    python -m agents.suite --plan                    # what there is to do, what is done, and what it would take
+    python -m agents.suite                           # all that is missing: days on two cores; goes on where it stopped
+    python -m agents.suite --only pd,lqg             # these methods alone
+    python -m agents.suite --only ppo --seeds 1 --minutes 60
+
+Controllers come first, then the first seed of each method that learns, then the next. Runs go to
+runs/suite/METHOD-SEED/TASK (one that was broken off is gone on with), results to docs/results/suite/METHOD-SEED.json,
+and the page is made anew after each. Training is for the task's budget of control periods, times --share; of a run the
+policy with the highest mean return on the validation episodes is judged. --freeze writes the references that scores are
+made from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.arguments import parse
+from agents.runs import fail, read_run, write_text
+from flexarm_env import suite
+from flexarm_env.control import NAMES
+from flexarm_env.suite.page import page
+from flexarm_env.suite.policies import Chosen, choose
+from flexarm_env.suite.results import Results, begun, chosen_tasks, folder_of, frozen, judged, of_the_protocol
+from flexarm_env.suite.score import EPISODES, FLOOR, Reference
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "docs" / "results" / "suite"
+REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
+
+FEW = ("slew-unknown-v1", "slew-geared-v1", "reach-measured-v1")
+"""Tasks of the methods that should matter there: those with memory, and those that learn from what was before."""
+
+SECONDS = {"ppo": 60e-6, "sac": 1.5e-3, "tqc": 2.5e-3, "recurrent_ppo": 1.2e-3}
+"""CPU time of a control period in training, s, roughly: for the plan alone."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of the reference results.
+
+    Args:
+        name: of a controller, or what its results are called. seeds: runs. algorithm: that trains it ("": a
+            controller). tasks: ids; None: all.
+    """
+
+    name: str
+    seeds: int = 1
+    algorithm: str = ""
+    tasks: tuple[str, ...] | None = None
+
+
+METHODS = (
+    *(Method(name) for name in NAMES),
+    Method("ppo", 5, "ppo"),
+    Method("sac", 2, "sac", FEW),
+    Method("tqc", 2, "tqc", FEW),
+    Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
+)
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.suite` takes.
+
+    Args:
+        only: methods, separated by commas; default all.
+        task: ids of tasks, separated by commas; default all.
+        seeds: runs of each method that learns, at most.
+        share: of each task's training budget, for a look.
+        minutes: after which no further run is begun.
+        home: folder of the runs.
+        results: folder of the results files; the page lies beside it.
+        plan: only say what is to be done.
+        freeze: only write the references: PD's mean returns, and the highest of all results.
+        progress: show progress bars.
+    """
+
+    only: str | None = None
+    task: str | None = None
+    seeds: int = 5
+    share: float = 1.0
+    minutes: float | None = None
+    home: Path = Path("runs/suite")
+    results: Path = RESULTS
+    plan: bool = False
+    freeze: bool = False
+    progress: bool = True
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a method on a task."""
+
+    method: Method
+    seed: int
+    task: suite.Task
+
+    @property
+    def name(self) -> str:
+        """To be shown."""
+        return f"{self.method.name}-{self.seed} on {self.task.id}"
+
+    def folder(self, home: Path) -> Path:
+        """Its run folder."""
+        return home / f"{self.method.name}-{self.seed}" / self.task.id
+
+    def done(self, results: Path) -> bool:
+        """Whether its result is there, or why there is none."""
+        known = begun(results, self.method.name, self.seed)
+        entry = known.tasks.get(self.task.id)
+        return self.task.id in known.refused or (entry is not None and of_the_protocol(self.task, entry))
+
+
+def jobs(arguments: Arguments) -> Iterator[Job]:
+    """All of them, in order. ValueError for a method that there is not."""
+    names = [method.name for method in METHODS]
+    chosen = names if arguments.only is None else [word.strip() for word in arguments.only.split(",")]
+    for word in chosen:
+        if word not in names:
+            raise ValueError(f"--only {word}: must be among {', '.join(names)}")
+    tasks = [frozen(task) for task in chosen_tasks(arguments.task)]
+    for seed in range(max((method.seeds for method in METHODS), default=0)):
+        for method in METHODS:
+            most = method.seeds if method.algorithm == "" else min(method.seeds, arguments.seeds)
+            if method.name in chosen and seed < most:
+                yield from (Job(method, seed, task) for task in tasks if task.id in (method.tasks or (task.id,)))
+
+
+# ------------------------------------------------------------------ one job
+def run(job: Job, arguments: Arguments) -> str:
+    """Train and judge; a line of what came of it."""
+    word, chooser = job.method.name, choose
+    if job.method.algorithm:
+        word = str(train(job, arguments))
+        chooser = of_run
+    results, trouble = judged(word, [job.task], arguments.results, name=job.method.name, run=job.seed, choose=chooser)
+    if trouble:
+        return f"{job.name}: not judged: {trouble[0]}"
+    return f"{job.name}: return {np.mean(results.tasks[job.task.id]['returns']):.2f}"
+
+
+def train(job: Job, arguments: Arguments) -> Path:
+    """The folder of a finished run: trained, gone on with, or kept."""
+    from agents import train_ppo
+
+    folder = job.folder(arguments.home)
+    started = (folder / "run.json").exists()
+    if started and read_run(folder).get("finished"):
+        return folder
+    algorithm = job.method.algorithm
+    train_ppo.train(train_ppo.Arguments(
+        env=job.task.registered, algo=algorithm, config=ROOT / "configs" / algorithm / "suite.yml", seed=job.seed,
+        n_timesteps=round(job.task.budget * arguments.share), out=folder, resume=started, best_by="return",
+        evaluate_every=max(32_768, round(job.task.budget * arguments.share / 20)), tensorboard=False,
+        progress=arguments.progress,
+    ))  # fmt: skip
+    return folder
+
+
+def of_run(word: str, task: suite.Task) -> Chosen:
+    """The policy of a run folder: policy.npz, or a model with a memory, which that has not."""
+    folder = Path(word)
+    if (folder / "policy.npz").is_file():
+        return choose(word, task)
+    from agents.policies import _from_model
+
+    record = read_run(folder)
+    content = hashlib.sha256((folder / "model.zip").read_bytes()).hexdigest()[:16]
+    training = {key: record[key] for key in ("algorithm", "steps", "wall_s", "cpu_s")}
+    make = _from_model(folder, task.registered).make
+    return Chosen("model", folder.name, content, make, record["seed"], training)
+
+
+# ------------------------------------------------------------------ references
+def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
+    """What scores are made from, of a folder's results. Tasks without PD, or where nothing is better, have none."""
+    known: dict[str, dict[str, Any]] = {}
+    for task in suite.tasks():
+        returns: dict[str, float] = {}
+        for one in found:
+            entry = one.tasks.get(task.id)
+            if entry is not None and of_the_protocol(task, entry):
+                returns[f"{one.name}-{one.run}" if entry["training"] else one.name] = float(np.mean(entry["returns"]))
+        if FLOOR in returns and (best := max(returns, key=lambda name: returns[name])) != FLOOR:
+            known[task.id] = asdict(Reference(task.digest, round(returns[FLOOR], 4), round(returns[best], 4), best))
+    return known
+
+
+def plan(todo: Sequence[Job], arguments: Arguments) -> list[str]:
+    """A line a method: how many runs are done, how many left, and what those would take."""
+    lines = []
+    for method in METHODS:
+        own = [job for job in todo if job.method == method]
+        left = [job for job in own if not job.done(arguments.results)]
+        if own:
+            hours = sum(SECONDS.get(method.algorithm, 0.0) * job.task.budget * arguments.share for job in left) / 3600.0
+            took = f", about {hours:.1f} CPU hours" if hours else ""
+            lines.append(f"{method.name}: {len(own) - len(left)} of {len(own)} runs done{took if left else ''}")
+    return lines
+
+
+def made(arguments: Arguments) -> None:
+    """The page, where there are results."""
+    if any(arguments.results.glob("*.json")):
+        write_text(arguments.results.with_suffix(".md"), page(folder_of(arguments.results)))
+
+
+def main() -> int:
+    """Run the command."""
+    arguments = parse(Arguments, "python -m agents.suite", __doc__)
+    began = time.monotonic()
+    try:
+        todo = list(jobs(arguments))
+        if arguments.plan:
+            print("\n".join(plan(todo, arguments)))
+            return 0
+        if arguments.freeze:
+            known: Mapping[str, Any] = references(folder_of(arguments.results))
+            write_text(REFERENCES, json.dumps(known, indent=2) + "\n")
+            print("\n".join(f"{name}: {one['pd']} (PD), {one['best']} ({one['by']})" for name, one in known.items()))
+            return 0
+        for job in todo:
+            if job.done(arguments.results):
+                continue
+            if arguments.minutes is not None and time.monotonic() - began > 60.0 * arguments.minutes:
+                print("\n".join(["the time is up; what is left:", *plan(todo, arguments)]))
+                break
+            print(run(job, arguments), flush=True)
+            made(arguments)
+        made(arguments)
+    except ValueError as error:
+        return fail(error)
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted; the same command goes on\n")
+        return 130
+    return 0
+
+
+__all__ = ["EPISODES", "METHODS", "Arguments", "Job", "jobs", "main", "references", "run"]
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,301 @@
+"""Trained policies for other machines: one C file for a controller board, ONNX for what runs that.
+
+Both hold what a `policy.npz` holds and decide as :class:`NumpyPolicy` does, to 1e-6: ONNX sums in double as that does,
+the C file in float32 that carries what is rounded off (Dekker 1971).
+"""
+
+from __future__ import annotations
+
+import json
+import keyword
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..tasks.program import CLIP
+from .policy import NumpyPolicy
+
+OPSET, IR_VERSION = 17, 8
+"""Of ONNX: old enough for what is in use."""
+
+
+@dataclass(frozen=True)
+class Entries:
+    """What a policy observes: names and scales of the entries of one instant, in order (entry = value / scale).
+
+    torque_limits: what an action of 1 stands for, N m a joint; empty where actions are not torques.
+    """
+
+    names: tuple[str, ...]
+    scales: tuple[float, ...]
+    torque_limits: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, policy: NumpyPolicy) -> Entries | None:
+        """As the policy's file says it; None where it does not (those of version 0.1)."""
+        scales = policy.meta.get("scales")
+        if not scales:
+            return None
+        plain = policy.meta["env_kwargs"].get("action_mode", "torque") == "torque"
+        return cls(tuple(scales), tuple(scales.values()), tuple(policy.meta.get("torque_limits", ())) if plain else ())
+
+
+# ------------------------------------------------------------------ ONNX
+def onnx_bytes(policy: NumpyPolicy) -> bytes:
+    """The policy as an ONNX model: `observation` (n, entries) float32 to `action` (n, joints) float32 in [-1, 1].
+
+    An observation is the environment's own, several instants in one where the policy has a history. Observations are
+    normalised inside. The model's metadata is the policy's `meta`. ImportError where the package onnx is missing.
+    """
+    try:
+        from onnx import TensorProto, checker, helper, numpy_helper
+    except ImportError as error:
+        raise ImportError(check.lacking("an ONNX file", "onnx", "export")) from error
+    constants: dict[str, NDArray[np.float64]] = {}
+    nodes: list[Any] = []
+    last = "observation"
+
+    def then(operator: str, *given: tuple[str, Any], **attributes: Any) -> None:
+        """One more node, of what was last and of named constants."""
+        nonlocal last
+        constants.update({name: np.asarray(value, np.float64) for name, value in given})
+        before, last = last, f"x{len(nodes)}"
+        nodes.append(helper.make_node(operator, [before, *(name for name, _ in given)], [last], **attributes))
+
+    then("Cast", to=TensorProto.DOUBLE)
+    if policy.normaliser is not None:
+        n = policy.normaliser
+        then("Sub", ("mean", n["mean"]))
+        then("Div", ("deviation", np.sqrt(n["variance"] + n["epsilon"])))
+        then("Clip", ("least", -n["clip"]), ("most", n["clip"]))
+    layers = len(policy.weights)
+    for k, (w, b) in enumerate(policy.weights):
+        then("MatMul", (f"w{k}", w))
+        then("Add", (f"b{k}", b))
+        if k < layers - 1:
+            then("Tanh" if policy.meta["activation"] == "tanh" else "Relu")
+    if policy.meta["squash"]:
+        then("Tanh")
+    else:
+        then("Clip", ("down", -1.0), ("up", 1.0))
+    nodes.append(helper.make_node("Cast", [last], ["action"], to=TensorProto.FLOAT))
+    size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
+    graph = helper.make_graph(
+        nodes, "policy",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["n", size])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", joints])],
+        [numpy_helper.from_array(value, name) for name, value in constants.items()],
+    )  # fmt: skip
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, producer_name="flexarm_env",
+    )  # fmt: skip
+    helper.set_model_props(model, {"flexarm_env": json.dumps(policy.meta)})
+    checker.check_model(model)
+    content: bytes = model.SerializeToString()
+    return content
+
+
+# ------------------------------------------------------------------ C
+def c_name(word: str) -> str:
+    """A C identifier from a file's name."""
+    name = re.sub(r"\W", "_", word, flags=re.ASCII)
+    return f"_{name}" if name[:1].isdigit() or keyword.iskeyword(name) else name or "policy"
+
+
+def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
+    """The policy as one C99 file without `main`, float32, all arrays of fixed size.
+
+    Args:
+        entries: of one instant; a policy whose observation holds several of them has a history.
+        name: in front of what the file defines: NAME_decide (the environment's observation to actions), NAME_reset and
+            NAME_act (values in SI units, one instant after the other, to actions), NAME_memory, NAME_OBSERVATION, ...
+    Raises:
+        ValueError: the policy's observation is no whole number of such entries.
+    """
+    size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
+    count, widths = len(entries.names), [w.shape[1] for w, _ in policy.weights]
+    if count == 0 or size % count:
+        raise check.InvalidValue("entries", count, f"must be a divisor of {size}, which the policy observes")
+    declared = {
+        "ENTRIES": count, "HISTORY": size // count, "OBSERVATION": size, "ACTIONS": joints, "WIDTH": max(size, *widths),
+        "MOST": _number(CLIP),
+    }  # fmt: skip
+    text = "\n".join([
+        _head(policy, entries, size // count),
+        "#include <math.h>", "",
+        *(f"#define UPPER_{word} {value}" for word, value in declared.items()), "",
+        *_arrays(policy, entries),
+        _MEMORY, _LAYER, *([_NORMAL] if policy.normaliser is not None else []),
+        _DECIDE.replace("STEPS", "\n".join(f"    {line}" for line in _steps(policy))), _ACT,
+    ])  # fmt: skip
+    return re.sub("NAME|UPPER", lambda word: name if word[0] == "NAME" else name.upper(), text)
+
+
+def _steps(policy: NumpyPolicy) -> Iterator[str]:
+    """Statements from the observation, in `x`, to actions; between layers the values lie in `x` and `y` by turns."""
+    if policy.normaliser is None:
+        yield "for (i = 0; i < UPPER_OBSERVATION; i++) x[i] = observation[i], x_rest[i] = 0.0f;"
+    else:
+        yield "for (i = 0; i < UPPER_OBSERVATION; i++) x[i] = NAME_normal(i, observation[i], &x_rest[i]);"
+    here, there = "x", "y"
+    tanh = policy.meta["activation"] == "tanh"
+    law = "{0} = tanhf({0} + {1}), {1} = 0.0f" if tanh else "if ({0} + {1} < 0.0f) {0} = {1} = 0.0f"
+    for k, (w, _) in enumerate(policy.weights):
+        rows, columns = w.shape
+        yield f"NAME_layer({here}, {here}_rest, {rows}, NAME_w{k}, NAME_b{k}, {there}, {there}_rest, {columns});"
+        if k < len(policy.weights) - 1:
+            yield f"for (i = 0; i < {columns}; i++) {law.format(f'{there}[i]', f'{there}_rest[i]')};"
+        here, there = there, here
+    yield "for (i = 0; i < UPPER_ACTIONS; i++) {"
+    yield f"    const float a = {here}[i] + {here}_rest[i];"
+    yield f"    action[i] = {'tanhf(a)' if policy.meta['squash'] else 'a < -1.0f ? -1.0f : a > 1.0f ? 1.0f : a'};"
+    yield "}"
+
+
+def _head(policy: NumpyPolicy, entries: Entries, history: int) -> str:
+    """The comment at the top."""
+    meta = policy.meta
+    joints = policy.weights[-1][0].shape[1]
+    kwargs = json.dumps(meta["env_kwargs"]) if meta["env_kwargs"] else ""
+    limits = ", ".join(f"{limit:g}" for limit in entries.torque_limits)
+    mode = meta["env_kwargs"].get("action_mode", "torque")
+    means = f"the joints' torques over {limits} N m" if limits else f'what the environment takes, action_mode "{mode}"'
+    of_one = zip(entries.names, entries.scales, strict=True)
+    units = [f"    {k}: {one} / {scale:.9g}" for k, (one, scale) in enumerate(of_one)]
+    lines = [
+        f"NAME: a policy trained on {meta['env_id']} {kwargs}",
+        "written by flexarm_env. C99, float32, no allocation, no state but what the caller holds.",
+        "",
+        f"  void NAME_decide(const float observation[UPPER_OBSERVATION], float action[{joints}])",
+        f"      the environment's observation ({history} x {len(entries.names)}, the newest instant last) to actions",
+        "  void NAME_reset(NAME_memory *memory)",
+        "      before an episode",
+        f"  void NAME_act(NAME_memory *memory, const float measured[{len(entries.names)}], float action[{joints}])",
+        "      what is measured now, in SI units, to actions: scaled, clipped"
+        + (f", beside the {history - 1} instants before; once a control period" if history > 1 else ""),
+        "",
+        f"Actions lie in [-1, 1]: {means}.",
+        f"Entries of an instant, value / scale, clipped at {CLIP:g}:",
+        *units,
+        "",
+        "Every sum is carried with what float32 rounds off it (Dekker 1971): compile without -ffast-math.",
+    ]
+    return "\n".join(["/*", *(f" * {_harmless(line)}".rstrip() for line in lines), " */"])
+
+
+def _harmless(line: str) -> str:
+    """A line of a comment, whatever a policy's file says of itself."""
+    return re.sub(r"[^ -\[\]-~]", "?", line).replace("*/", "* /").replace("/*", "/ *")
+
+
+def _arrays(policy: NumpyPolicy, entries: Entries) -> Iterator[str]:
+    """Declarations of all constants."""
+    yield _array("scale", entries.scales)
+    if policy.normaliser is not None:
+        n = policy.normaliser
+        for word, values in (("mean", n["mean"]), ("inverse", 1.0 / np.sqrt(n["variance"] + n["epsilon"]))):
+            first = values.astype(np.float32)
+            yield _array(word, first)
+            yield _array(f"{word}_rest", values - first)
+        yield f"static const float NAME_clip = {_number(n['clip'])};\n"
+    for k, (w, b) in enumerate(policy.weights):
+        yield _array(f"w{k}", w.ravel())
+        yield _array(f"b{k}", b)
+
+
+def _array(name: str, values: Sequence[float] | NDArray[Any]) -> str:
+    words = [_number(value) for value in values]
+    rows = [", ".join(words[i : i + 8]) for i in range(0, len(words), 8)]
+    return f"static const float NAME_{name}[{len(words)}] = {{\n    " + ",\n    ".join(rows) + "\n};\n"
+
+
+def _number(value: Any) -> str:
+    """A float32 as C writes it, to the last bit."""
+    text = f"{np.float32(value):.9g}"
+    return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
+
+
+_MEMORY = """\
+typedef struct {
+    float seen[UPPER_OBSERVATION];
+    int begun;
+} NAME_memory;
+"""
+
+_LAYER = """\
+/* out + out_rest = (in + in_rest) w + b; 4097 cuts a float in two of 12 digits, whose product is exact */
+static void NAME_layer(const float *in, const float *in_rest, int rows, const float *w, const float *b, float *out,
+                       float *out_rest, int columns)
+{
+    int j, k;
+    for (j = 0; j < columns; j++) {
+        out[j] = b[j];
+        out_rest[j] = 0.0f;
+    }
+    for (k = 0; k < rows; k++, w += columns) {
+        register const float wide = in[k] * 4097.0f;
+        register const float head = wide - (wide - in[k]), tail = (in[k] - head) + in_rest[k];
+        for (j = 0; j < columns; j++) {
+            register const float large = w[j] * 4097.0f, first = large - (large - w[j]), term = head * first;
+            register const float before = out[j], sum = before + term, back = sum - before;
+            out_rest[j] += ((before - (sum - back)) + (term - back)) + (head * (w[j] - first) + tail * w[j]);
+            out[j] = sum;
+        }
+    }
+}
+"""
+
+_NORMAL = """\
+/* entry i of an observation less its mean, over its deviation, clipped */
+static float NAME_normal(int i, float value, float *rest)
+{
+    const float d = value - NAME_mean[i], back = value - d;
+    const float d_rest = ((value - (d + back)) + (back - NAME_mean[i])) - NAME_mean_rest[i];
+    const float s = NAME_inverse[i], x = d * s;
+    const float wide = d * 4097.0f, head = wide - (wide - d), tail = d - head;
+    const float large = s * 4097.0f, first = large - (large - s), last = s - first;
+    *rest = (((head * first - x) + head * last) + tail * first) + tail * last;
+    *rest += d * NAME_inverse_rest[i] + d_rest * s;
+    if (x >= -NAME_clip && x <= NAME_clip)
+        return x;
+    *rest = 0.0f;
+    return x < 0.0f ? -NAME_clip : NAME_clip;
+}
+"""
+
+_DECIDE = """\
+void NAME_decide(const float observation[UPPER_OBSERVATION], float action[UPPER_ACTIONS])
+{
+    float x[UPPER_WIDTH], x_rest[UPPER_WIDTH], y[UPPER_WIDTH], y_rest[UPPER_WIDTH];
+    int i;
+STEPS
+}
+"""
+
+_ACT = """\
+void NAME_reset(NAME_memory *memory)
+{
+    memory->begun = 0;
+}
+
+void NAME_act(NAME_memory *memory, const float measured[UPPER_ENTRIES], float action[UPPER_ACTIONS])
+{
+    int i;
+    for (i = 0; i < UPPER_OBSERVATION; i++) {
+        const int next = i + UPPER_ENTRIES, k = i % UPPER_ENTRIES;
+        if (memory->begun && next < UPPER_OBSERVATION)
+            memory->seen[i] = memory->seen[next];
+        else {
+            const float x = measured[k] / NAME_scale[k];
+            memory->seen[i] = x < -UPPER_MOST ? -UPPER_MOST : x > UPPER_MOST ? UPPER_MOST : x;
+        }
+    }
+    memory->begun = 1;
+    NAME_decide(memory->seen, action);
+}
+"""

@@ -1,0 +1,321 @@
+"""Arms whose control periods are differentiated: rows of numbers, no episodes, exact Jacobians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..batch import Batch
+from ..compiler import WIDEST, Crew, Placed, dual, entry, native, uncompiled
+from ..physics.integrator.work import unpack
+from ..runtime import derivative
+from ..runtime.implicit import implicit
+from ..runtime.layout import aligned, layout_of, record_sizes
+from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RATE, TORQUE_FACTOR
+
+Array = NDArray[np.float64]
+
+OK = 0
+
+MOST_AT_ONCE = int(__import__("os").environ.get("AT_ONCE", "9"))
+"""Columns that go through a period side by side."""
+
+
+class Jacobians(NamedTuple):
+    """What a control period of n arms comes to, and its derivative.
+
+    S numbers in a state, of which the first X move (`Arms.moving`); A in an action, O in an observation. Derivatives by
+    and of the numbers that move stand in `moved`; A, B, C, D, r_x, r_u show them for whole states, in which what does
+    not move passes through a period unchanged and, being given, is not asked how much it matters: columns of zeros.
+    """
+
+    state: Array  # (n, S), a period later
+    observation: Array  # (n, O)
+    reward: Array  # (n,)
+    moved: Array  # (n, X + O + 1, X + A): rows of state, observation, reward; columns of state, action
+
+    @property
+    def _sizes(self) -> tuple[int, int, int, int]:
+        entries, rows = self.observation.shape[1], self.moved.shape[1]
+        moving = rows - entries - 1
+        return moving, entries, self.state.shape[1], self.moved.shape[2] - moving
+
+    @property
+    def A(self) -> Array:
+        """(n, S, S): the state by the state."""
+        x, _, size, _ = self._sizes
+        full = np.zeros((len(self.state), size, size))
+        full[:, np.arange(x, size), np.arange(x, size)] = 1.0
+        full[:, :x, :x] = self.moved[:, :x, :x]
+        return full
+
+    @property
+    def B(self) -> Array:
+        """(n, S, A): the state by the action."""
+        x, _, size, actions = self._sizes
+        full = np.zeros((len(self.state), size, actions))
+        full[:, :x] = self.moved[:, :x, x:]
+        return full
+
+    @property
+    def C(self) -> Array:
+        """(n, O, S): the observation by the state."""
+        x, entries, size, _ = self._sizes
+        full = np.zeros((len(self.state), entries, size))
+        full[:, :, :x] = self.moved[:, x : x + entries, :x]
+        return full
+
+    @property
+    def D(self) -> Array:
+        """(n, O, A): the observation by the action."""
+        x, entries, _, _ = self._sizes
+        return self.moved[:, x : x + entries, x:]
+
+    @property
+    def r_x(self) -> Array:
+        """(n, S): the reward by the state."""
+        full = np.zeros(self.state.shape)
+        full[:, : self._sizes[0]] = self.moved[:, -1, : self._sizes[0]]
+        return full
+
+    @property
+    def r_u(self) -> Array:
+        """(n, A): the reward by the action."""
+        return self.moved[:, -1, self._sizes[0] :]
+
+    def push(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+        """Tangents (n, S), (n, A) of state and action to those of state, observation and reward a period later."""
+        x, entries, _, _ = self._sizes
+        both = np.concatenate([state[:, :x], action], axis=1)
+        out = (self.moved @ both[:, :, None])[:, :, 0]
+        after = np.concatenate([out[:, :x], state[:, x:]], axis=1)
+        return after, out[:, x : x + entries], out[:, -1]
+
+    def pull(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
+        """Cotangents (n, S), (n, O), (n,) of a period's outcome to those (n, S), (n, A) of state and action before."""
+        x = self._sizes[0]
+        given = np.concatenate([state[:, :x], observation, reward[:, None]], axis=1)
+        out = (given[:, None, :] @ self.moved)[:, 0]
+        return np.concatenate([out[:, :x], state[:, x:]], axis=1), out[:, x:]
+
+
+class Arms:
+    """n arms of an environment, one control period at a time, with exact derivatives.
+
+    A state is a row of numbers that holds all that an arm's future depends on; what it gives is what the environment
+    gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: time limits,
+    joint limits and autoreset are left to the caller; a solver that fails gives NaN.
+
+    Args:
+        id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector
+            environment chooses. parameters: also by payload mass and inertia, the factor on EI, tau_d and the factor on
+            the torque constant, which then stand last among the numbers that move.
+        keywords: of the environment and its solver.
+    Attributes:
+        n, state_size, action_size, observation_size. moving: how many of a state's first numbers change with time or
+        are differentiated by; the others are given (targets, periods done, ...). names: of a state's numbers.
+        observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
+        whether an arm was beyond a joint's limits at its end.
+    Raises:
+        ValueError: an environment that cannot be differentiated: sensors, history, moving targets, replayed motions,
+            fitted steps, joints by multipliers; bad sizes.
+    """
+
+    def __init__(
+        self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
+    ) -> None:
+        self.n = check.integer("n", n, minimum=1)
+        made: Any = gym.make_vec(
+            id, num_envs=self.n, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, threads=threads, **keywords
+        ).unwrapped
+        self.environment = made
+        _differentiable(made)
+        self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
+        self.action_size = self.action_space.shape[0]
+        batch: Batch = made.batch
+        self._batch, self.parameters = batch, check.flag("parameters", parameters)
+        task, model, extras = batch.task, batch.system.model, batch.extras
+        own, self.names, self.moving = _places(batch, len(batch.lane), batch.layout, self.parameters)
+        self._own = own
+        self.state_size = len(self.names)
+        lanes, columns = len(WIDEST), self.moving + self.action_size
+        implied = getattr(model, "rough", None) is None and model.correction is None
+        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied else 1
+        self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
+        both = dual(WIDEST, at_once)
+        layouts = [layout_of(k, model, task, batch.entries, extras, False) for k in (lanes, len(both))]
+        chosen = extras.selection.chosen if extras.selection is not None else np.arange(batch.entries)
+        self.observation_size = len(chosen)
+        rows = self.moving + self.observation_size + 1
+        self._groups = -(-self.n // lanes)
+        self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
+        blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
+        self._blocks = blocks
+        self._program = derivative.Derivative(
+            lane=WIDEST, dual=both, program=batch.program, plain=layouts[0], both=layouts[1], columns=columns,
+            moving=self.moving,
+            places=_places(batch, lanes, layouts[0], self.parameters)[0],
+            twice=_places(batch, len(both), layouts[1], self.parameters)[0],
+            chosen=np.asarray(chosen, np.int64), n=self.n,
+            state=np.zeros(self.n * self.state_size), action=np.zeros(self.n * self.action_size),
+            after=np.zeros(self.n * self.state_size), observation=np.zeros(self.n * self.observation_size),
+            reward=np.zeros(self.n), failed=np.zeros(self.n, np.uint8), past=np.zeros(self.n, np.uint8),
+            jacobian=np.zeros(self.n * rows * columns),
+            block=blocks[0].reshape(-1), scratch=blocks[1].reshape(-1),
+        )  # fmt: skip
+        self._shape = (self.n, rows, columns)
+        self._placed = Placed(self._program)
+        self._crew = Crew(batch.threads - 1)
+        self._entries: dict[Any, Any] = {}
+
+    # --- states ----------------------------------------------------------------------------------
+    def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
+        """Fresh starts, those of the vector environment with this seed and these options: states (n, S)."""
+        self.environment.reset(seed=seed, options=options)
+        return self.states()
+
+    def states(self) -> Array:
+        """The states (n, S) at which the arms of `environment` are."""
+        lanes = len(self._batch.lane)
+        rows = self._batch.block[:, (self._own[:, None] + np.arange(lanes)).ravel()]
+        rows = rows.reshape(len(rows), len(self._own), lanes).transpose(0, 2, 1)
+        return rows.reshape(-1, len(self._own))[: self.n].copy()
+
+    def observe(self, state: Array) -> Array:
+        """What is to be seen (n, O) of states (n, S)."""
+        self._put(state, None)
+        self._run(derivative.look)
+        return self._rows("observation", self.observation_size)
+
+    def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+        """State (n, S), observation (n, O) and reward (n,) a period later, under an action (n, A), clipped to +-1."""
+        self._put(state, action)
+        self._run(derivative.step)
+        return self._outcome()
+
+    # --- derivatives -----------------------------------------------------------------------------
+    def jacobians(self, state: Array, action: Array) -> Jacobians:
+        """The same, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
+        given = self._put(state, action)
+        self._run(self._derivative)
+        moved = self._program.jacobian.reshape(self._shape).copy()
+        moved[:, :, self.moving :] *= (np.abs(given) <= 1.0)[:, None, :]
+        outcome = self._outcome()
+        moved[self.failed] = np.nan
+        return Jacobians(*outcome, moved)
+
+    def sights(self, state: Array) -> tuple[Array, Array]:
+        """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
+        self._put(state, None)
+        self._run(derivative.sights)
+        x, entries = self.moving, self.observation_size
+        slopes = np.zeros((self.n, entries, self.state_size))
+        slopes[:, :, :x] = self._program.jacobian.reshape(self._shape)[:, x : x + entries, :x]
+        return self._rows("observation", entries), slopes
+
+    def close(self) -> None:
+        """Let the threads go."""
+        self._crew.close()
+        self.environment.close()
+
+    # --- inside ----------------------------------------------------------------------------------
+    def _put(self, state: Array, action: Any) -> Array:
+        d = self._program
+        d.state.reshape(self.n, -1)[:] = _checked("state", state, (self.n, self.state_size))
+        given = np.zeros((self.n, self.action_size))
+        if action is not None:
+            given = _checked("action", action, (self.n, self.action_size))
+        np.clip(given, -1.0, 1.0, out=d.action.reshape(self.n, -1))
+        return given
+
+    def _rows(self, name: str, size: int) -> Array:
+        return np.array(getattr(self._program, name).reshape(self.n, size))
+
+    def _outcome(self) -> tuple[Array, Array, Array]:
+        d = self._program
+        self.failed, self.past = d.failed != OK, d.past.astype(np.bool_)
+        after, seen, reward = (
+            self._rows("after", self.state_size), self._rows("observation", self.observation_size), d.reward.copy(),
+        )  # fmt: skip
+        if self.failed.any():
+            for values in (after, seen, reward):
+                values[self.failed] = np.nan
+            for block in self._blocks:
+                block[:] = 0.0
+        return after, seen, reward
+
+    def _run(self, function: Any) -> None:
+        if function not in self._entries:
+            made = entry(function, self._placed, 0, 0)
+            self._entries[function] = made, native(function, self._placed, 0, 0) if self._batch.threads > 1 else 0
+        made, code = self._entries[function]
+        if code:
+            self._crew.run(code, self._placed.address, self._groups)
+        else:
+            made(self._placed.address, 0, self._groups)
+
+
+def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    rows = np.asarray(value, np.float64)
+    if rows.shape != shape:
+        raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
+    return rows
+
+
+def _differentiable(made: Any) -> None:
+    """A ValueError for what has no derivative here."""
+    extras, plan = made.batch.extras, made.plan
+    wrong = {
+        "sensors": extras.sensors is not None or extras.instruments is not None,
+        "history": plan.history > 1,
+        "task": plan.task in ("track", "replay"),
+        "step_tolerance": made.batch.program.models is not None,
+        "pushes": extras.pushes is not None,
+        "payload_change": extras.payload_change is not None,
+        "multipliers": bool(plan.settings.multipliers),
+    }
+    for name, is_so in wrong.items():
+        if is_so:
+            raise check.InvalidValue(name, "given", "must not be: derivatives do not have it")
+
+
+def _places(batch: Batch, stride: int, layout: Any, parameters: bool) -> tuple[Any, tuple[str, ...], int]:
+    """Where a state's numbers are in a block whose elements lie `stride` apart; their names; how many of them move."""
+    model, task, extras = batch.system.model, batch.task, batch.extras
+    rows, links = len(batch.system.q0), len(task.links)
+    fixed = set(model.fixed.tolist())
+    work = uncompiled(unpack)((0,) * stride, model, np.arange(layout.par, dtype=np.float64), 0)
+    afresh = isinstance(model.predictor, tuple) and getattr(model, "rough", None) is None
+    free = [k for k in range(rows) if k not in fixed]
+    moving: list[tuple[str, int]] = []
+    for name in ("q", "v") if afresh else ("q", "v", "a", "b"):
+        first = int(getattr(work, name)[0])
+        moving += [(f"{name}[{k}]", first + k * stride) for k in free]
+    if not afresh:
+        moving += [(f"torque[{k}]", int(work.u[0]) + k * stride) for k in range(links)]
+    sizes = record_sizes(task, batch.entries, extras)
+    at = RECORD.offsets(0, *sizes)
+
+    def recorded(name: str, first: int, count: int) -> list[tuple[str, int]]:
+        return [(f"{name}[{k}]" if count > 1 else name, layout.record + (first + k) * stride) for k in range(count)]
+
+    if extras.actuator is not None:
+        moving += recorded("motor", at.torque, links) + recorded("asked", at.commands, at.seen - at.commands)
+    own = [(f"parameter[{k}]", layout.par + k * stride) for k in range(PARAMETERS)]
+    own += recorded("torque_factor", TORQUE_FACTOR, 1)
+    given = [(f"q[{k}]", int(work.q[0]) + k * stride) for k in sorted(fixed)]
+    if parameters:
+        moving += own
+    else:
+        given += own
+    given += recorded("target", TARGET, 2) + recorded("target_rate", TARGET_RATE, 2)
+    if extras.controller is not None:
+        given += recorded("goal", at.goal, links)
+    given += recorded("periods", PERIODS, 1) + recorded("hold", HOLD, 1)
+    both = moving + given
+    return np.array([place for _, place in both], np.int64), tuple(name for name, _ in both), len(moving)

@@ -1,0 +1,188 @@
+"""Costs, pushes, payloads that change, starts and what counts as success: from keyword arguments to records."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..batch import FURTHER, Cost, Extras, PayloadChange, Pushes, Starts, gauge_table
+from ..parameters import Arm
+from ..rigid import reach
+from ..sensors import surface
+from .features import Frame
+from .task import Kind
+
+Array = NDArray[np.float64]
+Pair = tuple[float, float]
+
+STATIONS = (0.0, 0.25, 0.5, 0.75)
+"""Places along each link, from its root (0) to its tip (1), where strain is looked at: at the tip there is none."""
+
+TURNS = ("exact", "any")
+GRIPPED = ("resting", "moving")
+TOLD = ("cost", "pushes", "payload_change")
+"""Keywords, and fields of `Extras`, that add to what the caller is told."""
+
+
+def cost(frame: Frame, given: Any) -> Cost | None:
+    """Limits on tip deflections (over their link's length) and strains (of the links' surfaces)."""
+    if given is None:
+        return None
+    table = check.table_of("cost", given)
+    check.known_keys("cost", table, ("deflection", "strain"))
+    if not table:
+        raise check.MissingKey("cost.deflection", "a cost needs a limit: deflection (over a link's length) or strain")
+    n, limits, rows = frame.arm.n_links, None, None
+    if "deflection" in table:
+        value = table["deflection"]
+        each = check.sequence("cost.deflection", value, f"{n} numbers", n) if np.ndim(value) else (value,) * n
+        names = [f"cost.deflection[{k}]" if np.ndim(value) else "cost.deflection" for k in range(n)]
+        limits = np.array([check.number(name, v, above=0.0) for name, v in zip(names, each, strict=True)])
+    if "strain" in table:
+        limit = check.number("cost.strain", table["strain"], above=0.0)
+        rows = (_strains(frame) / limit).ravel()
+    return Cost(deflection=limits, strain=rows)
+
+
+def _strains(frame: Frame) -> Array:
+    """(4 N, n): strain of the surface at the stations of each link, from the state."""
+    places = [(k, place) for k in range(frame.arm.n_links) for place in STATIONS]
+    distances = []
+    for k, place in places:
+        link = frame.arm.links[k]
+        there = link.along(place * link.length)
+        if float(there.J) <= 0.0:
+            what = "must be given (kg m) for cost.strain: with m it tells how thick the link is"
+            raise check.InvalidValue(f"arm.links[{k}].section.J", float(there.J), what)
+        distances.append(surface(float(there.m), float(there.J)))
+    return gauge_table(frame.arm, frame.settings, frame.gravity, places) * np.array(distances)[:, None]
+
+
+def pushes(frame: Frame, given: Any) -> Pushes | None:
+    """Forces on the tip at random times."""
+    if given is None:
+        return None
+    table = check.table_of("pushes", given)
+    check.known_keys("pushes", table, ("wait", "force", "lasting", "until"))
+    for key in ("wait", "force"):
+        check.needed("pushes", table, key, f"must be two numbers ({'s' if key == 'wait' else 'N'}), (low, high)")
+    wait = check.limits("pushes.wait", table["wait"], "s", minimum=0.0)
+    lasting = check.number("pushes.lasting", table.get("lasting", frame.period), "s", above=0.0)
+    periods = round(lasting / frame.period)
+    if periods < 1 or abs(lasting / frame.period - periods) > 1e-6 * periods:
+        what = f"must be a whole number of control_dt = {frame.period:g} s"
+        raise check.InvalidValue("pushes.lasting", lasting, what)
+    until = math.inf if "until" not in table else check.number("pushes.until", table["until"], "s", minimum=0.0)
+    force = check.limits("pushes.force", table["force"], "N", minimum=0.0)
+    return Pushes(
+        wait=np.array(wait) / frame.period, force=np.array(force), lasting=float(periods), until=until / frame.period
+    )
+
+
+def payload_change(frame: Frame, given: Any) -> PayloadChange | None:
+    """A payload that is gripped or let go once in an episode."""
+    if given is None:
+        return None
+    table = check.table_of("payload_change", given)
+    check.known_keys("payload_change", table, ("time", "factor", "gripped"))
+    for key in ("time", "factor"):
+        check.needed("payload_change", table, key, f"must be two numbers{' (s)' * (key == 'time')}, (low, high)")
+    if frame.arm.payload.mass <= 0.0:
+        what = "must be positive for payload_change, whose factors are on this payload"
+        raise check.InvalidValue("arm.payload.mass", frame.arm.payload.mass, what)
+    time = check.limits("payload_change.time", table["time"], "s", minimum=frame.period)
+    factor = check.limits("payload_change.factor", table["factor"], minimum=0.0)
+    gripped = check.choice("payload_change.gripped", table.get("gripped", GRIPPED[0]), GRIPPED)
+    return PayloadChange(
+        time=np.array(time) / frame.period, factor=np.array(factor), resting=(0,) if gripped == GRIPPED[0] else None
+    )
+
+
+def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool) -> dict[str, Any]:
+    """Fields of the task's record that say what is asked for, where it is not the usual."""
+    kind = frame.kind
+    table = {} if success is None else check.table_of("success", success)
+    check.known_keys("success", table, (*kind.bands, "hold", "once"))
+    bands = [
+        check.number(f"success.{name}", table[name], unit, above=0.0) if name in table else usual
+        for name, (usual, unit) in kind.bands.items()
+    ]
+    changes: dict[str, Any] = {"bands": np.array(bands)}
+    if "hold" in table:
+        time = check.number("success.hold", table["hold"], "s", minimum=0.0)
+        changes["hold"] = float(math.ceil(time / frame.period - 1e-9) + 1)
+    if check.flag("success.once", table.get("once", False)):
+        changes["once"] = (0,)
+    if check.choice("turns", turns, TURNS) == "any":
+        seen = extras.instruments is not None and extras.instruments.goals is not None
+        if kind.target.numbers != 1:
+            raise check.InvalidValue("turns", turns, f'must be "exact" for {kind.id}, whose target is a point')
+        if extras.controller is not None or seen:
+            what = 'must be "exact" where joint errors are used: action_mode="residual_pd", observation="measured"'
+            raise check.InvalidValue("turns", turns, what)
+        changes["turns"] = (0,)
+    if absolute:
+        changes["relative"] = 0.0
+    if any(getattr(extras, name) is not None for name in TOLD):
+        changes["further"] = (0,) * FURTHER.end
+    return changes
+
+
+def starts(kind: Kind, arm: Arm, given: Any) -> tuple[Starts, bool]:
+    """What fresh starts are drawn from, with what is given in the place of the kind's own; whether target angles are
+    drawn as they stand, and not from where the arm starts."""
+    usual = kind.starts(arm)
+    if given is None:
+        return usual, False
+    table, n = check.table_of("starts", given), arm.n_links
+    check.known_keys("starts", table, ("angles", "target", "straight", "absolute"))
+    changes: dict[str, Any] = {}
+    if "angles" in table:
+        rows = check.sequence("starts.angles", table["angles"], f"{n} pairs (low, high), rad", n)
+        changes["start"] = [_joint(arm, k, row) for k, row in enumerate(rows)]
+        changes["straight"] = 0.0
+    if "target" in table:
+        changes["target"] = _target(kind, arm, table["target"])
+    if "straight" in table:
+        changes["straight"] = check.number("starts.straight", table["straight"], minimum=0.0, maximum=1.0)
+    absolute = check.flag("starts.absolute", table.get("absolute", False))
+    if absolute and kind.target.numbers != 1:
+        raise check.InvalidValue("starts.absolute", True, f"must be left out for {kind.id}: a point is where it is")
+    return dataclasses.replace(usual, **changes), absolute
+
+
+def _joint(arm: Arm, k: int, row: Any) -> Pair:
+    low, high = check.limits(f"starts.angles[{k}]", row, "rad")
+    own = None if arm.joint_limits is None else arm.joint_limits[k]
+    if own is not None and not own[0] <= low <= high <= own[1]:
+        what = f"must be within the joint's limits, {own[0]:g} to {own[1]:g} rad"
+        raise check.InvalidValue(f"starts.angles[{k}]", (low, high), what)
+    return low, high
+
+
+def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
+    """Two ranges: of the angle, or of distance (m) and bearing (rad) of the point."""
+    if kind.target.numbers == 1:
+        return [check.limits("starts.target", value, "rad"), (0.0, 0.0)]
+    first, second = check.sequence("starts.target", value, "two pairs: distance (m) and bearing (rad)", 2)
+    near, far = reach(arm)
+    low, high = check.limits("starts.target[0]", first, "m")
+    if not near <= low <= high <= far:
+        what = f"must be within reach, {near:g} to {far:g} m from the root"
+        raise check.InvalidValue("starts.target[0]", (low, high), what)
+    return [(low, high), check.limits("starts.target[1]", second, "rad")]
+
+
+def unguided(extras: Extras, path: str, value: Any) -> None:
+    """ValueError where a prescribed motion meets what only an arm that moves by itself can undergo."""
+    for name in TOLD:
+        if getattr(extras, name) is not None:
+            raise check.InvalidValue(path, value, f"must not be given in an environment with {name}")
+
+
+__all__ = ["aims", "cost", "payload_change", "pushes", "starts", "unguided"]

@@ -1,0 +1,177 @@
+"""A payload that changes at an instant: what is gripped comes to the arm's motion, what is let go takes its along."""
+
+from __future__ import annotations
+
+from ...compiler import kernel, load, select_lt, size, splat, store
+from ..layout import DISSIPATED, FACTORISATIONS, WORK_DONE
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
+from ..protocol import (
+    MASS_ALONE,
+    RESIDUAL_ALONE,
+    Weights,
+    assemble,
+    constrain,
+    energy,
+    factor,
+    solve,
+)
+from .start import SMALL
+from .switching import jump_multipliers
+from .work import move_multipliers, state_of, take_out_known
+
+
+@kernel
+def change_payload(lane, model, resting, par, new, live, w, h, books):
+    """The payload's mass and inertia become `new` (2 rows of lanes) where `live` is 1; elsewhere nothing changes.
+
+    resting: a tag where what is gripped rests. It comes to the arm's motion in no time: positions stay, and so does the
+    momentum, M+ v+ + Phi_q^T Lambda = M- v-; torques and the forces of springs, dampers and friction are finite, and
+    have no impulse. Where there is none, and where something is let go, what comes or goes moves with the tip:
+    velocities stay. Of the jump of the velocities what damping ends before a step could see it is taken out, as where a
+    motion jumps: e = (1 - s)^3 (1 + 3 s) dv with s = (M+ + h/2 C)^-1 M+ (`start.restart` says why).
+
+    Accelerations change with what the forces ask for of the residual r-, r+ before and after,
+
+        (M+ + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -(r+ - r-),    three times,
+
+    and b keeps its distance from a: see `start.restart`. h: a step. books: a tag, or None. What the impact and
+    that damping take, T- - T+, goes to what is dissipated; the energy of the payload that comes or goes to the work.
+    """
+    _change(lane, model, resting, par, new, load(lane, live, 0), w, h, books)
+
+
+@kernel
+def _change(lane, model, resting, par, new, live, w, h, books):
+    n = size(model.n)
+    before = energy(lane, model, par, w.q, w.v)
+    struck = _struck(lane, resting, par, new, live)
+    assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
+    for k in range(n):
+        store(w.b0, k, load(lane, w.r, k))
+        store(w.v0, k, load(lane, w.v, k))
+        store(w.a0, k, load(lane, w.a, k))
+    _of_momentum(lane, model, par, new, w)
+    for k in range(n):
+        v = load(lane, w.v0, k)
+        store(w.v0, k, select_lt(0.5, struck, v - load(lane, w.r, k), v))
+    _pass_layer(lane, model, par, w, h)
+    for k in range(n):
+        v = load(lane, w.v0, k)
+        store(w.v, k, select_lt(0.5, struck, v + load(lane, w.r, k), v))
+        store(w.a, k, load(lane, w.a0, k))
+    move_multipliers(model.algebraic, w.v, w.v, True)
+    _accelerate(lane, model, par, w, h)
+    for k in range(n):
+        a = load(lane, w.a0, k)
+        new_a = select_lt(0.5, live, load(lane, w.a, k), a)
+        store(w.a, k, new_a)
+        store(w.b, k, select_lt(0.5, live, load(lane, w.b, k) + (new_a - a), load(lane, w.b, k)))
+    _book(lane, model, books, par, w, before, struck)
+
+
+@kernel
+def _struck(lane, resting, par, new, live):
+    """1 where something at rest is gripped."""
+    if resting is not None:
+        more = select_lt(load(lane, par, PAYLOAD_MASS), load(lane, new, 0), live, splat(lane, 0.0))
+        return select_lt(load(lane, par, PAYLOAD_INERTIA), load(lane, new, 1), live, more)
+    return splat(lane, 0.0)
+
+
+@kernel
+def _at_rest(lane, model, par, w, moving, weights):
+    """r of accelerations v0 (moving) or 0, of an arm at rest; S unless weights.mass = 0."""
+    for k in range(size(model.n)):
+        store(w.v, k, splat(lane, 0.0))
+        store(w.a, k, load(lane, w.v0, k) if moving else splat(lane, 0.0))
+    assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
+
+
+@kernel
+def _of_momentum(lane, model, par, new, w):
+    """r <- M+^-1 (M+ - M-) v-, by which velocities fall; q0 <- the forces at rest; par <- the new payload."""
+    n = size(model.n)
+    _at_rest(lane, model, par, w, True, RESIDUAL_ALONE)
+    for k in range(n):
+        store(w.q0, k, load(lane, w.r, k))
+    _at_rest(lane, model, par, w, False, RESIDUAL_ALONE)
+    for k in range(n):
+        store(w.q0, k, load(lane, w.q0, k) - load(lane, w.r, k))
+    store(par, PAYLOAD_MASS, load(lane, new, 0))
+    store(par, PAYLOAD_INERTIA, load(lane, new, 1))
+    _at_rest(lane, model, par, w, True, MASS_ALONE)
+    for k in range(n):
+        store(w.q0, k, load(lane, w.r, k) - load(lane, w.q0, k))
+    _at_rest(lane, model, par, w, False, RESIDUAL_ALONE)
+    for k in range(n):
+        rest = load(lane, w.r, k)
+        store(w.r, k, load(lane, w.q0, k) - rest)
+        store(w.q0, k, rest)
+    move_multipliers(model.algebraic, w.r, w.r, True)
+    _solve(lane, model, w, True)
+
+
+@kernel
+def _pass_layer(lane, model, par, w, h):
+    """r <- e of -dv where r is -dv and q0 are the forces at rest: t^3 (4 - 3 t) of it with t = 1 - s."""
+    n, part = size(model.n), 0.5 * h * SMALL
+    for k in range(n):
+        store(w.v, k, load(lane, w.r, k) * part)
+    _damp(lane, model, par, w, h, True)
+    for k in range(n):
+        store(w.v, k, load(lane, w.r, k) * part)
+    _damp(lane, model, par, w, h, False)
+    for k in range(n):
+        store(w.v, k, load(lane, w.v, k) * 4.0 - load(lane, w.r, k) * (3.0 * part))
+    _damp(lane, model, par, w, h, False)
+    for k in range(n):
+        store(w.v, k, load(lane, w.r, k) * part)
+    _damp(lane, model, par, w, h, False)
+
+
+@kernel
+def _damp(lane, model, par, w, h, matrix):
+    """r <- t x where v is x times h/2 and `SMALL`, and a is 0."""
+    move_multipliers(model.algebraic, w.v, w.v, True)
+    assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
+    for k in range(size(model.n)):
+        store(w.r, k, (load(lane, w.r, k) - load(lane, w.q0, k)) * (1.0 / SMALL))
+    move_multipliers(model.algebraic, w.r, w.r, True)
+    _solve(lane, model, w, matrix)
+
+
+@kernel
+def _solve(lane, model, w, matrix):
+    """r <- S^-1 r; `matrix`: S is new."""
+    take_out_known(lane, model, None, w.r, w.S, matrix)
+    if matrix:
+        factor(lane, model, w.S)
+        w.counts[FACTORISATIONS] += 1.0
+    solve(lane, model, w.S, w.r)
+
+
+@kernel
+def _accelerate(lane, model, par, w, h):
+    """Accelerations from those before, whose residual is in b0."""
+    for i in range(3):
+        first = i == 0
+        weights = Weights(1.0 if first else 0.0, 0.5 * h, 0.25 * h * h)
+        assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
+        for k in range(size(model.n)):
+            store(w.r, k, load(lane, w.r, k) - load(lane, w.b0, k))
+        constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
+        _solve(lane, model, w, first)
+        jump_multipliers(lane, model.algebraic, w.q, w.r)
+        for k in range(size(model.n)):
+            store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
+
+
+@kernel
+def _book(lane, model, books, par, w, before, struck):
+    """What the impact takes, and what the payload brings or takes along."""
+    if books is not None:
+        after = energy(lane, model, par, w.q, w.v)
+        gained, risen = after[0] - before[0], after[2] - before[2]
+        lost = select_lt(0.5, struck, -gained, splat(lane, 0.0))
+        store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + lost)
+        store(w.books, WORK_DONE, load(lane, w.books, WORK_DONE) + (gained + lost + risen))

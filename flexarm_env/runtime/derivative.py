@@ -1,0 +1,207 @@
+"""One control period and its derivative: rows of numbers, an arm each, in place of a batch's blocks.
+
+A row of `Derivative.state` holds all that an arm's period depends on: first what moves, X numbers that derivatives are
+taken by and of, then what is given. The period is that of `episode`, without what an environment notes of it: from the
+action to the torques, the steps, the observation and the reward. Its derivative, `jacobian`, is D = X + A columns of
+X + O + 1 rows: what the end's numbers that move, the observation's entries and the reward change by.
+
+`tangents` goes through the period with dual lanes, some columns at a time: whatever a period is made of is differentiated
+as it is computed, Newton's solution by the implicit function theorem (`physics.integrator.newton`). `implicit` has the
+same in less time where nothing but a step's equations decides what it comes to.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiler import arms, follow, kernel, load, size, splat, store
+from ..physics.integrator.work import unpack
+from ..physics.model import OK
+from ..physics.protocol import link_poses
+from ..tasks.program import PERIODS, Block, Program
+from ..tasks.task import info_of, judge, observe
+from .keeping import keep
+from .motors import take_steps
+
+
+class Derivative(NamedTuple):
+    """A batch's program with rows to work on: S numbers in a state, X of them moving, A joints, O entries observed."""
+
+    lane: tuple[int, ...]
+    dual: tuple[int, ...]
+    program: Program
+    plain: Block  # sections of a block of `lane`
+    both: Block  # of `dual`
+    columns: int  # X + A
+    moving: int  # X
+    places: np.ndarray  # (S,) int64: where a state's entries are in a plain block
+    twice: np.ndarray  # likewise in a dual one
+    chosen: np.ndarray  # (O,) int64: entries observed, of all that there are to be seen
+    n: int
+    state: np.ndarray  # (n S,)
+    action: np.ndarray  # (n A,), within +-1
+    after: np.ndarray  # (n S,): the state a period later
+    observation: np.ndarray  # (n O,)
+    reward: np.ndarray  # (n,)
+    failed: np.ndarray  # (n,) uint8: status
+    past: np.ndarray  # (n,) uint8: 1 where a joint is beyond its limits
+    jacobian: np.ndarray  # (n (X + O + 1) (X + A),)
+    block: np.ndarray  # (groups, plain.row)
+    scratch: np.ndarray  # (groups, both.row)
+
+
+@kernel
+def step(address, first, last):
+    """The period of groups first ... last - 1."""
+    d = follow(address)
+    for g in range(first, last):
+        block = d.block[g * d.plain.row : (g + 1) * d.plain.row]
+        fill(d.lane, d, d.places, d.plain, g, block)
+        _period(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
+        tell(d.lane, d, d.places, d.plain, g, block)
+    return 0
+
+
+@kernel
+def look(address, first, last):
+    """What is to be seen of groups first ... last - 1 as they are."""
+    d = follow(address)
+    for g in range(first, last):
+        block = d.block[g * d.plain.row : (g + 1) * d.plain.row]
+        fill(d.lane, d, d.places, d.plain, g, block)
+        see(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
+        tell(d.lane, d, d.places, d.plain, g, block)
+    return 0
+
+
+@kernel
+def tangents(address, first, last):
+    """The derivative of the period of groups first ... last - 1."""
+    d = follow(address)
+    for g in range(first, last):
+        block = d.scratch[g * d.both.row : (g + 1) * d.both.row]
+        for j in range(0, d.columns, at_once(d)):
+            fill(d.dual, d, d.twice, d.both, g, block)
+            seed(d.dual, d, j, block)
+            _period(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0))
+            take_columns(d.dual, d, g, j, block)
+        tell(d.dual, d, d.twice, d.both, g, block)
+    return 0
+
+
+@kernel
+def sights(address, first, last):
+    """The derivative of what is to be seen of groups first ... last - 1."""
+    d = follow(address)
+    for g in range(first, last):
+        block = d.scratch[g * d.both.row : (g + 1) * d.both.row]
+        for j in range(0, d.columns, at_once(d)):
+            fill(d.dual, d, d.twice, d.both, g, block)
+            seed(d.dual, d, j, block)
+            see(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0))
+            take_columns(d.dual, d, g, j, block)
+        tell(d.dual, d, d.twice, d.both, g, block)
+    return 0
+
+
+@kernel
+def at_once(d):
+    """Columns that a dual lane carries."""
+    return len(d.dual) // len(d.lane) - 1
+
+
+@kernel
+def fill(lane, d, places, layout, g, block):
+    """States and actions of group g into a block, tangents 0. Lanes without an arm are like the first."""
+    count, joints = places.shape[0], size(d.program.task.links)
+    for k in range(count):
+        store(block[places[k] :], 0, splat(lane, 0.0))
+    for k in range(joints):
+        store(block[layout.action :], k, splat(lane, 0.0))
+    for i in range(arms(lane)):
+        arm = g * arms(lane) + i
+        if arm >= d.n:
+            arm = g * arms(lane)
+        for k in range(count):
+            block[places[k] + i] = d.state[arm * count + k]
+        for k in range(joints):
+            block[layout.action + k * len(lane) + i] = d.action[arm * joints + k]
+    store(unpack(lane, d.program.model, block, 0).flag, 0, splat(lane, float(OK)))
+
+
+@kernel
+def seed(lane, d, first, block):
+    """Tangents of 1: of a number of the state, or of the action, for each column from `first` on."""
+    joints = size(d.program.task.links)
+    for j in range(first, min(first + at_once(d), d.moving + joints)):
+        at = d.both.action + (j - d.moving) * len(lane)
+        if j < d.moving:
+            at = d.twice[j]
+        at += (1 + j - first) * arms(lane)
+        for i in range(arms(lane)):
+            block[at + i] = 1.0
+
+
+@kernel
+def _period(lane, p, layout, block, w):
+    """One control period of the arms in a block, and what is to be seen after it."""
+    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
+    record, action, saved = (
+        block[layout.record : layout.action], block[layout.action : layout.seen], block[layout.saved : layout.end],
+    )  # fmt: skip
+    keep(lane, size(p.model.n), w, record, saved)
+    take_steps(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+    store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
+    see(lane, p, layout, block, w)
+
+
+@kernel
+def see(lane, p, layout, block, w):
+    """Poses, the observation and the reward of the arms in a block."""
+    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
+    record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
+    seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
+    link_poses(lane, p.model, par, w.q, w.v, poses)
+    observe(lane, p.task, poses, record, seen)
+    reward, past = judge(lane, p.task, poses, action, record, splat(lane, 1.0), info)
+    store(info, info_of(p.task).reward, reward)
+    store(info, info_of(p.task).truncated, past)
+
+
+@kernel
+def tell(lane, d, places, layout, g, block):
+    """What came of group g into the rows."""
+    count, entries, at = places.shape[0], d.chosen.shape[0], info_of(d.program.task)
+    flag = unpack(lane, d.program.model, block, 0).flag
+    for i in range(arms(lane)):
+        arm = g * arms(lane) + i
+        if arm < d.n:
+            for k in range(count):
+                d.after[arm * count + k] = block[places[k] + i]
+            for k in range(entries):
+                d.observation[arm * entries + k] = block[layout.seen + d.chosen[k] * len(lane) + i]
+            d.reward[arm] = block[layout.info + at.reward * len(lane) + i]
+            d.past[arm] = np.uint8(block[layout.info + at.truncated * len(lane) + i] > 0.5)
+            d.failed[arm] = np.uint8(flag[i])
+
+
+@kernel
+def take_columns(lane, d, g, first, block):
+    """Tangents of group g into the columns of the arms' Jacobians from `first` on."""
+    entries, at, columns = d.chosen.shape[0], info_of(d.program.task), d.columns
+    count = min(at_once(d), columns - first)
+    for i in range(arms(lane)):
+        arm = g * arms(lane) + i
+        if arm < d.n:
+            row = arm * (d.moving + entries + 1) * columns + first
+            for k in range(d.moving + entries + 1):
+                place = d.both.info + at.reward * len(lane)
+                if k < d.moving:
+                    place = d.twice[k]
+                elif k < d.moving + entries:
+                    place = d.both.seen + d.chosen[k - d.moving] * len(lane)
+                for j in range(count):
+                    d.jacobian[row + j] = block[place + (1 + j) * arms(lane) + i]
+                row += columns

@@ -1,0 +1,180 @@
+"""The derivative of a control period along its steps: values in plain lanes, tangents by the implicit function theorem.
+
+All columns go along together: each step is made once, its matrix is factored once more at its end, and each dual block
+carries some of the columns (`physics.integrator.tangents`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..compiler import TUPLE, by_kind, follow, kernel, largest, load, select_lt, size, splat, store
+from ..physics.arithmetic import put
+from ..physics.integrator.newton import slopes_of
+from ..physics.integrator.start import restart
+from ..physics.integrator.step import advance
+from ..physics.integrator.switching import switch
+from ..physics.integrator.tangents import (
+    before_switch,
+    copy_state,
+    prepare,
+    restart_tangents,
+    step_tangents,
+    switch_tangents,
+)
+from ..physics.integrator.work import unpack
+from ..tasks.program import PERIODS
+from .derivative import at_once, fill, see, seed, take_columns, tell
+from .keeping import keep
+from .motors import begin_stiff, command, tell_motors, turn_motors
+
+
+@kernel
+def implicit(address, first, last):
+    """The derivative of the period of groups first ... last - 1."""
+    d = follow(address)
+    for g in range(first, last):
+        block = d.block[g * d.plain.row : (g + 1) * d.plain.row]
+        chunks = (d.columns + at_once(d) - 1) // at_once(d)
+        scratch = d.scratch[g * chunks * d.both.row : (g + 1) * chunks * d.both.row]
+        _period(d.lane, d, g, chunks, block, scratch, unpack(d.lane, d.program.model, block, 0))
+    return 0
+
+
+@kernel
+def _chunk(d, c, scratch):
+    """The dual block of chunk c of the columns."""
+    return scratch[c * d.both.row : (c + 1) * d.both.row]
+
+
+@kernel
+def _parameters(d, both):
+    return both[d.both.par : d.both.poses]
+
+
+@kernel
+def _record(d, both):
+    return both[d.both.record : d.both.action]
+
+
+@kernel
+def _period(lane, d, g, chunks, block, scratch, w):
+    p, layout, model = d.program, d.plain, d.program.model
+    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
+    record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
+    saved = block[layout.saved : layout.end]
+    fill(lane, d, d.places, layout, g, block)
+    keep(lane, size(model.n), w, record, saved)
+    for k in range(size(p.task.links)):
+        store(w.u0, k, load(lane, w.u, k))
+    command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
+    for c in range(chunks):
+        _open(d, g, c, _chunk(d, c, scratch))
+    _tell(lane, p.task, p.actuator, record, w)
+    slopes = slopes_of(p.scheme, p.h)
+    for s in range(p.n_steps):
+        _turn(lane, d, p.actuator, s, chunks, record, scratch, w)
+        if s == 0:
+            _jump(lane, model.predictor, d, chunks, par, record, saved, block, scratch, w)
+        advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
+        prepare(lane, model, par, w, slopes)
+        for c in range(chunks):
+            both = _chunk(d, c, scratch)
+            x = unpack(d.dual, model, both, 0)
+            step_tangents(lane, d.dual, model, _parameters(d, both), w, x, slopes, p.scheme)
+    for c in range(chunks):
+        _close(lane, d, g, c, _chunk(d, c, scratch), w)
+    store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
+    see(lane, p, layout, block, w)
+    tell(lane, d, d.places, layout, g, block)
+
+
+@kernel
+def _tell(lane, task, actuator, record, w):
+    if actuator is not None:
+        tell_motors(lane, task, actuator, record, w)
+
+
+@kernel
+def _turn(lane, d, actuator, s, chunks, record, scratch, w):
+    """The motors' torques in step s, and their tangents."""
+    if actuator is not None:
+        turn_motors(lane, d.program.task, actuator, s, record, w)
+        for c in range(chunks):
+            both = _chunk(d, c, scratch)
+            x = unpack(d.dual, d.program.model, both, 0)
+            turn_motors(d.dual, d.program.task, actuator, s, _record(d, both), x)
+
+
+@kernel
+def _open(d, g, c, both):
+    """Columns of chunk c, as far as the commands."""
+    p, x, lane = d.program, unpack(d.dual, d.program.model, both, 0), d.dual
+    poses, action = both[d.both.poses : d.both.record], both[d.both.action : d.both.seen]
+    fill(lane, d, d.twice, d.both, g, both)
+    seed(lane, d, c * at_once(d), both)
+    for k in range(size(p.task.links)):
+        store(x.u0, k, load(lane, x.u, k))
+    command(
+        lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x
+    )
+    _tell(lane, p.task, p.actuator, _record(d, both), x)
+
+
+@kernel
+def _close(lane, d, g, c, both, w):
+    """What is to be seen by the columns of chunk c, and all of them into the arms' Jacobians."""
+    x = unpack(d.dual, d.program.model, both, 0)
+    copy_state(lane, d.dual, d.program.model, w, x)
+    see(d.dual, d.program, d.both, both, x)
+    take_columns(d.dual, d, g, c * at_once(d), both)
+
+
+@kernel
+def _afresh(lane, predictor, d, chunks, par, record, saved, block, scratch, w):
+    model = d.program.model
+    restart(lane, model, None, par, block, 0, 0.0, d.program.h, True)
+    for c in range(chunks):
+        both = _chunk(d, c, scratch)
+        x = unpack(d.dual, model, both, 0)
+        restart_tangents(lane, d.dual, model, _parameters(d, both), w, x)
+        for k in range(size(model.n)):
+            store(x.a, k, load(d.dual, x.r, k))
+            store(x.b, k, load(d.dual, x.r, k))
+
+
+@kernel
+def _stiff(lane, predictor, d, chunks, par, record, saved, block, scratch, w):
+    p, model = d.program, d.program.model
+    first = begin_stiff(lane, p, model, par, record, saved, block, w)
+    for c in range(chunks):
+        both = _chunk(d, c, scratch)
+        x = unpack(d.dual, model, both, 0)
+        if largest(first) > 0.5:
+            _begin(lane, d, model, p, both, w, x)
+        before_switch(lane, d.dual, model, _parameters(d, both), w, x)
+    switch(lane, model, par, block, 0, p.h)
+    for c in range(chunks):
+        both = _chunk(d, c, scratch)
+        switch_tangents(lane, d.dual, model, _parameters(d, both), w, unpack(d.dual, model, both, 0))
+
+
+@kernel
+def _begin(lane, d, model, p, both, w, x):
+    """Tangents of lanes where an episode begins."""
+    wide, zero = d.dual, splat(d.dual, 0.0)
+    first = select_lt(load(wide, _record(d, both), PERIODS), 0.5, splat(wide, 1.0), zero)
+    for k in range(size(model.n)):
+        store(x.v0, k, load(wide, x.a, k))
+    restart_tangents(lane, wide, model, _parameters(d, both), w, x)
+    for k in range(size(model.n)):
+        put(first, x.a, k, load(wide, x.r, k), load(wide, x.v0, k))
+        put(first, x.b, k, load(wide, x.r, k), load(wide, x.b, k))
+    for k in range(size(p.task.links)):
+        put(first, x.u0, k, load(wide, x.u, k), load(wide, x.u0, k))
+
+
+@by_kind("predictor", "lane, predictor, d, chunks, par, record, saved, block, scratch, w")
+def _jump(kind: str) -> Any:
+    """`motors._jump` with its tangents."""
+    return _afresh if kind == TUPLE else _stiff

@@ -1,0 +1,57 @@
+"""What a task comes to, as one canonical text, and its hash."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .. import arms
+from ..envs.options import Plan, plan
+from ..envs.task import CHAIN, REACH, SLEW
+from .data import Task
+
+KINDS = {kind.id: kind for kind in (SLEW, REACH, CHAIN)}
+
+
+def resolved(one: Task) -> Plan:
+    """The checked environment of a task, without making it."""
+    return plan(KINDS[one.environment], **one.keywords)
+
+
+def digest_of(one: Task) -> str:
+    """See `flexarm_env.suite.digest`."""
+    made = resolved(one)
+    built = made.kind.build(made.arm, np.array(made.rewards), made.period, made.aims)
+    arm = {key: value for key, value in arms.to_table(made.arm).items() if key != "source"}
+    starts = {key: getattr(made.starts, key) for key in ("start", "target", "straight", "vibration", "factors")}
+    what = {
+        "environment": one.environment,
+        "keywords": one.keywords,
+        "arm": arm,
+        "solver": {key: value for key, value in dataclasses.asdict(made.settings).items() if value is not None},
+        "period": made.period,
+        "limit": made.limit,
+        "gravity": made.gravity,
+        "weights": dict(zip(made.kind.rewards, made.rewards, strict=True)),
+        "starts": starts,
+        "success": dict(zip((*made.kind.bands, "hold"), (*built.bands, built.hold), strict=True)),
+        "observation": [list(pair) for pair in zip(made.names, made.scales, strict=True)],
+        "history": made.history,
+    }
+    return hashlib.sha256(json.dumps(_plain(what), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it, every number as a text of ten digits: 1 and 1.0 are the same."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, bool) or value is None or isinstance(value, str):
+        return value
+    return f"{float(value):.10g}"

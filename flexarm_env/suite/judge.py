@@ -1,0 +1,91 @@
+"""A policy on a task's episodes: returns, successes, costs, and what it took."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from .score import EPISODES, FIRST
+
+
+class Policy(Protocol):
+    """What acts in n episodes that begin together: `reset` takes their first observations, `act` every one in turn."""
+
+    def reset(self, observation: NDArray[np.float32]) -> Any:
+        """Begin episodes."""
+
+    def act(self, observation: NDArray[np.float32]) -> Any:
+        """Actions (n, joints) of observations (n, entries)."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What came of n episodes, one entry each.
+
+    Attributes:
+        returns: sums of rewards. successes: "is_success" at the end, not ended early. costs: sums of info["cost"] (0 on
+            tasks without). lengths: control periods. wall_s, cpu_s: in all, what compiling took left out.
+            decision_us: wall time of a decision, the episodes' together over their number.
+    """
+
+    returns: list[float]
+    successes: list[bool]
+    costs: list[float]
+    lengths: list[int]
+    wall_s: float
+    cpu_s: float
+    decision_us: float
+
+
+def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
+    """One episode in each environment of a native vector environment, of seeds first, first + 1, ...
+
+    Raises:
+        ValueError: actions of the wrong shape, or that are no finite numbers.
+    """
+    n, shape = int(env.num_envs), env.action_space.shape
+    env.reset(seed=first)
+    env.step(np.zeros(shape, np.float32))  # compiled by now
+    wall, cpu, deciding = time.perf_counter(), time.process_time(), 0.0
+    observation, info = env.reset(seed=first)
+    policy.reset(observation)
+    alive = np.ones(n, bool)
+    returns, costs, lengths = np.zeros(n), np.zeros(n), np.zeros(n, int)
+    successes = np.zeros(n, bool)
+    while alive.any():
+        before = time.perf_counter()
+        actions = checked(policy.act(observation), shape)
+        deciding += time.perf_counter() - before
+        observation, reward, terminated, truncated, info = env.step(actions)
+        returns += np.where(alive, reward, 0.0)
+        costs += np.where(alive, info.get("cost", 0.0), 0.0)
+        lengths += alive
+        ended = alive & (terminated | truncated)
+        successes[ended] = info["is_success"][ended] & ~terminated[ended]
+        alive &= ~ended
+    return Judged(
+        returns=returns.tolist(), successes=successes.tolist(), costs=costs.tolist(), lengths=lengths.tolist(),
+        wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu,
+        decision_us=1e6 * deciding / (n * int(lengths.max())),
+    )  # fmt: skip
+
+
+def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Actions as the environment takes them, cut to [-1, 1]. ValueError for others."""
+    try:
+        values = np.asarray(action, np.float32)
+    except (TypeError, ValueError):
+        raise check.InvalidValue("action", action, f"must be numbers of shape {shape}") from None
+    if values.shape != shape:
+        raise check.InvalidValue("action's shape", values.shape, f"must be {shape}: a row an observation")
+    if not np.isfinite(values).all():
+        raise check.InvalidValue("action", values[~np.isfinite(values).all(axis=1)][0], "must be finite numbers")
+    return np.clip(values, np.float32(-1.0), np.float32(1.0))
+
+
+__all__ = ["EPISODES", "FIRST", "Judged", "Policy", "judge"]

@@ -1,0 +1,153 @@
+"""One page of all results files of a folder: scores over tasks, and each task's table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .data import Task, tasks
+from .results import Results, of_the_protocol, summary
+from .score import EPISODES, FIRST, interquartile_mean, interval, references
+
+HEAD = f"""# Results on the suite
+
+Mean returns over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no training uses. A score is
+(J - J_PD) / (J_best - J_PD): 0 for PD control, 1 for the best known. Interquartile means (IQM) are over all scores of a
+method, the mean of the middle half; their brackets hold 95 % percentile intervals by a bootstrap over runs, stratified
+by tasks (none where a method has one run). A method that is missing on a task is not made for it, or was not judged
+there.
+
+Each file of the folder is a run of a method; another's result is one file more, written by
+`flexarm bench suite --policy ... --name METHOD --out FOLDER`. This page: `flexarm bench page FOLDER --out PAGE`."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A method on a task: of each run its summary, and its entry in the results file."""
+
+    method: str
+    summaries: list[dict[str, Any]]
+    entries: list[dict[str, Any]]
+
+    def mean(self, key: str) -> float | None:
+        """Over the runs; None where one has none."""
+        values = [one[key] for one in self.summaries]
+        return None if any(value is None for value in values) else float(np.mean(values))
+
+    def trained(self, key: str) -> float:
+        """Sum over the runs of what training took."""
+        return float(sum((entry["training"] or {}).get(key, 0.0) for entry in self.entries))
+
+
+def page(found: Sequence[Results]) -> str:
+    """The page, in Markdown."""
+    known = [task for task in tasks() if any(task.id in one.tasks for one in found)]
+    lines = {task.id: list(_lines(task, found)) for task in known}
+    text = [HEAD, "", *_made(found), "", "## Scores", "", *_scores(known, lines)]
+    for task in known:
+        text += ["", f"## {task.number}. {task.title} (`{task.id}`)", "", *_table(task, lines[task.id])]
+    text += list(_left_out(found))
+    return "\n".join(text).rstrip() + "\n"
+
+
+def _lines(task: Task, found: Sequence[Results]) -> Iterator[Line]:
+    """Methods on a task, the best first."""
+    runs: dict[str, list[dict[str, Any]]] = {}
+    for one in found:
+        entry = one.tasks.get(task.id)
+        if entry is not None and of_the_protocol(task, entry):
+            runs.setdefault(one.name, []).append(entry)
+    lines = [Line(name, [summary(task, entry) for entry in entries], entries) for name, entries in runs.items()]
+    yield from sorted(lines, key=lambda line: -float(np.mean([one["return"] for one in line.summaries])))
+
+
+def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> Iterator[str]:
+    """A row a method: its interquartile mean, and its mean score on each task."""
+    scores: dict[str, dict[str, list[float]]] = {}
+    for task in known:
+        for line in lines[task.id]:
+            if line.mean("score") is not None:
+                scores.setdefault(line.method, {})[task.id] = [one["score"] for one in line.summaries]
+    yield "| method | runs | IQM | " + " | ".join(f"{task.number}" for task in known) + " |"
+    yield "|---|---:|---:|" + "---:|" * len(known)
+    ordered = sorted(scores, key=lambda name: (-len(scores[name]), -interquartile_mean(scores[name])))
+    for name in ordered:
+        own = scores[name]
+        cells = [f"{np.mean(own[task.id]):.2f}" if task.id in own else "" for task in known]
+        counts = sorted({len(runs) for runs in own.values()})
+        runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
+        yield f"| {name} | {runs} | {_middle(own, len(known))} | " + " | ".join(cells) + " |"
+
+
+def _middle(own: dict[str, list[float]], count: int) -> str:
+    """The interquartile mean, with its interval; of a part of the tasks it says so."""
+    limits = interval(own)
+    text = f"{interquartile_mean(own):.2f}" + ("" if limits is None else f" [{limits[0]:.2f}, {limits[1]:.2f}]")
+    return text if len(own) == count else f"{text} ({len(own)} of {count} tasks)"
+
+
+def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
+    reference = references().get(task.id)
+    yield " ".join(task.hard.split())
+    yield ""
+    if reference is not None and reference.digest == task.digest:
+        yield f"J_PD = {reference.pd:.1f}; J_best = {reference.best:.1f}, by {reference.by}."
+        yield ""
+    heads = (
+        "runs",
+        "return",
+        "worst, best run",
+        "score",
+        "success",
+        "cost",
+        "training, steps",
+        "CPU s",
+        "decision, µs",
+    )
+    yield "| method | " + " | ".join(heads) + " |"
+    yield "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
+    for line in lines:
+        returns = [one["return"] for one in line.summaries]
+        score, rate, runs = line.mean("score"), line.mean("success_rate"), len(returns)
+        steps, cpu = line.trained("steps") / runs, line.trained("cpu_s") / runs
+        yield (
+            f"| {line.method} | {runs} | {np.mean(returns):.1f} | "
+            + (f"{min(returns):.1f}, {max(returns):.1f}" if runs > 1 else "")
+            + f" | {'' if score is None else f'{score:.2f}'} | {rate:.0%} | {line.mean('cost'):.2f} | "
+            + (f"{steps:.0f} | {cpu:.0f}" if steps else " | ")
+            + f" | {line.mean('decision_us'):.1f} |"
+        )
+
+
+def _made(found: Sequence[Results]) -> Iterator[str]:
+    """With what, and how much computing stands behind it."""
+    entries = [entry for one in found for entry in one.tasks.values()]
+    versions = sorted(
+        {f"{name} {v}" for e in entries for name, v in e.get("versions", {}).items() if name != "machine"}
+    )
+    machines = sorted({e["versions"]["machine"] for e in entries if "machine" in e.get("versions", {})})
+    judging = sum(entry["cpu_s"] for entry in entries) / 3600.0
+    training = sum((entry["training"] or {}).get("cpu_s", 0.0) for entry in entries) / 3600.0
+    yield f"{len(found)} files; CPU hours: {training:.2f} of training, {judging:.2f} of judging."
+    yield " · ".join(machines + versions)
+
+
+def _left_out(found: Sequence[Results]) -> Iterator[str]:
+    """Of entries that are of another task, or on other episodes; and refusals."""
+    known = {task.id: task for task in tasks()}
+    other = [
+        f"{one.file}: {name}"
+        for one in found
+        for name, entry in one.tasks.items()
+        if name not in known or not of_the_protocol(known[name], entry)
+    ]
+    if other:
+        yield from ("", "## Left out", "", "Of other episodes than the protocol's, or of tasks that have changed:", "")
+        yield from (f"- {text}" for text in other)
+    refused = {(one.name, name, why) for one in found for name, why in one.refused.items()}
+    if refused:
+        yield from ("", "## Not judged", "")
+        yield from (f"- {method} on `{name}`: {why}" for method, name, why in sorted(refused))

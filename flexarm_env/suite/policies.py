@@ -1,0 +1,258 @@
+"""Policies by the words that a command line takes: controllers, files, ONNX models, the caller's functions."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import control
+from .. import validation as check
+from .data import Task
+from .judge import Policy
+
+Array32 = NDArray[np.float32]
+PLACE = "{task}"
+"""In a word: the task's id, where each task has a policy of its own."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A policy before it meets its environment.
+
+    Attributes:
+        kind: "controller", "policy", "onnx" or "function". source: the word, the task's id in it.
+        fingerprint: changes where the policy does. make: vector environment -> Policy, or a ValueError where they do
+            not fit. run: the seed it was trained with, where its file says so. training: what its run came to (steps,
+            wall_s, cpu_s).
+    """
+
+    kind: str
+    source: str
+    fingerprint: str
+    make: Callable[[Any], Policy]
+    run: int = 0
+    training: Mapping[str, Any] | None = None
+
+
+def choose(word: str, task: Task) -> Chosen:
+    """What a word names for a task. ValueError with a sentence for a word that names nothing, or a damaged file."""
+    source = word.replace(PLACE, task.id)
+    path = Path(source)
+    if source in control.NAMES:
+        return Chosen("controller", source, f"{source} {_version()}", lambda env: _controller(source, env))
+    if path.suffix.lower() == ".onnx":
+        if not path.is_file():
+            raise check.InvalidValue("--policy", source, "no such file")
+        return Chosen("onnx", source, _hash(path.read_bytes()), lambda env: OnnxPolicy(path, env))
+    if ":" in source and not path.exists():
+        function = _function(source)
+        return Chosen("function", source, _hash(_text_of(function)), lambda env: FunctionPolicy(source, function, env))
+    if not path.exists() and source not in control.policy_names():
+        known = ", ".join((*control.NAMES, *control.policy_names()))
+        raise check.InvalidValue("--policy", source, f"no such file or folder, no module:function, and none of {known}")
+    policy = control.load_policy(source)
+    content = b"".join([json.dumps(policy.meta).encode(), *(a.tobytes() for pair in policy.weights for a in pair)])
+    return Chosen(
+        "policy", source, _hash(content), lambda env: _fitting(policy, source, env), _seed(policy.meta), _training(path)
+    )
+
+
+def default_name(word: str) -> str:
+    """What results are called after: the controller, the file, its folder, the function."""
+    path = Path(word.rpartition(":")[2] if ":" in word and not Path(word).exists() else word)
+    stem = (
+        path.parent.name if path.name == "policy.npz" else path.stem if path.suffix in (".npz", ".onnx") else path.name
+    )
+    name = stem.replace(PLACE, "").strip("-_.")
+    return name or "policy"
+
+
+# ------------------------------------------------------------------ controllers
+class Following:
+    """A controller that remembers nothing, told the target anew in every period: it may move."""
+
+    def __init__(self, controller: control.Controller) -> None:
+        self.controller = controller
+
+    def reset(self, observation: Array32) -> None:
+        """Nothing to remember."""
+
+    def act(self, observation: Array32) -> Array32:
+        """Actions, as if the episode began now."""
+        self.controller.reset(observation)
+        return self.controller.act(observation)
+
+
+def _controller(name: str, env: Any) -> Policy:
+    plan = env.unwrapped.plan
+    if name == "pd" and plan.task != plan.kind.task:
+        return Following(control.make(name, control.Setup.of(env)))
+    return control.make(name, env)
+
+
+# ------------------------------------------------------------------ files
+def _fitting(policy: control.NumpyPolicy, source: str, env: Any) -> Policy:
+    setup = control.Setup.of(env)
+    with check.under(f"--policy {source}: "):
+        mode = policy.meta["env_kwargs"].get("action_mode", "torque")
+        own = "torque" if env.unwrapped.plan.extras.controller is None else "residual_pd"
+        if mode != own:
+            raise check.InvalidValue("action_mode", mode, f'must be "{own}", as the task has it')
+        try:
+            policy.check(setup)
+        except ValueError as error:
+            raise ValueError(f"--policy {source}: {error}") from None
+    return policy
+
+
+def _seed(meta: Mapping[str, Any]) -> int:
+    seed = meta.get("seed", 0)
+    return seed if isinstance(seed, int) and seed >= 0 else 0
+
+
+def _training(path: Path) -> dict[str, Any] | None:
+    """Of the run folder that a policy lies in: algorithm, steps, seconds."""
+    record = (path if path.is_dir() else path.parent) / "run.json"
+    try:
+        content = json.loads(record.read_text("utf-8"))
+        return {key: content[key] for key in ("algorithm", "steps", "wall_s", "cpu_s")}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+class OnnxPolicy:
+    """An ONNX model: its first input takes observations (n, entries), its first output gives actions (n, joints)."""
+
+    def __init__(self, path: Path, env: Any) -> None:
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise ImportError(check.lacking("an ONNX policy", "onnxruntime", "export")) from error
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level, options.intra_op_num_threads = 4, 1
+        try:
+            self.session = onnxruntime.InferenceSession(
+                os.fspath(path), sess_options=options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # of the runtime's own many kinds
+            raise ValueError(f"{path}: no ONNX model that can be run ({type(error).__name__})") from None
+        given = self.session.get_inputs()
+        if len(given) != 1:
+            raise ValueError(f"{path}: takes {len(given)} inputs; a policy takes one, observations (n, entries)")
+        self.path, self.name, shape = path, given[0].name, given[0].shape
+        size = env.single_observation_space.shape[0]
+        if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != size):
+            raise ValueError(f"{path}: takes observations of shape {shape}; the task's is (n, {size})")
+        self.one_by_one = shape[0] == 1
+        self.kind = np.float64 if given[0].type == "tensor(double)" else np.float32
+
+    def reset(self, observation: Array32) -> None:
+        """Nothing to remember."""
+
+    def act(self, observation: Array32) -> Any:
+        """What the model gives."""
+        rows = observation.astype(self.kind)
+        try:
+            if self.one_by_one:
+                return np.concatenate(
+                    [self.session.run(None, {self.name: rows[k : k + 1]})[0] for k in range(len(rows))]
+                )
+            return self.session.run(None, {self.name: rows})[0]
+        except Exception as error:
+            raise ValueError(f"{self.path}: the model failed ({' '.join(str(error).split())[:200]})") from None
+
+
+# ------------------------------------------------------------------ functions
+class FunctionPolicy:
+    """A function of observations: of all rows (n, entries) at once where it takes that, else of one (entries,) a time.
+
+    Its attribute `reset`, where it has one, is called with the first observations.
+    """
+
+    def __init__(self, word: str, function: Callable[[Any], Any], env: Any) -> None:
+        self.word, self.function = word, function
+        self.shape = env.action_space.shape
+        self.at_once: bool | None = None
+
+    def reset(self, observation: Array32) -> None:
+        """Begin episodes."""
+        begin = getattr(self.function, "reset", None)
+        if self.at_once is None:
+            if begin is not None:
+                self._call(begin, observation)
+            self.at_once = self._takes_all(observation)
+        if begin is not None:
+            self._call(begin, observation)
+
+    def act(self, observation: Array32) -> Any:
+        """What the function gives."""
+        if self.at_once:
+            return self._call(self.function, observation)
+        return np.stack([self._one(row) for row in observation])
+
+    def _takes_all(self, observation: Array32) -> bool:
+        try:
+            return bool(np.shape(self.function(observation.copy())) == self.shape)
+        except Exception:  # it may take one observation alone; what is wrong with that one is told
+            return False
+
+    def _one(self, row: Array32) -> NDArray[Any]:
+        found = np.asarray(self._call(self.function, row))
+        if found.size != self.shape[1]:
+            what = f"must give {self.shape} for all observations, or ({self.shape[1]},) for one"
+            raise check.InvalidValue(f"--policy {self.word}: shape of its actions", found.shape, what)
+        return found.reshape(-1)
+
+    def _call(self, function: Callable[[Any], Any], given: Array32) -> Any:
+        try:
+            return function(given.copy())
+        except Exception as error:
+            words = " ".join(str(error).split())[:200]
+            raise ValueError(f"--policy {self.word}: it raised {type(error).__name__}: {words}") from error
+
+
+def _function(word: str) -> Callable[[Any], Any]:
+    """module:function, looked for in the current folder too."""
+    module, _, name = word.partition(":")
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        found: Any = importlib.import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+    except Exception as error:
+        words = " ".join(str(error).split())[:200]
+        raise ValueError(f"--policy {word}: cannot be imported ({type(error).__name__}: {words})") from None
+    if not callable(found):
+        raise check.InvalidValue("--policy", word, "must name a function of observations")
+    result: Callable[[Any], Any] = found
+    return result
+
+
+def _text_of(function: Any) -> bytes:
+    """The source of the function's module, or its name where there is none."""
+    try:
+        return inspect.getsource(inspect.getmodule(function) or function).encode()
+    except (OSError, TypeError):
+        return repr(getattr(function, "__qualname__", type(function))).encode()
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _version() -> str:
+    from importlib import metadata
+
+    return metadata.version("flexarm_env")

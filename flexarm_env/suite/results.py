@@ -1,0 +1,238 @@
+"""Results files: what a run of a method came to on the tasks it was judged on, one JSON file each."""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import date
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import validation as check
+from ..trajectory import write_whole
+from . import digest, make_vec
+from .data import Task, tasks
+from .judge import Judged, judge
+from .policies import Chosen, choose, default_name
+from .score import EPISODES, FIRST, score
+
+FORMAT = 1
+PACKAGES = (
+    "flexarm_env",
+    "numpy",
+    "scipy",
+    "numba",
+    "gymnasium",
+    "stable_baselines3",
+    "sb3_contrib",
+    "torch",
+    "onnxruntime",
+)
+
+_NUMBERS = ("returns", "successes", "costs", "lengths")
+
+
+@dataclass
+class Results:
+    """A results file.
+
+    Attributes:
+        name: of the method. run: of several of it, its seed. tasks: by id, what was judged there: "digest",
+            "first_seed", "episodes", "returns", "successes", "costs", "lengths" (one number an episode), "wall_s",
+            "cpu_s", "decision_us", "policy" (kind, source, fingerprint), "training" (algorithm, steps, wall_s, cpu_s;
+            or null), "versions", "date". refused: by id, why it could not be judged there.
+    """
+
+    name: str
+    run: int = 0
+    tasks: dict[str, dict[str, Any]] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def file(self) -> str:
+        """Its name in a folder."""
+        return f"{self.name}-{self.run}.json"
+
+    def write(self, folder: Path) -> Path:
+        """Write the file, whole or not at all."""
+        path = folder / self.file
+        write_whole(path, (json.dumps({"format": FORMAT, **asdict(self)}, indent=1) + "\n").encode())
+        return path
+
+    def has(self, task: Task, chosen: Chosen, episodes: int) -> bool:
+        """Whether this very policy has been judged on this very task."""
+        known = self.tasks.get(task.id)
+        return known is not None and (
+            (known["digest"], known["first_seed"], known["episodes"]) == (task.digest, FIRST, episodes)
+            and known["policy"]["fingerprint"] == chosen.fingerprint
+        )
+
+    def add(self, task: Task, chosen: Chosen, env: Any) -> Judged:
+        """Judge a policy on a task's vector environment, and note what came of it."""
+        found = judge(env, chosen.make(env), FIRST)
+        self.refused.pop(task.id, None)
+        self.tasks[task.id] = {
+            "digest": task.digest, "first_seed": FIRST, "episodes": len(found.returns), **asdict(found),
+            "policy": {"kind": chosen.kind, "source": chosen.source, "fingerprint": chosen.fingerprint},
+            "training": None if chosen.training is None else dict(chosen.training),
+            "versions": versions(), "date": date.today().isoformat(),
+        }  # fmt: skip
+        return found
+
+
+def judged(
+    word: str,
+    wanted: Sequence[Task],
+    folder: Path,
+    *,
+    name: str | None = None,
+    run: int | None = None,
+    episodes: int = EPISODES,
+    choose: Callable[[str, Task], Chosen] = choose,
+) -> tuple[Results, list[str]]:
+    """Judge a policy on tasks, what has been judged already left as it is; its file is written after each.
+
+    Args:
+        word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default after the policy.
+    Returns:
+        the results, and of each task that it could not be judged on why.
+    """
+    results: Results | None = None
+    trouble: list[str] = []
+    for task in wanted:
+        kind = ""
+        try:
+            chosen = choose(word, task)
+            kind = chosen.kind
+            if results is None:
+                results = begun(folder, name or default_name(word), chosen.run if run is None else run)
+            if not results.has(task, chosen, episodes):
+                env = make_vec(task.id, episodes)
+                try:
+                    results.add(task, chosen, env)
+                finally:
+                    env.close()
+                results.write(folder)
+        except ValueError as error:
+            sentence = " ".join(str(error).split())
+            trouble.append(f"{task.id}: {sentence}")
+            if results is not None and kind == "controller":
+                results.tasks.pop(task.id, None)
+                results.refused[task.id] = sentence
+                results.write(folder)
+    return results or Results(name or default_name(word)), trouble
+
+
+def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Means over the episodes of a task's entry, and its score (None where it has none)."""
+    mean = float(np.mean(entry["returns"]))
+    return {
+        "return": mean,
+        "score": score(task, mean) if of_the_protocol(task, entry) else None,
+        "success_rate": float(np.mean(entry["successes"])),
+        "cost": float(np.mean(entry["costs"])),
+        "decision_us": entry["decision_us"],
+    }
+
+
+def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
+    """Whether it is this task, on the episodes that everybody is judged on."""
+    return (entry["digest"], entry["first_seed"], entry["episodes"]) == (task.digest, FIRST, EPISODES)
+
+
+def frozen(task: Task) -> Task:
+    """The task, if it still comes to what its file records. ValueError where this package makes another of it."""
+    found = digest(task)
+    if found != task.digest:
+        raise check.InvalidValue(f"{task.id}.digest", found, f"must be {task.digest}: the task is not what it was")
+    return task
+
+
+# ------------------------------------------------------------------ reading
+def read(path: Path) -> Results:
+    """A results file. ValueError names the file, the key, its value and what would be right."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: damaged, not JSON ({error})") from None
+    with check.in_file(path):
+        table = check.table_of("results", content)
+        for key in ("format", "name", "run", "tasks"):
+            check.needed("", table, key, "every results file says it")
+        if table["format"] != FORMAT:
+            raise check.InvalidValue("format", table["format"], f"must be {FORMAT}, which this version reads")
+        entries = check.table_of("tasks", table["tasks"])
+        for name, entry in entries.items():
+            _check_entry(f"tasks.{name}", entry)
+        refused = check.table_of("refused", table.get("refused", {}))
+        return Results(named(table["name"]), check.integer("run", table["run"], minimum=0), entries, refused)
+
+
+def _check_entry(path: str, entry: Any) -> None:
+    table = check.table_of(path, entry)
+    for key in ("digest", "first_seed", "episodes", *_NUMBERS, "wall_s", "cpu_s", "decision_us", "policy", "training"):
+        check.needed(path, table, key, "every task's entry says it")
+    check.text(f"{path}.digest", table["digest"])
+    check.integer(f"{path}.first_seed", table["first_seed"], minimum=0)
+    count = check.integer(f"{path}.episodes", table["episodes"], minimum=1)
+    for key in _NUMBERS:
+        values = check.sequence(f"{path}.{key}", table[key], "numbers", count)
+        fine = (isinstance(v, bool | int | float) and math.isfinite(v) for v in values)
+        if not all(fine):
+            raise check.InvalidValue(f"{path}.{key}", table[key], "must be finite numbers")
+    for key in ("wall_s", "cpu_s", "decision_us"):
+        check.number(f"{path}.{key}", table[key], minimum=0.0)
+    check.text(f"{path}.policy.fingerprint", check.table_of(f"{path}.policy", table["policy"]).get("fingerprint"))
+    if table["training"] is not None:
+        training = check.table_of(f"{path}.training", table["training"])
+        for key in ("steps", "wall_s", "cpu_s"):
+            check.number(f"{path}.training.{key}", training.get(key), minimum=0.0)
+
+
+def begun(folder: Path, name: str, run: int) -> Results:
+    """The results of a run of a method in a folder, as far as they go."""
+    fresh = Results(named(name), check.integer("--run", run, minimum=0))
+    path = folder / fresh.file
+    return read(path) if path.exists() else fresh
+
+
+def folder_of(folder: Path) -> list[Results]:
+    """All results files of a folder. ValueError where one is damaged, or there is none."""
+    files = sorted(folder.glob("*.json")) if folder.is_dir() else []
+    if not files:
+        raise ValueError(f"{folder}: no results files (*.json) there; flexarm bench suite --out {folder} writes them")
+    return [read(path) for path in files]
+
+
+def named(name: Any) -> str:
+    """The name of a method, which is a file's too."""
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9][\w.@+-]*", name):
+        raise check.InvalidValue("name", name, "must be letters, digits and any of _ . @ + -")
+    return name
+
+
+def versions() -> dict[str, str]:
+    """Of Python and the packages that matter, and the machine."""
+    found = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def chosen_tasks(words: str | None) -> tuple[Task, ...]:
+    """Tasks by ids separated by commas; all without any."""
+    from .data import task
+
+    return tasks() if words is None else tuple(task(word.strip()) for word in words.split(",") if word.strip())

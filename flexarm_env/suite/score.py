@@ -1,0 +1,100 @@
+"""The suite's protocol: on which episodes a policy is judged, its score, and means over tasks with intervals.
+
+The score of a policy on a task is (J - J_PD) / (J_best - J_PD), J its mean return: 0 for PD control, 1 for the best
+known. Over tasks and runs the interquartile mean stands for a method (the mean of the middle half of all scores), with
+a percentile interval by a bootstrap that draws runs anew in each task for itself (Agarwal et al. 2021).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from .data import Task
+
+FIRST, EPISODES = 10_000, 100
+"""Seeds of the episodes that policies are judged on: FIRST, FIRST + 1, ... Training takes none from FIRST on."""
+
+RESAMPLES, LEVEL = 10_000, 0.95
+FLOOR = "pd"
+"""The controller whose score is 0."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Mean returns on a task that scores are made from, on the episodes of the protocol.
+
+    digest: of the task they belong to. pd, best: of PD control, and the best known. by: what reached the best.
+    """
+
+    digest: str
+    pd: float
+    best: float
+    by: str
+
+    def score(self, mean_return: float) -> float:
+        """See the module."""
+        return (mean_return - self.pd) / (self.best - self.pd)
+
+
+@cache
+def references() -> dict[str, Reference]:
+    """The references that come with the package, by task id."""
+    path = resources.files("flexarm_env") / "data" / "suite" / "references.json"
+    return read_references(path.read_text("utf-8"), "references.json") if path.is_file() else {}
+
+
+def read_references(text: str, path: str) -> dict[str, Reference]:
+    """References from JSON. ValueError names the file, the key and what is allowed."""
+    found: dict[str, Reference] = {}
+    with check.in_file(path):
+        for name, entry in check.table_of("", json.loads(text)).items():
+            with check.under(name):
+                table = check.table_of("", entry)
+                values: dict[str, Any] = {
+                    key: check.needed("", table, key, "must be given") for key in ("digest", "pd", "best", "by")
+                }
+                pd = check.number("pd", values["pd"])
+                best = check.number("best", values["best"], above=pd)
+                found[name] = Reference(
+                    check.text("digest", values["digest"]), pd, best, check.text("by", values["by"])
+                )
+    return found
+
+
+def score(task: Task, mean_return: float) -> float | None:
+    """Of a mean return on a task; None where no reference belongs to the task as it is."""
+    known = references().get(task.id)
+    return None if known is None or known.digest != task.digest else known.score(mean_return)
+
+
+def interquartile_mean(scores: Mapping[str, Sequence[float]]) -> float:
+    """The mean of the middle half of all scores; scores: of each task's runs."""
+    return float(_middle(np.concatenate([np.asarray(runs, float) for runs in scores.values()])[None])[0])
+
+
+def interval(
+    scores: Mapping[str, Sequence[float]], *, resamples: int = RESAMPLES, level: float = LEVEL, seed: int = 0
+) -> tuple[float, float] | None:
+    """Percentile interval of the interquartile mean, runs drawn anew in each task; None where no task has two."""
+    if all(len(runs) < 2 for runs in scores.values()):
+        return None
+    rng = np.random.default_rng(seed)
+    drawn = [np.asarray(runs, float)[rng.integers(len(runs), size=(resamples, len(runs)))] for runs in scores.values()]
+    low, high = np.quantile(_middle(np.concatenate(drawn, axis=1)), [0.5 - level / 2.0, 0.5 + level / 2.0])
+    return float(low), float(high)
+
+
+def _middle(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each row, the mean without the lowest and the highest quarter (rounded down)."""
+    cut = values.shape[1] // 4
+    means: NDArray[np.float64] = np.sort(values, axis=1)[:, cut : values.shape[1] - cut].mean(axis=1)
+    return means

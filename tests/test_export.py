@@ -1,0 +1,202 @@
+"""Policies for other machines: what C and ONNX decide beside NumPy."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import itertools
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexarm_env.cli import main
+from flexarm_env.control import NumpyPolicy, load_policy
+from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
+from tests.cli_tools import refused
+
+COMPILER = shutil.which("cc")
+CLOSE = 1e-6
+N = 10_000
+
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler here")
+
+
+def drawn(activation: str, squash: bool, normalised: bool, widths=(10, 24, 17, 2), history: int = 2) -> NumpyPolicy:
+    """A policy of random numbers, its entries far from zero where they are normalised."""
+    rng = np.random.default_rng(len(activation) + 2 * squash + normalised)
+    weights = [
+        ((rng.normal(size=(a, b)) * 1.5 / np.sqrt(a)).astype(np.float32), rng.normal(size=b).astype(np.float32) * 0.2)
+        for a, b in itertools.pairwise(widths)
+    ]
+    names = {f"entry_{k}": 0.3 + 0.17 * k for k in range(widths[0] // history)}
+    meta = {
+        "format": 1, "env_id": "Arm */ /* \\\n-v0", "env_kwargs": {}, "layout": "x", "layers": 3, "scales": names,
+        "torque_limits": [1.5, 0.5], "activation": activation, "squash": squash,
+    }  # fmt: skip
+    size = widths[0]
+    statistics = {
+        "mean": rng.normal(size=size) * 2.0, "variance": 10.0 ** rng.uniform(-4.0, 0.5, size), "clip": np.float64(5.0),
+        "epsilon": np.float64(1e-8),
+    }  # fmt: skip
+    return NumpyPolicy(meta, weights, statistics if normalised else None)
+
+
+POLICIES = {
+    "tanh": drawn("tanh", False, False), "relu": drawn("relu", False, True), "squashed": drawn("relu", True, False),
+    "normal": drawn("tanh", True, True), "one_layer": drawn("relu", False, False, (4, 1), 1),
+}  # fmt: skip
+
+
+def observations(policy: NumpyPolicy) -> np.ndarray:
+    """Near what a normaliser knows, and out to the clip of the environment."""
+    rng = np.random.default_rng(7)
+    size = policy.weights[0][0].shape[0]
+    wide = np.where(np.arange(N) % 2 == 0, 1.0, 10.0)[:, None] * rng.uniform(-1.0, 1.0, (N, size))
+    if policy.normaliser is not None:
+        wide = policy.normaliser["mean"] + np.sqrt(policy.normaliser["variance"]) * wide
+    return wide.astype(np.float32)
+
+
+def compiled(folder: Path, source: str, *flags: str) -> ctypes.CDLL:
+    (folder / "policy.c").write_text(source)
+    words = [
+        COMPILER,
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-pedantic",
+        *flags,
+        "-shared",
+        "-fPIC",
+        "policy.c",
+        "-o",
+        "it.so",
+        "-lm",
+    ]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return ctypes.CDLL(str(folder / "it.so"))
+
+
+def by_c(function, rows: np.ndarray, actions: int, *before) -> np.ndarray:
+    """What a function of the file makes of each row in turn."""
+    rows, out = np.ascontiguousarray(rows, np.float32), np.zeros((len(rows), actions), np.float32)
+    function.restype = None
+    here, there = rows.ctypes.data, out.ctypes.data
+    for k in range(len(rows)):
+        at, to = ctypes.c_void_p(here + 4 * rows.shape[1] * k), ctypes.c_void_p(there + 4 * actions * k)
+        function(*before, at, to)
+    return out
+
+
+def source_of(policy: NumpyPolicy, name: str = "policy") -> str:
+    entries = Entries.of(policy)
+    assert entries is not None
+    return c_source(policy, entries, name)
+
+
+@needs_compiler
+@pytest.mark.parametrize("flags", [("-O0", "-std=c99"), ("-O3", "-march=native")], ids=["plain", "fused"])
+@pytest.mark.parametrize("name", POLICIES)
+def test_c_decides_as_numpy_does(name: str, flags: tuple[str, ...], tmp_path: Path):
+    policy = POLICIES[name]
+    seen = observations(policy)
+    wanted = policy.act(seen)
+    assert (np.abs(wanted) < 0.99).mean() > 0.2  # not all of them at the limit
+    found = by_c(compiled(tmp_path, source_of(policy), *flags).policy_decide, seen, wanted.shape[1])
+    assert np.abs(found - wanted).max() <= CLOSE
+
+
+@needs_compiler
+def test_c_scales_clips_and_remembers_what_is_measured(tmp_path: Path):
+    policy = POLICIES["tanh"]
+    library = compiled(tmp_path, source_of(policy))
+    scales = np.array(list(policy.meta["scales"].values()), np.float32)
+    rng = np.random.default_rng(3)
+    measured = (rng.normal(size=(200, 5)) * 6.0).astype(np.float32)
+    now = np.clip(measured / scales, np.float32(-10.0), np.float32(10.0))
+    memory = ctypes.create_string_buffer(4 * 10 + 4)
+    for first in (0, 100):  # two episodes
+        library.policy_reset(memory)
+        here = now[first : first + 100]
+        before = np.vstack([here[:1], here[:-1]])
+        found = by_c(library.policy_act, measured[first : first + 100], 2, memory)
+        assert np.abs(found - policy.act(np.hstack([before, here]))).max() <= CLOSE
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["two_link", "flexible_arm"])
+def test_packaged_policies_in_c_and_how_long_they_take(name: str, tmp_path: Path, capsys):
+    assert main(["export", name, "--to", "c", "--out", str(tmp_path / "policy.c"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["function"] == "policy_decide"
+    source = (tmp_path / "policy.c").read_text()
+    assert not re.search(r"\b(malloc|double|main)\b", source)
+    policy = load_policy(name)
+    joints = policy.weights[-1][0].shape[1]
+    seen = observations(policy)
+    wanted = policy.act(seen)
+    assert np.abs(by_c(compiled(tmp_path, source, "-O2").policy_decide, seen, joints) - wanted).max() <= CLOSE
+    (tmp_path / "time.c").write_text(TIMED.replace("SIZE", str(seen.shape[1])))
+    subprocess.run([COMPILER, "-O2", "time.c", "-o", "time", "-lm"], cwd=tmp_path, check=True)
+    done = subprocess.run([tmp_path / "time"], capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 20e-6
+
+
+TIMED = """
+#include <stdio.h>
+#include <time.h>
+#include "policy.c"
+int main(void)
+{
+    float seen[SIZE] = {0.1f}, action[4], total = 0.0f;
+    double best = 1.0;
+    int i, round;
+    for (round = 0; round < 50; round++) {
+        const clock_t began = clock();
+        for (i = 0; i < 200; i++) {
+            seen[0] += 1e-4f;
+            policy_decide(seen, action);
+            total += action[0];
+        }
+        const double each = (double)(clock() - began) / CLOCKS_PER_SEC / 200.0;
+        best = each < best ? each : best;
+    }
+    printf("%g", total > 1e9f ? 1.0 : best);
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_onnx_decides_as_numpy_does(name: str):
+    pytest.importorskip("onnx")
+    runtime = pytest.importorskip("onnxruntime")
+    policy = POLICIES[name]
+    seen = observations(policy)
+    session = runtime.InferenceSession(onnx_bytes(policy))
+    (found,) = session.run(["action"], {"observation": seen})
+    assert found.dtype == np.float32
+    assert np.abs(found - policy.act(seen)).max() <= CLOSE
+    assert json.loads(session.get_modelmeta().custom_metadata_map["flexarm_env"])["layout"] == "x"
+
+
+def test_an_action_does_not_depend_on_how_many_are_asked_for():
+    policy = load_policy("two_link")
+    seen = observations(policy)[:500]
+    assert np.abs(np.array([policy.act(one) for one in seen]) - policy.act(seen)).max() <= 1e-7
+
+
+def test_what_cannot_be_exported_is_refused_in_a_sentence(tmp_path: Path, capsys):
+    out = str(tmp_path / "policy.c")
+    assert "must end in .onnx" in refused(capsys, "export", "two_link", "--to", "onnx", "--out", out)
+    assert "no policy.npz there" in refused(capsys, "export", "nobody", "--to", "c", "--out", out)
+    assert "invalid choice" in refused(capsys, "export", "two_link", "--to", "ada", "--out", out)
+    policy = POLICIES["tanh"]
+    with pytest.raises(ValueError, match="must be a divisor of 10"):
+        c_source(policy, dataclasses.replace(Entries.of(policy), names=("a",) * 3, scales=(1.0,) * 3), "policy")
+    assert c_name("2-link arm") == "_2_link_arm"

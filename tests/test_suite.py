@@ -1,0 +1,70 @@
+"""The suite: tasks as data, frozen by their digests, made through Gymnasium's registry."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from flexarm_env import suite
+from flexarm_env.envs.options import ARGUMENTS
+from flexarm_env.suite.data import read
+
+TASKS = suite.tasks()
+NAMES = [task.id for task in TASKS]
+
+
+@pytest.mark.parametrize("task", TASKS, ids=NAMES)
+def test_a_task_is_what_its_file_records(task: suite.Task) -> None:
+    """Another arm, keyword or default under the same name is another task: it needs another version."""
+    assert suite.digest(task) == task.digest
+
+
+def test_digests_tell_tasks_apart_but_not_spellings() -> None:
+    task = suite.task("slew-unknown-v1")
+    factors = task.keywords["randomization"]
+    for changed in ({"payload": [0.25, 4.1]}, {"EI": [0.5, 1.5]}):
+        other = dataclasses.replace(task, keywords={**task.keywords, "randomization": changed})
+        assert suite.digest(other) != task.digest
+    spelt = {name: tuple(np.float64(x) for x in pair) for name, pair in factors.items()}
+    alike = dataclasses.replace(task, keywords={**task.keywords, "randomization": spelt}, hard="otherwise said")
+    assert suite.digest(alike) == task.digest
+
+
+def test_names_numbers_and_budgets() -> None:
+    assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*-v[1-9]\d*", name) for name in NAMES)
+    numbers = [task.number for task in TASKS]
+    assert numbers == sorted(set(numbers))
+    assert all(set(task.keywords) <= set(ARGUMENTS) for task in TASKS)
+    assert all(task.env_id == f"flexarm_env:{task.registered}" and task.registered in gym.registry for task in TASKS)
+
+
+def test_tasks_by_every_name() -> None:
+    task = suite.task("reach-three-v1")
+    assert suite.task(task.env_id) is task is suite.task(task.registered)
+    with pytest.raises(ValueError, match=r'task = .slew.: must be one of "slew-measured-v1"'):
+        suite.task("slew")
+
+
+def test_single_and_vector_by_their_ids() -> None:
+    task = suite.task("slew-unknown-v1")
+    single, vector = gym.make(task.env_id), gym.make_vec(task.env_id, num_envs=3)
+    assert single.unwrapped.plan.limit == 300 and single.spec.id == task.registered
+    assert vector.unwrapped.plan.starts.factors[0] == (0.25, 4.0)
+    assert suite.make(task.id).observation_space == single.observation_space == vector.single_observation_space
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [("colour = 1", "slew-v1.toml: colour"), ("number = 0", "slew-v1.toml: number = 0: must be a whole number")],
+)
+def test_what_is_wrong_in_a_file_is_named(line: str, words: str) -> None:
+    good = 'number = 1\ntitle = "t"\nenvironment = "e"\nbudget = 1\nhard = "h"\ndigest = ""\n'
+    text = good.replace("number = 1\n", "") if line.startswith("number") else good
+    with pytest.raises(ValueError, match=re.escape(words)):
+        read(f"{line}\n{text}[keywords]\n", "slew-v1")
+    with pytest.raises(ValueError, match=r"slew-v1\.toml: keywords: missing"):
+        read(good, "slew-v1")

@@ -1,0 +1,346 @@
+"""Judging on the suite: scores and intervals, policies of every kind, results files and their page."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from flexarm_env import suite
+from flexarm_env.cli import main
+from flexarm_env.suite import policies, results, score
+from flexarm_env.suite.judge import judge
+from flexarm_env.suite.page import page
+from tests.cli_tools import refused
+
+FIRST_TASK = suite.tasks()[0]
+
+
+# ------------------------------------------------------------------ scores
+def test_the_interquartile_mean_is_the_mean_of_the_middle_half(rng: np.random.Generator):
+    for shape in ((5, 12), (3, 1), (2, 7)):
+        scores = rng.normal(size=shape)
+        by_task = {f"{k}": list(column) for k, column in enumerate(scores.T)}
+        assert score.interquartile_mean(by_task) == pytest.approx(stats.trim_mean(scores, 0.25, axis=None))
+    assert score.interquartile_mean({"a": [0.0, 0.0, 100.0, 1.0, 3.0, 2.0, 50.0, -9.0]}) == pytest.approx(1.5)
+
+
+def test_intervals_draw_runs_in_each_task_for_itself(rng: np.random.Generator):
+    assert score.interval({"a": [1.0], "b": [2.0]}) is None
+    # tasks that differ, but runs that do not: nothing is uncertain
+    assert score.interval({"a": [0.0, 0.0, 0.0], "b": [5.0, 5.0, 5.0]}) == (2.5, 2.5)
+    # by a loop of one's own
+    table = {"a": list(rng.normal(0.2, 0.3, 5)), "b": list(rng.normal(0.8, 0.1, 3)), "c": [0.4]}
+    own = [
+        stats.trim_mean(np.concatenate([rng.choice(runs, len(runs)) for runs in table.values()]), 0.25)
+        for _ in range(2000)
+    ]
+    low, high = score.interval(table)
+    assert (low, high) == pytest.approx(tuple(np.quantile(own, [0.025, 0.975])), abs=0.02)
+    assert low < score.interquartile_mean(table) < high
+
+
+def test_intervals_cover_the_truth(rng: np.random.Generator):
+    """Of many draws of 8 runs in 6 tasks about 95 %: the percentile bootstrap of few runs is somewhat short."""
+    inside = 0
+    for k in range(200):
+        drawn = {f"{task}": list(rng.normal(task, 0.3, 8)) for task in range(6)}
+        low, high = score.interval(drawn, resamples=400, seed=k)
+        inside += low <= 2.5 <= high
+    assert 0.85 <= inside / 200 <= 0.99
+
+
+def test_scores_are_zero_for_pd_and_one_for_the_best(monkeypatch: pytest.MonkeyPatch):
+    text = json.dumps({FIRST_TASK.id: {"digest": FIRST_TASK.digest, "pd": 100.0, "best": 300.0, "by": "somebody"}})
+    known = score.read_references(text, "file")
+    monkeypatch.setattr(score, "references", lambda: known)
+    assert [score.score(FIRST_TASK, value) for value in (100.0, 200.0, 340.0)] == [0.0, 0.5, 1.2]
+    changed = json.dumps({FIRST_TASK.id: {"digest": "another", "pd": 100.0, "best": 300.0, "by": "somebody"}})
+    monkeypatch.setattr(score, "references", lambda: score.read_references(changed, "file"))
+    assert score.score(FIRST_TASK, 200.0) is None
+    with pytest.raises(ValueError, match=r"file: a\.best = 1.0: must be a finite number, above 2"):
+        score.read_references('{"a": {"digest": "x", "pd": 2.0, "best": 1.0, "by": ""}}', "file")
+
+
+def test_references_belong_to_the_tasks_as_they_are():
+    assert {name: one.digest for name, one in score.references().items()}.items() <= {
+        (task.id, task.digest) for task in suite.tasks()
+    }
+
+
+# ------------------------------------------------------------------ judging
+class Counting:
+    """A vector environment in which arm i's episode lasts 3 + i % 3 periods, and pays what is done."""
+
+    def __init__(self, n: int, entries: int = 2, joints: int = 1, cost: bool = True) -> None:
+        self.num_envs, self.cost, self.made = n, cost, 0
+        self.action_space = SimpleNamespace(shape=(n, joints))
+        self.single_observation_space = SimpleNamespace(shape=(entries,))
+        self.entries = entries
+        self.unwrapped = self
+        self.ends = 3 + np.arange(n) % 3
+
+    def reset(self, seed: int):
+        self.first, self.k = seed, 0
+        return self._seen(), {}
+
+    def _seen(self) -> np.ndarray:
+        return np.tile(self.first + np.arange(self.num_envs), (self.entries, 1)).T.astype(np.float32)
+
+    def step(self, actions: np.ndarray):
+        assert actions.dtype == np.float32 and np.abs(actions).max() <= 1.0
+        self.k += 1
+        over = self.k == self.ends
+        info = {"is_success": np.arange(self.num_envs) % 2 == 0}
+        if self.cost:
+            info["cost"] = np.full(self.num_envs, 0.5)
+        return self._seen(), actions[:, 0].astype(float), over & (np.arange(self.num_envs) == 2), over, info
+
+    def close(self) -> None:
+        pass
+
+
+def test_an_episode_counts_to_its_end_and_no_further():
+    env = Counting(4)
+    found = judge(env, SimpleNamespace(reset=lambda seen: None, act=lambda seen: np.full((4, 1), 7.0)), first=50)
+    assert found.returns == [3.0, 4.0, 5.0, 3.0]  # actions are cut to 1
+    assert found.lengths == [3, 4, 5, 3]
+    assert found.costs == [1.5, 2.0, 2.5, 1.5]
+    assert found.successes == [True, False, False, False]  # the third ended early
+    assert env.first == 50
+    assert judge(Counting(4, cost=False), SimpleNamespace(reset=print, act=lambda s: s[:, :1] * 0.0)).costs == [0.0] * 4
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A folder with policies of one's own, and tasks that need no compiling."""
+    monkeypatch.setattr(results, "make_vec", lambda task_id, n: Counting(n))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name in ("mine", "broken"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n"
+        "calls = []\n"
+        "def rows(seen):\n    calls.append(len(seen))\n    return np.full((len(seen), 1), 0.5)\n"
+        "def one(seen):\n    assert seen.shape == (2,)\n    return [0.5]\n"
+        "def number(seen):\n    return float(seen.ndim == 1) * 0.5\n"
+        "def wide(seen):\n    return np.zeros(3)\n"
+        "def lost(seen):\n    return np.full((len(seen), 1), np.nan)\n"
+        "def angry(seen):\n    raise RuntimeError('no such luck')\n"
+        "class Kept:\n"
+        "    def reset(self, seen):\n        self.k = 0\n"
+        "    def __call__(self, seen):\n        self.k += 1\n        return np.full((len(seen), 1), self.k == 1)\n"
+        "kept = Kept()\n"
+        "word = 'no function'\n"
+    )
+    (tmp_path / "broken.py").write_text("raise OSError('not today')\n")
+    return tmp_path
+
+
+def told(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict:
+    assert main(["bench", "suite", *words, "--json"]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(("name", "each"), [("rows", 0.5), ("one", 0.5), ("number", 0.5), ("kept", None)])
+def test_functions_of_all_rows_of_one_and_with_a_memory(name: str, each, quick: Path, capsys):
+    (found,) = told(capsys, "--policy", f"mine:{name}", "--task", FIRST_TASK.id, "--out", "out")["results"]
+    values = found["tasks"][FIRST_TASK.id]
+    lengths = 3 + np.arange(100) % 3
+    assert values["return"] == pytest.approx(1.0 if each is None else each * lengths.mean())
+    content = json.loads((quick / "out" / f"{name}-0.json").read_text())
+    entry = content["tasks"][FIRST_TASK.id]
+    assert (entry["digest"], entry["first_seed"], entry["episodes"]) == (FIRST_TASK.digest, 10_000, 100)
+    assert len(entry["returns"]) == len(entry["successes"]) == len(entry["costs"]) == 100
+    assert {"python", "machine", "numpy", "flexarm_env"} <= set(entry["versions"])
+    assert entry["wall_s"] > 0.0 and entry["cpu_s"] >= 0.0 and entry["policy"]["kind"] == "function"
+
+
+@pytest.mark.parametrize(
+    ("word", "sentence"),
+    [
+        ("mine:wide", "must give (100, 1) for all observations, or (1,) for one"),
+        ("mine:lost", "action = [nan]: must be finite numbers"),
+        ("mine:angry", "it raised RuntimeError: no such luck"),
+        ("mine:word", "must name a function of observations"),
+        ("mine:none", "cannot be imported (AttributeError"),
+        ("broken:act", "cannot be imported (OSError: not today)"),
+        ("nowhere:act", "cannot be imported (ModuleNotFoundError"),
+        ("nobody", "no such file or folder, no module:function"),
+        ("nobody.onnx", "no such file"),
+        ("damaged.npz", "damaged, or no policy of this package"),
+    ],
+)
+def test_what_cannot_be_judged_is_told_in_a_sentence(word: str, sentence: str, quick: Path, capsys):
+    (quick / "damaged.npz").write_bytes(b"torn")
+    assert sentence in refused(capsys, "bench", "suite", "--policy", word, "--task", FIRST_TASK.id, "--out", "out")
+    assert not list(quick.glob("out/*"))
+
+
+def test_wrong_flags_are_told_in_a_sentence(quick: Path, capsys):
+    assert "must be one of" in refused(capsys, "bench", "suite", "--task", "slew")
+    assert "from 1 to 100" in refused(capsys, "bench", "suite", "--episodes", "0")
+    assert "for one policy alone" in refused(capsys, "bench", "suite", "--policy", "pd,zv", "--name", "both")
+    assert "must be letters" in refused(capsys, "bench", "suite", "--policy", "mine:one", "--name", "../up")
+    assert "no results files" in refused(capsys, "bench", "page", "nothing")
+    assert "must end in .md" in refused(capsys, "bench", "page", ".", "--out", "page.html")
+
+
+def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, capsys):
+    import mine
+
+    words = ("--policy", "mine:rows", "--task", FIRST_TASK.id, "--out", "out")
+    told(capsys, *words)
+    steps = len(mine.calls)
+    told(capsys, *words)
+    assert len(mine.calls) == steps
+    others = ",".join(task.id for task in suite.tasks()[:2])
+    found = told(capsys, "--policy", "mine:rows", "--task", others, "--out", "out")["results"][0]["tasks"]
+    assert list(found) == others.split(",")
+    assert steps < len(mine.calls) <= 2 * steps
+    (quick / "mine.py").write_text((quick / "mine.py").read_text().replace("0.5", "0.25"))
+    del sys.modules["mine"]
+    (again,) = told(capsys, *words)["results"]
+    assert again["tasks"][FIRST_TASK.id]["return"] == pytest.approx(0.25 * (3 + np.arange(100) % 3).mean())
+
+
+def test_each_task_may_have_a_policy_of_its_own():
+    task = SimpleNamespace(id="slew-measured-v1")
+    with pytest.raises(ValueError, match="runs/slew-measured-v1/policy"):
+        policies.choose("runs/{task}/policy", task)
+    assert policies.default_name("runs/{task}-ppo/policy.npz") == "ppo"
+    assert policies.default_name("mine:act") == "act"
+    assert policies.default_name("a/b.onnx") == "b"
+
+
+# ------------------------------------------------------------------ files and pages
+def written(folder: Path, name: str, run: int, mean: float, task: suite.Task = FIRST_TASK, **changes) -> Path:
+    entry = {
+        "digest": task.digest, "first_seed": 10_000, "episodes": 100, "returns": [mean] * 100,
+        "successes": [True] * 100, "costs": [0.0] * 100, "lengths": [4] * 100, "wall_s": 1.0, "cpu_s": 1.0,
+        "decision_us": 2.0,
+        "policy": {"kind": "policy", "source": name, "fingerprint": "x"}, "versions": {"numpy": "2"},
+        "training": {"algorithm": "ppo", "steps": 1000.0, "wall_s": 7200.0, "cpu_s": 3600.0}, "date": "2026-01-01",
+    }  # fmt: skip
+    results.Results(name, run, {task.id: entry | changes}).write(folder)
+    return folder / f"{name}-{run}.json"
+
+
+def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    known = {FIRST_TASK.id: score.Reference(FIRST_TASK.digest, 100.0, 300.0, "best")}
+    monkeypatch.setattr(score, "references", lambda: known)
+    for run, mean in enumerate((200.0, 240.0, 280.0)):
+        written(tmp_path, "ppo", run, mean)
+    written(tmp_path, "pd", 0, 100.0, training=None)
+    written(
+        tmp_path, "short", 0, 1e6, episodes=3, **{key: [1] * 3 for key in ("returns", "successes", "costs", "lengths")}
+    )
+    results.Results("zv", refused={FIRST_TASK.id: "needs what is not seen"}).write(tmp_path)
+    assert main(["bench", "page", str(tmp_path), "--out", str(tmp_path / "page.md")]) == 0
+    text = (tmp_path / "page.md").read_text()
+    assert "| ppo | 3 | 0.70 [0.50, 0.90] | 0.70 |" in text
+    assert "| pd | 1 | 0.00 | 0.00 |" in text
+    assert "CPU hours: 4.00 of training" in text
+    assert f"- short-0.json: {FIRST_TASK.id}" in text
+    assert f"- zv on `{FIRST_TASK.id}`: needs what is not seen" in text
+    assert page(results.folder_of(tmp_path)) == text
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"returns": [1.0]}, "must be a sequence of numbers"),
+        ({"returns": ["1"] * 100}, "must be finite numbers"),
+        ({"costs": [float("nan")] * 100}, "must be finite numbers"),
+        ({"episodes": -1}, "must be a whole number"),
+        ({"wall_s": "long"}, "wall_s = 'long'"),
+        ({"policy": 3}, "must be a table"),
+        ({"training": {"steps": 1}}, "training.wall_s"),
+    ],
+)
+def test_damaged_results_are_told_in_a_sentence(changes: dict, sentence: str, tmp_path: Path, capsys):
+    path = written(tmp_path, "ppo", 0, 1.0, **changes)
+    told_ = refused(capsys, "bench", "page", str(tmp_path))
+    assert sentence in told_ and path.name in told_
+    for text in ("{", "[]", "{}", '{"format": 9, "name": "a", "run": 0, "tasks": {}}'):
+        path.write_text(text)
+        assert path.name in refused(capsys, "bench", "page", str(tmp_path))
+
+
+def test_the_list_of_tasks(capsys: pytest.CaptureFixture[str]):
+    listed = told(capsys, "--list")
+    assert [entry["id"] for entry in listed["tasks"]] == [task.id for task in suite.tasks()]
+    assert {"id", "env_id", "title", "environment", "budget", "digest", "pd", "best"} == set(listed["tasks"][0])
+
+
+def test_a_task_that_is_not_what_it_was_is_refused():
+    import dataclasses
+
+    with pytest.raises(ValueError, match="the task is not what it was"):
+        results.frozen(dataclasses.replace(FIRST_TASK, digest="0" * 16))
+
+
+# ------------------------------------------------------------------ with the real thing
+@pytest.mark.slow
+def test_controllers_files_and_models_on_a_real_task(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch):
+    """A policy.npz, the same as ONNX and as a function give the same returns; PD those of single environments."""
+    pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    from agents.export_policy import save
+    from flexarm_env.control import NumpyPolicy, Setup, make
+    from flexarm_env.control.export import onnx_bytes
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    env = suite.make(FIRST_TASK.id)
+    setup, rng = Setup.of(env), np.random.default_rng(0)
+    weights = [(rng.normal(size=(setup.size, 1)).astype(np.float32) * 0.1, np.zeros(1, np.float32))]
+    meta = {
+        "format": 1, "env_id": FIRST_TASK.registered, "env_kwargs": {}, "layout": setup.layout, "layers": 1, "seed": 4,
+        "activation": "tanh", "squash": False,
+    }  # fmt: skip
+    save(NumpyPolicy(meta, weights), tmp_path / "linear.npz")
+    (tmp_path / "linear.onnx").write_bytes(onnx_bytes(NumpyPolicy(meta, weights)))
+    (tmp_path / "own.py").write_text(
+        "from flexarm_env.control import load_policy\ndef act(seen):\n    return load_policy('linear.npz').act(seen)\n"
+    )
+    words = ("--policy", "linear.npz,linear.onnx,own:act,pd", "--task", FIRST_TASK.id, "--episodes", "4", "--out", "o")
+    found = {one["policy"]: one for one in told(capsys, *words)["results"]}
+    returns = {name: one["tasks"][FIRST_TASK.id]["return"] for name, one in found.items()}
+    assert found["linear"]["run"] == 0 and (tmp_path / "o" / "linear-4.json").exists()
+    assert returns["act"] == pytest.approx(returns["linear"], abs=1e-3)
+    totals = []
+    controller = make("pd", env)
+    for seed in range(10_000, 10_004):
+        observation, _ = env.reset(seed=seed)
+        controller.reset(observation)
+        total, over = 0.0, False
+        while not over:
+            observation, reward, terminated, truncated, _ = env.step(controller.act(observation))
+            total, over = total + reward, terminated or truncated
+        totals.append(total)
+    assert json.loads((tmp_path / "o" / "pd-0.json").read_text())["tasks"][FIRST_TASK.id]["returns"] == totals
+    assert "observation layout" in refused(capsys, "bench", "suite", "--policy", "two_link", "--task", FIRST_TASK.id)
+
+
+@pytest.mark.slow
+def test_cleanrl_style_ppo_learns_and_is_judged(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch):
+    """One file with PyTorch and the vector environment alone; its function is judged as anybody's."""
+    pytest.importorskip("torch")
+    from agents import cleanrl_ppo
+
+    agent = tmp_path / "agent.pt"
+    words = ["--env-id", FIRST_TASK.env_id, "--out", str(agent), "--total-timesteps", "98304"]
+    curve = cleanrl_ppo.train(cleanrl_ppo.arguments(words))
+    assert np.mean(curve[-2:]) > np.mean(curve[:2]) + 5.0
+    capsys.readouterr()
+    monkeypatch.setenv("AGENT", str(agent))
+    words = ["--policy", "agents.cleanrl_ppo:act", "--task", FIRST_TASK.id, "--episodes", "5", "--out", str(tmp_path)]
+    (found,) = told(capsys, *words)["results"]
+    assert found["policy"] == "act" and np.isfinite(found["tasks"][FIRST_TASK.id]["return"])
