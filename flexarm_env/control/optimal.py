@@ -215,7 +215,8 @@ def least_settling(
         high = np.where(there, 1.0 - 2.0 * TOLERANCE, np.inf)[:, :, None]
         band = ilqr.Limits(lambda x: off(x, chosen), np.full(high.shape, -np.inf), high, np.full(n, 10.0))
         costs = [ilqr.Quadratic(goal[chosen], weight)]
-        found, missed = optimise(plant, start[chosen], _padded(guess, total), costs, [band], 1e-2)
+        controls = _padded(guess, total)
+        found, missed = optimise(plant, start[chosen], controls, costs, [band], 1e-2, rounds=7, iterations=7)
         return Motion(found.controls, found.states, periods, missed)
 
     return soonest(plant, start, periods, tried, most, guess, tail)
