@@ -190,7 +190,7 @@ def planned(lot: Lot, case: Case, guess: Guess, limit: int) -> Array:
     own = np.zeros(out.shape)
     own[: len(guess.actions)] = guess.actions
     own[: len(motion.controls), motion.found] = motion.controls[:, motion.found]
-    until = np.where(motion.found, motion.periods + case.tail, guess.periods)
+    until = np.where(motion.found, motion.ends, guess.periods)
     for k in range(limit):
         regulated = np.clip(-np.einsum("nas,ns->na", gains, x - home), -1.0, 1.0)
         out[k] = np.where((k < until)[:, None], own[k], regulated)
