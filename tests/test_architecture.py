@@ -26,7 +26,7 @@ _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {
     *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "identification", "plotting", "recording",
-    "sb3", "suite", "view", "__init__",
+    "sb3", "suite", "torch", "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -60,6 +60,7 @@ ROOMS: dict[str, set[str]] = {
     "control": {*_PHYSICS, "tasks"},
     "envs": {*_PHYSICS, "compiler", "control", "view"},
     "derivatives": {*_COMPILED, "batch", "envs", "validation"},
+    "torch": {"derivatives", "validation"},
     "plotting": {*_PHYSICS, "comparison", "view"},
     "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
@@ -72,7 +73,7 @@ ROOMS: dict[str, set[str]] = {
 
 # other packages that only some rooms may import, anywhere in their code
 EXTERNALS: dict[str, set[str]] = {
-    "torch": {"sb3"},
+    "torch": {"sb3", "torch"},
     "stable_baselines3": {"sb3"},
     "numba": {"compiler"},
     "llvmlite": {"compiler"},
@@ -222,6 +223,15 @@ def test_the_table_is_sound() -> None:
     while ready := {room for room in low - done if ROOMS[room] <= done}:
         done |= ready
     assert done == low, f"rooms that import each other in a circle: {sorted(low - done)}"
+
+
+def test_every_room_is_drawn_and_told() -> None:
+    """`python docs/figures/architecture.py` draws it."""
+    rooms = set(ROOMS) - {"validation", "data", "__main__", "__init__"}
+    drawn = re.sub(r"<[^>]*>", " ", (ROOT / "docs/figures/architecture.svg").read_text("utf-8"))
+    table = re.findall(r"^\|(.*?)\|", (ROOT / "docs/architecture.md").read_text("utf-8"), re.MULTILINE)
+    assert sorted(rooms - set(re.findall(r"\w+", drawn))) == []
+    assert sorted(rooms - set(re.findall(r"`(\w+)`", " ".join(table)))) == []
 
 
 def test_imports_point_one_way() -> None:
