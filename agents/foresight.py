@@ -69,7 +69,7 @@ def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, A
     policies (run folders), which see what the task shows."""
     best: Array | None = None
     whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
-    shown = suite.make_vec(task.id, EPISODES)
+    shown = suite.make_vec(task.id, EPISODES) if trained else whole
     for word, env in [*((word, whole) for word in CONTROLLERS), *((str(path), shown) for path in trained)]:
         try:
             actions, returns = played(env, choose(word, task).make(env), task.price)
@@ -79,8 +79,8 @@ def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, A
             kept, best = actions, returns
         better = returns > best
         kept[:, better], best = actions[:, better], np.maximum(best, returns)
-    whole.close()
-    shown.close()
+    for env in (whole, shown):
+        env.close()
     if best is None:
         raise ValueError(f"{task.id}: no controller to begin with")
     return kept, best
@@ -92,7 +92,7 @@ def seen_whole(task: suite.Task) -> dict[str, Any]:
 
 
 def search(
-    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 1000, memory: int = 12
+    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 500, memory: int = 12
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 

@@ -145,18 +145,18 @@ def test_the_best_known_is_played_in_the_task_itself(tmp_path: Path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["ppo", "tqc", "recurrent_ppo"])
+@pytest.mark.parametrize("algorithm", ["ppo", "tqc", "recurrent_ppo", "gradient"])
 def test_methods_are_trained_and_judged(algorithm: str, tmp_path: Path):
-    if algorithm != "ppo":
+    if algorithm in ("tqc", "recurrent_ppo"):
         pytest.importorskip("sb3_contrib")
-    task = suite.task("slew-geared-v1")
+    task = suite.task("slew-limited-v1" if algorithm == "gradient" else "slew-geared-v1")
     arguments = reference.Arguments(
         home=tmp_path / "runs", results=tmp_path / "suite", share=6000 / task.budget, progress=False
     )
     method = next(one for one in reference.METHODS if one.name == algorithm)
     job = reference.Job(method, 1, task)
     assert not job.done(arguments.results)
-    assert reference.run(job, arguments).startswith(f"{algorithm}-1 on slew-geared-v1: J ")
+    assert reference.run(job, arguments).startswith(f"{algorithm}-1 on {task.id}: J ")
     assert job.done(arguments.results)
     content = json.loads((tmp_path / "suite" / f"{algorithm}-1.json").read_text())["tasks"][task.id]
     assert content["training"]["algorithm"] == algorithm and content["training"]["steps"] >= 6000
