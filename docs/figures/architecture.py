@@ -36,7 +36,7 @@ BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "control": (5.8, 1.35, 2.2, 1.05, COLORS[3], ("control", "PD ... LQR, policies")),
     "envs": (8.6, 1.35, 2.0, 1.05, COLORS[3], ("envs", "single, vector, films")),
     "users": (0.0, -0.05, 10.6, 0.9, COLORS[5],
-        ("comparison, plotting, recording, sb3, cli", "agents/ and benchmarks/, which are not installed")),
+        ("comparison, plotting, recording, derivatives, sb3, torch, cli", "agents/ and benchmarks/, which are not installed")),
 }  # fmt: skip
 ARROWS = (
     ("compiler", "physics", "down"), ("compiler", "tasks", "down"), ("compiler", "runtime", "down"),
