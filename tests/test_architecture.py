@@ -225,6 +225,15 @@ def test_the_table_is_sound() -> None:
     assert done == low, f"rooms that import each other in a circle: {sorted(low - done)}"
 
 
+def test_every_room_is_drawn_and_told() -> None:
+    """`python docs/figures/architecture.py` draws it."""
+    rooms = set(ROOMS) - {"validation", "data", "__main__", "__init__"}
+    drawn = re.sub(r"<[^>]*>", " ", (ROOT / "docs/figures/architecture.svg").read_text("utf-8"))
+    table = re.findall(r"^\|(.*?)\|", (ROOT / "docs/architecture.md").read_text("utf-8"), re.MULTILINE)
+    assert sorted(rooms - set(re.findall(r"\w+", drawn))) == []
+    assert sorted(rooms - set(re.findall(r"`(\w+)`", " ".join(table)))) == []
+
+
 def test_imports_point_one_way() -> None:
     known = existing_rooms()
     faults = [fault for path in python_files(PACKAGE) for fault in package_faults(path, known)]

@@ -18,7 +18,7 @@ from tests.processes import ROOT
 
 def test_names_and_sources() -> None:
     known = {"strip", "de_luca_siciliano", "paper", "paper_two_link", "quanser_2dsfl", "strip_geared", "three_strips"}
-    known |= {"two_link_geared", "two_link_upright", "quanser_2dsfl@design"}
+    known |= {"two_link_geared", "two_link_upright", "strip_upright", "quanser_2dsfl@design"}
     assert set(arms.names()) == known
     for name in arms.names():
         arm = arms.named(name)

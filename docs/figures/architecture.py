@@ -35,8 +35,10 @@ BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "linear": (3.2, 1.35, 2.0, 1.05, COLORS[2], ("linear", "A, B, modes, rest")),
     "control": (5.8, 1.35, 2.2, 1.05, COLORS[3], ("control", "PD ... LQR, policies")),
     "envs": (8.6, 1.35, 2.0, 1.05, COLORS[3], ("envs", "single, vector, films")),
-    "users": (0.0, -0.05, 10.6, 0.9, COLORS[5],
-        ("comparison, plotting, recording, derivatives, sb3, torch, cli", "agents/ and benchmarks/, which are not installed")),
+    "suite": (5.8, -0.05, 2.2, 0.9, COLORS[4], ("suite", "tasks as data, scores")),
+    "derivatives": (8.6, -0.05, 2.0, 0.9, COLORS[2], ("derivatives", "of control periods")),
+    "users": (0.0, -1.45, 10.6, 0.9, COLORS[5],
+        ("comparison, plotting, recording, sb3, torch, cli", "agents/ and benchmarks/, which are not installed")),
 }  # fmt: skip
 ARROWS = (
     ("compiler", "physics", "down"), ("compiler", "tasks", "down"), ("compiler", "runtime", "down"),
@@ -45,7 +47,8 @@ ARROWS = (
     ("runtime", "batch", "down"), ("simulation", "batch", "right"), ("simulation", "linear", "down"),
     ("linear", "identification", "left"), ("linear", "control", "right"), ("control", "envs", "right"),
     ("batch", "envs", "down"), ("identification", "users", "down"), ("linear", "users", "down"),
-    ("control", "users", "down"), ("envs", "users", "down"),
+    ("control", "suite", "down"), ("envs", "derivatives", "down"), ("suite", "users", "down"),
+    ("derivatives", "users", "down"),
 )  # fmt: skip
 
 
@@ -53,9 +56,9 @@ def main() -> None:
     """Draw it."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "architecture.svg"
     mpl.rcParams["svg.fonttype"] = "none"
-    with styled_figure(path, 9.6, 6.2) as figure:
+    with styled_figure(path, 9.6, 7.3) as figure:
         axes: Any = figure.add_subplot()
-        axes.set(xlim=(-0.1, 10.7), ylim=(-0.1, 6.6))
+        axes.set(xlim=(-0.1, 10.7), ylim=(-1.5, 6.6))
         axes.set_axis_off()
         for x, y, width, height, color, lines in BOXES.values():
             axes.add_patch(_box(x, y, width, height, color))

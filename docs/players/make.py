@@ -2,7 +2,7 @@
 
     python docs/players/make.py [NAME ...]
 
-A minute or two; of NAMEs alone where some are given.
+A few minutes; of NAMEs alone where some are given. The suite's tasks are `task_ID`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import gymnasium as gym
 
-from flexarm_env import control, named, scenes, simulate
+from flexarm_env import control, named, scenes, simulate, suite
 from flexarm_env.control import load_policy
 from flexarm_env.recording import EpisodeRecorder
 from flexarm_env.view import Clip, Player
@@ -21,6 +21,11 @@ from flexarm_env.view import Clip, Player
 HOME = Path(__file__).parent
 MOST_BYTES = 180_000
 """Of a page; a player of the site shows fewer instants than one that `flexarm view` writes."""
+MOST_OF_A_TASK = 120_000
+SEED = 20_000
+"""Of a task's episode, which no policy is trained or judged on."""
+BESIDE = ("lqg", "lqr", "zvd")
+"""What a task's player has beside PD: the first that acts on what the task shows."""
 
 
 def scene(name: str) -> list[Clip]:
@@ -51,6 +56,19 @@ def played(env_id: str, seed: int, words: dict[str, str], **kwargs: object) -> l
     return clips
 
 
+def task(one: suite.Task) -> list[Clip]:
+    """An episode of a task of the suite."""
+    env = suite.make(one.id)
+    env.reset(seed=SEED)
+    for name in BESIDE:
+        try:
+            control.make(name, env)
+        except ValueError:
+            continue
+        return played(one.env_id, SEED, {"PD": "pd", name.upper(): name})
+    return played(one.env_id, SEED, {"PD": "pd"})
+
+
 MADE: dict[str, Callable[[], list[Clip]]] = {
     **{name: lambda name=name: scene(name) for name in scenes.names()},  # type: ignore[misc]
     "policy_beside_pd": lambda: played(
@@ -59,13 +77,15 @@ MADE: dict[str, Callable[[], list[Clip]]] = {
     "flexible_arm": lambda: played("FlexibleArm-v0", 5, {"PD": "pd", "LQR": "lqr"}, duration=2.4),
     "two_link": lambda: played("TwoLinkFlexArm-v0", 3, {"PD": "pd", "LQR": "lqr"}, duration=5.0),
     "multi_link": lambda: played("MultiLinkFlexArm-v0", 2, {"PD": "pd"}, duration=6.0),
+    **{f"task_{one.id}": lambda one=one: task(one) for one in suite.tasks()},  # type: ignore[misc]
 }
 
 
 def main(wanted: list[str]) -> None:
     """Make all, or what is wanted."""
     for name in wanted or MADE:
-        player = Player(MADE[name](), most_bytes=MOST_BYTES)
+        most = MOST_OF_A_TASK if name.startswith("task_") else MOST_BYTES
+        player = Player(MADE[name](), most_bytes=most)
         (HOME / f"{name}.json").write_text(player.data + "\n", encoding="utf-8")
         print(f"{name}: {len(player.html) // 1000} kB")
 

@@ -125,7 +125,7 @@ class Arms:
         whether an arm was beyond a joint's limits at its end.
     Raises:
         ValueError: an environment that cannot be differentiated: sensors, history, moving targets, replayed motions,
-            fitted steps, joints by multipliers; bad sizes.
+            pushes, payloads that change, fitted steps, joints by multipliers; bad sizes.
     """
 
     def __init__(
@@ -317,6 +317,8 @@ def _differentiable(made: Any) -> None:
         "history": plan.history > 1,
         "task": plan.task in ("track", "replay"),
         "step_tolerance": made.batch.program.models is not None,
+        "pushes": extras.pushes is not None,
+        "payload_change": extras.payload_change is not None,
         "pushes": extras.pushes is not None,
         "payload_change": extras.payload_change is not None,
         "multipliers": bool(plan.settings.multipliers),

@@ -15,6 +15,7 @@ NAMESPACE = "flexarm"
 """Of the tasks' ids in Gymnasium's registry."""
 
 _KEYS = ("number", "title", "environment", "budget", "hard", "digest", "keywords")
+_MAY = ("price",)
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Task:
         id: name and version, "slew-measured-v1". number: its place in the suite. title: in a few words.
         environment: the id of the environment that it is made of. keywords: of that environment.
         budget: control periods that a method may be trained for. hard: what is hard about it.
+        price: of an episode's cost (info["episode_cost"] at its end): scores are made of return less price times cost.
         digest: of the resolved arm and keywords (`flexarm_env.suite.digest`), as the file records it.
     """
 
@@ -36,6 +38,7 @@ class Task:
     hard: str
     digest: str
     keywords: Mapping[str, Any]
+    price: float = 0.0
 
     @property
     def env_id(self) -> str:
@@ -52,7 +55,7 @@ def read(text: str, task_id: str) -> Task:
     """A task from the text of its file. ValueError names the task, the key and what is allowed."""
     with check.in_file(f"{task_id}.toml"):
         table = tomllib.loads(text)
-        check.known_keys("", table, _KEYS)
+        check.known_keys("", table, (*_KEYS, *_MAY))
         for key in _KEYS:
             check.needed("", table, key, "must be given")
         return Task(
@@ -64,6 +67,7 @@ def read(text: str, task_id: str) -> Task:
             hard=check.text("hard", table["hard"], empty=False),
             digest=check.text("digest", table["digest"]),
             keywords=check.table_of("keywords", table["keywords"]),
+            price=check.number("price", table.get("price", 0.0), minimum=0.0),
         )
 
 

@@ -32,6 +32,7 @@ def digest_of(one: Task) -> str:
     what = {
         "environment": one.environment,
         "keywords": one.keywords,
+        "price": one.price,
         "arm": arm,
         "solver": {key: value for key, value in dataclasses.asdict(made.settings).items() if value is not None},
         "period": made.period,
