@@ -319,8 +319,6 @@ def _differentiable(made: Any) -> None:
         "step_tolerance": made.batch.program.models is not None,
         "pushes": extras.pushes is not None,
         "payload_change": extras.payload_change is not None,
-        "pushes": extras.pushes is not None,
-        "payload_change": extras.payload_change is not None,
         "multipliers": bool(plan.settings.multipliers),
     }
     for name, is_so in wrong.items():
