@@ -23,15 +23,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from agents.arguments import parse
 from agents.runs import fail, read_run, write_text
 from flexarm_env import suite
 from flexarm_env.control import NAMES
 from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import Chosen, choose
-from flexarm_env.suite.results import Results, begun, chosen_tasks, folder_of, frozen, judged, of_the_protocol
+from flexarm_env.suite.results import Results, begun, chosen_tasks, folder_of, frozen, judged, of_the_protocol, value
 from flexarm_env.suite.score import EPISODES, FLOOR, Reference
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -66,6 +64,7 @@ METHODS = (
     Method("sac", 2, "sac", FEW),
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
+    Method("foresight", 1, "foresight"),
 )
 
 
@@ -142,12 +141,25 @@ def run(job: Job, arguments: Arguments) -> str:
     """Train and judge; a line of what came of it."""
     word, chooser = job.method.name, choose
     if job.method.algorithm:
-        word = str(train(job, arguments))
+        try:
+            word = str(train(job, arguments))
+        except ValueError as error:
+            if job.method.algorithm != "foresight":
+                raise
+            return refused(job, arguments, error)
         chooser = of_run
     results, trouble = judged(word, [job.task], arguments.results, name=job.method.name, run=job.seed, choose=chooser)
     if trouble:
         return f"{job.name}: not judged: {trouble[0]}"
-    return f"{job.name}: return {np.mean(results.tasks[job.task.id]['returns']):.2f}"
+    return f"{job.name}: J {value(job.task, results.tasks[job.task.id]):.2f}"
+
+
+def refused(job: Job, arguments: Arguments, error: ValueError) -> str:
+    """Note in the results that a method is not made for a task; a line that says so."""
+    known = begun(arguments.results, job.method.name, job.seed)
+    known.refused[job.task.id] = " ".join(str(error).split())
+    known.write(arguments.results)
+    return f"{job.name}: {error}"
 
 
 def train(job: Job, arguments: Arguments) -> Path:
@@ -155,6 +167,10 @@ def train(job: Job, arguments: Arguments) -> Path:
     from agents import train_ppo
 
     folder = job.folder(arguments.home)
+    if job.method.algorithm == "foresight":
+        from agents import foresight
+
+        return foresight.found(job.task, folder)
     started = (folder / "run.json").exists()
     if started and read_run(folder).get("finished"):
         return folder
@@ -171,6 +187,10 @@ def train(job: Job, arguments: Arguments) -> Path:
 def of_run(word: str, task: suite.Task) -> Chosen:
     """The policy of a run folder: policy.npz, or a model with a memory, which that has not."""
     folder = Path(word)
+    if (folder / "actions.npz").is_file():
+        from agents import foresight
+
+        return foresight.chosen(folder)
     if (folder / "policy.npz").is_file():
         return choose(word, task)
     from agents.policies import _from_model
@@ -191,7 +211,7 @@ def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
         for one in found:
             entry = one.tasks.get(task.id)
             if entry is not None and of_the_protocol(task, entry):
-                returns[f"{one.name}-{one.run}" if entry["training"] else one.name] = float(np.mean(entry["returns"]))
+                returns[f"{one.name}-{one.run}" if entry["training"] else one.name] = value(task, entry)
         if FLOOR in returns and (best := max(returns, key=lambda name: returns[name])) != FLOOR:
             known[task.id] = asdict(Reference(task.digest, round(returns[FLOOR], 4), round(returns[best], 4), best))
     return known

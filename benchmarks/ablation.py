@@ -44,6 +44,9 @@ FEATURES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "actuator (lag, friction)": ({"actuator": {"lag": 0.01, "viscous": 0.01, "coulomb": 0.02}}, {}),
     "residual_pd": ({"action_mode": "residual_pd"}, {}),
     "initial vibration": ({"initial_vibration": 0.05}, {}),
+    "cost (deflection, strain)": ({"cost": {"deflection": 0.05, "strain": 1e-3}}, {}),
+    "pushes at the tip": ({"pushes": {"wait": (0.5, 1.0), "force": (0.2, 0.5), "lasting": 0.1}}, {}),
+    "payload that changes": ({"payload_change": {"time": (1.0, 2.0), "factor": (0.5, 2.0)}}, {}),
     "render_mode, not rendered": ({"render_mode": "rgb_array"}, {}),
     "steps fitted to 0.1 % (step_tolerance)": ({"step_tolerance": 1e-3}, {}),
     "second link (TwoLinkFlexArm-v0)": ({"id": "TwoLinkFlexArm-v0"}, {}),
@@ -55,7 +58,7 @@ COMPILED = ("physics", "runtime", "tasks")
 
 CUT = (
     "gravity", "damping", "damped", "payload", "payload_turns", "controller", "actuator", "sensors", "reference",
-    "books", "root", "loads", "drive", "algebraic",
+    "books", "root", "loads", "drive", "algebraic", "change", "pushes", "line", "once", "turns",
 )  # fmt: skip
 """Names whose comparison with None guards the code of a feature."""
 

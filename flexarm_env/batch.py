@@ -435,7 +435,7 @@ class Batch:
 __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Cost", "Extras", "FRESH",
     "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS",
-    "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS", "Selection",
-    "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table", "info_places", "law_of", "one_at_a_time",
-    "room_of", "scene_gauges", "standing_scene",
+    "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS",
+    "Selection", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table", "info_places", "law_of",
+    "one_at_a_time", "room_of", "scene_gauges", "standing_scene",
 ]  # fmt: skip

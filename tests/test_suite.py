@@ -9,6 +9,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from benchmarks.machine import DOCS
+from benchmarks.suite_pages import pages
 from flexarm_env import suite
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.suite.data import read
@@ -40,6 +42,11 @@ def test_names_numbers_and_budgets() -> None:
     assert numbers == sorted(set(numbers))
     assert all(set(task.keywords) <= set(ARGUMENTS) for task in TASKS)
     assert all(task.env_id == f"flexarm_env:{task.registered}" and task.registered in gym.registry for task in TASKS)
+
+
+def test_pages_are_made_of_the_data() -> None:
+    stale = [str(path) for path, text in pages().items() if (DOCS / path).read_text("utf-8") != text]
+    assert stale == [], "run python -m benchmarks.suite_pages"
 
 
 def test_tasks_by_every_name() -> None:

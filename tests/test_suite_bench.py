@@ -153,7 +153,7 @@ def test_functions_of_all_rows_of_one_and_with_a_memory(name: str, each, quick: 
     (found,) = told(capsys, "--policy", f"mine:{name}", "--task", FIRST_TASK.id, "--out", "out")["results"]
     values = found["tasks"][FIRST_TASK.id]
     lengths = 3 + np.arange(100) % 3
-    assert values["return"] == pytest.approx(1.0 if each is None else each * lengths.mean())
+    assert values["value"] == pytest.approx(1.0 if each is None else each * lengths.mean())
     content = json.loads((quick / "out" / f"{name}-0.json").read_text())
     entry = content["tasks"][FIRST_TASK.id]
     assert (entry["digest"], entry["first_seed"], entry["episodes"]) == (FIRST_TASK.digest, 10_000, 100)
@@ -207,7 +207,7 @@ def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, c
     (quick / "mine.py").write_text((quick / "mine.py").read_text().replace("0.5", "0.25"))
     del sys.modules["mine"]
     (again,) = told(capsys, *words)["results"]
-    assert again["tasks"][FIRST_TASK.id]["return"] == pytest.approx(0.25 * (3 + np.arange(100) % 3).mean())
+    assert again["tasks"][FIRST_TASK.id]["value"] == pytest.approx(0.25 * (3 + np.arange(100) % 3).mean())
 
 
 def test_each_task_may_have_a_policy_of_its_own():
@@ -276,7 +276,8 @@ def test_damaged_results_are_told_in_a_sentence(changes: dict, sentence: str, tm
 def test_the_list_of_tasks(capsys: pytest.CaptureFixture[str]):
     listed = told(capsys, "--list")
     assert [entry["id"] for entry in listed["tasks"]] == [task.id for task in suite.tasks()]
-    assert {"id", "env_id", "title", "environment", "budget", "digest", "pd", "best"} == set(listed["tasks"][0])
+    keys = {"id", "env_id", "title", "environment", "budget", "price", "digest", "pd", "best"}
+    assert keys == set(listed["tasks"][0])
 
 
 def test_a_task_that_is_not_what_it_was_is_refused():
@@ -312,7 +313,7 @@ def test_controllers_files_and_models_on_a_real_task(tmp_path: Path, capsys, mon
     )
     words = ("--policy", "linear.npz,linear.onnx,own:act,pd", "--task", FIRST_TASK.id, "--episodes", "4", "--out", "o")
     found = {one["policy"]: one for one in told(capsys, *words)["results"]}
-    returns = {name: one["tasks"][FIRST_TASK.id]["return"] for name, one in found.items()}
+    returns = {name: one["tasks"][FIRST_TASK.id]["value"] for name, one in found.items()}
     assert found["linear"]["run"] == 0 and (tmp_path / "o" / "linear-4.json").exists()
     assert returns["act"] == pytest.approx(returns["linear"], abs=1e-3)
     totals = []
@@ -326,7 +327,8 @@ def test_controllers_files_and_models_on_a_real_task(tmp_path: Path, capsys, mon
             total, over = total + reward, terminated or truncated
         totals.append(total)
     assert json.loads((tmp_path / "o" / "pd-0.json").read_text())["tasks"][FIRST_TASK.id]["returns"] == totals
-    assert "observation layout" in refused(capsys, "bench", "suite", "--policy", "two_link", "--task", FIRST_TASK.id)
+    for name, sentence in (("flexible_arm", "observation layout"), ("two_link", 'must be "torque"')):
+        assert sentence in refused(capsys, "bench", "suite", "--policy", name, "--task", FIRST_TASK.id)
 
 
 @pytest.mark.slow
@@ -343,4 +345,4 @@ def test_cleanrl_style_ppo_learns_and_is_judged(tmp_path: Path, capsys, monkeypa
     monkeypatch.setenv("AGENT", str(agent))
     words = ["--policy", "agents.cleanrl_ppo:act", "--task", FIRST_TASK.id, "--episodes", "5", "--out", str(tmp_path)]
     (found,) = told(capsys, *words)["results"]
-    assert found["policy"] == "act" and np.isfinite(found["tasks"][FIRST_TASK.id]["return"])
+    assert found["policy"] == "act" and np.isfinite(found["tasks"][FIRST_TASK.id]["value"])

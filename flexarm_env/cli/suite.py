@@ -103,7 +103,7 @@ def _print(found: dict[str, Any]) -> None:
     for name, values in found["tasks"].items():
         score = "no score" if values["score"] is None else f"score {values['score']:.3f}"
         cost = f", cost {values['cost']:.4g}" if values["cost"] else ""
-        print(f"{name}: return {values['return']:.2f}, {score}, success {values['success_rate']:.0%}{cost}")
+        print(f"{name}: J {values['value']:.2f}, {score}, success {values['success_rate']:.0%}{cost}")
 
 
 def _list(as_json: bool) -> int:
@@ -111,7 +111,8 @@ def _list(as_json: bool) -> int:
     entries = [
         {
             "id": task.id, "env_id": task.env_id, "title": task.title, "environment": task.environment,
-            "budget": task.budget, "digest": task.digest,
+            "budget": task.budget,
+            "price": task.price, "digest": task.digest,
             "pd": known[task.id].pd if task.id in known else None,
             "best": known[task.id].best if task.id in known else None,
         }

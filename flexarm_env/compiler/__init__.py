@@ -25,13 +25,14 @@ from .lanes import (
     store,
 )
 from .private import MODE, WHY, selfcheck
+from .reverse import pulled
 from .trace import aligned_frame, traced, unrolled
 
 __all__ = [
     "kernel", "inlined", "uncompiled",
     "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "load", "store", "splat",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
-    "bare", "stack", "unrolled", "traced", "aligned_frame",
+    "bare", "stack", "unrolled", "traced", "pulled", "aligned_frame",
     "Family", "by_kind", "size", "NONE", "NUMBER", "TUPLE",
     "Placed", "entry", "follow", "native",
     "Crew", "OneAtATime", "one_at_a_time", "holders",

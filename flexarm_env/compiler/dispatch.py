@@ -39,9 +39,13 @@ class Family:
         """A function that calls the one registered under `name` for the class of the telling argument."""
         place = _place(arguments, self.argument)
 
-        def function(*args: Any) -> Any:
-            return self.members[type(args[place])][name](*args)
+        def choice(*args: Any) -> Any:
+            return self.members[getattr(args[place], "instance_class", type(args[place]))][name]
 
+        def function(*args: Any) -> Any:
+            return choice(*args)(*args)
+
+        function.choice = choice  # type: ignore[attr-defined]  # where code is written out from symbols
         take_name(function, name, sys._getframe(1).f_globals)
         call_chosen(function, lambda kinds: self.members[kinds[place].instance_class][name])
         return function
@@ -52,10 +56,16 @@ def by_kind(argument: str, arguments: str) -> Callable[[Callable[[str], Any]], C
     place = _place(arguments, argument)
 
     def decorate(choose: Callable[[str], Any]) -> Callable[..., Any]:
-        def function(*args: Any) -> Any:
+        def choice(*args: Any) -> Any:
             x = args[place]
-            made = choose(NONE if x is None else TUPLE if isinstance(x, tuple) else NUMBER)
+            named = hasattr(x, "instance_class")
+            return choose(NONE if x is None else TUPLE if named or isinstance(x, tuple) else NUMBER)
+
+        def function(*args: Any) -> Any:
+            made = choice(*args)
             return getattr(made, "py_func", made)(*args)  # as written: it may be asked while a kernel is compiled
+
+        function.choice = choice  # type: ignore[attr-defined]
 
         def chosen(kinds: Any) -> Any:
             kind = kinds[place]

@@ -38,7 +38,7 @@ def broadcast(builder: Any, value: Any, count: int) -> Any:
 
 
 class Value:
-    """A float64 (count 1) or a vector of lanes that exists at run time; tangents: likewise, none of what is constant."""
+    """A float64 (count 1) or a vector of lanes that exists at run time; tangents: likewise, none of a constant."""
 
     def __init__(self, builder: Any, value: Any, count: int, tangents: Sequence[Value] = ()) -> None:
         self.builder, self.value, self.count, self.tangents = builder, value, count, tuple(tangents)

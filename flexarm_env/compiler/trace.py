@@ -59,7 +59,7 @@ class Slots:
             self.builder.store(x, self.address(k * (1 + tangents) + part, count), align=8)
 
 
-class _Tracer:
+class Tracer:
     """What the functions of lanes.py are on symbols, for lanes of one type."""
 
     def __init__(self, builder: Any, lane: Any) -> None:
@@ -78,24 +78,27 @@ class _Tracer:
             lanes.with_slope: symbols.with_slope,
             stack: lambda lane, sizes: [None] * len(sizes),
             size: lambda n: len(n) if isinstance(n, tuple) else n,
+            aligned_frame: lambda lane: None,
         }
 
     def value(self, x: Any) -> Value:
         return x if isinstance(x, Value) else Value(self.builder, ir.Constant(DOUBLE, float(x)), 1)
 
     def load(self, lane: Any, array: Any, k: int) -> Value:
-        return array.get(k, self.count, self.tangents) if isinstance(array, Slots) else array[k]
+        return array[k] if isinstance(array, list) else array.get(k, self.count, self.tangents)
 
     def store(self, array: Any, k: int, value: Any) -> None:
-        if isinstance(array, Slots):
-            array.put(k, self.value(value), self.count, self.tangents)
-        else:
+        if isinstance(array, list):
             array[k] = self.value(value)
+        else:
+            array.put(k, self.value(value), self.count, self.tangents)
 
     def on_symbols(self, function: Any) -> Any:
         """The function, and all that is traced with it, with the functions of lanes.py replaced."""
         if function in self.words:
             return self.words[function]
+        if hasattr(function, "choice"):
+            return lambda *args: self.on_symbols(function.choice(*args))(*args)
         source = _SOURCES.get(function, function)
         source = getattr(source, "py_func", source)
         scope = dict(source.__globals__)
@@ -110,7 +113,7 @@ class _Tracer:
         if not callable(item) or not isinstance(item, Hashable):
             return False
         own = isinstance(item, python.FunctionType) and item.__module__ == module
-        return own or item in self.words or item in _SOURCES or is_jitted(item)
+        return own or item in self.words or item in _SOURCES or is_jitted(item) or hasattr(item, "choice")
 
     def symbol(self, context: Any, kind: Any, value: Any) -> Any:
         """What stands for an argument of a Numba type."""
@@ -118,8 +121,10 @@ class _Tracer:
             if all(isinstance(k, types.Integer) for k in kind):
                 return (0,) * len(kind)
             parts = [self.symbol(context, k, self.builder.extract_value(value, i)) for i, k in enumerate(kind)]
-            named = isinstance(kind, types.BaseNamedTuple)
-            return python.SimpleNamespace(**dict(zip(kind.fields, parts, strict=True))) if named else tuple(parts)
+            if not isinstance(kind, types.BaseNamedTuple):
+                return tuple(parts)
+            fields = dict(zip(kind.fields, parts, strict=True))
+            return python.SimpleNamespace(**fields, instance_class=kind.instance_class)
         if isinstance(kind, BareType | types.Array):
             known = kind.dtype == types.float64
             return Slots(self.builder, pointer(context, self.builder, kind, value)) if known else None
@@ -144,7 +149,7 @@ def _straight(function: Any, lane: int, result: Callable[[Any, int], Any]) -> An
     def typed(typingctx: Any, *kinds: Any) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             held = lanes.lane_type(len(signature.args[lane]))
-            tracer = _Tracer(builder, held)
+            tracer = Tracer(builder, held)
             symbols = [tracer.symbol(context, k, x) for k, x in zip(signature.args, args, strict=True)]
             values = tracer.on_symbols(function)(*symbols)
             if signature.return_type == types.void:

@@ -249,5 +249,5 @@ def _task(arm: Arm) -> Task:
         links=(0,) * n, targets=(0,) * (1 if n == 1 else 2), terms=(0,) * 6, entries=(0,) * entries,
         length=arm.total_length, lengths=np.array([link.span for link in arm.links]), scales=np.ones(entries),
         rates=np.ones(n), weights=np.zeros(6), torque_limits=np.array(arm.torque_limits),
-        joint_limits=np.array([(-np.inf, np.inf)] * n).ravel(), hold=1.0,
+        joint_limits=np.array([(-np.inf, np.inf)] * n).ravel(), hold=1.0, bands=np.full(3, np.inf),
     )  # fmt: skip

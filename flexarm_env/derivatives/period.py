@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import Batch
-from ..compiler import WIDEST, Crew, Placed, dual, entry, native, uncompiled
+from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
 from ..physics.integrator.work import unpack
+from ..physics.model import OK, Elastica
 from ..runtime import derivative
+from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of, record_sizes
 from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RATE, TORQUE_FACTOR
 
 Array = NDArray[np.float64]
 
-OK = 0
-
-MOST_AT_ONCE = int(__import__("os").environ.get("AT_ONCE", "9"))
+MOST_AT_ONCE = 9
 """Columns that go through a period side by side."""
 
 
@@ -123,12 +123,14 @@ class Arms:
         whether an arm was beyond a joint's limits at its end.
     Raises:
         ValueError: an environment that cannot be differentiated: sensors, history, moving targets, replayed motions,
-            fitted steps, joints by multipliers; bad sizes.
+            pushes, payloads that change, fitted steps, joints by multipliers; bad sizes.
     """
 
     def __init__(
         self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
     ) -> None:
+        if WIDEST is SINGLE:
+            raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
         self.n = check.integer("n", n, minimum=1)
         made: Any = gym.make_vec(
             id, num_envs=self.n, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, threads=threads, **keywords
@@ -156,6 +158,7 @@ class Arms:
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
         blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
         self._blocks = blocks
+        room = lanes * int(uncompiled(room_of)(model, task, batch.program.n_steps))
         self._program = derivative.Derivative(
             lane=WIDEST, dual=both, program=batch.program, plain=layouts[0], both=layouts[1], columns=columns,
             moving=self.moving,
@@ -166,8 +169,13 @@ class Arms:
             after=np.zeros(self.n * self.state_size), observation=np.zeros(self.n * self.observation_size),
             reward=np.zeros(self.n), failed=np.zeros(self.n, np.uint8), past=np.zeros(self.n, np.uint8),
             jacobian=np.zeros(self.n * rows * columns),
+            state_bar=np.zeros(self.n * self.state_size), observation_bar=np.zeros(self.n * self.observation_size),
+            reward_bar=np.zeros(self.n), action_bar=np.zeros(self.n * self.action_size),
+            bars=aligned(self._groups, layouts[0].row).reshape(-1),
+            tape=aligned(self._groups, room).reshape(-1), room=room,
             block=blocks[0].reshape(-1), scratch=blocks[1].reshape(-1),
         )  # fmt: skip
+        self._backwards = isinstance(model, Elastica) and isinstance(model.n, tuple)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
         self._crew = Crew(batch.threads - 1)
@@ -209,6 +217,28 @@ class Arms:
         moved[self.failed] = np.nan
         return Jacobians(*outcome, moved)
 
+    def pull(
+        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
+    ) -> tuple[Array, Array]:
+        """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A).
+
+        Of elasticas without friction in less time than the Jacobians take; of all others by these.
+        """
+        given = _checked("state_bar", state_bar, (self.n, self.state_size))
+        seen = _checked("observation_bar", observation_bar, (self.n, self.observation_size))
+        paid = _checked("reward_bar", reward_bar, (self.n,))
+        if not self._backwards:
+            return self.jacobians(state, action).pull(given, seen, paid)
+        d, asked = self._program, self._put(state, action)
+        d.state_bar[:], d.observation_bar[:], d.reward_bar[:] = given.ravel(), seen.ravel(), paid
+        self._run(adjoint)
+        self._note_failures()
+        by_state, by_action = self._rows("state_bar", self.state_size), self._rows("action_bar", self.action_size)
+        by_action *= np.abs(asked) <= 1.0
+        for values in (by_state, by_action):
+            values[self.failed] = np.nan
+        return by_state, by_action
+
     def sights(self, state: Array) -> tuple[Array, Array]:
         """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
         self._put(state, None)
@@ -238,16 +268,20 @@ class Arms:
 
     def _outcome(self) -> tuple[Array, Array, Array]:
         d = self._program
-        self.failed, self.past = d.failed != OK, d.past.astype(np.bool_)
+        self._note_failures()
         after, seen, reward = (
             self._rows("after", self.state_size), self._rows("observation", self.observation_size), d.reward.copy(),
         )  # fmt: skip
         if self.failed.any():
             for values in (after, seen, reward):
                 values[self.failed] = np.nan
+        return after, seen, reward
+
+    def _note_failures(self) -> None:
+        self.failed, self.past = self._program.failed != OK, self._program.past.astype(np.bool_)
+        if self.failed.any():
             for block in self._blocks:
                 block[:] = 0.0
-        return after, seen, reward
 
     def _run(self, function: Any) -> None:
         if function not in self._entries:
@@ -275,6 +309,8 @@ def _differentiable(made: Any) -> None:
         "history": plan.history > 1,
         "task": plan.task in ("track", "replay"),
         "step_tolerance": made.batch.program.models is not None,
+        "pushes": extras.pushes is not None,
+        "payload_change": extras.payload_change is not None,
         "pushes": extras.pushes is not None,
         "payload_change": extras.payload_change is not None,
         "multipliers": bool(plan.settings.multipliers),

@@ -60,7 +60,7 @@ def _strains(frame: Frame) -> Array:
             what = "must be given (kg m) for cost.strain: with m it tells how thick the link is"
             raise check.InvalidValue(f"arm.links[{k}].section.J", float(there.J), what)
         distances.append(surface(float(there.m), float(there.J)))
-    return gauge_table(frame.arm, frame.settings, frame.gravity, places) * np.array(distances)[:, None]
+    return np.asarray(gauge_table(frame.arm, frame.settings, frame.gravity, places) * np.array(distances)[:, None])
 
 
 def pushes(frame: Frame, given: Any) -> Pushes | None:

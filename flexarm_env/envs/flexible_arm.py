@@ -123,7 +123,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `residual_share` | 0.7 | s of "residual_pd" |
     | `duration` | 4.0 | s |
     | `task` | "slew" | or "track": the target moves; "replay": every episode follows `motion` |
-    | `reference` | None | for "track": angle (rad) over time, a table or TimeFunction; None: drawn each time |
+    | `reference` | None | for "track": angle (rad) over time, a table or TimeFunction; None: drawn each time; or what \
+    it is drawn from, see below |
     | `motion` | None | for "replay", as in the options of reset; None: the paper's robot_arm_motion |
     | `reward` | {} | weights by name |
     | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant`: (low, high) factors on the nominal value |
@@ -131,6 +132,14 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `history` | 1 | the last so many observations in one, the oldest first |
     | `sensors` | {} | `noise`, `delay`, `strain_gauges`, `encoders`, `accelerometer`, `camera`, see below |
     | `actuator` | {} | `lag`, `delay`, `saturation`, `viscous`, `coulomb`, see below |
+    | `cost` | None | `deflection` (over L), `strain`: limits beyond which a period costs 1, see below |
+    | `pushes` | None | `wait`, `force`, `lasting`, `until`: forces on the tip at random times, see below |
+    | `payload_change` | None | `time`, `factor`, `gripped`: a payload gripped or let go, see below |
+    | `success` | {} | bounds `position` (rad), `speed` (of the tip's angle less the target's, rad/s), `vibration` \
+    (1/s), `hold` (s); `once`: a success stays one |
+    | `turns` | "exact" | or "any": the target is met at any number of whole turns from it |
+    | `starts` | {} | ranges that starts are drawn from: `angles` [(low, high)], `target` (low, high) rad; `absolute`: \
+    target angles as they stand, not from where the arm starts |
     | `initial_vibration` | 0.0 | largest initial tip deflection of the first mode, over L |
     | `joint_limits` | the arm's | [(low, high)] rad of the hub angle; None: none |
     | `gravity` | None | (x, y), m/s^2 |
@@ -166,6 +175,27 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction is added to what the arm's joints have
     (`Joint.friction_viscous`, `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of
     `energy_dissipated`. What is left at its default costs nothing.
+
+    Targets that move: `reference={"path": "swing", "width": (low, high), "period": (low, high)}` draws swings to and
+    fro (rad, s), `{"path": "line", "behind": ..., "rate": ...}` targets that come from behind (rad) and run on at a
+    rate (rad/s). What is left out is as usual. Success is position and speed: to catch is to have kept with the
+    target, say with `success={"hold": 0.1, "speed": 0.1, "once": True}`.
+
+    Cost: `info["cost"]` is 1 in a control period at whose end a limit is passed, by the tip's deflection or by the
+    strain of the surface at one of the places 0, 1/4, 1/2 and 3/4 along the link, otherwise 0; `info["episode_cost"]`
+    its sum.
+
+    Pushes: `wait` s (drawn) after the start, or after the last push, a force (`force`, N, drawn; in any direction of
+    the plane) acts on the tip for `lasting` s (a control period); none begins after `until` s. `info["push"]` (2,) N.
+    Times come at control instants. The pushes' work is part of `work`.
+
+    Payload: at a control instant about `time` s (drawn) the payload becomes `factor` (drawn) times the nominal one,
+    mass and inertia; `info["payload_mass"]`, kg. What is gripped rests (`gripped="resting"`): positions and momentum
+    stay, velocities jump, and what the impact takes is part of `energy_dissipated`; or it moves with the tip
+    (`gripped="moving"`). What is let go takes its own along. The energy that comes or goes with it is part of `work`.
+
+    Prescribed motions do not go together with `cost`, `pushes` and `payload_change`; `turns="any"`, where the term
+    `distance` is paid in half turns and not in rad, not with "residual_pd" and "measured".
 
     Joints that are not ideal: the torque acts on the motor, and with `info_level` "full" info has `motor_angle` and
     `motor_rate`, (N,) each, after the ratio.

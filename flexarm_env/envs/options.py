@@ -65,8 +65,8 @@ class Plan:
 
     names, scales: of the entries of one observation; history: how many of these stand in what is observed, the oldest
     first. aims: those fields of the task's record that are not the usual. gauges, gauge_scales: link and place of each
-    strain gauge, 1/m. limit: control periods to `duration` or max_episode_steps; max_steps: the latter. motion: of every
-    episode of task="replay". entries: of info. full: energies in it; words: words in it.
+    strain gauge, 1/m. limit: control periods to `duration` or max_episode_steps; max_steps: the latter. motion: of
+    every episode of task="replay". entries: of info. full: energies in it; words: words in it.
     """
 
     kind: Kind

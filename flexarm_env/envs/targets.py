@@ -28,7 +28,7 @@ class Target(ABC):
     the usual one first; of each the numbers that it is drawn by (four at most), and their units."""
 
     numbers: int
-    paths: Mapping[str, tuple[tuple[str, str], ...]]
+    paths: ClassVar[Mapping[str, tuple[tuple[str, str], ...]]]
 
     @abstractmethod
     def read(self, arm: Arm, value: Any) -> Pair:

@@ -113,6 +113,14 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `duration` | 8.0 | s |
     | `task` | "reach" | or "track": the target moves (`reference`: x and y over time, m; None: a circle); "replay" |
     | `joint_limits` | the arm's | [(low, high) or None for each joint], rad; None: none |
+    | `success` | {} | bounds `position` (over L), `speed` (tip less target, over L, 1/s), `hold` (s); `once` |
+    | `starts` | {} | `angles`: (low, high) of each joint, rad; `target`: of distance (m) and bearing (rad); \
+    `straight`: share with all joints at 0 |
+
+    `reference={"path": "circle", "distance": (low, high), "period": ..., "radius": ..., "bearing": ...}` draws
+    circles by the distance (m) and bearing (rad) of their centres, {"path": "line", "distance": ..., "time": ...,
+    "speed": ..., "bearing": ...} straight lines by their point nearest to the root, when they pass there (s), and how
+    fast (m/s). What is left out is as usual. A limit of `cost` may be one for all links, or one each.
 
     Controllers of "residual_pd": k_k = tau_k / (pi/4), d_k = 2 sqrt(k_k I_k); the goals are the angles of the rigid
     arm with its tip at the target; of the two solutions the one sooner reached, joint k taking a time that goes as

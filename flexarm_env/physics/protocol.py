@@ -30,6 +30,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     stiffen(lane, model, S, k, x)    add x to row k of S, that of a joint's angle, in column k; before `factor`
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
+    solve_transposed(lane, model, S, x)  only for derivatives backwards: x <- S^-T x
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
     update(lane, model, q, d)        q <- q moved by the increment d: their sum, unless a formulation's coordinates add
         up otherwise, as rotations do; rows of multipliers in d are zero
@@ -133,6 +134,7 @@ pin = FORMULATIONS.function("pin", "lane, model, S, k")
 stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
+solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
 update = FORMULATIONS.function("update", "lane, model, q, d")
 note_friction = FORMULATIONS.function("note_friction", "lane, model, par, state, u, r, S")

@@ -5,9 +5,9 @@ taken by and of, then what is given. The period is that of `episode`, without wh
 action to the torques, the steps, the observation and the reward. Its derivative, `jacobian`, is D = X + A columns of
 X + O + 1 rows: what the end's numbers that move, the observation's entries and the reward change by.
 
-`tangents` goes through the period with dual lanes, some columns at a time: whatever a period is made of is differentiated
-as it is computed, Newton's solution by the implicit function theorem (`physics.integrator.newton`). `implicit` has the
-same in less time where nothing but a step's equations decides what it comes to.
+`tangents` goes through the period with dual lanes, some columns at a time: whatever a period is made of is
+differentiated as it is computed, Newton's solution by the implicit function theorem (`physics.integrator.newton`).
+`implicit` has the same in less time where nothing but a step's equations decides what it comes to.
 """
 
 from __future__ import annotations
@@ -48,6 +48,13 @@ class Derivative(NamedTuple):
     failed: np.ndarray  # (n,) uint8: status
     past: np.ndarray  # (n,) uint8: 1 where a joint is beyond its limits
     jacobian: np.ndarray  # (n (X + O + 1) (X + A),)
+    state_bar: np.ndarray  # (n S,): cotangents, in and out
+    observation_bar: np.ndarray  # (n O,): in
+    reward_bar: np.ndarray  # (n,): in
+    action_bar: np.ndarray  # (n A,): out
+    bars: np.ndarray  # (groups, plain.row)
+    tape: np.ndarray  # (groups, room)
+    room: int
     block: np.ndarray  # (groups, plain.row)
     scratch: np.ndarray  # (groups, both.row)
 
@@ -57,7 +64,7 @@ def step(address, first, last):
     """The period of groups first ... last - 1."""
     d = follow(address)
     for g in range(first, last):
-        block = d.block[g * d.plain.row : (g + 1) * d.plain.row]
+        block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
         fill(d.lane, d, d.places, d.plain, g, block)
         _period(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
         tell(d.lane, d, d.places, d.plain, g, block)
@@ -69,7 +76,7 @@ def look(address, first, last):
     """What is to be seen of groups first ... last - 1 as they are."""
     d = follow(address)
     for g in range(first, last):
-        block = d.block[g * d.plain.row : (g + 1) * d.plain.row]
+        block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
         fill(d.lane, d, d.places, d.plain, g, block)
         see(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
         tell(d.lane, d, d.places, d.plain, g, block)
@@ -81,7 +88,7 @@ def tangents(address, first, last):
     """The derivative of the period of groups first ... last - 1."""
     d = follow(address)
     for g in range(first, last):
-        block = d.scratch[g * d.both.row : (g + 1) * d.both.row]
+        block = d.scratch[first * d.both.row : (first + 1) * d.both.row]
         for j in range(0, d.columns, at_once(d)):
             fill(d.dual, d, d.twice, d.both, g, block)
             seed(d.dual, d, j, block)
@@ -96,7 +103,7 @@ def sights(address, first, last):
     """The derivative of what is to be seen of groups first ... last - 1."""
     d = follow(address)
     for g in range(first, last):
-        block = d.scratch[g * d.both.row : (g + 1) * d.both.row]
+        block = d.scratch[first * d.both.row : (first + 1) * d.both.row]
         for j in range(0, d.columns, at_once(d)):
             fill(d.dual, d, d.twice, d.both, g, block)
             seed(d.dual, d, j, block)

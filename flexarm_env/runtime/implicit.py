@@ -1,6 +1,7 @@
 """The derivative of a control period along its steps: values in plain lanes, tangents by the implicit function theorem.
 
-All columns go along together: each step is made once, its matrix is factored once more at its end, and each dual block
+Who calls brings groups that nobody else has in hand, of which the first has the room that all of them work in. All
+columns go along together: each step is made once, its matrix is factored once more at its end, and each dual block
 carries some of the columns (`physics.integrator.tangents`).
 """
 
@@ -34,9 +35,9 @@ def implicit(address, first, last):
     """The derivative of the period of groups first ... last - 1."""
     d = follow(address)
     for g in range(first, last):
-        block = d.block[g * d.plain.row : (g + 1) * d.plain.row]
+        block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
         chunks = (d.columns + at_once(d) - 1) // at_once(d)
-        scratch = d.scratch[g * chunks * d.both.row : (g + 1) * chunks * d.both.row]
+        scratch = d.scratch[first * chunks * d.both.row : (first + 1) * chunks * d.both.row]
         _period(d.lane, d, g, chunks, block, scratch, unpack(d.lane, d.program.model, block, 0))
     return 0
 
@@ -115,9 +116,7 @@ def _open(d, g, c, both):
     seed(lane, d, c * at_once(d), both)
     for k in range(size(p.task.links)):
         store(x.u0, k, load(lane, x.u, k))
-    command(
-        lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x
-    )
+    command(lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x)
     _tell(lane, p.task, p.actuator, _record(d, both), x)
 
 

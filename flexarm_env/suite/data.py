@@ -26,8 +26,8 @@ class Task:
         id: name and version, "slew-measured-v1". number: its place in the suite. title: in a few words.
         environment: the id of the environment that it is made of. keywords: of that environment.
         budget: control periods that a method may be trained for. hard: what is hard about it.
-        price: that an episode's cost (info["episode_cost"] at its end) has: what a score is made of is return less price
-            times cost. digest: of the resolved arm and keywords (`flexarm_env.suite.digest`), as the file records it.
+        price: of an episode's cost (info["episode_cost"] at its end): scores are made of return less price times cost.
+        digest: of the resolved arm and keywords (`flexarm_env.suite.digest`), as the file records it.
     """
 
     id: str

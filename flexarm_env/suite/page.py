@@ -15,10 +15,10 @@ from .score import EPISODES, FIRST, interquartile_mean, interval, references
 HEAD = f"""# Results on the suite
 
 Mean returns over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no training uses. A score is
-(J - J_PD) / (J_best - J_PD): 0 for PD control, 1 for the best known. Interquartile means (IQM) are over all scores of a
-method, the mean of the middle half; their brackets hold 95 % percentile intervals by a bootstrap over runs, stratified
-by tasks (none where a method has one run). A method that is missing on a task is not made for it, or was not judged
-there.
+(J - J_PD) / (J_best - J_PD), J the mean return (less the task's price times cost, where it has one): 0 for PD control,
+1 for the best known. Interquartile means (IQM) are over all scores of a method, the mean of the middle half; their
+brackets hold 95 % percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run).
+A method that is missing on a task is not made for it, or was not judged there.
 
 Each file of the folder is a run of a method; another's result is one file more, written by
 `flexarm bench suite --policy ... --name METHOD --out FOLDER`. This page: `flexarm bench page FOLDER --out PAGE`."""
@@ -61,7 +61,7 @@ def _lines(task: Task, found: Sequence[Results]) -> Iterator[Line]:
         if entry is not None and of_the_protocol(task, entry):
             runs.setdefault(one.name, []).append(entry)
     lines = [Line(name, [summary(task, entry) for entry in entries], entries) for name, entries in runs.items()]
-    yield from sorted(lines, key=lambda line: -float(np.mean([one["return"] for one in line.summaries])))
+    yield from sorted(lines, key=lambda line: -float(np.mean([one["value"] for one in line.summaries])))
 
 
 def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> Iterator[str]:
@@ -98,7 +98,7 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
         yield ""
     heads = (
         "runs",
-        "return",
+        "J",
         "worst, best run",
         "score",
         "success",
@@ -110,12 +110,12 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
     yield "| method | " + " | ".join(heads) + " |"
     yield "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
     for line in lines:
-        returns = [one["return"] for one in line.summaries]
-        score, rate, runs = line.mean("score"), line.mean("success_rate"), len(returns)
+        values = [one["value"] for one in line.summaries]
+        score, rate, runs = line.mean("score"), line.mean("success_rate"), len(values)
         steps, cpu = line.trained("steps") / runs, line.trained("cpu_s") / runs
         yield (
-            f"| {line.method} | {runs} | {np.mean(returns):.1f} | "
-            + (f"{min(returns):.1f}, {max(returns):.1f}" if runs > 1 else "")
+            f"| {line.method} | {runs} | {np.mean(values):.1f} | "
+            + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
             + f" | {'' if score is None else f'{score:.2f}'} | {rate:.0%} | {line.mean('cost'):.2f} | "
             + (f"{steps:.0f} | {cpu:.0f}" if steps else " | ")
             + f" | {line.mean('decision_us'):.1f} |"

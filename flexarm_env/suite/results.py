@@ -131,15 +131,22 @@ def judged(
 
 
 def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Means over the episodes of a task's entry, and its score (None where it has none)."""
-    mean = float(np.mean(entry["returns"]))
+    """Means over the episodes of a task's entry: "value" is what is scored, return less price times cost; the score
+    (None where there is none)."""
+    mean = value(task, entry)
     return {
-        "return": mean,
+        "value": mean,
+        "return": float(np.mean(entry["returns"])),
         "score": score(task, mean) if of_the_protocol(task, entry) else None,
         "success_rate": float(np.mean(entry["successes"])),
         "cost": float(np.mean(entry["costs"])),
         "decision_us": entry["decision_us"],
     }
+
+
+def value(task: Task, entry: Mapping[str, Any]) -> float:
+    """J, the mean over an entry's episodes of return less the task's price times cost."""
+    return float(np.mean(entry["returns"]) - task.price * np.mean(entry["costs"]))
 
 
 def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:

@@ -1,8 +1,9 @@
 """The suite's protocol: on which episodes a policy is judged, its score, and means over tasks with intervals.
 
-The score of a policy on a task is (J - J_PD) / (J_best - J_PD), J its mean return: 0 for PD control, 1 for the best
-known. Over tasks and runs the interquartile mean stands for a method (the mean of the middle half of all scores), with
-a percentile interval by a bootstrap that draws runs anew in each task for itself (Agarwal et al. 2021).
+The score of a policy on a task is (J - J_PD) / (J_best - J_PD), J its mean return (less the task's price times cost):
+0 for PD control, 1 for the best known. Over tasks and runs the interquartile mean stands for a method (the mean of the
+middle half of all scores), with a percentile interval by a bootstrap that draws runs anew in each task for itself
+(Agarwal et al. 2021).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ FLOOR = "pd"
 
 @dataclass(frozen=True)
 class Reference:
-    """Mean returns on a task that scores are made from, on the episodes of the protocol.
+    """Values J of a task that scores are made from, on the episodes of the protocol.
 
     digest: of the task they belong to. pd, best: of PD control, and the best known. by: what reached the best.
     """
@@ -40,9 +41,9 @@ class Reference:
     best: float
     by: str
 
-    def score(self, mean_return: float) -> float:
+    def score(self, value: float) -> float:
         """See the module."""
-        return (mean_return - self.pd) / (self.best - self.pd)
+        return (value - self.pd) / (self.best - self.pd)
 
 
 @cache
@@ -70,10 +71,10 @@ def read_references(text: str, path: str) -> dict[str, Reference]:
     return found
 
 
-def score(task: Task, mean_return: float) -> float | None:
-    """Of a mean return on a task; None where no reference belongs to the task as it is."""
+def score(task: Task, value: float) -> float | None:
+    """Of a value J on a task; None where no reference belongs to the task as it is."""
     known = references().get(task.id)
-    return None if known is None or known.digest != task.digest else known.score(mean_return)
+    return None if known is None or known.digest != task.digest else known.score(value)
 
 
 def interquartile_mean(scores: Mapping[str, Sequence[float]]) -> float:

@@ -357,6 +357,23 @@ def _solve(lane, model, S, x):
         store(x, i, total * load(lane, S, i * rows + i))
 
 
+@unrolled
+@kernel
+def _solve_transposed(lane, model, S, x):
+    """x <- S^-T x with the factors of `_factor`."""
+    rows = size(model.n)
+    for i in range(rows):
+        total = load(lane, x, i)
+        for j in range(i):
+            total = total - load(lane, S, j * rows + i) * load(lane, x, j)
+        store(x, i, total * load(lane, S, i * rows + i))
+    for i in range(rows - 1, -1, -1):
+        total = load(lane, x, i)
+        for j in range(i + 1, rows):
+            total = total - load(lane, S, j * rows + i) * load(lane, x, j)
+        store(x, i, total)
+
+
 @kernel
 def factor(lane, model, S):
     """See _factor."""
@@ -371,6 +388,13 @@ def solve(lane, model, S, x):
     _solve(lane, model, S, x)
 
 
+@kernel
+def solve_transposed(lane, model, S, x):
+    """See _solve_transposed."""
+    aligned_frame(lane)
+    _solve_transposed(lane, model, S, x)
+
+
 register(
     Elastica,
     assemble=assemble,
@@ -379,6 +403,7 @@ register(
     stiffen=stiffen,
     factor=factor,
     solve=solve,
+    solve_transposed=solve_transposed,
     ports=ports,
     damping_work=damping_work,
     energy=energy,

@@ -1,0 +1,206 @@
+"""The best known on a task: an episode's torques by the gradient of its own return, the episode known beforehand.
+
+No policy knows so much: starts, payloads and targets are those of the very episode, nothing has to be measured, and the
+torques follow from time alone. What is found is a local optimum, reached from the actions of controllers that see the
+whole state; it is played in the task itself, sensors and all, where it must give the return that was found.
+`python -m agents.suite --only foresight`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.runs import read_json, write_json, write_whole
+from flexarm_env import suite
+from flexarm_env.suite.policies import Chosen, choose
+from flexarm_env.suite.score import EPISODES, FIRST
+
+Array = NDArray[np.float64]
+
+SENSED = ("observation", "history", "sensors")
+"""Keywords that say what is seen, which torques found beforehand do not depend on."""
+CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "time_optimal")
+"""Where the search begins: in each episode with the actions of the best of them."""
+ALIKE = 1e-6
+"""Share by which an episode may pay otherwise in the task than in the search."""
+
+
+class Foresight:
+    """Actions (T, n, N) of n episodes, by the time."""
+
+    def __init__(self, actions: Array) -> None:
+        self.actions = actions
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """At the beginning."""
+        self.k = 0
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The next actions."""
+        self.k += 1
+        return self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
+
+
+def played(env: Any, policy: Any) -> tuple[Array, Array]:
+    """Actions (T, n, N) and returns (n,) of a policy on the episodes, in a vector environment of them."""
+    limit, n = int(env.unwrapped.plan.limit), int(env.num_envs)
+    actions, returns, alive = np.zeros((limit, *env.action_space.shape)), np.zeros(n), np.ones(n, bool)
+    observation, _ = env.reset(seed=FIRST)
+    policy.reset(observation)
+    for k in range(limit):
+        actions[k] = np.clip(policy.act(observation), -1.0, 1.0)
+        observation, reward, terminated, truncated, _ = env.step(actions[k].astype(np.float32))
+        returns += np.where(alive, reward, 0.0)
+        alive &= ~(terminated | truncated)
+    return actions, returns
+
+
+def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
+    """Of each episode the actions and the return of the best of the controllers, which see all there is, and of trained
+    policies (run folders), which see what the task shows."""
+    best: Array | None = None
+    whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
+    shown = suite.make_vec(task.id, EPISODES)
+    for word, env in [*((word, whole) for word in CONTROLLERS), *((str(path), shown) for path in trained)]:
+        try:
+            actions, returns = played(env, choose(word, task).make(env))
+        except ValueError:  # a controller that is not made for the task
+            continue
+        if best is None:
+            kept, best = actions, returns
+        better = returns > best
+        kept[:, better], best = actions[:, better], np.maximum(best, returns)
+    whole.close()
+    shown.close()
+    if best is None:
+        raise ValueError(f"{task.id}: no controller to begin with")
+    return kept, best
+
+
+def seen_whole(task: suite.Task) -> dict[str, Any]:
+    """Keywords of the task's environment without its sensors."""
+    return {key: value for key, value in task.keywords.items() if key not in SENSED}
+
+
+def search(
+    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 1000, memory: int = 12
+) -> tuple[Array, Array]:
+    """Actions (T, n, N) of the episodes and their returns (n,).
+
+    trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
+    each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
+    halved. ValueError where the task's environment has no derivatives, or does not give these returns.
+    """
+    from flexarm_env.derivatives import Arms
+
+    if task.price:
+        raise ValueError(f"{task.id}: costs have no slope")
+    best, reached = beginnings(task, trained)
+    arms = Arms(task.environment, EPISODES, **seen_whole(task))
+    start, shape = arms.reset(seed=FIRST), best.shape
+
+    def value(x: Array) -> tuple[Array, Array]:
+        total, slopes = returned(arms, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2))
+        return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1))
+
+    x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
+    found, slope = value(x)
+    if np.nanmax(np.abs(found - reached) / (1.0 + np.abs(reached))) > ALIKE:
+        raise ValueError(f"{task.id}: the search's episodes are not the task's: {found[:3]} for {reached[:3]}")
+    moves: list[tuple[Array, Array]] = []
+    length = np.ones(arms.n)
+    for _ in range(steps):
+        free = ~(((x >= 1.0) & (slope > 0.0)) | ((x <= -1.0) & (slope < 0.0)))
+        way = _newton(np.where(free, slope, 0.0), moves) * free
+        tried = _exact(np.clip(x + length[:, None] * way, -1.0, 1.0))
+        total, there = value(tried)
+        better = total > reached
+        took = better[:, None]
+        moves = [*moves[1 - memory :], (np.where(took, tried - x, 0.0), np.where(took, slope - there, 0.0))]
+        x, slope, reached = np.where(took, tried, x), np.where(took, there, slope), np.fmax(reached, total)
+        length = np.where(better, np.minimum(1.0, 2.0 * length), 0.5 * length)
+        stuck = length < 1e-7
+        for one, other in moves:  # forget what led nowhere
+            one[stuck], other[stuck] = 0.0, 0.0
+        length[stuck] = 1.0
+    arms.close()
+    return x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached
+
+
+def _newton(slope: Array, moves: Sequence[tuple[Array, Array]]) -> Array:
+    """Uphill (n, d) by the moves (n, d) made and what the slope fell by, the oldest first."""
+    way, shares = slope.copy(), []
+    for move, fall in reversed(moves):
+        along = np.sum(move * fall, axis=1)
+        inverse = np.where(along > 1e-12 * np.sum(fall**2, axis=1), 1.0 / np.where(along > 0.0, along, 1.0), 0.0)
+        share = inverse * np.sum(move * way, axis=1)
+        way -= share[:, None] * fall
+        shares.append((inverse, share))
+    size = np.full(len(slope), np.nan)
+    for move, fall in moves:
+        along, square = np.sum(move * fall, axis=1), np.sum(fall**2, axis=1)
+        good = along > 1e-12 * square
+        size = np.where(good & (square > 0.0), along / np.where(square > 0.0, square, 1.0), size)
+    first = 0.01 / np.maximum(np.abs(slope).max(axis=1), 1e-12)
+    way *= np.where(np.isfinite(size), size, first)[:, None]
+    for (move, fall), (inverse, share) in zip(moves, reversed(shares), strict=True):
+        way += (share - inverse * np.sum(fall * way, axis=1))[:, None] * move
+    return way
+
+
+def _exact(x: Array) -> Array:
+    """As actions are handed on, in float32."""
+    return x.astype(np.float32).astype(float)
+
+
+def returned(arms: Any, start: Array, actions: Array) -> tuple[Array, Array]:
+    """Returns (n,) of actions (T, n, N), NaN where an episode would have ended; and their slopes by the actions."""
+    states, total, over = [start], np.zeros(arms.n), np.zeros(arms.n, bool)
+    for action in actions:
+        state, _, reward = arms.step(states[-1], action)
+        states.append(state)
+        total += reward
+        over |= arms.failed | arms.past
+    slopes = np.zeros_like(actions)
+    back, seen, one = np.zeros_like(start), np.zeros((arms.n, arms.observation_size)), np.ones(arms.n)
+    for k in reversed(range(len(actions))):
+        back, slopes[k] = arms.jacobians(states[k], actions[k]).pull(back, seen, one)
+    return np.where(over, np.nan, total), slopes
+
+
+def found(task: suite.Task, folder: Path) -> Path:
+    """The folder with the actions of a task's episodes: searched for, or there already; policies beside it help."""
+    path = folder / "actions.npz"
+    if not path.is_file():
+        wall, cpu = time.perf_counter(), time.process_time()
+        beside = sorted(path.parent for path in folder.parents[1].glob(f"*/{task.id}/policy.npz"))
+        actions, returns = search(task, beside)
+        spent = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
+        write_json(folder / "run.json", {"algorithm": "foresight", "steps": 0, **spent})
+        given = {"actions": actions.astype(np.float32), "returns": returns}
+        write_whole(path, lambda part: np.savez_compressed(part, **given))
+    return folder
+
+
+def chosen(folder: Path) -> Chosen:
+    """What was found, as a policy of the task's episodes; ValueError where it is played on others."""
+    path = folder / "actions.npz"
+    record = read_json(folder / "run.json")
+    with np.load(path) as data:
+        actions = data["actions"].astype(float)
+
+    def make(env: Any) -> Foresight:
+        if (int(env.num_envs), env.single_action_space.shape[0]) != actions.shape[1:]:
+            raise ValueError(f"{path}: actions of {actions.shape[1]} episodes, which are judged together or not at all")
+        return Foresight(actions)
+
+    content = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    return Chosen("actions", folder.name, content, make, 0, record)

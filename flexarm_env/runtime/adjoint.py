@@ -1,0 +1,230 @@
+"""Cotangents of a control period: from what it comes to, back to its state and action.
+
+The period is gone through once more, each step's end is kept, and they are gone back through in turn; all derivatives
+at once, for a few times what the period costs. A block like that of the arms holds cotangents in place of numbers. Of
+elasticas, whose accelerations start afresh with each period.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiler import absolute, arms, follow, kernel, load, pulled, select_lt, size, splat, stack, store
+from ..physics.integrator.adjoint import pull_restart, pull_step
+from ..physics.integrator.newton import slopes_of
+from ..physics.integrator.start import restart
+from ..physics.integrator.step import advance
+from ..physics.integrator.tangents import prepare
+from ..physics.integrator.work import state_of, unpack
+from ..physics.layout import POSE
+from ..physics.protocol import MASS_ALONE, assemble, factor, link_poses
+from ..tasks.program import record_at
+from ..tasks.task import info_of, judge, observe
+from .derivative import fill
+from .motors import command, tell_motors, turn_motors
+
+
+class Asked(NamedTuple):
+    """What of a work array the commands look at."""
+
+    q: np.ndarray
+    v: np.ndarray
+    u: np.ndarray
+    y: np.ndarray
+
+
+def _see(lane, model, task, par, q, v, record, action, seen, outcome):
+    poses, info = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * info_of(task).end)
+    for k in range(info_of(task).end):
+        store(info, k, splat(lane, 0.0))
+    link_poses(lane, model, par, q, v, poses)
+    observe(lane, task, poses, record, seen)
+    reward, _ = judge(lane, task, poses, action, record, splat(lane, 1.0), info)
+    store(outcome, 0, reward)
+
+
+def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u):
+    poses, y = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * size(model.n_inputs))
+    command(lane, task, controller, amplifier, model, par, action, poses, record, Asked(q, v, u, y))
+
+
+_pull_sight = pulled(_see, ("par", "q", "v", "record", "action", "seen", "outcome"))
+_pull_command = pulled(_ask, ("par", "q", "v", "record", "action", "u"))
+
+
+@kernel
+def adjoint(address, first, last):
+    """Cotangents of the states and actions of groups first ... last - 1, from those of what a period comes to."""
+    d = follow(address)
+    row = d.plain.row
+    block, bars = d.block[first * row : (first + 1) * row], d.bars[first * row : (first + 1) * row]
+    tape = d.tape[first * d.room : (first + 1) * d.room]
+    for g in range(first, last):
+        _period(d.lane, d, g, block, bars, tape)
+    return 0
+
+
+@kernel
+def _period(lane, d, g, block, bars, tape):
+    p, layout, model = d.program, d.plain, d.program.model
+    w, bar = unpack(lane, model, block, 0), unpack(lane, model, bars, 0)
+    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
+    record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
+    seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
+    par_bar, record_bar = bars[layout.par : layout.poses], bars[layout.record : layout.action]
+    action_bar, seen_bar = bars[layout.action : layout.seen], bars[layout.seen : layout.info]
+    reward_bar = bars[layout.info : layout.saved]
+    fill(lane, d, d.places, layout, g, block)
+    command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
+    _tell(lane, p.task, p.actuator, record, w)
+    length = _length(model, p.task) * len(lane)
+    for s in range(p.n_steps):
+        _turn(lane, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
+        if s == 0:
+            restart(lane, model, None, par, block, 0, 0.0, p.h, True)
+            _keep(lane, model, p.task, w, tape)
+        advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
+        _keep(lane, model, p.task, w, tape[(s + 1) * length :])
+    for i in range(arms(lane)):
+        if g * arms(lane) + i < d.n:
+            d.failed[g * arms(lane) + i] = np.uint8(w.flag[i])
+    _give(lane, d, g, bars)
+    _pull_sight(
+        lane, model, p.task, par, w.q, w.v, record, action, seen, info,
+        par_bar, bar.q, bar.v, record_bar, action_bar, seen_bar, reward_bar,
+    )  # fmt: skip
+    slopes = slopes_of(p.scheme, p.h)
+    for s in range(p.n_steps - 1, -1, -1):
+        _recall(lane, model, p.task, w, tape[(s + 1) * length :])
+        prepare(lane, model, par, w, slopes)
+        pull_step(lane, model, par, par_bar, w, bar, slopes, p.scheme)
+        if s == 0:
+            _recall(lane, model, p.task, w, tape)
+            assemble(lane, model, par, state_of(w), w.u, MASS_ALONE, w.r, w.S)
+            factor(lane, model, w.S)
+            pull_restart(lane, model, par, par_bar, w, bar)
+        _turn_back(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
+    _tell_back(lane, p.task, p.actuator, record_bar, bar)
+    _pull_command(
+        lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, w.u,
+        par_bar, bar.q, bar.v, record_bar, action_bar, bar.u,
+    )  # fmt: skip
+    _take(lane, d, g, bars)
+
+
+# --- what is kept of each step ----------------------------------------------------------------------
+@kernel
+def _length(model, task):
+    """Numbers kept of a step: q, v, a, the torques, and the motors' before it."""
+    return 3 * size(model.n) + 2 * size(task.links)
+
+
+@kernel
+def room_of(model, task, n_steps):
+    """Numbers kept of a period."""
+    return (n_steps + 1) * _length(model, task)
+
+
+@kernel
+def _keep(lane, model, task, w, tape):
+    n = size(model.n)
+    for k in range(n):
+        store(tape, k, load(lane, w.q, k))
+        store(tape, n + k, load(lane, w.v, k))
+        store(tape, 2 * n + k, load(lane, w.a, k))
+    for k in range(size(task.links)):
+        store(tape, 3 * n + k, load(lane, w.u, k))
+
+
+@kernel
+def _recall(lane, model, task, w, tape):
+    n = size(model.n)
+    for k in range(n):
+        store(w.q, k, load(lane, tape, k))
+        store(w.v, k, load(lane, tape, n + k))
+        store(w.a, k, load(lane, tape, 2 * n + k))
+    for k in range(size(task.links)):
+        store(w.u, k, load(lane, tape, 3 * n + k))
+
+
+# --- motors -----------------------------------------------------------------------------------------
+@kernel
+def _tell(lane, task, actuator, record, w):
+    if actuator is not None:
+        tell_motors(lane, task, actuator, record, w)
+
+
+@kernel
+def _turn(lane, task, actuator, s, record, w, tape):
+    """The motors' torques in step s; what they were before is kept last in the tape's numbers of that step."""
+    if actuator is not None:
+        n = size(task.links)
+        at, last = record_at(0, n, 1, actuator.age + 2, 0, 0), 3 * w.q.shape[0] // len(lane) + n
+        for k in range(n):
+            store(tape, last + k, load(lane, record, at.torque + k))
+        turn_motors(lane, task, actuator, s, record, w)
+
+
+@kernel
+def _turn_back(lane, task, actuator, s, record, record_bar, bar, tape):
+    """`turn_motors`, backwards."""
+    if actuator is not None:
+        n, zero = size(task.links), splat(lane, 0.0)
+        at, last = record_at(0, n, 1, actuator.age + 2, 0, 0), 3 * bar.q.shape[0] // len(lane) + n
+        age = actuator.age + 1 if s < actuator.late else actuator.age
+        for k in range(n):
+            before, asked = load(lane, tape, last + k), load(lane, record, at.commands + age * n + k)
+            torque = before + (asked - before) * actuator.share
+            given = load(lane, record_bar, at.torque + k) + load(lane, bar.u, k)
+            given = select_lt(actuator.limits[k], absolute(torque), zero, given)
+            store(bar.u, k, zero)
+            store(record_bar, at.torque + k, given * (1.0 - actuator.share))
+            asked = load(lane, record_bar, at.commands + age * n + k)
+            store(record_bar, at.commands + age * n + k, asked + given * actuator.share)
+
+
+@kernel
+def _tell_back(lane, task, actuator, record_bar, bar):
+    """`tell_motors`, backwards."""
+    if actuator is not None:
+        n = size(task.links)
+        at = record_at(0, n, 1, actuator.age + 2, 0, 0)
+        for k in range(n):
+            store(bar.u, k, load(lane, bar.u, k) + load(lane, record_bar, at.commands + k))
+            for j in range(actuator.age + 1):
+                older = load(lane, record_bar, at.commands + (j + 1) * n + k)
+                store(record_bar, at.commands + j * n + k, older)
+            store(record_bar, at.commands + (actuator.age + 1) * n + k, splat(lane, 0.0))
+
+
+# --- rows -------------------------------------------------------------------------------------------
+@kernel
+def _give(lane, d, g, bars):
+    """Cotangents of what the period has come to, into a block."""
+    for k in range(d.plain.saved // len(lane)):
+        store(bars, k, splat(lane, 0.0))
+    count, entries = d.places.shape[0], d.chosen.shape[0]
+    reward = d.plain.info
+    for i in range(len(lane)):
+        arm = g * len(lane) + i
+        if arm < d.n:
+            for k in range(d.moving):
+                bars[d.places[k] + i] = d.state_bar[arm * count + k]
+            for k in range(entries):
+                bars[d.plain.seen + d.chosen[k] * len(lane) + i] += d.observation_bar[arm * entries + k]
+            bars[reward + i] = d.reward_bar[arm]
+
+
+@kernel
+def _take(lane, d, g, bars):
+    """Cotangents of state and action, out of a block."""
+    count, joints = d.places.shape[0], size(d.program.task.links)
+    for i in range(arms(lane)):
+        arm = g * len(lane) + i
+        if arm < d.n:
+            for k in range(d.moving):
+                d.state_bar[arm * count + k] = bars[d.places[k] + i]
+            for k in range(joints):
+                d.action_bar[arm * joints + k] = bars[d.plain.action + k * len(lane) + i]

@@ -1,0 +1,147 @@
+"""The reference results: what is run in which order, how it goes on, the best known, references from results."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from agents import config, foresight
+from agents import suite as reference
+from agents.train_ppo import Arguments as Training
+from flexarm_env import suite
+from flexarm_env.suite import results
+from flexarm_env.suite.score import FIRST
+from tests.agents_tools import told
+
+TASKS = suite.tasks()
+LEARNT = [method for method in reference.METHODS if method.algorithm not in ("", "foresight")]
+
+
+def entry(task: suite.Task, mean: float, learnt: bool = False) -> dict:
+    return {
+        "digest": task.digest, "first_seed": FIRST, "episodes": 100, "returns": [mean] * 100, "successes": [True] * 100,
+        "costs": [2.0] * 100, "lengths": [4] * 100, "wall_s": 1.0, "cpu_s": 1.0, "decision_us": 2.0,
+        "policy": {"kind": "policy", "source": "", "fingerprint": "x"},
+        "training": {"algorithm": "ppo", "steps": 9.0, "wall_s": 1.0, "cpu_s": 1.0} if learnt else None,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("method", LEARNT, ids=[method.name for method in LEARNT])
+def test_each_method_has_hyper_parameters_for_its_tasks(method: reference.Method):
+    if method.algorithm in ("tqc", "recurrent_ppo"):
+        pytest.importorskip("sb3_contrib")
+    path = reference.ROOT / "configs" / method.algorithm / "suite.yml"
+    for task in TASKS:
+        if task.id in (method.tasks or (task.id,)):
+            assert config.load(path, method.algorithm, task.registered).n_timesteps > 0
+    assert set(method.tasks or ()) <= {task.id for task in TASKS}
+
+
+def test_controllers_first_then_each_seed_in_turn():
+    todo = list(reference.jobs(reference.Arguments(only="ppo,pd,sac", seeds=2)))
+    names = [(job.method.name, job.seed) for job in todo]
+    few = len(reference.FEW)
+    expected = [("pd", 0)] * len(TASKS) + [("ppo", 0)] * len(TASKS) + [("sac", 0)] * few
+    assert names == expected + [("ppo", 1)] * len(TASKS) + [("sac", 1)] * few
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    kept = {TASKS[0].id: entry(TASKS[0], 1.0), TASKS[1].id: entry(TASKS[1], 1.0) | {"digest": "another"}}
+    results.Results("pd", 0, kept, {TASKS[2].id: "not made for it"}).write(tmp_path / "suite")
+    ran = []
+    monkeypatch.setattr(reference, "run", lambda job, arguments: ran.append(job.task.id) or job.name)
+    monkeypatch.setattr("sys.argv", ["suite", "--only", "pd", "--results", str(tmp_path / "suite")])
+    assert reference.main() == 0
+    assert ran == [TASKS[1].id, *(task.id for task in TASKS[3:])]
+    assert (tmp_path / "suite.md").read_text().startswith("# Results on the suite")
+    monkeypatch.setattr("sys.argv", ["suite", "--plan", "--only", "pd,ppo", "--results", str(tmp_path / "suite")])
+    capsys.readouterr()
+    assert reference.main() == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"pd: 2 of {len(TASKS)} runs done" and lines[1].startswith(f"ppo: 0 of {5 * len(TASKS)} runs")
+
+
+def test_references_are_pd_and_the_best_of_what_was_judged():
+    task = dataclasses.replace(next(one for one in TASKS if one.price), id=TASKS[0].id, digest=TASKS[0].digest)
+    assert results.value(task, entry(task, 10.0)) == 10.0 - 2.0 * task.price
+    first = TASKS[0]
+    found = [
+        results.Results("pd", 0, {first.id: entry(first, 10.0), TASKS[1].id: entry(TASKS[1], 10.0)}),
+        results.Results("ppo", 3, {first.id: entry(first, 30.0, learnt=True)}),
+        results.Results("zv", 0, {first.id: entry(first, 20.0), TASKS[1].id: entry(TASKS[1], 5.0)}),
+    ]
+    known = reference.references(found)
+    assert known == {first.id: {"digest": first.digest, "pd": 10.0, "best": 30.0, "by": "ppo-3"}}
+
+
+def test_seeds_that_policies_are_judged_on_are_refused(monkeypatch: pytest.MonkeyPatch, capsys):
+    from agents import train_ppo
+
+    sentence = told(train_ppo.main, ["--seed", str(FIRST - 500)], monkeypatch, capsys)
+    assert "--seed 9500: must be from 0 to 8999; those from 10000 on are for judging" in sentence
+    assert "settling or return" in told(train_ppo.main, ["--best-by", "luck"], monkeypatch, capsys)
+    assert Training(seed=8999).begun().seed == 8999
+    assert "must be among" in told(reference.main, ["--only", "dqn", "--plan"], monkeypatch, capsys)
+
+
+# ------------------------------------------------------------------ the best known
+class Hills:
+    """Two arms whose returns are concave in the actions, steep in some, flat in others; a best one is beyond 1."""
+
+    n, observation_size = 2, 0
+    best = np.array([[[0.3], [0.9]], [[-0.5], [1.7]], [[0.2], [0.1]]])
+    steep = np.array([100.0, 1.0, 0.01])[:, None, None]
+
+    def returned(self, arms, start, actions):
+        off = actions - self.best
+        return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off
+
+
+def test_the_search_climbs_each_episode_to_its_top(monkeypatch: pytest.MonkeyPatch):
+    from flexarm_env import derivatives
+
+    hills = Hills()
+    hills.reset, hills.close = lambda seed: None, lambda: None
+    began = np.zeros((3, 2, 1))
+    monkeypatch.setattr(derivatives, "Arms", lambda *words, **keywords: hills)
+    monkeypatch.setattr(foresight, "returned", hills.returned)
+    monkeypatch.setattr(foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began)[0]))
+    actions, reached = foresight.search(TASKS[0], steps=60)
+    assert actions == pytest.approx(np.minimum(hills.best, 1.0), abs=1e-3)
+    assert reached == pytest.approx(hills.returned(None, None, actions)[0])
+
+
+@pytest.mark.slow
+def test_the_best_known_is_played_in_the_task_itself(tmp_path: Path):
+    """The gradient's environment has no sensors; the actions give the same return in the task, which has."""
+    task = suite.task("slew-measured-v1")
+    _, began = foresight.beginnings(task)
+    actions, returns = foresight.search(task, steps=20)
+    assert (returns >= began).all() and returns.mean() > began.mean()
+    _, again = foresight.played(suite.make_vec(task.id, len(returns)), foresight.Foresight(actions))
+    assert again == pytest.approx(returns, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["ppo", "tqc", "recurrent_ppo"])
+def test_methods_are_trained_and_judged(algorithm: str, tmp_path: Path):
+    if algorithm != "ppo":
+        pytest.importorskip("sb3_contrib")
+    task = suite.task("slew-geared-v1")
+    arguments = reference.Arguments(
+        home=tmp_path / "runs", results=tmp_path / "suite", share=6000 / task.budget, progress=False
+    )
+    method = next(one for one in reference.METHODS if one.name == algorithm)
+    job = reference.Job(method, 1, task)
+    assert not job.done(arguments.results)
+    assert reference.run(job, arguments).startswith(f"{algorithm}-1 on slew-geared-v1: J ")
+    assert job.done(arguments.results)
+    content = json.loads((tmp_path / "suite" / f"{algorithm}-1.json").read_text())["tasks"][task.id]
+    assert content["training"]["algorithm"] == algorithm and content["training"]["steps"] >= 6000
+    assert len(content["returns"]) == 100
