@@ -20,7 +20,6 @@ from sphinx.util.docutils import SphinxDirective
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import flexarm_env
-from flexarm_env import suite
 from flexarm_env.view.page import frame, page
 
 project = "flexarm_env"
@@ -101,26 +100,6 @@ class Specification(SphinxDirective):
         text = re.sub(r":class:`~?([\w.]+)`", lambda m: f"`{m.group(1).rpartition('.')[2]}`", text)
         box = nodes.container()
         self.state.nested_parse(StringList(text.splitlines(), source=self.arguments[0]), 0, box, match_titles=True)
-        return list(box.children)
-
-
-class Tasks(SphinxDirective):
-    """`{tasks}`: the suite's tasks as their files have them, each with its player, if there is one."""
-
-    has_content = False
-
-    def run(self) -> list[nodes.Node]:
-        """A section for each."""
-        lines = []
-        for task in suite.tasks():
-            name = f"task_{task.id}"
-            most = f"{task.budget:,}".replace(",", " ")
-            own = f"`{task.id}`, of `{task.environment}`; a policy is trained for at most {most} control periods."
-            lines += [f"### {task.number}. {task.title}", "", own, "", task.hard.strip(), ""]
-            if (Path(__file__).parent / "players" / f"{name}.json").exists():
-                lines += [f"```{{player}} {name}", ":folded:", "```", ""]
-        box = nodes.container()
-        self.state.nested_parse(StringList(lines, source="flexarm_env/data/suite"), 0, box, match_titles=True)
         return list(box.children)
 
 
@@ -278,5 +257,4 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("html-page-context", reach, priority=900)
     app.add_directive("specification", Specification)
     app.add_directive("player", PlayerFrame)
-    app.add_directive("tasks", Tasks)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

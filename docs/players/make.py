@@ -2,7 +2,7 @@
 
     python docs/players/make.py [NAME ...]
 
-A few minutes; of NAMEs alone where some are given. The suite's tasks are `task_ID`.
+A few minutes; of NAMEs alone where some are given. The suite's tasks have players by their ids.
 """
 
 from __future__ import annotations
@@ -77,14 +77,14 @@ MADE: dict[str, Callable[[], list[Clip]]] = {
     "flexible_arm": lambda: played("FlexibleArm-v0", 5, {"PD": "pd", "LQR": "lqr"}, duration=2.4),
     "two_link": lambda: played("TwoLinkFlexArm-v0", 3, {"PD": "pd", "LQR": "lqr"}, duration=5.0),
     "multi_link": lambda: played("MultiLinkFlexArm-v0", 2, {"PD": "pd"}, duration=6.0),
-    **{f"task_{one.id}": lambda one=one: task(one) for one in suite.tasks()},  # type: ignore[misc]
+    **{one.id: lambda one=one: task(one) for one in suite.tasks()},  # type: ignore[misc]
 }
 
 
 def main(wanted: list[str]) -> None:
     """Make all, or what is wanted."""
     for name in wanted or MADE:
-        most = MOST_OF_A_TASK if name.startswith("task_") else MOST_BYTES
+        most = MOST_OF_A_TASK if name in {one.id for one in suite.tasks()} else MOST_BYTES
         player = Player(MADE[name](), most_bytes=most)
         (HOME / f"{name}.json").write_text(player.data + "\n", encoding="utf-8")
         print(f"{name}: {len(player.html) // 1000} kB")
