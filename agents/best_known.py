@@ -27,8 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import episodes as fixed
+from agents import families
 from agents.arguments import parse
+from agents.evaluate import Arguments as Judged
+from agents.evaluate import keywords as keywords_of
 from agents.families import ROOT
+from agents.policies import choose
 from agents.runs import fail, read_json, versions, write_json, write_text
 from flexarm_env import control
 from flexarm_env.control import optimal
@@ -56,18 +60,19 @@ NEAR = 1.3
 class Case:
     """An environment, its number of episodes, in lots of so many, and what plans look at after they have settled.
 
-    tail: control periods.
+    tail: control periods. families: of trained policies, whose best is looked at beside.
     """
 
     env: str
     episodes: int
     lot: int
     tail: int
+    families: tuple[str, ...]
 
 
 CASES = {
-    "slew": Case("FlexibleArm-v0", 100, 50, 30),
-    "reach": Case("TwoLinkFlexArm-v0", 200, 40, 25),
+    "slew": Case("FlexibleArm-v0", 100, 50, 30, ("flexible_arm",)),
+    "reach": Case("TwoLinkFlexArm-v0", 200, 40, 25, ("two_link", "two_link_torque")),
 }
 
 
@@ -226,8 +231,18 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
         outcomes[name] = fixed.run(env, Played(actions), first)
         env.close()
     result = outcomes["environment"]
+    policies = {}
+    for family in families.FAMILIES:
+        if family.env == case.env and family.name in case.families:
+            policies[f"PPO ({family.name})"] = choose(str(family.best(families.TRAINED)), case.env)
+    policies |= {name: choose(name, case.env) for name in families.CONTROL}
+    judged = {}
+    for name, chosen in policies.items():
+        env = fixed.make_episodes(case.env, count, **keywords_of(Judged(policy=name, env=case.env), chosen))
+        judged[name] = fixed.run(env, chosen.make(env), first).settling.tolist()
+        env.close()
     return {
-        "first": first, "count": count, "cpu_s": time.process_time() - began, "starts": starts,
+        "policies": judged, "first": first, "count": count, "cpu_s": time.process_time() - began, "starts": starts,
         "settling": result.settling.tolist(), "exact": outcomes["exact"].settling.tolist(),
         "success": result.success.tolist(), "exact_success": outcomes["exact"].success.tolist(),
         "effort": result.effort.tolist(),
@@ -240,6 +255,8 @@ def joined(lots: list[Mapping[str, Any]]) -> dict[str, Any]:
     out: dict[str, Any] = {key: np.array([v for lot in lots for v in lot[key]]) for key in keys}
     names = lots[0]["starts"]
     out["starts"] = {name: np.array([v for lot in lots for v in lot["starts"][name]], np.float64) for name in names}
+    names = lots[0]["policies"]
+    out["policies"] = {name: np.array([v for lot in lots for v in lot["policies"][name]]) for name in names}
     out["cpu_s"] = sum(float(lot["cpu_s"]) for lot in lots)
     return out
 
@@ -273,13 +290,17 @@ def page(content: Mapping[str, Any]) -> str:
         "| environment | first guess | followed up | median (s) | behind the best, mean (s) | at most (s) | best in |",
         "|---|---|---:|---:|---:|---:|---:|",
     ]  # fmt: skip
+    apart = [
+        "", "Settling of policies on the same episodes over that of the best plan known, episode by episode:", "",
+        "| environment | policy | mean (s) | of the means | median | 90 % below |", "|---|---|---:|---:|---:|---:|",
+    ]  # fmt: skip
     for name, case in CASES.items():
-        if name not in content["lots"]:
+        if not content["lots"].get(name):
             continue
         found = joined(list(content["lots"][name].values()))
         best, exact = found["settling"], found["exact"]
         lines.append(
-            f"| {case.env} | {len(best)} | {np.median(best):.2f} | {best.mean():.3f} | {np.median(exact):.2f} "
+            f"| {case.env} | {len(best)} of {case.episodes} | {np.median(best):.2f} | {best.mean():.3f} | {np.median(exact):.2f} "
             f"| {exact.mean():.3f} | {found['exact_success'].mean():.1%} | {np.median(found['effort']):.2f} "
             f"| {found['cpu_s']:.0f} |"
         )
@@ -290,7 +311,13 @@ def page(content: Mapping[str, Any]) -> str:
                 f"| {case.env} | {start} | {tried.sum()} | {np.median(values[tried]):.2f} | {behind.mean():.3f} "
                 f"| {behind.max():.2f} | {(behind < 1e-9).sum()} |"
             )
-    return "\n".join([*lines, *spread]) + "\n"
+        for policy, values in found["policies"].items():
+            ratio = values / best
+            apart.append(
+                f"| {case.env} | {policy} | {values.mean():.3f} | {values.mean() / best.mean():.2f} "
+                f"| {np.median(ratio):.2f} | {np.quantile(ratio, 0.9):.2f} |"
+            )
+    return "\n".join([*lines, *apart, *spread]) + "\n"
 
 
 def main() -> int:

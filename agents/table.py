@@ -246,6 +246,8 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
     own, words, most = content[family.name], judge.words(family, robust), FEWER_EPISODES
     own["ordinary"] = judge.anew(own.get("ordinary", own.get("nominal", {})), family, words)
     own["randomised"] = judge.anew(own.get("randomised", {}), family, words, randomized=True)
+    if judge.asked is not None:
+        save(judge.arguments, content)
     exact = {name: words[name] for name in list(words)[:1]}
     say("  exact model")
     before = own.get("models", {})
@@ -262,6 +264,8 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
         say(f"  {what}")
         how = {"env_kwargs": {"randomization": factors}}
         shifted[what] = judge.anew(shifted.get(what, {}), family, fewer, most, **how)
+        if judge.asked is not None:
+            save(judge.arguments, content)
 
 
 def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | None) -> list[str]:
