@@ -300,9 +300,9 @@ def page(content: Mapping[str, Any]) -> str:
         found = joined(list(content["lots"][name].values()))
         best, exact = found["settling"], found["exact"]
         lines.append(
-            f"| {case.env} | {len(best)} of {case.episodes} | {np.median(best):.2f} | {best.mean():.3f} | {np.median(exact):.2f} "
-            f"| {exact.mean():.3f} | {found['exact_success'].mean():.1%} | {np.median(found['effort']):.2f} "
-            f"| {found['cpu_s']:.0f} |"
+            f"| {case.env} | {len(best)} of {case.episodes} | {np.median(best):.2f} | {best.mean():.3f} "
+            f"| {np.median(exact):.2f} | {exact.mean():.3f} | {found['exact_success'].mean():.1%} "
+            f"| {np.median(found['effort']):.2f} | {found['cpu_s']:.0f} |"
         )
         for start, values in found["starts"].items():
             tried = ~np.isnan(values)
