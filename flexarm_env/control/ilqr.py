@@ -155,13 +155,17 @@ def solve(
         iterations: at most. tolerance: of the cost, over itself: when no arm's falls by more, it is done.
         bound: of the controls.
     Raises:
-        ValueError: the first guess leads to states that are not finite.
+        ValueError: the first guess leads to states that are not finite, and so does no control.
     """
     controls = np.clip(controls, -bound, bound)
     states = rollout(system, x, controls)
     cost = total(costs, effort, states, controls)
     if not np.isfinite(cost).all():
-        raise ValueError("controls: the first guess leads to states that are not finite")
+        controls = np.where(np.isfinite(cost)[:, None], controls, 0.0)
+        states = rollout(system, x, controls)
+        cost = total(costs, effort, states, controls)
+    if not np.isfinite(cost).all():
+        raise ValueError("controls: the first guess leads to states that are not finite, and so does no control")
     damping = np.full(len(x), 0.0)
     gains = np.zeros((*controls.shape, system.size))
     for _ in range(iterations):
