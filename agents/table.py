@@ -271,6 +271,7 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
 def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | None) -> list[str]:
     """One environment's part of the page."""
     bounds = dict(own["bounds"])
+    both = {"nominal": own.get("ordinary", own["nominal"]), "randomised": own["randomised"]}
     if best is not None:
         bounds["best known"] = float(np.median(best["settling"]))
     lines = [f"## {TITLES[family.name]}", "", markdown(own["nominal"], bounds), ""]
@@ -290,7 +291,7 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
         f"### {family.env}: randomised payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
-        *short_table("success, median settling", {"nominal": own["ordinary"], "randomised": own["randomised"]}), "",
+        *short_table("success, median settling", both), "",
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the same {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
         "One thing at a time:", "",
