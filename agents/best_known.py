@@ -231,22 +231,27 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
         outcomes[name] = fixed.run(env, Played(actions), first)
         env.close()
     result = outcomes["environment"]
+    return {
+        "first": first, "count": count, "cpu_s": time.process_time() - began, "starts": starts,
+        "settling": result.settling.tolist(), "exact": outcomes["exact"].settling.tolist(),
+        "success": result.success.tolist(), "exact_success": outcomes["exact"].success.tolist(),
+        "effort": result.effort.tolist(),
+    }  # fmt: skip
+
+
+def beside(case: Case, first: int, count: int) -> dict[str, list[float]]:
+    """Settling (s) of policies and controllers on the same episodes."""
     policies = {}
     for family in families.FAMILIES:
         if family.env == case.env and family.name in case.families:
             policies[f"PPO ({family.name})"] = choose(str(family.best(families.TRAINED)), case.env)
     policies |= {name: choose(name, case.env) for name in families.CONTROL}
-    judged = {}
+    settling = {}
     for name, chosen in policies.items():
         env = fixed.make_episodes(case.env, count, **keywords_of(Judged(policy=name, env=case.env), chosen))
-        judged[name] = fixed.run(env, chosen.make(env), first).settling.tolist()
+        settling[name] = fixed.run(env, chosen.make(env), first).settling.tolist()
         env.close()
-    return {
-        "policies": judged, "first": first, "count": count, "cpu_s": time.process_time() - began, "starts": starts,
-        "settling": result.settling.tolist(), "exact": outcomes["exact"].settling.tolist(),
-        "success": result.success.tolist(), "exact_success": outcomes["exact"].success.tolist(),
-        "effort": result.effort.tolist(),
-    }  # fmt: skip
+    return settling
 
 
 def joined(lots: list[Mapping[str, Any]]) -> dict[str, Any]:
@@ -269,9 +274,10 @@ measure: the fewest control periods after which the tip stays in its band to the
 whole control periods). A plan is torques alone, played without feedback: in the environment, and on the converged exact
 beam (4 cubic elements a link, 1 ms). First guesses are first plans of `mpc`: of two links two, the elbow bent as the
 environment chooses it at the goal, and the other way (followed up where its plan is there in less than {NEAR} times the
-settling that the first led to). These are local optima: they bound the best settling
-from above, and nothing says that there is none quicker. Feedback is not in it: how far a policy may come for arms that
-are not nominal, this does not say.
+settling that the first led to; from where nothing better is found, the guess itself counts). These are local optima:
+they bound the best settling from above, and nothing says that there is none quicker. Feedback is not in it: how far a
+policy may come for arms that are not nominal, this does not say. Episodes are done in lots, and the tables say how many
+are in; the script goes on with those that are not.
 
 Written by `python -m agents.best_known`."""
 
@@ -332,15 +338,21 @@ def main() -> int:
         for name in CASES if arguments.only is None else [arguments.only]:
             case = CASES[name]
             if arguments.episodes is not None:
-                print(page({**content, "lots": {name: {"0": solve_lot(case, fixed.TEST, arguments.episodes)}}}))
+                lot = solve_lot(case, fixed.TEST, arguments.episodes)
+                lot["policies"] = beside(case, fixed.TEST, arguments.episodes)
+                print(page({**content, "lots": {name: {"0": lot}}}))
                 continue
             lots = content["lots"].setdefault(name, {})
             for first in range(0, case.episodes, case.lot):
-                if str(first) not in lots:
-                    lots[str(first)] = solve_lot(case, fixed.TEST + first, case.lot)
-                    print(f"{case.env}: {first + case.lot} of {case.episodes} episodes", flush=True)
-                    write_json(path, content)
-                    write_text(arguments.results / "optimal.md", page(content))
+                key, seed = str(first), fixed.TEST + first
+                if key in lots and "policies" in lots[key]:
+                    continue
+                lot = lots[key] if key in lots else solve_lot(case, seed, case.lot)
+                lot["policies"] = beside(case, seed, case.lot)
+                lots[key] = lot
+                print(f"{case.env}: {first + case.lot} of {case.episodes} episodes", flush=True)
+                write_json(path, content)
+                write_text(arguments.results / "optimal.md", page(content))
     except ValueError as error:
         return fail(error)
     return 0
