@@ -301,9 +301,10 @@ def page(content: Mapping[str, Any]) -> str:
         "| environment | policy | mean (s) | of the means | median | 90 % below |", "|---|---|---:|---:|---:|---:|",
     ]  # fmt: skip
     for name, case in CASES.items():
-        if not content["lots"].get(name):
+        lots = [lot for lot in content["lots"].get(name, {}).values() if "policies" in lot]
+        if not lots:
             continue
-        found = joined(list(content["lots"][name].values()))
+        found = joined(lots)
         best, exact = found["settling"], found["exact"]
         lines.append(
             f"| {case.env} | {len(best)} of {case.episodes} | {np.median(best):.2f} | {best.mean():.3f} "
