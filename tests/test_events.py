@@ -96,9 +96,9 @@ def _each_step(env: Any, action: Any, steps: int) -> Any:
 @pytest.mark.parametrize("factor", [2.5, 0.0])
 def test_books_close_through_gripping_letting_go_and_pushes(formulation: str, factor: float) -> None:
     """In a field of gravity, with a torque, an arm that bends: what the balance lacks is a small part of what the
-    impact took, and goes with the step."""
+    impact took, and goes with the step: short enough, for the exact beam, to see its stiff modes being damped."""
     lacking = []
-    for dt in (0.0025, 0.0025 / 8):
+    for dt in (0.0025, 0.0025 / 32):
         changes = {"payload_change": {"time": (0.5, 0.5), "factor": (factor, factor)}, "gravity": (0.0, -3.0)}
         env = gym.make(ONE, formulation=formulation, dt=dt, **(EVENTS | changes))
         infos = run(env, lambda k: math.sin(k / 10), 60)
