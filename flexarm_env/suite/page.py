@@ -16,7 +16,8 @@ HEAD = f"""# Results on the suite
 
 Mean returns over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no training uses. A score is
 (J - J_PD) / (J_best - J_PD), J the mean return (less the task's price times cost, where it has one): 0 for PD control,
-1 for the best known. Interquartile means (IQM) are over all scores of a method, the mean of the middle half; their
+1 for the best known. `foresight` is no policy: each episode's torques, found by the gradient of its own return with
+the episode known beforehand. Interquartile means (IQM) are over all scores of a method, the mean of the middle half; their
 brackets hold 95 % percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run).
 A method that is missing on a task is not made for it, or was not judged there.
 
@@ -80,6 +81,22 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> Iterator[str
         counts = sorted({len(runs) for runs in own.values()})
         runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
         yield f"| {name} | {runs} | {_middle(own, len(known))} | " + " | ".join(cells) + " |"
+    for head, text in (("*best less worst*", _spread), ("*left to the best known*", _left)):
+        yield f"| {head} |  |  | " + " | ".join(text(_of_policies(lines[task.id])) for task in known) + " |"
+
+
+def _of_policies(lines: Sequence[Line]) -> list[float]:
+    """Mean scores of the methods that make policies: actions that were found beforehand are none."""
+    own = [line for line in lines if all(entry["policy"].get("kind") != "actions" for entry in line.entries)]
+    return [score for line in own if (score := line.mean("score")) is not None]
+
+
+def _spread(scores: Sequence[float]) -> str:
+    return f"{max(scores) - min(scores):.2f}" if scores else ""
+
+
+def _left(scores: Sequence[float]) -> str:
+    return f"{max(0.0, 1.0 - max(scores)):.2f}" if scores else ""
 
 
 def _middle(own: dict[str, list[float]], count: int) -> str:
@@ -103,7 +120,7 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
         "score",
         "success",
         "cost",
-        "training, steps",
+        "training, share of the budget",
         "CPU s",
         "decision, µs",
     )
@@ -117,7 +134,7 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
             f"| {line.method} | {runs} | {np.mean(values):.1f} | "
             + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
             + f" | {'' if score is None else f'{score:.2f}'} | {rate:.0%} | {line.mean('cost'):.2f} | "
-            + (f"{steps:.0f} | {cpu:.0f}" if steps else " | ")
+            + (f"{steps / task.budget:.0%} | {cpu:.0f}" if steps else " | ")
             + f" | {line.mean('decision_us'):.1f} |"
         )
 
