@@ -2,15 +2,15 @@
 
 After Xu et al. 2022 (Accelerated policy learning with parallel differentiable simulation): n arms act for a window of
 periods; what they are paid, discounted, and what the critic expects beyond, is differentiated by the policy's weights
-through all of the window's periods; the critic is fitted to what was paid. In the form of a Stable-Baselines3 algorithm:
-policies, checkpoints and all that reads them are those of PPO.
+through all of the window's periods; the critic is fitted to what was paid. It has the form of a Stable-Baselines3
+algorithm: policies, checkpoints and all that reads them are those of PPO.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ class Gradient(BaseAlgorithm):
         device, tensorboard_log: as PPO's.
     """
 
-    policy_aliases = {"MlpPolicy": ActorCriticPolicy}
+    policy_aliases: ClassVar = {"MlpPolicy": ActorCriticPolicy}
 
     def __init__(
         self, policy: Any, env: Any, learning_rate: Any = 4e-3, n_steps: int = 32, batch_size: int = 512,
@@ -230,7 +230,8 @@ class Gradient(BaseAlgorithm):
         slopes: list[list[Array32]] = []
         spread = np.zeros_like(self.actor.more[0])
         for k in reversed(range(steps)):
-            on, wanted, weight = ~window.ended[k][:, None], window.wanted[k], np.where(window.failed[k], 0.0, weights[k])
+            on, wanted = ~window.ended[k][:, None], window.wanted[k]
+            weight = np.where(window.failed[k], 0.0, weights[k])
             by_seen = by_seen * on + window.slopes[k] * weight[:, None]
             by_state, by_action = self.arms.pull(
                 window.states[k], np.clip(wanted, -1.0, 1.0), by_state * on, by_seen, weight

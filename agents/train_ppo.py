@@ -31,8 +31,8 @@ class Arguments(Training):
     """What `python -m agents.train_ppo` takes.
 
     Args:
-        algo: "ppo", "sac", "tqc", "gradient" (through the arms: agents/gradient.py) or "recurrent_ppo", whose policy stays
-            a model.zip (policy.npz has no memory).
+        algo: "ppo", "sac", "tqc", "gradient" (through the arms, see agents/gradient.py), or "recurrent_ppo", whose
+            policy stays a model.zip (policy.npz has no memory).
         config: file of hyper-parameters, RL Zoo format; default configs/ALGO/default.yml.
     """
 

@@ -38,8 +38,8 @@ class DifferentiableArms:
     ones (`torch.where`). Actions are clipped to +-1, beyond which nothing depends on them.
 
     Args:
-        id: of an environment of this package. n: how many arms. threads, parameters: see `flexarm_env.derivatives.Arms`.
-        keywords: of the environment and its solver.
+        id: of an environment of this package. n: how many arms. keywords: of the environment and its solver; threads,
+        parameters: see `flexarm_env.derivatives.Arms`.
     Attributes:
         arms: the same in NumPy (names and sizes of states). n. observation_space, action_space: of one arm.
         failed, past (n,) bool: after `step`, whose solver failed (its numbers are NaN), and who was beyond a joint's

@@ -76,7 +76,8 @@ def test_the_actor_s_gradient_is_that_of_what_the_window_is_worth():
         one.state, one.ages, one.rng = began[0].copy(), began[1].copy(), np.random.default_rng(7)
         window = one._act()
         paid = (window.rewards * one.gamma ** np.arange(one.n_steps)[:, None]).sum()
-        return float(paid + one.gamma**one.n_steps * one.critic.forward(window.after[-1])[0].sum(dtype=wide)) / one.n_envs
+        beyond = one.critic.forward(window.after[-1])[0].sum(dtype=wide)
+        return float(paid + one.gamma**one.n_steps * beyond) / one.n_envs
 
     values = network.values.copy()
     one.ep_info_buffer = []

@@ -72,7 +72,8 @@ def test_tangent_and_adjoint_agree(arms: Arms) -> None:
     back = run.vjp(*weights)
     one = sum(float((w * part).sum()) for w, part in zip(weights, out, strict=True))
     other = float((back.state * state).sum() + (back.actions * actions).sum())
-    assert abs(one - other) <= 1e-12 * sum(np.linalg.norm(w) * np.linalg.norm(p) for w, p in zip(weights, out, strict=True))
+    size = sum(np.linalg.norm(w) * np.linalg.norm(part) for w, part in zip(weights, out, strict=True))
+    assert abs(one - other) <= 1e-12 * size
 
 
 def test_what_an_arm_s_solver_left_is_asked_of_nobody_else(arms: Arms) -> None:

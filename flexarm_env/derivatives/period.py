@@ -23,8 +23,8 @@ from .rollouts import Rollout, rollout
 
 Array = NDArray[np.float64]
 
-MOST_AT_ONCE = 9
-"""Columns that go through a period side by side."""
+MOST_AT_ONCE = 3
+"""Columns that go side by side: more of them cost as much and take longer to compile."""
 
 
 class Jacobians(NamedTuple):
@@ -317,8 +317,6 @@ def _differentiable(made: Any) -> None:
         "history": plan.history > 1,
         "task": plan.task in ("track", "replay"),
         "step_tolerance": made.batch.program.models is not None,
-        "pushes": extras.pushes is not None,
-        "payload_change": extras.payload_change is not None,
         "pushes": extras.pushes is not None,
         "payload_change": extras.payload_change is not None,
         "multipliers": bool(plan.settings.multipliers),

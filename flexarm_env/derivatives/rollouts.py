@@ -37,7 +37,7 @@ class Rollout:
     """T control periods of n arms under given actions.
 
     States alone are kept, from which each period's derivative is computed anew when it is asked for. Nothing ends here:
-    `failed` and `past` say where an environment would have ended an episode, and an arm whose solver failed has NaN from
+    `failed` and `past` say where an environment would have ended an episode; an arm whose solver failed has NaN from
     there on. A rollout lies within one episode: no derivative passes a reset.
 
     Attributes:
@@ -54,7 +54,7 @@ class Rollout:
     past: NDArray[np.bool_]
 
     def jvp(self, state: Any = None, actions: Any = None) -> Outcome:
-        """What changes of the start's states (n, S) and of the actions (T, n, A) come to, to first order; None: none."""
+        """What changes of the start's states (n, S) and of the actions (T, n, A) come to, to first order."""
         count = len(self.actions)
         moved = np.zeros_like(self.states)
         moved[0] = _given("state", state, self.states[0].shape)
