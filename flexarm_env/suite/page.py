@@ -77,7 +77,7 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> Iterator[str
     ordered = sorted(scores, key=lambda name: (-len(scores[name]), -interquartile_mean(scores[name])))
     for name in ordered:
         own = scores[name]
-        cells = [f"{np.mean(own[task.id]):.2f}" if task.id in own else "" for task in known]
+        cells = [_two(float(np.mean(own[task.id]))) if task.id in own else "" for task in known]
         counts = sorted({len(runs) for runs in own.values()})
         runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
         yield f"| {name} | {runs} | {_middle(own, len(known))} | " + " | ".join(cells) + " |"
@@ -102,8 +102,13 @@ def _left(scores: Sequence[float]) -> str:
 def _middle(own: dict[str, list[float]], count: int) -> str:
     """The interquartile mean, with its interval; of a part of the tasks it says so."""
     limits = interval(own)
-    text = f"{interquartile_mean(own):.2f}" + ("" if limits is None else f" [{limits[0]:.2f}, {limits[1]:.2f}]")
+    text = _two(interquartile_mean(own)) + ("" if limits is None else f" [{limits[0]:.2f}, {limits[1]:.2f}]")
     return text if len(own) == count else f"{text} ({len(own)} of {count} tasks)"
+
+
+def _two(score: float) -> str:
+    """Two digits; no zero below zero."""
+    return f"{round(score, 2) + 0.0:.2f}"
 
 
 def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
@@ -133,7 +138,7 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
         yield (
             f"| {line.method} | {runs} | {np.mean(values):.1f} | "
             + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
-            + f" | {'' if score is None else f'{score:.2f}'} | {rate:.0%} | {line.mean('cost'):.2f} | "
+            + f" | {'' if score is None else _two(score)} | {rate:.0%} | {line.mean('cost'):.2f} | "
             + (f"{steps / task.budget:.0%} | {cpu:.0f}" if steps else " | ")
             + f" | {line.mean('decision_us'):.1f} |"
         )
