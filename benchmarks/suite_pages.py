@@ -2,7 +2,7 @@
 
     python -m benchmarks.suite_pages
 
-A task's page shows the player docs/players/task_ID.json where there is one.
+A task's page shows the player docs/players/ID.json where there is one.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def page(task: suite.Task, players: Path) -> str:
     plan = resolved(task)
     entries = ", ".join(f"`{name}`" for name in plan.names)
     order = f"{plan.history} in a row, the oldest first" if plan.history > 1 else "in order"
-    player = [f"```{{player}} task_{task.id}", "```", ""] if (players / f"task_{task.id}.json").is_file() else []
+    player = [f"```{{player}} {task.id}", "```", ""] if (players / f"{task.id}.json").is_file() else []
     lines = [
         f"# {task.title}", "", fill(task.hard, WIDTH), "",
         *player, *table(f"`{task.id}` | ", facts(task, plan)), "",

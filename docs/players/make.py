@@ -2,13 +2,15 @@
 
     python docs/players/make.py [NAME ...]
 
-A few minutes; of NAMEs alone where some are given. The suite's tasks are `task_ID`.
+A few minutes; of NAMEs alone where some are given. The suite's tasks have players by their ids.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 
 import gymnasium as gym
@@ -21,9 +23,8 @@ from flexarm_env.view import Clip, Player
 HOME = Path(__file__).parent
 MOST_BYTES = 180_000
 """Of a page; a player of the site shows fewer instants than one that `flexarm view` writes."""
-MOST_OF_A_TASK = 120_000
-SEED = 20_000
-"""Of a task's episode, which no policy is trained or judged on."""
+SEED, SECONDS = 20_000, 5.0
+"""Of a task's episode, which no policy is trained or judged on; what is shown of it."""
 BESIDE = ("lqg", "lqr", "zvd")
 """What a task's player has beside PD: the first that acts on what the task shows."""
 
@@ -36,8 +37,8 @@ def scene(name: str) -> list[Clip]:
     return [simulate(own, sample=usual / finer, estimate_error=False).clip(name)]
 
 
-def played(env_id: str, seed: int, words: dict[str, str], **kwargs: object) -> list[Clip]:
-    """An episode under controllers and packaged policies, by label."""
+def played(env_id: str, seed: int, words: dict[str, str], most: float = math.inf, **kwargs: object) -> list[Clip]:
+    """An episode, or its first `most` s, under controllers and packaged policies, by label."""
     clips = []
     for label, word in words.items():
         policy = load_policy(word) if word in control.policy_names() else None
@@ -47,10 +48,10 @@ def played(env_id: str, seed: int, words: dict[str, str], **kwargs: object) -> l
         player = control.make(word, env) if policy is None else policy
         observation, _ = env.reset(seed=seed)
         player.reset(observation)
-        over = False
-        while not over:
+        for k in count(1):
             observation, _, terminated, truncated, _ = env.step(player.act(observation))
-            over = terminated or truncated
+            if terminated or truncated or k * env.unwrapped.dt > most - 1e-9:  # type: ignore[attr-defined]
+                break
         env.close()
         clips.append(env.episodes[0].clip(label))
     return clips
@@ -65,8 +66,8 @@ def task(one: suite.Task) -> list[Clip]:
             control.make(name, env)
         except ValueError:
             continue
-        return played(one.env_id, SEED, {"PD": "pd", name.upper(): name})
-    return played(one.env_id, SEED, {"PD": "pd"})
+        return played(one.env_id, SEED, {"PD": "pd", name.upper(): name}, SECONDS)
+    return played(one.env_id, SEED, {"PD": "pd"}, SECONDS)
 
 
 MADE: dict[str, Callable[[], list[Clip]]] = {
@@ -77,15 +78,17 @@ MADE: dict[str, Callable[[], list[Clip]]] = {
     "flexible_arm": lambda: played("FlexibleArm-v0", 5, {"PD": "pd", "LQR": "lqr"}, duration=2.4),
     "two_link": lambda: played("TwoLinkFlexArm-v0", 3, {"PD": "pd", "LQR": "lqr"}, duration=5.0),
     "multi_link": lambda: played("MultiLinkFlexArm-v0", 2, {"PD": "pd"}, duration=6.0),
-    **{f"task_{one.id}": lambda one=one: task(one) for one in suite.tasks()},  # type: ignore[misc]
+    **{one.id: lambda one=one: task(one) for one in suite.tasks()},  # type: ignore[misc]
 }
 
 
 def main(wanted: list[str]) -> None:
     """Make all, or what is wanted."""
     for name in wanted or MADE:
-        most = MOST_OF_A_TASK if name.startswith("task_") else MOST_BYTES
-        player = Player(MADE[name](), most_bytes=most)
+        clips = MADE[name]()
+        words = " and ".join(clip.label for clip in clips)
+        title = {one.id: f"{one.title}: {words}" for one in suite.tasks()}.get(name)
+        player = Player(clips, title, most_bytes=MOST_BYTES)
         (HOME / f"{name}.json").write_text(player.data + "\n", encoding="utf-8")
         print(f"{name}: {len(player.html) // 1000} kB")
 

@@ -17,7 +17,7 @@ from flexarm_env import validation as check
 from flexarm_env.cli.parser import DONE
 from flexarm_env.cli.play import DEFAULT_ENV, NOT_PLAYED, Player, choose, play
 from flexarm_env.cli.progress import ProgressBar, show
-from flexarm_env.envs.ids import own_ids
+from flexarm_env.envs.ids import PACKAGE, own_ids
 from flexarm_env.recording import EpisodeRecorder, load_episodes
 from flexarm_env.scene import Scene
 from flexarm_env.trajectory import Trajectory
@@ -98,13 +98,19 @@ def _shared(args: argparse.Namespace) -> dict[str, Any]:
         if word in control.policy_names() or (Path(word).is_dir()) or word.endswith("policy.npz"):
             player = choose(word)
             kwargs = {k: v for k, v in player.env_kwargs.items() if k not in OF_THE_POLICY}
-            return {"env": args.env or player.env_id, "kwargs": kwargs}
-    return {"env": args.env or DEFAULT_ENV, "kwargs": {}}
+            return {"env": _registered(args.env or player.env_id), "kwargs": kwargs}
+    return {"env": _registered(args.env or DEFAULT_ENV), "kwargs": {}}
+
+
+def _registered(env_id: str) -> str:
+    """An id without the package, which `gymnasium.make` may be given before it."""
+    return env_id.removeprefix(f"{PACKAGE}:")
 
 
 def _of_player(player: Player, seed: int, shared: dict[str, Any]) -> Clip:
     """An episode of a controller or a policy."""
     env_id, kwargs = (player.env_id, player.env_kwargs) if player.env_id else (shared["env"], shared["kwargs"])
+    env_id = _registered(env_id)
     if env_id != shared["env"]:
         what = f"must be of {shared['env']}, as the first policy or --env, not of {env_id}"
         raise check.InvalidValue("RUN", player.name, what)

@@ -45,12 +45,13 @@ class Bounds:
 @dataclass
 class Motion:
     """controls (T, n, N): torques over their limits; states (T + 1, n, S); periods (n,): when each arm is there;
-    missed (n,): by how much limits are (see `TOLERANCE`)."""
+    missed (n,): by how much limits are (see `TOLERANCE`). ends (n,): periods behind which its controls are zero."""
 
     controls: Array
     states: Array
     periods: Counts
     missed: Array
+    ends: Counts
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -165,7 +166,7 @@ def least_effort(
     when = np.full(n, total)
     limits = [arrive(plant, goal, when, total), *within(plant, own, n, total)]
     found, missed = optimise(plant, start, controls, [], limits, 1.0, torque=own.torque, rounds=14)
-    return Motion(found.controls, found.states, when, missed)
+    return Motion(found.controls, found.states, when, missed, when)
 
 
 def least_time(plant: Dynamics, start: Array, goal: Array, bounds: Bounds | None = None, most: int = 400) -> Motion:
@@ -181,7 +182,7 @@ def least_time(plant: Dynamics, start: Array, goal: Array, bounds: Bounds | None
         total, n = int(periods.max()), len(chosen)
         limits = [arrive(plant, goal[chosen], periods, total), *within(plant, own, n, total)]
         found, missed = optimise(plant, start[chosen], guess[:total], [], limits, 1e-2, torque=own.torque)
-        return Motion(found.controls, found.states, periods, missed)
+        return Motion(found.controls, found.states, periods, missed, periods)
 
     motion = soonest(plant, start, high, tried, most)
     if not motion.found.all():
@@ -215,8 +216,9 @@ def least_settling(
         high = np.where(there, 1.0 - 2.0 * TOLERANCE, np.inf)[:, :, None]
         band = ilqr.Limits(lambda x: off(x, chosen), np.full(high.shape, -np.inf), high, np.full(n, 10.0))
         costs = [ilqr.Quadratic(goal[chosen], weight)]
-        found, missed = optimise(plant, start[chosen], _padded(guess, total), costs, [band], 1e-2)
-        return Motion(found.controls, found.states, periods, missed)
+        controls = _padded(guess, total)
+        found, missed = optimise(plant, start[chosen], controls, costs, [band], 1e-2, rounds=7, iterations=7)
+        return Motion(found.controls, found.states, periods, missed, np.full(n, total))
 
     return soonest(plant, start, periods, tried, most, guess, tail)
 
@@ -235,7 +237,7 @@ def soonest(
     n = len(start)
     controls = np.zeros((most + tail, n, plant.n_inputs))
     best = controls.copy() if guess is None else _padded(guess, most + tail)
-    periods, missed = np.zeros(n, np.int64), np.full(n, np.inf)
+    periods, ends, missed = np.zeros(n, np.int64), np.zeros(n, np.int64), np.full(n, np.inf)
     low, aim = np.zeros(n, np.int64), np.minimum(high, most)
     while (chosen := np.flatnonzero(aim > low)).size:
         motion = tried(chosen, aim[chosen], best[:, chosen])
@@ -243,15 +245,16 @@ def soonest(
         for i, arm in enumerate(chosen.tolist()):
             total = int(aim[arm])
             if good[i]:
-                controls[: total + tail, arm], controls[total + tail :, arm] = motion.controls[: total + tail, i], 0.0
+                ends[arm] = end = motion.ends[i]
+                controls[:end, arm], controls[end:, arm] = motion.controls[:end, i], 0.0
                 best[:, arm] = controls[:, arm]
                 periods[arm], missed[arm] = total, motion.missed[i]
                 aim[arm] = int(FALL * total) if low[arm] == 0 else (low[arm] + total) // 2
             else:
                 low[arm] = total
                 aim[arm] = (total + periods[arm]) // 2 if periods[arm] else min(most, int(total / FALL) + 1)
-    controls = controls[: int(periods.max()) + tail]
-    return Motion(controls, ilqr.rollout(plant, start, controls), periods, missed)
+    controls = controls[: max(1, int(ends.max()))]
+    return Motion(controls, ilqr.rollout(plant, start, controls), periods, missed, ends)
 
 
 def _padded(controls: Array, total: int) -> Array:
@@ -302,4 +305,4 @@ def follow(
             rounds=8 if limits else 1,
         )  # fmt: skip
         controls = found.controls
-    return Motion(found.controls, found.states, np.full(n, total), missed)
+    return Motion(found.controls, found.states, np.full(n, total), missed, np.full(n, total))

@@ -23,8 +23,8 @@ from .rollouts import Rollout, rollout
 
 Array = NDArray[np.float64]
 
-MOST_AT_ONCE = 9
-"""Columns that go through a period side by side."""
+MOST_AT_ONCE = 3
+"""Columns that go side by side: more of them cost as much and take longer to compile."""
 
 
 class Jacobians(NamedTuple):
