@@ -1,12 +1,12 @@
 """What derivatives cost, and how soon policies are learned by them, PPO beside: docs/results/gradients.md.
 
-python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--out FOLDER] [--runs FOLDER]
+python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--kept] [--out FOLDER] [--runs FOLDER]
 
 Cost: of one control period of so many arms on one thread, the least of twenty rounds. Learning: `agents.train_ppo` with
 --algo gradient and ppo and the default configs, one process, one thread; processor time without imports, compilation,
 evaluation and checkpoints, up to the evaluation that finds the task solved (95 % of the validation episodes). The run's
 best policy is judged on the test episodes, which neither training nor the choice has seen. Finished runs are kept: a
-benchmark that was stopped goes on.
+benchmark that was stopped goes on, and with --kept they alone are told of.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ PERIODS = (1, 10, 200)
 
 
 def costs(env_id: str, n: int) -> dict[str, Any]:
-    """Processor time of a period, its gradient and its Jacobians, µs an arm; bytes that a rollout keeps of one."""
+    """Processor time of a period and of its gradient, alone and in a rollout, µs an arm; bytes that a rollout keeps."""
     from flexarm_env.derivatives import Arms
 
     arms = Arms(env_id, n, threads=1)
@@ -47,7 +47,6 @@ def costs(env_id: str, n: int) -> dict[str, Any]:
     run = arms.rollout(state, actions)
     ways = {
         "step": lambda: arms.step(state, actions[0]), "pull": lambda: arms.pull(state, actions[0], *weights),
-        "jacobians": lambda: arms.jacobians(state, actions[0]),
         "rollout": lambda: arms.rollout(state, actions), "vjp": lambda: run.vjp(rewards=np.ones_like(run.rewards)),
     }  # fmt: skip
     found: dict[str, Any] = {}
@@ -85,12 +84,15 @@ def gaps(env_id: str, n: int) -> dict[str, Any]:
     return {"env": env_id, "tolerance": usual.environment.plan.settings.tolerance, "gaps": found}
 
 
-def learned(env_id: str, algorithm: str, seed: int, home: Path) -> dict[str, Any]:
-    """A run, from its folder where it has finished: when it was solved, and what its policy is worth."""
+def learned(env_id: str, algorithm: str, seed: int, home: Path, kept: bool = False) -> dict[str, Any] | None:
+    """A run, from its folder where it has finished: when it was solved, and what its policy is worth. kept: None where
+    it has not finished."""
     folder = home / f"{algorithm}-{env_id}-{seed}"
     record = folder / "run.json"
     there = record.exists()
     if not (there and json.loads(record.read_text())["finished"]):
+        if kept:
+            return None
         words = ["--algo", algorithm, "--env", env_id, "--seed", str(seed), "--out", str(folder), "--no-progress",
                  "--no-tensorboard", "--evaluate-every", str(ENVS[env_id]["every"]),
                  *(["--resume"] if there else [])]  # fmt: skip
@@ -120,7 +122,7 @@ def verdicts(cost: list[dict[str, Any]], runs: list[dict[str, Any]]) -> dict[str
         found[f"{row['env']}: a rollout keeps at most 4 kB an arm and period"] = row["bytes"] <= 4096.0
     for env_id, wanted in ENVS.items():
         own, ppo = (_of(runs, env_id, algorithm) for algorithm in ("gradient", "ppo"))
-        what = f"{env_id}: solved within {wanted['most']:g} s of processor time by every seed"
+        what = f"{env_id}: solved within {wanted['most']:g} s of processor time by every seed of {len(own)}"
         found[what] = all(row["solved_cpu_s"] is not None and row["solved_cpu_s"] <= wanted["most"] for row in own)
         if ppo:
             better = _median(own, "success") >= _median(ppo, "success")
@@ -147,11 +149,11 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
         "[](../derivatives.md).", "", told(machine), "", "## What derivatives cost", "",
         "µs an arm and control period, in lanes on one thread; `vjp` is the gradient of a rollout of 20 periods, and "
         "comes on top of the rollout.", "",
-        *table("environment | step | pull | Jacobians | rollout | vjp | vjp / rollout | bytes kept"),
+        *table("environment | step | pull | rollout | vjp | vjp / rollout | bytes kept"),
     ]  # fmt: skip
     for row in found["cost"]:
         lines.append(f"| `{row['env']}` | " + " | ".join(f"{row[k]:.2g}" for k in
-                     ("step", "pull", "jacobians", "rollout", "vjp"))
+                     ("step", "pull", "rollout", "vjp"))
                      + f" | {row['vjp'] / row['rollout']:.1f} | {row['bytes']:.0f} |")  # fmt: skip
     lines += ["", "## What the solver's tolerance leaves", "",
               "Gradients by the actions, of a random number made of the last state, at the environments' own tolerance "
@@ -186,14 +188,16 @@ def main(arguments: list[str] | None = None) -> int:
     """Measure, train, judge, write; 1 where something that was to be shown does not hold."""
     parser = command(__doc__, seeds=5, ppo=5, arms=512)
     parser.add_argument("--runs", type=Path, default=Path("runs/gradients"), help="folder of the runs")
+    parser.add_argument("--kept", action="store_true", help="tell of runs that have finished, start none")
     options = parser.parse_args(arguments)
     cost, gap = [costs(env_id, options.arms) for env_id in ENVS], [gaps(env_id, options.arms) for env_id in ENVS]
     runs = []
     for algorithm, seeds in (("gradient", options.seeds), ("ppo", options.ppo)):
         for env_id in ENVS:
             for seed in range(seeds):
-                runs.append(learned(env_id, algorithm, seed, options.runs))
-                print(json.dumps(runs[-1]), flush=True)
+                row = learned(env_id, algorithm, seed, options.runs, options.kept)
+                runs += [] if row is None else [row]
+                print(json.dumps(row), flush=True)
     found = {"cost": cost, "gaps": gap, "runs": runs, "verdicts": verdicts(cost, runs)}
     return judged("gradients", options.out, found, page)
 
