@@ -24,7 +24,7 @@ ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
 SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
 CLASSES = {
     "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "tqc": "sb3_contrib:TQC",
-    "recurrent_ppo": "sb3_contrib:RecurrentPPO",
+    "recurrent_ppo": "sb3_contrib:RecurrentPPO", "gradient": "agents.gradient:Gradient",
 }  # fmt: skip
 OURS = ("env", "seed", "tensorboard_log", "verbose", "device", "policy_kwargs", "self", "_init_setup_model")
 
@@ -105,9 +105,10 @@ def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str
 
 
 def taken_by(algorithm: str) -> set[str]:
-    """Keys that may stand in the file, from the signature of Stable-Baselines3's class."""
+    """Keys that may stand in the file, from the signature of the algorithm's class."""
     taken = {*inspect.signature(algorithm_class(algorithm).__init__).parameters} - {*OURS}
-    return {*taken, *ZOO, "policy_kwargs"}
+    zoo = {*ZOO} - {"normalize"} if algorithm == "gradient" else {*ZOO}
+    return {*taken, *zoo, "policy_kwargs"}
 
 
 def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) -> Config:

@@ -22,7 +22,7 @@ from agents.runs import fail, load_model, read_run, write_json, write_whole
 ROOT = Path(__file__).resolve().parents[1]
 TRAINED = ROOT / "agents" / "trained"
 PACKAGED = ROOT / "flexarm_env" / "data" / "policies"
-CONTROL = ("pd", "zv", "zvd", "lqr")
+CONTROL = ("pd", "zv", "zvd", "lqr", "mpc")
 
 
 @dataclass(frozen=True)

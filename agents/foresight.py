@@ -9,6 +9,7 @@ whole state; it is played in the task itself, sensors and all, where it must giv
 from __future__ import annotations
 
 import hashlib
+import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -49,37 +50,37 @@ class Foresight:
         return self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
 
 
-def played(env: Any, policy: Any) -> tuple[Array, Array]:
-    """Actions (T, n, N) and returns (n,) of a policy on the episodes, in a vector environment of them."""
+def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
+    """Actions (T, n, N) and J (n,) of a policy on the episodes, in a vector environment of them."""
     limit, n = int(env.unwrapped.plan.limit), int(env.num_envs)
     actions, returns, alive = np.zeros((limit, *env.action_space.shape)), np.zeros(n), np.ones(n, bool)
     observation, _ = env.reset(seed=FIRST)
     policy.reset(observation)
     for k in range(limit):
         actions[k] = np.clip(policy.act(observation), -1.0, 1.0)
-        observation, reward, terminated, truncated, _ = env.step(actions[k].astype(np.float32))
-        returns += np.where(alive, reward, 0.0)
+        observation, reward, terminated, truncated, info = env.step(actions[k].astype(np.float32))
+        returns += np.where(alive, reward - price * info.get("cost", 0.0), 0.0)
         alive &= ~(terminated | truncated)
     return actions, returns
 
 
 def beginnings(task: suite.Task, trained: Sequence[Path] = ()) -> tuple[Array, Array]:
-    """Of each episode the actions and the return of the best of the controllers, which see all there is, and of trained
+    """Of each episode the actions and J of the best of the controllers, which see all there is, and of trained
     policies (run folders), which see what the task shows."""
     best: Array | None = None
     whole = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
-    shown = suite.make_vec(task.id, EPISODES)
+    shown = suite.make_vec(task.id, EPISODES) if trained else whole
     for word, env in [*((word, whole) for word in CONTROLLERS), *((str(path), shown) for path in trained)]:
         try:
-            actions, returns = played(env, choose(word, task).make(env))
+            actions, returns = played(env, choose(word, task).make(env), task.price)
         except ValueError:  # a controller that is not made for the task
             continue
         if best is None:
             kept, best = actions, returns
         better = returns > best
         kept[:, better], best = actions[:, better], np.maximum(best, returns)
-    whole.close()
-    shown.close()
+    for env in (whole, shown):
+        env.close()
     if best is None:
         raise ValueError(f"{task.id}: no controller to begin with")
     return kept, best
@@ -91,7 +92,7 @@ def seen_whole(task: suite.Task) -> dict[str, Any]:
 
 
 def search(
-    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 1000, memory: int = 12
+    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 500, memory: int = 12
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
@@ -101,14 +102,13 @@ def search(
     """
     from flexarm_env.derivatives import Arms
 
-    if task.price:
-        raise ValueError(f"{task.id}: costs have no slope")
     best, reached = beginnings(task, trained)
     arms = Arms(task.environment, EPISODES, **seen_whole(task))
     start, shape = arms.reset(seed=FIRST), best.shape
+    fine = Fine(task, arms.environment.plan)
 
     def value(x: Array) -> tuple[Array, Array]:
-        total, slopes = returned(arms, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2))
+        total, slopes = returned(arms, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1))
 
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
@@ -161,18 +161,44 @@ def _exact(x: Array) -> Array:
     return x.astype(np.float32).astype(float)
 
 
-def returned(arms: Any, start: Array, actions: Array) -> tuple[Array, Array]:
-    """Returns (n,) of actions (T, n, N), NaN where an episode would have ended; and their slopes by the actions."""
+class Fine:
+    """What a task takes for its cost: price times the periods at whose end a tip's deflection over L passes the limit.
+
+    Its slope is that of a step that is somewhat rounded off. ValueError for another kind of cost.
+    """
+
+    ROUNDED = 0.03
+
+    def __init__(self, task: suite.Task, plan: Any) -> None:
+        cost = task.keywords.get("cost", {})
+        if task.price and set(cost) != {"deflection"}:
+            raise ValueError(f"{task.id}: no slope of costs but of the deflection's")
+        self.price, self.limit = task.price, float(cost.get("deflection", 1.0))
+        self.places = [k for k, name in enumerate(plan.names) if re.fullmatch(r"tip_deflection(_\d+)?", name)]
+        self.scales = np.array([plan.scales[k] for k in self.places])
+
+    def __call__(self, seen: Array) -> tuple[Array, Array]:
+        """Of observations (n, O): what is taken (n,), and its slope (n, O)."""
+        bends, slope = seen[:, self.places] * self.scales, np.zeros_like(seen)
+        over = np.abs(bends) > self.limit
+        near = np.exp(-(((np.abs(bends) - self.limit) / (self.ROUNDED * self.limit)) ** 2))
+        slope[:, self.places] = self.price * near * np.sign(bends) * self.scales / (self.ROUNDED * self.limit)
+        return self.price * over.any(axis=1), slope
+
+
+def returned(arms: Any, start: Array, actions: Array, fine: Fine) -> tuple[Array, Array]:
+    """J (n,) of actions (T, n, N), NaN where an episode would have ended; and its slope by the actions."""
     states, total, over = [start], np.zeros(arms.n), np.zeros(arms.n, bool)
     for action in actions:
-        state, _, reward = arms.step(states[-1], action)
+        state, seen, reward = arms.step(states[-1], action)
         states.append(state)
-        total += reward
+        total += reward - fine(seen)[0]
         over |= arms.failed | arms.past
     slopes = np.zeros_like(actions)
-    back, seen, one = np.zeros_like(start), np.zeros((arms.n, arms.observation_size)), np.ones(arms.n)
+    back, one = np.zeros_like(start), np.ones(arms.n)
     for k in reversed(range(len(actions))):
-        back, slopes[k] = arms.jacobians(states[k], actions[k]).pull(back, seen, one)
+        period = arms.jacobians(states[k], actions[k])
+        back, slopes[k] = period.pull(back, -fine(period.observation)[1], one)
     return np.where(over, np.nan, total), slopes
 
 

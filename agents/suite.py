@@ -39,7 +39,10 @@ REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
 FEW = ("slew-unknown-v1", "slew-geared-v1", "reach-measured-v1")
 """Tasks of the methods that should matter there: those with memory, and those that learn from what was before."""
 
-SECONDS = {"ppo": 60e-6, "sac": 1.5e-3, "tqc": 2.5e-3, "recurrent_ppo": 1.2e-3}
+SMOOTH = ("slew-limited-v1", "swing-up-v1", "reach-gravity-v1", "reach-three-v1")
+"""Tasks that `flexarm_env.derivatives` has: nothing between the state and what is seen, targets at rest."""
+
+SECONDS = {"ppo": 60e-6, "gradient": 60e-6, "sac": 1.5e-3, "tqc": 2.5e-3, "recurrent_ppo": 1.2e-3}
 """CPU time of a control period in training, s, roughly: for the plan alone."""
 
 
@@ -61,6 +64,7 @@ class Method:
 METHODS = (
     *(Method(name) for name in NAMES),
     Method("ppo", 5, "ppo"),
+    Method("gradient", 3, "gradient", SMOOTH),
     Method("sac", 2, "sac", FEW),
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),

@@ -1,9 +1,10 @@
 """The page docs/results/control.md: the policies of agents/trained beside classical control, on the same episodes.
 
-    python -m agents.table                       # a quarter of an hour on two cores
+    python -m agents.table                       # half an hour on two cores
+    python -m agents.table --policies mpc        # that row alone; the others stay as they are
 
 Writes docs/results/control.{md,json} and the figures docs/figures/control_*.png. How the policies are trained:
-agents/families.py.
+agents/families.py. How far they are from the best known is taken from docs/results/optimal.json (agents.best_known).
 """
 
 from __future__ import annotations
@@ -17,8 +18,11 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from agents import families
 from agents.arguments import parse
+from agents.best_known import joined
 from agents.evaluate import Arguments as Judged
 from agents.evaluate import evaluate
 from agents.families import ROOT, TRAINED, Family
@@ -74,6 +78,7 @@ class Arguments:
         figures: folder of the figures.
         episodes: of a table, in place of each family's own number (for a quick look).
         only: flexible_arm, two_link or measured; the rest of the page is kept as it is.
+        policies: names of rows, separated by commas, that are judged; the other rows are kept as they are.
     """
 
     trained: Path = TRAINED
@@ -81,6 +86,7 @@ class Arguments:
     figures: Path = ROOT / "docs" / "figures"
     episodes: int | None = None
     only: str | None = None
+    policies: str | None = None
 
 
 def say(text: str) -> None:
@@ -94,6 +100,13 @@ class Judge:
     def __init__(self, arguments: Arguments) -> None:
         self.arguments = arguments
         self._known: dict[str, tuple[Row, Any, dict[str, float]]] = {}
+        self.asked = None if arguments.policies is None else arguments.policies.split(",")
+
+    def anew(self, kept: Rows, family: Family, words: Mapping[str, str], most: int = 1000, **how: Any) -> Rows:
+        """Summaries of these policies: judged, or kept where others are asked for."""
+        wanted = {name: word for name, word in words.items() if self.asked is None or name in self.asked}
+        rows = kept | self.rows(family, wanted, most, **how)[0]
+        return {name: rows[name] for name in words if name in rows}
 
     def rows(
         self, family: Family, words: Mapping[str, str], most: int = 1000, **how: Any
@@ -174,77 +187,115 @@ def short_table(head: str, columns: Mapping[str, Rows]) -> list[str]:
     return lines
 
 
-def section(judge: Judge, family: Family, title: str, content: dict[str, Any]) -> list[str]:
-    """One environment: nominal table, seeds, figures."""
-    say(title)
+def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
+    """One environment: rows and figures."""
+    say(family.env)
+    own = content[family.name]
     torque = families.named("two_link_torque")
     others = [torque] if family.name == "two_link" and torque.runs(judge.arguments.trained) else []
-    rows, results, bounds = judge.rows(family, judge.words(family, *others) | judge.no_margin(family))
-    trained = {one.name: seeds(judge, one) for one in (family, *others)}
-    figures = judge.arguments.figures
-    shown = {k: v for k, v in results.items() if "no margin" not in k}
-    tip_errors(shown, 0, figures / f"control_{family.name}.png", f"{family.env}, one episode under each controller")
-    curves = [curve_of(folder) for folder in family.runs(judge.arguments.trained)]
-    learning_curve(curves, figures / f"control_{family.name}_learning.png", f"{family.env}, {len(curves)} seeds")
-    content[family.name] |= {"nominal": rows, "bounds": bounds, "seeds": trained}
-    count = next(iter(rows.values()))["episodes"]
-    content["tables"][family.name] = {"env": family.env, "episodes": count, "policies": rows, "bounds": bounds}
-    lines = [f"## {title}", "", markdown(rows, bounds), ""]
-    for name, found in trained.items():
+    words = judge.words(family, *others) | judge.no_margin(family)
+    if judge.asked is not None:
+        own["nominal"] = judge.anew(own["nominal"], family, words)
+    else:
+        own["nominal"], results, own["bounds"] = judge.rows(family, words)
+        own["seeds"] = {one.name: seeds(judge, one) for one in (family, *others)}
+        figures = judge.arguments.figures
+        shown = {k: v for k, v in results.items() if "no margin" not in k}
+        title = f"{family.env}, one episode under each controller"
+        tip_errors(shown, 0, figures / f"control_{family.name}.png", title)
+        curves = [curve_of(folder) for folder in family.runs(judge.arguments.trained)]
+        title = f"{family.env}, {len(curves)} seeds"
+        learning_curve(curves, figures / f"control_{family.name}_learning.png", title)
+    count = next(iter(own["nominal"].values()))["episodes"]
+    content["tables"][family.name] = {
+        "env": family.env, "episodes": count, "policies": own["nominal"], "bounds": own["bounds"],
+    }  # fmt: skip
+
+
+def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, Any]) -> None:
+    """Randomised arms, the exact model, and one thing changed at a time."""
+    say(f"{family.env}: other arms, other models")
+    own, words, most = content[family.name], judge.words(family, robust), FEWER_EPISODES
+    own["ordinary"] = judge.anew(own.get("ordinary", own.get("nominal", {})), family, words)
+    own["randomised"] = judge.anew(own.get("randomised", {}), family, words, randomized=True)
+    exact = {name: words[name] for name in list(words)[:1]}
+    say("  exact model")
+    before = own.get("models", {})
+    own["models"] = {
+        name: judge.anew(before.get(name, {}), family, exact, most, **how)
+        for name, how in {
+            "default model": {},
+            "exact model": {"formulation": "geometrically_exact", "env_kwargs": EXACT},
+        }.items()
+    }
+    fewer = {name: word for name, word in words.items() if name not in ("zv", "zvd", "time_optimal")}
+    shifted = own.setdefault("shifted", {})
+    for what, factors in SHIFTS.items():
+        say(f"  {what}")
+        how = {"env_kwargs": {"randomization": factors}}
+        shifted[what] = judge.anew(shifted.get(what, {}), family, fewer, most, **how)
+
+
+def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | None) -> list[str]:
+    """One environment's part of the page."""
+    bounds = dict(own["bounds"])
+    if best is not None:
+        bounds["best known"] = float(np.median(best["settling"]))
+    lines = [f"## {TITLES[family.name]}", "", markdown(own["nominal"], bounds), ""]
+    if best is not None:
+        lines += distance(own["nominal"], best)
+    for name, found in own["seeds"].items():
         lines += [f"Seeds of `{name}`:", "", *seeds_table(found), ""]
     return lines + [
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
-    ]  # fmt: skip
-
-
-def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, Any]) -> list[str]:
-    """Randomised arms, the exact model, and one thing changed at a time."""
-    say(f"{family.env}: other arms, other models")
-    words = judge.words(family, robust)
-    tables = {"nominal": judge.rows(family, words)[0], "randomised": judge.rows(family, words, randomized=True)[0]}
-    exact = {name: words[name] for name in list(words)[:1]}
-    say("  exact model")
-    most = FEWER_EPISODES
-    columns = {
-        "default model": judge.rows(family, exact, most)[0],
-        "exact model": judge.rows(family, exact, most, formulation="geometrically_exact", env_kwargs=EXACT)[0],
-    }
-    fewer = {name: word for name, word in words.items() if name not in ("zv", "zvd", "time_optimal")}
-    shifted = {}
-    for what, factors in SHIFTS.items():
-        say(f"  {what}")
-        shifted[what] = judge.rows(family, fewer, most, env_kwargs={"randomization": factors})[0]
-    content[family.name] |= {"randomised": tables["randomised"], "models": columns, "shifted": shifted}
-    return [
         f"### {family.env}: randomised payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
-        *short_table("success, median settling", tables), "",
-        f"On the converged exact beam (4 cubic elements a link, 1 ms), the same {most} episodes:", "",
-        *short_table("policy", columns), "",
+        *short_table("success, median settling", {"nominal": own["ordinary"], "randomised": own["randomised"]}), "",
+        f"On the converged exact beam (4 cubic elements a link, 1 ms), the same {FEWER_EPISODES} episodes:", "",
+        *short_table("policy", own["models"]), "",
         "One thing at a time:", "",
-        *short_table("policy", shifted), "",
+        *short_table("policy", own["shifted"]), "",
     ]  # fmt: skip
 
 
-def measured(judge: Judge, content: dict[str, Any]) -> list[str]:
+def distance(rows: Rows, best: Mapping[str, Any]) -> list[str]:
+    """Settling of the policies over that of the best plans known."""
+    median, mean = float(np.median(best["settling"])), float(np.mean(best["settling"]))
+    lines = [
+        f"Best known settling ([](optimal.md)): median {median:.2f} s, mean {mean:.3f} s. Settling over it:", "",
+        "| policy | medians | means |", "|---|---:|---:|",
+    ]  # fmt: skip
+    for name, row in rows.items():
+        ratios = row["settling_time_median"] / median, row["settling_time_mean"] / mean
+        lines.append(f"| {name} | {ratios[0]:.2f} | {ratios[1]:.2f} |")
+    return [*lines, ""]
+
+
+def best_known(results: Path, family: Family) -> dict[str, Any] | None:
+    """What agents.best_known has found for a family's test episodes, all of them; None: not there."""
+    path = results / "optimal.json"
+    lots = read_json(path)["lots"].get(family.task, {}) if path.exists() else {}
+    found = joined(list(lots.values())) if lots else None
+    return found if found is not None and len(found["settling"]) == family.test else None
+
+
+def measured(judge: Judge, content: dict[str, Any]) -> None:
     """What controllers, and policies trained there, make of gears, friction and real sensors."""
-    lines = [f"## {TITLES['measured']}", "", SENSED, ""]
-    found: dict[str, Any] = {}
+    before, found = content.get("measured", {}), {}
     for name, settings in SETTINGS.items():
         family, columns = families.named(name), {}
         for title, (given, trained) in settings.items():
             say(f"{family.env}: {title}")
             names = ("pd", "zv", "zvd", "lqg" if "observation" in given else "lqr")
-            columns[title] = {}
+            kept, rows = before.get(name, {}).get(title, {}), {}
             if trained is not None:
                 words = {"PPO, trained there": judge.best(families.named(trained))}
-                rows = judge.rows(family, words, FEWER_EPISODES)[0]
-                columns[title] = {name: {**row, "trained": trained} for name, row in rows.items()}
-            columns[title] |= judge.rows(family, {name: name for name in names}, FEWER_EPISODES, env_kwargs=given)[0]
+                rows = judge.anew(kept, family, words, FEWER_EPISODES)
+                rows = {one: {**row, "trained": trained} for one, row in rows.items()}
+            words = {one: one for one in names}
+            columns[title] = rows | judge.anew(kept, family, words, FEWER_EPISODES, env_kwargs=given)
         found[name] = columns
-        lines += [*short_table(family.env, columns), ""]
     content["measured"] = found
-    return lines
 
 
 HEAD = """# Policies beside classical control
@@ -257,7 +308,8 @@ was chosen on validation episodes. Controllers are tuned by `python -m agents.tu
 (of `zv` and `zvd` too, PD with an input shaper) must leave a gain margin of 6 dB on the linear arm. What such a search
 finds without that rule stands under `no margin`: on two links `zv` then has a loop that is unstable, flips the elbow's
 torque in every period (see its effort), and is no quicker. `two_link` adds to joint controllers (action_mode
-`residual_pd`), which reach every target by themselves; what its training brings is speed.
+`residual_pd`), which reach every target by themselves; what its training brings is speed. `mpc` plans anew in every
+period on the nominal arm's nonlinear model.
 
 Training runs in one thread; where other work shared the machine, CPU times say what it takes on one of its own.
 
@@ -271,12 +323,17 @@ settled (the environments' pages say what): unless something pushes against fric
 ring. {FEWER_EPISODES} episodes; success, median settling."""
 
 
-def page(content: Mapping[str, Any]) -> str:
-    """The whole page."""
+def page(content: Mapping[str, Any], best: Mapping[str, Any]) -> str:
+    """The whole page. best: of `best_known`, by family."""
     made = " · ".join(f"{name}: {fact}" for name, fact in content["machine"].items())
     lines = [HEAD, "", made]
-    for name in TITLES:
-        lines += ["", *content["sections"].get(name, [])]
+    for name, title in TITLES.items():
+        if name == "measured" and name in content:
+            lines += ["", f"## {title}", "", SENSED, ""]
+            for one, columns in content[name].items():
+                lines += [*short_table(families.named(one).env, columns), ""]
+        elif name in content:
+            lines += ["", *section(families.named(name), content[name], best.get(name))]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -287,29 +344,39 @@ TITLES = {
 }
 
 
+def save(arguments: Arguments, content: dict[str, Any]) -> None:
+    """Write page and numbers."""
+    best = {name: best_known(arguments.results, families.named(name)) for name in ("flexible_arm", "two_link")}
+    write_json(arguments.results / "control.json", content)
+    write_text(arguments.results / "control.md", page(content, best))
+
+
 def main() -> int:
     """Run the command."""
     arguments = parse(Arguments, "python -m agents.table", __doc__)
     path = arguments.results / "control.json"
     try:
-        kept = read_json(path) if arguments.only is not None and path.exists() else {"sections": {}, "tables": {}}
-        content: dict[str, Any] = {k: v for k, v in kept.items() if k in (*TITLES, "sections", "tables")}
+        only, part = arguments.only, arguments.only is not None or arguments.policies is not None
+        if only is not None and only not in TITLES:
+            raise ValueError(f"--only {only}: must be one of {', '.join(TITLES)}")
+        if arguments.policies is not None and not path.exists():
+            raise ValueError(f"--policies: {path} is not there; judge all of them first")
+        content: dict[str, Any] = read_json(path) if part and path.exists() else {}
+        content = {k: v for k, v in content.items() if k in TITLES} | {"tables": content.get("tables", {})}
         content["machine"] = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
         judge = Judge(arguments)
-        if arguments.only is not None and arguments.only not in TITLES:
-            raise ValueError(f"--only {arguments.only}: must be one of {', '.join(TITLES)}")
-        for name in TITLES if arguments.only is None else [arguments.only]:
+        for name in TITLES if only is None else [only]:
             if name == "measured":
-                content["sections"][name] = measured(judge, content)
+                measured(judge, content)
                 continue
             family = families.named(name)
-            content[name] = {}
-            last = robustness(judge, family, families.named(f"{name}_robust"), content)
-            content["sections"][name] = section(judge, family, TITLES[name], content) + last
+            content.setdefault(name, {})
+            nominal(judge, family, content)
+            robustness(judge, family, families.named(f"{name}_robust"), content)
+            save(arguments, content)
+        save(arguments, content)
     except ValueError as error:
         return fail(error)
-    write_json(path, content)
-    write_text(arguments.results / "control.md", page(content))
     return 0
 
 

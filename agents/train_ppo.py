@@ -1,4 +1,4 @@
-"""Train a policy with Stable-Baselines3: PPO, or with --algo sac, tqc, recurrent_ppo another.
+"""Train a policy with Stable-Baselines3: PPO, or with --algo sac, tqc, recurrent_ppo, gradient another.
 
     python -m agents.train_ppo --env FlexibleArm-v0
     python -m agents.train_ppo --env TwoLinkFlexArm-v0 --config configs/ppo/residual.yml
@@ -31,7 +31,8 @@ class Arguments(Training):
     """What `python -m agents.train_ppo` takes.
 
     Args:
-        algo: "ppo", "sac", "tqc" or "recurrent_ppo", whose policy stays a model.zip (policy.npz has no memory).
+        algo: "ppo", "sac", "tqc", "gradient" (through the arms, see agents/gradient.py), or "recurrent_ppo", whose
+            policy stays a model.zip (policy.npz has no memory).
         config: file of hyper-parameters, RL Zoo format; default configs/ALGO/default.yml.
     """
 
@@ -66,7 +67,8 @@ def train(arguments: Arguments) -> Any:
     else:
         model = algorithm(env=env, seed=arguments.seed, device="cpu", **config.arguments())
         progress = training.Progress()
-        training.start_staggered(model, arguments.seed)
+        if config.algorithm != "gradient":  # whose arms are spread already
+            training.start_staggered(model, arguments.seed)
         write_text(folder / "config.yml", configs.text_of(config, arguments.env))
         write_json(folder / "run.json", record)
     _log(model, folder, arguments)

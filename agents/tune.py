@@ -43,6 +43,7 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
     "zvd": PD | {"effort": (0.2, 1.0)},
     "lqr": WEIGHTS | {"noise": (0.003, 3.0)},
     "lqg": WEIGHTS | {"noise": (1e-3, 0.1), "push": (1e-3, 0.1), "drift": (5e-5, 5e-3)},
+    "mpc": dict.fromkeys(WEIGHTS, (5.0, 100.0)) | {"memory": (0.5, 1.0)},
     "time_optimal": {"effort": (0.8, 1.0)} | WEIGHTS | {"noise": (0.003, 3.0)},
 }
 """Gains that are searched, with their ranges; on a logarithmic scale."""
@@ -175,7 +176,7 @@ def text_of(tables: dict[str, Any], env_id: str, margin: float) -> str:
     how = "" if margin == MARGIN else f" --margin {margin:g}"
     lines = [
         f"# Gains of the controllers on {env_id}, found by `python -m agents.tune --env {env_id}{how}`;",
-        "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, time_optimal.py.",
+        "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, mpc.py, time_optimal.py.",
     ]
     for name in control.NAMES:
         if name in tables:

@@ -286,6 +286,18 @@ class Batch:
         q, v, u = (part.reshape(-1, lanes)[:, i % lanes].copy() for part in (work.q, work.v, work.u))
         return q, v, u[:links]
 
+    def motions(self) -> tuple[Array, Array, Array, Array]:
+        """Of all arms: coordinates and rates (n, rows), joint torques (n, N), parameters (n, 4), copies."""
+        work = uncompiled(unpack)(self.lane, self.system.model, np.arange(self.layout.par, dtype=np.float64), 0)
+        first = [int(part[0]) for part in (work.q, work.v, work.u)] + [self.layout.par]
+        rows, lanes = len(self.system.q0), len(self.lane)
+        counts = (rows, rows, self.arm.n_links, len(self.system.par))
+        found = []
+        for start, count in zip(first, counts, strict=True):
+            part = self.block[:, start : start + count * lanes].reshape(self.groups, count, lanes)
+            found.append(part.transpose(0, 2, 1).reshape(-1, count)[: self.n].copy())
+        return found[0], found[1], found[2], found[3]
+
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
         """What the next start is to be like: joint angles (N,), target (2,), vibration; NaN: drawn."""
         asked = {"angles": angles, "target": target, "vibration": vibration}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -98,7 +99,7 @@ class Hills:
     best = np.array([[[0.3], [0.9]], [[-0.5], [1.7]], [[0.2], [0.1]]])
     steep = np.array([100.0, 1.0, 0.01])[:, None, None]
 
-    def returned(self, arms, start, actions):
+    def returned(self, arms, start, actions, fine):
         off = actions - self.best
         return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off
 
@@ -107,14 +108,29 @@ def test_the_search_climbs_each_episode_to_its_top(monkeypatch: pytest.MonkeyPat
     from flexarm_env import derivatives
 
     hills = Hills()
-    hills.reset, hills.close = lambda seed: None, lambda: None
+    hills.reset, hills.close, hills.environment = lambda seed: None, lambda: None, SimpleNamespace(plan=None)
     began = np.zeros((3, 2, 1))
     monkeypatch.setattr(derivatives, "Arms", lambda *words, **keywords: hills)
     monkeypatch.setattr(foresight, "returned", hills.returned)
-    monkeypatch.setattr(foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began)[0]))
+    monkeypatch.setattr(foresight, "Fine", lambda task, plan: None)
+    monkeypatch.setattr(
+        foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began, None)[0])
+    )
     actions, reached = foresight.search(TASKS[0], steps=60)
     assert actions == pytest.approx(np.minimum(hills.best, 1.0), abs=1e-3)
-    assert reached == pytest.approx(hills.returned(None, None, actions)[0])
+    assert reached == pytest.approx(hills.returned(None, None, actions, None)[0])
+
+
+def test_costs_are_counted_and_sloped():
+    task = next(one for one in TASKS if one.price)
+    fine = foresight.Fine(task, SimpleNamespace(names=("hub_rate", "tip_deflection"), scales=(2.0, 0.1)))
+    limit = task.keywords["cost"]["deflection"] / 0.1
+    seen = np.array([[9.0, 0.9 * limit], [0.0, -1.01 * limit], [0.0, 1.5 * limit]])
+    taken, slope = fine(seen)
+    assert taken.tolist() == [0.0, task.price, task.price]
+    assert (slope[:, 0] == 0.0).all() and slope[1, 1] < -1.0 and abs(slope[2, 1]) < 1e-9
+    with pytest.raises(ValueError, match="no slope of costs"):
+        foresight.Fine(dataclasses.replace(task, keywords={"cost": {"strain": 1e-3}}), None)
 
 
 @pytest.mark.slow
@@ -129,18 +145,18 @@ def test_the_best_known_is_played_in_the_task_itself(tmp_path: Path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["ppo", "tqc", "recurrent_ppo"])
+@pytest.mark.parametrize("algorithm", ["ppo", "tqc", "recurrent_ppo", "gradient"])
 def test_methods_are_trained_and_judged(algorithm: str, tmp_path: Path):
-    if algorithm != "ppo":
+    if algorithm in ("tqc", "recurrent_ppo"):
         pytest.importorskip("sb3_contrib")
-    task = suite.task("slew-geared-v1")
+    task = suite.task("slew-limited-v1" if algorithm == "gradient" else "slew-geared-v1")
     arguments = reference.Arguments(
         home=tmp_path / "runs", results=tmp_path / "suite", share=6000 / task.budget, progress=False
     )
     method = next(one for one in reference.METHODS if one.name == algorithm)
     job = reference.Job(method, 1, task)
     assert not job.done(arguments.results)
-    assert reference.run(job, arguments).startswith(f"{algorithm}-1 on slew-geared-v1: J ")
+    assert reference.run(job, arguments).startswith(f"{algorithm}-1 on {task.id}: J ")
     assert job.done(arguments.results)
     content = json.loads((tmp_path / "suite" / f"{algorithm}-1.json").read_text())["tasks"][task.id]
     assert content["training"]["algorithm"] == algorithm and content["training"]["steps"] >= 6000

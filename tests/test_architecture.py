@@ -26,7 +26,7 @@ _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {
     *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "identification", "plotting", "recording",
-    "sb3", "suite", "view", "__init__",
+    "sb3", "suite", "torch", "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -60,6 +60,7 @@ ROOMS: dict[str, set[str]] = {
     "control": {*_PHYSICS, "tasks"},
     "envs": {*_PHYSICS, "compiler", "control", "view"},
     "derivatives": {*_COMPILED, "batch", "envs", "validation"},
+    "torch": {"derivatives", "validation"},
     "plotting": {*_PHYSICS, "comparison", "view"},
     "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
@@ -72,7 +73,7 @@ ROOMS: dict[str, set[str]] = {
 
 # other packages that only some rooms may import, anywhere in their code
 EXTERNALS: dict[str, set[str]] = {
-    "torch": {"sb3"},
+    "torch": {"sb3", "torch"},
     "stable_baselines3": {"sb3"},
     "numba": {"compiler"},
     "llvmlite": {"compiler"},

@@ -158,7 +158,7 @@ def test_the_plan_is_bang_bang_and_the_quickest(angle, seconds):
 
 
 # ------------------------------------------------------------------ in the environment
-FULL = [name for name in control.NAMES if name != "lqg"]  # act on observation="full"; lqg: test_lqg.py
+FULL = [name for name in control.NAMES if name not in ("lqg", "mpc")]  # lqg: test_lqg.py; mpc: test_optimal.py
 
 
 @pytest.mark.parametrize("name", FULL)
@@ -171,7 +171,7 @@ def test_controllers_reach_and_settle(name, reach):
     assert successes(reach, control.make(name, reach), 50) >= 0.9
 
 
-@pytest.mark.parametrize("name", FULL)
+@pytest.mark.parametrize("name", [*FULL, "mpc"])
 def test_one_arm_or_many_is_the_same(name, slew):
     many, one = control.make(name, slew), control.make(name, slew)
     observation, _ = slew.reset(seed=9)

@@ -16,9 +16,9 @@ from tests.processes import python
 from tests.test_architecture import PACKAGE, ROOMS, ROOT, python_files
 
 DOCS = ROOT / "docs"
-TRAINING = {"tutorials/train.md", "tutorials/randomisation.md"}
+TRAINING = {"tutorials/train.md", "tutorials/randomisation.md", "derivatives.md"}
 PAGES = ["index.md", "getting-started.md", "linearization.md"]
-PAGES += sorted(f"tutorials/{path.name}" for path in (DOCS / "tutorials").glob("*.md"))
+PAGES += ["derivatives.md", *sorted(f"tutorials/{path.name}" for path in (DOCS / "tutorials").glob("*.md"))]
 QUICK = {*PAGES[:3], "tutorials/controller.md", "tutorials/index.md", "tutorials/vector.md"}
 """Pages that compile what other tests do; the others take half a minute and more."""
 BLOCK = re.compile(
@@ -89,7 +89,7 @@ def test_every_public_room_is_in_the_api() -> None:
 def shown() -> set[object]:
     """Functions and classes that the API pages show: a module's `__all__`, or what it defines itself."""
     out = set()
-    for name in documented() - {"flexarm_env.sb3"}:  # which takes seconds to import
+    for name in documented() - {"flexarm_env.sb3", "flexarm_env.torch"}:  # which take seconds to import
         module = import_module(name)
         given = getattr(module, "__all__", None)
         for word, item in vars(module).items():
@@ -102,7 +102,7 @@ def shown() -> set[object]:
 def test_every_public_name_is_on_a_page() -> None:
     there = shown()
     names = {f"flexarm_env.{word}": getattr(flexarm_env, word) for word in flexarm_env.__all__}
-    for room in sorted(set(ROOMS) - INSIDE - {"sb3"}):
+    for room in sorted(set(ROOMS) - INSIDE - {"sb3", "torch"}):
         module = import_module(f"flexarm_env.{room}")
         names |= {f"{room}.{word}": getattr(module, word) for word in getattr(module, "__all__", ())}
     lost = [name for name, item in names.items() if inspect.isfunction(item) or inspect.isclass(item)]

@@ -180,6 +180,11 @@ print(json.dumps({"file": flexarm_env.__file__, "lengths": lengths, "heavy": hea
     assert (tmp_path / "run.csv").stat().st_size > 10_000
     assert "passed" in alone(clean, tmp_path, *run, "doctor")
     assert "needs agents/ of a checkout" in alone(clean, tmp_path, *run, "train", code=2)
+    listed = json.loads(alone(clean, tmp_path, *run, "bench", "suite", "--list", "--json"))["tasks"]
+    words = ("bench", "suite", "--policy", "zv", "--task", listed[0]["id"], "--episodes", "3", "--out", "suite")
+    assert "success" in alone(clean, tmp_path, *run, *words) and (tmp_path / "suite" / "zv-0.json").exists()
+    assert "# Results" in alone(clean, tmp_path, *run, "bench", "page", "suite")
+    alone(clean, tmp_path, *run, "export", "two_link", "--to", "c", "--out", "two_link.c")
     sentence = alone(clean, tmp_path, *run, "replay", "robot_arm_motion", "--plot", "a.png", code=2)
     assert 'pip install matplotlib (the extra "plot"' in sentence
     assert "success, return" in alone(clean, tmp_path, *run, "play", "--policy", "lqr", "--headless")

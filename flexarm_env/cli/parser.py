@@ -129,6 +129,7 @@ Train a policy with Stable-Baselines3 from a checkout (agents/train_ppo.py); all
   flexarm train --env FlexibleArm-v0                          a minute; results in runs/ppo-FlexibleArm-v0-0/
   flexarm train --env TwoLinkFlexArm-v0 --seed 1 --out runs/mine
   flexarm train --env FlexibleArm-v0 --algo sac
+  flexarm train --env FlexibleArm-v0 --algo gradient          by gradients through the arms; seconds of CPU
   flexarm train --out runs/mine --resume                      go on where it stopped
 
 --resume reads checkpoints, which are pickles and can run any code: resume your own runs alone.

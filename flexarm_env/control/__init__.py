@@ -14,6 +14,7 @@ from .base import Controller, Setup
 from .catalogue import NAMES, make
 from .lqg import LQG, LQGGains
 from .lqr import LQR, LQRGains
+from .mpc import MPC, MPCGains
 from .pd import PD, PDGains
 from .policy import NumpyPolicy, load_policy
 from .policy import names as policy_names
@@ -21,7 +22,7 @@ from .shaping import ShapedGains, ShapedPD, Shaper, zv, zvd
 from .time_optimal import Plan, TimeOptimal, TimeOptimalGains, plan, rigid_time
 
 __all__ = [
-    "LQG", "LQR", "NAMES", "PD", "Controller", "LQGGains", "LQRGains", "NumpyPolicy", "PDGains", "Plan", "Setup",
-    "ShapedGains", "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains", "load_policy", "make", "plan",
-    "policy_names", "rigid_time", "zv", "zvd",
+    "LQG", "LQR", "MPC", "NAMES", "PD", "Controller", "LQGGains", "LQRGains", "MPCGains", "NumpyPolicy", "PDGains",
+    "Plan", "Setup", "ShapedGains", "ShapedPD", "Shaper", "TimeOptimal", "TimeOptimalGains", "load_policy", "make",
+    "plan", "policy_names", "rigid_time", "zv", "zvd",
 ]  # fmt: skip

@@ -27,7 +27,7 @@ AT_ONCE = 1024
 """Most arms that one compiled call moves: their memory stays in the processor's cache."""
 
 MOVED_BY = 2.0**-12
-"""Step of central differences: exact in single precision, in which actions are held."""
+"""Step of differences: exact in single precision, in which actions are held."""
 
 
 class Dynamics:
@@ -45,7 +45,7 @@ class Dynamics:
         self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
         self.period, self.nodes = period, nodes
         dt = period / max(1, math.ceil(period / STEP - 1e-9))
-        self.settings = Settings.make("elastica", nodes=nodes, dt=dt, tolerance=1e-9)
+        self.settings = Settings.make("elastica", nodes=nodes, dt=dt, tolerance=1e-7)
         self.n_inputs, self.half = arm.n_links, arm.n_links * nodes
         self.size = 2 * self.half
         self.joints = np.arange(arm.n_links) * nodes
@@ -55,11 +55,15 @@ class Dynamics:
         self._angles = np.eye(self.half)
         for k in self.joints[1:]:
             self._angles[k, k - 1] = 1.0
-        self.tip_weights = parts.w
+        self._tip = parts.w
         self._shapes = np.zeros((arm.n_links, self.half))
         for k, line in enumerate(parts.lines):
             self._shapes[k, k * nodes : (k + 1) * nodes] = line.tip_weights / arm.links[k].span
-        self._stiffness = parts.K
+        self._bent = np.zeros((arm.n_links, nodes))
+        """The nodes' angles about the root's for a force at the tip."""
+        for k in range(arm.n_links):
+            own = self._shapes[k, k * nodes + 1 : (k + 1) * nodes]
+            self._bent[k, 1:] = np.linalg.solve(parts.K[k][1:, 1:], own)
 
     def advance(self, x: Array, u: Array) -> Array:
         """States (m, S) after a period; not finite where the solver fails."""
@@ -72,17 +76,17 @@ class Dynamics:
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
         """A (m, S, S) and B (m, S, N): derivatives of `advance` by x and u."""
         m, size, n = len(x), self.size, self.n_inputs
-        count = size + n
-        steps = np.concatenate([np.eye(count), -np.eye(count)]) * MOVED_BY
-        held = np.float32(u).astype(np.float64)[:, None] * (1.0 - MOVED_BY)  # the difference must not be clipped
-        xs = (x[:, None] + steps[:, :size]).reshape(-1, size)
-        us = np.float32(held + steps[:, size:])
-        moved = self.advance(xs, us.reshape(-1, n)).reshape(m, 2, count, size)
-        change = (moved[:, 0] - moved[:, 1]).transpose(0, 2, 1)
-        us = us.reshape(m, 2, count, n).astype(np.float64)
-        widths = np.concatenate([np.full((m, size), 2.0 * MOVED_BY), _diagonal(us[:, 0] - us[:, 1], size)], axis=1)
-        change = change / widths[:, None]
-        return np.ascontiguousarray(change[:, :, :size]), np.ascontiguousarray(change[:, :, size:])
+        xs, us = np.repeat(x[:, None], size + n + 1, axis=1), np.repeat(u[:, None], size + n + 1, axis=1)
+        at = np.arange(size)
+        xs[:, at, at] += MOVED_BY
+        at = np.arange(n)
+        us[:, size + at, at] -= np.where(u > 0.0, MOVED_BY, -MOVED_BY)  # inwards: actions beyond 1 are clipped
+        us = us.astype(np.float32).astype(np.float64)
+        moved = self.advance(xs.reshape(-1, size), us.reshape(-1, n)).reshape(m, -1, size)
+        change = (moved[:, :-1] - moved[:, -1:]).transpose(0, 2, 1)
+        A = change[:, :, :size] / MOVED_BY
+        B = change[:, :, size:] / (us[:, size + at, at] - us[:, -1])[:, None]
+        return A, B
 
     def stage(self, k: int, x: Array, u: Array) -> Array:
         """`advance`, as `ilqr.System` has it: all stages are alike."""
@@ -108,7 +112,7 @@ class Dynamics:
     def tip(self, x: Array) -> tuple[Array, Array]:
         """Tip (..., 2), m, about the root, and its derivative (..., 2, S)."""
         phi = x[..., : self.half] @ self._angles.T
-        cosine, sine = np.cos(phi) * self.tip_weights, np.sin(phi) * self.tip_weights
+        cosine, sine = np.cos(phi) * self._tip, np.sin(phi) * self._tip
         slope = np.zeros((*x.shape[:-1], 2, self.size))
         slope[..., 0, : self.half], slope[..., 1, : self.half] = -sine @ self._angles, cosine @ self._angles
         return np.stack([cosine.sum(-1), sine.sum(-1)], axis=-1), slope
@@ -124,21 +128,18 @@ class Dynamics:
         return np.sin(phi - roots) @ self._shapes.T, slope
 
     def corrected(self, x: Array, outputs: Array) -> Array:
-        """The states nearest to x (m, S), by strain energy, whose outputs (m, 4 N) are these: joint angles, their
-        rates, deflections over length, their rates. Deflections are taken to first order about x, with a joint's angle
-        moving its link and all beyond it."""
-        n, half = self.n_inputs, self.half
-        out = x.copy()
+        """The states (m, S) that have these outputs (m, 4 N): joint angles, their rates, tip deflections over length,
+        their rates. Made from x: links are turned at their joints, and bent as forces at their tips would bend them."""
+        half, out = self.half, x.copy()
         angle, rate, bend, bend_rate = np.split(outputs, 4, axis=1)
         for part, wanted, bent in ((0, angle, bend), (half, rate, bend_rate)):
             for k, joint in enumerate(self.joints):
-                turn = wanted[:, k] - out[:, part + joint]
-                self._turn(out, part, k, turn)
-                value, slope = self.bends(out)
-                if part:
-                    value = np.einsum("mns,ms->mn", slope[..., :half], out[:, half:])
-                self._bend(out, part, k, (bent[:, k] - value[:, k]), slope[:, k])
-        assert n == len(self.joints)
+                self._turn(out, part, k, wanted[:, k] - out[:, part + joint])
+                for _ in range(1 if part else 2):  # a deflection is not linear in the angles
+                    value, slope = self.bends(out)
+                    if part:
+                        value = np.einsum("mns,ms->mn", slope[..., :half], out[:, half:])
+                    self._bend(out, part, k, bent[:, k] - value[:, k], slope[:, k])
         return out
 
     def _turn(self, x: Array, part: int, k: int, by: Array) -> None:
@@ -151,29 +152,16 @@ class Dynamics:
     def _bend(self, x: Array, part: int, k: int, by: Array, slope: Array) -> None:
         """Bend link k; the links beyond it turn with its tip."""
         own, shape = slice(k * self.nodes, (k + 1) * self.nodes), self._bent[k]
-        gain = slope[:, own] @ shape
-        amount = by / gain
+        amount = by / (slope[:, own] @ shape)
         x[:, part + k * self.nodes : part + (k + 1) * self.nodes] += amount[:, None] * shape
         for later in range(k + 1, self.n_inputs):
             at = part + later * self.nodes
             x[:, at + 1 : at + self.nodes] += (amount * shape[-1])[:, None]
 
-    @property
-    def _bent(self) -> list[Array]:
-        """Of each link the nodes' angles about its root's for a force at its tip, (n,)."""
-        shapes = []
-        for k in range(self.n_inputs):
-            shape = np.zeros(self.nodes)
-            own = self._shapes[k, k * self.nodes : (k + 1) * self.nodes]
-            shape[1:] = np.linalg.solve(self._stiffness[k][1:, 1:], own[1:])
-            shapes.append(shape)
-        return shapes
-
     def _move(self, x: Array, u: Array, out: Array) -> None:
         batch = self._batch(len(x))
-        lanes, m, half = len(batch.lane), len(x), self.half
+        lanes, m, block = len(batch.lane), len(x), batch.block
         groups = -(-m // lanes)
-        block = batch.block
         state = np.zeros((groups * lanes, self.size))
         state[:m] = x
         block[:groups, : self.size * lanes] = (
@@ -183,13 +171,10 @@ class Dynamics:
         block[:groups, mode : mode + lanes] = RUNNING
         batch.action[:m] = u
         batch.action[m:] = 0.0
-        batch.terminated[:] = False
         batch.compiled_step(batch.address, 0, groups)
         moved = block[:groups, : self.size * lanes].reshape(groups, self.size, lanes)
         out[...] = moved.transpose(0, 2, 1).reshape(-1, self.size)[:m]
-        out[batch.terminated[:m]] = np.nan
-        if half and batch.table[batch.info_at.reason, :m].any():
-            out[batch.table[batch.info_at.reason, :m] != 0.0] = np.nan
+        out[batch.table[batch.info_at.reason, :m] != 0.0] = np.nan
 
     def _batch(self, m: int) -> Batch:
         size = 8
@@ -228,11 +213,6 @@ class Grid:
 def dynamics(arm: Arm, period: float, nodes: int = 4) -> Dynamics:
     """`Dynamics`, one for all that ask for the same."""
     return Dynamics(arm, period, nodes)
-
-
-def _diagonal(differences: Array, size: int) -> Array:
-    n = differences.shape[-1]
-    return np.asarray(differences[:, size + np.arange(n), np.arange(n)])
 
 
 def _standing(arm: Arm) -> Starts:

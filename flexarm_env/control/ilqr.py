@@ -2,10 +2,10 @@
 
 What is to be minimised is, for each arm by itself,
 
-    sum_k cost_k(x_k) + 1/2 sum_k weight . u_k^2      with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1 (cost: T)
+    sum_k cost_k(x_k) + 1/2 sum_k weight . u_k^2     with x_k+1 = f(x_k, u_k), |u| <= bound, k = 0 ... T - 1 (cost: T)
 
-Every iteration takes the derivatives of all stages of all arms in one compiled call, solves the linear-quadratic problem
-backwards with controls kept within limits, and tries steps of several lengths at once. Limits on states are costs with
+Every iteration takes the derivatives of all stages of all arms together, solves the linear-quadratic problem backwards
+with controls kept within limits, and tries steps of several lengths at once. Limits on states are costs with
 multipliers (`Limits`).
 """
 
@@ -58,7 +58,7 @@ class Quadratic:
         goal = self.goal if self.goal.ndim == 2 else self.goal[k]
         off, weight = x - goal, self.weight[k]
         weight = weight if self.weight.ndim == 4 else weight[..., None, :, :]
-        return 0.5 * np.einsum("...i,...i->...", (weight @ off[..., None])[..., 0], off)
+        return np.asarray(0.5 * np.einsum("...i,...i->...", (weight @ off[..., None])[..., 0], off))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
         off = x - self.goal
@@ -114,13 +114,12 @@ class Limits:
 
 @dataclass
 class Solution:
-    """Controls (T, n, N), states (T + 1, n, S), cost (n,), and gains (T, n, N, S): u = controls + gains (x - states)."""
+    """Controls (T, n, N), states (T + 1, n, S), cost (n,); gains (T, n, N, S): u = controls + gains (x - states)."""
 
     controls: Array
     states: Array
     cost: Array
     gains: Array
-    iterations: int = 0
 
 
 def rollout(system: System, x: Array, controls: Array) -> Array:
@@ -161,8 +160,7 @@ def solve(
         raise ValueError("controls: the first guess leads to states that are not finite")
     damping = np.full(len(x), 0.0)
     gains = np.zeros((*controls.shape, system.size))
-    done = 0
-    for done in range(1, iterations + 1):
+    for _ in range(iterations):
         feed, gains = backward(system, states, controls, costs, effort, damping, bound)
         found, moved, costs_of = _forward(system, states, controls, feed, gains, costs, effort, bound)
         best = np.argmin(costs_of, axis=0)
@@ -175,11 +173,9 @@ def solve(
         cost = np.where(better, lower, cost)
         weak = ~better | (LENGTHS[best] < 0.1)
         damping = np.where(weak, np.maximum(10.0 * damping, 1e-6), np.where(damping > 1e-6, 0.2 * damping, 0.0))
-        if (fall < tolerance).all() and (better | (damping > 1e3)).all():
+        if ((fall < tolerance) & (better | (damping > 1e3))).all():
             break
-        if (fall < tolerance).all() and (damping > 1.0).all():
-            break
-    return Solution(controls, states, cost, gains, done)
+    return Solution(controls, states, cost, gains)
 
 
 def backward(
@@ -193,7 +189,8 @@ def backward(
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)
     slopes = [cost.slopes(states) for cost in costs]
-    gradient, curvature = sum(s[0] for s in slopes), sum(s[1] for s in slopes)
+    gradient = np.sum([s[0] for s in slopes], axis=0) if len(slopes) > 1 else slopes[0][0]
+    curvature = np.sum([s[1] for s in slopes], axis=0) if len(slopes) > 1 else slopes[0][1]
     value, bend = gradient[-1], curvature[-1]
     feed, gains = np.empty(controls.shape), np.empty((*controls.shape, system.size))
     low, high = -bound - controls, bound - controls
@@ -252,14 +249,17 @@ def _corner(H: Array, g: Array, low: Array, high: Array) -> Array:
         worth = np.einsum("cni,cni->cn", each, 0.5 * np.einsum("nij,cnj->cni", H, each) + g)
         return np.asarray(each[np.argmin(worth, axis=0), np.arange(len(g))])
     u = np.clip(np.zeros(g.shape), low, high)
-    for _ in range(30):
+    for _ in range(200):
+        before = u.copy()
         for i in range(count):
             rest = g[:, i] + np.einsum("nj,nj->n", H[:, i], u) - H[:, i, i] * u[:, i]
             u[:, i] = np.clip(-rest / H[:, i, i], low[:, i], high[:, i])
+        if np.abs(u - before).max() < 1e-9:
+            break
     return u
 
 
-def _partial(Quu: Array, Qux: Array, free: Array) -> Array:
+def _partial(Quu: Array, Qux: Array, free: NDArray[np.bool_]) -> Array:
     """Gains of the free controls, the others held."""
     both = free[:, :, None] & free[:, None, :]
     H = np.where(both, Quu, np.eye(Quu.shape[1]))
@@ -280,7 +280,7 @@ def _forward(
         for k in range(periods):
             off = found[k] - states[k]
             u = ahead[k] + (gains[k] @ off[..., None])[..., 0]
-            u = np.clip(np.nan_to_num(u), -bound, bound)
+            u = np.minimum(np.maximum(u, -bound), bound)
             moved[k] = u
             found[k + 1] = system.stage(k, found[k].reshape(-1, size), u.reshape(-1, count)).reshape(tried, n, size)
     value = np.array([total(costs, effort, found[:, i], moved[:, i]) for i in range(tried)])

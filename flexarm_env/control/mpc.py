@@ -1,8 +1,14 @@
 """Receding-horizon control: in every period the torques of the next ones are planned anew, and the first is applied.
 
-The plan is that of `ilqr` on the elastica, within the torque limits, from the state as it is read to rest at the goal:
-costs as in `lqr` over a horizon, and behind it those of the linear regulator at the goal. It goes on from the plan of
-the period before, by a few iterations. Once the regulator stays within the limits by itself, it takes over.
+The plan is that of `ilqr` on the elastica, within the torque limits, from the state as it is read. It costs effort, and
+from an instant of arrival on the distance from rest at the goal; behind the horizon stands the linear regulator at the
+goal. (With a cost of the distance from the start on, torques that saturate overshoot.) It goes on from the plan of the
+period before, by an iteration. An arrival that a plan misses is put off, when an episode begins until none does. Once
+the regulator stays within the limits by itself, it takes over.
+
+Read are joint angles, deflections of the tips and their rates. The rest of the state is the model's prediction, drawn
+towards that of a link bent by a force at its tip: the prediction knows the higher modes of the nominal arm, and is
+wrong on another.
 """
 
 from __future__ import annotations
@@ -23,6 +29,12 @@ from .kinematics import rigid_inertia
 
 Array = NDArray[np.float64]
 
+PUT_OFF = 0.03
+"""Share of its time by which an arrival is put off while an episode's first plan is made."""
+
+MOST = 60
+"""First plans that are made at most."""
+
 
 @dataclass(frozen=True)
 class MPCGains:
@@ -31,6 +43,8 @@ class MPCGains:
     Args:
         angle: on joint angles (1/rad). rate: on joint rates over the first flexible frequency.
         bend: on tip deflections over length. bend_rate: on their rates over that frequency.
+        memory: share of the prediction that is kept in a period, of what is not read.
+        allowed: cost of the distance from the goal at which a plan has arrived.
         block: control periods over which planned torques are held. horizon: such blocks that are planned.
         iterations: of a decision. first: of an episode's first plan.
     """
@@ -39,13 +53,12 @@ class MPCGains:
     rate: float
     bend: float
     bend_rate: float
+    memory: float = 1.0
+    allowed: float = 10.0
     block: int = 2
     horizon: int = 50
     iterations: int = 1
     first: int = 10
-    before: float = 0.0
-    soonest: float = 1.0
-    allowed: float = 1.0
 
 
 class Regulator(NamedTuple):
@@ -62,10 +75,9 @@ def stage_weight(arm: Arm, period: float, gains: MPCGains) -> Array:
     plant, n = dynamics(arm, period), arm.n_links
     first = float(arm_model(plant.arm, (0.0,) * (n - 1)).frequencies[0])
     half = plant.half
-    bends = plant.bends(np.zeros(plant.size))[1][:, :half]
     outputs = np.zeros((4 * n, plant.size))
     outputs[np.arange(n), plant.joints] = outputs[n + np.arange(n), half + plant.joints] = 1.0
-    outputs[2 * n : 3 * n, :half] = outputs[3 * n :, half:] = bends
+    outputs[2 * n : 3 * n, :half] = outputs[3 * n :, half:] = plant.bends(np.zeros(plant.size))[1][:, :half]
     weights = np.repeat([gains.angle, gains.rate / first, gains.bend, gains.bend_rate / first], n)
     weight: Array = outputs.T @ np.diag(weights**2) @ outputs + 1e-6 * np.eye(plant.size)
     return weight
@@ -78,63 +90,61 @@ def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ..
 
     plant = dynamics(arm, period)
     n = arm.n_links
-    x = plant.rest(np.array([(0.0, *posture)]))
-    A, B = (part[0] for part in plant.jacobians(x, np.zeros((1, n))))
+    A, B = (part[0] for part in plant.jacobians(plant.rest(np.array([(0.0, *posture)])), np.zeros((1, n))))
     P = solve_discrete_are(A, B, stage_weight(arm, period, gains), np.eye(n))
     K = np.linalg.solve(np.eye(n) + B.T @ P @ B, B.T @ P @ A)
-    reach = 1.0 / float(np.max(np.einsum("is,is->i", K, np.linalg.solve(P, K.T).T)))
-    return Regulator(K, P, reach)
+    return Regulator(K, P, 1.0 / float(np.max(np.einsum("is,is->i", K, np.linalg.solve(P, K.T).T))))
 
 
 class MPC(Controller):
-    """Plans over a horizon, in every period."""
+    """Plans over a horizon, in every period.
+
+    Attributes: x (n, S): states as they are taken to be (see `dynamics.Dynamics`). plan (H, n, N): torques over their
+        limits, of which the first are held for another `left` periods. arrival (n,): control periods from the start.
+    """
 
     needs_bends = True
 
     def __init__(self, setup: Setup, gains: MPCGains) -> None:
         super().__init__(setup)
         self.gains = gains
-        self.plant = dynamics(setup.arm, setup.control_dt)
         held = [dynamics(setup.arm, k * setup.control_dt) for k in range(1, gains.block + 1)]
-        self.grids = [Grid(first, held[-1]) for first in held]
+        self.plant, self.grids = held[0], [Grid(first, held[-1]) for first in held]
         self.stage = stage_weight(setup.arm, setup.control_dt, gains)
         self.effort = np.full(setup.n_joints, float(gains.block))
 
     def begin(self, signals: Signals, to_go: Array) -> None:
         n, gains, setup = len(to_go), self.gains, self.setup
-        self.home = self.plant.rest(self.goal)
         postures = np.round(self.goal[:, 1:] / GRID) * GRID
         owned = [regulator(setup.arm, setup.control_dt, gains, tuple((0.0 + row).tolist())) for row in postures]
         self.K, self.P = np.stack([r.K for r in owned]), np.stack([r.P for r in owned])
         self.reach = np.array([r.reach for r in owned])
-        self.missed = np.zeros(n)
-        self.x = self.plant.rest(self.goal - to_go)
-        self.x = self.plant.corrected(self.x, self._outputs(signals, to_go))
+        self.home, self.x = self.plant.rest(self.goal), self._standing(signals, to_go)
         self.plan, self.left = np.zeros((gains.horizon, n, setup.n_joints)), gains.block
         inertia = rigid_inertia(setup.arm, self.goal[:, 1:])
         load = (np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / self.limits).max(axis=1)
-        self.arrival = np.ceil(gains.soonest * 2.0 * np.sqrt(load) / setup.control_dt)
-        late = np.ones(n, np.bool_)
-        iterations = gains.first
-        for _ in range(60):
-            self._improve(late, iterations)
-            late = self.missed > gains.allowed
-            late &= self.arrival < self._ends[-2]
+        self.arrival = np.ceil(2.0 * np.sqrt(load) / setup.control_dt)
+        late, iterations, missed = np.ones(n, np.bool_), gains.first, np.zeros(n)
+        for _ in range(MOST):
+            missed[late] = self._improve(late, iterations)
+            late = (missed > gains.allowed) & (self.arrival < self._ends[-2])
             if not late.any():
                 break
-            self.arrival[late] += np.maximum(1.0, np.round(0.03 * self.arrival[late]))
+            self.arrival[late] += np.maximum(1.0, np.round(PUT_OFF * self.arrival[late]))
             iterations = 3
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        self.x = self.plant.corrected(self.x, self._outputs(signals, to_go))
+        kept = self.gains.memory
+        guess = kept * self.x + (1.0 - kept) * self._standing(signals, to_go)
+        self.x = self.plant.corrected(guess, self._outputs(signals, to_go))
         off = self.x - self.home
         shares = -(self.K @ off[:, :, None])[:, :, 0]
         far = np.einsum("ni,nij,nj->n", off, self.P, off) > self.reach
         if far.any():
-            self._improve(far, self.gains.iterations)
-            self.arrival[far & (self.missed > self.gains.allowed)] += 1.0
+            missed = self._improve(far, self.gains.iterations)
             shares[far] = self.plan[0][far]
-        return shares * self.limits
+            self.arrival[far] += missed > self.gains.allowed
+        return np.asarray(shares * self.limits)
 
     def applied(self, torques: Array) -> None:
         self.x = self.plant.advance(self.x, torques / self.limits)
@@ -147,23 +157,26 @@ class MPC(Controller):
     @property
     def _ends(self) -> Array:
         """Instants (H + 1,) at the ends of the plan's stages, periods from the episode's start."""
-        block = self.gains.block
-        return self.step + np.concatenate([[0.0], self.left + block * np.arange(self.gains.horizon)])
+        stages = np.arange(self.gains.horizon)
+        return self.step + np.concatenate([[0.0], self.left + self.gains.block * stages])
 
-    def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> None:
-        """Go on with the plans of some arms, from where they are."""
+    def _improve(self, chosen: NDArray[np.bool_], iterations: int) -> Array:
+        """Go on with the plans of some arms, from where they are; by how much they miss the goal at their arrival."""
         there = self._ends[:, None] >= self.arrival[chosen]
-        shares = self.gains.block * np.where(there, 1.0, self.gains.before)
-        weight = shares[:, :, None, None] * self.stage
+        weight = (self.gains.block * there)[:, :, None, None] * self.stage
         weight[-1] = self.P[chosen]
         cost = ilqr.Quadratic(self.home[chosen], weight)
         found = ilqr.solve(
             self.grids[self.left - 1], self.x[chosen], self.plan[:, chosen], [cost], self.effort, iterations=iterations
         )
         self.plan[:, chosen] = found.controls
-        at = np.minimum(np.argmax(there, axis=0), len(there) - 1)
-        off = found.states[at, np.arange(chosen.sum())] - self.home[chosen]
-        self.missed[chosen] = np.einsum("ni,nij,nj->n", off, self.P[chosen], off)
+        at = np.where(there.any(axis=0), np.argmax(there, axis=0), len(there) - 1)
+        off = found.states[at, np.arange(len(at))] - self.home[chosen]
+        return np.asarray(np.einsum("ni,nij,nj->n", off, self.P[chosen], off))
+
+    def _standing(self, signals: Signals, to_go: Array) -> Array:
+        """States (n, S) with what is read, the links bent by forces at their tips."""
+        return self.plant.corrected(self.plant.rest(self.goal - to_go), self._outputs(signals, to_go))
 
     def _outputs(self, signals: Signals, to_go: Array) -> Array:
         return np.concatenate([self.goal - to_go, signals.rates, signals.bends, signals.bend_rates], axis=1)

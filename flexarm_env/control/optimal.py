@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +45,13 @@ class Bounds:
 @dataclass
 class Motion:
     """controls (T, n, N): torques over their limits; states (T + 1, n, S); periods (n,): when each arm is there;
-    missed (n,): by how much limits are (see `TOLERANCE`)."""
+    missed (n,): by how much limits are (see `TOLERANCE`). ends (n,): periods behind which its controls are zero."""
 
     controls: Array
     states: Array
     periods: Counts
     missed: Array
+    ends: Counts
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -63,8 +63,12 @@ class Motion:
         return np.asarray(np.sum(self.controls**2, axis=(0, 2)) * dt)
 
 
+FALL = 0.9
+"""Share of the periods known to be enough that is tried next, as long as none are known to be too few."""
+
+
 def rates_of(plant: Dynamics) -> float:
-    """A rate that is large for the arm, 1/s: what its full hub torque makes of it, rigid and straight, in a turn of 1."""
+    """A rate that is large for the arm, 1/s: what full torque makes of a joint of the straight rigid arm in 1 rad."""
     arm = plant.arm
     assert arm.torque_limits is not None
     inertia = rigid_inertia(arm, np.zeros((1, arm.n_links - 1)))[0]
@@ -77,31 +81,33 @@ def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
     assert arm.torque_limits is not None
     inertia = rigid_inertia(arm, goal[:, 1:])
     load = np.abs(np.einsum("nij,nj->ni", inertia, goal - start)) / np.asarray(arm.torque_limits)
-    return np.maximum(1, np.ceil(2.0 * np.sqrt(load.max(axis=1)) / plant.period)).astype(np.int64)
+    return np.asarray(np.maximum(1, np.ceil(2.0 * np.sqrt(load.max(axis=1)) / plant.period)), np.int64)
 
 
 def optimise(
-    plant: Any, x: Array, controls: Array, costs: Sequence[ilqr.Cost], limits: Sequence[ilqr.Limits], effort: float,
-    *, rounds: int = 8, iterations: int = 12, torque: float = 1.0, growth: float = 5.0,
+    plant: ilqr.System, x: Array, controls: Array, costs: Sequence[ilqr.Cost], limits: Sequence[ilqr.Limits],
+    effort: float, *, rounds: int = 10, iterations: int = 10, torque: float = 1.0, growth: float = 5.0,
 ) -> tuple[ilqr.Solution, Array]:  # fmt: skip
-    """`ilqr.solve` with limits by multipliers: the solution, and by how much each arm (n,) misses its limits."""
+    """`ilqr.solve` with limits by multipliers: the solution, and by how much each arm (n,) misses its limits.
+
+    A round's violations that are not halved in the next ask for a larger penalty. It ends when every arm keeps its
+    limits, or has not come nearer to them for two rounds.
+    """
     weights = np.full(plant.n_inputs, effort)
-    missed = np.full(len(x), np.inf)
+    missed, stuck = np.full(len(x), np.inf), np.zeros(len(x), np.int64)
     for _ in range(rounds):
         found = ilqr.solve(
             plant, x, controls, [*costs, *limits], weights, iterations=iterations, tolerance=1e-4, bound=torque
         )
         controls = found.controls
-        worst = np.zeros(len(x))
-        for one in limits:
-            worst = np.maximum(worst, one.violation(found.states))
-            one.update(found.states)
-        if (worst <= 0.5 * TOLERANCE).all():
-            missed = worst
+        worst = np.max([one.violation(found.states) for one in limits], axis=0, initial=0.0)
+        slow = worst > 0.5 * missed
+        stuck, missed = np.where(worst < 0.9 * missed, 0, stuck + 1), worst
+        if ((missed <= 0.5 * TOLERANCE) | (stuck >= 2)).all():
             break
         for one in limits:
-            one.penalty = np.where(worst > 0.3 * missed, np.minimum(one.penalty * growth, 1e7), one.penalty)
-        missed = worst
+            one.update(found.states)
+            one.penalty = np.where(slow, np.minimum(one.penalty * growth, 1e7), one.penalty)
     return found, missed
 
 
@@ -160,13 +166,13 @@ def least_effort(
     when = np.full(n, total)
     limits = [arrive(plant, goal, when, total), *within(plant, own, n, total)]
     found, missed = optimise(plant, start, controls, [], limits, 1.0, torque=own.torque, rounds=14)
-    return Motion(found.controls, found.states, when, missed)
+    return Motion(found.controls, found.states, when, missed, when)
 
 
 def least_time(plant: Dynamics, start: Array, goal: Array, bounds: Bounds | None = None, most: int = 400) -> Motion:
     """From state to rest in the fewest control periods.
 
-    Arguments as for `least_effort`; most: periods. ValueError where an arm cannot be there in so many.
+    Arguments as for `least_effort`; most: control periods. ValueError where an arm cannot be there in so many.
     """
     own = bounds or Bounds()
     joints = plant.joints
@@ -176,14 +182,18 @@ def least_time(plant: Dynamics, start: Array, goal: Array, bounds: Bounds | None
         total, n = int(periods.max()), len(chosen)
         limits = [arrive(plant, goal[chosen], periods, total), *within(plant, own, n, total)]
         found, missed = optimise(plant, start[chosen], guess[:total], [], limits, 1e-2, torque=own.torque)
-        return Motion(found.controls, found.states, periods, missed)
+        return Motion(found.controls, found.states, periods, missed, periods)
 
-    return soonest(plant, start, high, tried, most)
+    motion = soonest(plant, start, high, tried, most)
+    if not motion.found.all():
+        arm = int(np.argmin(motion.found))
+        raise check.InvalidValue("most", most, f"must be more: arm {arm} is not there in so few control periods")
+    return motion
 
 
 def least_settling(
     plant: Dynamics, start: Array, goal: Array, off: Callable[[Array, NDArray[np.int64]], tuple[Array, Array]],
-    after: tuple[Array, Array], *, guess: Array, periods: Counts, tail: int, least: Counts, most: int = 400,
+    after: tuple[Array, Array], *, guess: Array, periods: Counts, tail: int, most: int = 400,
 ) -> Motion:  # fmt: skip
     """The motion after whose fewest periods the tip stays where it is to be.
 
@@ -206,57 +216,45 @@ def least_settling(
         high = np.where(there, 1.0 - 2.0 * TOLERANCE, np.inf)[:, :, None]
         band = ilqr.Limits(lambda x: off(x, chosen), np.full(high.shape, -np.inf), high, np.full(n, 10.0))
         costs = [ilqr.Quadratic(goal[chosen], weight)]
-        found, missed = optimise(plant, start[chosen], _padded(guess, total), costs, [band], 1e-2)
-        return Motion(found.controls, found.states, periods, missed)
+        controls = _padded(guess, total)
+        found, missed = optimise(plant, start[chosen], controls, costs, [band], 1e-2, rounds=7, iterations=7)
+        return Motion(found.controls, found.states, periods, missed, np.full(n, total))
 
-    return soonest(plant, start, periods, tried, most, _padded(guess, len(guess)), least, tail)
+    return soonest(plant, start, periods, tried, most, guess, tail)
 
 
 def soonest(
     plant: Dynamics, start: Array, high: Counts, tried: Callable[[Counts, Counts, Array], Motion], most: int,
-    guess: Array | None = None, low: Counts | None = None, tail: int = 0,
+    guess: Array | None = None, tail: int = 0,
 ) -> Motion:  # fmt: skip
     """The fewest periods of each arm for which `tried` finds a motion, by bisection.
 
     Args:
         start: states (n, S). high: periods (n,) to begin with. tried: (arms, periods, first guess) -> `Motion`.
-        most: periods. guess: first guess (T, n, N). low: periods (n,) known to be too few. tail: periods of a motion
-            that follow these.
-    Raises:
-        ValueError: an arm has none of at most `most` periods.
+        most: periods. guess: first guess (T, n, N). tail: periods of a motion that follow those which are counted.
+    An arm that has none of at most `most` periods has `periods` 0, and `missed` infinite.
     """
-    n, high = len(start), high.copy()
-    low = np.zeros(n, np.int64) if low is None else low.copy()
-    best = np.zeros((most + tail + 1, n, plant.n_inputs)) if guess is None else _padded(guess, most + tail + 1)
-    kept = Motion(best, np.zeros((1, n, plant.size)), np.zeros(n, np.int64), np.full(n, np.inf))
-    have = np.zeros(n, np.bool_)
-    aim = high.copy()
-    while True:
-        chosen = np.flatnonzero(high - low > 1) if have.all() else np.flatnonzero(~have | (high - low > 1))
-        if not chosen.size:
-            break
+    n = len(start)
+    controls = np.zeros((most + tail, n, plant.n_inputs))
+    best = controls.copy() if guess is None else _padded(guess, most + tail)
+    periods, ends, missed = np.zeros(n, np.int64), np.zeros(n, np.int64), np.full(n, np.inf)
+    low, aim = np.zeros(n, np.int64), np.minimum(high, most)
+    while (chosen := np.flatnonzero(aim > low)).size:
         motion = tried(chosen, aim[chosen], best[:, chosen])
         good = motion.found
-        for i, arm in enumerate(chosen):
+        for i, arm in enumerate(chosen.tolist()):
+            total = int(aim[arm])
             if good[i]:
-                have[arm], high[arm] = True, aim[arm]
-                total = motion.periods[i] + tail
-                kept.controls[:, arm] = 0.0
-                kept.controls[:total, arm] = motion.controls[:total, i]
-                kept.periods[arm], kept.missed[arm] = motion.periods[i], motion.missed[i]
-                best[:, arm] = kept.controls[:, arm]
+                ends[arm] = end = motion.ends[i]
+                controls[:end, arm], controls[end:, arm] = motion.controls[:end, i], 0.0
+                best[:, arm] = controls[:, arm]
+                periods[arm], missed[arm] = total, motion.missed[i]
+                aim[arm] = int(FALL * total) if low[arm] == 0 else (low[arm] + total) // 2
             else:
-                low[arm] = aim[arm]
-                if not have[arm]:
-                    if aim[arm] >= most:
-                        raise ValueError(f"most = {most}: arm {arm} is not there in so few control periods")
-                    high[arm] = min(most, int(1.25 * aim[arm]) + 1)
-            aim[arm] = (low[arm] + high[arm]) // 2 if have[arm] else high[arm]
-            if have[arm] and low[arm] == 0:
-                aim[arm] = min(high[arm] - 1, int(0.85 * high[arm]))
-    longest = int(kept.periods.max()) + tail
-    controls = kept.controls[:longest]
-    return Motion(controls, ilqr.rollout(plant, start, controls), kept.periods, kept.missed)
+                low[arm] = total
+                aim[arm] = (total + periods[arm]) // 2 if periods[arm] else min(most, int(total / FALL) + 1)
+    controls = controls[: max(1, int(ends.max()))]
+    return Motion(controls, ilqr.rollout(plant, start, controls), periods, missed, ends)
 
 
 def _padded(controls: Array, total: int) -> Array:
@@ -307,4 +305,4 @@ def follow(
             rounds=8 if limits else 1,
         )  # fmt: skip
         controls = found.controls
-    return Motion(found.controls, found.states, np.full(n, total), missed)
+    return Motion(found.controls, found.states, np.full(n, total), missed, np.full(n, total))

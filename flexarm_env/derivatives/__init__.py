@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 from .period import Arms, Jacobians
+from .rollouts import Gradient, Outcome, Rollout, rollout
 
-__all__ = ["Arms", "Jacobians"]
+__all__ = ["Arms", "Gradient", "Jacobians", "Outcome", "Rollout", "rollout"]

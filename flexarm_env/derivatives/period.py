@@ -19,11 +19,12 @@ from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of, record_sizes
 from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RATE, TORQUE_FACTOR
+from .rollouts import Rollout, rollout
 
 Array = NDArray[np.float64]
 
-MOST_AT_ONCE = 9
-"""Columns that go through a period side by side."""
+MOST_AT_ONCE = 3
+"""Columns that go side by side: more of them cost as much and take longer to compile."""
 
 
 class Jacobians(NamedTuple):
@@ -101,6 +102,7 @@ class Jacobians(NamedTuple):
         x = self._sizes[0]
         given = np.concatenate([state[:, :x], observation, reward[:, None]], axis=1)
         out = (given[:, None, :] @ self.moved)[:, 0]
+        out[~given.any(axis=1)] = 0.0  # nothing is asked, also of a solver that failed
         return np.concatenate([out[:, :x], state[:, x:]], axis=1), out[:, x:]
 
 
@@ -206,6 +208,10 @@ class Arms:
         self._run(derivative.step)
         return self._outcome()
 
+    def rollout(self, state: Array, actions: Array) -> Rollout:
+        """The periods from states (n, S) under actions (T, n, A), and derivatives through them: see `Rollout`."""
+        return rollout(self, state, actions)
+
     # --- derivatives -----------------------------------------------------------------------------
     def jacobians(self, state: Array, action: Array) -> Jacobians:
         """The same, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
@@ -235,8 +241,10 @@ class Arms:
         self._note_failures()
         by_state, by_action = self._rows("state_bar", self.state_size), self._rows("action_bar", self.action_size)
         by_action *= np.abs(asked) <= 1.0
+        lost = self.failed & (given.any(axis=1) | seen.any(axis=1) | (paid != 0.0))
         for values in (by_state, by_action):
-            values[self.failed] = np.nan
+            values[self.failed] = 0.0  # of an arm that is asked nothing, whatever became of it
+            values[lost] = np.nan
         return by_state, by_action
 
     def sights(self, state: Array) -> tuple[Array, Array]:
@@ -309,8 +317,6 @@ def _differentiable(made: Any) -> None:
         "history": plan.history > 1,
         "task": plan.task in ("track", "replay"),
         "step_tolerance": made.batch.program.models is not None,
-        "pushes": extras.pushes is not None,
-        "payload_change": extras.payload_change is not None,
         "pushes": extras.pushes is not None,
         "payload_change": extras.payload_change is not None,
         "multipliers": bool(plan.settings.multipliers),

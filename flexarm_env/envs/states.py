@@ -14,9 +14,11 @@ from .motion import Guide
 from .options import Plan
 
 if TYPE_CHECKING:
+    from ..linear.many import Linearizer as Linearizer
+    from ..linear.many import LinearModels as LinearModels
     from ..linear.state_space import LinearModel as LinearModel
 else:
-    LinearModel = Any
+    LinearModel = LinearModels = Linearizer = Any
 
 KEYS = ("arm", "generator", "seed", "guide")
 
@@ -71,3 +73,17 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
     simulation.work.q[:], simulation.work.v[:] = q, v
     simulation.set_torques(u)
     return linearize(simulation, discrete=discrete)
+
+
+def linear_models(
+    plan: Plan, batch: Batch, guides: dict[int, Guide], discrete: float | None, kept: dict[float | None, Linearizer]
+) -> LinearModels:
+    """Those of all arms; what makes them of elasticas is kept, by period."""
+    from ..linear.many import Linearizer, compiled, stacked
+
+    if guides or not compiled(batch.system):
+        return stacked([linear_model(plan, batch, i, guides.get(i), discrete) for i in range(batch.n)])
+    if discrete not in kept:
+        kept.clear()
+        kept[discrete] = Linearizer(batch.system, plan.settings, batch.n, batch.arm.n_links, discrete)
+    return kept[discrete](*batch.motions())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, overload
 
 import gymnasium as gym
 import numpy as np
@@ -22,7 +22,7 @@ from .options import Plan, plan
 from .resets import Request, begin, follow, guide_of, request_of
 from .single import F32, checked_action
 from .spec import Specified
-from .states import LinearModel, check_state, linear_model, put_state, state_of
+from .states import LinearModel, LinearModels, check_state, linear_model, linear_models, put_state, state_of
 from .task import Kind
 
 Array32 = NDArray[np.float32]
@@ -80,6 +80,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds: list[int] = [-1] * self.num_envs
         self._renderers: list[Any] = []
+        self._linear: dict[float | None, Any] = {}
         self._wall: Any = None
         self._begun = False
         self._ended: list[int] = []
@@ -313,8 +314,15 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
             indices = (int(indices),)
         return [check.integer(f"indices[{k}]", i, minimum=0, maximum=self.num_envs - 1) for k, i in enumerate(indices)]
 
-    def linearize(self, index: int, discrete: float | None = None) -> LinearModel:
-        """The linear model of one arm at its present state; see the single environment."""
+    @overload
+    def linearize(self, index: int, discrete: float | None = None) -> LinearModel: ...
+    @overload
+    def linearize(self, index: None = None, discrete: float | None = None) -> LinearModels: ...
+    def linearize(self, index: int | None = None, discrete: float | None = None) -> LinearModel | LinearModels:
+        """The linear model of one arm at its present state (see the single environment), or of all arms (None): of
+        elasticas with ideal joints in one compiled call."""
+        if index is None:
+            return linear_models(self.plan, self.batch, self._guides, discrete, self._linear)
         index = check.integer("index", index, minimum=0, maximum=self.num_envs - 1)
         return linear_model(self.plan, self.batch, index, self._guides.get(index), discrete)
 
@@ -344,7 +352,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return (value,) * len(chosen)
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_renderers": [], "_wall": None}
+        return vars(self) | {"_renderers": [], "_wall": None, "_linear": {}}
 
     # --- info ------------------------------------------------------------------------------------------
     def _mask(self, arms: Sequence[int]) -> Flags:

@@ -2,6 +2,7 @@
 
 from ..rest import NoEquilibrium
 from .equilibrium import Equilibrium, UnstableEquilibrium, static_equilibrium
+from .many import LinearModels
 from .stability import Stability
 from .state_space import LinearModel, linearize, set_state, state_of
 from .vibration import Modes, modes
@@ -9,6 +10,7 @@ from .vibration import Modes, modes
 __all__ = [
     "Equilibrium",
     "LinearModel",
+    "LinearModels",
     "Modes",
     "NoEquilibrium",
     "Stability",

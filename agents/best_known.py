@@ -1,0 +1,323 @@
+"""Best known settling: the episodes that policies are judged on, their torques optimised for the table's own measure.
+
+    python -m agents.best_known                          # both environments: about half an hour of one core
+    python -m agents.best_known --only slew --episodes 10
+
+For every episode the fewest control periods are sought after which the tip stays in its band to the end of the episode
+(`flexarm_env.control.optimal.least_settling`), from the receding-horizon controller's first plan; with two links from
+two of them: the elbow bent as the environment chooses it at the goal, and the other way. A plan is torques alone: it
+is played without feedback in the environment, where its settling is measured, and again on the converged exact beam.
+Nothing says that there is no quicker one.
+
+Done in lots of episodes; a lot that is in docs/results/optimal.json is kept, so that a run that was broken off goes on.
+Writes docs/results/optimal.{json,md}; `python -m agents.table` shows the policies' distance from it.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents import episodes as fixed
+from agents.arguments import parse
+from agents.families import ROOT
+from agents.runs import fail, read_json, versions, write_json, write_text
+from flexarm_env import control
+from flexarm_env.control import optimal
+from flexarm_env.control.dynamics import Dynamics, dynamics
+from flexarm_env.control.mpc import MPC, MPCGains, regulator, stage_weight
+
+Array = NDArray[np.float64]
+
+EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
+"""The converged exact beam, as in `agents.table`."""
+
+AFTER = MPCGains(10.0, 10.0, 10.0, 10.0)
+"""What a plan costs once the tip is in its band, and the regulator that holds the arm behind it."""
+
+
+GUESSED = {"slew": MPCGains(50.0, 50.0, 50.0, 50.0), "reach": MPCGains(50.0, 20.0, 20.0, 20.0)}
+"""Of the receding-horizon controller that plans begin with: eager, for the arm is the nominal one."""
+
+
+NEAR = 1.3
+"""A further first guess is followed up where it is there in less than so many times the best settling found before."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """An environment, its number of episodes, in lots of so many, and what plans look at after they have settled.
+
+    tail: control periods.
+    """
+
+    env: str
+    episodes: int
+    lot: int
+    tail: int
+
+
+CASES = {
+    "slew": Case("FlexibleArm-v0", 100, 50, 30),
+    "reach": Case("TwoLinkFlexArm-v0", 200, 40, 25),
+}
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.best_known` takes.
+
+    Args:
+        only: slew or reach; default both.
+        episodes: of each, in place of all (what is found is not written then).
+        results: folder of the page and its JSON.
+    """
+
+    only: str | None = None
+    episodes: int | None = None
+    results: Path = ROOT / "docs" / "results"
+
+
+class Played:
+    """Actions (T, n, N), whatever is observed."""
+
+    def __init__(self, actions: Array) -> None:
+        self.actions, self.step = actions.astype(np.float32), 0
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Begin."""
+        self.step = 0
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The next of them."""
+        self.step += 1
+        return self.actions[self.step - 1]
+
+
+class OtherWay(MPC):
+    """With the elbow bent the other way at the goal."""
+
+    def _goal(self, signals: Any) -> Array:
+        goal = super()._goal(signals)
+        first, second = (link.span for link in self.setup.arm.links)
+        bent = goal[:, 1]
+        turn = 2.0 * np.arctan2(second * np.sin(bent), first + second * np.cos(bent))
+        return np.stack([goal[:, 0] + turn, -bent], axis=1)
+
+
+@dataclass(frozen=True)
+class Lot:
+    """Episodes that are planned together: where they start, x (n, S), and where their tips are to be."""
+
+    plant: Dynamics
+    x: Array
+    target: Array
+    band: Array
+
+    def off(self, x: Array, arms: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Distance of the tip over its band, and its derivative: see `optimal.least_settling`."""
+        tip, slope = self.plant.tip(x)
+        target, band = self.target[arms], self.band[arms, None]
+        if self.target.ndim == 1:
+            angle = np.arctan2(tip[..., 1], tip[..., 0]) - target
+            off = (angle + np.pi) % (2.0 * np.pi) - np.pi
+            across = np.stack([-tip[..., 1], tip[..., 0]], axis=-1) / (tip**2).sum(-1)[..., None]
+            side = np.sign(off)[..., None] * across
+        else:
+            way = tip - target
+            off = np.sqrt((way**2).sum(-1) + 1e-18)
+            side = way / off[..., None]
+        return np.abs(off)[..., None] / band, np.einsum("...i,...is->...s", side, slope)[..., None, :] / band[..., None]
+
+
+def lot_of(env: Any, first: int) -> Lot:
+    """The episodes of an environment from this seed on."""
+    setup, batch = control.Setup.of(env), env.unwrapped.batch
+    plant = dynamics(setup.arm, setup.control_dt)
+    _, info = env.reset(seed=first)
+    x = np.array([np.concatenate(batch.motion(i)[:2]) for i in range(env.num_envs)])
+    target = np.array(info["target"])
+    if setup.task == "slew":
+        way = np.abs(target - x[:, 0])
+        return Lot(plant, x, target, np.maximum(fixed.SLEW_BAND * way, fixed.SLEW_BAND_LEAST))
+    return Lot(plant, x, target, np.full(len(x), fixed.REACH_BAND))
+
+
+class Guess(NamedTuple):
+    """actions (T, n, N), joint angles at the goal (n, N), control periods to be there (n,)."""
+
+    actions: Array
+    goal: Array
+    periods: NDArray[np.int64]
+
+
+def guesses(env: Any, first: int) -> dict[str, Guess]:
+    """First guesses by name: the plans with which the receding-horizon controller begins."""
+    setup = control.Setup.of(env)
+    made = {"elbow as chosen": MPC(setup, GUESSED[setup.task])}
+    if setup.task == "reach":
+        made["other elbow"] = OtherWay(setup, GUESSED[setup.task])
+    observation, _ = env.reset(seed=first)
+    found = {}
+    for name, controller in made.items():
+        controller.reset(observation)
+        actions = np.repeat(controller.plan, controller.gains.block, axis=0)
+        found[name] = Guess(actions, controller.goal.copy(), controller.arrival.astype(np.int64))
+    return found
+
+
+def planned(lot: Lot, case: Case, guess: Guess, limit: int) -> Array:
+    """Actions (limit, n, N) of whole episodes; a guess's own where nothing better is found."""
+    plant, goal = lot.plant, guess.goal
+    if plant.n_inputs == 1:
+        goal = lot.target[:, None]
+    home, arm, period = plant.rest(goal), plant.arm, plant.period
+    stage = stage_weight(arm, period, AFTER)
+    after = [regulator(arm, period, AFTER, tuple(angles[1:].tolist())) for angles in goal]
+    motion = optimal.least_settling(
+        plant, lot.x, home, lot.off, (stage, np.stack([r.P for r in after])), guess=guess.actions,
+        periods=guess.periods, tail=case.tail, most=limit // 2,
+    )  # fmt: skip
+    gains, x, out = np.stack([r.K for r in after]), lot.x, np.zeros((limit, len(goal), plant.n_inputs))
+    own = np.zeros(out.shape)
+    own[: len(guess.actions)] = guess.actions
+    own[: len(motion.controls), motion.found] = motion.controls[:, motion.found]
+    until = np.where(motion.found, motion.ends, guess.periods)
+    for k in range(limit):
+        regulated = np.clip(-np.einsum("nas,ns->na", gains, x - home), -1.0, 1.0)
+        out[k] = np.where((k < until)[:, None], own[k], regulated)
+        x = plant.advance(x, out[k])
+    return out
+
+
+def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
+    """What is kept of a lot: settling (s) by first guess; of the best in the environment and on the exact beam."""
+    began = time.process_time()
+    env = fixed.make_episodes(case.env, count)
+    limit = int(env.unwrapped.plan.limit)
+    lot = lot_of(env, first)
+    starts: dict[str, list[float | None]] = {}
+    best, actions = np.full(count, np.inf), np.zeros((limit, count, lot.plant.n_inputs))
+    for name, guess in guesses(env, first).items():
+        near = np.flatnonzero(guess.periods * lot.plant.period < NEAR * best)
+        starts[name] = [None] * count
+        if near.size:
+            part = Lot(lot.plant, lot.x[near], lot.target[near], lot.band[near])
+            plan = actions.copy()
+            own = Guess(guess.actions[:, near], guess.goal[near], guess.periods[near])
+            plan[:, near] = planned(part, case, own, limit)
+            settling = fixed.run(env, Played(plan), first).settling
+            for i in near.tolist():
+                starts[name][i] = float(settling[i])
+                if settling[i] < best[i]:
+                    best[i], actions[:, i] = settling[i], plan[:, i]
+    env.close()
+    outcomes = {}
+    for name, keywords in {"environment": {}, "exact": {"formulation": "geometrically_exact", **EXACT}}.items():
+        env = fixed.make_episodes(case.env, count, **keywords)
+        outcomes[name] = fixed.run(env, Played(actions), first)
+        env.close()
+    result = outcomes["environment"]
+    return {
+        "first": first, "count": count, "cpu_s": time.process_time() - began, "starts": starts,
+        "settling": result.settling.tolist(), "exact": outcomes["exact"].settling.tolist(),
+        "success": result.success.tolist(), "exact_success": outcomes["exact"].success.tolist(),
+        "effort": result.effort.tolist(),
+    }  # fmt: skip
+
+
+def joined(lots: list[Mapping[str, Any]]) -> dict[str, Any]:
+    """Numbers of all lots in a row."""
+    keys = ("settling", "exact", "success", "exact_success", "effort")
+    out: dict[str, Any] = {key: np.array([v for lot in lots for v in lot[key]]) for key in keys}
+    names = lots[0]["starts"]
+    out["starts"] = {name: np.array([v for lot in lots for v in lot["starts"][name]], np.float64) for name in names}
+    out["cpu_s"] = sum(float(lot["cpu_s"]) for lot in lots)
+    return out
+
+
+HEAD = f"""# Best known settling
+
+The episodes on which policies and controllers are judged ([](control.md)), their torques optimised for the table's own
+measure: the fewest control periods after which the tip stays in its band to the end of the episode
+(`flexarm_env.control.optimal.least_settling`: iLQR with limits on the elastica, with multipliers, by bisection over
+whole control periods). A plan is torques alone, played without feedback: in the environment, and on the converged exact
+beam (4 cubic elements a link, 1 ms). First guesses are first plans of `mpc`: of two links two, the elbow bent as the
+environment chooses it at the goal, and the other way (followed up where its plan is there in less than {NEAR} times the
+settling that the first led to). These are local optima: they bound the best settling
+from above, and nothing says that there is none quicker. Feedback is not in it: how far a policy may come for arms that
+are not nominal, this does not say.
+
+Written by `python -m agents.best_known`."""
+
+
+def page(content: Mapping[str, Any]) -> str:
+    """docs/results/optimal.md."""
+    made = " · ".join(f"{name}: {fact}" for name, fact in content["machine"].items())
+    lines = [HEAD, "", made, ""]
+    lines += [
+        "| environment | episodes | settling, median (s) | mean (s) | on the exact beam, median (s) | mean (s) "
+        "| success there | effort, median (s) | CPU (s) |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    spread = [
+        "", "First guesses, and how far they come out apart:", "",
+        "| environment | first guess | followed up | median (s) | behind the best, mean (s) | at most (s) | best in |",
+        "|---|---|---:|---:|---:|---:|---:|",
+    ]  # fmt: skip
+    for name, case in CASES.items():
+        if name not in content["lots"]:
+            continue
+        found = joined(list(content["lots"][name].values()))
+        best, exact = found["settling"], found["exact"]
+        lines.append(
+            f"| {case.env} | {len(best)} | {np.median(best):.2f} | {best.mean():.3f} | {np.median(exact):.2f} "
+            f"| {exact.mean():.3f} | {found['exact_success'].mean():.1%} | {np.median(found['effort']):.2f} "
+            f"| {found['cpu_s']:.0f} |"
+        )
+        for start, values in found["starts"].items():
+            tried = ~np.isnan(values)
+            behind = values[tried] - best[tried]
+            spread.append(
+                f"| {case.env} | {start} | {tried.sum()} | {np.median(values[tried]):.2f} | {behind.mean():.3f} "
+                f"| {behind.max():.2f} | {(behind < 1e-9).sum()} |"
+            )
+    return "\n".join([*lines, *spread]) + "\n"
+
+
+def main() -> int:
+    """Run the command."""
+    arguments = parse(Arguments, "python -m agents.best_known", __doc__)
+    path = arguments.results / "optimal.json"
+    try:
+        if arguments.only is not None and arguments.only not in CASES:
+            raise ValueError(f"--only {arguments.only}: must be one of {', '.join(CASES)}")
+        content = read_json(path) if path.exists() else {"lots": {}}
+        content["machine"] = {"date": date.today().isoformat(), **versions()}
+        for name in CASES if arguments.only is None else [arguments.only]:
+            case = CASES[name]
+            if arguments.episodes is not None:
+                print(page({**content, "lots": {name: {"0": solve_lot(case, fixed.TEST, arguments.episodes)}}}))
+                continue
+            lots = content["lots"].setdefault(name, {})
+            for first in range(0, case.episodes, case.lot):
+                if str(first) not in lots:
+                    lots[str(first)] = solve_lot(case, fixed.TEST + first, case.lot)
+                    print(f"{case.env}: {first + case.lot} of {case.episodes} episodes", flush=True)
+                    write_json(path, content)
+                    write_text(arguments.results / "optimal.md", page(content))
+    except ValueError as error:
+        return fail(error)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,280 @@
+"""Learning by gradients of the return: windows of control periods, differentiated through the arms, and a critic.
+
+After Xu et al. 2022 (Accelerated policy learning with parallel differentiable simulation): n arms act for a window of
+periods; what they are paid, discounted, and what the critic expects beyond, is differentiated by the policy's weights
+through all of the window's periods; the critic is fitted to what was paid. It has the form of a Stable-Baselines3
+algorithm: policies, checkpoints and all that reads them are those of PPO.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
+
+from agents.networks import of_policy
+from flexarm_env.derivatives import Arms
+
+Array = NDArray[np.float64]
+Array32 = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+SEEDS = (10**6, 2**31)
+"""Of training episodes: none that policies are judged on."""
+
+NOT_OF_ARMS = ("autoreset_mode", "num_envs", "vectorization_mode", "render_mode", "info_level")
+"""Keywords of a vector environment that say nothing of its arms."""
+
+
+@dataclass
+class Window:
+    """T control periods of n arms: lists of T entries.
+
+    states (n, S), seen (n, O): before each period; inputs: of the policy's layers; wanted, noise (n, A): actions before
+    they are clipped, and the part that was drawn. rewards (T, n): with what limits cost and failure's price; slopes
+    (n, O): of the former by what was seen after the period. ended, failed (T, n): no return is to be had beyond; the
+    solver failed. after (T, n, O): observations after each period.
+    """
+
+    states: list[Array]
+    seen: list[Array32]
+    inputs: list[list[Array32]]
+    wanted: list[Array32]
+    noise: list[Array32]
+    slopes: list[Array]
+    rewards: Array
+    ended: Flags
+    failed: Flags
+    after: Array32
+
+
+class Gradient(BaseAlgorithm):
+    """Short-horizon analytic policy gradient.
+
+    Args:
+        policy: "MlpPolicy". env: a vector environment of this package. learning_rate: of actor and critic.
+        n_steps: control periods of a window. batch_size, n_epochs: of the critic's fit in each window. gamma: discount.
+        gae_lambda: weight of longer returns in what the critic is fitted to. max_grad_norm: length that the actor's
+        gradient is cut to. limit_margin: rad before a joint's limit from which on it costs, up to `limit_cost` a period
+        at the limit (where an episode ends, returns jump, and no derivative says so). policy_kwargs, seed, verbose,
+        device, tensorboard_log: as PPO's.
+    """
+
+    policy_aliases: ClassVar = {"MlpPolicy": ActorCriticPolicy}
+
+    def __init__(
+        self, policy: Any, env: Any, learning_rate: Any = 4e-3, n_steps: int = 32, batch_size: int = 512,
+        n_epochs: int = 2, gamma: float = 0.98, gae_lambda: float = 0.95, max_grad_norm: float = 10.0,
+        limit_margin: float = 0.3, limit_cost: float = 1.0, policy_kwargs: dict[str, Any] | None = None,
+        tensorboard_log: str | None = None, verbose: int = 0, seed: int | None = None, device: Any = "cpu",
+        _init_setup_model: bool = True,
+    ) -> None:  # fmt: skip
+        super().__init__(
+            policy, env, learning_rate, policy_kwargs=policy_kwargs, tensorboard_log=tensorboard_log, verbose=verbose,
+            device=device, support_multi_env=True, seed=seed,
+        )  # fmt: skip
+        self.n_steps, self.batch_size, self.n_epochs = n_steps, batch_size, n_epochs
+        self.gamma, self.gae_lambda, self.max_grad_norm = gamma, gae_lambda, max_grad_norm
+        self.limit_margin, self.limit_cost = limit_margin, limit_cost
+        self.memories: tuple[Array, Array] | None = None
+        self.state: Array | None = None
+        if _init_setup_model:
+            self._setup_model()
+
+    # --- set up, saved, loaded -------------------------------------------------------------------------
+    def _setup_model(self) -> None:
+        self._setup_lr_schedule()
+        self.set_random_seed(self.seed)
+        self.policy = self.policy_class(
+            self.observation_space, self.action_space, self.lr_schedule, **self.policy_kwargs
+        )  # fmt: skip
+        self.actor, self.critic = of_policy(self.policy)
+        if self.memories is not None:  # loaded
+            for network, memory in zip((self.actor, self.critic), self.memories, strict=True):
+                network.parameters.memory[:] = memory
+        self.memories = self.actor.parameters.memory, self.critic.parameters.memory
+        if self.env is not None:
+            self._setup_arms()
+
+    def _setup_arms(self) -> None:
+        """Arms like those of the environment; what is compiled, is now."""
+        spec = self.env.unwrapped.env.spec
+        keywords = {k: v for k, v in spec.kwargs.items() if k not in NOT_OF_ARMS}
+        self.arms = Arms(spec.id, self.n_envs, **keywords)
+        plan = self.arms.environment.plan
+        self.limit, self.price = int(plan.limit), float(plan.rewards[-1])
+        self.margins = [
+            (plan.names.index(f"{name}_sin"), plan.names.index(f"{name}_cos"), *limits)
+            for name, limits in zip(plan.arm.joint_names, plan.arm.joint_limits or (), strict=False)
+            if limits is not None and self.limit_cost > 0.0
+        ]
+        if self.state is None:
+            self.rng = np.random.default_rng(self.seed)
+            self.state = self.arms.reset(seed=self._seeds(self.n_envs))
+            self.ages = self.rng.permutation(np.arange(self.n_envs) * self.limit // self.n_envs)
+            self.returns = np.zeros(self.n_envs)
+        still = np.zeros((self.n_envs, self.arms.action_size))
+        self.arms.step(self.state, still)
+        self.arms.pull(self.state, still, self.state, self.arms.observe(self.state), self.returns)
+
+    def _seeds(self, count: int) -> list[int]:
+        return [int(seed) for seed in self.rng.integers(*SEEDS, size=count)]
+
+    def _excluded_save_params(self) -> list[str]:
+        """What is made anew when it is loaded."""
+        return [*super()._excluded_save_params(), "arms", "actor", "critic"]
+
+    # --- learning --------------------------------------------------------------------------------------
+    def learn(
+        self, total_timesteps: int, callback: Any = None, log_interval: int = 100, tb_log_name: str = "gradient",
+        reset_num_timesteps: bool = True, progress_bar: bool = False,
+    ) -> Gradient:  # fmt: skip
+        """Go on for so many environment steps, in whole windows."""
+        if reset_num_timesteps:
+            self.num_timesteps = 0
+        self._total_timesteps = self.num_timesteps + total_timesteps
+        self.ep_info_buffer = self.ep_info_buffer or deque(maxlen=self._stats_window_size)
+        callback = self._init_callback(callback, progress_bar)
+        callback.on_training_start(locals(), globals())
+        while self.num_timesteps < self._total_timesteps:
+            callback.on_rollout_start()
+            window = self._act()
+            self.num_timesteps += self.n_envs * self.n_steps
+            if not callback.on_step():
+                break
+            rate = float(self.lr_schedule(self._current_progress_remaining))
+            self._improve(window, rate)
+            self._fit(window, rate)
+            self._update_current_progress_remaining(self.num_timesteps, self._total_timesteps)
+        callback.on_training_end()
+        return self
+
+    def _act(self) -> Window:
+        """A window of all arms; those that have come to an end begin anew."""
+        assert self.state is not None
+        arms, n, steps = self.arms, self.n_envs, self.n_steps
+        self._begin_anew(self.ages >= self.limit)
+        shape = steps, n
+        window = Window(
+            [], [], [], [], [], [], np.zeros(shape), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_),
+            np.zeros((*shape, arms.observation_size), np.float32),
+        )  # fmt: skip
+        std = np.exp(self.actor.more[0])
+        seen = arms.observe(self.state).astype(np.float32)
+        for k in range(steps):
+            mean, inputs = self.actor.forward(seen)
+            noise = std * self.rng.standard_normal(mean.shape, np.float32)
+            wanted = mean + noise
+            window.states.append(self.state)
+            window.seen.append(seen)
+            window.inputs.append(inputs)
+            window.wanted.append(wanted)
+            window.noise.append(noise)
+            self.state, after, reward = arms.step(self.state, np.clip(wanted, -1.0, 1.0))
+            failed, ended = arms.failed, arms.failed | arms.past
+            if failed.any():
+                after[failed], reward[failed] = 0.0, 0.0
+            cost, slopes = self._near_limits(after)
+            window.slopes.append(slopes)
+            reward = reward - self.price * ended
+            seen = after.astype(np.float32)
+            window.rewards[k], window.after[k] = reward - cost, seen
+            window.ended[k], window.failed[k] = ended, failed
+            self.ages += 1
+            self.returns += reward
+            if ended.any():
+                self._begin_anew(ended)
+                seen = arms.observe(self.state).astype(np.float32)
+        return window
+
+    def _begin_anew(self, chosen: Flags) -> None:
+        """Fresh starts of these arms."""
+        if chosen.any():
+            for k in np.flatnonzero(chosen).tolist():
+                self.ep_info_buffer.append({"r": float(self.returns[k]), "l": int(self.ages[k]), "t": 0.0})
+            seeds: list[int | None] = [None] * self.n_envs
+            for k, seed in zip(np.flatnonzero(chosen).tolist(), self._seeds(int(chosen.sum())), strict=True):
+                seeds[k] = seed
+            fresh = self.arms.reset(seed=seeds, options={"reset_mask": chosen})
+            self.state = np.where(chosen[:, None], fresh, self.state)
+            self.ages, self.returns = np.where(chosen, 0, self.ages), np.where(chosen, 0.0, self.returns)
+
+    def _near_limits(self, seen: Array) -> tuple[Array, Array]:
+        """What joints near their limits cost (n,), and the slopes (n, O) of minus that by what is seen."""
+        cost, slopes = np.zeros(self.n_envs), np.zeros(seen.shape)
+        for sine, cosine, low, high in self.margins:
+            s, c = seen[:, sine], seen[:, cosine]
+            angle = np.arctan2(s, c)
+            above, below = angle - high, low - angle
+            over = np.clip(np.maximum(above, below) / self.limit_margin + 1.0, 0.0, 2.0)
+            cost += self.limit_cost * over * over
+            slope = np.where(above > below, -2.0, 2.0) * (self.limit_cost / self.limit_margin) * over
+            slopes[:, sine] += slope * c
+            slopes[:, cosine] -= slope * s
+        return cost, slopes
+
+    def _improve(self, window: Window, rate: float) -> None:
+        """A step of the actor along the gradient of what the window's arms are paid, and of the critic's beyond it."""
+        n, steps = self.n_envs, self.n_steps
+        weights = np.ones((steps + 1, n))  # discount: from the window's beginning, or from an episode's
+        for k in range(steps):
+            weights[k + 1] = np.where(window.ended[k], 1.0, weights[k] * self.gamma)
+        by_state = np.zeros((n, self.arms.state_size))
+        inputs = self.critic.forward(window.after[-1])[1]
+        by_seen = self.critic.backward(np.ones((n, 1), np.float32), inputs)[0] * weights[-1][:, None]
+        slopes: list[list[Array32]] = []
+        spread = np.zeros_like(self.actor.more[0])
+        for k in reversed(range(steps)):
+            on, wanted = ~window.ended[k][:, None], window.wanted[k]
+            weight = np.where(window.failed[k], 0.0, weights[k])
+            by_seen = by_seen * on + window.slopes[k] * weight[:, None]
+            by_state, by_action = self.arms.pull(
+                window.states[k], np.clip(wanted, -1.0, 1.0), by_state * on, by_seen, weight
+            )  # fmt: skip
+            free = (np.abs(wanted) < 1.0) | (by_action * wanted < 0.0)  # beyond the limits: the way back alone
+            slope = np.where(free, by_action, 0.0).astype(np.float32)
+            by_seen, each = self.actor.backward(slope, window.inputs[k])
+            slopes.append(each)
+            spread += (slope * window.noise[k]).sum(axis=0)
+        slopes.reverse()
+        self.actor.note(*(_joined(rows) for rows in (window.inputs, slopes)))
+        self.actor.more_slopes[0][:] = spread
+        self.actor.parameters.gradient *= np.float32(-1.0 / n)
+        self.actor.parameters.descend(rate, self.max_grad_norm)
+
+    def _fit(self, window: Window, rate: float) -> None:
+        """Some steps of the critic towards what the window's arms were paid."""
+        wanted = self._paid(window).reshape(-1, 1).astype(np.float32)
+        seen = np.concatenate(window.seen)
+        for _ in range(self.n_epochs):
+            order = self.rng.permutation(len(seen))
+            for first in range(0, len(order) - self.batch_size + 1, self.batch_size):
+                rows = order[first : first + self.batch_size]
+                found, inputs = self.critic.forward(seen[rows])
+                slopes = self.critic.backward((found - wanted[rows]) * np.float32(2.0 / len(rows)), inputs)[1]
+                self.critic.note(inputs, slopes)
+                self.critic.parameters.descend(rate)
+
+    def _paid(self, window: Window) -> Array:
+        """Discounted returns (T, n) from each period on: TD(lambda)."""
+        entries = window.after.shape[-1]
+        expected = self.critic.forward(window.after.reshape(-1, entries))[0].reshape(window.rewards.shape)
+        paid, beyond = np.zeros(window.rewards.shape), expected[-1].astype(np.float64)
+        for k in reversed(range(self.n_steps)):
+            mixed = (1.0 - self.gae_lambda) * expected[k] + self.gae_lambda * beyond
+            beyond = window.rewards[k] + self.gamma * np.where(window.ended[k], 0.0, mixed)
+            paid[k] = beyond
+        return paid
+
+
+def _joined(rows: list[list[Array32]]) -> list[Array32]:
+    """Layer by layer, all periods' rows in one array."""
+    return [np.concatenate(layer) for layer in zip(*rows, strict=True)]
+
+
+__all__ = ["Gradient"]

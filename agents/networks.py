@@ -1,0 +1,119 @@
+"""Small networks in NumPy, forwards and backwards, in the memory of PyTorch's own parameters.
+
+Of networks this small PyTorch's single operations cost more than their arithmetic. What is learned here stands in the
+parameters of a PyTorch module all the time, which is saved, loaded and asked for actions as any other.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array32 = NDArray[np.float32]
+
+DECAY, SQUARES, FLOOR = 0.9, 0.999, 1e-5
+"""Of Adam (Kingma & Ba 2015): shares kept of the gradient's mean and of its squares; what keeps from dividing by 0."""
+
+
+class Parameters:
+    """Parameters of PyTorch in one array, which they share from here on.
+
+    Attributes:
+        values (n,): of all. gradient (n,): to be filled. memory (2 n + 1,): Adam's means, and how many steps it took.
+    """
+
+    def __init__(self, tensors: list[Any]) -> None:
+        import torch
+
+        sizes = [tensor.numel() for tensor in tensors]
+        self.values = np.concatenate([tensor.detach().numpy().ravel() for tensor in tensors])
+        self.gradient = np.zeros_like(self.values)
+        self.memory = np.zeros(2 * len(self.values) + 1)
+        ends = np.cumsum(sizes)
+        self._slices = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
+        for tensor, own in zip(tensors, self._slices, strict=True):
+            tensor.data = torch.from_numpy(self.values[own]).view(tensor.shape)
+        self._shapes = [tuple(tensor.shape) for tensor in tensors]
+
+    def views(self, of: Array32) -> list[Array32]:
+        """`values`, or another array like it, in the parameters' shapes."""
+        return [of[own].reshape(shape) for own, shape in zip(self._slices, self._shapes, strict=True)]
+
+    def descend(self, rate: float, most: float | None = None) -> float:
+        """A step of Adam along the gradient, no longer than `most`; returns how long the gradient was."""
+        size = len(self.values)
+        mean, square = self.memory[:size], self.memory[size:-1]
+        g = self.gradient
+        length = float(np.sqrt(np.dot(g, g)))
+        if not np.isfinite(length):
+            return length
+        if most is not None and length > most:
+            g = g * np.float32(most / length)
+        self.memory[-1] += 1.0
+        count = self.memory[-1]
+        mean += (1.0 - DECAY) * (g - mean)
+        square += (1.0 - SQUARES) * (g * g - square)
+        self.values -= rate * (mean / (1.0 - DECAY**count)) / (np.sqrt(square / (1.0 - SQUARES**count)) + FLOOR)
+        return length
+
+
+class Network:
+    """A chain of linear layers with Tanh or ReLU between them.
+
+    Args:
+        layers: torch.nn.Linear, from the observation on. relu: rather than tanh. more: further parameters that are
+            learned with them.
+    """
+
+    def __init__(self, layers: list[Any], relu: bool, more: tuple[Any, ...] = ()) -> None:
+        self.parameters = Parameters([t for layer in layers for t in (layer.weight, layer.bias)] + list(more))
+        self.relu, count = relu, 2 * len(layers)
+        values, slopes = (self.parameters.views(x) for x in (self.parameters.values, self.parameters.gradient))
+        self.weights, self.biases = values[0:count:2], values[1:count:2]
+        self.more, self.more_slopes = values[count:], slopes[count:]
+        self._slopes = list(zip(slopes[0:count:2], slopes[1:count:2], strict=True))
+
+    def forward(self, x: Array32) -> tuple[Array32, list[Array32]]:
+        """Output (n, out) for inputs (n, in), and what goes into each layer."""
+        inputs = [x]
+        for w, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = x @ w.T
+            x += b
+            np.maximum(x, 0.0, out=x) if self.relu else np.tanh(x, out=x)
+            inputs.append(x)
+        return x @ self.weights[-1].T + self.biases[-1], inputs
+
+    def backward(self, slope: Array32, inputs: list[Array32]) -> tuple[Array32, list[Array32]]:
+        """From slopes (n, out) by the output: those by the input (n, in), and by each layer's output."""
+        slopes = [slope]
+        for k in range(len(self.weights) - 1, 0, -1):
+            slope = slope @ self.weights[k]
+            slope *= (inputs[k] > 0.0) if self.relu else 1.0 - inputs[k] * inputs[k]
+            slopes.append(slope)
+        return slope @ self.weights[0], slopes[::-1]
+
+    def note(self, inputs: list[Array32], slopes: list[Array32]) -> None:
+        """The gradient by weights and biases, summed over rows, into `parameters.gradient`."""
+        for (w, b), x, slope in zip(self._slopes, inputs, slopes, strict=True):
+            np.matmul(slope.T, x, out=w)
+            slope.sum(axis=0, out=b)
+
+
+def of_policy(policy: Any) -> tuple[Network, Network]:
+    """Actor, with the logarithm of its standard deviation, and critic of a Stable-Baselines3 actor-critic policy.
+
+    ValueError for networks with other activations than Tanh or ReLU.
+    """
+    from torch import nn
+
+    parts = policy.mlp_extractor.policy_net, policy.mlp_extractor.value_net
+    found = []
+    for part, head, more in zip(parts, (policy.action_net, policy.value_net), ((policy.log_std,), ()), strict=True):
+        kinds = {type(layer) for layer in part if not isinstance(layer, nn.Linear)}
+        if kinds - {nn.Tanh, nn.ReLU} or len(kinds) > 1:
+            raise ValueError(f"policy_kwargs.activation_fn: must be Tanh or ReLU, not {kinds}")
+        layers = [layer for layer in (*part, head) if isinstance(layer, nn.Linear)]
+        found.append(Network(layers, nn.ReLU in kinds, more))
+    return found[0], found[1]

@@ -1,0 +1,116 @@
+"""Linear models of many arms alike in one compiled call: of elasticas with ideal joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..compiler import SINGLE, WIDEST, Placed, dual, entry, size, uncompiled
+from ..physics import assembly
+from ..physics.integrator.work import work_size
+from ..physics.model import Elastica, System
+from ..runtime import linearized
+from ..runtime.layout import aligned
+from ..settings import Settings
+from ..tasks.program import PARAMETERS
+from .state_space import LinearModel
+
+Array = NDArray[np.float64]
+
+AT_ONCE = 3
+"""Columns that go side by side."""
+
+
+@dataclass(frozen=True)
+class LinearModels:
+    """`LinearModel` of each of k arms: the same attributes, arrays with the arms in front; `growing` is not looked at.
+
+    An arm whose solver fails within the period has NaN.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    x: Array = field(repr=False)
+    u: Array = field(repr=False)
+    y: Array = field(repr=False)
+    rate: Array = field(repr=False)
+    dt: float | None
+
+    def __len__(self) -> int:
+        return len(self.A)
+
+
+def stacked(models: Sequence[LinearModel]) -> LinearModels:
+    """Models of arms alike in one."""
+    first = models[0]
+    arrays = {k: np.stack([getattr(model, k) for model in models]) for k in ("A", "B", "C", "D", "x", "u", "y", "rate")}
+    return LinearModels(**arrays, states=first.states, inputs=first.inputs, outputs=first.outputs, dt=first.dt)
+
+
+def compiled(system: System) -> bool:
+    """Whether there is a `Linearizer` for an arm."""
+    model = system.model
+    own = isinstance(model, Elastica) and isinstance(model.n, tuple) and model.root is None and model.loads is None
+    return own and WIDEST is not SINGLE
+
+
+class Linearizer:
+    """What makes linear models of n arms of a kind: a system, its settings (with dt), the period (None: continuous)."""
+
+    def __init__(self, system: System, settings: Settings, n: int, links: int, discrete: float | None) -> None:
+        assert settings.dt is not None
+        model = system.model if discrete is not None else assembly.physical(system.model)
+        lanes = len(WIDEST)
+        if discrete is not None:
+            discrete = check.number("discrete", discrete, "s", above=0.0)
+        self.system, self.links, self.n, self.discrete = system, links, n, discrete
+        rows = size(model.n)
+        steps = 0 if discrete is None else max(1, math.ceil(discrete / settings.dt * (1.0 - 1e-9)))
+        columns, shown = 2 * rows + links, int(uncompiled(linearized.outputs_of)(links))
+        wide, work = dual(WIDEST, AT_ONCE), int(uncompiled(work_size)(1, model, 0))
+        chunks, room = -(-columns // AT_ONCE), uncompiled(linearized.room)
+        self._shape = (n, 2 * rows + shown, columns)
+        self._rows = linearized.Linearization(
+            lane=WIDEST, dual=wide, model=model, scheme=assembly.scheme_of(settings), links=(0,) * links,
+            h=settings.dt if discrete is None else discrete / steps, n_steps=steps, n=n, work=work,
+            z=np.zeros(n * columns), par=np.zeros(n * PARAMETERS), after=np.zeros(n * 2 * rows),
+            outputs=np.zeros(n * shown), slopes=np.zeros(math.prod(self._shape)),
+            block=aligned(1, room(work * lanes, lanes, links)).reshape(-1),
+            scratch=aligned(chunks, room(work * len(wide), len(wide), links)).reshape(-1),
+        )  # fmt: skip
+        self._placed = Placed(self._rows)
+        self._made = entry(linearized.linearize, self._placed, 0, 0)
+
+    def __call__(self, q: Array, v: Array, u: Array, par: Array) -> LinearModels:
+        """At coordinates and rates (n, rows), torques (n, N), parameters (n, 4)."""
+        d, n = self._rows, self.n
+        d.z.reshape(n, -1)[:] = np.concatenate([q, v, u], axis=1)
+        d.par.reshape(n, -1)[:] = par
+        self._made(self._placed.address, 0, -(-n // len(d.lane)))
+        half = q.shape[1]
+        slopes = d.slopes.reshape(self._shape)
+        after = d.after.reshape(n, -1).copy()
+        A, B = slopes[:, : 2 * half, : 2 * half].copy(), slopes[:, : 2 * half, 2 * half :].copy()
+        lost = np.isnan(after).any(axis=1)
+        for values in (A, B, after):
+            values[lost] = np.nan
+        given = {row: name for name, row in self.system.coordinates.items()}
+        names = [given.get(row, self.system.names[row]) for row in range(half)]
+        links = range(self.links)
+        shown = [f"{what}{k}{end}" for what in ("joint", "deflection") for end in ("", "_rate") for k in links]
+        return LinearModels(
+            A, B, slopes[:, 2 * half :, : 2 * half].copy(), np.zeros((n, len(shown) + 2, self.links)),
+            states=(*names, *(f"{name}_rate" for name in names)), inputs=tuple(f"torque{k}" for k in links),
+            outputs=(*shown, "tip_x", "tip_y"), x=np.concatenate([q, v], axis=1), u=u.copy(),
+            y=d.outputs.reshape(n, -1).copy(), rate=after, dt=self.discrete,
+        )  # fmt: skip

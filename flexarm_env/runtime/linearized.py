@@ -1,0 +1,198 @@
+"""Linear models of many arms at once: accelerations, or the state a period later, and what is read off, with slopes.
+
+Of elasticas with ideal joints, whose coordinates are independent and whose accelerations follow from them: a state is
+q, then v. Torques are held.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..compiler import arms, follow, kernel, load, size, splat, store
+from ..physics.integrator.newton import slopes_of
+from ..physics.integrator.start import restart
+from ..physics.integrator.step import advance
+from ..physics.integrator.tangents import copy_state, prepare, restart_tangents, step_tangents
+from ..physics.integrator.work import unpack
+from ..physics.layout import POSE
+from ..physics.protocol import link_poses, ports
+from ..tasks.program import PARAMETERS
+from ..tasks.task import deflection
+
+
+class Linearization(NamedTuple):
+    """Rows of n arms of N links: z = (q, v, torques), m numbers of which the state has s; p outputs."""
+
+    lane: tuple[int, ...]
+    dual: tuple[int, ...]
+    model: Any
+    scheme: Any
+    links: tuple[int, ...]
+    h: float  # s
+    n_steps: int  # 0: rates in place of a period
+    n: int
+    work: int  # numbers of a work array, per number of the tag
+    z: np.ndarray  # (n m,)
+    par: np.ndarray  # (n PARAMETERS,)
+    after: np.ndarray  # (n s,): rates, or the state a period later
+    outputs: np.ndarray  # (n p,)
+    slopes: np.ndarray  # (n (s + p) m,) of these
+    block: np.ndarray
+    scratch: np.ndarray  # dual
+
+
+@kernel
+def outputs_of(n):
+    """Numbers read off an arm of n links: joint angles, rates, deflections, rates, the tip."""
+    return 4 * n + 2
+
+
+@kernel
+def linearize(address, first, last):
+    """The models of groups first ... last - 1."""
+    d = follow(address)
+    at_once = len(d.dual) // len(d.lane) - 1
+    for g in range(first, last):
+        _group(d.lane, d.dual, d, g, at_once)
+    return 0
+
+
+@kernel
+def room(work, lanes, links):
+    """Numbers of a block: a work array, parameters, poses and outputs."""
+    return work + (PARAMETERS + POSE.end * links + outputs_of(links)) * lanes
+
+
+@kernel
+def _par(lane, d, block):
+    return block[d.work * len(lane) : (d.work + PARAMETERS) * len(lane)]
+
+
+@kernel
+def _read_off(lane, d, block, w):
+    """Outputs, behind the poses."""
+    links = size(d.links)
+    poses = block[(d.work + PARAMETERS) * len(lane) :]
+    out = poses[POSE.end * links * len(lane) :]
+    link_poses(lane, d.model, _par(lane, d, block), w.q, w.v, poses)
+    for k in range(links):
+        normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
+        store(out, 2 * links + k, normal)
+        store(out, 3 * links + k, rate)
+    tip = POSE.end * (links - 1) + POSE.tip_x
+    store(out, 4 * links, load(lane, poses, tip))
+    store(out, 4 * links + 1, load(lane, poses, tip + 1))
+    for rates in range(2):
+        ports(lane, d.model, _par(lane, d, block), w.v if rates else w.q, w.y)
+        for k in range(links):
+            store(out, rates * links + k, load(lane, w.y, k))
+
+
+@kernel
+def _fill(lane, d, g, block, w):
+    """State, torques and parameters of group g; lanes without an arm are like the first."""
+    n, links = size(d.model.n), size(d.links)
+    par, zero = _par(lane, d, block), splat(lane, 0.0)
+    for k in range(n):
+        store(w.q, k, zero)
+        store(w.v, k, zero)
+    for k in range(links):
+        store(w.u, k, zero)
+    for k in range(PARAMETERS):
+        store(par, k, zero)
+    for i in range(arms(lane)):
+        arm = g * arms(lane) + i
+        if arm >= d.n:
+            arm = g * arms(lane)
+        first = arm * (2 * n + links)
+        for k in range(n):
+            w.q[k * len(lane) + i] = d.z[first + k]
+            w.v[k * len(lane) + i] = d.z[first + n + k]
+        for k in range(links):
+            w.u[k * len(lane) + i] = d.z[first + 2 * n + k]
+        for k in range(PARAMETERS):
+            par[k * len(lane) + i] = d.par[arm * PARAMETERS + k]
+    store(w.flag, 0, zero)
+
+
+@kernel
+def _seed(lane, d, j, count, x):
+    """Tangents of 1 for `count` columns from j on."""
+    n = size(d.model.n)
+    for c in range(count):
+        k, at = j + c, (1 + c) * arms(lane)
+        for i in range(at, at + arms(lane)):
+            if k < n:
+                x.q[k * len(lane) + i] = 1.0
+            elif k < 2 * n:
+                x.v[(k - n) * len(lane) + i] = 1.0
+            else:
+                x.u[(k - 2 * n) * len(lane) + i] = 1.0
+
+
+@kernel
+def _group(lane, wide, d, g, at_once):
+    model, n, links = d.model, size(d.model.n), size(d.links)
+    block = d.block
+    w, par = unpack(lane, model, block, 0), _par(lane, d, block)
+    columns, length = 2 * n + links, room(d.work * len(wide), len(wide), links)
+    _fill(lane, d, g, block, w)
+    _read_off(lane, d, block, w)
+    restart(lane, model, None, par, block, 0, 0.0, d.h, True)
+    for j in range(0, columns, at_once):
+        both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
+        x = unpack(wide, model, both, 0)
+        _fill(wide, d, g, both, x)
+        _seed(wide, d, j, min(at_once, columns - j), x)
+        _read_off(wide, d, both, x)
+        restart_tangents(lane, wide, model, _par(wide, d, both), w, x)
+        for k in range(n):
+            store(x.a, k, load(wide, x.r, k))
+            store(x.b, k, load(wide, x.r, k))
+    slopes = slopes_of(d.scheme, d.h)
+    for _ in range(d.n_steps):
+        advance(lane, model, None, par, block, 0, 0.0, d.h, 1, d.scheme, None)
+        prepare(lane, model, par, w, slopes)
+        for j in range(0, columns, at_once):
+            both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
+            x = unpack(wide, model, both, 0)
+            step_tangents(lane, wide, model, _par(wide, d, both), w, x, slopes, d.scheme)
+    for j in range(0, columns, at_once):
+        both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
+        x = unpack(wide, model, both, 0)
+        copy_state(lane, wide, model, w, x)
+        if d.n_steps > 0:
+            _tell(wide, d, g, j, min(at_once, columns - j), x.q, x.v, both, w.flag)
+        else:
+            _tell(wide, d, g, j, min(at_once, columns - j), x.v, x.a, both, w.flag)
+
+
+@kernel
+def _tell(lane, d, g, j, count, upper, lower, both, flag):
+    """Columns from j on, and the values."""
+    n, links = size(d.model.n), size(d.links)
+    shown, columns = outputs_of(links), 2 * n + links
+    out = both[(d.work + PARAMETERS + POSE.end * links) * len(lane) :]
+    for i in range(arms(lane)):
+        arm = g * arms(lane) + i
+        if arm < d.n:
+            for k in range(2 * n + shown):
+                first = arm * (2 * n + shown) * columns + k * columns + j
+                for c in range(1 + count):
+                    at = c * arms(lane) + i
+                    if k < n:
+                        value = upper[k * len(lane) + at]
+                    elif k < 2 * n:
+                        value = lower[(k - n) * len(lane) + at]
+                    else:
+                        value = out[(k - 2 * n) * len(lane) + at]
+                    if c > 0:
+                        d.slopes[first + c - 1] = value
+                    elif k < 2 * n:
+                        d.after[arm * 2 * n + k] = value
+                    else:
+                        d.outputs[arm * shown + k - 2 * n] = value
+            if flag[i] != 0.0:
+                d.after[arm * 2 * n] = np.nan

@@ -1,0 +1,191 @@
+"""Optimal control: against Riccati, against known times, and what plans and the receding horizon promise."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+import flexarm_env  # noqa: F401  (registers the environments)
+from flexarm_env import Arm, Link, Section, arms, control
+from flexarm_env.control import ilqr, optimal, time_optimal
+from flexarm_env.control.arm_model import arm_model
+from flexarm_env.control.dynamics import dynamics
+
+STRIP, TWO = arms.named("strip"), arms.named("de_luca_siciliano")
+DT = 0.02
+
+
+class Linear:
+    """x' = A x + B u."""
+
+    def __init__(self, A, B):
+        self.A, self.B, (self.size, self.n_inputs) = A, B, B.shape
+
+    def stage(self, k, x, u):
+        return x @ self.A.T + u @ self.B.T
+
+    def linear(self, x, u):
+        return np.broadcast_to(self.A, (*x.shape, self.size)), np.broadcast_to(self.B, (*x.shape, self.n_inputs))
+
+
+@pytest.fixture(scope="module")
+def strip():
+    return dynamics(STRIP, DT)
+
+
+@pytest.fixture(scope="module")
+def two():
+    return dynamics(TWO, DT)
+
+
+# ------------------------------------------------------------------ iLQR
+def test_of_a_linear_quadratic_problem_one_iteration_is_riccatis_answer():
+    rng = np.random.default_rng(0)
+    A, B = rng.normal(size=(5, 5)) / 2.5, rng.normal(size=(5, 2))
+    Q, R = np.diag([1.0, 2.0, 0.5, 0.1, 3.0]), np.array([40.0, 60.0])
+    P = solve_discrete_are(A, B, Q, np.diag(R))
+    K = np.linalg.solve(np.diag(R) + B.T @ P @ B, B.T @ P @ A)
+    x = 0.2 * rng.normal(size=(3, 5))
+    weight = np.concatenate([np.broadcast_to(Q, (12, 5, 5)), P[None]])
+    cost = ilqr.Quadratic(np.zeros((3, 5)), weight)
+    found = ilqr.solve(Linear(A, B), x, np.zeros((12, 3, 2)), [cost], R, iterations=2)
+    assert np.abs(found.controls).max() < 1.0
+    assert found.controls[0] == pytest.approx(-x @ K.T, abs=1e-12)
+    assert found.gains[0] == pytest.approx(np.broadcast_to(-K, (3, 2, 5)), abs=1e-10)
+    assert found.cost == pytest.approx(0.5 * np.einsum("ni,ij,nj->n", x, P, x), rel=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_controls_within_limits_are_the_best_there(count):
+    """Karush, Kuhn and Tucker: no control can move, or move back from its limit, at a gain."""
+    rng = np.random.default_rng(count)
+    half = rng.normal(size=(200, count, count))
+    H, g = half @ half.swapaxes(1, 2) + 0.1 * np.eye(count), 3.0 * rng.normal(size=(200, count))
+    low, high = -rng.uniform(0.1, 1.0, (200, count)), rng.uniform(0.1, 1.0, (200, count))
+    u, gain = ilqr._within(H, g, rng.normal(size=(200, count, 4)), low, high)
+    slope = g + np.einsum("nij,nj->ni", H, u)
+    free = (u > low) & (u < high)
+    assert np.abs(slope[free]).max() < 1e-6
+    assert (slope[u <= low] >= -1e-6).all() and (slope[u >= high] <= 1e-6).all()
+    assert not gain[~free].any()
+
+
+# ------------------------------------------------------------------ the arm as a function of its state
+@pytest.mark.parametrize("env_id", ["FlexibleArm-v0", "TwoLinkFlexArm-v0"])
+def test_a_period_is_the_environments_and_its_derivatives_are_differences(env_id, strip, two):
+    plant = strip if env_id == "FlexibleArm-v0" else two
+    env = gym.make_vec(env_id, num_envs=8, vectorization_mode="vector_entry_point", tolerance=plant.settings.tolerance)
+    _, info = env.reset(seed=1)
+    batch, rng = env.unwrapped.batch, np.random.default_rng(0)
+    x = np.array([np.concatenate(batch.motion(i)[:2]) for i in range(8)])
+    assert np.array_equal(plant.rest(x[:, plant.joints]), x)
+    for _ in range(10):
+        u = rng.uniform(-1.0, 1.0, (8, plant.n_inputs)).astype(np.float32)
+        info, x = env.step(u)[-1], plant.advance(x, u)
+    assert np.array_equal(x, [np.concatenate(batch.motion(i)[:2]) for i in range(8)])
+    assert plant.tip(x)[0] == pytest.approx(info["tip_position"], abs=1e-7)
+    assert plant.bends(x)[0] == pytest.approx(info["tip_deflection"].reshape(8, -1), abs=1e-7)
+    u, way, step = 0.5 * np.ones((8, plant.n_inputs)), rng.normal(size=x.shape), 1e-5
+    A, B = plant.jacobians(x, u)
+    slope = (plant.advance(x + step * way, u) - plant.advance(x - step * way, u)) / (2.0 * step)
+    assert np.einsum("nij,nj->ni", A, way) == pytest.approx(slope, abs=2e-3 * np.abs(slope).max())
+    slope = (plant.advance(x, u + 2.0**-8) - plant.advance(x, u - 2.0**-8)) * 2.0**7
+    assert B.sum(-1) == pytest.approx(slope, abs=2e-3 * np.abs(slope).max())
+    for of in (plant.tip, plant.bends):
+        slope = (of(x + step * way)[0] - of(x - step * way)[0]) / (2.0 * step)
+        assert np.einsum("nij,nj->ni", of(x)[1], way) == pytest.approx(slope, abs=1e-7)
+    env.close()
+
+
+# ------------------------------------------------------------------ plans
+def test_of_a_rigid_arm_the_least_time_is_known():
+    """2 sqrt(I angle / torque): within the period that a plan is a whole number of."""
+    link = Link(1.0, Section(EI=50.0, EA=1e9, C=1e9, m=0.3))
+    plant = dynamics(Arm("stiff", (link,), hub_inertia=0.3, torque_limits=(2.0,)), DT)
+    angles = np.array([[0.3], [0.7], [-1.2]])
+    motion = optimal.least_time(plant, plant.rest(np.zeros((3, 1))), plant.rest(angles))
+    known = 2.0 * np.sqrt((0.3 + 0.3 / 3.0) * np.abs(angles[:, 0]) / 2.0) / DT
+    assert motion.found.all()
+    assert (motion.periods >= known).all() and (motion.periods <= np.ceil(known)).all()
+    used = [np.abs(motion.controls[:count, i, 0]) for i, count in enumerate(motion.periods)]
+    assert all((own > 0.99).mean() > 0.6 for own in used)
+
+
+def test_of_one_link_the_least_time_is_that_of_linear_programming(strip):
+    angle = np.array([[0.2], [0.8]])
+    motion = optimal.least_time(strip, strip.rest(np.zeros((2, 1))), strip.rest(angle))
+    model = arm_model(STRIP)
+    A, B = model.discrete(DT)
+    for i in range(2):
+        start = model.state_of(np.array([-angle[i, 0], 0.0, 0.0, 0.0]))
+        assert abs(time_optimal.plan(A, B, start, np.array([2.0])).periods - motion.periods[i]) <= 1
+    assert np.abs(motion.controls).max() <= 1.0
+
+
+def test_least_effort_keeps_its_bounds_and_costs_more_for_them(two):
+    start, goal = two.rest(np.array([[0.0, 0.2]])), two.rest(np.array([[0.8, -0.4]]))
+    bounds = optimal.Bounds(torque=0.6, joints=[(-0.05, 0.85), (-0.45, 0.25)], deflection=0.06)
+    free = optimal.least_effort(two, start, goal, 140)
+    kept = optimal.least_effort(two, start, goal, 140, bounds)
+    assert free.found.all() and kept.found.all()
+    assert np.abs(kept.controls).max() <= 0.6
+    assert np.abs(two.bends(kept.states)[0]).max() <= 0.06 + optimal.TOLERANCE < np.abs(two.bends(free.states)[0]).max()
+    angles = kept.states[:, 0, two.joints]
+    assert (angles >= np.array([-0.05, -0.45]) - optimal.TOLERANCE).all()
+    assert (angles <= np.array([0.85, 0.25]) + optimal.TOLERANCE).all()
+    assert kept.energy(DT)[0] > free.energy(DT)[0]
+    assert kept.states[-1, 0] == pytest.approx(goal[0], abs=0.01)
+
+
+def test_the_tip_follows_a_path(strip):
+    """A smooth turn: the tip keeps within a millimetre, where the hub's own angle is hundredths of a radian off."""
+    t = np.linspace(0.0, 1.0, 61)
+    angle = 0.6 * (10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5)
+    path = np.stack([np.cos(angle), np.sin(angle)], axis=1)[:, None]
+    motion = optimal.follow(strip, strip.rest(np.zeros((1, 1))), path)
+    assert np.linalg.norm(strip.tip(motion.states)[0] - path, axis=2).max() < 1e-3
+    assert np.abs(motion.states[:, 0, 0] - angle).max() > 0.02
+
+
+# ------------------------------------------------------------------ the receding horizon
+def run(env_id, seed, periods, **keywords):
+    """Tip errors (periods, 4), m, under `mpc`, and whether it planned, or left the arm to its regulator."""
+    env = gym.make_vec(env_id, num_envs=4, vectorization_mode="vector_entry_point", **keywords)
+    observation, info = env.reset(seed=seed)
+    controller = control.make("mpc", env)
+    controller.reset(observation)
+    errors = []
+    for _ in range(periods):
+        action = controller.act(observation)
+        assert np.abs(action).max() <= 1.0
+        observation, *_, info = env.step(action)
+        target = info["target"]
+        target = target if target.ndim == 2 else np.stack([np.cos(target), np.sin(target)], axis=1)
+        errors.append(np.linalg.norm(target - info["tip_position"], axis=1))
+    env.close()
+    off = controller.x - controller.home
+    return np.array(errors), np.einsum("ni,nij,nj->n", off, controller.P, off) <= controller.reach
+
+
+def test_it_slews_and_hands_over_to_its_regulator():
+    errors, regulated = run("FlexibleArm-v0", 5, 90)
+    assert errors[60:].max() < 0.035 and errors[-1].max() < 0.01 and regulated.all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1.0, 0.7])
+def test_it_reaches_with_links_less_stiff_than_it_thinks(factor):
+    errors, _ = run("TwoLinkFlexArm-v0", 5, 250, randomization={"EI": [factor, factor]})
+    assert errors[-50:].max() < 0.02
+
+
+def test_what_is_read_is_in_the_state(two):
+    rng = np.random.default_rng(2)
+    outputs = np.hstack([rng.uniform(-2, 2, (5, 4)), rng.uniform(-0.1, 0.1, (5, 2)), rng.normal(size=(5, 2))])
+    x = two.corrected(two.rest(np.zeros((5, 2))), outputs)
+    bends, slope = two.bends(x)
+    rates = np.einsum("mns,ms->mn", slope[..., : two.half], x[:, two.half :])
+    read = np.concatenate([x[:, two.joints], x[:, two.half + two.joints], bends, rates], axis=1)
+    assert read == pytest.approx(outputs, abs=1e-5)

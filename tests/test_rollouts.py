@@ -1,0 +1,152 @@
+"""Derivatives through many control periods: against differences, tangent against adjoint, in NumPy and in PyTorch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from flexarm_env.derivatives import Arms, Rollout
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def arms() -> Arms:
+    return Arms("FlexibleArm-v0", 9, tolerance=1e-12)
+
+
+def gone(arms: Arms, periods: int, seed: int = 0) -> Rollout:
+    """Under torques that wander, within the limits."""
+    rng = np.random.default_rng(seed)
+    pushes = rng.uniform(-0.4, 0.4, (periods, arms.n, arms.action_size))
+    return arms.rollout(arms.reset(seed=seed), 0.6 * np.sin(0.2 * np.arange(periods))[:, None, None] + pushes)
+
+
+def ways(run: Rollout, seed: int = 1) -> tuple[Array, Array]:
+    """Changes of the start (of what moves) and of the actions."""
+    rng, moving = np.random.default_rng(seed), run.arms.moving
+    state = np.zeros_like(run.states[0])
+    state[:, :moving] = 0.1 * rng.standard_normal((run.arms.n, moving))
+    return state, 0.1 * rng.standard_normal(run.actions.shape)
+
+
+def differences(run: Rollout, state: Array, actions: Array, e: float) -> tuple[Array, Array, Array]:
+    """What the ways come to, by sixth-order differences of steps e."""
+    total = [0.0, 0.0, 0.0]
+    for m, weight in ((1, 45.0), (2, -9.0), (3, 1.0)):
+        two = [run.arms.rollout(run.states[0] + s * e * state, run.actions + s * e * actions) for s in (m, -m)]
+        for k, name in enumerate(("states", "observations", "rewards")):
+            total[k] = total[k] + weight / (60.0 * e) * (getattr(two[0], name) - getattr(two[1], name))
+    return total[0], total[1], total[2]
+
+
+@pytest.mark.parametrize(("periods", "most", "e"), [(10, 1e-6, 2e-4), (200, 1e-4, 5e-6)])
+def test_a_rollout_against_differences(arms: Arms, periods: int, most: float, e: float) -> None:
+    """Found: 7e-10 over 10 periods, 2e-7 over 200; each arm's error over the size of its own sensitivity. Over many
+    periods larger steps come upon the reward's kinks."""
+    run = gone(arms, periods)
+    found = run.jvp(*ways(run))
+    for one, other in zip(found, differences(run, *ways(run), e), strict=True):
+        axes = (0, 2) if one.ndim == 3 else 0
+        error = np.sqrt(((one - other) ** 2).sum(axes) / (other**2).sum(axes))
+        assert error.max() < most
+
+
+def test_a_rollout_is_its_periods(arms: Arms) -> None:
+    run = gone(arms, 5)
+    state = run.states[0]
+    for k in range(5):
+        state, observation, reward = arms.step(state, run.actions[k])
+        for one, other in ((state, run.states[k + 1]), (observation, run.observations[k]), (reward, run.rewards[k])):
+            assert np.array_equal(one, other)
+    assert not run.failed.any() and not run.past.any()
+
+
+def test_tangent_and_adjoint_agree(arms: Arms) -> None:
+    """<w, J v> = <J^T w, v>, to round-off."""
+    run, rng = gone(arms, 50), np.random.default_rng(2)
+    state, actions = ways(run)
+    out = run.jvp(state, actions)
+    weights = [rng.standard_normal(part.shape) for part in out]
+    back = run.vjp(*weights)
+    one = sum(float((w * part).sum()) for w, part in zip(weights, out, strict=True))
+    other = float((back.state * state).sum() + (back.actions * actions).sum())
+    size = sum(np.linalg.norm(w) * np.linalg.norm(part) for w, part in zip(weights, out, strict=True))
+    assert abs(one - other) <= 1e-12 * size
+
+
+def test_what_an_arm_s_solver_left_is_asked_of_nobody_else(arms: Arms) -> None:
+    """An arm without a state fails; its rows are NaN, the others' gradients those that they were; asked of nothing, it
+    gives zeros."""
+    run = gone(arms, 3)
+    start = run.states[0].copy()
+    start[4, 0] = np.nan
+    other = arms.rollout(start, run.actions)
+    assert other.failed[:, 4].all() and np.isnan(other.rewards[:, 4]).all()
+    weights = np.ones_like(run.rewards)
+    weights[:, 4] = 0.0
+    one, two = run.vjp(rewards=weights), other.vjp(rewards=weights)
+    assert np.array_equal(one.actions, two.actions) and np.array_equal(one.state, two.state)
+    assert not two.actions[:, 4].any()
+
+
+def test_wrong_shapes_are_told(arms: Arms) -> None:
+    run = gone(arms, 3)
+    with pytest.raises(ValueError, match=r"actions.shape = \(9, 1\): must be \(T, 9, 1\)"):
+        arms.rollout(run.states[0], run.actions[0])
+    with pytest.raises(ValueError, match=r"rewards.shape = \(3, 1\): must be \(3, 9\)"):
+        run.vjp(rewards=np.zeros((3, 1)))
+
+
+# ------------------------------------------------------------------ PyTorch
+def test_gradcheck(arms: Arms) -> None:
+    torch = pytest.importorskip("torch")
+    from flexarm_env.torch import DifferentiableArms
+
+    two = DifferentiableArms("FlexibleArm-v0", 2, tolerance=1e-12)
+    state = two.reset(seed=3)
+    for _ in range(3):
+        state, _, _ = two.step(state, torch.full((2, 1), 0.5))
+    moving = state[:, : two.arms.moving].clone().requires_grad_()
+    given = state[:, two.arms.moving :].clone()
+    action = torch.tensor([[0.3], [-0.6]], dtype=torch.float64, requires_grad=True)
+
+    def through(moving, action):
+        after, seen, reward = two.step(torch.cat([moving, given], dim=1), action)
+        after, _, _ = two.step(after, -0.5 * action)
+        return after[:, : two.arms.moving], seen, reward, two.observe(after)
+
+    assert torch.autograd.gradcheck(through, (moving, action), eps=1e-5, atol=1e-6, rtol=1e-5)
+
+
+def test_tensors_give_what_arrays_give(arms: Arms) -> None:
+    """A policy's gradient is that of `vjp`; float32 actions have float32 gradients; memory is shared."""
+    torch = pytest.importorskip("torch")
+    from flexarm_env.torch import DifferentiableArms
+
+    same = DifferentiableArms("FlexibleArm-v0", 9, tolerance=1e-12)
+    assert same.action_space.shape == (1,) and same.observation_space.shape == (6,)
+    start = same.reset(seed=5)
+    assert start.dtype == torch.float64 and start.shape == (9, same.arms.state_size)
+    assert np.shares_memory(start.numpy(), start.detach().to(torch.float64).numpy())
+    actions = torch.linspace(-0.9, 0.9, 4 * 9).reshape(4, 9, 1).requires_grad_()
+    assert actions.dtype == torch.float32
+    state, total = start, torch.zeros(())
+    for action in actions:
+        state, _, reward = same.step(state, action)
+        total = total + reward.sum()
+    total.backward()
+    run = arms.rollout(start.numpy(), actions.detach().numpy())
+    assert actions.grad.dtype == torch.float32
+    assert abs(actions.grad.numpy() - run.vjp(rewards=np.ones((4, 9))).actions).max() < 1e-6
+    assert total.item() == pytest.approx(run.rewards.sum(), abs=1e-12)
+
+
+def test_other_devices_are_told(arms: Arms) -> None:
+    torch = pytest.importorskip("torch")
+    from flexarm_env.torch import DifferentiableArms
+
+    one = DifferentiableArms("FlexibleArm-v0", 9, tolerance=1e-12)
+    with pytest.raises(ValueError, match=r"state.device = 'meta': must be cpu"):
+        one.step(torch.zeros((9, one.arms.state_size), device="meta"), torch.zeros(9, 1))
