@@ -188,7 +188,7 @@ def main(arguments: list[str]) -> int:
                     failed += 1
                     print(f"{python}, {age}, {file.name}: FAILED: {error}", flush=True)
     columns = f"python | {' | '.join(NEEDED)} | from | install | two players | pictures | in all, by the clock"
-    where = f"{platform.platform()}, {platform.machine()}, {date.today()}"
+    where = f"{platform.system()}, {platform.machine()}, {date.today()}"
     lines = [*table(columns, rows), "", f"{sizes}. {where}.", "", REST]
     print("", *lines, sep="\n")
     good = bool(rows) and not faults and not failed
