@@ -292,11 +292,9 @@ class Batch:
         first = [int(part[0]) for part in (work.q, work.v, work.u)] + [self.layout.par]
         rows, lanes = len(self.system.q0), len(self.lane)
         counts = (rows, rows, self.arm.n_links, len(self.system.par))
-        found = []
-        for start, count in zip(first, counts, strict=True):
-            part = self.block[:, start : start + count * lanes].reshape(self.groups, count, lanes)
-            found.append(part.transpose(0, 2, 1).reshape(-1, count)[: self.n].copy())
-        return found[0], found[1], found[2], found[3]
+        parts = [self.block[:, at : at + k * lanes].reshape(-1, k, lanes) for at, k in zip(first, counts, strict=True)]
+        q, v, u, par = (part.transpose(0, 2, 1).reshape(-1, part.shape[1])[: self.n].copy() for part in parts)
+        return q, v, u, par
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
         """What the next start is to be like: joint angles (N,), target (2,), vibration; NaN: drawn."""
