@@ -55,7 +55,7 @@ ARROWS = (
 def main() -> None:
     """Draw it."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "architecture.svg"
-    mpl.rcParams["svg.fonttype"] = "none"
+    mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "rooms"})  # the same file every time
     with styled_figure(path, 9.6, 7.3) as figure:
         axes: Any = figure.add_subplot()
         axes.set(xlim=(-0.1, 10.7), ylim=(-1.5, 6.6))
