@@ -56,7 +56,7 @@ def differences(arms: Arms, state: Array, action: Array, found: Array) -> Array:
     for j, k in enumerate([*range(arms.moving), *range(arms.state_size, both.shape[1])]):
         e = 1e-3 / max(1e-3, (np.abs(found[:, :, j]).max(axis=0) / there).max())
         if arms.environment.plan.settings.formulation == "geometrically_exact":
-            e = min(30.0 * e, 1e-3)  # accelerations are as fine as the solver's tolerance makes them
+            e = min(300.0 * e, 1e-3)  # accelerations are as fine as the solver's tolerance makes them
 
         def moved(way: float, k: int = k) -> Array:
             x = both.copy()
