@@ -5,6 +5,7 @@ python docs/figures/architecture.py [FILE.svg]
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,7 @@ def main() -> None:
         for source, target, way in ARROWS:
             style = {"arrowstyle": "-|>", "color": "#777777", "lw": 1.1, "shrinkA": 1, "shrinkB": 1}
             axes.annotate("", _end(target, source, way, True), _end(source, target, way, False), arrowprops=style)
+    path.write_text(re.sub(r"<dc:date>.*?</dc:date>", "", path.read_text("utf-8")), encoding="utf-8")
 
 
 def _box(x: float, y: float, width: float, height: float, color: str) -> Any:
