@@ -272,12 +272,13 @@ class Batch:
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
         """State q, v (n,) and joint torques (N,) of arm i, copies."""
-        return tuple(rows[i].copy() for rows in self.motions()[:3])  # type: ignore[return-value]
+        return tuple(rows[i].copy() for rows in self.motions()[:3])
 
     def motions(self) -> tuple[Array, Array, Array, Array]:
         """Of all arms: coordinates and rates (n, rows), joint torques (n, N), parameters (n, 4), copies."""
         work = uncompiled(unpack)(self.lane, self.system.model, np.arange(self.layout.par, dtype=np.float64), 0)
         rows, lanes = len(self.system.q0), len(self.lane)
+
         def mine(start: float, count: int) -> Array:
             part = self.block[:, int(start) : int(start) + count * lanes].reshape(self.groups, count, lanes)
             return part.transpose(0, 2, 1).reshape(-1, count)[: self.n].copy()

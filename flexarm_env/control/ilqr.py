@@ -187,7 +187,12 @@ def solve(
 
 
 def backward(
-    system: System, states: Array, controls: Array, costs: Sequence[Cost], effort: Array, damping: Array,
+    system: System,
+    states: Array,
+    controls: Array,
+    costs: Sequence[Cost],
+    effort: Array,
+    damping: Array,
     bound: float = 1.0,
 ) -> tuple[Array, Array]:
     """Changes of the controls (T, n, N) and their gains (T, n, N, S) that solve the linear-quadratic problem.
@@ -275,7 +280,13 @@ def _partial(Quu: Array, Qux: Array, free: NDArray[np.bool_]) -> Array:
 
 
 def _forward(
-    system: System, states: Array, controls: Array, feed: Array, gains: Array, costs: Sequence[Cost], effort: Array,
+    system: System,
+    states: Array,
+    controls: Array,
+    feed: Array,
+    gains: Array,
+    costs: Sequence[Cost],
+    effort: Array,
     bound: float,
 ) -> tuple[Array, Array, Array]:
     """States (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n) of steps of all `LENGTHS`."""
