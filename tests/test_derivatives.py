@@ -126,6 +126,7 @@ def test_whole_matrices_say_what_push_and_pull_do() -> None:
     arms.close()
 
 
+@pytest.mark.slow  # each makes, and compiles, another environment
 @pytest.mark.parametrize(
     ("name", "keywords"),
     [

@@ -241,10 +241,11 @@ class Arms:
         self._note_failures()
         by_state, by_action = self._rows("state_bar", self.state_size), self._rows("action_bar", self.action_size)
         by_action *= np.abs(asked) <= 1.0
-        lost = self.failed & (given.any(axis=1) | seen.any(axis=1) | (paid != 0.0))
-        for values in (by_state, by_action):
-            values[self.failed] = 0.0  # of an arm that is asked nothing, whatever became of it
-            values[lost] = np.nan
+        if self.failed.any():
+            lost = self.failed & (given.any(axis=1) | seen.any(axis=1) | (paid != 0.0))
+            for values in (by_state, by_action):
+                values[self.failed] = 0.0  # of an arm that is asked nothing, whatever became of it
+                values[lost] = np.nan
         return by_state, by_action
 
     def sights(self, state: Array) -> tuple[Array, Array]:

@@ -17,9 +17,9 @@ from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.tangents import prepare
-from ..physics.integrator.work import state_of, unpack
+from ..physics.integrator.work import unpack
 from ..physics.layout import POSE
-from ..physics.protocol import MASS_ALONE, assemble, factor, link_poses
+from ..physics.protocol import link_poses
 from ..tasks.program import record_at
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
@@ -80,11 +80,14 @@ def _period(lane, d, g, block, bars, tape):
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
     _tell(lane, p.task, p.actuator, record, w)
     length = _length(model, p.task) * len(lane)
+    matrix = tape[(p.n_steps + 1) * length :]  # of the fresh start, factored
     for s in range(p.n_steps):
         _turn(lane, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
         if s == 0:
             restart(lane, model, None, par, block, 0, 0.0, p.h, True)
             _keep(lane, model, p.task, w, tape)
+            for k in range(size(model.n_factor)):
+                store(matrix, k, load(lane, w.S, k))
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         _keep(lane, model, p.task, w, tape[(s + 1) * length :])
     for i in range(arms(lane)):
@@ -102,8 +105,8 @@ def _period(lane, d, g, block, bars, tape):
         pull_step(lane, model, par, par_bar, w, bar, slopes, p.scheme)
         if s == 0:
             _recall(lane, model, p.task, w, tape)
-            assemble(lane, model, par, state_of(w), w.u, MASS_ALONE, w.r, w.S)
-            factor(lane, model, w.S)
+            for k in range(size(model.n_factor)):
+                store(w.S, k, load(lane, matrix, k))
             pull_restart(lane, model, par, par_bar, w, bar)
         _turn_back(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
     _tell_back(lane, p.task, p.actuator, record_bar, bar)
@@ -124,7 +127,7 @@ def _length(model, task):
 @kernel
 def room_of(model, task, n_steps):
     """Numbers kept of a period."""
-    return (n_steps + 1) * _length(model, task)
+    return (n_steps + 1) * _length(model, task) + size(model.n_factor)
 
 
 @kernel
