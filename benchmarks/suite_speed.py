@@ -24,8 +24,7 @@ LEAST = 0.5
 """Of the plain environment's rate that a task is to have."""
 
 WHY = {
-    "slew-geared-v1": "the rotor has an equation of its own, and stick-slip is solved for at every step",
-    "reach-gravity-v1": "posture for posture the same work: an arm that falls asks for more iterations",
+    "slew-geared-v1": "the rotor has an equation of its own, and whether the joint sticks is solved for at every step",
 }
 """What the physics asks for where a task is slower than that."""
 
