@@ -1,12 +1,12 @@
 """What derivatives cost, and how soon policies are learned by them, PPO beside: docs/results/gradients.md.
 
-python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--out FOLDER] [--runs FOLDER]
+python -m benchmarks.gradients [--seeds 5] [--ppo 5] [--arms 512] [--kept] [--out FOLDER] [--runs FOLDER]
 
 Cost: of one control period of so many arms on one thread, the least of twenty rounds. Learning: `agents.train_ppo` with
 --algo gradient and ppo and the default configs, one process, one thread; processor time without imports, compilation,
 evaluation and checkpoints, up to the evaluation that finds the task solved (95 % of the validation episodes). The run's
 best policy is judged on the test episodes, which neither training nor the choice has seen. Finished runs are kept: a
-benchmark that was stopped goes on.
+benchmark that was stopped goes on, and with --kept they alone are told of.
 """
 
 from __future__ import annotations
@@ -23,14 +23,19 @@ import numpy as np
 
 from benchmarks.machine import command, judged, table, told
 
-ENVS: dict[str, dict[str, Any]] = {"FlexibleArm-v0": {"most": 6.0}, "TwoLinkFlexArm-v0": {"most": 40.0}}
-"""most: s of processor time within which gradients are to solve it."""
+ENVS: dict[str, dict[str, Any]] = {
+    "FlexibleArm-v0": {"most": 6.0, "every": 32_768}, "TwoLinkFlexArm-v0": {"most": 40.0, "every": 65_536},
+}  # fmt: skip
+"""most: s of processor time within which gradients are to solve it. every: steps from one evaluation to the next."""
 
 TEST_EPISODES = 100
 
+PERIODS = (1, 10, 200)
+"""Of the rollouts whose gradients are compared at two tolerances."""
+
 
 def costs(env_id: str, n: int) -> dict[str, Any]:
-    """Processor time of a period, its gradient and its Jacobians, µs an arm; bytes that a rollout keeps of one."""
+    """Processor time of a period and of its gradient, alone and in a rollout, µs an arm; bytes that a rollout keeps."""
     from flexarm_env.derivatives import Arms
 
     arms = Arms(env_id, n, threads=1)
@@ -42,7 +47,6 @@ def costs(env_id: str, n: int) -> dict[str, Any]:
     run = arms.rollout(state, actions)
     ways = {
         "step": lambda: arms.step(state, actions[0]), "pull": lambda: arms.pull(state, actions[0], *weights),
-        "jacobians": lambda: arms.jacobians(state, actions[0]),
         "rollout": lambda: arms.rollout(state, actions), "vjp": lambda: run.vjp(rewards=np.ones_like(run.rewards)),
     }  # fmt: skip
     found: dict[str, Any] = {}
@@ -60,14 +64,38 @@ def costs(env_id: str, n: int) -> dict[str, Any]:
     return {"env": env_id, **found}
 
 
-def learned(env_id: str, algorithm: str, seed: int, home: Path) -> dict[str, Any]:
-    """A run, from its folder where it has finished: when it was solved, and what its policy is worth."""
+def gaps(env_id: str, n: int) -> dict[str, Any]:
+    """What the solver's tolerance leaves of a gradient: over so many periods, from the same starts under the same
+    actions, the norm of the difference from the gradient at 1e-12, over that gradient's; the largest of n arms."""
+    from flexarm_env.derivatives import Arms
+
+    usual, sharp = (Arms(env_id, n, threads=1, **more) for more in ({}, {"tolerance": 1e-12}))
+    rng = np.random.default_rng(1)
+    start, found = usual.reset(seed=1), {}
+    for periods in PERIODS:
+        actions = 0.4 * rng.uniform(-1.0, 1.0, (periods, n, usual.action_size))
+        wanted = np.zeros((periods + 1, *start.shape))
+        wanted[-1, :, : usual.moving] = rng.standard_normal((n, usual.moving))
+        one, other = (arms.rollout(start, actions).vjp(states=wanted).actions for arms in (usual, sharp))
+        size = np.linalg.norm(other, axis=(0, 2))
+        found[str(periods)] = float((np.linalg.norm(one - other, axis=(0, 2)) / size).max())
+    for arms in (usual, sharp):
+        arms.close()
+    return {"env": env_id, "tolerance": usual.environment.plan.settings.tolerance, "gaps": found}
+
+
+def learned(env_id: str, algorithm: str, seed: int, home: Path, kept: bool = False) -> dict[str, Any] | None:
+    """A run, from its folder where it has finished: when it was solved, and what its policy is worth. kept: None where
+    it has not finished."""
     folder = home / f"{algorithm}-{env_id}-{seed}"
     record = folder / "run.json"
     there = record.exists()
     if not (there and json.loads(record.read_text())["finished"]):
+        if kept:
+            return None
         words = ["--algo", algorithm, "--env", env_id, "--seed", str(seed), "--out", str(folder), "--no-progress",
-                 "--no-tensorboard", *(["--resume"] if there else [])]  # fmt: skip
+                 "--no-tensorboard", "--evaluate-every", str(ENVS[env_id]["every"]),
+                 *(["--resume"] if there else [])]  # fmt: skip
         one = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         subprocess.run([sys.executable, "-m", "agents.train_ppo", *words], check=True, env=one)
     told_of = json.loads(record.read_text())
@@ -94,7 +122,7 @@ def verdicts(cost: list[dict[str, Any]], runs: list[dict[str, Any]]) -> dict[str
         found[f"{row['env']}: a rollout keeps at most 4 kB an arm and period"] = row["bytes"] <= 4096.0
     for env_id, wanted in ENVS.items():
         own, ppo = (_of(runs, env_id, algorithm) for algorithm in ("gradient", "ppo"))
-        what = f"{env_id}: solved within {wanted['most']:g} s of processor time by every seed"
+        what = f"{env_id}: solved within {wanted['most']:g} s of processor time by every seed of {len(own)}"
         found[what] = all(row["solved_cpu_s"] is not None and row["solved_cpu_s"] <= wanted["most"] for row in own)
         if ppo:
             better = _median(own, "success") >= _median(ppo, "success")
@@ -121,12 +149,19 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
         "[](../derivatives.md).", "", told(machine), "", "## What derivatives cost", "",
         "µs an arm and control period, in lanes on one thread; `vjp` is the gradient of a rollout of 20 periods, and "
         "comes on top of the rollout.", "",
-        *table("environment | step | pull | Jacobians | rollout | vjp | vjp / rollout | bytes kept"),
+        *table("environment | step | pull | rollout | vjp | vjp / rollout | bytes kept"),
     ]  # fmt: skip
     for row in found["cost"]:
         lines.append(f"| `{row['env']}` | " + " | ".join(f"{row[k]:.2g}" for k in
-                     ("step", "pull", "jacobians", "rollout", "vjp"))
+                     ("step", "pull", "rollout", "vjp"))
                      + f" | {row['vjp'] / row['rollout']:.1f} | {row['bytes']:.0f} |")  # fmt: skip
+    lines += ["", "## What the solver's tolerance leaves", "",
+              "Gradients by the actions, of a random number made of the last state, at the environments' own tolerance "
+              "and at 1e-12: the norm of the difference over the gradient's, the largest of the arms.", "",
+              *table("environment | tolerance | " + " | ".join(f"{k} periods" for k in PERIODS))]  # fmt: skip
+    for row in found["gaps"]:
+        lines.append(f"| `{row['env']}` | {row['tolerance']:.0e} | " + " | ".join(f"{row['gaps'][str(k)]:.1e}"
+                     for k in PERIODS) + " |")  # fmt: skip
     lines += ["", "## Learning", "",
               "Solved: 95 % of the validation episodes succeed; time is the processor's, s. Success and settling: of "
               "the best policy in the test episodes.", ""]  # fmt: skip
@@ -153,15 +188,18 @@ def main(arguments: list[str] | None = None) -> int:
     """Measure, train, judge, write; 1 where something that was to be shown does not hold."""
     parser = command(__doc__, seeds=5, ppo=5, arms=512)
     parser.add_argument("--runs", type=Path, default=Path("runs/gradients"), help="folder of the runs")
+    parser.add_argument("--kept", action="store_true", help="tell of runs that have finished, start none")
     options = parser.parse_args(arguments)
-    cost = [costs(env_id, options.arms) for env_id in ENVS]
+    cost, gap = [costs(env_id, options.arms) for env_id in ENVS], [gaps(env_id, options.arms) for env_id in ENVS]
     runs = []
     for algorithm, seeds in (("gradient", options.seeds), ("ppo", options.ppo)):
         for env_id in ENVS:
             for seed in range(seeds):
-                runs.append(learned(env_id, algorithm, seed, options.runs))
-                print(json.dumps(runs[-1]), flush=True)
-    return judged("gradients", options.out, {"cost": cost, "runs": runs, "verdicts": verdicts(cost, runs)}, page)
+                row = learned(env_id, algorithm, seed, options.runs, options.kept)
+                runs += [] if row is None else [row]
+                print(json.dumps(row), flush=True)
+    found = {"cost": cost, "gaps": gap, "runs": runs, "verdicts": verdicts(cost, runs)}
+    return judged("gradients", options.out, found, page)
 
 
 if __name__ == "__main__":

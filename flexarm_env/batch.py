@@ -272,22 +272,19 @@ class Batch:
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
         """State q, v (n,) and joint torques (N,) of arm i, copies."""
-        links, lanes = self.arm.n_links, len(self.lane)
-        work = uncompiled(unpack)(self.lane, self.system.model, self.block[i // lanes], 0)
-        q, v, u = (part.reshape(-1, lanes)[:, i % lanes].copy() for part in (work.q, work.v, work.u))
-        return q, v, u[:links]
+        return tuple(rows[i].copy() for rows in self.motions()[:3])
 
     def motions(self) -> tuple[Array, Array, Array, Array]:
         """Of all arms: coordinates and rates (n, rows), joint torques (n, N), parameters (n, 4), copies."""
         work = uncompiled(unpack)(self.lane, self.system.model, np.arange(self.layout.par, dtype=np.float64), 0)
-        first = [int(part[0]) for part in (work.q, work.v, work.u)] + [self.layout.par]
         rows, lanes = len(self.system.q0), len(self.lane)
-        counts = (rows, rows, self.arm.n_links, len(self.system.par))
-        found = []
-        for start, count in zip(first, counts, strict=True):
-            part = self.block[:, start : start + count * lanes].reshape(self.groups, count, lanes)
-            found.append(part.transpose(0, 2, 1).reshape(-1, count)[: self.n].copy())
-        return found[0], found[1], found[2], found[3]
+
+        def mine(start: float, count: int) -> Array:
+            part = self.block[:, int(start) : int(start) + count * lanes].reshape(self.groups, count, lanes)
+            return part.transpose(0, 2, 1).reshape(-1, count)[: self.n].copy()
+
+        par = mine(self.layout.par, len(self.system.par))
+        return mine(work.q[0], rows), mine(work.v[0], rows), mine(work.u[0], self.arm.n_links), par
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
         """What the next start is to be like: joint angles (N,), target (2,), vibration; NaN: drawn."""

