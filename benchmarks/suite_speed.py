@@ -71,7 +71,7 @@ def page(machine: dict[str, str], rows: list[dict[str, Any]], rounds: int) -> st
     slow = [f"- `{row['task']}`: {WHY[row['task']]}." for row in rows if row["ratio"] < LEAST and row["task"] in WHY]
     lines = [
         "# How fast the suite's tasks run", "",
-        f"Environment steps a second of {ARMS} arms on one thread under random actions, autoreset included, beside",
+        f"Environment steps a processor second of {ARMS} arms on one thread, random actions, autoreset counted, beside",
         f"the plain environment as it comes; both in turn, the best of {rounds} rounds. Written by",
         "`python -m benchmarks.suite_speed`.", "",
         told(machine), "",
