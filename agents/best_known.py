@@ -27,8 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import episodes as fixed
+from agents import families
 from agents.arguments import parse
+from agents.evaluate import Arguments as Judged
+from agents.evaluate import keywords as keywords_of
 from agents.families import ROOT
+from agents.policies import choose
 from agents.runs import fail, read_json, versions, write_json, write_text
 from flexarm_env import control
 from flexarm_env.control import optimal
@@ -56,18 +60,19 @@ NEAR = 1.3
 class Case:
     """An environment, its number of episodes, in lots of so many, and what plans look at after they have settled.
 
-    tail: control periods.
+    tail: control periods. families: of trained policies, whose best is looked at beside.
     """
 
     env: str
     episodes: int
     lot: int
     tail: int
+    families: tuple[str, ...]
 
 
 CASES = {
-    "slew": Case("FlexibleArm-v0", 100, 50, 30),
-    "reach": Case("TwoLinkFlexArm-v0", 200, 40, 25),
+    "slew": Case("FlexibleArm-v0", 100, 50, 30, ("flexible_arm",)),
+    "reach": Case("TwoLinkFlexArm-v0", 200, 40, 25, ("two_link", "two_link_torque")),
 }
 
 
@@ -234,12 +239,29 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def beside(case: Case, first: int, count: int) -> dict[str, list[float]]:
+    """Settling (s) of policies and controllers on the same episodes."""
+    policies = {}
+    for family in families.FAMILIES:
+        if family.env == case.env and family.name in case.families:
+            policies[f"PPO ({family.name})"] = choose(str(family.best(families.TRAINED)), case.env)
+    policies |= {name: choose(name, case.env) for name in families.CONTROL}
+    settling = {}
+    for name, chosen in policies.items():
+        env = fixed.make_episodes(case.env, count, **keywords_of(Judged(policy=name, env=case.env), chosen))
+        settling[name] = fixed.run(env, chosen.make(env), first).settling.tolist()
+        env.close()
+    return settling
+
+
 def joined(lots: list[Mapping[str, Any]]) -> dict[str, Any]:
     """Numbers of all lots in a row."""
     keys = ("settling", "exact", "success", "exact_success", "effort")
     out: dict[str, Any] = {key: np.array([v for lot in lots for v in lot[key]]) for key in keys}
     names = lots[0]["starts"]
     out["starts"] = {name: np.array([v for lot in lots for v in lot["starts"][name]], np.float64) for name in names}
+    names = lots[0]["policies"]
+    out["policies"] = {name: np.array([v for lot in lots for v in lot["policies"][name]]) for name in names}
     out["cpu_s"] = sum(float(lot["cpu_s"]) for lot in lots)
     return out
 
@@ -252,9 +274,10 @@ measure: the fewest control periods after which the tip stays in its band to the
 whole control periods). A plan is torques alone, played without feedback: in the environment, and on the converged exact
 beam (4 cubic elements a link, 1 ms). First guesses are first plans of `mpc`: of two links two, the elbow bent as the
 environment chooses it at the goal, and the other way (followed up where its plan is there in less than {NEAR} times the
-settling that the first led to). These are local optima: they bound the best settling
-from above, and nothing says that there is none quicker. Feedback is not in it: how far a policy may come for arms that
-are not nominal, this does not say.
+settling that the first led to; from where nothing better is found, the guess itself counts). These are local optima:
+they bound the best settling from above, and nothing says that there is none quicker. Feedback is not in it: how far a
+policy may come for arms that are not nominal, this does not say. Episodes are done in lots, and the tables say how many
+are in; the script goes on with those that are not.
 
 Written by `python -m agents.best_known`."""
 
@@ -273,15 +296,20 @@ def page(content: Mapping[str, Any]) -> str:
         "| environment | first guess | followed up | median (s) | behind the best, mean (s) | at most (s) | best in |",
         "|---|---|---:|---:|---:|---:|---:|",
     ]  # fmt: skip
+    apart = [
+        "", "Settling of policies on the same episodes over that of the best plan known, episode by episode:", "",
+        "| environment | policy | mean (s) | of the means | median | 90 % below |", "|---|---|---:|---:|---:|---:|",
+    ]  # fmt: skip
     for name, case in CASES.items():
-        if name not in content["lots"]:
+        lots = [lot for lot in content["lots"].get(name, {}).values() if "policies" in lot]
+        if not lots:
             continue
-        found = joined(list(content["lots"][name].values()))
+        found = joined(lots)
         best, exact = found["settling"], found["exact"]
         lines.append(
-            f"| {case.env} | {len(best)} | {np.median(best):.2f} | {best.mean():.3f} | {np.median(exact):.2f} "
-            f"| {exact.mean():.3f} | {found['exact_success'].mean():.1%} | {np.median(found['effort']):.2f} "
-            f"| {found['cpu_s']:.0f} |"
+            f"| {case.env} | {len(best)} of {case.episodes} | {np.median(best):.2f} | {best.mean():.3f} "
+            f"| {np.median(exact):.2f} | {exact.mean():.3f} | {found['exact_success'].mean():.1%} "
+            f"| {np.median(found['effort']):.2f} | {found['cpu_s']:.0f} |"
         )
         for start, values in found["starts"].items():
             tried = ~np.isnan(values)
@@ -290,7 +318,13 @@ def page(content: Mapping[str, Any]) -> str:
                 f"| {case.env} | {start} | {tried.sum()} | {np.median(values[tried]):.2f} | {behind.mean():.3f} "
                 f"| {behind.max():.2f} | {(behind < 1e-9).sum()} |"
             )
-    return "\n".join([*lines, *spread]) + "\n"
+        for policy, values in found["policies"].items():
+            ratio = values / best
+            apart.append(
+                f"| {case.env} | {policy} | {values.mean():.3f} | {values.mean() / best.mean():.2f} "
+                f"| {np.median(ratio):.2f} | {np.quantile(ratio, 0.9):.2f} |"
+            )
+    return "\n".join([*lines, *apart, *spread]) + "\n"
 
 
 def main() -> int:
@@ -305,15 +339,21 @@ def main() -> int:
         for name in CASES if arguments.only is None else [arguments.only]:
             case = CASES[name]
             if arguments.episodes is not None:
-                print(page({**content, "lots": {name: {"0": solve_lot(case, fixed.TEST, arguments.episodes)}}}))
+                lot = solve_lot(case, fixed.TEST, arguments.episodes)
+                lot["policies"] = beside(case, fixed.TEST, arguments.episodes)
+                print(page({**content, "lots": {name: {"0": lot}}}))
                 continue
             lots = content["lots"].setdefault(name, {})
             for first in range(0, case.episodes, case.lot):
-                if str(first) not in lots:
-                    lots[str(first)] = solve_lot(case, fixed.TEST + first, case.lot)
-                    print(f"{case.env}: {first + case.lot} of {case.episodes} episodes", flush=True)
-                    write_json(path, content)
-                    write_text(arguments.results / "optimal.md", page(content))
+                key, seed = str(first), fixed.TEST + first
+                if key in lots and "policies" in lots[key]:
+                    continue
+                lot = lots[key] if key in lots else solve_lot(case, seed, case.lot)
+                lot["policies"] = beside(case, seed, case.lot)
+                lots[key] = lot
+                print(f"{case.env}: {first + case.lot} of {case.episodes} episodes", flush=True)
+                write_json(path, content)
+                write_text(arguments.results / "optimal.md", page(content))
     except ValueError as error:
         return fail(error)
     return 0

@@ -4,10 +4,11 @@
     python -m agents.evaluate --env FlexibleArm-v0 --policy runs/ppo-FlexibleArm-v0-0 --json
     python -m agents.evaluate --env TwoLinkFlexArm-v0 --policy pd,zvd,lqr --randomized --out runs/table
 
---policy takes a run folder, a policy.npz, the name of a policy that comes with the package, or pd, zv, zvd, lqr, lqg
-(with --env-kwargs '{"observation": "measured"}'), time_optimal; zv@FILE is zv with gains from a file of `agents.tune`.
-Several of them, separated by commas, give one table. Settled means: from then to the end of the episode the tip stays
-within 2 % of the slew (at least 0.5 deg), or within 2 cm of the target; never settled counts as the whole duration.
+--policy takes a run folder, a policy.npz, the name of a policy that comes with the package, or pd, zv, zvd, lqr, mpc,
+lqg (with --env-kwargs '{"observation": "measured"}'), time_optimal; zv@FILE is zv with gains from a file of
+`agents.tune`. Several of them, separated by commas, give one table. Settled means: from then to the end of the episode
+the tip stays within 2 % of the slew (at least 0.5 deg), or within 2 cm of the target; never settled counts as the whole
+duration.
 Intervals are 95 % bootstrap intervals over the episodes. With --out, the table, the JSON, a figure of the tip error in
 one episode and, with --video, a film per policy are written there.
 

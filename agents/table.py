@@ -12,6 +12,7 @@ from __future__ import annotations
 import csv
 import os
 import sys
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -20,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from agents import episodes as fixed
 from agents import families
 from agents.arguments import parse
 from agents.best_known import joined
@@ -29,12 +31,16 @@ from agents.families import ROOT, TRAINED, Family
 from agents.figures import learning_curve, tip_errors
 from agents.runs import fail, read_json, read_run, versions, write_json, write_text
 from agents.statistics import markdown
+from flexarm_env import control
 
 EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
 """The converged exact beam: its own error is a hundredth of the band in which a tip counts as settled."""
 
 FEWER_EPISODES = 100
 """Where the episodes are long to compute, or many."""
+
+TIMED = 5
+"""Episodes in which decisions are timed."""
 
 NO_MARGIN = ROOT / "agents" / "no_margin"
 """Gains found by `agents.tune --margin 0`."""
@@ -212,12 +218,36 @@ def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
     }  # fmt: skip
 
 
+def decisions(judge: Judge, family: Family, content: dict[str, Any]) -> None:
+    """CPU time of the controllers' decisions for one arm, ms: median, 99th percentile and most over some episodes."""
+    own = content[family.name].setdefault("decisions", {})
+    for name in family.controllers:
+        if judge.asked is not None and name not in judge.asked:
+            continue
+        env = fixed.make_episodes(family.env, 1)
+        controller = control.make(name, env)
+        times = []
+        for seed in range(fixed.TEST, fixed.TEST + TIMED):
+            observation, _ = env.reset(seed=seed)
+            controller.reset(observation)
+            for _ in range(int(env.unwrapped.plan.limit)):
+                began = time.thread_time()
+                action = controller.act(observation)
+                times.append(1e3 * (time.thread_time() - began))
+                observation = env.step(action)[0]
+        env.close()
+        own[name] = {"median": np.median(times), "p99": np.percentile(times, 99), "most": max(times)}
+        own[name] = {key: float(value) for key, value in own[name].items()}
+
+
 def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, Any]) -> None:
     """Randomised arms, the exact model, and one thing changed at a time."""
     say(f"{family.env}: other arms, other models")
     own, words, most = content[family.name], judge.words(family, robust), FEWER_EPISODES
     own["ordinary"] = judge.anew(own.get("ordinary", own.get("nominal", {})), family, words)
     own["randomised"] = judge.anew(own.get("randomised", {}), family, words, randomized=True)
+    if judge.asked is not None:
+        save(judge.arguments, content)
     exact = {name: words[name] for name in list(words)[:1]}
     say("  exact model")
     before = own.get("models", {})
@@ -234,23 +264,34 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
         say(f"  {what}")
         how = {"env_kwargs": {"randomization": factors}}
         shifted[what] = judge.anew(shifted.get(what, {}), family, fewer, most, **how)
+        if judge.asked is not None:
+            save(judge.arguments, content)
 
 
 def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | None) -> list[str]:
     """One environment's part of the page."""
     bounds = dict(own["bounds"])
+    both = {"nominal": own.get("ordinary", own["nominal"]), "randomised": own["randomised"]}
     if best is not None:
         bounds["best known"] = float(np.median(best["settling"]))
     lines = [f"## {TITLES[family.name]}", "", markdown(own["nominal"], bounds), ""]
     if best is not None:
         lines += distance(own["nominal"], best)
+    if own.get("decisions"):
+        lines += [
+            f"CPU time of a decision for one arm, in one thread, over {TIMED} episodes:", "",
+            "| controller | median (ms) | 99th percentile (ms) | most (ms) |", "|---|---:|---:|---:|",
+        ]  # fmt: skip
+        for name, row in own["decisions"].items():
+            lines.append(f"| {name} | {row['median']:.2f} | {row['p99']:.2f} | {row['most']:.2f} |")
+        lines += [""]
     for name, found in own["seeds"].items():
         lines += [f"Seeds of `{name}`:", "", *seeds_table(found), ""]
     return lines + [
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
         f"### {family.env}: randomised payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
-        *short_table("success, median settling", {"nominal": own["ordinary"], "randomised": own["randomised"]}), "",
+        *short_table("success, median settling", both), "",
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the same {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
         "One thing at a time:", "",
@@ -372,6 +413,7 @@ def main() -> int:
             family = families.named(name)
             content.setdefault(name, {})
             nominal(judge, family, content)
+            decisions(judge, family, content)
             robustness(judge, family, families.named(f"{name}_robust"), content)
             save(arguments, content)
         save(arguments, content)

@@ -26,7 +26,7 @@ from .runtime import starts
 from .runtime.layout import aligned, layout_of
 from .runtime.sampling import observe_arm
 from .runtime.sensors import LAW_SIZE, law_of, room_of
-from .scene import PointLoad, Scene
+from .scene import standing_scene
 from .settings import Settings
 from .simulation import fitted_systems, room_for_points
 from .tasks.program import (
@@ -67,7 +67,6 @@ from .tasks.program import (
 from .tasks.reach import Chain, Reach
 from .tasks.slew import Slew
 from .tasks.task import Task
-from .time_functions import constant
 
 Array = NDArray[np.float64]
 
@@ -100,14 +99,6 @@ class Starts:
 def info_places(task: Task) -> Any:
     """Where each field of a task's `INFO` begins."""
     return INFO.offsets(0, len(task.links), len(task.targets), len(task.terms), len(task.further))
-
-
-def standing_scene(
-    arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = (), pushed: bool = False
-) -> Scene:
-    """The arm, pinned; nothing moves it. pushed: there is room for a force on its tip."""
-    loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
-    return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles), loads=loads)
 
 
 def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> Array:
@@ -281,22 +272,19 @@ class Batch:
 
     def motion(self, i: int) -> tuple[Array, Array, Array]:
         """State q, v (n,) and joint torques (N,) of arm i, copies."""
-        links, lanes = self.arm.n_links, len(self.lane)
-        work = uncompiled(unpack)(self.lane, self.system.model, self.block[i // lanes], 0)
-        q, v, u = (part.reshape(-1, lanes)[:, i % lanes].copy() for part in (work.q, work.v, work.u))
-        return q, v, u[:links]
+        return tuple(rows[i].copy() for rows in self.motions()[:3])
 
     def motions(self) -> tuple[Array, Array, Array, Array]:
         """Of all arms: coordinates and rates (n, rows), joint torques (n, N), parameters (n, 4), copies."""
         work = uncompiled(unpack)(self.lane, self.system.model, np.arange(self.layout.par, dtype=np.float64), 0)
-        first = [int(part[0]) for part in (work.q, work.v, work.u)] + [self.layout.par]
         rows, lanes = len(self.system.q0), len(self.lane)
-        counts = (rows, rows, self.arm.n_links, len(self.system.par))
-        found = []
-        for start, count in zip(first, counts, strict=True):
-            part = self.block[:, start : start + count * lanes].reshape(self.groups, count, lanes)
-            found.append(part.transpose(0, 2, 1).reshape(-1, count)[: self.n].copy())
-        return found[0], found[1], found[2], found[3]
+
+        def mine(start: float, count: int) -> Array:
+            part = self.block[:, int(start) : int(start) + count * lanes].reshape(self.groups, count, lanes)
+            return part.transpose(0, 2, 1).reshape(-1, count)[: self.n].copy()
+
+        par = mine(self.layout.par, len(self.system.par))
+        return mine(work.q[0], rows), mine(work.v[0], rows), mine(work.u[0], self.arm.n_links), par
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
         """What the next start is to be like: joint angles (N,), target (2,), vibration; NaN: drawn."""

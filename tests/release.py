@@ -135,7 +135,7 @@ def used(python: Path, folder: Path) -> None:
 def photographed(folder: Path) -> None:
     """Open both players in a browser, and keep a picture of each."""
     PICTURES.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as profile, browser(Path(profile) / "profile") as page:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile, browser(Path(profile) / "profile") as page:
         for name in VIEWS:
             page.open(folder / f"{name}.html")
             page.run("document.querySelector('#time').value = 60")
@@ -184,11 +184,11 @@ def main(arguments: list[str]) -> int:
                 try:
                     rows.append(tried(python, age, file))
                     print(*rows[-1], flush=True)
-                except (subprocess.CalledProcessError, RuntimeError) as error:
+                except (subprocess.CalledProcessError, RuntimeError, OSError) as error:
                     failed += 1
                     print(f"{python}, {age}, {file.name}: FAILED: {error}", flush=True)
     columns = f"python | {' | '.join(NEEDED)} | from | install | two players | pictures | in all, by the clock"
-    where = f"{platform.platform()}, {platform.machine()}, {date.today()}"
+    where = f"{platform.system()}, {platform.machine()}, {date.today()}"
     lines = [*table(columns, rows), "", f"{sizes}. {where}.", "", REST]
     print("", *lines, sep="\n")
     good = bool(rows) and not faults and not failed

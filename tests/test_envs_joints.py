@@ -183,7 +183,7 @@ def test_three_joints_stick_and_slip_together(formulation: str) -> None:
         assert energy + info["energy_dissipated"] == pytest.approx(info["work"], rel=1e-3, abs=1e-7)
 
 
-@pytest.mark.parametrize("formulation", ["elastica", "floating_frame"])
+@pytest.mark.parametrize("formulation", ["elastica", pytest.param("floating_frame", marks=pytest.mark.slow)])
 def test_friction_under_torques_that_jump_is_that_of_short_steps(formulation: str) -> None:
     """An environment's joint, thrown about, against a scene's of the same torques in steps of 0.25 ms, in which every
     reversal and stop is resolved; the error falls with the step, as it must at reversals."""

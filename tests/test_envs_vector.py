@@ -303,3 +303,26 @@ def test_lanes_do_not_cross_cache_lines() -> None:
     for n in (3, 64, 1024):
         block = gym.make_vec("FlexibleArm-v0", num_envs=n).unwrapped.batch.block
         assert block.ctypes.data % 64 == 0 and block.strides[0] % 64 == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("discrete", [0.02, None])
+def test_all_arms_are_linearised_at_once(discrete: float | None) -> None:
+    """As one by one, to round-off: of elasticas compiled, of others stacked."""
+    env = gym.make_vec(
+        "TwoLinkFlexArm-v0", num_envs=9, vectorization_mode="vector_entry_point",
+        randomization={"payload": (0.5, 1.5), "EI": (0.8, 1.2)},
+    ).unwrapped  # fmt: skip
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        env.step(rng.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32))
+    models = env.linearize(discrete=discrete)
+    for i in (0, 8):
+        model = env.linearize(i, discrete)
+        for name in ("A", "B", "C", "D", "x", "u", "y", "rate"):
+            wanted = getattr(model, name)
+            assert np.abs(getattr(models, name)[i] - wanted).max() <= 1e-10 * max(1.0, np.abs(wanted).max()), name
+        for name in ("states", "inputs", "outputs", "dt"):
+            assert getattr(models, name) == getattr(model, name)
+    env.close()

@@ -18,10 +18,15 @@ from tests.env_tools import assert_pair_same, assert_same, pair
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 STRIP = arms.named("strip")
-CALM = dataclasses.replace(STRIP, tau_d=0.05, payload=dataclasses.replace(STRIP.payload, inertia=2e-3))
+STRIP = dataclasses.replace(STRIP, payload=dataclasses.replace(STRIP.payload, inertia=2e-3))
+CALM = dataclasses.replace(STRIP, tau_d=0.05)
 """Its vibrations are gone within a second or two."""
 
+GAUGES = [{"place": place, "unit": "strain"} for place in (0.0, 0.25, 0.5, 0.75)]
 EVENTS: dict[str, Any] = {
+    "arm": STRIP,
+    "gravity": (0.0, 0.0),
+    "sensors": {"strain_gauges": GAUGES},
     "cost": {"deflection": 0.05, "strain": 5e-4},
     "pushes": {"wait": (0.1, 0.4), "force": (0.5, 1.0), "lasting": 0.06},
     "payload_change": {"time": (0.4, 0.8), "factor": (0.2, 2.0)},
@@ -59,7 +64,10 @@ def run(env: Any, action: Any, steps: int, seed: int = 0, **options: Any) -> lis
 
 # ---------------------------------------------------------------------------------------- payload
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize(("gripped", "factor"), [("resting", 3.0), ("moving", 3.0), ("resting", 0.25)])
+@pytest.mark.parametrize(
+    ("gripped", "factor"),
+    [("resting", 3.0), pytest.param("moving", 3.0, marks=pytest.mark.slow), ("resting", 0.25)],
+)
 def test_angular_momentum_through_gripping_and_letting_go(formulation: str, gripped: str, factor: float) -> None:
     """No torque acts about the hub: what the arm and what it grips have of angular momentum, they keep.
 
@@ -68,8 +76,7 @@ def test_angular_momentum_through_gripping_and_letting_go(formulation: str, grip
     change = {"time": (2.0, 2.0), "factor": (factor, factor), "gripped": gripped}
     env = gym.make(ONE, formulation=formulation, duration=6.0, **quiet(payload_change=change))
     rates = [
-        float(env.unwrapped.batch.view(0).poses[0, 5])
-        for _ in _each_step(env, lambda k: 0.3 if k < 25 else 0.0, 300)
+        float(env.unwrapped.batch.view(0).poses[0, 5]) for _ in _each_step(env, lambda k: 0.3 if k < 25 else 0.0, 300)
     ]
     heavier = dataclasses.replace(CALM.payload, mass=CALM.payload.mass * factor, inertia=CALM.payload.inertia * factor)
     before, after = inertia_beyond(CALM, 0), inertia_beyond(dataclasses.replace(CALM, payload=heavier), 0)
@@ -88,11 +95,11 @@ def _each_step(env: Any, action: Any, steps: int) -> Any:
 @pytest.mark.parametrize("factor", [2.5, 0.0])
 def test_books_close_through_gripping_letting_go_and_pushes(formulation: str, factor: float) -> None:
     """In a field of gravity, with a torque, an arm that bends: what the balance lacks is a small part of what the
-    impact took, and goes with the step."""
+    impact took, and goes with the step: short enough, for the exact beam, to see its stiff modes being damped."""
     lacking = []
-    for dt in (0.0025, 0.0025 / 8):
-        changes = EVENTS | {"payload_change": {"time": (0.5, 0.5), "factor": (factor, factor)}}
-        env = gym.make(ONE, formulation=formulation, gravity=(0.0, -3.0), dt=dt, **changes)
+    for dt in (0.0025, 0.0025 / 32):
+        changes = {"payload_change": {"time": (0.5, 0.5), "factor": (factor, factor)}, "gravity": (0.0, -3.0)}
+        env = gym.make(ONE, formulation=formulation, dt=dt, **(EVENTS | changes))
         infos = run(env, lambda k: math.sin(k / 10), 60)
         away = [energy(i) - energy(infos[0]) - i["work"] + i["energy_dissipated"] for i in infos]
         jump = infos[26]["energy_dissipated"] - infos[25]["energy_dissipated"]
@@ -114,7 +121,7 @@ def test_a_rigid_arm_loses_what_two_bodies_lose() -> None:
         change = {"time": (0.5, 0.5), "factor": (factor, factor)}
         infos = run(gym.make(ONE, **quiet(arm=stiff, payload_change=change)), lambda k: 0.5 if k < 20 else 0.0, 30)
         kinetic, lost = infos[25]["energy_kinetic"], infos[30]["energy_dissipated"] - infos[25]["energy_dissipated"]
-        carried = 0.2 * (factor - 1.0)
+        carried = (0.2 + 2e-3) * (factor - 1.0)  # L is 1 m
         if factor > 1.0:
             assert infos[30]["energy_kinetic"] == pytest.approx(kinetic * inertia / (inertia + carried), rel=1e-4)
             assert lost == pytest.approx(kinetic * carried / (inertia + carried), rel=1e-3)
@@ -172,18 +179,18 @@ def test_pushes_come_as_asked() -> None:
 # ---------------------------------------------------------------------------------------- cost
 def test_cost_is_one_beyond_a_limit() -> None:
     """Of the tip's deflection, and of the surface's strain at any of four stations, told by gauges there."""
-    gauges = [{"place": place, "unit": "strain"} for place in (0.0, 0.25, 0.5, 0.75)]
     section = STRIP.links[0].section
     assert surface(section.m, section.J) == pytest.approx(0.5 * 0.00342)
-    for limits in ({"deflection": 0.03}, {"strain": 3e-4}, {"deflection": 0.06, "strain": 6e-4}):
-        env = gym.make(ONE, **(EVENTS | {"cost": limits, "sensors": {"strain_gauges": gauges}}))
+    cases = (0.03, 1.0), (1.0, 3e-4), (0.06, 6e-4)
+    for limits in ({"deflection": bend, "strain": strain} for bend, strain in cases):
+        env = gym.make(ONE, **(EVENTS | {"cost": limits}))
         env.reset(seed=1)
         total, seen = 0.0, set()
         scales = np.array(env.unwrapped.plan.scales[6:])
         for k in range(100):
             observation, *_, info = env.step(np.array([math.sin(k / 6)], np.float32))
             strain = np.abs(observation[6:] * scales).max()
-            past = abs(info["tip_deflection"]) > limits.get("deflection", 1.0) or strain > limits.get("strain", 1.0)
+            past = abs(info["tip_deflection"]) > limits["deflection"] or strain > limits["strain"]
             assert info["cost"] == float(past), k
             total += info["cost"]
             assert info["episode_cost"] == total
@@ -196,8 +203,9 @@ def test_cost_is_one_beyond_a_limit() -> None:
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("env_id", [ONE, pytest.param(TWO, marks=pytest.mark.slow)])
 def test_single_and_vector_agree_to_the_last_bit(env_id: str, formulation: str) -> None:
-    randomization = {"payload": (0.5, 2.0)}
-    both = pair(env_id, 5, formulation=formulation, duration=0.9, randomization=randomization, **EVENTS)
+    changes = {"formulation": formulation, "duration": 0.9, "randomization": {"payload": (0.5, 2.0)}}
+    changes |= {} if env_id == ONE else {"arm": "de_luca_siciliano", "sensors": {}}
+    both = pair(env_id, 5, **(EVENTS | changes))
     assert assert_pair_same(both, 100) >= 5
 
 
@@ -213,10 +221,21 @@ def test_states_go_back_with_all_that_is_to_come() -> None:
 
 def test_what_is_left_out_draws_nothing() -> None:
     """Starts, targets and randomised arms of a seed are the same with events and without."""
-    plain, eventful = gym.make(ONE, initial_vibration=0.02), gym.make(ONE, initial_vibration=0.02, **EVENTS)
+    plain = gym.make(ONE, initial_vibration=0.02)
+    eventful = gym.make(ONE, initial_vibration=0.02, **(EVENTS | {"arm": "strip"}))
     for seed in range(3):
-        assert_same(plain.reset(seed=seed)[0], eventful.reset(seed=seed)[0])
+        assert_same(plain.reset(seed=seed)[0], eventful.reset(seed=seed)[0][:6])
     assert set(plain.reset(seed=0)[1]) & {"cost", "episode_cost", "push", "payload_mass"} == set()
+
+
+def test_starts_are_drawn_from_what_is_given() -> None:
+    asked = {"angles": [(0.5, 0.75)], "target": (2.0, 2.25), "absolute": True}
+    for starts, low in ((asked, 2.0), (asked | {"absolute": False}, 2.5)):
+        vector = gym.make_vec(ONE, num_envs=64, threads=1, starts=starts, **EVENTS)
+        observation, info = vector.reset(seed=0)
+        angles = np.arctan2(observation[:, 0], observation[:, 1])
+        assert 0.5 <= angles.min() < 0.51 and 0.74 < angles.max() <= 0.75
+        assert low <= info["target"].min() and info["target"].max() <= low + 0.5 and np.ptp(info["target"]) > 0.2
 
 
 @pytest.mark.parametrize(

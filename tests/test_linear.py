@@ -240,7 +240,7 @@ def test_damping_of_a_slender_beam(tau_d: float, clamped: bool) -> None:
         assert damped.damping[1:5] == pytest.approx(0.5 * tau_d * undamped[1:5], rel=1e-5)
 
 
-@pytest.mark.parametrize("spin", [0.0, 6.0])
+@pytest.mark.parametrize("spin", [0.0, pytest.param(6.0, marks=pytest.mark.slow)])
 def test_damping_of_a_bent_or_spinning_slender_beam(spin: float) -> None:
     """About a posture that gravity bends by 0.3 L, and in rotation: the elastica's, which has no fast poles."""
     section = Section(EI=1.0, EA=1e8, C=1e8, m=1.0, J=1e-9)

@@ -58,10 +58,7 @@ def cantilever(payload: Payload, count: int) -> list[float]:
     return [brentq(determinant, x, y) for x, y, f, g in pairs if f * g < 0.0][:count]
 
 
-EACH = [
-    name if name in ("elastica", "segments") else pytest.param(name, marks=pytest.mark.slow)
-    for name in METHODS
-]
+EACH = [name if name in ("elastica", "segments") else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
 """In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
 
 

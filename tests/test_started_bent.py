@@ -62,7 +62,7 @@ def test_small_release_against_the_first_mode() -> None:
 
 
 def test_held_and_free_joints() -> None:
-    """"held": joints stand at `angles`, and a torque that holds keeps them there; "equilibrium": the arm hangs."""
+    """ "held": joints stand at `angles`, and a torque that holds keeps them there; "equilibrium": the arm hangs."""
     arm = Arm("a", (Link(0.6, STRIP), Link(0.4, STRIP)), payload=Payload(0.1))
     scene = Scene("s", arm, duration=0.3, dt=2e-3, sample=0.02, gravity=(0.0, -3.0), angles=(0.3, 0.1), start="held")
     held = static_equilibrium(dataclasses.replace(scene, start="unloaded"), "elastica", nodes=6)

@@ -12,7 +12,7 @@ import pytest
 from flexarm_env import suite
 
 TASKS = suite.tasks()
-QUICK = ("slew-limited-v1", "catch-v1")
+QUICK = ("catch-v1",)
 
 
 def record(task: suite.Task, seed: int) -> dict[str, np.ndarray]:
@@ -107,6 +107,7 @@ def test_reward_and_success_follow_from_the_documented_formula(task: suite.Task)
         np.testing.assert_array_equal(seen["success"], success & ~seen["failed"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("once", [False, True])
 def test_a_success_is_kept_once_it_is_one(once: bool) -> None:
     """A target that stands still where the arm is: good at once, and until it is pushed away."""

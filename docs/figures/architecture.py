@@ -36,7 +36,7 @@ BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "control": (5.8, 1.35, 2.2, 1.05, COLORS[3], ("control", "PD ... LQR, policies")),
     "envs": (8.6, 1.35, 2.0, 1.05, COLORS[3], ("envs", "single, vector, films")),
     "suite": (5.8, -0.05, 2.2, 0.9, COLORS[4], ("suite", "tasks as data, scores")),
-    "derivatives": (8.6, -0.05, 2.0, 0.9, COLORS[2], ("derivatives", "of control periods")),
+    "derivatives": (8.6, -0.05, 2.0, 0.9, COLORS[2], ("derivatives, torch", "of control periods")),
     "users": (0.0, -1.45, 10.6, 0.9, COLORS[5],
         ("comparison, plotting, recording, sb3, torch, cli", "agents/ and benchmarks/, which are not installed")),
 }  # fmt: skip
@@ -55,7 +55,7 @@ ARROWS = (
 def main() -> None:
     """Draw it."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "architecture.svg"
-    mpl.rcParams["svg.fonttype"] = "none"
+    mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "rooms"})  # the same file every time
     with styled_figure(path, 9.6, 7.3) as figure:
         axes: Any = figure.add_subplot()
         axes.set(xlim=(-0.1, 10.7), ylim=(-1.5, 6.6))

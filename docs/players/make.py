@@ -12,12 +12,14 @@ import sys
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 
 from flexarm_env import control, named, scenes, simulate, suite
 from flexarm_env.control import load_policy
 from flexarm_env.recording import EpisodeRecorder
+from flexarm_env.suite.policies import choose
 from flexarm_env.view import Clip, Player
 
 HOME = Path(__file__).parent
@@ -37,7 +39,10 @@ def scene(name: str) -> list[Clip]:
     return [simulate(own, sample=usual / finer, estimate_error=False).clip(name)]
 
 
-def played(env_id: str, seed: int, words: dict[str, str], most: float = math.inf, **kwargs: object) -> list[Clip]:
+def played(
+    env_id: str, seed: int, words: dict[str, str], most: float = math.inf,
+    make: Callable[[str, Any], Any] = control.make, **kwargs: object,
+) -> list[Clip]:  # fmt: skip
     """An episode, or its first `most` s, under controllers and packaged policies, by label."""
     clips = []
     for label, word in words.items():
@@ -45,7 +50,7 @@ def played(env_id: str, seed: int, words: dict[str, str], most: float = math.inf
         own = {} if policy is None else {k: v for k, v in policy.meta["env_kwargs"].items() if k == "action_mode"}
         env = EpisodeRecorder(gym.make(env_id, **{**kwargs, **own}))
         env.reset(seed=seed)
-        player = control.make(word, env) if policy is None else policy
+        player = make(word, env) if policy is None else policy
         observation, _ = env.reset(seed=seed)
         player.reset(observation)
         for k in count(1):
@@ -58,16 +63,17 @@ def played(env_id: str, seed: int, words: dict[str, str], most: float = math.inf
 
 
 def task(one: suite.Task) -> list[Clip]:
-    """An episode of a task of the suite."""
-    env = suite.make(one.id)
+    """The beginning of an episode of a task of the suite."""
+    env, words = suite.make(one.id), {"PD": "pd"}
     env.reset(seed=SEED)
     for name in BESIDE:
         try:
             control.make(name, env)
         except ValueError:
             continue
-        return played(one.env_id, SEED, {"PD": "pd", name.upper(): name}, SECONDS)
-    return played(one.env_id, SEED, {"PD": "pd"}, SECONDS)
+        words[name.upper()] = name
+        break
+    return played(one.env_id, SEED, words, SECONDS, lambda word, env: choose(word, one).make(env))
 
 
 MADE: dict[str, Callable[[], list[Clip]]] = {

@@ -113,9 +113,9 @@ run folder, or a policy that comes with the package. Controllers play in the env
 
 PLAY = """\
 An environment in a window. Keys: left and right turn the hub, up and down the elbow, shift is gentle, Esc ends.
-A controller (pd, zv, zvd, lqr, lqg, time_optimal), a policy.npz, a run folder or a policy that comes with the package
-plays by itself; each episode ends with a line of what came of it. A policy.npz holds numbers alone and names no other
-environment than FlexibleArm-v0 and TwoLinkFlexArm-v0, unless ENV names it too.
+A controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal), a policy.npz, a run folder or a policy that comes with the
+package plays by itself; each episode ends with a line of what came of it. A policy.npz holds numbers alone and names no
+other environment than FlexibleArm-v0 and TwoLinkFlexArm-v0, unless ENV names it too.
 
   flexarm play
   flexarm play TwoLinkFlexArm-v0 --policy lqr --episodes 3

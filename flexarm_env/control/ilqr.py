@@ -55,12 +55,14 @@ class Quadratic:
     weight: Array
 
     def value(self, x: Array, k: int | slice) -> Array:
+        """See `Cost`."""
         goal = self.goal if self.goal.ndim == 2 else self.goal[k]
         off, weight = x - goal, self.weight[k]
         weight = weight if self.weight.ndim == 4 else weight[..., None, :, :]
         return np.asarray(0.5 * np.einsum("...i,...i->...", (weight @ off[..., None])[..., 0], off))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
+        """See `Cost`."""
         off = x - self.goal
         weight = self.weight if self.weight.ndim == 4 else self.weight[:, None]
         weight = np.broadcast_to(weight, (*off.shape, off.shape[-1]))
@@ -92,10 +94,12 @@ class Limits:
         return np.maximum(over, 0.0), np.maximum(under, 0.0)
 
     def value(self, x: Array, k: int | slice) -> Array:
+        """See `Cost`."""
         over, under = self._active(self.of(x)[0], k)
         return np.asarray((over**2 + under**2).sum(-1) / (2.0 * self.penalty))
 
     def slopes(self, x: Array) -> tuple[Array, Array]:
+        """See `Cost`."""
         g, slope = self.of(x)
         over, under = self._active(g, slice(None))
         gradient = np.einsum("...g,...gs->...s", over - under, slope)
@@ -151,13 +155,17 @@ def solve(
         iterations: at most. tolerance: of the cost, over itself: when no arm's falls by more, it is done.
         bound: of the controls.
     Raises:
-        ValueError: the first guess leads to states that are not finite.
+        ValueError: the first guess leads to states that are not finite, and so does no control.
     """
     controls = np.clip(controls, -bound, bound)
     states = rollout(system, x, controls)
     cost = total(costs, effort, states, controls)
     if not np.isfinite(cost).all():
-        raise ValueError("controls: the first guess leads to states that are not finite")
+        controls = np.where(np.isfinite(cost)[:, None], controls, 0.0)
+        states = rollout(system, x, controls)
+        cost = total(costs, effort, states, controls)
+    if not np.isfinite(cost).all():
+        raise ValueError("controls: the first guess leads to states that are not finite, and so does no control")
     damping = np.full(len(x), 0.0)
     gains = np.zeros((*controls.shape, system.size))
     for _ in range(iterations):
@@ -179,7 +187,12 @@ def solve(
 
 
 def backward(
-    system: System, states: Array, controls: Array, costs: Sequence[Cost], effort: Array, damping: Array,
+    system: System,
+    states: Array,
+    controls: Array,
+    costs: Sequence[Cost],
+    effort: Array,
+    damping: Array,
     bound: float = 1.0,
 ) -> tuple[Array, Array]:
     """Changes of the controls (T, n, N) and their gains (T, n, N, S) that solve the linear-quadratic problem.
@@ -267,7 +280,13 @@ def _partial(Quu: Array, Qux: Array, free: NDArray[np.bool_]) -> Array:
 
 
 def _forward(
-    system: System, states: Array, controls: Array, feed: Array, gains: Array, costs: Sequence[Cost], effort: Array,
+    system: System,
+    states: Array,
+    controls: Array,
+    feed: Array,
+    gains: Array,
+    costs: Sequence[Cost],
+    effort: Array,
     bound: float,
 ) -> tuple[Array, Array, Array]:
     """States (T + 1, 8, n, S), controls (T, 8, n, N) and costs (8, n) of steps of all `LENGTHS`."""

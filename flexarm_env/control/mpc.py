@@ -166,9 +166,12 @@ class MPC(Controller):
         weight = (self.gains.block * there)[:, :, None, None] * self.stage
         weight[-1] = self.P[chosen]
         cost = ilqr.Quadratic(self.home[chosen], weight)
-        found = ilqr.solve(
-            self.grids[self.left - 1], self.x[chosen], self.plan[:, chosen], [cost], self.effort, iterations=iterations
-        )
+        grid, plan = self.grids[self.left - 1], self.plan[:, chosen]
+        try:
+            found = ilqr.solve(grid, self.x[chosen], plan, [cost], self.effort, iterations=iterations)
+        except ValueError:  # no arm of the model moves from where one is taken to be
+            self.plan[:, chosen] = 0.0
+            return np.full(plan.shape[1], np.inf)
         self.plan[:, chosen] = found.controls
         at = np.where(there.any(axis=0), np.argmax(there, axis=0), len(there) - 1)
         off = found.states[at, np.arange(len(at))] - self.home[chosen]

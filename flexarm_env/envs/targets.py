@@ -147,6 +147,7 @@ class Point(Target):
         return [(0.5 * far, 0.75 * far), (12.0 / rate, 24.0 / rate), (0.05 * far, 0.2 * far), turns]
 
     def check_ranges(self, ranges: list[Pair], arm: Arm, path: str) -> None:
+        """Circles keep within reach, and so does the point of a line that is nearest to the root."""
         (nearest, farthest), _, (_, radius), _ = ranges
         near, far = reach(arm)
         wide = radius if path == "circle" else 0.0

@@ -21,6 +21,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         r = M(q) a + h(q, v) + Phi_q^T lambda - B u  and, with `Weights` c, S = c.mass dr/da + c.damping dr/dv +
         c.stiffness dr/dq, eqs. [64]-[78]; rows of multipliers belong to `constrain`, except that columns of multipliers
         are scaled by c.mass; c.mass = 0 asks for the residual alone and must leave what `solve` reads of S as it is
+    residual(lane, model, par, state, u, r, S)  r alone; S is free
     inertia(lane, model, par, a, r)  only where correction is not None: r = M a, M being constant
     rotate(lane, model, start, q, share, x)  likewise: rotate each vector in x by a share of the angle that the body
         there turns by from start to q
@@ -116,9 +117,15 @@ def _nothing_to_book(lane, model, par, state, u, r, S, start, books):
     """`book_friction` of such joints."""
 
 
+@kernel
+def _by_assembling(lane, model, par, state, u, r, S):
+    """`residual` of a formulation that has no shorter way."""
+    assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
+
+
 FORMULATIONS = Family(
     "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, note_friction=_nothing_to_note, rub=_no_friction,
-    hold=_nothing_to_hold, book_friction=_nothing_to_book,
+    hold=_nothing_to_hold, book_friction=_nothing_to_book, residual=_by_assembling,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -126,6 +133,7 @@ register = FORMULATIONS.register
 REGISTRY = FORMULATIONS.members
 
 assemble = FORMULATIONS.function("assemble", "lane, model, par, state, u, weights, r, S")
+residual = FORMULATIONS.function("residual", "lane, model, par, state, u, r, S")
 inertia = FORMULATIONS.function("inertia", "lane, model, par, a, r")
 rotate = FORMULATIONS.function("rotate", "lane, model, start, q, share, x")
 predict = FORMULATIONS.function("predict", "lane, model, start, q")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from flexarm_env.parameters import Arm
 from flexarm_env.scene import toml
 from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
 from flexarm_env.settings import FORMULATIONS, Settings, check_options, default_options, merged
-from flexarm_env.time_functions import TimeFunction
+from flexarm_env.time_functions import TimeFunction, constant
 
 _SAME_TIME = 1e-9
 """Instants of different functions this close (s, and relative to the duration) are one instant."""
@@ -292,3 +292,11 @@ def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
         settings = Settings.make(formulation, **given)
     ordered = [(name, getattr(settings, name)) for name in default_options(formulation) if given.get(name) is not None]
     return (("formulation", formulation), *ordered)
+
+
+def standing_scene(
+    arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = (), pushed: bool = False
+) -> Scene:
+    """The arm, pinned; nothing moves it. pushed: there is room for a force on its tip."""
+    loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
+    return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles), loads=loads)

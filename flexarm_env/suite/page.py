@@ -16,9 +16,10 @@ HEAD = f"""# Results on the suite
 
 Mean returns over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no training uses. A score is
 (J - J_PD) / (J_best - J_PD), J the mean return (less the task's price times cost, where it has one): 0 for PD control,
-1 for the best known. Interquartile means (IQM) are over all scores of a method, the mean of the middle half; their
-brackets hold 95 % percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run).
-A method that is missing on a task is not made for it, or was not judged there.
+1 for the best known. `foresight` is no policy: each episode's torques, found by the gradient of its own return with
+the episode known beforehand. Interquartile means (IQM) are over all scores of a method, the mean of the middle half;
+their brackets hold 95 % percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one
+run). A method that is missing on a task is not made for it, or was not judged there.
 
 Each file of the folder is a run of a method; another's result is one file more, written by
 `flexarm bench suite --policy ... --name METHOD --out FOLDER`. This page: `flexarm bench page FOLDER --out PAGE`."""
@@ -76,17 +77,38 @@ def _scores(known: Sequence[Task], lines: dict[str, list[Line]]) -> Iterator[str
     ordered = sorted(scores, key=lambda name: (-len(scores[name]), -interquartile_mean(scores[name])))
     for name in ordered:
         own = scores[name]
-        cells = [f"{np.mean(own[task.id]):.2f}" if task.id in own else "" for task in known]
+        cells = [_two(float(np.mean(own[task.id]))) if task.id in own else "" for task in known]
         counts = sorted({len(runs) for runs in own.values()})
         runs = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}-{counts[-1]}"
         yield f"| {name} | {runs} | {_middle(own, len(known))} | " + " | ".join(cells) + " |"
+    for head, text in (("*best less worst*", _spread), ("*left to the best known*", _left)):
+        yield f"| {head} |  |  | " + " | ".join(text(_of_policies(lines[task.id])) for task in known) + " |"
+
+
+def _of_policies(lines: Sequence[Line]) -> list[float]:
+    """Mean scores of the methods that make policies: actions that were found beforehand are none."""
+    own = [line for line in lines if all(entry["policy"].get("kind") != "actions" for entry in line.entries)]
+    return [score for line in own if (score := line.mean("score")) is not None]
+
+
+def _spread(scores: Sequence[float]) -> str:
+    return f"{max(scores) - min(scores):.2f}" if scores else ""
+
+
+def _left(scores: Sequence[float]) -> str:
+    return f"{max(0.0, 1.0 - max(scores)):.2f}" if scores else ""
 
 
 def _middle(own: dict[str, list[float]], count: int) -> str:
     """The interquartile mean, with its interval; of a part of the tasks it says so."""
     limits = interval(own)
-    text = f"{interquartile_mean(own):.2f}" + ("" if limits is None else f" [{limits[0]:.2f}, {limits[1]:.2f}]")
+    text = _two(interquartile_mean(own)) + ("" if limits is None else f" [{limits[0]:.2f}, {limits[1]:.2f}]")
     return text if len(own) == count else f"{text} ({len(own)} of {count} tasks)"
+
+
+def _two(score: float) -> str:
+    """Two digits; no zero below zero."""
+    return f"{round(score, 2) + 0.0:.2f}"
 
 
 def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
@@ -103,7 +125,7 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
         "score",
         "success",
         "cost",
-        "training, steps",
+        "training, share of the budget",
         "CPU s",
         "decision, µs",
     )
@@ -116,8 +138,8 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
         yield (
             f"| {line.method} | {runs} | {np.mean(values):.1f} | "
             + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
-            + f" | {'' if score is None else f'{score:.2f}'} | {rate:.0%} | {line.mean('cost'):.2f} | "
-            + (f"{steps:.0f} | {cpu:.0f}" if steps else " | ")
+            + f" | {'' if score is None else _two(score)} | {rate:.0%} | {line.mean('cost'):.2f} | "
+            + (f"{steps / task.budget:.0%} | {cpu:.0f}" if steps else " | ")
             + f" | {line.mean('decision_us'):.1f} |"
         )
 

@@ -19,7 +19,7 @@ class Pull:
     """A force or a torque on a point of the chain.
 
     name: in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force. limit: N m of a
-    torque at its largest; None: the largest of these values.
+    torque at its largest; None, or where they are larger: the largest of these values.
     """
 
     name: str

@@ -134,7 +134,8 @@ def _clip(clip: Clip) -> dict[str, Any]:
 
 def _most(values: Array, limit: float | None) -> float:
     size = np.hypot(*values.T) if values.ndim == 2 else np.abs(values)
-    return float(limit) if limit is not None and np.isfinite(limit) else float(size.max())
+    known = limit if limit is not None and np.isfinite(limit) else 0.0
+    return max(float(known), float(size.max()))  # a motion that is prescribed takes what it needs, beyond any limit
 
 
 def _packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:

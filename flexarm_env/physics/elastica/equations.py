@@ -65,6 +65,17 @@ def assemble(lane, model, par, state, u, weights, r, S):
         _tangent(lane, model, par, on, weights, S)
 
 
+@kernel
+def residual(lane, model, par, state, u, r, S):
+    """See `protocol`."""
+    aligned_frame(lane)
+    on = Nodes(
+        stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
+        stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
+    )  # fmt: skip
+    _forces(lane, model, par, state, u, on, r)
+
+
 @unrolled
 @kernel
 def _forces(lane, model, par, state, u, on, r):
@@ -398,6 +409,7 @@ def solve_transposed(lane, model, S, x):
 register(
     Elastica,
     assemble=assemble,
+    residual=residual,
     constrain=constrain,
     pin=pin,
     stiffen=stiffen,

@@ -8,12 +8,12 @@ at the end of the step.
 from __future__ import annotations
 
 from ...compiler import kernel, load, pulled, size, splat, store
-from ..protocol import RESIDUAL_ALONE, State, assemble, solve_transposed
+from ..protocol import State, residual, solve_transposed
 from .work import take_out_known
 
 
 def _residual(lane, model, par, q, v, a, u, r):
-    assemble(lane, model, par, State(q, v, a), u, RESIDUAL_ALONE, r, r)
+    residual(lane, model, par, State(q, v, a), u, r, r)
 
 
 _pull_residual = pulled(_residual, ("par", "q", "v", "a", "u", "r"))

@@ -12,7 +12,7 @@ is corrected.
 from __future__ import annotations
 
 from ...compiler import kernel, load, size, splat, store
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, factor, solve
+from ..protocol import Weights, assemble, factor, residual, solve
 from .work import state_of, take_out_known
 
 
@@ -67,7 +67,7 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme):
         store(x.v, k, v + b * (h * (1.0 - scheme.gamma)) - ahead * slopes.v)
         store(x.a, k, (b * am - a * af) * (1.0 / (1.0 - af)) - ahead * slopes.a)
     copy_state(lane, wide, model, w, x)
-    assemble(wide, model, parx, state_of(x), x.u, RESIDUAL_ALONE, x.r, x.S)
+    residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
     _solve(lane, wide, model, w, x)
     for k in range(n):
         q = load(wide, x.r, k)
@@ -83,7 +83,7 @@ def restart_tangents(lane, wide, model, parx, w, x):
     for k in range(size(model.n)):
         store(x.a, k, splat(wide, 0.0))
     copy_state(lane, wide, model, w, x)
-    assemble(wide, model, parx, state_of(x), x.u, RESIDUAL_ALONE, x.r, x.S)
+    residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
     _solve(lane, wide, model, w, x)
 
 
@@ -91,7 +91,7 @@ def restart_tangents(lane, wide, model, parx, w, x):
 def before_switch(lane, wide, model, parx, w, x):
     """x.q0 <- the residual before the torques jump from u0 to u."""
     copy_state(lane, wide, model, w, x)
-    assemble(wide, model, parx, state_of(x), x.u0, RESIDUAL_ALONE, x.r, x.S)
+    residual(wide, model, parx, state_of(x), x.u0, x.r, x.S)
     for k in range(size(model.n)):
         store(x.q0, k, load(wide, x.r, k))
 
@@ -100,7 +100,7 @@ def before_switch(lane, wide, model, parx, w, x):
 def switch_tangents(lane, wide, model, parx, w, x):
     """x: tangents of a and b after the jump, by which the residual has not changed; its matrix is in w.S still."""
     copy_state(lane, wide, model, w, x)
-    assemble(wide, model, parx, state_of(x), x.u, RESIDUAL_ALONE, x.r, x.S)
+    residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
     for k in range(size(model.n)):
         store(x.r, k, load(wide, x.r, k) - load(wide, x.q0, k))
     _solve(lane, wide, model, w, x)
