@@ -156,8 +156,8 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
                      ("step", "pull", "rollout", "vjp"))
                      + f" | {row['vjp'] / row['rollout']:.1f} | {row['bytes']:.0f} |")  # fmt: skip
     lines += ["", "## What the solver's tolerance leaves", "",
-              "Gradients over so many periods by the actions, of a random sum of the last state, at the environments' "
-              "own tolerance and at 1e-12: the norm of the difference over the gradient's, the largest of the arms.", "",
+              "Gradients over so many periods by the actions, of a random sum of the last state, at their own "
+              "tolerance and at 1e-12: the norm of the difference over the gradient's, the largest of the arms.", "",
               *table("environment | tolerance | " + " | ".join(f"over {k}" for k in PERIODS))]  # fmt: skip
     for row in found["gaps"]:
         lines.append(f"| `{row['env']}` | {row['tolerance']:.0e} | " + " | ".join(f"{row['gaps'][str(k)]:.1e}"
