@@ -27,6 +27,10 @@ MOST_AT_ONCE = 3
 """Columns that go side by side: more of them cost as much and take longer to compile."""
 
 
+PASSES = 5
+"""Solutions for a step's tangents where its matrix is the derivative but for a thousandth: the exact beam's."""
+
+
 class Jacobians(NamedTuple):
     """What a control period of n arms comes to, and its derivative.
 
@@ -163,7 +167,7 @@ class Arms:
         room = lanes * int(uncompiled(room_of)(model, task, batch.program.n_steps))
         self._program = derivative.Derivative(
             lane=WIDEST, dual=both, program=batch.program, plain=layouts[0], both=layouts[1], columns=columns,
-            moving=self.moving,
+            moving=self.moving, passes=PASSES if batch.settings.formulation == "geometrically_exact" else 1,
             places=_places(batch, lanes, layouts[0], self.parameters)[0],
             twice=_places(batch, len(both), layouts[1], self.parameters)[0],
             chosen=np.asarray(chosen, np.int64), n=self.n,

@@ -36,6 +36,7 @@ class Derivative(NamedTuple):
     both: Block  # of `dual`
     columns: int  # X + A
     moving: int  # X
+    passes: int  # of the solution for a step's tangents: 1 where its matrix is exact
     places: np.ndarray  # (S,) int64: where a state's entries are in a plain block
     twice: np.ndarray  # likewise in a dual one
     chosen: np.ndarray  # (O,) int64: entries observed, of all that there are to be seen

@@ -82,7 +82,7 @@ def _period(lane, d, g, chunks, block, scratch, w):
         for c in range(chunks):
             both = _chunk(d, c, scratch)
             x = unpack(d.dual, model, both, 0)
-            step_tangents(lane, d.dual, model, _parameters(d, both), w, x, slopes, p.scheme)
+            step_tangents(lane, d.dual, model, _parameters(d, both), w, x, slopes, p.scheme, d.passes)
     for c in range(chunks):
         _close(lane, d, g, c, _chunk(d, c, scratch), w)
     store(record, PERIODS, load(lane, record, PERIODS) + 1.0)

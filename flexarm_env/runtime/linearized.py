@@ -158,7 +158,7 @@ def _group(lane, wide, d, g, at_once):
         for j in range(0, columns, at_once):
             both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
             x = unpack(wide, model, both, 0)
-            step_tangents(lane, wide, model, _par(wide, d, both), w, x, slopes, d.scheme)
+            step_tangents(lane, wide, model, _par(wide, d, both), w, x, slopes, d.scheme, 1)
     for j in range(0, columns, at_once):
         both = d.scratch[j // at_once * length : (j // at_once + 1) * length]
         x = unpack(wide, model, both, 0)

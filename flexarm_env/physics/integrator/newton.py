@@ -149,14 +149,15 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         if largest(active) < 0.5:
             break
     if len(lane) > arms(lane):
-        _sharpen(lane, model, drive, par, w, slopes)
+        for _ in range(3):
+            _sharpen(lane, model, drive, par, w, slopes)
     return active
 
 
 @kernel
 def _sharpen(lane, model, drive, par, w, slopes):
     """Dual lanes: tangents as the equations have them at the values found. Those of the iterations are behind by one
-    where they end; S is the derivative, so that one more makes them exact, and leaves the values what they are."""
+    where they end; S is the derivative, or nearly so, so that one more or a few make them exact; values stay."""
     weights = Weights(slopes.a, slopes.v, 1.0)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
     constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)

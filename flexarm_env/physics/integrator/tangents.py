@@ -56,8 +56,11 @@ def _solve(lane, wide, model, w, x):
 
 
 @kernel
-def step_tangents(lane, wide, model, parx, w, x, slopes, scheme):
-    """x: tangents of q, v, a, b from a step's start to its end, where w is; w.S from `prepare`."""
+def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
+    """x: tangents of q, v, a, b from a step's start to its end, where w is; w.S from `prepare`.
+
+    passes: 1 where S is the residual's derivative; where it is nearly so, what is left is solved for again.
+    """
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for k in range(n):
         q, v, a, b = load(wide, x.q, k), load(wide, x.v, k), load(wide, x.a, k), load(wide, x.b, k)
@@ -66,15 +69,17 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme):
         store(x.q, k, splat(wide, 0.0))
         store(x.v, k, v + b * (h * (1.0 - scheme.gamma)) - ahead * slopes.v)
         store(x.a, k, (b * am - a * af) * (1.0 / (1.0 - af)) - ahead * slopes.a)
-    copy_state(lane, wide, model, w, x)
-    residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
-    _solve(lane, wide, model, w, x)
+    for _ in range(passes):
+        copy_state(lane, wide, model, w, x)
+        residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
+        _solve(lane, wide, model, w, x)
+        for k in range(n):
+            q = load(wide, x.r, k)
+            store(x.q, k, load(wide, x.q, k) + q)
+            store(x.v, k, load(wide, x.v, k) + q * slopes.v)
+            store(x.a, k, load(wide, x.a, k) + q * slopes.a)
     for k in range(n):
-        q = load(wide, x.r, k)
-        store(x.q, k, q)
-        store(x.v, k, load(wide, x.v, k) + q * slopes.v)
-        store(x.a, k, load(wide, x.a, k) + q * slopes.a)
-        store(x.b, k, (q - load(wide, x.q0, k)) * slopes.b)
+        store(x.b, k, (load(wide, x.q, k) - load(wide, x.q0, k)) * slopes.b)
 
 
 @kernel
