@@ -5,9 +5,9 @@
 
 For every episode the fewest control periods are sought after which the tip stays in its band to the end of the episode
 (`flexarm_env.control.optimal.least_settling`), from the receding-horizon controller's first plan; with two links from
-two of them: the elbow bent as the environment chooses it at the goal, and the other way. A plan is torques alone: it
-is played without feedback in the environment, where its settling is measured, and again on the converged exact beam.
-Nothing says that there is no quicker one.
+two of them: the elbow bent as the environment chooses it at the goal, and the other way; and from what the trained
+policy does. A plan is torques alone: it is played without feedback in the environment, where its settling is measured,
+and again on the converged exact beam. Nothing says that there is no quicker one.
 
 Done in lots of episodes; a lot that is in docs/results/optimal.json is kept, so that a run that was broken off goes on.
 Writes docs/results/optimal.{json,md}; `python -m agents.table` shows the policies' distance from it.
@@ -89,6 +89,28 @@ class Arguments:
     only: str | None = None
     episodes: int | None = None
     results: Path = ROOT / "docs" / "results"
+
+
+class Watched:
+    """A policy, and the joint torques (n, N) N m that it has led to."""
+
+    def __init__(self, policy: Any, env: Any, torques: list[Array]) -> None:
+        self.policy, self.batch, self.torques = policy, env.unwrapped.batch, torques
+
+    def note(self) -> None:
+        """Of the last period."""
+        batch = self.batch
+        self.torques.append(np.array([batch.view(i).torques for i in range(batch.n)]))
+
+    def reset(self, observation: NDArray[np.float32]) -> None:
+        """Begin."""
+        self.policy.reset(observation)
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The policy's action."""
+        self.note()
+        action: NDArray[np.float32] = self.policy.act(observation)
+        return action
 
 
 class Played:
@@ -179,6 +201,20 @@ def guesses(env: Any, first: int) -> dict[str, Guess]:
     return found
 
 
+def played(case: Case, first: int, count: int, goal: Array) -> Guess:
+    """What the best trained policy does, as torques: a first guess."""
+    chosen = choose(str(families.named(case.families[0]).best(families.TRAINED)), case.env)
+    env = fixed.make_episodes(case.env, count, **keywords_of(Judged(policy=chosen.name, env=case.env), chosen))
+    torques: list[Array] = []
+    policy = Watched(chosen.make(env), env, torques)
+    settling = fixed.run(env, policy, first).settling
+    setup = control.Setup.of(env)
+    policy.note()
+    env.close()
+    actions = np.array(torques[1:]) / np.array(setup.torque_limits)
+    return Guess(actions, goal, np.round(settling / setup.control_dt).astype(np.int64))
+
+
 def planned(lot: Lot, case: Case, guess: Guess, limit: int) -> Array:
     """Actions (limit, n, N) of whole episodes; a guess's own where nothing better is found."""
     plant, goal = lot.plant, guess.goal
@@ -195,7 +231,7 @@ def planned(lot: Lot, case: Case, guess: Guess, limit: int) -> Array:
     own = np.zeros(out.shape)
     own[: len(guess.actions)] = guess.actions
     own[: len(motion.controls), motion.found] = motion.controls[:, motion.found]
-    until = np.where(motion.found, motion.ends, guess.periods)
+    until = np.where(motion.found, motion.ends, len(guess.actions))
     for k in range(limit):
         regulated = np.clip(-np.einsum("nas,ns->na", gains, x - home), -1.0, 1.0)
         out[k] = np.where((k < until)[:, None], own[k], regulated)
@@ -211,7 +247,9 @@ def solve_lot(case: Case, first: int, count: int) -> dict[str, Any]:
     lot = lot_of(env, first)
     starts: dict[str, list[float | None]] = {}
     best, actions = np.full(count, np.inf), np.zeros((limit, count, lot.plant.n_inputs))
-    for name, guess in guesses(env, first).items():
+    begun = guesses(env, first)
+    begun["trained policy"] = played(case, first, count, next(iter(begun.values())).goal)
+    for name, guess in begun.items():
         near = np.flatnonzero(guess.periods * lot.plant.period < NEAR * best)
         starts[name] = [None] * count
         if near.size:
@@ -258,8 +296,9 @@ def joined(lots: list[Mapping[str, Any]]) -> dict[str, Any]:
     """Numbers of all lots in a row."""
     keys = ("settling", "exact", "success", "exact_success", "effort")
     out: dict[str, Any] = {key: np.array([v for lot in lots for v in lot[key]]) for key in keys}
-    names = lots[0]["starts"]
-    out["starts"] = {name: np.array([v for lot in lots for v in lot["starts"][name]], np.float64) for name in names}
+    names = dict.fromkeys(name for lot in lots for name in lot["starts"])
+    starts = {name: [lot["starts"].get(name, [None] * lot["count"]) for lot in lots] for name in names}
+    out["starts"] = {name: np.array([v for part in found for v in part], np.float64) for name, found in starts.items()}
     names = lots[0]["policies"]
     out["policies"] = {name: np.array([v for lot in lots for v in lot["policies"][name]]) for name in names}
     out["cpu_s"] = sum(float(lot["cpu_s"]) for lot in lots)
@@ -272,9 +311,10 @@ The episodes on which policies and controllers are judged ([](control.md)), thei
 measure: the fewest control periods after which the tip stays in its band to the end of the episode
 (`flexarm_env.control.optimal.least_settling`: iLQR with limits on the elastica, with multipliers, by bisection over
 whole control periods). A plan is torques alone, played without feedback: in the environment, and on the converged exact
-beam (4 cubic elements a link, 1 ms). First guesses are first plans of `mpc`: of two links two, the elbow bent as the
-environment chooses it at the goal, and the other way (followed up where its plan is there in less than {NEAR} times the
-settling that the first led to; from where nothing better is found, the guess itself counts). These are local optima:
+beam (4 cubic elements a link, 1 ms). First guesses are first plans of `mpc`, of two links two, the elbow bent as the
+environment chooses it at the goal, and the other way; and the torques of the trained policy (a further one is followed
+up where it is there in less than {NEAR} times the settling found before; from where nothing better is found, the guess
+itself counts); the last table says which were tried. These are local optima:
 they bound the best settling from above, and nothing says that there is none quicker. Feedback is not in it: how far a
 policy may come for arms that are not nominal, this does not say. Episodes are done in lots, and the tables say how many
 are in; the script goes on with those that are not.
@@ -298,7 +338,8 @@ def page(content: Mapping[str, Any]) -> str:
     ]  # fmt: skip
     apart = [
         "", "Settling of policies on the same episodes over that of the best plan known, episode by episode:", "",
-        "| environment | policy | mean (s) | of the means | median | 90 % below |", "|---|---|---:|---:|---:|---:|",
+        "| environment | policy | mean (s) | of the means | median | 90 % below | quicker than the best plan in |",
+        "|---|---|---:|---:|---:|---:|---:|",
     ]  # fmt: skip
     for name, case in CASES.items():
         lots = [lot for lot in content["lots"].get(name, {}).values() if "policies" in lot]
@@ -322,7 +363,8 @@ def page(content: Mapping[str, Any]) -> str:
             ratio = values / best
             apart.append(
                 f"| {case.env} | {policy} | {values.mean():.3f} | {values.mean() / best.mean():.2f} "
-                f"| {np.median(ratio):.2f} | {np.quantile(ratio, 0.9):.2f} |"
+                f"| {np.median(ratio):.2f} | {np.quantile(ratio, 0.9):.2f} "
+                f"| {(values < best - 1e-9).sum()} |"
             )
     return "\n".join([*lines, *apart, *spread]) + "\n"
 

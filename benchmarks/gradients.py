@@ -156,15 +156,16 @@ def page(found: dict[str, Any], machine: dict[str, str]) -> str:
                      ("step", "pull", "rollout", "vjp"))
                      + f" | {row['vjp'] / row['rollout']:.1f} | {row['bytes']:.0f} |")  # fmt: skip
     lines += ["", "## What the solver's tolerance leaves", "",
-              "Gradients by the actions, of a random number made of the last state, at the environments' own tolerance "
-              "and at 1e-12: the norm of the difference over the gradient's, the largest of the arms.", "",
-              *table("environment | tolerance | " + " | ".join(f"{k} periods" for k in PERIODS))]  # fmt: skip
+              "Gradients over so many periods by the actions, of a random sum of the last state, at their own "
+              "tolerance and at 1e-12: the norm of the difference over the gradient's, the largest of the arms.", "",
+              *table("environment | tolerance | " + " | ".join(f"over {k}" for k in PERIODS))]  # fmt: skip
     for row in found["gaps"]:
         lines.append(f"| `{row['env']}` | {row['tolerance']:.0e} | " + " | ".join(f"{row['gaps'][str(k)]:.1e}"
                      for k in PERIODS) + " |")  # fmt: skip
     lines += ["", "## Learning", "",
               "Solved: 95 % of the validation episodes succeed; time is the processor's, s. Success and settling: of "
-              "the best policy in the test episodes.", ""]  # fmt: skip
+              "the best policy in the test episodes, those of [](control.md), where PPO's published policies stand "
+              "(`two_link_torque` is the one without joint controllers).", ""]  # fmt: skip
     for env_id in ENVS:
         lines += [f"### {env_id}", "",
                   *table("algorithm | seed | solved after, steps | s | whole run, steps | s | success "

@@ -24,8 +24,7 @@ LEAST = 0.5
 """Of the plain environment's rate that a task is to have."""
 
 WHY = {
-    "slew-geared-v1": "the rotor has an equation of its own, and stick-slip is solved for at every step",
-    "reach-gravity-v1": "posture for posture the same work: an arm that falls asks for more iterations",
+    "slew-geared-v1": "the rotor has an equation of its own, and whether the joint sticks is solved for at every step",
 }
 """What the physics asks for where a task is slower than that."""
 
@@ -72,7 +71,7 @@ def page(machine: dict[str, str], rows: list[dict[str, Any]], rounds: int) -> st
     slow = [f"- `{row['task']}`: {WHY[row['task']]}." for row in rows if row["ratio"] < LEAST and row["task"] in WHY]
     lines = [
         "# How fast the suite's tasks run", "",
-        f"Environment steps a second of {ARMS} arms on one thread under random actions, autoreset included, beside",
+        f"Environment steps a processor second of {ARMS} arms on one thread, random actions, autoreset counted, beside",
         f"the plain environment as it comes; both in turn, the best of {rounds} rounds. Written by",
         "`python -m benchmarks.suite_speed`.", "",
         told(machine), "",

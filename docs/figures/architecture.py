@@ -5,6 +5,7 @@ python docs/figures/architecture.py [FILE.svg]
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ BOXES: dict[str, tuple[float, float, float, float, str, tuple[str, ...]]] = {
     "suite": (5.8, -0.05, 2.2, 0.9, COLORS[4], ("suite", "tasks as data, scores")),
     "derivatives": (8.6, -0.05, 2.0, 0.9, COLORS[2], ("derivatives, torch", "of control periods")),
     "users": (0.0, -1.45, 10.6, 0.9, COLORS[5],
-        ("comparison, plotting, recording, sb3, torch, cli", "agents/ and benchmarks/, which are not installed")),
+        ("comparison, plotting, recording, sb3, cli", "agents/ and benchmarks/, which are not installed")),
 }  # fmt: skip
 ARROWS = (
     ("compiler", "physics", "down"), ("compiler", "tasks", "down"), ("compiler", "runtime", "down"),
@@ -69,6 +70,7 @@ def main() -> None:
         for source, target, way in ARROWS:
             style = {"arrowstyle": "-|>", "color": "#777777", "lw": 1.1, "shrinkA": 1, "shrinkB": 1}
             axes.annotate("", _end(target, source, way, True), _end(source, target, way, False), arrowprops=style)
+    path.write_text(re.sub(r"<dc:date>.*?</dc:date>", "", path.read_text("utf-8")), encoding="utf-8")
 
 
 def _box(x: float, y: float, width: float, height: float, color: str) -> Any:

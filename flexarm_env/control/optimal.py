@@ -217,7 +217,7 @@ def least_settling(
         band = ilqr.Limits(lambda x: off(x, chosen), np.full(high.shape, -np.inf), high, np.full(n, 10.0))
         costs = [ilqr.Quadratic(goal[chosen], weight)]
         controls = _padded(guess, total)
-        found, missed = optimise(plant, start[chosen], controls, costs, [band], 1e-2, rounds=7, iterations=7)
+        found, missed = optimise(plant, start[chosen], controls, costs, [band], 1e-2, rounds=8, iterations=12)
         return Motion(found.controls, found.states, periods, missed, np.full(n, total))
 
     return soonest(plant, start, periods, tried, most, guess, tail)
