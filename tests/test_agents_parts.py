@@ -184,15 +184,14 @@ def test_a_full_disk_is_a_sentence(tmp_path: Path, monkeypatch, capsys):
 
 
 # ------------------------------------------------------------------ the committed configuration
-@pytest.mark.parametrize(
-    "path", sorted((ROOT / "configs").glob("ppo/*.yml")) + sorted((ROOT / "configs").glob("sac/*.yml"))
-)
+@pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*/*.yml")), ids=lambda p: f"{p.parent.name}/{p.stem}")
 def test_committed_configs_can_be_read(path: Path):
     import yaml
 
-    ids = [key for key in yaml.safe_load(path.read_text()) if key != "env_kwargs"]
+    ids = [key for key in yaml.safe_load(path.read_text()) if "-v" in key]  # others are shared by several
     assert ids
     for env_id in ids:
         chosen = config.load(path, path.parent.name, env_id)
         assert chosen.n_timesteps > 0
-        plan(load_env_creator(gym.spec(env_id).entry_point).kind, **chosen.env_kwargs)  # compiles nothing
+        spec = gym.spec(env_id)
+        plan(load_env_creator(spec.entry_point).kind, **spec.kwargs | chosen.env_kwargs)  # compiles nothing

@@ -102,6 +102,7 @@ def test_two_flexible_links_that_rattle(side: str) -> None:
         assert np.hypot(*(run.tip - runs[0].tip)[:, :2].T).max() < 3e-3
 
 
+@pytest.mark.slow
 def test_rest_on_a_flank() -> None:
     """Under its weight a link lies on the flank: half the play below its motor, and what the spring gives."""
     scene = Scene("s", stiff_arm(), duration=1.0, dt=1e-3, gravity=(0.0, -9.81))

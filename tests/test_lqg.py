@@ -32,7 +32,7 @@ def told(env_id=ONE, **keywords):
     return control.Setup.of(env)
 
 
-@pytest.mark.parametrize("geared", [False, True])
+@pytest.mark.parametrize("geared", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_estimate_becomes_the_state(geared):
     """A shaken arm whose torques the filter knows: its whole state from the motor's angle and a gauge with a bias."""
     arm = arms.named("strip")

@@ -213,6 +213,7 @@ LAWFUL: dict[str, Any] = {
 ALL = {"observation": "measured", "history": 2, "sensors": LAWFUL, "gravity": (0.0, 0.0)}
 
 
+@pytest.mark.slow
 def test_vector_is_the_single_environment_with_every_sensor() -> None:
     assert assert_pair_same(pair(ONE, 4, max_episode_steps=9, **ALL), 30) >= 8
 
