@@ -72,7 +72,10 @@ def differences(model: LinearModel, simulation: Simulation) -> tuple[np.ndarray,
 
 
 @pytest.mark.parametrize("name", ["robot_arm_torque", "two_link_motion"])
-@every((*ALL, ("geometrically_exact", {"elements": 3, "period_correction": True})), slow=("period_correction", "modes", "segments"))
+@every(
+    (*ALL, ("geometrically_exact", {"elements": 3, "period_correction": True})),
+    slow=("period_correction", "modes", "segments"),
+)
 def test_a_period_is_the_derivative_of_the_solver(name: str, formulation: str, options: dict[str, Any]) -> None:
     simulation = moving(name, formulation, options)
     before = simulation.work.q.copy(), simulation.work.v.copy(), simulation.t
