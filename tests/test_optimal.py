@@ -87,12 +87,13 @@ def test_a_period_is_the_environments_and_its_derivatives_are_differences(env_id
     assert np.array_equal(x, [np.concatenate(batch.motion(i)[:2]) for i in range(8)])
     assert plant.tip(x)[0] == pytest.approx(info["tip_position"], abs=1e-7)
     assert plant.bends(x)[0] == pytest.approx(info["tip_deflection"].reshape(8, -1), abs=1e-7)
-    u, way, step = 0.5 * np.ones((8, plant.n_inputs)), rng.normal(size=x.shape), 1e-5
+    u, way, step = 0.5 * np.ones((8, plant.n_inputs)), rng.normal(size=x.shape), 1e-3
     A, B = plant.jacobians(x, u)
     slope = (plant.advance(x + step * way, u) - plant.advance(x - step * way, u)) / (2.0 * step)
-    assert np.einsum("nij,nj->ni", A, way) == pytest.approx(slope, abs=2e-3 * np.abs(slope).max())
+    assert np.einsum("nij,nj->ni", A, way) == pytest.approx(slope, abs=2e-4 * np.abs(slope).max())
     slope = (plant.advance(x, u + 2.0**-8) - plant.advance(x, u - 2.0**-8)) * 2.0**7
-    assert B.sum(-1) == pytest.approx(slope, abs=2e-3 * np.abs(slope).max())
+    assert B.sum(-1) == pytest.approx(slope, abs=2e-4 * np.abs(slope).max())
+    step = 1e-5
     for of in (plant.tip, plant.bends):
         slope = (of(x + step * way)[0] - of(x - step * way)[0]) / (2.0 * step)
         assert np.einsum("nij,nj->ni", of(x)[1], way) == pytest.approx(slope, abs=1e-7)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, Starts, Task
+from ..derivatives import Periods
 from ..parameters import Arm
 from ..physics.elastica.chain import chain
 from ..settings import Settings
@@ -25,9 +26,6 @@ STEP = 0.02 / 3.0
 
 AT_ONCE = 1024
 """Most arms that one compiled call moves: their memory stays in the processor's cache."""
-
-MOVED_BY = 2.0**-12
-"""Step of differences: exact in single precision, in which actions are held."""
 
 
 class Dynamics:
@@ -51,6 +49,7 @@ class Dynamics:
         self.joints = np.arange(arm.n_links) * nodes
         """Where the joints' angles stand in x; their rates `half` further on."""
         self._batches: dict[int, Batch] = {}
+        self._differentiated: dict[int, tuple[Periods, Array]] = {}
         parts = chain(self.arm, nodes)
         self._angles = np.eye(self.half)
         for k in self.joints[1:]:
@@ -74,18 +73,18 @@ class Dynamics:
         return out
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """A (m, S, S) and B (m, S, N): derivatives of `advance` by x and u."""
-        m, size, n = len(x), self.size, self.n_inputs
-        xs, us = np.repeat(x[:, None], size + n + 1, axis=1), np.repeat(u[:, None], size + n + 1, axis=1)
-        at = np.arange(size)
-        xs[:, at, at] += MOVED_BY
-        at = np.arange(n)
-        us[:, size + at, at] -= np.where(u > 0.0, MOVED_BY, -MOVED_BY)  # inwards: actions beyond 1 are clipped
-        us = us.astype(np.float32).astype(np.float64)
-        moved = self.advance(xs.reshape(-1, size), us.reshape(-1, n)).reshape(m, -1, size)
-        change = (moved[:, :-1] - moved[:, -1:]).transpose(0, 2, 1)
-        A = change[:, :, :size] / MOVED_BY
-        B = change[:, :, size:] / (us[:, size + at, at] - us[:, -1])[:, None]
+        """A (m, S, S) and B (m, S, N): derivatives of `advance` by x and u, exact; NaN where the solver fails."""
+        size, n = self.size, self.n_inputs
+        A, B = np.empty((len(x), size, size)), np.empty((len(x), size, n))
+        for first in range(0, len(x), AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            count = len(x[part])
+            periods, state = self._periods(count)
+            state[:count, :size], state[count:, :size] = x[part], x[first]
+            action = np.zeros((len(state), n))
+            action[:count] = u[part]
+            moved = periods.jacobians(state, action).moved[:count, :size]
+            A[part], B[part] = moved[:, :, :size], moved[:, :, size:]
         return A, B
 
     def stage(self, k: int, x: Array, u: Array) -> Array:
@@ -175,6 +174,15 @@ class Dynamics:
         moved = block[:groups, : self.size * lanes].reshape(groups, self.size, lanes)
         out[...] = moved.transpose(0, 2, 1).reshape(-1, self.size)[:m]
         out[batch.table[batch.info_at.reason, :m] != 0.0] = np.nan
+
+    def _periods(self, m: int) -> tuple[Periods, Array]:
+        """Of at least m arms, and states of theirs, of which the first numbers are to be filled in."""
+        batch = self._batch(m)
+        if batch.n not in self._differentiated:
+            periods = Periods(batch)
+            assert periods.moving == self.size
+            self._differentiated[batch.n] = periods, periods.states()
+        return self._differentiated[batch.n]
 
     def _batch(self, m: int) -> Batch:
         size = 8

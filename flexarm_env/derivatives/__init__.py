@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .period import Arms, Jacobians
+from .period import Arms, Jacobians, Periods
 from .rollouts import Gradient, Outcome, Rollout, rollout
 
-__all__ = ["Arms", "Gradient", "Jacobians", "Outcome", "Rollout", "rollout"]
+__all__ = ["Arms", "Gradient", "Jacobians", "Outcome", "Periods", "Rollout", "rollout"]

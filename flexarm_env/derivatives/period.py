@@ -110,44 +110,21 @@ class Jacobians(NamedTuple):
         return np.concatenate([out[:, :x], state[:, x:]], axis=1), out[:, x:]
 
 
-class Arms:
-    """n arms of an environment, one control period at a time, with exact derivatives.
-
-    A state is a row of numbers that holds all that an arm's future depends on; what it gives is what the environment
-    gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: time limits,
-    joint limits and autoreset are left to the caller; a solver that fails gives NaN.
+class Periods:
+    """Control periods of a batch's arms, with exact derivatives; what `Arms` says of states, steps and failures holds.
 
     Args:
-        id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector
-            environment chooses. parameters: also by payload mass and inertia, the factor on EI, tau_d and the factor on
-            the torque constant, which then stand last among the numbers that move.
-        keywords: of the environment and its solver.
+        batch: the arms, of which none has sensors, pushes or a payload that changes. parameters: see `Arms`.
     Attributes:
-        n, state_size, action_size, observation_size. moving: how many of a state's first numbers change with time or
-        are differentiated by; the others are given (targets, periods done, ...). names: of a state's numbers.
-        observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
-        whether an arm was beyond a joint's limits at its end.
-    Raises:
-        ValueError: an environment that cannot be differentiated: sensors, history, moving targets, replayed motions,
-            pushes, payloads that change, fitted steps, joints by multipliers; bad sizes.
+        n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`.
     """
 
-    def __init__(
-        self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
-    ) -> None:
+    def __init__(self, batch: Batch, parameters: bool = False) -> None:
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
-        self.n = check.integer("n", n, minimum=1)
-        made: Any = gym.make_vec(
-            id, num_envs=self.n, vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, threads=threads, **keywords
-        ).unwrapped
-        self.environment = made
-        _differentiable(made)
-        self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
-        self.action_size = self.action_space.shape[0]
-        batch: Batch = made.batch
-        self._batch, self.parameters = batch, check.flag("parameters", parameters)
+        self._batch, self.parameters, self.n = batch, parameters, batch.n
         task, model, extras = batch.task, batch.system.model, batch.extras
+        self.action_size = len(task.links)
         own, self.names, self.moving = _places(batch, len(batch.lane), batch.layout, self.parameters)
         self._own = own
         self.state_size = len(self.names)
@@ -188,13 +165,8 @@ class Arms:
         self._entries: dict[Any, Any] = {}
 
     # --- states ----------------------------------------------------------------------------------
-    def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
-        """Fresh starts, those of the vector environment with this seed and these options: states (n, S)."""
-        self.environment.reset(seed=seed, options=options)
-        return self.states()
-
     def states(self) -> Array:
-        """The states (n, S) at which the arms of `environment` are."""
+        """The states (n, S) at which the batch's arms are."""
         lanes = len(self._batch.lane)
         rows = self._batch.block[:, (self._own[:, None] + np.arange(lanes)).ravel()]
         rows = rows.reshape(len(rows), len(self._own), lanes).transpose(0, 2, 1)
@@ -264,7 +236,6 @@ class Arms:
     def close(self) -> None:
         """Let the threads go."""
         self._crew.close()
-        self.environment.close()
 
     # --- inside ----------------------------------------------------------------------------------
     def _put(self, state: Array, action: Any) -> Array:
@@ -305,6 +276,51 @@ class Arms:
             self._crew.run(code, self._placed.address, self._groups)
         else:
             made(self._placed.address, 0, self._groups)
+
+
+class Arms(Periods):
+    """n arms of an environment, one control period at a time, with exact derivatives.
+
+    A state is a row of numbers that holds all that an arm's future depends on; what it gives is what the environment
+    gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: time limits,
+    joint limits and autoreset are left to the caller; a solver that fails gives NaN.
+
+    Args:
+        id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector
+            environment chooses. parameters: also by payload mass and inertia, the factor on EI, tau_d and the factor on
+            the torque constant, which then stand last among the numbers that move.
+        keywords: of the environment and its solver.
+    Attributes:
+        n, state_size, action_size, observation_size. moving: how many of a state's first numbers change with time or
+        are differentiated by; the others are given (targets, periods done, ...). names: of a state's numbers.
+        observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
+        whether an arm was beyond a joint's limits at its end.
+    Raises:
+        ValueError: an environment that cannot be differentiated: sensors, history, moving targets, replayed motions,
+            pushes, payloads that change, fitted steps, joints by multipliers; bad sizes.
+    """
+
+    def __init__(
+        self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
+    ) -> None:
+        made: Any = gym.make_vec(
+            id, num_envs=check.integer("n", n, minimum=1), threads=threads,
+            vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **keywords,
+        ).unwrapped  # fmt: skip
+        self.environment = made
+        _differentiable(made)
+        self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
+        super().__init__(made.batch, check.flag("parameters", parameters))
+
+    def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
+        """Fresh starts, those of the vector environment with this seed and these options: states (n, S)."""
+        self.environment.reset(seed=seed, options=options)
+        return self.states()
+
+    def close(self) -> None:
+        """Let the threads go."""
+        super().close()
+        self.environment.close()
 
 
 def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 
 if TYPE_CHECKING:
-    from .period import Arms
+    from .period import Periods
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Rollout:
         and rewards (T, n) after each period; failed, past (T, n): the solver failed, a joint was beyond its limits.
     """
 
-    arms: Arms
+    arms: Periods
     states: Array
     actions: Array
     observations: Array
@@ -82,7 +82,7 @@ class Rollout:
         return Gradient(by_state, by_actions)
 
 
-def rollout(arms: Arms, state: Any, actions: Any) -> Rollout:
+def rollout(arms: Periods, state: Any, actions: Any) -> Rollout:
     """Where arms go from states (n, S) under actions (T, n, A), clipped to +-1; see `Rollout`."""
     start = _given("state", state, (arms.n, arms.state_size))
     given = np.asarray(actions, np.float64)
