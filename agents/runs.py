@@ -6,16 +6,15 @@ import contextlib
 import dataclasses
 import json
 import os
-import platform
 import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from flexarm_env.suite.results import versions
 from flexarm_env.suite.score import FIRST
 
 T = TypeVar("T")
@@ -23,7 +22,6 @@ T = TypeVar("T")
 INTERRUPTED = 130
 MOST_SEED = FIRST - 1001
 """Of a training run, whose environments have the thousand seeds from it on."""
-PACKAGES = ("flexarm_env", "numpy", "scipy", "numba", "gymnasium", "stable_baselines3", "torch", "ray")
 
 
 def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
@@ -69,17 +67,6 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path}: {error.strerror}") from error
     except ValueError as error:
         raise ValueError(f"{path}: damaged, not JSON ({error})") from error
-
-
-def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that matter, and the machine."""
-    found = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
 
 
 def broken_off(folder: Path, command: str, error: OSError | None = None) -> int:

@@ -63,52 +63,47 @@ class Derivative(NamedTuple):
 @kernel
 def step(address, first, last):
     """The period of groups first ... last - 1."""
-    d = follow(address)
-    for g in range(first, last):
-        block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
-        fill(d.lane, d, d.places, d.plain, g, block)
-        _period(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
-        tell(d.lane, d, d.places, d.plain, g, block)
-    return 0
+    return _values(follow(address), first, last, (0,))
 
 
 @kernel
 def look(address, first, last):
     """What is to be seen of groups first ... last - 1 as they are."""
-    d = follow(address)
-    for g in range(first, last):
-        block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
-        fill(d.lane, d, d.places, d.plain, g, block)
-        see(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0))
-        tell(d.lane, d, d.places, d.plain, g, block)
-    return 0
+    return _values(follow(address), first, last, None)
 
 
 @kernel
 def tangents(address, first, last):
     """The derivative of the period of groups first ... last - 1."""
-    d = follow(address)
-    for g in range(first, last):
-        block = d.scratch[first * d.both.row : (first + 1) * d.both.row]
-        for j in range(0, d.columns, at_once(d)):
-            fill(d.dual, d, d.twice, d.both, g, block)
-            seed(d.dual, d, j, block)
-            _period(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0))
-            take_columns(d.dual, d, g, j, block)
-        tell(d.dual, d, d.twice, d.both, g, block)
-    return 0
+    return _columns(follow(address), first, last, (0,))
 
 
 @kernel
 def sights(address, first, last):
     """The derivative of what is to be seen of groups first ... last - 1."""
-    d = follow(address)
+    return _columns(follow(address), first, last, None)
+
+
+@kernel
+def _values(d, first, last, moves):
+    """Of a period where `moves` is a tag, otherwise of the arms as they are."""
+    for g in range(first, last):
+        block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
+        fill(d.lane, d, d.places, d.plain, g, block)
+        _go(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0), moves)
+        tell(d.lane, d, d.places, d.plain, g, block)
+    return 0
+
+
+@kernel
+def _columns(d, first, last, moves):
+    """Likewise the derivative, some columns at a time."""
     for g in range(first, last):
         block = d.scratch[first * d.both.row : (first + 1) * d.both.row]
         for j in range(0, d.columns, at_once(d)):
             fill(d.dual, d, d.twice, d.both, g, block)
             seed(d.dual, d, j, block)
-            see(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0))
+            _go(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0), moves)
             take_columns(d.dual, d, g, j, block)
         tell(d.dual, d, d.twice, d.both, g, block)
     return 0
@@ -153,15 +148,15 @@ def seed(lane, d, first, block):
 
 
 @kernel
-def _period(lane, p, layout, block, w):
-    """One control period of the arms in a block, and what is to be seen after it."""
-    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
-    record, action, saved = (
-        block[layout.record : layout.action], block[layout.action : layout.seen], block[layout.saved : layout.end],
-    )  # fmt: skip
-    keep(lane, size(p.model.n), w, record, saved)
-    take_steps(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
-    store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
+def _go(lane, p, layout, block, w, moves):
+    """One control period of the arms in a block, where `moves` is a tag; and what is to be seen then."""
+    if moves is not None:
+        par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
+        record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
+        saved = block[layout.saved : layout.end]
+        keep(lane, size(p.model.n), w, record, saved)
+        take_steps(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+        store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
     see(lane, p, layout, block, w)
 
 

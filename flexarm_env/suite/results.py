@@ -25,16 +25,9 @@ from .score import EPISODES, FIRST, score
 
 FORMAT = 1
 PACKAGES = (
-    "flexarm_env",
-    "numpy",
-    "scipy",
-    "numba",
-    "gymnasium",
-    "stable_baselines3",
-    "sb3_contrib",
-    "torch",
-    "onnxruntime",
-)
+    "flexarm_env", "numpy", "scipy", "numba", "gymnasium", "stable_baselines3", "sb3_contrib", "torch", "onnxruntime",
+    "ray",
+)  # fmt: skip
 
 _NUMBERS = ("returns", "successes", "costs", "lengths")
 
