@@ -48,6 +48,8 @@ NAMES: dict[str, tuple[str, str]] = {
     "numba.core.dispatcher._FunctionCompiler.compile": ("to compile a part", JIT),
     "numba.core.compiler.CompileResult._replace": ("to file a part among the compiled forms", JIT),
     "numba.core.cpu.CPUContext.insert_user_function": ("to let callers find a part", JIT),
+    "numba.core.runtime.context.NRTContext.get_meminfos": ("not to look for references where there are none", JIT),
+    "numba.core.base.BaseContext.nrt": ("the same", JIT),
     "numba.core.sigutils.normalize_signature": ("argument types of a signature", JIT),
     "numba.core.registry.CPUDispatcher.compile": ("a kernel's form for types (`entry`)", "a call of the dispatcher"),
     "numba.core.codegen.JITCodeLibrary.get_pointer_to_function": ("where a form's code begins", "`numba.cfunc`"),

@@ -9,8 +9,10 @@ anybody's, are compiled as Numba always does: they may be called from elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import nullcontext
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from functools import cache
 from typing import Any
 
 from llvmlite import ir
@@ -21,6 +23,7 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.registry import CPUDispatcher
+from numba.core.runtime.context import NRTContext
 from numba.core.targetconfig import ConfigStack
 from numba.core.typed_passes import NopythonTypeInference
 from numba.core.typing.templates import AbstractTemplate, infer_global
@@ -68,6 +71,23 @@ class PartMarker:
         raise RuntimeError("A part of a kernel has no code of its own")
 
 
+class _Counts(NRTContext):  # type: ignore[misc]
+    """References counted, without looking for any in what holds none.
+
+    Numba takes a value apart down to its numbers to find what is counted, each time that it is handed on: of the
+    intermediate code of a kernel, whose named tuples hold bare arrays, that is more than half, and none of it is used.
+    """
+
+    def get_meminfos(self, builder: Any, ty: Any, val: Any) -> Any:
+        """The counted parts of a value."""
+        return super().get_meminfos(builder, ty, val) if _counted(self._context.data_model_manager, ty) else []
+
+
+@cache
+def _counted(models: Any, kind: Any) -> bool:
+    return bool(models[kind].contains_nrt_meminfo())
+
+
 @register_pass(mutates_CFG=False, analysis_only=True)
 class _ChooseLibrary(AnalysisPass):  # type: ignore[misc]
     """The outermost kernel gets a library that is optimised and run; one within it is a part."""
@@ -79,6 +99,7 @@ class _ChooseLibrary(AnalysisPass):  # type: ignore[misc]
 
     def run_pass(self, state: Any) -> bool:
         whole = _open == 1
+        state.targetctx.nrt = _Counts(state.targetctx, state.targetctx.enable_nrt)  # of this compilation alone
         state.library = (JITCodeLibrary if whole else _Part)(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         state.flags.no_compile = state.flags.no_cpython_wrapper = not whole
@@ -104,6 +125,18 @@ class _Compiler(Compiler):  # type: ignore[misc]
         return pipelines
 
 
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Without a search for garbage: a compilation makes millions of objects, nearly all of which it still needs."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
 class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
     """A compiled function that is whole where Python calls it and a part where another kernel does."""
 
@@ -125,7 +158,8 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             self.overloads.pop(args, None)
             _open += 1
             try:
-                return super().compile(sig) if _open == 1 else self._compile_part(args)
+                with _no_collection() if _open == 1 else nullcontext():
+                    return super().compile(sig) if _open == 1 else self._compile_part(args)
             finally:
                 _open -= 1
 
