@@ -23,12 +23,16 @@ from agents.runs import read_json, write_json, write_whole
 from flexarm_env import suite
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
+from flexarm_env.tasks.program import CHANGE, PERIODS
 
 Array = NDArray[np.float64]
 
+BEFALLING = frozenset({"pushes", "payload_change"})
+"""Keywords of what comes to an arm from without."""
+
 SENSED = ("observation", "history", "sensors")
 """Keywords that say what is seen, which torques found beforehand do not depend on."""
-CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "time_optimal")
+CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
 """Where the search begins: in each episode with the actions of the best of them."""
 ALIKE = 1e-6
 """Share by which an episode may pay otherwise in the task than in the search."""
@@ -103,12 +107,15 @@ def search(
     from flexarm_env.derivatives import Arms
 
     best, reached = beginnings(task, trained)
-    arms = Arms(task.environment, EPISODES, **seen_whole(task))
+    befalls = not BEFALLING.isdisjoint(task.keywords)
+    plain = {key: value for key, value in seen_whole(task).items() if key not in BEFALLING}
+    arms = Arms(task.environment, EPISODES, **plain)
     start, shape = arms.reset(seed=FIRST), best.shape
     fine = Fine(task, arms.environment.plan)
+    passed: Any = Befallen(task, arms) if befalls else arms
 
     def value(x: Array) -> tuple[Array, Array]:
-        total, slopes = returned(arms, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
+        total, slopes = returned(passed, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1))
 
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
@@ -186,19 +193,82 @@ class Fine:
         return self.price * over.any(axis=1), slope
 
 
+class Befallen:
+    """The arms of a task that are pushed, or whose payload changes: `step` and `pull` of `derivatives.Arms`.
+
+    They move in the task itself. Derivatives are those of the arms without all this at the very states; where a payload
+    changes, differences of the period itself. A push changes the derivative of its period by little, which is left out.
+    """
+
+    STEPS = 1e-6, 1e-3
+    """In numbers of the state, and in actions, which are float32."""
+
+    def __init__(self, task: suite.Task, arms: Any) -> None:
+        from flexarm_env.derivatives import Periods
+
+        made = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
+        self.env, self.plain, self.n, self.moving = made.unwrapped, arms, arms.n, arms.moving
+        self.batch, self.periods = self.env.batch, arms.names.index("periods")
+        self.rows, self.failed = Periods(self.batch), np.zeros(arms.n, bool)
+
+    def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+        """The next period, from the first one on: the episodes go where they go."""
+        if state[0, self.periods] == 0.0:
+            self.env.reset(seed=FIRST)
+            self.changes, self.past = [], np.zeros(self.n, bool)
+        self.changes.append(self._change(action))
+        _, reward, terminated, _, _ = self.env.step(action.astype(np.float32))
+        self.past |= terminated
+        after = self.rows.states()
+        after[:, self.periods] = state[0, self.periods] + 1.0
+        return after, np.zeros((self.n, self.plain.observation_size)), reward
+
+    def pull(self, state: Array, action: Array, back: Array, seen: Array, paid: Array) -> tuple[Array, Array]:
+        """As that of `derivatives.Arms`."""
+        before, by_action = self.plain.pull(state, action, back, seen, paid)
+        who, slopes = self.changes[int(state[0, self.periods])]
+        if who.size:
+            given = np.concatenate([back[who, : self.moving], paid[who, None]], axis=1)
+            out = np.einsum("mi,mij->mj", given, slopes)
+            before[who, : self.moving], by_action[who] = out[:, : self.moving], out[:, self.moving :]
+        return before, by_action
+
+    def _change(self, action: Array) -> tuple[Array, Array]:
+        """Arms (m,) whose payload changes now, and the derivative (m, X + 1, X + A) of their period, by differences."""
+        batch, x = self.batch, self.moving
+        records = [batch.record(i) for i in range(self.n)] if batch.extras.payload_change is not None else []
+        who = np.array([i for i, record in enumerate(records) if record[CHANGE] == record[PERIODS]], int)
+        slopes = np.zeros((len(who), x + 1, x + action.shape[1]))
+        block, stream, lanes = batch.block.copy(), batch.stream.copy(), len(batch.lane)
+        for column in range(slopes.shape[2] if who.size else 0):
+            size = self.STEPS[column >= x]
+            for side in (size, -size):
+                batch.block[...], batch.stream[...], batch.action[...] = block, stream, action
+                if column < x:
+                    batch.block[who // lanes, self.rows._own[column] + who % lanes] += side
+                else:
+                    batch.action[:, column - x] += np.float32(side)
+                batch.step()
+                slopes[:, :x, column] += self.rows.states()[who, :x] / (2.0 * side)
+                slopes[:, x, column] += batch.reward[who] / (2.0 * side)
+        batch.block[...], batch.stream[...] = block, stream
+        return who, slopes
+
+
 def returned(arms: Any, start: Array, actions: Array, fine: Fine) -> tuple[Array, Array]:
     """J (n,) of actions (T, n, N), NaN where an episode would have ended; and its slope by the actions."""
-    states, total, over = [start], np.zeros(arms.n), np.zeros(arms.n, bool)
+    states, taken, total, over = [start], [], np.zeros(arms.n), np.zeros(arms.n, bool)
     for action in actions:
         state, seen, reward = arms.step(states[-1], action)
+        cost, slope = fine(seen)
         states.append(state)
-        total += reward - fine(seen)[0]
+        taken.append(slope)
+        total += reward - cost
         over |= arms.failed | arms.past
     slopes = np.zeros_like(actions)
     back, one = np.zeros_like(start), np.ones(arms.n)
     for k in reversed(range(len(actions))):
-        period = arms.jacobians(states[k], actions[k])
-        back, slopes[k] = period.pull(back, -fine(period.observation)[1], one)
+        back, slopes[k] = arms.pull(states[k], actions[k], back, -taken[k], one)
     return np.where(over, np.nan, total), slopes
 
 
