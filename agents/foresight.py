@@ -23,7 +23,6 @@ from agents.runs import read_json, write_json, write_whole
 from flexarm_env import suite
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
-from flexarm_env.tasks.program import CHANGE, PERIODS
 
 Array = NDArray[np.float64]
 
@@ -210,17 +209,21 @@ class Befallen:
         self.env, self.plain, self.n, self.moving = made.unwrapped, arms, arms.n, arms.moving
         self.batch, self.periods = self.env.batch, arms.names.index("periods")
         self.rows, self.failed = Periods(self.batch), np.zeros(arms.n, bool)
+        self.given = [k for k, name in enumerate(arms.names) if name.startswith("parameter[")]
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
         """The next period, from the first one on: the episodes go where they go."""
         if state[0, self.periods] == 0.0:
             self.env.reset(seed=FIRST)
             self.changes, self.past = [], np.zeros(self.n, bool)
-        self.changes.append(self._change(action))
+        block, stream = self.batch.block.copy(), self.batch.stream.copy()
         _, reward, terminated, _, _ = self.env.step(action.astype(np.float32))
         self.past |= terminated
         after = self.rows.states()
         after[:, self.periods] = state[0, self.periods] + 1.0
+        reward = reward.copy()
+        who = np.flatnonzero((after != state)[:, self.given].any(axis=1) & ~self.past)
+        self.changes.append((who, self._differences(who, block, stream, action)))
         return after, np.zeros((self.n, self.plain.observation_size)), reward
 
     def pull(self, state: Array, action: Array, back: Array, seen: Array, paid: Array) -> tuple[Array, Array]:
@@ -233,13 +236,11 @@ class Befallen:
             before[who, : self.moving], by_action[who] = out[:, : self.moving], out[:, self.moving :]
         return before, by_action
 
-    def _change(self, action: Array) -> tuple[Array, Array]:
-        """Arms (m,) whose payload changes now, and the derivative (m, X + 1, X + A) of their period, by differences."""
-        batch, x = self.batch, self.moving
-        records = [batch.record(i) for i in range(self.n)] if batch.extras.payload_change is not None else []
-        who = np.array([i for i, record in enumerate(records) if record[CHANGE] == record[PERIODS]], int)
+    def _differences(self, who: Any, block: Array, stream: Any, action: Array) -> Array:
+        """The derivative (m, X + 1, X + A) of a period of arms (m,), which begins with this block and stream."""
+        batch, x, lanes = self.batch, self.moving, len(self.batch.lane)
         slopes = np.zeros((len(who), x + 1, x + action.shape[1]))
-        block, stream, lanes = batch.block.copy(), batch.stream.copy(), len(batch.lane)
+        there = batch.block.copy(), batch.stream.copy()
         for column in range(slopes.shape[2] if who.size else 0):
             size = self.STEPS[column >= x]
             for side in (size, -size):
@@ -251,8 +252,8 @@ class Befallen:
                 batch.step()
                 slopes[:, :x, column] += self.rows.states()[who, :x] / (2.0 * side)
                 slopes[:, x, column] += batch.reward[who] / (2.0 * side)
-        batch.block[...], batch.stream[...] = block, stream
-        return who, slopes
+        batch.block[...], batch.stream[...] = there
+        return slopes
 
 
 def returned(arms: Any, start: Array, actions: Array, fine: Fine) -> tuple[Array, Array]:
