@@ -368,7 +368,10 @@ def page(content: Mapping[str, Any]) -> str:
         "|---|---|---:|---:|---:|---:|---:|",
     ]  # fmt: skip
     apart = [
-        "", "Settling of policies on the same episodes over that of the best plan known, episode by episode:", "",
+        "", "Settling of policies on the same episodes over that of the best plan known, episode by episode. Policies",
+        "are trained for the environment's reward, which asks for more than to be settled soon: where one returns more",
+        "than plans that settle sooner, training on for the same reward does not bring it within",
+        f"{WANTED} times the best known; that takes a reward that pays for settling itself.", "",
         f"| environment | policy | mean (s) | of the means | median | 90 % below | within {WANTED} in | return, mean |",
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]  # fmt: skip
