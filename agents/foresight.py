@@ -33,6 +33,8 @@ SENSED = ("observation", "history", "sensors")
 """Keywords that say what is seen, which torques found beforehand do not depend on."""
 CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
 """Where the search begins: in each episode with the actions of the best of them."""
+PATIENCE, ENOUGH = 30, 1e-4
+"""A search ends where so many steps have brought no more than this share of the mean return."""
 ALIKE = 1e-6
 """Share by which an episode may pay otherwise in the task than in the search."""
 
@@ -101,7 +103,7 @@ def search(
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved. ValueError where the task's environment has no derivatives, or does not give these returns.
+    halved; fewer where the last ones have brought next to nothing. ValueError where the task's environment has no derivatives, or does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
@@ -123,7 +125,10 @@ def search(
         raise ValueError(f"{task.id}: the search's episodes are not the task's: {found[:3]} for {reached[:3]}")
     moves: list[tuple[Array, Array]] = []
     length = np.ones(arms.n)
+    course = [float(reached.mean())]
     for _ in range(steps):
+        if len(course) > PATIENCE and course[-1] - course[-PATIENCE] < ENOUGH * (1.0 + abs(course[-1])):
+            break
         free = ~(((x >= 1.0) & (slope > 0.0)) | ((x <= -1.0) & (slope < 0.0)))
         way = _newton(np.where(free, slope, 0.0), moves) * free
         tried = _exact(np.clip(x + length[:, None] * way, -1.0, 1.0))
@@ -137,6 +142,7 @@ def search(
         for one, other in moves:  # forget what led nowhere
             one[stuck], other[stuck] = 0.0, 0.0
         length[stuck] = 1.0
+        course.append(float(reached.mean()))
     arms.close()
     return x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached
 
