@@ -103,7 +103,8 @@ def search(
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved; fewer where the last ones have brought next to nothing. ValueError where the task's environment has no derivatives, or does not give these returns.
+    halved; fewer where the last ones have brought next to nothing. ValueError where the task's environment has no
+    derivatives, or does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
