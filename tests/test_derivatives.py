@@ -90,6 +90,8 @@ def differences(arms: Arms, state: Array, action: Array, found: Array) -> Array:
     both = np.concatenate([state, action], axis=1)
     for j, k in enumerate([*range(arms.moving), *range(arms.state_size, both.shape[1])]):
         e = 1e-3 / max(1e-3, (np.abs(found[:, :, j]).max(axis=0) / there).max())
+        if arms.environment.batch.extras.payload_change is not None:
+            e *= 100.0  # what damping leaves of an impact is asked for at a thousandth of the velocity (`impact`)
         settings = arms.environment.plan.settings
         if settings.formulation == "geometrically_exact" and not settings.period_correction:
             e = min(300.0 * e, 1e-3)  # accelerations are as fine as the solver's tolerance makes them
