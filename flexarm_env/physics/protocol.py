@@ -41,7 +41,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
     note_friction(lane, model, par, state, u, r, S)  remember Coulomb friction as it is now, and which joints slip;
         r <- the residual with it
-    rub(lane, model, state, weights, ahead, S, x)  Coulomb friction, which no residual has in it: x = S^-1 r, to be
+    rub(lane, model, par, state, weights, ahead, S, x)  Coulomb friction, which no residual has in it: x = S^-1 r, to be
         taken from the state by `weights` (of a by mass, of v by damping), is corrected so that friction's law holds for
         the rates v + ahead a after that; where v stays (damping 0), joints that slipped when last noted go on
     hold(lane, model, S, x)          x = S^-1 y where joints that stuck in the last `rub` stay where they are
@@ -103,7 +103,7 @@ def _nothing_to_note(lane, model, par, state, u, r, S):
 
 
 @kernel
-def _no_friction(lane, model, state, weights, ahead, S, x):
+def _no_friction(lane, model, par, state, weights, ahead, S, x):
     """`rub` of such joints."""
 
 
@@ -146,7 +146,7 @@ solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x"
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
 update = FORMULATIONS.function("update", "lane, model, q, d")
 note_friction = FORMULATIONS.function("note_friction", "lane, model, par, state, u, r, S")
-rub = FORMULATIONS.function("rub", "lane, model, state, weights, ahead, S, x")
+rub = FORMULATIONS.function("rub", "lane, model, par, state, weights, ahead, S, x")
 hold = FORMULATIONS.function("hold", "lane, model, S, x")
 book_friction = FORMULATIONS.function("book_friction", "lane, model, par, state, u, r, S, start, books")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
