@@ -66,7 +66,7 @@ def joint_angles(poses: Array) -> tuple[Array, Array]:
     return angles, rates
 
 
-def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> dict[str, Array]:
+def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> dict[str, Any]:
     """Fields of a `Trajectory` that say where tip, joints and motors are, of poses (n, N, 12) and states (n, rows).
 
     coordinates: rows of the state by name (`physics.model.System`).

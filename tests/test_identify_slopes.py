@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexarm_env import Arm, Joint, Motor, arms
+from flexarm_env import Arm, Joint, Motor, Section, arms
 from flexarm_env.derivatives.runs import NotDifferentiable, Run
 from flexarm_env.identification.config import read_config
 from flexarm_env.identification.log import Run as Log
@@ -58,7 +58,7 @@ TURNED = ("stiffness", "damping", "motor_inertia", "friction_viscous", "gear_rat
 def strip(**changes: Any) -> Arm:
     """A strip of which nothing is zero."""
     arm = arms.named("strip")
-    section = dataclasses.replace(arm.links[0].section, J=1e-3)
+    section = dataclasses.replace(arm.links[0].uniform or Section(EI=1.0, EA=1.0, C=1.0, m=1.0), J=1e-3)
     link = dataclasses.replace(arm.links[0], section=section, root_offset=0.02)
     payload = dataclasses.replace(arm.payload, inertia=1e-3)
     return dataclasses.replace(arm, links=(link,), payload=payload, hub_inertia=0.01, tau_d=0.004, **changes)
@@ -66,7 +66,7 @@ def strip(**changes: Any) -> Arm:
 
 def experiment(paths: tuple[str, ...], drive: str, arm: Arm | None = None, solver: str = "nodes = 4") -> Experiment:
     arm = strip() if arm is None else arm
-    entries = "".join(f'"{path}" = {{ low = -99.0, high = 999.0, size = 0.1 }}\n' for path in paths)
+    entries = "".join(f'"{path}" = {{ low = -99.0, high = 1e9, size = 0.1 }}\n' for path in paths)
     config = read_config(STRIP % (drive, solver) + entries, arm)
     made = Experiment(arm, config, config.chosen())
     sized = tuple(dataclasses.replace(p, size=abs(x) or 0.5) for p, x in zip(made.parameters, made.start, strict=True))

@@ -132,7 +132,7 @@ class Run:
         places: also where that puts tip, joints and motors; all else is as it was.
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
-        found: dict[str, Array] = {}
+        found: dict[str, Any] = {}
         if places:
             links = other.scene.arm.n_links
             poses = np.zeros((len(q), POSE.end * links))

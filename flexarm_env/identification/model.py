@@ -138,7 +138,11 @@ class Experiment:
         here = self._readings(played.trajectory, self.table(values), run)
         for k, p in enumerate(self.parameters):
             try:
-                change = self._tangent(played, here, values, run, k, sizes)
+                change = self._tangent(played, here, values, run, k, OFFSET * sizes[k])
+                if self.config.solver["formulation"] != "elastica":  # stiff in what a length changes most
+                    wide = self._tangent(played, here, values, run, k, 2.0 * OFFSET * sizes[k])
+                    change = {name: (4.0 * y - wide[name]) / 3.0 for name, y in change.items()}
+                change = {name: y * sizes[k] for name, y in change.items()}
             except NotDifferentiable as why:
                 self.by_differences[p.name] = str(why)
                 change = self._difference(here, values, run, k, sizes, careful)
@@ -146,32 +150,31 @@ class Experiment:
                 found[name][:, k] = column
         return found
 
-    def _tangent(self, played: Played, here: Any, values: Array, run: Run, k: int, sizes: Array) -> dict[str, Array]:
-        """What is read by one parameter over its size: what is moved along, read by sensors that change as well."""
-        around, own = self._around(values, k, sizes), self._places[k][0] in ("sensors", "outputs")
-        others = [self._simulation(moved, run) for _, _, moved in around]
-        change = np.zeros(())
+    def _tangent(self, played: Played, here: Any, values: Array, run: Run, k: int, step: float) -> dict[str, Array]:
+        """What is read by parameter k: what is moved along, read by sensors that change as well."""
+        around = self._around(values, k, step)
+        others = [self._simulation(self._at(values, k, offset), run) for offset, _ in around]
+        own, change = self._places[k][0] in ("sensors", "outputs"), np.zeros(())
         if not own:
-            change = played.slopes([(other, e, w) for other, (e, w, _) in zip(others, around, strict=True)])
-        centre = -sum(weight for _, weight, _ in around)
+            change = played.slopes([(other, *pair) for other, pair in zip(others, around, strict=True)])
+        centre = -sum(weight for _, weight in around)
         total = {name: centre * y for name, y in here.items()}
-        for other, (offset, weight, moved) in zip(others, around, strict=True):
+        for other, (offset, weight) in zip(others, around, strict=True):
             trajectory = dataclasses.replace(played.trajectory, scene=other.scene)
             if not own:
                 trajectory = played.moved(other, offset * change, self._places_needed)
-            for name, y in self._readings(trajectory, self.table(moved), run).items():
+            for name, y in self._readings(trajectory, self.table(self._at(values, k, offset)), run).items():
                 total[name] = total[name] + weight * y
         return total
 
-    def _around(self, values: Array, k: int, sizes: Array) -> list[tuple[float, float, Array]]:
-        """Offsets in sizes of parameter k, weights and the values there; on one side next to a bound."""
-        p, step = self.parameters[k], OFFSET * sizes[k]
+    def _around(self, values: Array, k: int, step: float) -> list[tuple[float, float]]:
+        """Offsets of parameter k and weights; on one side next to a bound."""
+        p = self.parameters[k]
         up, down = values[k] + step <= p.high, values[k] - step >= p.low
-        ahead = OFFSET if up else -OFFSET
-        pair = [(OFFSET, 0.5 / OFFSET), (-OFFSET, -0.5 / OFFSET)]
-        if not (up and down):
-            pair = [(ahead, 2.0 / ahead), (2.0 * ahead, -0.5 / ahead)]
-        return [(offset, weight, self._at(values, k, offset * sizes[k])) for offset, weight in pair]
+        if up and down:
+            return [(step, 0.5 / step), (-step, -0.5 / step)]
+        ahead = step if up else -step
+        return [(ahead, 2.0 / ahead), (2.0 * ahead, -0.5 / ahead)]
 
     @staticmethod
     def _at(values: Array, k: int, step: float) -> Array:

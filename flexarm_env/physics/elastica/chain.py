@@ -56,7 +56,8 @@ class Basis(NamedTuple):
 def basis(n: int, tip: bool) -> Basis:
     """That of `nodes`; kept."""
     own = np.asarray(np.linalg.inv(legendre.legvander(nodes(n, tip), n - 1)))
-    return Basis(own, legendre.legder(own, axis=0), legendre.legint(own, lbnd=-1.0, axis=0))
+    rate, primitive = legendre.legder(own, axis=0), legendre.legint(own, lbnd=-1.0, axis=0)
+    return Basis(own, np.asarray(rate, np.float64), np.asarray(primitive, np.float64))
 
 
 gauss = lru_cache(64)(legendre.leggauss)
