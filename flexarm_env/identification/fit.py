@@ -163,6 +163,7 @@ class Solver:
         if share < 1.0:
             problem = Problem(problem.experiment, [run.until(share) for run in problem.runs])
         low, high = problem.bounds
+
         def f(x: Array) -> Array:
             self.count += 1
             return problem.residuals(x, noise)
