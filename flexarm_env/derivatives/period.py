@@ -27,8 +27,8 @@ MOST_AT_ONCE = 3
 """Columns that go side by side: more of them cost as much and take longer to compile."""
 
 
-PASSES = 40
-"""Solutions for a step's tangents, at most, where its matrix is nearly the derivative: the exact beam's."""
+PASSES = 5
+"""Solutions for a step's tangents where its matrix is the derivative but for a thousandth: the exact beam's."""
 
 
 class Jacobians(NamedTuple):

@@ -15,9 +15,6 @@ from ...compiler import kernel, load, size, splat, store
 from ..protocol import Weights, assemble, factor, residual, solve
 from .work import state_of, take_out_known
 
-EXACT = 1e-12
-"""Share of the first solution for a step's tangents below which nothing more is asked for."""
-
 
 @kernel
 def copy_values(lane, wide, rows, values, both):
@@ -59,23 +56,11 @@ def _solve(lane, wide, model, w, x):
 
 
 @kernel
-def _most(lane, wide, rows, x):
-    """The largest tangent of `rows` elements."""
-    most = 0.0
-    for k in range(rows):
-        for j in range(k * len(wide) + len(lane), (k + 1) * len(wide)):
-            most = max(most, abs(x[j]))
-    return most
-
-
-@kernel
 def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
     """x: tangents of q, v, a, b from a step's start to its end, where w is; w.S from `prepare`.
 
-    passes: 1 where S is the residual's derivative; where it is nearly so, what is left is solved for again, at most so
-    many times in all.
+    passes: 1 where S is the residual's derivative; where it is nearly so, what is left is solved for again.
     """
-    first = 0.0
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
     for k in range(n):
         q, v, a, b = load(wide, x.q, k), load(wide, x.v, k), load(wide, x.a, k), load(wide, x.b, k)
@@ -84,7 +69,7 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
         store(x.q, k, splat(wide, 0.0))
         store(x.v, k, v + b * (h * (1.0 - scheme.gamma)) - ahead * slopes.v)
         store(x.a, k, (b * am - a * af) * (1.0 / (1.0 - af)) - ahead * slopes.a)
-    for i in range(passes):
+    for _ in range(passes):
         copy_state(lane, wide, model, w, x)
         residual(wide, model, parx, state_of(x), x.u, x.r, x.S)
         _solve(lane, wide, model, w, x)
@@ -93,12 +78,6 @@ def step_tangents(lane, wide, model, parx, w, x, slopes, scheme, passes):
             store(x.q, k, load(wide, x.q, k) + q)
             store(x.v, k, load(wide, x.v, k) + q * slopes.v)
             store(x.a, k, load(wide, x.a, k) + q * slopes.a)
-        if passes > 1:
-            more = _most(lane, wide, n, x.r)
-            if i == 0:
-                first = more
-            if more <= EXACT * first:
-                break
     for k in range(n):
         store(x.b, k, (load(wide, x.q, k) - load(wide, x.q0, k)) * slopes.b)
 

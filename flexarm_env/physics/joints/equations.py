@@ -24,7 +24,7 @@ from ..arithmetic import clip
 from ..layout import DISSIPATED
 from ..model import Jointed
 from ..protocol import RESIDUAL_ALONE, register
-from .friction import column_at, count, gear_at, hold, law, rub, view
+from .friction import bound_along, column_at, count, gear_at, hold, law, note_slip, rub, rub_along, view
 from .layout import GEAR, PLACE, PLACES
 
 _SLIPS = 0.99
@@ -350,6 +350,9 @@ register(
     note_friction=note_friction,
     rub=rub,
     hold=hold,
+    note_slip=note_slip,
+    bound_along=bound_along,
+    rub_along=rub_along,
     book_friction=book_friction,
     link_poses=link_poses,
     out_of_range=out_of_range,

@@ -101,17 +101,25 @@ def _rub(lane, rough, model, par, state, weights, ahead, S, x):
     """Which joints stick is guessed, the torques are solved for, and the guess is mended: right at once for one joint;
     what is wrong of several after these passes is mended by Newton's next iteration."""
     if rough is not None:
-        joints, share = count(model), 1.0 / (weights.damping + ahead * weights.mass)
+        joints = count(model)
+        _leave(lane, model, state, weights, ahead, S, x)
         for i in range(joints):
-            g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-            rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
-            store(S, g + GEAR.gap, rate * share - load(lane, x, row))
-            store(S, g + GEAR.torque, splat(lane, 0.0))
+            store(S, gear_at(model, i) + GEAR.torque, splat(lane, 0.0))
         for _ in range(2 * joints - 1):
             for i in range(joints):
                 _choose(lane, model, par, weights, i, S)
             _solve_torques(lane, model, S)
         _apply(lane, model, S, x)
+
+
+@kernel
+def _leave(lane, model, state, weights, ahead, S, x):
+    """What would have to be taken from x to leave each joint at rest."""
+    share = 1.0 / (weights.damping + ahead * weights.mass)
+    for i in range(count(model)):
+        row = model.table[PLACES * i + PLACE.rubs]
+        rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
+        store(S, gear_at(model, i) + GEAR.gap, rate * share - load(lane, x, row))
 
 
 @kernel
@@ -188,3 +196,62 @@ def _hold(lane, rough, model, S, x):
             store(S, g + GEAR.bound, splat(lane, 0.0))
         _solve_torques(lane, model, S)
         _apply(lane, model, S, x)
+
+
+# --- of tangents ------------------------------------------------------------------------------------
+_STICKS = 1.0 - 1e-6
+"""Share of T_C below which the torque of a joint at a step's end is that of one that sticks."""
+
+
+@kernel
+def note_slip(lane, model, state, ahead, r, S):
+    """See `protocol`."""
+    _note_slip(lane, model.rough, model, state, ahead, r, S)
+
+
+@kernel
+def _note_slip(lane, rough, model, state, ahead, r, S):
+    if rough is not None:
+        zero, one = splat(lane, 0.0), splat(lane, 1.0)
+        for i in range(count(model)):
+            g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
+            bound = model.data[LAWS.end * i + LAWS.coulomb] * _STICKS
+            rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
+            sticks = select_lt(absolute(load(lane, r, row)), bound, one, zero)
+            slides = select_lt(zero, rate, one, select_lt(rate, zero, -one, zero))
+            if model.table[PLACES * i + PLACE.known] != 0:
+                sticks, slides = zero, zero
+            store(S, g + GEAR.sticks, sticks)
+            store(S, g + GEAR.slides, slides)
+            store(S, g + GEAR.bound, zero)
+
+
+@kernel
+def bound_along(lane, model, weight, S):
+    """See `protocol`."""
+    _bound_along(lane, model.rough, model, weight, S)
+
+
+@kernel
+def _bound_along(lane, rough, model, weight, S):
+    if rough is not None:
+        for i in range(count(model)):
+            g, coulomb = gear_at(model, i), model.data[LAWS.end * i + LAWS.coulomb]
+            more = load(lane, S, g + GEAR.slides) * (weight * coulomb)
+            store(S, g + GEAR.bound, load(lane, S, g + GEAR.bound) + more)
+
+
+@kernel
+def rub_along(lane, model, change, weights, ahead, S, x):
+    """See `protocol`."""
+    _rub_along(lane, model.rough, model, change, weights, ahead, S, x)
+
+
+@kernel
+def _rub_along(lane, rough, model, change, weights, ahead, S, x):
+    if rough is not None:
+        _leave(lane, model, change, weights, ahead, S, x)
+        _solve_torques(lane, model, S)
+        _apply(lane, model, S, x)
+        for i in range(count(model)):
+            store(S, gear_at(model, i) + GEAR.bound, splat(lane, 0.0))
