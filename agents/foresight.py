@@ -94,18 +94,19 @@ def seen_whole(task: suite.Task) -> dict[str, Any]:
 
 
 def search(
-    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 500, memory: int = 12
+    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 500, memory: int = 12, kept: Path | None = None
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved; fewer where the last ones have brought next to nothing. ValueError where the task's environment has no
-    derivatives, or does not give these returns.
+    halved; fewer where the last ones have brought next to nothing. kept: a file in which actions are kept on the way,
+    and from which a search that was broken off goes on. ValueError where the task's environment has no derivatives, or
+    does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
-    best, reached = beginnings(task, trained)
+    best, reached = beginnings(task, trained) if kept is None or not kept.is_file() else read(kept)
     arms = Arms(task.environment, EPISODES, **seen_whole(task))
     start, shape = arms.reset(seed=FIRST), best.shape
     fine = Fine(task, arms.environment.plan)
@@ -140,8 +141,22 @@ def search(
             one[stuck], other[stuck] = 0.0, 0.0
         length[stuck] = 1.0
         course.append(float(reached.mean()))
+        if kept is not None and len(course) % PATIENCE == 0:
+            keep(kept, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached)
     arms.close()
     return x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached
+
+
+def keep(path: Path, actions: Array, returns: Array) -> None:
+    """Write actions (T, n, N) and returns (n,)."""
+    given = {"actions": actions.astype(np.float32), "returns": returns}
+    write_whole(path, lambda part: np.savez_compressed(part, **given))
+
+
+def read(path: Path) -> tuple[Array, Array]:
+    """What `keep` has written."""
+    with np.load(path) as data:
+        return data["actions"].astype(float), data["returns"].astype(float)
 
 
 def _newton(slope: Array, moves: Sequence[tuple[Array, Array]]) -> Array:
@@ -237,11 +252,10 @@ def found(task: suite.Task, folder: Path) -> Path:
     if not path.is_file():
         wall, cpu = time.perf_counter(), time.process_time()
         beside = sorted(path.parent for path in folder.parents[1].glob(f"*/{task.id}/policy.npz"))
-        actions, returns = search(task, beside)
+        actions, returns = search(task, beside, kept=folder / "search.npz")
         spent = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
         write_json(folder / "run.json", {"algorithm": "foresight", "steps": 0, **spent})
-        given = {"actions": actions.astype(np.float32), "returns": returns}
-        write_whole(path, lambda part: np.savez_compressed(part, **given))
+        keep(path, actions, returns)
     return folder
 
 
@@ -249,8 +263,7 @@ def chosen(folder: Path) -> Chosen:
     """What was found, as a policy of the task's episodes; ValueError where it is played on others."""
     path = folder / "actions.npz"
     record = read_json(folder / "run.json")
-    with np.load(path) as data:
-        actions = data["actions"].astype(float)
+    actions, _ = read(path)
 
     def make(env: Any) -> Foresight:
         if (int(env.num_envs), env.single_action_space.shape[0]) != actions.shape[1:]:

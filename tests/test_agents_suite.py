@@ -104,7 +104,7 @@ class Hills:
         return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off
 
 
-def test_the_search_climbs_each_episode_to_its_top(monkeypatch: pytest.MonkeyPatch):
+def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     hills = Hills()
     hills.reset, hills.close, hills.environment = lambda seed: None, lambda: None, SimpleNamespace(plan=None)
     began = np.zeros((3, 2, 1))
@@ -114,7 +114,9 @@ def test_the_search_climbs_each_episode_to_its_top(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(
         foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began, None)[0])
     )
-    actions, reached = foresight.search(TASKS[0], steps=60)
+    foresight.search(TASKS[0], steps=foresight.PATIENCE, kept=tmp_path / "search.npz")
+    monkeypatch.setattr(foresight, "beginnings", None)
+    actions, reached = foresight.search(TASKS[0], steps=30, kept=tmp_path / "search.npz")
     assert actions == pytest.approx(np.minimum(hills.best, 1.0), abs=1e-3)
     assert reached == pytest.approx(hills.returned(None, None, actions, None)[0])
 
