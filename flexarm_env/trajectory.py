@@ -66,6 +66,22 @@ def joint_angles(poses: Array) -> tuple[Array, Array]:
     return angles, rates
 
 
+def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> dict[str, Any]:
+    """Fields of a `Trajectory` that say where tip, joints and motors are, of poses (n, N, 12) and states (n, rows).
+
+    coordinates: rows of the state by name (`physics.model.System`).
+    """
+    angles, rates = joint_angles(poses)
+    motors = [coordinates.get(f"motor{k}") for k in range(poses.shape[1])]
+    turned = [angles[:, k] if row is None else q[:, row] for k, row in enumerate(motors)]
+    spun = [rates[:, k] if row is None else v[:, row] for k, row in enumerate(motors)]
+    return {
+        "tip": poses[:, -1, TIP].copy(), "tip_velocity": poses[:, -1, TIP_RATES].copy(),
+        "joint_angles": angles, "joint_rates": rates,
+        "motor_angles": np.array(turned).T, "motor_rates": np.array(spun).T,
+    }  # fmt: skip
+
+
 @dataclass(repr=False)
 class Trajectory:
     """A recorded run of n instants and N links, SI units. At a kink the values just before it are recorded.
@@ -229,7 +245,7 @@ class Trajectory:
         return self._read(own, float(self.t[-1] - self.t[0]) / len(steps), seed)
 
     def _read(self, own: Sensors, period: float, seed: int) -> dict[str, Array]:
-        from .runtime.sensors import law_of, memory_of, read_rows, room_of
+        from .runtime.laws import law_of, memory_of, read_rows, room_of
 
         joints = self.scene.arm.joint_names if own.encoders else ()
         named: list[tuple[str, Law]] = [
@@ -346,21 +362,19 @@ class Recorder:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.scene, self.settings = scene, settings
         names = ("time", "poses", "energies", "work", "dissipated", "torque", "shapes", "q", "v")
-        self.rows: dict[str, list[Any]] = {name: [] for name in names}
+        self.rows: dict[str, list[Array]] = {name: [] for name in names}  # stretches of instants
 
     def add(self, simulation: Any) -> None:
         """Record the present state."""
         poses, energies = simulation.observe()
-        rows = self.rows
-        rows["time"].append(simulation.t)
-        rows["poses"].append(poses)
-        rows["energies"].append(energies)
-        rows["work"].append(simulation.work.books[WORK_DONE])
-        rows["dissipated"].append(simulation.work.books[DISSIPATED])
-        rows["torque"].append(simulation.joint_torques())
-        rows["shapes"].append(simulation.shape_points())
-        rows["q"].append(simulation.work.q.copy())
-        rows["v"].append(simulation.work.v.copy())
+        work = simulation.work
+        known = {
+            "time": simulation.t, "poses": poses, "energies": energies, "work": work.books[WORK_DONE],
+            "dissipated": work.books[DISSIPATED], "torque": simulation.joint_torques(),
+            "shapes": simulation.shape_points(), "q": work.q, "v": work.v,
+        }  # fmt: skip
+        for name, rows in self.rows.items():
+            rows.append(np.array(known[name])[None])
 
     def extend(self, fields: Mapping[str, Array], shapes: Array) -> None:
         """Record samples: their fields by name (`runtime.sampling.SAMPLE`), an instant a row; shapes (m, P, 2)."""
@@ -370,16 +384,12 @@ class Recorder:
                 torque[:, motion.joint] = fields["reaction"][:, i]
         known = dict(fields) | {"torque": torque, "shapes": shapes}
         for name, rows in self.rows.items():
-            rows.extend(known[name])
+            rows.append(known[name])
 
     def finish(self, simulation: Any, cpu_seconds: float) -> Trajectory:
         """The Trajectory of what was recorded."""
-        data = {name: np.array(rows) for name, rows in self.rows.items()}
+        data = {name: np.concatenate(rows) for name, rows in self.rows.items()}
         poses = data["poses"]
-        angles, rates = joint_angles(poses)
-        motors = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(self.scene.arm.n_links)}
-        turned = [angles[:, k] if row is None else data["q"][:, row] for k, row in motors.items()]
-        spun = [rates[:, k] if row is None else data["v"][:, row] for k, row in motors.items()]
         links = self.scene.arm.links
         lengths = np.array([link.span for link in links])
         bows = np.array([link.place(link.length + link.tip_offset).imag if link.curved else 0.0 for link in links])
@@ -389,11 +399,7 @@ class Recorder:
             settings=self.settings,
             t=data["time"],
             start=poses[:, 0, ROOT].copy(),
-            tip=poses[:, -1, TIP].copy(),
-            tip_velocity=poses[:, -1, TIP_RATES].copy(),
             hinges=poses[:, 1:, POSE.x : POSE.angle].copy(),
-            joint_angles=angles,
-            joint_rates=rates,
             joint_torque=data["torque"],
             tip_deflection=(link_deflection(poses) - bows) / lengths,
             kinetic=data["energies"][:, 0],
@@ -416,7 +422,6 @@ class Recorder:
             gross_work=simulation.gross,
             step_levels=tuple(simulation.levels),
             deflection_bound=simulation.settings.deflection_bound,
-            motor_angles=np.array(turned).T,
-            motor_rates=np.array(spun).T,
+            **placed(simulation.system.coordinates, poses, data["q"], data["v"]),
             link_angles=poses[..., [POSE.angle, POSE.tip_angle]],
         )

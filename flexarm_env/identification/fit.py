@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,6 @@ from .log import Run
 from .model import Experiment
 
 Array = NDArray[np.float64]
-
-STEP = 1e-4
-"""Of differences, in sizes of a parameter."""
 
 FIRST = 8
 """Evaluations that each start gets before the best of them goes on alone."""
@@ -75,6 +72,17 @@ class Problem:
             columns.append((e - e.mean() if channel.offset is None else e) / y.std())
         return np.array(columns).T
 
+    def slopes(self, z: Array, careful: bool = False) -> Array:
+        """Derivatives of all errors in a row by z, (n, p); careful: see `Experiment.slopes`."""
+        blocks = []
+        for run in self.runs:
+            columns, found = [], self.experiment.slopes(self.values(z), run, self.sizes, careful)
+            for channel in self.experiment.config.outputs:
+                d, scale = found[channel.name][run.kept], run.outputs[channel.name][run.kept].std()
+                columns.append((d - d.mean(axis=0) if channel.offset is None else d) / scale)
+            blocks.append(np.stack(columns, axis=1).reshape(-1, len(z)))  # an instant's outputs follow each other
+        return np.concatenate(blocks)
+
     def priors(self, z: Array) -> Array:
         """(value - mean) / deviation where there is a prior, otherwise 0."""
         known = zip(self.experiment.parameters, self.values(z), strict=True)
@@ -84,40 +92,25 @@ class Problem:
         """All of them in a row, the priors at the end."""
         return np.concatenate([*(e.ravel() for e in self.errors(z)), noise * self.priors(z)])
 
+    def jacobian(self, z: Array, noise: float) -> Array:
+        """Their derivatives by z."""
+        known = zip(self.experiment.parameters, self.sizes, strict=True)
+        own = [0.0 if p.prior is None else noise * size / p.prior[1] for p, size in known]
+        return np.concatenate([self.slopes(z), np.diag(own)])
+
 
 @dataclass(frozen=True)
 class Fit:
-    """The best z, its cost, the costs of all starts, how many evaluations they took and how the last one ended."""
+    """The best z, its cost, the costs of all starts, how many evaluations they took and how the last one ended; runs of
+    the arm, and parameters that were differentiated by runs of their own, with the reason."""
 
     z: Array
     cost: float
     starts: tuple[float, ...]
     evaluations: int
     ended: str
-
-
-def differences(f: Callable[[Array], Array], z: Array, bounds: tuple[Array, Array], at: Array | None = None) -> Array:
-    """Derivatives of f by z, a column each: forward, away from a bound that is near; with `at` = f(z) to begin with."""
-    base = f(z) if at is None else at
-    columns = []
-    for k in range(len(z)):
-        step = STEP if z[k] + STEP <= bounds[1][k] else -STEP
-        moved = z.copy()
-        moved[k] += step
-        columns.append((f(moved) - base) / step)
-    return np.array(columns).T
-
-
-def central_differences(f: Callable[[Array], Array], z: Array, rows: Sequence[int]) -> Array:
-    """Derivatives of f by some entries of z, of fourth order: where nothing follows from what cannot be told, forward
-    ones would make something of it."""
-    columns = []
-    for k in rows:
-        step = np.zeros(len(z))
-        step[k] = STEP
-        near, far = f(z + step) - f(z - step), f(z + 2.0 * step) - f(z - 2.0 * step)
-        columns.append((8.0 * near - far) / (12.0 * STEP))
-    return np.array(columns).T
+    runs: int
+    by_differences: Mapping[str, str]
 
 
 class Solver:
@@ -152,7 +145,8 @@ class Solver:
             errors = np.concatenate([e.ravel() for e in self.problem.errors(z)])
             z, cost, ended = self._least_squares(z, float(errors.std()), self.config.evaluations)
         self._tell(1.0)
-        return Fit(z, cost, tuple(costs), self.count, ended)
+        own = self.problem.experiment
+        return Fit(z, cost, tuple(costs), self.count, ended, own.runs, dict(own.by_differences))
 
     def _starts(self) -> list[Array]:
         low, high = self.problem.bounds
@@ -169,20 +163,17 @@ class Solver:
         if share < 1.0:
             problem = Problem(problem.experiment, [run.until(share) for run in problem.runs])
         low, high = problem.bounds
-        last: dict[bytes, Array] = {}
 
         def f(x: Array) -> Array:
             self.count += 1
-            last.clear()
-            last[x.tobytes()] = problem.residuals(x, noise)
-            return last[x.tobytes()]
+            return problem.residuals(x, noise)
 
         def slopes(x: Array) -> Array:
             if len(self.state["starts"]) == self.config.starts:  # the last fit, from the best of them
                 self.state["best"] = x.tolist()
                 self._keep()
             self._tell(0.0)
-            return differences(lambda y: problem.residuals(y, noise), x, (low, high), last.get(x.tobytes()))
+            return problem.jacobian(x, noise)
 
         inside = np.clip(z, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
         found = least_squares(f, inside, slopes, bounds=(low, high), method="trf", max_nfev=most, ftol=1e-6, xtol=1e-5)
@@ -219,4 +210,4 @@ class Solver:
             write_whole(self.state_file, json.dumps(self.state).encode())
 
 
-__all__ = ["Fit", "Problem", "Solver", "central_differences", "differences"]
+__all__ = ["Fit", "Problem", "Solver"]

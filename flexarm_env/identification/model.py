@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -14,17 +14,25 @@ from numpy.typing import NDArray
 from flexarm_env import arms
 from flexarm_env import sensors as sensing
 from flexarm_env import validation as check
+from flexarm_env.derivatives.runs import NotDifferentiable
+from flexarm_env.derivatives.runs import Run as Played
 from flexarm_env.parameters import Arm, Joint
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.sensors import Encoder
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import TimeFunction, constant, linear_table, spline_table
-from flexarm_env.trajectory import Recorder, Trajectory
+from flexarm_env.trajectory import Trajectory
 
 from .config import Channel, Config, Parameter, readings_of
 from .log import Run
 
 Array = NDArray[np.float64]
+
+OFFSET = 1e-5
+"""Of a parameter, in its sizes, between models whose equations are compared: see `runtime.sensitivity`."""
+
+STEP = 1e-4
+"""Likewise between whole runs, where nothing else serves."""
 
 LOST = 1e3
 """Readings, over their scale, of an arm whose run fails: far from any log."""
@@ -33,7 +41,12 @@ _LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0}
 
 
 class Experiment:
-    """An arm with its sensors, what acts on it beside the log's inputs, and the parameters that are to be found."""
+    """An arm with its sensors, what acts on it beside the log's inputs, and the parameters that are to be found.
+
+    Attributes:
+        start (p,): the values that the parameters begin with. runs: how many runs of the arm there were.
+        by_differences: parameters that were differentiated by whole runs, and why.
+    """
 
     def __init__(self, arm: Arm, config: Config, parameters: Sequence[Parameter]) -> None:
         assert config.sensors is not None
@@ -52,6 +65,9 @@ class Experiment:
         for word, count in (("elbows", arm.n_links - 1), ("joints", arm.n_links)):
             if any(place[0] == word for place in self._places):
                 self._table.setdefault(word, [{} for _ in range(count)])
+        self.runs, self.by_differences = 0, dict[str, str]()
+        self._kept: dict[tuple[str, int], tuple[bytes, Played | None]] = {}
+        self._places_needed = any(not c.name.startswith("strain_gauge") for c in config.outputs)
         self._motions: dict[tuple[str, int], dict[str, TimeFunction]] = {}
         begins = [self._usual(p, place) if p.start is None else p.start for p, place in self._pairs()]
         for p, value in zip(self.parameters, begins, strict=True):
@@ -101,14 +117,92 @@ class Experiment:
 
     def predict(self, values: Array, run: Run) -> dict[str, Array]:
         """What the sensors read at the run's instants, by output, (n,); LOST where the arm's run fails."""
-        table = self.table(values)
-        arm = arms.from_table({k: v for k, v in table.items() if k not in ("inputs", "outputs", "gravity", "loads")})
-        recorded = self._recorded(self._scene(arm, table, run), run)
-        if recorded is None:
+        return self._read(self._played(values, run), values, run)
+
+    def _read(self, played: Played | None, values: Array, run: Run) -> dict[str, Array]:
+        if played is None:
             far = LOST * np.sign(run.t - run.t.mean())
             return {name: far * y.std() for name, y in run.outputs.items()}
-        assert arm.sensors is not None
-        read = recorded.measured(_quiet(arm.sensors))
+        return self._readings(played.trajectory, self.table(values), run)
+
+    def slopes(self, values: Array, run: Run, sizes: Array, careful: bool = False) -> dict[str, Array]:
+        """What `predict` changes by with each parameter over its size, by output, (n, p); 0 where the arm's run fails.
+
+        By `derivatives.Run`; of what has no derivative by differences of whole runs (named in `by_differences`),
+        forward ones, or with `careful` central ones of fourth order.
+        """
+        found = {name: np.zeros((len(run.t), len(values))) for name in run.outputs}
+        played = self._played(values, run)
+        if played is None:
+            return found
+        here = self._readings(played.trajectory, self.table(values), run)
+        for k, p in enumerate(self.parameters):
+            try:
+                change = self._tangent(played, here, values, run, k, OFFSET * sizes[k])
+                if self.config.solver["formulation"] != "elastica":  # stiff in what a length changes most
+                    wide = self._tangent(played, here, values, run, k, 2.0 * OFFSET * sizes[k])
+                    change = {name: (4.0 * y - wide[name]) / 3.0 for name, y in change.items()}
+                change = {name: y * sizes[k] for name, y in change.items()}
+            except NotDifferentiable as why:
+                self.by_differences[p.name] = str(why)
+                change = self._difference(here, values, run, k, sizes, careful)
+            for name, column in change.items():
+                found[name][:, k] = column
+        return found
+
+    def _tangent(self, played: Played, here: Any, values: Array, run: Run, k: int, step: float) -> dict[str, Array]:
+        """What is read by parameter k: what is moved along, read by sensors that change as well."""
+        around = self._around(values, k, step)
+        others = [self._simulation(self._at(values, k, offset), run) for offset, _ in around]
+        own, change = self._places[k][0] in ("sensors", "outputs"), np.zeros(())
+        if not own:
+            change = played.slopes([(other, *pair) for other, pair in zip(others, around, strict=True)])
+        centre = -sum(weight for _, weight in around)
+        total = {name: centre * y for name, y in here.items()}
+        for other, (offset, weight) in zip(others, around, strict=True):
+            trajectory = dataclasses.replace(played.trajectory, scene=other.scene)
+            if not own:
+                trajectory = played.moved(other, offset * change, self._places_needed)
+            for name, y in self._readings(trajectory, self.table(self._at(values, k, offset)), run).items():
+                total[name] = total[name] + weight * y
+        return total
+
+    def _around(self, values: Array, k: int, step: float) -> list[tuple[float, float]]:
+        """Offsets of parameter k and weights; on one side next to a bound."""
+        p = self.parameters[k]
+        up, down = values[k] + step <= p.high, values[k] - step >= p.low
+        if up and down:
+            return [(step, 0.5 / step), (-step, -0.5 / step)]
+        ahead = step if up else -step
+        return [(ahead, 2.0 / ahead), (2.0 * ahead, -0.5 / ahead)]
+
+    @staticmethod
+    def _at(values: Array, k: int, step: float) -> Array:
+        moved = values.copy()
+        moved[k] += step
+        return moved
+
+    def _difference(
+        self, here: Mapping[str, Array], values: Array, run: Run, k: int, sizes: Array, careful: bool
+    ) -> dict[str, Array]:
+        """The same by whole runs, away from a bound that is near."""
+        p, step = self.parameters[k], STEP * sizes[k]
+
+        def at(times: float) -> dict[str, Array]:
+            moved = self._at(values, k, times * step)
+            return self._read(self._play(moved, run), moved, run)
+
+        if careful and p.low <= values[k] - 2.0 * step and values[k] + 2.0 * step <= p.high:
+            a, b, c, d = at(1.0), at(-1.0), at(2.0), at(-2.0)
+            return {n: (8.0 * (a[n] - b[n]) - (c[n] - d[n])) / (12.0 * STEP) for n in here}
+        ahead = 1.0 if values[k] + step <= p.high else -1.0
+        return {name: (y - here[name]) / (ahead * STEP) for name, y in at(ahead).items()}
+
+    def _readings(self, trajectory: Trajectory, table: Mapping[str, Any], run: Run) -> dict[str, Array]:
+        """What the outputs show of a trajectory."""
+        sensors = trajectory.scene.arm.sensors
+        assert sensors is not None
+        read = trajectory.measured(_quiet(sensors, run.outputs))
         found = {}
         for name in run.outputs:
             own = table["outputs"][name]
@@ -116,13 +210,25 @@ class Experiment:
             found[name] = own["gain"] * (np.interp(run.t - late, run.t, read[name]) if late else read[name])
         return found
 
-    def _recorded(self, scene: Scene, run: Run) -> Trajectory | None:
-        """The scene at the run's instants; None where the arm fails. `simulate` would look for its errors as well."""
-        settings = scene.settings(**self.config.solver)
-        simulation, recorder = Simulation(scene, settings), Recorder(scene, settings)
-        simulation.record(scene.duration, run.period, recorder.extend)
-        recorded = recorder.finish(simulation, 0.0)
-        return recorded if recorded.status == "ok" and len(recorded.t) == len(run.t) else None
+    def _simulation(self, values: Array, run: Run) -> Simulation:
+        table = self.table(values)
+        arm = arms.from_table({k: v for k, v in table.items() if k not in ("inputs", "outputs", "gravity", "loads")})
+        scene = self._scene(arm, table, run)
+        return Simulation(scene, scene.settings(**self.config.solver))
+
+    def _played(self, values: Array, run: Run) -> Played | None:
+        """The run of the arm; the last of each log is kept."""
+        key, at = (run.stem, len(run.t)), values.tobytes()
+        if self._kept.get(key, (None, None))[0] != at:
+            self._kept[key] = at, self._play(values, run)
+        return self._kept[key][1]
+
+    def _play(self, values: Array, run: Run) -> Played | None:
+        """The run of the arm; None where it fails. `simulate` would look for its errors as well."""
+        self.runs += 1
+        played = Played.of(self._simulation(values, run), run.period)
+        good = played.trajectory.status == "ok" and len(played.trajectory.t) == len(run.t)
+        return played if good else None
 
     def _scene(self, arm: Arm, table: Mapping[str, Any], run: Run) -> Scene:
         motions, angles, before = [], [0.0] * arm.n_links, 0.0
@@ -199,17 +305,25 @@ def _drive(arm: Arm, k: int, kind: str) -> tuple[float, Arm]:
     return factor / joint.motor.resistance, dataclasses.replace(arm, joints=tuple(joints))
 
 
-def _quiet(given: sensing.Sensors) -> sensing.Sensors:
-    """The sensors without what is drawn and without steps, whose readings are smooth functions of the parameters."""
+def _quiet(given: sensing.Sensors, names: Iterable[str]) -> sensing.Sensors:
+    """The sensors that readings of these names need, without what is drawn and without steps: smooth functions of the
+    parameters."""
 
     def still(law: Any) -> Any:
         gain, bias = 0.5 * sum(law.gains), 0.5 * sum(law.biases)
         plain = dataclasses.replace(law, noise=0.0, quantum=0.0, gain=gain, bias=(bias, bias))
         return dataclasses.replace(plain, counts=None) if isinstance(law, Encoder) else plain
 
+    def wanted(*words: str) -> bool:
+        return any(name.startswith(words) for name in names)
+
+    others = ("strain_gauge", "tip_acceleration", "camera")
+    turned = any(not name.startswith(others) for name in names)
     return sensing.Sensors(
-        tuple(still(e) for e in given.encoders), tuple(still(g) for g in given.strain_gauges),
-        given.accelerometer and still(given.accelerometer), given.camera and still(given.camera),
+        tuple(still(e) for e in given.encoders if turned),
+        tuple(still(g) for g in given.strain_gauges if wanted(others[0])),
+        still(given.accelerometer) if given.accelerometer and wanted(others[1]) else None,
+        still(given.camera) if given.camera and wanted(others[2]) else None,
     )  # fmt: skip
 
 

@@ -30,7 +30,8 @@ def lines(result: Identification) -> dict[str, Any]:
     told["untold"] = ", ".join(worth.untold) or "none"
     for i, (blind, known) in enumerate(_pairs(result)):
         told[f"untold.{i + 1}"] = f"{direction(blind)}; told: {direction(known) if known else 'nothing of it'}"
-    told["evaluations"] = result.fit.evaluations
+    told["evaluations"], told["runs"] = result.fit.evaluations, result.fit.runs
+    told["by_differences"] = ", ".join(result.fit.by_differences) or "none"
     told["frequencies_hz"] = [round(float(f), 4) for f in result.frequencies]
     told["damping"] = [round(float(z), 5) for z in result.damping]
     n = len(result.train)

@@ -20,7 +20,7 @@ from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 
 from .config import Config, Parameter, read_config
-from .fit import Fit, Problem, Solver, differences
+from .fit import Fit, Problem, Solver
 from .log import BadLog, Run, read_run
 from .model import Experiment
 from .signals import Ringing, nrmse, oscillator, read_off, vaf
@@ -243,7 +243,7 @@ def _swapped(problem: Problem, best: Fit) -> str:
     def errors(runs: Sequence[Run], z: Array) -> Array:
         return np.concatenate([e.ravel() for e in Problem(problem.experiment, runs).errors(z)])
 
-    J = differences(lambda z: errors(problem.runs, z), best.z, problem.bounds)
+    J = problem.slopes(best.z)
     own = float(np.square(errors(problem.runs, best.z)).sum())
     for a, b in alike:
         changed = []

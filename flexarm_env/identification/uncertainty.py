@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .fit import Problem, central_differences
+from .fit import Problem
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
         nothing = np.full(len(z), np.nan)
         size = float(np.sqrt(np.mean(flat**2)))
         return Uncertainty(nothing, np.eye(len(z)), 1.0, tuple(names), (), (), (), size, float(len(flat)))
-    J = central_differences(lambda x: np.concatenate([e.ravel() for e in problem.errors(x)]), z, free.tolist())
+    J = problem.slopes(z, careful=True)[:, free]
     p = len(free)
     noise2 = float(flat @ flat) / max(len(flat) - p, 1)
     _, values, right = np.linalg.svd(J, full_matrices=False)

@@ -23,6 +23,7 @@ SAMPLE = Layout(
     Field("reaction", ("motions",), "N m or N", "that holds each prescribed coordinate"),
     Field("q", ("rows",), "", "state"),
     Field("v", ("rows",), "", "its rate"),
+    Field("a", ("rows",), "", "its second rate"),
 )  # fmt: skip
 """What is recorded of an instant."""
 
@@ -125,7 +126,7 @@ def sample_rows(
         for k in range(n_motions):
             row[at.reaction + k] = w.reaction[k]
         for k in range(n):
-            row[at.q + k], row[at.v + k] = w.q[k], w.v[k]
+            row[at.q + k], row[at.v + k], row[at.a + k] = w.q[k], w.v[k], w.a[k]
         if points.shape[1] > 0:
             shape(arm, w.q, points[i])
         if moving:

@@ -7,11 +7,12 @@ hashable, and checked when it is made: a ``ValueError`` names the key path, the 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
+
+import numpy as np
 
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
@@ -183,11 +184,12 @@ class Scene:
 
     def _join_instants(self) -> None:
         """Give instants of different functions that differ by round-off one value, so that no step ends up between."""
-        times = sorted({t for function in self._functions() for t in function.pieces[1:, 0].tolist()})
+        starts = [function.pieces[1:, 0] for function in self._functions()]
+        times = np.unique(np.concatenate([np.zeros(0), *starts]))
         joined: dict[float, float] = {}
-        for earlier, later in itertools.pairwise(times):
-            if later - earlier <= _SAME_TIME * max(1.0, self.duration):
-                joined[later] = joined.get(earlier, earlier)
+        for k in np.flatnonzero(np.diff(times) <= _SAME_TIME * max(1.0, self.duration)):
+            earlier, later = float(times[k]), float(times[k + 1])
+            joined[later] = joined.get(earlier, earlier)
         if not joined or not self._can_join(joined):
             return
 

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -42,17 +43,37 @@ def nodes(n: int, tip: bool) -> Array:
     return roots
 
 
+class Basis(NamedTuple):
+    """Functions on [-1, 1], each 1 at a node and 0 at the others: Legendre coefficients, a column each, of themselves,
+    of their slopes and of their integrals from -1."""
+
+    own: Array
+    rate: Array
+    primitive: Array
+
+
+@lru_cache(64)
+def basis(n: int, tip: bool) -> Basis:
+    """That of `nodes`; kept."""
+    own = np.asarray(np.linalg.inv(legendre.legvander(nodes(n, tip), n - 1)))
+    rate, primitive = legendre.legder(own, axis=0), legendre.legint(own, lbnd=-1.0, axis=0)
+    return Basis(own, np.asarray(rate, np.float64), np.asarray(primitive, np.float64))
+
+
+gauss = lru_cache(64)(legendre.leggauss)
+
+
 @dataclass(frozen=True)
 class Line:
     """One link of n nodes: its interpolation, continuous, and a polynomial between two jumps.
 
-    SI. `pieces`: of each smooth piece its ends on the link, its first node, and the Legendre coefficients (k, k) of its
-    functions on [-1, 1], a column each; neighbouring pieces share a node.
+    SI. `pieces`: of each smooth piece its ends on the link, its first node, and the basis of its k functions;
+    neighbouring pieces share a node.
     """
 
     link: Link
     n: int
-    pieces: tuple[tuple[float, float, int, Array], ...]
+    pieces: tuple[tuple[float, float, int, Basis], ...]
 
     @classmethod
     def of(cls, link: Link, n: int, tip: bool) -> Line:
@@ -66,8 +87,7 @@ class Line:
         for a, b in pairwise(ends.tolist()):
             steps = int(np.sum((own[:-1] >= a) & (own[:-1] < b)))
             last = b == link.length and not tip
-            at = nodes(steps + 1, not last)
-            pieces.append((a, b, first, np.asarray(np.linalg.inv(legendre.legvander(at, steps)))))
+            pieces.append((a, b, first, basis(steps + 1, not last)))
             first += steps
         return cls(link, n, tuple(pieces))
 
@@ -76,26 +96,25 @@ class Line:
         """m."""
         return self.link.length
 
-    def _table(self, s: Array, of_piece: Callable[[Array, Array, float], Array]) -> Array:
-        """(len(s), n): what `of_piece` (points on [-1, 1], coefficients, length) gives of each piece's functions."""
+    def _table(self, s: Array, of_piece: Callable[[Array, Basis, float], Array]) -> Array:
+        """(len(s), n): what `of_piece` (points on [-1, 1], basis, length) gives of each piece's functions."""
         s = np.asarray(s, np.float64)
         table = np.zeros((s.size, self.n))
-        for a, b, first, coefficients in self.pieces:
+        for a, b, first, functions in self.pieces:
             here = (s >= a) & ((s < b) | (b == self.length))
             x = 2.0 * (s[here] - a) / (b - a) - 1.0
-            table[here, first : first + len(coefficients)] = of_piece(x, coefficients, b - a)
+            table[here, first : first + len(functions.own)] = of_piece(x, functions, b - a)
         return table
 
     def lagrange(self, s: Array) -> Array:
         """l_l(s), shape (len(s), n), s in m from the root."""
-        return self._table(s, lambda x, own, length: legendre.legvander(x, len(own) - 1) @ own)
+        return self._table(s, lambda x, of, length: legendre.legvander(x, len(of.own) - 1) @ of.own)
 
     def slope(self, s: Array) -> Array:
         """l_l'(s), 1/m, shape (len(s), n)."""
 
-        def of_piece(x: Array, own: Array, length: float) -> Array:
-            rate = legendre.legder(own, axis=0)
-            return np.asarray(legendre.legvander(x, max(len(own) - 2, 0)) @ rate * (2.0 / length))
+        def of_piece(x: Array, of: Basis, length: float) -> Array:
+            return np.asarray(legendre.legvander(x, max(len(of.own) - 2, 0)) @ of.rate * (2.0 / length))
 
         return self._table(s, of_piece)
 
@@ -114,23 +133,19 @@ class Line:
     def integral(self, s: Array) -> Array:
         """S_l(s) = int_0^s l_l, m, shape (len(s), n)."""
 
-        def of_piece(x: Array, own: Array, length: float) -> Array:
-            primitive = legendre.legint(own, lbnd=-1.0, axis=0)
-            return np.asarray(legendre.legvander(x, len(own)) @ primitive * (0.5 * length))
+        def of_piece(x: Array, of: Basis, length: float) -> Array:
+            return np.asarray(legendre.legvander(x, len(of.own)) @ of.primitive * (0.5 * length))
 
         table = self._table(s, of_piece)
-        for _, b, first, own in self.pieces[:-1]:  # what lies wholly before s
-            table[np.asarray(s) >= b, first : first + len(own)] += of_piece(np.ones(1), own, b - self._start(first))[0]
+        for a, b, first, of in self.pieces[:-1]:  # what lies wholly before s
+            table[np.asarray(s) >= b, first : first + len(of.own)] += of_piece(np.ones(1), of, b - a)[0]
         return table
-
-    def _start(self, first: int) -> float:
-        return next(a for a, _, node, _ in self.pieces if node == first)
 
     def quadrature(self) -> tuple[Array, Array]:
         """Gauss points and weights, m, exact for all matrices of the link."""
         if self.link.uniform is None:
             return self.link.quadrature()
-        x, weights = legendre.leggauss(self.n + 1)
+        x, weights = gauss(self.n + 1)
         return 0.5 * self.length * (x + 1.0), 0.5 * self.length * weights
 
     def matrix(self, table: Array, what: str) -> Array:

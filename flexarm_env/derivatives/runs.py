@@ -1,0 +1,186 @@
+"""A run of one arm through a scene, and what its states change by with what the scene was made from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import SINGLE, size
+from ..physics.layout import HALVINGS, OF_MOTION, POSE
+from ..runtime import sensitivity
+from ..runtime.sensitivity import Neighbour, Steps
+from ..simulation import Simulation
+from ..trajectory import Recorder, Trajectory, placed
+from .period import PASSES
+
+Array = NDArray[np.float64]
+
+MOST = 4_000_000
+"""Numbers of factored matrices kept at once."""
+
+
+MOST_ROWS = 1_000_000
+"""Steps of a run up to which each is kept."""
+
+
+class NotDifferentiable(ValueError):
+    """What a run is made of that has no derivative here, in words."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of equal steps.
+
+    Attributes:
+        simulation: at the run's end. trajectory: of the samples. start (4, n): q, v, a, b of the start. q, v, a
+        (steps, n), t (steps,): at the steps' ends. every: steps between two samples.
+    """
+
+    simulation: Simulation
+    trajectory: Trajectory
+    start: Array
+    q: Array
+    v: Array
+    a: Array
+    t: Array
+    every: int
+    _kept: dict[Any, Any]
+
+    @classmethod
+    def of(cls, simulation: Simulation, interval: float) -> Run:
+        """The run of a fresh Simulation of a scene, recorded every `interval` s; see `Trajectory.status`."""
+        scene, settings = simulation.scene, simulation.settings
+        every = max(1, int(np.ceil(interval / simulation.dt * (1.0 - 1e-9))))
+        if every * scene.duration / interval > MOST_ROWS:
+            every = 1  # samples alone
+        recorder, rows, count = Recorder(scene, settings), [], 0
+        start = _state(simulation)
+
+        def note(fields: dict[str, Array], shapes: Array) -> None:
+            nonlocal count
+            rows.append([fields[name] for name in ("time", "q", "v", "a")])
+            chosen = slice(-count % every, None, every)
+            recorder.extend({name: values[chosen] for name, values in fields.items()}, shapes[chosen])
+            count += len(fields["time"])
+
+        simulation.record(scene.duration, interval / every, note)
+        t, q, v, a = (np.concatenate([row[k] for row in rows])[1:] for k in range(4))
+        return cls(simulation, recorder.finish(simulation, 0.0), start, q, v, a, t, every, {})
+
+    def check(self) -> None:
+        """Raise NotDifferentiable, in words, for a run whose steps are not."""
+        simulation = self.simulation
+        model, scene = simulation.model, simulation.scene
+        inside = [t for load in scene.loads for f in load.functions for t in f.jumps if 0.0 < t < scene.duration]
+        inside += [t for motion in scene.motions for t in motion.function.kinks if 0.0 < t < scene.duration]
+        between = [t for t in scene.kinks if np.abs(self.t - t).min(initial=np.inf) > 1e-9 * max(1.0, t)]
+        for there, what in (
+            (model.algebraic is not None, "joints by multipliers"),
+            (model.correction is not None, "the correction of the period"),
+            (simulation.settings.step_tolerance is not None, "steps fitted to a tolerance"),
+            (simulation.work.counts[HALVINGS] > 0.0, "a step that had to be halved"),
+            (bool(np.diff(self.t).max(initial=0.0) > 1.001 * simulation.dt), "more steps than are kept"),
+            (bool(inside), "a load that jumps or a motion that has a kink"),
+            (bool(between), "a kink between two steps"),
+        ):
+            if there:
+                raise NotDifferentiable(what)
+
+    def slopes(self, neighbours: Sequence[tuple[Simulation, float, float]]) -> Array:
+        """What q and v of the samples, the start included, change by: (samples, 2, n).
+
+        neighbours: two Simulations of the scene as it is with a number of it moved by an offset, each with the offset
+        and its weight in the derivative: central, (a, e, 1 / 2e), (b, -e, -1 / 2e), or on one side, (a, e, 2 / e),
+        (b, 2 e, -1 / 2e).
+        Raises:
+            NotDifferentiable: see `check`; a neighbour that is another kind of model.
+        """
+        self.check()
+        own = self.simulation
+        model, n = own.model, len(own.work.q)
+        for other, _, _ in neighbours:
+            if _kind(other.model) != _kind(model):
+                raise NotDifferentiable("a change of what the model consists of")
+        h = np.diff(self.t, prepend=0.0)
+        if "driven" not in self._kept:
+            self._kept["driven"] = self._driven(own)
+        u, psi = self._kept["driven"]
+        central = 0.0 - sum(weight for _, _, weight in neighbours)
+        central = 0.0 if abs(central) < 1e-9 * abs(neighbours[0][2]) else central
+        tangent, moved = central * self.start, central * psi
+        stars = [Neighbour(model, own.par, u.ravel(), 0.0, central)]
+        for other, offset, weight in neighbours:
+            other_u, other_psi = (u, psi) if _same(own.drive, other.drive) else self._driven(other)
+            tangent = tangent + weight * _state(other)
+            moved = moved + weight * other_psi
+            stars.append(Neighbour(other.model, other.par, other_u.ravel(), offset, weight))
+        passes = PASSES if own.settings.formulation == "geometrically_exact" else 1
+        room, out = np.zeros(6 * n + int(size(model.n_factor))), np.empty((len(h), 2 * n))
+        first, tangent = tangent[:2].flatten(), np.ascontiguousarray(tangent)
+        most = max(1, MOST // int(size(model.n_factor)))
+        for k in range(0, len(h), most):
+            part = slice(k, k + most)
+            steps = Steps(self.q[part].ravel(), self.v[part].ravel(), self.a[part].ravel(), u[part].ravel(), h[part])
+            factors = self._factored(k, steps)
+            stage = [star._replace(u=star.u[k * u.shape[1] : (k + most) * u.shape[1]]) for star in stars]
+            sensitivity.tangent_rows(
+                SINGLE, model, own.drive, steps, own.scheme, factors, *stage, moved[part], passes, tangent, room,
+                out[part],
+            )  # fmt: skip
+        return np.concatenate([first[None], out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
+
+    def moved(self, other: Simulation, change: Array, places: bool = True) -> Trajectory:
+        """The trajectory with q and v changed (samples, 2, n), of a neighbour's arm.
+
+        places: also where that puts tip, joints and motors; all else is as it was.
+        """
+        q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
+        found: dict[str, Any] = {}
+        if places:
+            links = other.scene.arm.n_links
+            poses = np.zeros((len(q), POSE.end * links))
+            sensitivity.pose_rows(SINGLE, other.model, other.par, q, v, poses)
+            found = placed(other.system.coordinates, poses.reshape(len(q), links, POSE.end), q, v)
+        return replace(self.trajectory, scene=other.scene, q=q, v=v, **found)
+
+    def _factored(self, k: int, steps: Steps) -> Array:
+        """Matrices of the steps from k on; the last are kept."""
+        own = self.simulation
+        if self._kept.get("at") != k:
+            factors = np.empty(len(steps.h) * int(size(own.model.n_factor)))
+            r = np.zeros(len(own.work.q))
+            sensitivity.factor_rows(SINGLE, own.model, own.drive, own.par, steps, own.scheme, r, factors)
+            self._kept.update(at=k, factors=factors)
+        return np.asarray(self._kept["factors"])
+
+    def _driven(self, of: Simulation) -> tuple[Array, Array]:
+        """Inputs (steps, inputs) and prescribed values (steps, motions, 3) of a scene."""
+        u, psi = np.zeros((len(self.t), len(of.work.u))), np.zeros((len(self.t), OF_MOTION.end * of.n_motions))
+        sensitivity.drive_rows(of.drive, self.t, np.diff(self.t, prepend=0.0), u, psi)
+        return u, psi.reshape(len(self.t), of.n_motions, OF_MOTION.end)
+
+
+def _state(of: Simulation) -> Array:
+    """q, v, a, b as they are."""
+    w = of.work
+    return np.array([w.q, w.v, w.a, w.b])
+
+
+def _same(a: Any, b: Any) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def _kind(model: Any) -> Any:
+    """What compiled code is made for: sizes, tags and what there is of a model."""
+    if isinstance(model, np.ndarray):
+        return model.dtype, model.shape
+    if hasattr(model, "_fields"):
+        return type(model), tuple(_kind(part) for part in model)
+    return model if isinstance(model, tuple | int) else type(model)
+
+
+__all__ = ["NotDifferentiable", "Run"]
