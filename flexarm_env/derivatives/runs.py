@@ -23,13 +23,17 @@ MOST = 4_000_000
 """Numbers of factored matrices kept at once."""
 
 
+MOST_ROWS = 1_000_000
+"""Steps of a run up to which each is kept."""
+
+
 class NotDifferentiable(ValueError):
     """What a run is made of that has no derivative here, in words."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run of equal steps.
+    """A run of equal steps.
 
     Attributes:
         simulation: at the run's end. trajectory: of the samples. start (4, n): q, v, a, b of the start. q, v, a
@@ -51,6 +55,8 @@ class Run:
         """The run of a fresh Simulation of a scene, recorded every `interval` s; see `Trajectory.status`."""
         scene, settings = simulation.scene, simulation.settings
         every = max(1, int(np.ceil(interval / simulation.dt * (1.0 - 1e-9))))
+        if every * scene.duration / interval > MOST_ROWS:
+            every = 1  # samples alone
         recorder, rows, count = Recorder(scene, settings), [], 0
         start = _state(simulation)
 
@@ -77,6 +83,7 @@ class Run:
             (model.correction is not None, "the correction of the period"),
             (simulation.settings.step_tolerance is not None, "steps fitted to a tolerance"),
             (simulation.work.counts[HALVINGS] > 0.0, "a step that had to be halved"),
+            (bool(np.diff(self.t).max(initial=0.0) > 1.001 * simulation.dt), "more steps than are kept"),
             (bool(inside), "a load that jumps or a motion that has a kink"),
             (bool(between), "a kink between two steps"),
         ):
