@@ -26,9 +26,6 @@ from flexarm_env.suite.score import EPISODES, FIRST
 
 Array = NDArray[np.float64]
 
-BEFALLING = frozenset({"pushes", "payload_change"})
-"""Keywords of what comes to an arm from without."""
-
 SENSED = ("observation", "history", "sensors")
 """Keywords that say what is seen, which torques found beforehand do not depend on."""
 CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
@@ -97,27 +94,27 @@ def seen_whole(task: suite.Task) -> dict[str, Any]:
 
 
 def search(
-    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 500, memory: int = 12
+    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 500, memory: int = 12, kept: Path | None = None
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved; fewer where the last ones have brought next to nothing. ValueError where the task's environment has no
-    derivatives, or does not give these returns.
+    halved; fewer where the last ones have brought next to nothing. kept: a file in which actions are kept on the way,
+    and from which a search that was broken off goes on. ValueError where the task's environment has no derivatives, or
+    does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
-    best, reached = beginnings(task, trained)
-    befalls = not BEFALLING.isdisjoint(task.keywords)
-    plain = {key: value for key, value in seen_whole(task).items() if key not in BEFALLING}
-    arms = Arms(task.environment, EPISODES, **plain)
+    best, reached = beginnings(task, trained) if kept is None or not kept.is_file() else read(kept)
+    arms = Arms(task.environment, EPISODES, **seen_whole(task))
     start, shape = arms.reset(seed=FIRST), best.shape
     fine = Fine(task, arms.environment.plan)
-    passed: Any = Befallen(task, arms) if befalls else arms
+
+    moved: Any = InTask(arms) if "pushes" in task.keywords else arms
 
     def value(x: Array) -> tuple[Array, Array]:
-        total, slopes = returned(passed, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
+        total, slopes = returned(moved, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1))
 
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
@@ -144,8 +141,22 @@ def search(
             one[stuck], other[stuck] = 0.0, 0.0
         length[stuck] = 1.0
         course.append(float(reached.mean()))
+        if kept is not None and len(course) % PATIENCE == 0:
+            keep(kept, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached)
     arms.close()
     return x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached
+
+
+def keep(path: Path, actions: Array, returns: Array) -> None:
+    """Write actions (T, n, N) and returns (n,)."""
+    given = {"actions": actions.astype(np.float32), "returns": returns}
+    write_whole(path, lambda part: np.savez_compressed(part, **given))
+
+
+def read(path: Path) -> tuple[Array, Array]:
+    """What `keep` has written."""
+    with np.load(path) as data:
+        return data["actions"].astype(float), data["returns"].astype(float)
 
 
 def _newton(slope: Array, moves: Sequence[tuple[Array, Array]]) -> Array:
@@ -199,68 +210,23 @@ class Fine:
         return self.price * over.any(axis=1), slope
 
 
-class Befallen:
-    """The arms of a task that are pushed, or whose payload changes: `step` and `pull` of `derivatives.Arms`.
+class InTask:
+    """Arms to which something comes that is drawn on the way: they move in the task itself, which draws it, and are
+    differentiated at the very states that they are in there. `step` and `pull` are as those of `derivatives.Arms`."""
 
-    They move in the task itself. Derivatives are those of the arms without all this at the very states; where a payload
-    changes, differences of the period itself. A push changes the derivative of its period by little, which is left out.
-    """
-
-    STEPS = 1e-6, 1e-3
-    """In numbers of the state, and in actions, which are float32."""
-
-    def __init__(self, task: suite.Task, arms: Any) -> None:
-        from flexarm_env.derivatives import Periods
-
-        made = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
-        self.env, self.plain, self.n, self.moving = made.unwrapped, arms, arms.n, arms.moving
-        self.batch, self.periods = self.env.batch, arms.names.index("periods")
-        self.rows, self.failed = Periods(self.batch), np.zeros(arms.n, bool)
-        self.given = [k for k, name in enumerate(arms.names) if name.startswith("parameter[")]
+    def __init__(self, arms: Any) -> None:
+        self.arms, self.n, self.pull = arms, arms.n, arms.pull
+        self.first, self.failed = arms.names.index("periods"), np.zeros(arms.n, bool)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
-        """The next period, from the first one on: the episodes go where they go."""
-        if state[0, self.periods] == 0.0:
-            self.env.reset(seed=FIRST)
-            self.changes, self.past = [], np.zeros(self.n, bool)
-        block, stream = self.batch.block.copy(), self.batch.stream.copy()
-        _, reward, terminated, _, _ = self.env.step(action.astype(np.float32))
+        """The next period of the episodes, from the first one on."""
+        env = self.arms.environment
+        if state[0, self.first] == 0.0:
+            env.reset(seed=FIRST)
+            self.past = np.zeros(self.n, bool)
+        _, reward, terminated, _, _ = env.step(action.astype(np.float32))
         self.past |= terminated
-        after = self.rows.states()
-        after[:, self.periods] = state[0, self.periods] + 1.0
-        reward = reward.copy()
-        who = np.flatnonzero((after != state)[:, self.given].any(axis=1) & ~self.past)
-        self.changes.append((who, self._differences(who, block, stream, action)))
-        return after, np.zeros((self.n, self.plain.observation_size)), reward
-
-    def pull(self, state: Array, action: Array, back: Array, seen: Array, paid: Array) -> tuple[Array, Array]:
-        """As that of `derivatives.Arms`."""
-        before, by_action = self.plain.pull(state, action, back, seen, paid)
-        who, slopes = self.changes[int(state[0, self.periods])]
-        if who.size:
-            given = np.concatenate([back[who, : self.moving], paid[who, None]], axis=1)
-            out = np.einsum("mi,mij->mj", given, slopes)
-            before[who, : self.moving], by_action[who] = out[:, : self.moving], out[:, self.moving :]
-        return before, by_action
-
-    def _differences(self, who: Any, block: Array, stream: Any, action: Array) -> Array:
-        """The derivative (m, X + 1, X + A) of a period of arms (m,), which begins with this block and stream."""
-        batch, x, lanes = self.batch, self.moving, len(self.batch.lane)
-        slopes = np.zeros((len(who), x + 1, x + action.shape[1]))
-        there = batch.block.copy(), batch.stream.copy()
-        for column in range(slopes.shape[2] if who.size else 0):
-            size = self.STEPS[column >= x]
-            for side in (size, -size):
-                batch.block[...], batch.stream[...], batch.action[...] = block, stream, action
-                if column < x:
-                    batch.block[who // lanes, self.rows._own[column] + who % lanes] += side
-                else:
-                    batch.action[:, column - x] += np.float32(side)
-                batch.step()
-                slopes[:, :x, column] += self.rows.states()[who, :x] / (2.0 * side)
-                slopes[:, x, column] += batch.reward[who] / (2.0 * side)
-        batch.block[...], batch.stream[...] = there
-        return slopes
+        return self.arms.states(), np.zeros((self.n, self.arms.observation_size)), reward.copy()
 
 
 def returned(arms: Any, start: Array, actions: Array, fine: Fine) -> tuple[Array, Array]:
@@ -286,11 +252,10 @@ def found(task: suite.Task, folder: Path) -> Path:
     if not path.is_file():
         wall, cpu = time.perf_counter(), time.process_time()
         beside = sorted(path.parent for path in folder.parents[1].glob(f"*/{task.id}/policy.npz"))
-        actions, returns = search(task, beside)
+        actions, returns = search(task, beside, kept=folder / "search.npz")
         spent = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
         write_json(folder / "run.json", {"algorithm": "foresight", "steps": 0, **spent})
-        given = {"actions": actions.astype(np.float32), "returns": returns}
-        write_whole(path, lambda part: np.savez_compressed(part, **given))
+        keep(path, actions, returns)
     return folder
 
 
@@ -298,8 +263,7 @@ def chosen(folder: Path) -> Chosen:
     """What was found, as a policy of the task's episodes; ValueError where it is played on others."""
     path = folder / "actions.npz"
     record = read_json(folder / "run.json")
-    with np.load(path) as data:
-        actions = data["actions"].astype(float)
+    actions, _ = read(path)
 
     def make(env: Any) -> Foresight:
         if (int(env.num_envs), env.single_action_space.shape[0]) != actions.shape[1:]:

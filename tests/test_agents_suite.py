@@ -104,7 +104,7 @@ class Hills:
         return -(self.steep * off**2).sum(axis=(0, 2)), -2.0 * self.steep * off
 
 
-def test_the_search_climbs_each_episode_to_its_top(monkeypatch: pytest.MonkeyPatch):
+def test_the_search_climbs_each_episode_to_its_top_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     hills = Hills()
     hills.reset, hills.close, hills.environment = lambda seed: None, lambda: None, SimpleNamespace(plan=None)
     began = np.zeros((3, 2, 1))
@@ -114,7 +114,9 @@ def test_the_search_climbs_each_episode_to_its_top(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(
         foresight, "beginnings", lambda task, trained: (began, hills.returned(None, None, began, None)[0])
     )
-    actions, reached = foresight.search(TASKS[0], steps=60)
+    foresight.search(TASKS[0], steps=foresight.PATIENCE, kept=tmp_path / "search.npz")
+    monkeypatch.setattr(foresight, "beginnings", None)
+    actions, reached = foresight.search(TASKS[0], steps=30, kept=tmp_path / "search.npz")
     assert actions == pytest.approx(np.minimum(hills.best, 1.0), abs=1e-3)
     assert reached == pytest.approx(hills.returned(None, None, actions, None)[0])
 
@@ -143,33 +145,33 @@ def test_the_best_known_is_played_in_the_task_itself(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_gradients_pass_through_a_payload_that_changes():
-    """Of a sum over where the arms end by the torques at some instants: differences of the episodes themselves."""
-    task = suite.task("slew-handling-v1")
-    plain = {key: value for key, value in foresight.seen_whole(task).items() if key != "payload_change"}
-    arms = derivatives.Arms(task.environment, 100, **plain)
-    start, rng = arms.reset(seed=FIRST), np.random.default_rng(0)
-    befallen, weights = foresight.Befallen(task, arms), rng.normal(size=arms.moving)
-    actions = (0.1 * rng.uniform(-1.0, 1.0, (250, 100, 1))).astype(np.float32).astype(float)
+def test_gradients_pass_through_pushes_that_are_drawn_on_the_way():
+    """Of a sum over where the arms are by the torques at some instants: differences of the episodes themselves."""
+    task = suite.task("reach-pushed-v1")
+    arms = derivatives.Arms(task.environment, 100, **foresight.seen_whole(task))
+    start, rng, count = arms.reset(seed=FIRST), np.random.default_rng(0), 150
+    moved, weights = foresight.InTask(arms), rng.normal(size=arms.moving)
+    actions = (0.1 * rng.uniform(-1.0, 1.0, (count, 100, 2))).astype(np.float32).astype(float)
 
-    def end(torques: np.ndarray) -> list[np.ndarray]:
+    def passed(torques: np.ndarray) -> list[np.ndarray]:
         states = [start]
         for action in torques:
-            states.append(befallen.step(states[-1], action)[0])
+            states.append(moved.step(states[-1], action)[0])
         return states
 
-    states = end(actions)
-    assert sorted(np.concatenate([who for who, _ in befallen.changes]).tolist()) == list(range(100))
+    states = passed(actions)
+    pushed = np.array([state[:, [k for k, name in enumerate(arms.names) if "push" in name]] for state in states])
+    assert (pushed[-1] != pushed[0]).any(axis=1).mean() > 0.5
     back, slopes = np.zeros_like(start), np.zeros_like(actions)
     back[:, : arms.moving] = weights
     nothing = np.zeros((100, arms.observation_size)), np.zeros(100)
-    for k in reversed(range(250)):
-        back, slopes[k] = befallen.pull(states[k], actions[k], back, *nothing)
-    for first in (3, 60, 180):
-        moved = np.zeros_like(actions)
-        moved[first : first + 4] = 0.01
-        sides = [end(actions + side * moved)[-1][:, : arms.moving] @ weights for side in (1.0, -1.0)]
-        along = (slopes * moved).sum(axis=(0, 2))
+    for k in reversed(range(count)):
+        back, slopes[k] = moved.pull(states[k], actions[k], back, *nothing)
+    for first in (3, 60, 120):
+        off = np.zeros_like(actions)
+        off[first : first + 4, :, 0] = 0.01
+        sides = [passed(actions + side * off)[-1][:, : arms.moving] @ weights for side in (1.0, -1.0)]
+        along = (slopes * off).sum(axis=(0, 2))
         assert 0.5 * (sides[0] - sides[1]) == pytest.approx(along, abs=1e-3 * np.abs(along).max())
 
 
