@@ -26,10 +26,15 @@ from flexarm_env.suite.score import EPISODES, FIRST
 
 Array = NDArray[np.float64]
 
+BEFALLING = frozenset({"pushes", "payload_change"})
+"""Keywords of what comes to an arm from without."""
+
 SENSED = ("observation", "history", "sensors")
 """Keywords that say what is seen, which torques found beforehand do not depend on."""
-CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "time_optimal")
+CONTROLLERS = ("pd", "zv", "zvd", "lqr", "lqg", "mpc", "time_optimal")
 """Where the search begins: in each episode with the actions of the best of them."""
+PATIENCE, ENOUGH = 30, 1e-4
+"""A search ends where so many steps have brought no more than this share of the mean return."""
 ALIKE = 1e-6
 """Share by which an episode may pay otherwise in the task than in the search."""
 
@@ -98,17 +103,21 @@ def search(
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
-    halved. ValueError where the task's environment has no derivatives, or does not give these returns.
+    halved; fewer where the last ones have brought next to nothing. ValueError where the task's environment has no
+    derivatives, or does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
     best, reached = beginnings(task, trained)
-    arms = Arms(task.environment, EPISODES, **seen_whole(task))
+    befalls = not BEFALLING.isdisjoint(task.keywords)
+    plain = {key: value for key, value in seen_whole(task).items() if key not in BEFALLING}
+    arms = Arms(task.environment, EPISODES, **plain)
     start, shape = arms.reset(seed=FIRST), best.shape
     fine = Fine(task, arms.environment.plan)
+    passed: Any = Befallen(task, arms) if befalls else arms
 
     def value(x: Array) -> tuple[Array, Array]:
-        total, slopes = returned(arms, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
+        total, slopes = returned(passed, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1))
 
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
@@ -117,7 +126,10 @@ def search(
         raise ValueError(f"{task.id}: the search's episodes are not the task's: {found[:3]} for {reached[:3]}")
     moves: list[tuple[Array, Array]] = []
     length = np.ones(arms.n)
+    course = [float(reached.mean())]
     for _ in range(steps):
+        if len(course) > PATIENCE and course[-1] - course[-PATIENCE] < ENOUGH * (1.0 + abs(course[-1])):
+            break
         free = ~(((x >= 1.0) & (slope > 0.0)) | ((x <= -1.0) & (slope < 0.0)))
         way = _newton(np.where(free, slope, 0.0), moves) * free
         tried = _exact(np.clip(x + length[:, None] * way, -1.0, 1.0))
@@ -131,6 +143,7 @@ def search(
         for one, other in moves:  # forget what led nowhere
             one[stuck], other[stuck] = 0.0, 0.0
         length[stuck] = 1.0
+        course.append(float(reached.mean()))
     arms.close()
     return x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), reached
 
@@ -186,19 +199,84 @@ class Fine:
         return self.price * over.any(axis=1), slope
 
 
+class Befallen:
+    """The arms of a task that are pushed, or whose payload changes: `step` and `pull` of `derivatives.Arms`.
+
+    They move in the task itself. Derivatives are those of the arms without all this at the very states; where a payload
+    changes, differences of the period itself. A push changes the derivative of its period by little, which is left out.
+    """
+
+    STEPS = 1e-6, 1e-3
+    """In numbers of the state, and in actions, which are float32."""
+
+    def __init__(self, task: suite.Task, arms: Any) -> None:
+        from flexarm_env.derivatives import Periods
+
+        made = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen_whole(task))
+        self.env, self.plain, self.n, self.moving = made.unwrapped, arms, arms.n, arms.moving
+        self.batch, self.periods = self.env.batch, arms.names.index("periods")
+        self.rows, self.failed = Periods(self.batch), np.zeros(arms.n, bool)
+        self.given = [k for k, name in enumerate(arms.names) if name.startswith("parameter[")]
+
+    def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+        """The next period, from the first one on: the episodes go where they go."""
+        if state[0, self.periods] == 0.0:
+            self.env.reset(seed=FIRST)
+            self.changes, self.past = [], np.zeros(self.n, bool)
+        block, stream = self.batch.block.copy(), self.batch.stream.copy()
+        _, reward, terminated, _, _ = self.env.step(action.astype(np.float32))
+        self.past |= terminated
+        after = self.rows.states()
+        after[:, self.periods] = state[0, self.periods] + 1.0
+        reward = reward.copy()
+        who = np.flatnonzero((after != state)[:, self.given].any(axis=1) & ~self.past)
+        self.changes.append((who, self._differences(who, block, stream, action)))
+        return after, np.zeros((self.n, self.plain.observation_size)), reward
+
+    def pull(self, state: Array, action: Array, back: Array, seen: Array, paid: Array) -> tuple[Array, Array]:
+        """As that of `derivatives.Arms`."""
+        before, by_action = self.plain.pull(state, action, back, seen, paid)
+        who, slopes = self.changes[int(state[0, self.periods])]
+        if who.size:
+            given = np.concatenate([back[who, : self.moving], paid[who, None]], axis=1)
+            out = np.einsum("mi,mij->mj", given, slopes)
+            before[who, : self.moving], by_action[who] = out[:, : self.moving], out[:, self.moving :]
+        return before, by_action
+
+    def _differences(self, who: Any, block: Array, stream: Any, action: Array) -> Array:
+        """The derivative (m, X + 1, X + A) of a period of arms (m,), which begins with this block and stream."""
+        batch, x, lanes = self.batch, self.moving, len(self.batch.lane)
+        slopes = np.zeros((len(who), x + 1, x + action.shape[1]))
+        there = batch.block.copy(), batch.stream.copy()
+        for column in range(slopes.shape[2] if who.size else 0):
+            size = self.STEPS[column >= x]
+            for side in (size, -size):
+                batch.block[...], batch.stream[...], batch.action[...] = block, stream, action
+                if column < x:
+                    batch.block[who // lanes, self.rows._own[column] + who % lanes] += side
+                else:
+                    batch.action[:, column - x] += np.float32(side)
+                batch.step()
+                slopes[:, :x, column] += self.rows.states()[who, :x] / (2.0 * side)
+                slopes[:, x, column] += batch.reward[who] / (2.0 * side)
+        batch.block[...], batch.stream[...] = there
+        return slopes
+
+
 def returned(arms: Any, start: Array, actions: Array, fine: Fine) -> tuple[Array, Array]:
     """J (n,) of actions (T, n, N), NaN where an episode would have ended; and its slope by the actions."""
-    states, total, over = [start], np.zeros(arms.n), np.zeros(arms.n, bool)
+    states, taken, total, over = [start], [], np.zeros(arms.n), np.zeros(arms.n, bool)
     for action in actions:
         state, seen, reward = arms.step(states[-1], action)
+        cost, slope = fine(seen)
         states.append(state)
-        total += reward - fine(seen)[0]
+        taken.append(slope)
+        total += reward - cost
         over |= arms.failed | arms.past
     slopes = np.zeros_like(actions)
     back, one = np.zeros_like(start), np.ones(arms.n)
     for k in reversed(range(len(actions))):
-        period = arms.jacobians(states[k], actions[k])
-        back, slopes[k] = period.pull(back, -fine(period.observation)[1], one)
+        back, slopes[k] = arms.pull(states[k], actions[k], back, -taken[k], one)
     return np.where(over, np.nan, total), slopes
 
 

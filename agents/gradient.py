@@ -108,10 +108,11 @@ class Gradient(BaseAlgorithm):
         self.arms = Arms(spec.id, self.n_envs, **keywords)
         plan = self.arms.environment.plan
         self.limit, self.price = int(plan.limit), float(plan.rewards[-1])
+        last = len(plan.names) * (plan.history - 1)
         self.margins = [
-            (plan.names.index(f"{name}_sin"), plan.names.index(f"{name}_cos"), *limits)
+            (last + plan.names.index(f"{name}_sin"), last + plan.names.index(f"{name}_cos"), *limits)
             for name, limits in zip(plan.arm.joint_names, plan.arm.joint_limits or (), strict=False)
-            if limits is not None and self.limit_cost > 0.0
+            if limits is not None and self.limit_cost > 0.0 and f"{name}_sin" in plan.names
         ]
         if self.state is None:
             self.rng = np.random.default_rng(self.seed)

@@ -23,9 +23,9 @@ from .physics.layout import COUNTS, POSE
 from .physics.model import System
 from .runtime import episode as environment
 from .runtime import starts
+from .runtime.laws import LAW_SIZE, law_of, room_of
 from .runtime.layout import aligned, layout_of
 from .runtime.sampling import observe_arm
-from .runtime.sensors import LAW_SIZE, law_of, room_of
 from .scene import standing_scene
 from .settings import Settings
 from .simulation import fitted_systems, room_for_points

@@ -1,6 +1,6 @@
 """Sensors of an arm as they are described: encoders, strain gauges, an accelerometer and a camera; frozen, validated.
 
-Every sensor reads one or two quantities u(t) by the same law (`runtime.sensors.read` is its one definition):
+Every sensor reads one or two quantities u(t) by the same law (`runtime.laws.read` is its one definition):
 
     reading = round_to_quantum(gain F u(t - delay) + bias + noise)
 

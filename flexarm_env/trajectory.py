@@ -245,7 +245,7 @@ class Trajectory:
         return self._read(own, float(self.t[-1] - self.t[0]) / len(steps), seed)
 
     def _read(self, own: Sensors, period: float, seed: int) -> dict[str, Array]:
-        from .runtime.sensors import law_of, memory_of, read_rows, room_of
+        from .runtime.laws import law_of, memory_of, read_rows, room_of
 
         joints = self.scene.arm.joint_names if own.encoders else ()
         named: list[tuple[str, Law]] = [

@@ -8,6 +8,7 @@ import importlib
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -16,9 +17,9 @@ from gymnasium.envs.registration import load_env_creator
 
 pytest.importorskip("stable_baselines3")
 
-from agents import config, episodes, train_ppo
+from agents import best_known, config, episodes, train_ppo
 from agents.arguments import parse
-from agents.runs import write_whole
+from agents.runs import read_json, write_whole
 from flexarm_env.envs.options import plan
 from tests.agents_tools import ENV, SMALL, file_of, told
 from tests.processes import ROOT
@@ -89,6 +90,24 @@ def test_vibration_and_overshoot():
     assert vibration == pytest.approx([half, 0.0], abs=1e-9)
     misses = np.array([[[0.5]], [[0.1]], [[-0.05]], [[0.0]]])
     assert episodes._overshoot(misses) == pytest.approx([0.1])
+
+
+def test_the_best_known_begins_with_the_quickest_policy_and_the_elbow_it_has():
+    """Of two ways to bend the elbow that to which the policy led, turned as often as it has turned."""
+    ends = np.array([[0.42, -0.9, 0.0, 0.0], [6.8, 0.51, 0.0, 0.0]])
+    known = best_known.Judged({"a": [1.0, 3.0], "b": [2.0, 0.5]}, {}, np.zeros((4, 2, 2)), ends)
+    lot = best_known.Lot(SimpleNamespace(joints=[0, 1], period=0.02), None, None, None)
+    ways = [np.array([[0.9, 0.9], [0.5, 0.5]]), np.array([[0.4, -0.9], [0.7, -0.5]])]
+    guess = best_known.followed(lot, known, ways)
+    assert guess.goal == pytest.approx(np.array([[0.4, -0.9], [0.5 + 2.0 * np.pi, 0.5]]))
+    assert guess.periods.tolist() == [50, 25]
+
+
+def test_the_best_known_of_a_lot_is_no_slower_than_any_policy():
+    kept = read_json(ROOT / "docs" / "results" / "optimal.json")["lots"]
+    for lots in kept.values():
+        for lot in lots.values():
+            assert (np.min(list(lot["policies"].values()), axis=0) >= np.array(lot["settling"]) - 1e-9).all()
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path):

@@ -15,7 +15,7 @@ pytest.importorskip("stable_baselines3")
 from agents import config, foresight
 from agents import suite as reference
 from agents.train_ppo import Arguments as Training
-from flexarm_env import suite
+from flexarm_env import derivatives, suite
 from flexarm_env.suite import results
 from flexarm_env.suite.score import FIRST
 from tests.agents_tools import told
@@ -105,8 +105,6 @@ class Hills:
 
 
 def test_the_search_climbs_each_episode_to_its_top(monkeypatch: pytest.MonkeyPatch):
-    from flexarm_env import derivatives
-
     hills = Hills()
     hills.reset, hills.close, hills.environment = lambda seed: None, lambda: None, SimpleNamespace(plan=None)
     began = np.zeros((3, 2, 1))
@@ -142,6 +140,37 @@ def test_the_best_known_is_played_in_the_task_itself(tmp_path: Path):
     assert (returns >= began).all() and returns.mean() > began.mean()
     _, again = foresight.played(suite.make_vec(task.id, len(returns)), foresight.Foresight(actions))
     assert again == pytest.approx(returns, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_gradients_pass_through_a_payload_that_changes():
+    """Of a sum over where the arms end by the torques at some instants: differences of the episodes themselves."""
+    task = suite.task("slew-handling-v1")
+    plain = {key: value for key, value in foresight.seen_whole(task).items() if key != "payload_change"}
+    arms = derivatives.Arms(task.environment, 100, **plain)
+    start, rng = arms.reset(seed=FIRST), np.random.default_rng(0)
+    befallen, weights = foresight.Befallen(task, arms), rng.normal(size=arms.moving)
+    actions = (0.1 * rng.uniform(-1.0, 1.0, (250, 100, 1))).astype(np.float32).astype(float)
+
+    def end(torques: np.ndarray) -> list[np.ndarray]:
+        states = [start]
+        for action in torques:
+            states.append(befallen.step(states[-1], action)[0])
+        return states
+
+    states = end(actions)
+    assert sorted(np.concatenate([who for who, _ in befallen.changes]).tolist()) == list(range(100))
+    back, slopes = np.zeros_like(start), np.zeros_like(actions)
+    back[:, : arms.moving] = weights
+    nothing = np.zeros((100, arms.observation_size)), np.zeros(100)
+    for k in reversed(range(250)):
+        back, slopes[k] = befallen.pull(states[k], actions[k], back, *nothing)
+    for first in (3, 60, 180):
+        moved = np.zeros_like(actions)
+        moved[first : first + 4] = 0.01
+        sides = [end(actions + side * moved)[-1][:, : arms.moving] @ weights for side in (1.0, -1.0)]
+        along = (slopes * moved).sum(axis=(0, 2))
+        assert 0.5 * (sides[0] - sides[1]) == pytest.approx(along, abs=1e-3 * np.abs(along).max())
 
 
 @pytest.mark.slow

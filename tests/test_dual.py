@@ -18,6 +18,8 @@ from flexarm_env.compiler import (
     largest,
     load,
     maximum,
+    pick,
+    place,
     round_even,
     select_lt,
     sincos,
@@ -106,3 +108,30 @@ def test_every_rule_against_complex_steps(lane: tuple[int, ...], tangents: int) 
                 a, b = value[:, 0, i] + 1e-100j * rates[:, j, i]
                 wanted = np.imag(value_of(a, b)) * 1e100
                 assert abs(both[k, 1 + j, i] - wanted) <= 1e-9 * (1.0 + abs(wanted)), k
+
+
+@kernel
+def _by_arm(lane, x, out):
+    """One number, arm by arm."""
+    for i in range(arms(lane)):
+        sine, _ = sincos(pick(lane, x, 0, i))
+        place(lane, out, 1, i, sine * pick(lane, x, 1, i) + 0.5)
+        place(lane, out, 2, i, 3.0)
+
+
+@kernel
+def _by_lane(lane, x, out):
+    """The same of all arms at once."""
+    sine, _ = sincos(load(lane, x, 0))
+    store(out, 1, sine * load(lane, x, 1) + 0.5)
+    store(out, 2, splat(lane, 3.0))
+
+
+@pytest.mark.parametrize("lane", [SINGLE, EIGHT, dual(SINGLE, 2), dual(EIGHT, 3)], ids=len)
+def test_an_arm_by_itself_has_the_numbers_that_it_has_among_others(lane: tuple[int, ...]) -> None:
+    """`pick` and `place` of each arm, values and tangents: the bits of `load` and `store`."""
+    x = np.random.default_rng(6).uniform(-1.5, 1.5, 2 * len(lane))
+    out = np.full((2, 3 * len(lane)), 7.0)
+    for function, rows in zip((_by_arm, _by_lane), out, strict=True):
+        function(lane, x, rows)
+    assert np.array_equal(*out) and (out[0, : len(lane)] == 7.0).all()

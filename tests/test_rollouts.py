@@ -136,7 +136,7 @@ def test_gradcheck(arms: Arms) -> None:
 
 
 def test_tensors_give_what_arrays_give(arms: Arms) -> None:
-    """A policy's gradient is that of `vjp`; float32 actions have float32 gradients; memory is shared."""
+    """A policy's gradient is that of `vjp`; float32 actions have float32 gradients."""
     torch = pytest.importorskip("torch")
     from flexarm_env.torch import DifferentiableArms
 
@@ -144,7 +144,6 @@ def test_tensors_give_what_arrays_give(arms: Arms) -> None:
     assert same.action_space.shape == (1,) and same.observation_space.shape == (6,)
     start = same.reset(seed=5)
     assert start.dtype == torch.float64 and start.shape == (9, same.arms.state_size)
-    assert np.shares_memory(start.numpy(), start.detach().to(torch.float64).numpy())
     actions = torch.linspace(-0.9, 0.9, 4 * 9).reshape(4, 9, 1).requires_grad_()
     assert actions.dtype == torch.float32
     state, total = start, torch.zeros(())
@@ -156,6 +155,32 @@ def test_tensors_give_what_arrays_give(arms: Arms) -> None:
     assert actions.grad.dtype == torch.float32
     assert abs(actions.grad.numpy() - run.vjp(rewards=np.ones((4, 9))).actions).max() < 1e-6
     assert total.item() == pytest.approx(run.rewards.sum(), abs=1e-12)
+
+
+def test_tensors_and_arrays_share_memory(arms: Arms, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is given in float64 goes in, and what comes out comes back, without a copy."""
+    torch = pytest.importorskip("torch")
+    from flexarm_env.torch import DifferentiableArms
+
+    same, calls = DifferentiableArms("FlexibleArm-v0", 9, tolerance=1e-12), []
+
+    def noted(function):
+        def call(*arguments):
+            calls.append((arguments, function(*arguments)))
+            return calls[-1][1]
+
+        return call
+
+    for name in ("reset", "observe", "step"):
+        monkeypatch.setattr(same.arms, name, noted(getattr(same.arms, name)))
+    state, action = same.reset(5), torch.zeros((9, 1), dtype=torch.float64)
+    told = [state], [same.observe(state)], same.step(state, action)
+    given = [], [state], [state, action]
+    for (arguments, results), tensors, own in zip(calls, told, given, strict=True):
+        for array, tensor in zip(results if isinstance(results, tuple) else [results], tensors, strict=True):
+            assert np.shares_memory(array, tensor.numpy())
+        for array, tensor in zip(arguments, own, strict=False):
+            assert np.shares_memory(array, tensor.numpy())
 
 
 def test_other_devices_are_told(arms: Arms) -> None:

@@ -14,7 +14,7 @@ import pytest
 from flexarm_env import Arm, Joint, JointTorque, Link, Motion, PointLoad, Scene, Section, arms, sensors, simulate
 from flexarm_env.envs.options import plan
 from flexarm_env.envs.task import SLEW
-from flexarm_env.runtime.sensors import law_of, memory_of, read_rows, room_of
+from flexarm_env.runtime.laws import law_of, memory_of, read_rows, room_of
 from flexarm_env.sensors import Accelerometer, Camera, Encoder, Law, LowPass, Sensors, StrainGauge
 from flexarm_env.time_functions import constant, cycloid, ramp, sine
 from tests.env_tools import assert_pair_same, assert_same, episode, pair

@@ -17,12 +17,15 @@ from .lanes import (
     largest,
     load,
     maximum,
+    pick,
+    place,
     round_even,
     select_lt,
     sincos,
     splat,
     square_root,
     store,
+    with_slope,
 )
 from .private import MODE, WHY, selfcheck
 from .reverse import pulled
@@ -30,7 +33,8 @@ from .trace import aligned_frame, traced, unrolled
 
 __all__ = [
     "kernel", "inlined", "uncompiled",
-    "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "load", "store", "splat",
+    "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "with_slope",
+    "load", "store", "splat", "pick", "place",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
     "bare", "stack", "unrolled", "traced", "pulled", "aligned_frame",
     "Family", "by_kind", "size", "NONE", "NUMBER", "TUPLE",

@@ -10,7 +10,7 @@ A longer tag, `dual(lane, D)`, makes of the same source the kernel of its deriva
 tangents, L numbers each that say how it changes along a direction, and every operation carries them on by the rules in
 `symbols`. `arms(lane)` is the number of arms of either.
 
-Only what kernels need is defined: + - * / and negation, mixed with float64; `load store splat select_lt
+Only what kernels need is defined: + - * / and negation, mixed with float64; `load store splat pick place select_lt
 absolute maximum square_root round_even largest sincos`.
 """
 
@@ -224,7 +224,54 @@ def _splat(typingctx: Any, lane: Any, x: Any) -> Any:
     return kind(lane, types.float64), codegen
 
 
+def _py_pick(lane: tuple[int, ...], array: np.ndarray, k: int, i: int) -> float:
+    """Element k of arm i, as one number with its tangents."""
+    _one(lane)
+    return array[k]
+
+
+def _py_place(lane: tuple[int, ...], array: np.ndarray, k: int, i: int, value: float) -> None:
+    """Write element k of arm i."""
+    array[k] = value
+
+
+def _own_places(context: Any, builder: Any, kinds: Any, args: Any) -> tuple[list[Any], Any]:
+    """Where element k of arm i and its tangents lie, from (lane, array, k, i, ...); the type of one such number."""
+    count, tangents = shape(lane_type(len(kinds[0])))
+    data, rows = pointer(context, builder, kinds[1], args[1]), 1 + tangents
+    first = builder.add(builder.mul(args[2], ir.Constant(INDEX, count * rows)), args[3])
+    steps = [builder.add(first, ir.Constant(INDEX, count * j)) for j in range(rows)]
+    return [builder.gep(data, [step], inbounds=True) for step in steps], _own(tangents)
+
+
+def _own(tangents: int) -> Any:
+    return LanesType(1, tangents) if tangents else types.float64
+
+
+@intrinsic
+def _pick(typingctx: Any, lane: Any, array: Any, k: Any, i: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        places, kind = _own_places(context, builder, signature.args, args)
+        first, *rest = [Value(builder, builder.load(place), 1) for place in places]
+        return number(kind, first.having(rest))
+
+    return _own(shape(lane_type(len(lane)))[1])(lane, array, types.intp, types.intp), codegen
+
+
+@intrinsic
+def _place(typingctx: Any, lane: Any, array: Any, k: Any, i: Any, value: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        places, kind = _own_places(context, builder, signature.args, args)
+        x = symbol(context, builder, signature.args[4], args[4])
+        for where, part in zip(places, x.parts(*shape(kind)), strict=True):
+            builder.store(part, where)
+        return context.get_dummy_value()
+
+    return types.void(lane, array, types.intp, types.intp, _widest(value)), codegen
+
+
 load, store, splat = _either(_py_load, _load), _either(_py_store, _store), _either(_py_splat, _splat)
+pick, place = _either(_py_pick, _pick), _either(_py_place, _place)
 
 
 # --- functions -------------------------------------------------------------------------------------

@@ -43,6 +43,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "numba.core.codegen.JITCodeLibrary._optimize_final_module": ("the same", JIT),
     "numba.core.codegen.JITCodeLibrary._finalize_final_module": ("the same", JIT),
     "numba.core.codegen.JITCodeLibrary._finalize_dynamic_globals": ("the same", JIT),
+    "numba.core.codegen.JITCodeLibrary._get_module_for_linking": ("to keep a part packed", JIT),
     "numba.core.codegen.JITCPUCodegen.set_env": ("a part's environment has no address", JIT),
     "numba.core.registry.CPUDispatcher": ("a kernel, callable from Python and from kernels", JIT),
     "numba.core.dispatcher._FunctionCompiler.compile": ("to compile a part", JIT),

@@ -16,6 +16,7 @@ from functools import cache
 from typing import Any
 
 from llvmlite import ir
+from llvmlite.binding import parse_bitcode
 from numba import types
 from numba.core import sigutils
 from numba.core.codegen import JITCodeLibrary
@@ -35,6 +36,9 @@ from .waiting import announced
 _open = 0
 """How many kernels are being compiled at this moment, one within the other; changed under Numba's compiler lock."""
 
+_parts: list[_Part] = []
+"""Finished parts of the kernel that is being compiled."""
+
 
 class _Engineless:
     """The code generator of a part, which has no address to write an environment to."""
@@ -52,6 +56,8 @@ class _Engineless:
 class _Part(JITCodeLibrary):  # type: ignore[misc]
     """Code that is linked into a caller and never run by itself."""
 
+    _packed: bytes | None = None
+
     @property
     def codegen(self) -> Any:
         return _Engineless(self._codegen)
@@ -62,6 +68,14 @@ class _Part(JITCodeLibrary):  # type: ignore[misc]
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._finalized = True
+
+    def pack(self) -> None:
+        """Keep the code in a tenth of the room, for callers that are compiled later."""
+        self._packed = super()._get_module_for_linking().as_bitcode()
+        self._final_module = self._shared_module = None
+
+    def _get_module_for_linking(self) -> Any:
+        return super()._get_module_for_linking() if self._packed is None else parse_bitcode(self._packed)
 
 
 class PartMarker:
@@ -126,13 +140,16 @@ class _Compiler(Compiler):  # type: ignore[misc]
 
 
 @contextmanager
-def _no_collection() -> Iterator[None]:
-    """Without a search for garbage: a compilation makes millions of objects, nearly all of which it still needs."""
+def _outermost() -> Iterator[None]:
+    """Without a search for garbage, since a compilation makes millions of objects, nearly all of which it still needs;
+    its parts are packed at the end."""
     was = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
+        while _parts:
+            _parts.pop().pack()
         if was:
             gc.enable()
 
@@ -158,7 +175,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             self.overloads.pop(args, None)
             _open += 1
             try:
-                with _no_collection() if _open == 1 else nullcontext():
+                with _outermost() if _open == 1 else nullcontext():
                     return super().compile(sig) if _open == 1 else self._compile_part(args)
             finally:
                 _open -= 1
@@ -166,9 +183,10 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
     def _compile_part(self, args: Any) -> Any:
         with self._compiling_counter:
             made = self._compiler.compile(args, None)
+            _parts.append(made.library)
             marker = PartMarker()
             self.targetctx.insert_user_function(marker, made.fndesc, [made.library])
-            self.overloads[args] = made._replace(entry_point=marker)
+            self.overloads[args] = made._replace(entry_point=marker, type_annotation="")  # all of the source is in it
             return marker
 
 

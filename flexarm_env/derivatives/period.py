@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
-from ..physics.integrator.work import unpack
-from ..physics.model import OK, Elastica
+from ..physics.model import OK, Elastica, Jointed
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
-from ..runtime.layout import aligned, layout_of, record_sizes
-from ..tasks.program import HOLD, PARAMETERS, PERIODS, RECORD, TARGET, TARGET_RATE, TORQUE_FACTOR
+from ..runtime.layout import aligned, layout_of
+from .places import laws_of, places_of
 from .rollouts import Rollout, rollout
+from .sights import Sights
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ class Periods:
     """Control periods of a batch's arms, with exact derivatives; what `Arms` says of states, steps and failures holds.
 
     Args:
-        batch: the arms, of which none has sensors, pushes or a payload that changes. parameters: see `Arms`.
+        batch: the arms. parameters: see `Arms`.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`.
     """
@@ -123,42 +123,51 @@ class Periods:
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
         self._batch, self.parameters, self.n = batch, parameters, batch.n
-        task, model, extras = batch.task, batch.system.model, batch.extras
+        task, program, extras = batch.task, batch.program, batch.extras
+        if parameters and isinstance(program.model, Jointed):
+            program = program._replace(model=program.model._replace(own=(0,)))
+        model, fitted = program.model, program.models is not None
         self.action_size = len(task.links)
-        own, self.names, self.moving = _places(batch, len(batch.lane), batch.layout, self.parameters)
-        self._own = own
+        self._own, names, core = places_of(batch, model, len(batch.lane), batch.layout, parameters)
+        self._sights = Sights(batch, core)
+        self.names, self.moving = self._sights.names(names), self._sights.moving
         self.state_size = len(self.names)
-        lanes, columns = len(WIDEST), self.moving + self.action_size
-        implied = getattr(model, "rough", None) is None and model.correction is None
+        lanes, columns = len(WIDEST), core + self.action_size
+        implied = getattr(model, "rough", None) is None and model.correction is None and not fitted
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(WIDEST, at_once)
-        layouts = [layout_of(k, model, task, batch.entries, extras, False) for k in (lanes, len(both))]
-        chosen = extras.selection.chosen if extras.selection is not None else np.arange(batch.entries)
-        self.observation_size = len(chosen)
-        rows = self.moving + self.observation_size + 1
+        layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
+        seen, rows, size = self._sights.entries, core + self._sights.entries + 1, len(names)
+        self.observation_size = self._sights.size
+        self._laws = None
+        if parameters and isinstance(model, Jointed):
+            self._laws = laws_of(model, names)
         self._groups = -(-self.n // lanes)
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
         blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
         self._blocks = blocks
-        room = lanes * int(uncompiled(room_of)(model, task, batch.program.n_steps))
+        room = lanes * int(uncompiled(room_of)(model, task, program.n_steps))
         self._program = derivative.Derivative(
-            lane=WIDEST, dual=both, program=batch.program, plain=layouts[0], both=layouts[1], columns=columns,
-            moving=self.moving, passes=PASSES if batch.settings.formulation == "geometrically_exact" else 1,
-            places=_places(batch, lanes, layouts[0], self.parameters)[0],
-            twice=_places(batch, len(both), layouts[1], self.parameters)[0],
-            chosen=np.asarray(chosen, np.int64), n=self.n,
-            state=np.zeros(self.n * self.state_size), action=np.zeros(self.n * self.action_size),
-            after=np.zeros(self.n * self.state_size), observation=np.zeros(self.n * self.observation_size),
+            lane=WIDEST, dual=both, program=program, plain=layouts[0], both=layouts[1], columns=columns,
+            moving=core, passes=PASSES if batch.settings.formulation == "geometrically_exact" else 1,
+            places=places_of(batch, model, lanes, layouts[0], parameters)[0],
+            twice=places_of(batch, model, len(both), layouts[1], parameters)[0],
+            chosen=np.asarray(self._sights.chosen, np.int64), n=self.n,
+            state=np.zeros(self.n * size), action=np.zeros(self.n * self.action_size),
+            after=np.zeros(self.n * size), observation=np.zeros(self.n * seen),
             reward=np.zeros(self.n), failed=np.zeros(self.n, np.uint8), past=np.zeros(self.n, np.uint8),
-            jacobian=np.zeros(self.n * rows * columns),
-            state_bar=np.zeros(self.n * self.state_size), observation_bar=np.zeros(self.n * self.observation_size),
+            level=np.zeros(self.n), jacobian=np.zeros(self.n * rows * columns),
+            state_bar=np.zeros(self.n * size), observation_bar=np.zeros(self.n * seen),
             reward_bar=np.zeros(self.n), action_bar=np.zeros(self.n * self.action_size),
             bars=aligned(self._groups, layouts[0].row).reshape(-1),
             tape=aligned(self._groups, room).reshape(-1), room=room,
             block=blocks[0].reshape(-1), scratch=blocks[1].reshape(-1),
         )  # fmt: skip
-        self._backwards = isinstance(model, Elastica) and isinstance(model.n, tuple)
+        ideal = isinstance(model, Elastica) and isinstance(model.n, tuple)
+        forwards = extras.reference, extras.instruments, extras.pushes, extras.payload_change, program.models
+        gauges = extras.sensors is not None and len(extras.sensors.gauges) > 0
+        self._backwards = ideal and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
         self._crew = Crew(batch.threads - 1)
@@ -170,11 +179,16 @@ class Periods:
         lanes = len(self._batch.lane)
         rows = self._batch.block[:, (self._own[:, None] + np.arange(lanes)).ravel()]
         rows = rows.reshape(len(rows), len(self._own), lanes).transpose(0, 2, 1)
-        return rows.reshape(-1, len(self._own))[: self.n].copy()
+        rows = rows.reshape(-1, len(self._own))[: self.n].copy()
+        if self._laws is not None:
+            rows[:, self._laws[0]] = self._laws[1]  # of the arms' joints, which the batch has once
+        return self._sights.with_past(rows)
 
     def observe(self, state: Array) -> Array:
         """What is to be seen (n, O) of states (n, S)."""
         self._put(state, None)
+        if self._sights.frames:
+            return self._sights.shown(self._past)
         self._run(derivative.look)
         return self._rows("observation", self.observation_size)
 
@@ -194,8 +208,8 @@ class Periods:
         given = self._put(state, action)
         self._run(self._derivative)
         moved = self._program.jacobian.reshape(self._shape).copy()
-        moved[:, :, self.moving :] *= (np.abs(given) <= 1.0)[:, None, :]
-        outcome = self._outcome()
+        moved[:, :, self._program.moving :] *= (np.abs(given) <= 1.0)[:, None, :]
+        outcome, moved = self._outcome(), self._sights.whole(moved)
         moved[self.failed] = np.nan
         return Jacobians(*outcome, moved)
 
@@ -204,7 +218,8 @@ class Periods:
     ) -> tuple[Array, Array]:
         """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A).
 
-        Of elasticas without friction in less time than the Jacobians take; of all others by these.
+        Of elasticas with ideal joints, targets at rest and ideal sensors in less time than the Jacobians take; of all
+        others by these.
         """
         given = _checked("state_bar", state_bar, (self.n, self.state_size))
         seen = _checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -212,10 +227,12 @@ class Periods:
         if not self._backwards:
             return self.jacobians(state, action).pull(given, seen, paid)
         d, asked = self._program, self._put(state, action)
-        d.state_bar[:], d.observation_bar[:], d.reward_bar[:] = given.ravel(), seen.ravel(), paid
+        own, past, last = self._sights.pull(given, seen)
+        d.state_bar[:], d.observation_bar[:], d.reward_bar[:] = own.ravel(), last.ravel(), paid
         self._run(adjoint)
         self._note_failures()
-        by_state, by_action = self._rows("state_bar", self.state_size), self._rows("action_bar", self.action_size)
+        by_state = self._sights.joined(self._rows("state_bar", own.shape[1]), past)
+        by_action = self._rows("action_bar", self.action_size)
         by_action *= np.abs(asked) <= 1.0
         if self.failed.any():
             lost = self.failed & (given.any(axis=1) | seen.any(axis=1) | (paid != 0.0))
@@ -227,9 +244,12 @@ class Periods:
     def sights(self, state: Array) -> tuple[Array, Array]:
         """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
         self._put(state, None)
-        self._run(derivative.sights)
-        x, entries = self.moving, self.observation_size
+        x, entries = self._program.moving, self.observation_size
         slopes = np.zeros((self.n, entries, self.state_size))
+        if self._sights.frames:
+            slopes[:, np.arange(entries), x + np.arange(entries)] = 1.0
+            return self._sights.shown(self._past), slopes
+        self._run(derivative.sights)
         slopes[:, :, :x] = self._program.jacobian.reshape(self._shape)[:, x : x + entries, :x]
         return self._rows("observation", entries), slopes
 
@@ -240,7 +260,9 @@ class Periods:
     # --- inside ----------------------------------------------------------------------------------
     def _put(self, state: Array, action: Any) -> Array:
         d = self._program
-        d.state.reshape(self.n, -1)[:] = _checked("state", state, (self.n, self.state_size))
+        d.state.reshape(self.n, -1)[:], self._past = self._sights.parts(
+            _checked("state", state, (self.n, self.state_size))
+        )
         given = np.zeros((self.n, self.action_size))
         if action is not None:
             given = _checked("action", action, (self.n, self.action_size))
@@ -253,9 +275,8 @@ class Periods:
     def _outcome(self) -> tuple[Array, Array, Array]:
         d = self._program
         self._note_failures()
-        after, seen, reward = (
-            self._rows("after", self.state_size), self._rows("observation", self.observation_size), d.reward.copy(),
-        )  # fmt: skip
+        past, seen = self._sights.after(self._past, self._rows("observation", self._sights.entries))
+        after, reward = self._sights.joined(self._rows("after", len(self._own)), past), d.reward.copy()
         if self.failed.any():
             for values in (after, seen, reward):
                 values[self.failed] = np.nan
@@ -282,13 +303,15 @@ class Arms(Periods):
     """n arms of an environment, one control period at a time, with exact derivatives.
 
     A state is a row of numbers that holds all that an arm's future depends on; what it gives is what the environment
-    gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: time limits,
-    joint limits and autoreset are left to the caller; a solver that fails gives NaN.
+    gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: sensors have no
+    noise, and of pushes there is the one that is on or comes next; time limits, joint limits and autoreset are left to
+    the caller; a solver that fails gives NaN.
 
     Args:
         id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector
             environment chooses. parameters: also by payload mass and inertia, the factor on EI, tau_d and the factor on
-            the torque constant, which then stand last among the numbers that move.
+            the torque constant, and by what joints that are not ideal have of stiffness, damping, rotor, friction and
+            backlash (`stiffness[0]`, ...), which then stand last among the numbers that move, but for what was seen.
         keywords: of the environment and its solver.
     Attributes:
         n, state_size, action_size, observation_size. moving: how many of a state's first numbers change with time or
@@ -296,8 +319,7 @@ class Arms(Periods):
         observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
         whether an arm was beyond a joint's limits at its end.
     Raises:
-        ValueError: an environment that cannot be differentiated: sensors, history, moving targets, replayed motions,
-            pushes, payloads that change, fitted steps, joints by multipliers; bad sizes.
+        ValueError: an environment that cannot be differentiated: replayed motions, joints by multipliers; bad sizes.
     """
 
     def __init__(
@@ -332,53 +354,8 @@ def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 def _differentiable(made: Any) -> None:
     """A ValueError for what has no derivative here."""
-    extras, plan = made.batch.extras, made.plan
-    wrong = {
-        "sensors": extras.sensors is not None or extras.instruments is not None,
-        "history": plan.history > 1,
-        "task": plan.task in ("track", "replay"),
-        "step_tolerance": made.batch.program.models is not None,
-        "pushes": extras.pushes is not None,
-        "payload_change": extras.payload_change is not None,
-        "multipliers": bool(plan.settings.multipliers),
-    }
+    plan = made.plan
+    wrong = {"task": plan.task == "replay", "multipliers": bool(plan.settings.multipliers)}
     for name, is_so in wrong.items():
         if is_so:
             raise check.InvalidValue(name, "given", "must not be: derivatives do not have it")
-
-
-def _places(batch: Batch, stride: int, layout: Any, parameters: bool) -> tuple[Any, tuple[str, ...], int]:
-    """Where a state's numbers are in a block whose elements lie `stride` apart; their names; how many of them move."""
-    model, task, extras = batch.system.model, batch.task, batch.extras
-    rows, links = len(batch.system.q0), len(task.links)
-    fixed = set(model.fixed.tolist())
-    work = uncompiled(unpack)((0,) * stride, model, np.arange(layout.par, dtype=np.float64), 0)
-    afresh = isinstance(model.predictor, tuple) and getattr(model, "rough", None) is None
-    free = [k for k in range(rows) if k not in fixed]
-    moving: list[tuple[str, int]] = []
-    for name in ("q", "v") if afresh else ("q", "v", "a", "b"):
-        first = int(getattr(work, name)[0])
-        moving += [(f"{name}[{k}]", first + k * stride) for k in free]
-    if not afresh:
-        moving += [(f"torque[{k}]", int(work.u[0]) + k * stride) for k in range(links)]
-    sizes = record_sizes(task, batch.entries, extras)
-    at = RECORD.offsets(0, *sizes)
-
-    def recorded(name: str, first: int, count: int) -> list[tuple[str, int]]:
-        return [(f"{name}[{k}]" if count > 1 else name, layout.record + (first + k) * stride) for k in range(count)]
-
-    if extras.actuator is not None:
-        moving += recorded("motor", at.torque, links) + recorded("asked", at.commands, at.seen - at.commands)
-    own = [(f"parameter[{k}]", layout.par + k * stride) for k in range(PARAMETERS)]
-    own += recorded("torque_factor", TORQUE_FACTOR, 1)
-    given = [(f"q[{k}]", int(work.q[0]) + k * stride) for k in sorted(fixed)]
-    if parameters:
-        moving += own
-    else:
-        given += own
-    given += recorded("target", TARGET, 2) + recorded("target_rate", TARGET_RATE, 2)
-    if extras.controller is not None:
-        given += recorded("goal", at.goal, links)
-    given += recorded("periods", PERIODS, 1) + recorded("hold", HOLD, 1)
-    both = moving + given
-    return np.array([place for _, place in both], np.int64), tuple(name for name, _ in both), len(moving)

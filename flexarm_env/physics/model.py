@@ -35,8 +35,9 @@ MESSAGE = (
 )
 """Sentences of the status codes."""
 
-PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D = range(4)
-"""Entries of an arm's own parameters `par` (kg, kg m^2, factor on EI, s): what may differ between arms of a batch."""
+PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D, JOINT_LAWS = range(5)
+"""Entries of an arm's own parameters `par` (kg, kg m^2, factor on EI, s): what may differ between arms of a batch;
+behind them, where a `Jointed` model says so, the laws of its joints."""
 
 
 def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
@@ -266,6 +267,7 @@ class Jointed(NamedTuple):
     table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
     rough  (0,) where a joint has Coulomb friction, otherwise None
     play   (0,) where a gear has backlash, otherwise None
+    own    (0,) where the laws are each arm's own, in `par` from JOINT_LAWS on, and not those of `data`; otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -282,6 +284,7 @@ class Jointed(NamedTuple):
     data: np.ndarray
     rough: tuple[int, ...] | None
     play: tuple[int, ...] | None
+    own: tuple[int, ...] | None
 
 
 @dataclass(frozen=True)

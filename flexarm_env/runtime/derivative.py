@@ -21,9 +21,14 @@ from ..physics.integrator.work import unpack
 from ..physics.model import OK
 from ..physics.protocol import link_poses
 from ..tasks.program import PERIODS, Block, Program
-from ..tasks.task import info_of, judge, observe
+from ..tasks.task import info_of, judge
+from ..tasks.track import move_targets
+from .episode import look as look_at
+from .events import change
+from .fitted import FITS, TAKEN, move
 from .keeping import keep
 from .motors import take_steps
+from .sensors import consult, read_gauges, see_motors
 
 
 class Derivative(NamedTuple):
@@ -48,6 +53,7 @@ class Derivative(NamedTuple):
     reward: np.ndarray  # (n,)
     failed: np.ndarray  # (n,) uint8: status
     past: np.ndarray  # (n,) uint8: 1 where a joint is beyond its limits
+    level: np.ndarray  # (n,): halvings of the steps that the last period took, where they are fitted
     jacobian: np.ndarray  # (n (X + O + 1) (X + A),)
     state_bar: np.ndarray  # (n S,): cotangents, in and out
     observation_bar: np.ndarray  # (n O,): in
@@ -88,25 +94,69 @@ def sights(address, first, last):
 def _values(d, first, last, moves):
     """Of a period where `moves` is a tag, otherwise of the arms as they are."""
     for g in range(first, last):
-        block = d.block[first * d.plain.row : (first + 1) * d.plain.row]
-        fill(d.lane, d, d.places, d.plain, g, block)
-        _go(d.lane, d.program, d.plain, block, unpack(d.lane, d.program.model, block, 0), moves)
-        tell(d.lane, d, d.places, d.plain, g, block)
+        _values_of(d, first, g, moves)
     return 0
+
+
+@kernel
+def _values_of(d, first, g, moves):
+    """Likewise of group g, in the room of group `first`."""
+    p, block = d.program, d.block[first * d.plain.row : (first + 1) * d.plain.row]
+    fill(d.lane, d, d.places, d.plain, g, block)
+    _go(d.lane, p, p.models, p.model, 1, d.plain, block, unpack(d.lane, p.model, block, 0), moves)
+    _note_levels(d, p.models, g, block)
+    tell(d.lane, d, d.places, d.plain, g, block)
+
+
+@kernel
+def _note_levels(d, models, g, block):
+    if models is not None:
+        for i in range(len(d.lane)):
+            if g * len(d.lane) + i < d.n:
+                d.level[g * len(d.lane) + i] = block[d.plain.end + TAKEN * len(d.lane) + i]
 
 
 @kernel
 def _columns(d, first, last, moves):
     """Likewise the derivative, some columns at a time."""
     for g in range(first, last):
-        block = d.scratch[first * d.both.row : (first + 1) * d.both.row]
-        for j in range(0, d.columns, at_once(d)):
-            fill(d.dual, d, d.twice, d.both, g, block)
-            seed(d.dual, d, j, block)
-            _go(d.dual, d.program, d.both, block, unpack(d.dual, d.program.model, block, 0), moves)
-            take_columns(d.dual, d, g, j, block)
-        tell(d.dual, d, d.twice, d.both, g, block)
+        _columns_of(d, d.program.models, first, g, moves)
     return 0
+
+
+@kernel
+def _columns_of(d, models, first, g, moves):
+    """Where steps are fitted, each arm's with as many halvings as it took: these are held."""
+    block = d.scratch[first * d.both.row : (first + 1) * d.both.row]
+    if models is None:
+        _all_columns(d, d.program.model, 1, -1, g, block, moves)
+        tell(d.dual, d, d.twice, d.both, g, block)
+    elif moves is None:
+        _all_columns(d, d.program.model, 1, -1, g, block, moves)
+        tell(d.dual, d, d.twice, d.both, g, block)
+    else:
+        _values_of(d, first, g, moves)
+        for k in range(FITS):
+            if _taken(d, k, g):
+                _all_columns(d, models[k], 2**k, k, g, block, moves)
+
+
+@kernel
+def _taken(d, k, g):
+    """Whether an arm of group g took k halvings."""
+    for arm in range(g * len(d.lane), min((g + 1) * len(d.lane), d.n)):
+        if d.level[arm] == k:
+            return True
+    return False
+
+
+@kernel
+def _all_columns(d, model, parts, level, g, block, moves):
+    for j in range(0, d.columns, at_once(d)):
+        fill(d.dual, d, d.twice, d.both, g, block)
+        seed(d.dual, d, j, block)
+        _go(d.dual, d.program, None, model, parts, d.both, block, unpack(d.dual, model, block, 0), moves)
+        take_columns(d.dual, d, level, g, j, block)
 
 
 @kernel
@@ -119,6 +169,8 @@ def at_once(d):
 def fill(lane, d, places, layout, g, block):
     """States and actions of group g into a block, tangents 0. Lanes without an arm are like the first."""
     count, joints = places.shape[0], size(d.program.task.links)
+    for k in range(layout.record, layout.action):
+        block[k] = 0.0
     for k in range(count):
         store(block[places[k] :], 0, splat(lane, 0.0))
     for k in range(joints):
@@ -148,16 +200,33 @@ def seed(lane, d, first, block):
 
 
 @kernel
-def _go(lane, p, layout, block, w, moves):
+def _go(lane, p, models, model, parts, layout, block, w, moves):
     """One control period of the arms in a block, where `moves` is a tag; and what is to be seen then."""
     if moves is not None:
         par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
         record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
         saved = block[layout.saved : layout.end]
+        change(lane, p, p.payload_change, par, record, w)
         keep(lane, size(p.model.n), w, record, saved)
-        take_steps(lane, p, p.model, 1, p.controller, p.actuator, par, poses, record, action, saved, block, w)
-        store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
+        if models is None:
+            take_steps(lane, p, model, parts, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+        else:
+            move(lane, p, models, par, poses, record, action, saved, block[layout.end : layout.row], block, w)
+        close(lane, p, layout, block, w)
+    else:
+        see(lane, p, layout, block, w)
+
+
+@kernel
+def close(lane, p, layout, block, w):
+    """A period's end: targets move on, and what is to be seen is read by the sensors, without noise."""
+    poses, record = block[layout.poses : layout.record], block[layout.record : layout.action]
+    move_targets(lane, p.reference, p.task, p.period, record)
+    store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
     see(lane, p, layout, block, w)
+    see_motors(lane, p.instruments, p.model, block[layout.par : layout.poses], record, w)
+    for i in range(arms(lane)):
+        consult(lane, p, p.instruments, None, i, poses, record, block[layout.seen : layout.info], False)
 
 
 @kernel
@@ -167,7 +236,8 @@ def see(lane, p, layout, block, w):
     record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
     seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
     link_poses(lane, p.model, par, w.q, w.v, poses)
-    observe(lane, p.task, poses, record, seen)
+    look_at(lane, p, True, poses, record, seen)
+    read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
     reward, past = judge(lane, p.task, poses, action, record, splat(lane, 1.0), info)
     store(info, info_of(p.task).reward, reward)
     store(info, info_of(p.task).truncated, past)
@@ -191,13 +261,14 @@ def tell(lane, d, places, layout, g, block):
 
 
 @kernel
-def take_columns(lane, d, g, first, block):
-    """Tangents of group g into the columns of the arms' Jacobians from `first` on."""
+def take_columns(lane, d, level, g, first, block):
+    """Tangents of group g into the columns of the arms' Jacobians from `first` on; level: of those that took so many
+    halvings, or -1."""
     entries, at, columns = d.chosen.shape[0], info_of(d.program.task), d.columns
     count = min(at_once(d), columns - first)
     for i in range(arms(lane)):
         arm = g * arms(lane) + i
-        if arm < d.n:
+        if arm < d.n and (level < 0 or d.level[arm] == level):
             row = arm * (d.moving + entries + 1) * columns + first
             for k in range(d.moving + entries + 1):
                 place = d.both.info + at.reward * len(lane)

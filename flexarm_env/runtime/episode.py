@@ -92,7 +92,7 @@ def _period(lane, p, g, block, w):
 def look(lane, p, first, poses, record, seen):
     """What is to be seen, but for strain gauges, into `seen`. first: at the start of an episode."""
     observe(lane, p.task, poses, record, seen)
-    look_ahead(len(lane), p.reference, p.task, p.period, first, poses, record, seen)
+    look_ahead(lane, p.reference, p.task, p.period, first, poses, record, seen)
 
 
 @kernel
@@ -193,7 +193,7 @@ def _close(lane, p, g, w, poses, record, seen, info, saved, outcome):
         if mode == RUNNING and not (reason == NEWTON_FAILED and lanes > 1):
             if reason == ACTION_NOT_FINITE:
                 put_back(lanes, i, n, w, saved, record)
-            count += settle(lanes, p, arm, outcome, reason, poses, record, seen, info)
+            count += settle(lane, p, arm, outcome, reason, poses, record, seen, info)
             continue
         put_back(lanes, i, n, w, saved, record)
         if mode == RUNNING:
@@ -216,18 +216,18 @@ def show(lane, g, groups, info, table):
 
 
 @kernel
-def settle(lanes, p, arm, outcome, reason, poses, record, seen, info):
+def settle(lane, p, arm, outcome, reason, poses, record, seen, info):
     """The outcome of one arm's period into the arrays that the caller reads; returns 1 where its episode has ended.
 
     outcome: see `weigh`. reason: a status code, or ACTION_NOT_FINITE.
     """
-    task, i = p.task, arm % lanes
+    task, lanes, i = p.task, len(lane), arm % len(lane)
     reward = outcome[i]
     if reason == OK and outcome[lanes + i] > 0.5:
         reason = float(JOINT_LIMIT)
     n_terms, at = size(task.terms), info_of(task)
     if reason == OK or reason == JOINT_LIMIT:
-        sense(lanes, p, arm, poses, record, seen, False)
+        sense(lane, p, arm, poses, record, seen, False)
     else:
         info[SUCCESS * lanes + i] = 0.0
         for k in range(at.terms, at.terms + n_terms):

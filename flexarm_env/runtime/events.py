@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from ..compiler import absolute, kernel, load, maximum, select_lt, size, splat, stack, store
+from ..compiler import absolute, arms, kernel, load, maximum, place, select_lt, size, splat, stack, store
 from ..physics.arithmetic import put
 from ..physics.integrator.impact import change_payload
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS
@@ -69,27 +69,28 @@ def _draw_push(pushes, stream, arm, record, lanes):
 @kernel
 def befall(lane, p, g, par, record, w):
     """What comes to the arms of group g that are to be moved, before they are kept."""
-    _change(lane, p, p.payload_change, par, record, w)
+    change(lane, p, p.payload_change, par, record, w)
     _next_pushes(lane, p, p.pushes, g, record, w)
 
 
 @kernel
-def _change(lane, p, change, par, record, w):
-    """Payloads that change now; in lanes the others stay as they are, to the last bit."""
-    if change is not None:
+def change(lane, p, what, par, record, w):
+    """Payloads that change now; in lanes the others stay as they are, to the last bit. what: `p.payload_change`."""
+    if what is not None:
         lanes, due = len(lane), False
         live, new = stack(lane, _ONE), stack(lane, _BOTH)
-        for i in range(lanes):
-            live[i] = 0.0
-            new[i], new[lanes + i] = par[PAYLOAD_MASS * lanes + i], par[PAYLOAD_INERTIA * lanes + i]
+        store(live, 0, splat(lane, 0.0))
+        store(new, 0, load(lane, par, PAYLOAD_MASS))
+        store(new, 1, load(lane, par, PAYLOAD_INERTIA))
+        for i in range(arms(lane)):
             if w.flag[i] == OK and record[CHANGE * lanes + i] == record[PERIODS * lanes + i]:
                 factor = record[(CHANGE + 1) * lanes + i]
-                new[i] = p.ranges.nominal[PAYLOAD_MASS] * factor
-                new[lanes + i] = p.ranges.nominal[PAYLOAD_INERTIA] * factor
+                place(lane, new, 0, i, p.ranges.nominal[PAYLOAD_MASS] * factor)
+                place(lane, new, 1, i, p.ranges.nominal[PAYLOAD_INERTIA] * factor)
                 live[i], due = 1.0, True
                 record[CHANGE * lanes + i] = -1.0
         if due:
-            change_payload(lane, p.model, change.resting, par, new, live, w, p.h, p.books)
+            change_payload(lane, p.model, what.resting, par, new, live, w, p.h, p.books)
 
 
 @kernel
@@ -107,7 +108,7 @@ def push(lane, pushes, first, record, w):
     """Entries of w.u from `first` on: the force on the tip in this period."""
     if pushes is not None:
         lanes = len(lane)
-        for i in range(lanes):
+        for i in range(arms(lane)):
             for d in range(2):
                 w.u[(first + d) * lanes + i] = _force(record, lanes, i, d)
 

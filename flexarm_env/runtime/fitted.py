@@ -29,7 +29,7 @@ LOWER = 0.125
 """Share of what is allowed below which the next period begins with longer steps."""
 
 _FIRST = SCRATCH.offsets(0, 0, 0)
-_FLAG, _FINE, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.tips
+_FLAG, _FINE, TAKEN, _TIPS = _FIRST.flag, _FIRST.fine, _FIRST.taken, _FIRST.tips
 
 
 @kernel
@@ -119,7 +119,7 @@ def _compare(lanes, i, k, n, links, allowed, period, poses, record, scratch, res
     if fine == k and flag == OK:
         error = _apart(lanes, i, links, period, poses, scratch)
     if lost or (fine == k and (error <= allowed or k == FITS - 1)):
-        scratch[_FLAG * lanes + i], scratch[_FINE * lanes + i] = flag, -1.0
+        scratch[_FLAG * lanes + i], scratch[_FINE * lanes + i], scratch[TAKEN * lanes + i] = flag, -1.0, float(k)
         if flag == OK:
             level[i] = k - 1.0 if error < LOWER * allowed else float(k)
         keep_lane(lanes, i, n, w, record, result)

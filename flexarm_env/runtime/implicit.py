@@ -25,7 +25,8 @@ from ..physics.integrator.tangents import (
 )
 from ..physics.integrator.work import unpack
 from ..tasks.program import PERIODS
-from .derivative import at_once, fill, see, seed, take_columns, tell
+from .derivative import at_once, close, fill, seed, take_columns, tell
+from .events import change, push
 from .keeping import keep
 from .motors import begin_stiff, command, tell_motors, turn_motors
 
@@ -65,9 +66,11 @@ def _period(lane, d, g, chunks, block, scratch, w):
     record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
     saved = block[layout.saved : layout.end]
     fill(lane, d, d.places, layout, g, block)
+    change(lane, p, p.payload_change, par, record, w)
     keep(lane, size(model.n), w, record, saved)
-    for k in range(size(p.task.links)):
+    for k in range(size(model.n_inputs)):
         store(w.u0, k, load(lane, w.u, k))
+    push(lane, p.pushes, size(p.task.links), record, w)
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
     for c in range(chunks):
         _open(d, g, c, _chunk(d, c, scratch))
@@ -85,8 +88,7 @@ def _period(lane, d, g, chunks, block, scratch, w):
             step_tangents(lane, d.dual, model, _parameters(d, both), w, x, slopes, p.scheme, d.passes)
     for c in range(chunks):
         _close(lane, d, g, c, _chunk(d, c, scratch), w)
-    store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
-    see(lane, p, layout, block, w)
+    close(lane, p, layout, block, w)
     tell(lane, d, d.places, layout, g, block)
 
 
@@ -114,8 +116,10 @@ def _open(d, g, c, both):
     poses, action = both[d.both.poses : d.both.record], both[d.both.action : d.both.seen]
     fill(lane, d, d.twice, d.both, g, both)
     seed(lane, d, c * at_once(d), both)
-    for k in range(size(p.task.links)):
+    change(lane, p, p.payload_change, _parameters(d, both), _record(d, both), x)
+    for k in range(size(p.model.n_inputs)):
         store(x.u0, k, load(lane, x.u, k))
+    push(lane, p.pushes, size(p.task.links), _record(d, both), x)
     command(lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x)
     _tell(lane, p.task, p.actuator, _record(d, both), x)
 
@@ -125,8 +129,8 @@ def _close(lane, d, g, c, both, w):
     """What is to be seen by the columns of chunk c, and all of them into the arms' Jacobians."""
     x = unpack(d.dual, d.program.model, both, 0)
     copy_state(lane, d.dual, d.program.model, w, x)
-    see(d.dual, d.program, d.both, both, x)
-    take_columns(d.dual, d, g, c * at_once(d), both)
+    close(d.dual, d.program, d.both, both, x)
+    take_columns(d.dual, d, -1, g, c * at_once(d), both)
 
 
 @kernel
@@ -169,7 +173,7 @@ def _begin(lane, d, model, p, both, w, x):
     for k in range(size(model.n)):
         put(first, x.a, k, load(wide, x.r, k), load(wide, x.v0, k))
         put(first, x.b, k, load(wide, x.r, k), load(wide, x.b, k))
-    for k in range(size(p.task.links)):
+    for k in range(size(model.n_inputs)):
         put(first, x.u0, k, load(wide, x.u, k), load(wide, x.u0, k))
 
 

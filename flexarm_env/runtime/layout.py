@@ -27,6 +27,11 @@ def readings_size(instruments: Any) -> int:
     return channels * int(CHANNEL.offsets(0, instruments.room).end)
 
 
+def parameters_of(model: Any) -> int:
+    """Numbers of an arm's own parameters, with the laws of its joints where these are its own."""
+    return PARAMETERS + (len(model.data) if getattr(model, "own", None) is not None else 0)
+
+
 def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitted: bool) -> Block:
     """Sections of a block, each beginning on a whole number of lanes (and of cache lines).
 
@@ -39,7 +44,7 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
     first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
-    for count in (PARAMETERS, POSE.end * links, record, links, entries, info, saved):
+    for count in (parameters_of(model), POSE.end * links, record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
     scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
     return Block(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]

@@ -179,7 +179,7 @@ def _first_sight(lane, p, arm, live, record, action, poses, seen, info):
     judge(lane, p.task, poses, action, record, live, info)
     for k in range(at.terms, at.terms + size(p.task.terms)):
         info[k * lanes + i] = 0.0
-    sense(lanes, p, arm, poses, record, seen, True)
+    sense(lane, p, arm, poses, record, seen, True)
     p.reward[arm], p.terminated[arm], p.truncated[arm] = 0.0, np.uint8(0), np.uint8(0)
 
 
@@ -223,5 +223,5 @@ def _take_report(lane, p, arm, code, block):
         for k in range(at.reward - at.energies):
             info[(at.energies + k) * lanes + i] = report[told.energies + k]
     if code >= OK:
-        settle(lanes, p, arm, outcome, float(code), poses, record, seen, info)
+        settle(lane, p, arm, outcome, float(code), poses, record, seen, info)
     show(lane, arm // lanes, p.block.shape[0] // p.layout.row, info, p.table)

@@ -17,9 +17,11 @@ HEAD = f"""# Results on the suite
 Mean returns over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES - 1}, which no training uses. A score is
 (J - J_PD) / (J_best - J_PD), J the mean return (less the task's price times cost, where it has one): 0 for PD control,
 1 for the best known. `foresight` is no policy: each episode's torques, found by the gradient of its own return with
-the episode known beforehand. Interquartile means (IQM) are over all scores of a method, the mean of the middle half;
-their brackets hold 95 % percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one
-run). A method that is missing on a task is not made for it, or was not judged there.
+the episode known beforehand, from the best that controllers seeing the whole state and trained policies do there. These
+are local optima; of an arm that balances upright, whose gradients grow beyond use, they are what was begun with.
+Interquartile means (IQM) are over all scores of a method, the mean of the middle half; their brackets hold 95 %
+percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run). A method that is
+missing on a task is not made for it, or was not judged there.
 
 Each file of the folder is a run of a method; another's result is one file more, written by
 `flexarm bench suite --policy ... --name METHOD --out FOLDER`. This page: `flexarm bench page FOLDER --out PAGE`."""

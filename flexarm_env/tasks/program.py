@@ -220,6 +220,7 @@ SCRATCH = Layout(
     "Scratch", "links, saved",
     Field("flag", (), "", "how the period came out"),
     Field("fine", (), "", "step size asked for, as halvings of h; -1: done"),
+    Field("taken", (), "", "halvings of the run that was kept"),
     Field("tips", ("links", 4), "m, m/s", "x and y of each link's tip in the coarser run, and their rates"),
     Field("result", ("saved",), "", "a `SAVED`, of the end of the period"),
 )  # fmt: skip

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-from ..compiler import kernel, size, stack
+from ..compiler import arms, kernel, load, sincos, size, splat, stack, store
 from ..physics.arithmetic import clip
 from ..physics.layout import POSE
 from .program import CLIP, GOAL, MODE, MOVING, PATH_AT, PERIODS, RUNNING, TARGET, TARGET_RATE
@@ -36,7 +34,7 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
 def move_targets(lane, reference, task, period, record):
     """Targets of running arms at the end of the period, and the joint angles that reach them."""
     if reference is not None:
-        for i in range(len(lane)):
+        for i in range(arms(lane)):
             if record[MODE * len(lane) + i] == RUNNING:
                 _move_target(len(lane), reference, task, period, record, i)
 
@@ -58,23 +56,32 @@ def _move_target(lanes, reference, task, period, record, i):
 
 
 @kernel
-def look_ahead(lanes, reference, task, period, first, poses, record, seen):
+def look_ahead(lane, reference, task, period, first, poses, record, seen):
     """Entries after the task's own: the target's rate, then the ways it will have gone at each time ahead.
 
     Points and their rates are given in the frame that turns with the hub. first: at the start of an episode.
     """
     if reference is not None:
-        for i in range(lanes):
-            _look_ahead(lanes, reference, task, period, first, poses, record, seen, i)
+        targets, at = size(task.targets), size(task.entries)
+        for k in range(reference.scales.shape[0]):
+            store(seen, at + k, splat(lane, 0.0))
+        for i in range(arms(lane)):
+            _look_ahead(len(lane), reference, task, period, first, record, seen, i)
+        sine, cosine = sincos(load(lane, poses, POSE.angle))
+        for o in range(0, reference.scales.shape[0], targets):
+            x, y = load(lane, seen, at + o), load(lane, seen, at + o + targets - 1)
+            x, y = in_hub_frame(task, cosine, sine, x, y)
+            store(seen, at + o, clip(x / reference.scales[o], CLIP))
+            if targets == 2:
+                store(seen, at + o + 1, clip(y / reference.scales[o + 1], CLIP))
 
 
 @kernel
-def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i):
+def _look_ahead(lanes, reference, task, period, first, record, seen, i):
+    """Arm i's, in fixed axes and not scaled."""
     targets, at = size(task.targets), size(task.entries)
     out, rows = stack(_ONE, _PLACE), reference.ahead.shape[0]
     k = record[PERIODS * lanes + i] + (0.0 if first else 1.0)
-    hub = poses[POSE.angle * lanes + i]
-    cosine, sine = math.cos(hub), math.sin(hub)
     for row in range(rows + 1):
         step = k if row == 0 else k + reference.ahead[row - 1]
         _on_path(reference, task, record, lanes, i, step * period, int(step), out)
@@ -83,11 +90,8 @@ def _look_ahead(lanes, reference, task, period, first, poses, record, seen, i):
         else:
             x = out[_MOVING.x] - record[TARGET * lanes + i]
             y = out[_MOVING.y] - record[(TARGET + 1) * lanes + i]
-        x, y = in_hub_frame(task, cosine, sine, x, y)
-        o = row * targets
         for d in range(targets):
-            value = x if d == 0 else y
-            seen[(at + o + d) * lanes + i] = clip(value / reference.scales[o + d], CLIP)
+            seen[(at + row * targets + d) * lanes + i] = x if d == 0 else y
 
 
 @kernel

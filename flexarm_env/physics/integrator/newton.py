@@ -136,7 +136,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
             factor(lane, model, w.S)
             w.counts[FACTORISATIONS] += 1.0
         solve(lane, model, w.S, w.r)
-        rub(lane, model, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
+        rub(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
         increment = _move(lane, model, w, active, slopes)
         w.counts[ITERATIONS] += 1.0
@@ -164,7 +164,7 @@ def _sharpen(lane, model, drive, par, w, slopes):
     take_out_known(lane, model, drive, w.r, w.S, True)
     factor(lane, model, w.S)
     solve(lane, model, w.S, w.r)
-    rub(lane, model, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
+    rub(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
     for k in range(size(model.n)):
         d = change(-load(lane, w.r, k))
         store(w.q, k, load(lane, w.q, k) + d)

@@ -262,7 +262,7 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         _solve(lane, model, drive, w, matrix)
-        rub(lane, model, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
+        rub(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
         _take_multipliers(drive, model.algebraic, w, fresh)

@@ -34,7 +34,7 @@ def _switch(lane, model, par, w, h):
     factor(lane, model, w.S)
     w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
-    rub(lane, model, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
+    rub(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
     jump_multipliers(lane, model.algebraic, w.q, w.r)
     for k in range(n):
         store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))

@@ -52,6 +52,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         data=np.concatenate([law for _, law in laws]),
         rough=(0,) if rough else None,
         play=(0,) if play else None,
+        own=None,
     )
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
     return dataclasses.replace(

@@ -24,8 +24,8 @@ from ..arithmetic import clip
 from ..layout import DISSIPATED
 from ..model import Jointed
 from ..protocol import RESIDUAL_ALONE, register
-from .friction import bound_along, column_at, count, gear_at, hold, note_slip, rub, rub_along, view
-from .layout import GEAR, LAWS, PLACE, PLACES
+from .friction import bound_along, column_at, count, gear_at, hold, law, note_slip, rub, rub_along, view
+from .layout import GEAR, PLACE, PLACES
 
 _SLIPS = 0.99
 """Share of T_C from which a joint that moves slips."""
@@ -35,16 +35,16 @@ _SLIPS = 0.99
 def _known_friction(lane, coulomb, rate):
     """T_C against a rate that is prescribed."""
     zero = splat(lane, 0.0)
-    return select_lt(zero, rate, splat(lane, coulomb), select_lt(rate, zero, splat(lane, -coulomb), zero))
+    return select_lt(zero, rate, coulomb, select_lt(rate, zero, -coulomb, zero))
 
 
 @kernel
-def _rest(lane, model, i, state, total):
+def _rest(lane, model, i, own, state, total):
     """The residual of the row that friction acts on, with viscous friction, and Coulomb's where the rate is known."""
-    law, rate = LAWS.end * i, load(lane, state.v, model.table[PLACES * i + PLACE.rubs])
-    total = total + rate * model.data[law + LAWS.viscous]
+    rate = load(lane, state.v, model.table[PLACES * i + PLACE.rubs])
+    total = total + rate * own.viscous
     if model.table[PLACES * i + PLACE.known] != 0:
-        total = total + _known_friction(lane, model.data[law + LAWS.coulomb], rate)
+        total = total + _known_friction(lane, own.coulomb, rate)
     return total
 
 
@@ -56,7 +56,7 @@ def _tight(lane, play, stiffness, half, wound):
 @kernel
 def _loose(lane, play, stiffness, half, wound):
     beyond = wound - clip(wound, half)
-    return beyond * stiffness, select_lt(0.0, absolute(beyond), splat(lane, stiffness), splat(lane, 0.0))
+    return beyond * stiffness, select_lt(0.0, absolute(beyond), stiffness, splat(lane, 0.0))
 
 
 @by_kind("play", "lane, play, stiffness, half, wound")
@@ -66,30 +66,14 @@ def _spring(kind: str) -> Any:
 
 
 @kernel
-def _alike(lane, play, x):
-    return splat(lane, x)
-
-
-@kernel
-def _own(lane, play, x):
-    return x
-
-
-@by_kind("play", "lane, play, x")
-def _wide(kind: str) -> Any:
-    """x in every lane, where with backlash it is one number each."""
-    return _alike if kind == NONE else _own
-
-
-@kernel
-def _through_gear(lane, model, i, state, u, weights, r, S):
+def _through_gear(lane, model, i, one, state, u, weights, r, S):
     """The motor's row, and the gear's torque in the joint's in place of the one asked for."""
-    law, at, g = LAWS.end * i, PLACES * i, gear_at(model, i)
-    D, row, motor = model.data, model.table[at + PLACE.row], model.table[at + PLACE.motor]
-    stiffness, damping, rotor = D[law + LAWS.stiffness], D[law + LAWS.damping], D[law + LAWS.rotor]
+    at, g = PLACES * i, gear_at(model, i)
+    row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+    damping, rotor, none = one.damping, one.rotor, splat(lane, 0.0)
     rate, second = load(lane, state.v, motor), load(lane, state.a, motor)
     wound = load(lane, state.q, motor) - load(lane, state.q, row)
-    torque, steep = _spring(lane, model.play, stiffness, D[law + LAWS.play], wound)
+    torque, steep = _spring(lane, model.play, one.stiffness, one.play, wound)
     torque = torque + (rate - load(lane, state.v, row)) * damping
     asked = load(lane, u, model.table[at + PLACE.joint])
     store(r, row, load(lane, r, row) + asked - torque)
@@ -97,28 +81,27 @@ def _through_gear(lane, model, i, state, u, weights, r, S):
     pivot = rotor * weights.mass + slope
     own = second * rotor + torque - asked
     if model.table[at + PLACE.rubs] == motor:
-        pivot = pivot + D[law + LAWS.viscous] * weights.damping
-        own = _rest(lane, model, i, state, own)
+        pivot = pivot + one.viscous * weights.damping
+        own = _rest(lane, model, i, one, state, own)
     store(r, motor, own)
     if weights.mass != 0.0:
-        store(S, g + GEAR.pivot, _wide(lane, model.play, pivot))
-        store(S, g + GEAR.slope, _wide(lane, model.play, slope))
+        store(S, g + GEAR.pivot, none + pivot)
+        store(S, g + GEAR.slope, none + slope)
 
 
 @kernel
-def _at_joint(lane, model, i, state, weights, r, S):
+def _at_joint(lane, model, i, one, state, weights, r, S):
     """What acts on the joint's own angle: the rotor of a gear that does not give, friction on the link's side."""
-    law, at, g = LAWS.end * i, PLACES * i, gear_at(model, i)
-    D, row = model.data, model.table[at + PLACE.row]
-    total, own = load(lane, r, row), 0.0
+    at, g = PLACES * i, gear_at(model, i)
+    row = model.table[at + PLACE.row]
+    total, own = load(lane, r, row), splat(lane, 0.0)
     if model.table[at + PLACE.motor] < 0:
-        rotor = D[law + LAWS.rotor]
-        total, own = total + load(lane, state.a, row) * rotor, rotor * weights.mass
+        total, own = total + load(lane, state.a, row) * one.rotor, own + one.rotor * weights.mass
     if model.table[at + PLACE.rubs] == row:
-        total, own = _rest(lane, model, i, state, total), own + D[law + LAWS.viscous] * weights.damping
+        total, own = _rest(lane, model, i, one, state, total), own + one.viscous * weights.damping
     store(r, row, total)
     if weights.mass != 0.0:
-        store(S, g + GEAR.own, splat(lane, own))
+        store(S, g + GEAR.own, own)
 
 
 @kernel
@@ -126,9 +109,10 @@ def assemble(lane, model, par, state, u, weights, r, S):
     """The arm's own, and what turns its joints."""
     protocol.assemble(lane, model.arm, par, state, u, weights, r, S)
     for i in range(count(model)):
+        one = law(lane, model, par, i)
         if model.table[PLACES * i + PLACE.motor] >= 0:
-            _through_gear(lane, model, i, state, u, weights, r, S)
-        _at_joint(lane, model, i, state, weights, r, S)
+            _through_gear(lane, model, i, one, state, u, weights, r, S)
+        _at_joint(lane, model, i, one, state, weights, r, S)
         if weights.mass != 0.0:
             store(S, gear_at(model, i) + GEAR.pinned, splat(lane, 0.0))
             store(S, gear_at(model, i) + GEAR.held, splat(lane, 0.0))
@@ -223,7 +207,7 @@ def inertia(lane, model, par, a, r):
     protocol.inertia(lane, model.arm, par, a, r)
     for i in range(count(model)):
         row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
-        rotor = model.data[LAWS.end * i + LAWS.rotor]
+        rotor = law(lane, model, par, i).rotor
         if motor >= 0:
             store(r, motor, load(lane, a, motor) * rotor)
         else:
@@ -251,13 +235,13 @@ def damping_work(lane, model, par, q, v, x):
     """The arm's own, the gears' damping and viscous friction."""
     total = protocol.damping_work(lane, model.arm, par, q, v, x)
     for i in range(count(model)):
-        law, at = LAWS.end * i, PLACES * i
+        at, one = PLACES * i, law(lane, model, par, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
         if motor >= 0:
             over = load(lane, x, motor) - load(lane, x, row)
-            total = total + (load(lane, v, motor) - load(lane, v, row)) * over * model.data[law + LAWS.damping]
+            total = total + (load(lane, v, motor) - load(lane, v, row)) * over * one.damping
         rubs = model.table[at + PLACE.rubs]
-        total = total + load(lane, v, rubs) * load(lane, x, rubs) * model.data[law + LAWS.viscous]
+        total = total + load(lane, v, rubs) * load(lane, x, rubs) * one.viscous
     return total
 
 
@@ -274,14 +258,14 @@ def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity), J: with the rotors' energy and that in the gears."""
     kinetic, strain, gravity = protocol.energy(lane, model.arm, par, q, v)
     for i in range(count(model)):
-        law, row, motor = LAWS.end * i, model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
-        turns = row
+        row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
+        turns, one = row, law(lane, model, par, i)
         if motor >= 0:
             turns, wound = motor, load(lane, q, motor) - load(lane, q, row)
-            wound = _beyond(model.play, model.data[law + LAWS.play], wound)
-            strain = strain + wound * wound * (0.5 * model.data[law + LAWS.stiffness])
+            wound = _beyond(model.play, one.play, wound)
+            strain = strain + wound * wound * (one.stiffness * 0.5)
         rate = load(lane, v, turns)
-        kinetic = kinetic + rate * rate * (0.5 * model.data[law + LAWS.rotor])
+        kinetic = kinetic + rate * rate * (one.rotor * 0.5)
     return kinetic, strain, gravity
 
 
@@ -298,7 +282,7 @@ def _note(lane, rough, model, par, state, u, r, S):
         assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
         for i in range(count(model)):
             g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-            coulomb, rate, rest = model.data[LAWS.end * i + LAWS.coulomb], load(lane, state.v, row), load(lane, r, row)
+            coulomb, rate, rest = law(lane, model, par, i).coulomb, load(lane, state.v, row), load(lane, r, row)
             zero, torque = splat(lane, 0.0), clip(-rest, coulomb)
             if model.table[PLACES * i + PLACE.known] != 0:
                 torque = _known_friction(lane, coulomb, rate)

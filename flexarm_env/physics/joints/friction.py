@@ -11,15 +11,59 @@ with v = 0 alone trapezoidal steps would leave it an acceleration that alternate
 
 from __future__ import annotations
 
-from ...compiler import absolute, kernel, load, select_lt, size, splat, store
+from typing import Any, NamedTuple
+
+from ...compiler import NONE, absolute, by_kind, kernel, load, select_lt, size, splat, store
 from ..arithmetic import clip
+from ..model import JOINT_LAWS
 from .layout import GEAR, LAWS, PLACE, PLACES
+
+
+class Law(NamedTuple):
+    """A `layout.LAW`: numbers, or lanes of them where they are each arm's own."""
+
+    stiffness: Any
+    damping: Any
+    rotor: Any
+    viscous: Any
+    coulomb: Any
+    play: Any
 
 
 @kernel
 def count(model):
     """How many joints there are with a law."""
     return model.table.shape[0] // PLACES
+
+
+@kernel
+def _shared(lane, own, model, par, k):
+    return model.data[k]
+
+
+@kernel
+def _each(lane, own, model, par, k):
+    return load(lane, par, JOINT_LAWS + k)
+
+
+@by_kind("own", "lane, own, model, par, k")
+def _number(kind: str) -> Any:
+    """Number k of the laws: one for all arms, or each arm's."""
+    return _shared if kind == NONE else _each
+
+
+@kernel
+def law(lane, model, par, i):
+    """The `LAW` of joint i."""
+    own, o = model.own, LAWS.end * i
+    return Law(
+        _number(lane, own, model, par, o + LAWS.stiffness),
+        _number(lane, own, model, par, o + LAWS.damping),
+        _number(lane, own, model, par, o + LAWS.rotor),
+        _number(lane, own, model, par, o + LAWS.viscous),
+        _number(lane, own, model, par, o + LAWS.coulomb),
+        _number(lane, own, model, par, o + LAWS.play),
+    )
 
 
 @kernel
@@ -47,13 +91,13 @@ def view(lane, S, at, n):
 
 
 @kernel
-def rub(lane, model, state, weights, ahead, S, x):
+def rub(lane, model, par, state, weights, ahead, S, x):
     """See `protocol`."""
-    _rub(lane, model.rough, model, state, weights, ahead, S, x)
+    _rub(lane, model.rough, model, par, state, weights, ahead, S, x)
 
 
 @kernel
-def _rub(lane, rough, model, state, weights, ahead, S, x):
+def _rub(lane, rough, model, par, state, weights, ahead, S, x):
     """Which joints stick is guessed, the torques are solved for, and the guess is mended: right at once for one joint;
     what is wrong of several after these passes is mended by Newton's next iteration."""
     if rough is not None:
@@ -63,7 +107,7 @@ def _rub(lane, rough, model, state, weights, ahead, S, x):
             store(S, gear_at(model, i) + GEAR.torque, splat(lane, 0.0))
         for _ in range(2 * joints - 1):
             for i in range(joints):
-                _choose(lane, model, weights, i, S)
+                _choose(lane, model, par, weights, i, S)
             _solve_torques(lane, model, S)
         _apply(lane, model, S, x)
 
@@ -79,10 +123,10 @@ def _leave(lane, model, state, weights, ahead, S, x):
 
 
 @kernel
-def _choose(lane, model, weights, i, S):
+def _choose(lane, model, par, weights, i, S):
     """Whether joint i sticks, and the torque if it does not."""
     g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-    coulomb, zero, one = model.data[LAWS.end * i + LAWS.coulomb], splat(lane, 0.0), splat(lane, 1.0)
+    coulomb, zero, one = law(lane, model, par, i).coulomb, splat(lane, 0.0), splat(lane, 1.0)
     left = load(lane, S, g + GEAR.gap)
     for j in range(count(model)):
         left = left - load(lane, S, column_at(model, j) + row) * load(lane, S, gear_at(model, j) + GEAR.torque)
@@ -160,18 +204,18 @@ _STICKS = 1.0 - 1e-6
 
 
 @kernel
-def note_slip(lane, model, state, ahead, r, S):
+def note_slip(lane, model, par, state, ahead, r, S):
     """See `protocol`."""
-    _note_slip(lane, model.rough, model, state, ahead, r, S)
+    _note_slip(lane, model.rough, model, par, state, ahead, r, S)
 
 
 @kernel
-def _note_slip(lane, rough, model, state, ahead, r, S):
+def _note_slip(lane, rough, model, par, state, ahead, r, S):
     if rough is not None:
         zero, one = splat(lane, 0.0), splat(lane, 1.0)
         for i in range(count(model)):
             g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-            bound = model.data[LAWS.end * i + LAWS.coulomb] * _STICKS
+            bound = law(lane, model, par, i).coulomb * _STICKS
             rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
             sticks = select_lt(absolute(load(lane, r, row)), bound, one, zero)
             slides = select_lt(zero, rate, one, select_lt(rate, zero, -one, zero))
@@ -183,22 +227,22 @@ def _note_slip(lane, rough, model, state, ahead, r, S):
 
 
 @kernel
-def bound_along(lane, model, weight, S):
+def bound_along(lane, model, par, weight, S):
     """See `protocol`."""
-    _bound_along(lane, model.rough, model, weight, S)
+    _bound_along(lane, model.rough, model, par, weight, S)
 
 
 @kernel
-def _bound_along(lane, rough, model, weight, S):
+def _bound_along(lane, rough, model, par, weight, S):
     if rough is not None:
         for i in range(count(model)):
-            g, coulomb = gear_at(model, i), model.data[LAWS.end * i + LAWS.coulomb]
-            more = load(lane, S, g + GEAR.slides) * (weight * coulomb)
+            g = gear_at(model, i)
+            more = load(lane, S, g + GEAR.slides) * (law(lane, model, par, i).coulomb * weight)
             store(S, g + GEAR.bound, load(lane, S, g + GEAR.bound) + more)
 
 
 @kernel
-def rub_along(lane, model, change, weights, ahead, S, x):
+def rub_along(lane, model, par, change, weights, ahead, S, x):
     """See `protocol`."""
     _rub_along(lane, model.rough, model, change, weights, ahead, S, x)
 

@@ -1,0 +1,131 @@
+"""Where a state's numbers are in an arm's memory, and what they are called."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..compiler import uncompiled
+from ..physics.integrator.work import unpack
+from ..physics.joints.layout import LAW as JOINT_LAW
+from ..physics.joints.layout import PLACE, PLACES
+from ..runtime.layout import record_sizes
+from ..tasks.program import (
+    CHANGE,
+    CHANNEL,
+    HOLD,
+    LAW,
+    LEVEL,
+    PARAMETERS,
+    PATH_AT,
+    PERIODS,
+    PUSH,
+    PUSHED,
+    RECORD,
+    TARGET,
+    TARGET_RATE,
+    TORQUE_FACTOR,
+)
+
+_JOINT, _LAW = JOINT_LAW.places, LAW.places
+
+
+class _Place(NamedTuple):
+    name: str
+    at: int  # in a block
+
+
+def places_of(batch: Any, model: Any, stride: int, layout: Any, parameters: bool) -> tuple[Any, tuple[str, ...], int]:
+    """Where a state's numbers are in a block whose elements lie `stride` apart; their names; how many of them move."""
+    task, extras = batch.task, batch.extras
+    rows, links = len(batch.system.q0), len(task.links)
+    fixed = set(model.fixed.tolist())
+    work = uncompiled(unpack)((0,) * stride, model, np.arange(layout.par, dtype=np.float64), 0)
+    afresh = isinstance(model.predictor, tuple) and getattr(model, "rough", None) is None
+    free = [k for k in range(rows) if k not in fixed]
+    moving: list[_Place] = []
+    for name in ("q", "v") if afresh else ("q", "v", "a", "b"):
+        first = int(getattr(work, name)[0])
+        moving += [_Place(f"{name}[{k}]", first + k * stride) for k in free]
+    if not afresh:
+        moving += [_Place(f"torque[{k}]", int(work.u[0]) + k * stride) for k in range(links)]
+    at = RECORD.offsets(0, *record_sizes(task, batch.entries, extras))
+
+    def recorded(name: str, first: int, count: int) -> list[_Place]:
+        places = (layout.record + (first + k) * stride for k in range(count))
+        return [_Place(f"{name}[{k}]" if count > 1 else name, place) for k, place in enumerate(places)]
+
+    if extras.actuator is not None:
+        moving += recorded("motor", at.torque, links) + recorded("asked", at.commands, at.seen - at.commands)
+    own = [_Place(f"parameter[{k}]", layout.par + k * stride) for k in range(PARAMETERS)]
+    own += recorded("torque_factor", TORQUE_FACTOR, 1)
+    own += [_Place(name, layout.par + (PARAMETERS + k) * stride) for k, name, _ in _laws(model)]
+    given = [_Place(f"q[{k}]", int(work.q[0]) + k * stride) for k in sorted(fixed)]
+    remembered, drawn = _of_sensors(extras.instruments, at.readings, recorded)
+    moving += remembered
+    if parameters:
+        moving += own
+    else:
+        given += own
+    given += drawn + recorded("target", TARGET, 2) + recorded("target_rate", TARGET_RATE, 2)
+    if any(part is not None for part in (extras.controller, extras.instruments, extras.reference)):
+        given += recorded("goal", at.goal, links)
+    if extras.pushes is not None:
+        given += recorded("push", PUSHED, PUSH.places.end)
+    if extras.payload_change is not None:
+        given += recorded("change", CHANGE, 2)
+    if not afresh or extras.payload_change is not None:  # what acted last: of it a jump is told, or its last bits
+        last = [_Place(f"torque[{k}]", int(work.u[0]) + k * stride) for k in range(len(work.u) // stride)]
+        given += last if afresh else last[links:]
+    if extras.reference is not None:
+        given += recorded("path", PATH_AT, at.goal - PATH_AT)
+    if batch.program.models is not None:
+        given += recorded("level", LEVEL, 1)
+    given += recorded("periods", PERIODS, 1) + recorded("hold", HOLD, 1)
+    both = moving + given
+    return np.array([place.at for place in both], np.int64), tuple(place.name for place in both), len(moving)
+
+
+def _laws(model: Any) -> list[tuple[int, str, float]]:
+    """Numbers of the joints' laws that are not 0, where they are each arm's own: which, name, value."""
+    if getattr(model, "own", None) is None:
+        return []
+    found = []
+    for i in range(len(model.data) // _JOINT.end):
+        joint = int(model.table[PLACES * i + PLACE.joint])
+        for field in JOINT_LAW.fields:
+            k = _JOINT.end * i + getattr(_JOINT, field.name)
+            if model.data[k] != 0.0:
+                found.append((k, f"{field.name}[{joint}]", float(model.data[k])))
+    return found
+
+
+def laws_of(model: Any, names: tuple[str, ...]) -> tuple[list[int], list[float]]:
+    """Where in a state the numbers of the joints' laws are, and what they are."""
+    found = _laws(model)
+    return [names.index(name) for _, name, _ in found], [value for _, _, value in found]
+
+
+def _of_sensors(instruments: Any, first: int, recorded: Any) -> tuple[list[_Place], list[_Place]]:
+    """What sensors remember that their readings depend on; and what is drawn of them, or counts."""
+    if instruments is None:
+        return [], []
+    moving: list[_Place] = []
+    given: list[_Place] = []
+    encoders = 0 if instruments.encoders is None else len(instruments.encoders) // 3
+    shaken = 0 if instruments.accelerometer is None else 2
+    for c, law in enumerate(instruments.laws.reshape(-1, _LAW.end)):
+        at = CHANNEL.offsets(first + c * CHANNEL.offsets(0, instruments.room).end, instruments.room)
+        late = int(law[_LAW.late]) + (law[_LAW.share] > 0.0)
+        parts = {
+            "filter": ((at.input, 3), law[_LAW.own : _LAW.after].any()),
+            "speed": ((at.speed, 1), encoders <= c < encoders + shaken),
+            "reading": ((at.reading, 1), c < encoders or law[_LAW.every] > 1.0),
+            "rate": ((at.rate, 1), c < encoders and law[_LAW.kept] > 0.0),
+            "past": ((at.past, late), late > 0),
+        }
+        for name, (places, needed) in parts.items():
+            moving += recorded(f"sensor[{c}].{name}", *places) if needed else []
+        given += recorded(f"sensor[{c}].law", at.gain, 2) + recorded(f"sensor[{c}].since", at.since, 1)
+    return moving, given

@@ -1,0 +1,105 @@
+"""Observations that show what was before: late ones, several in one, and those whose sensors have a memory.
+
+Then what was seen last is a part of the state, oldest first: `frames` observations of E entries, of which those that
+are shown come first. A period drops the oldest and puts a new one last, so that derivatives are moved and not computed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.layout import record_sizes
+from ..tasks.program import RECORD
+
+Array = NDArray[np.float64]
+
+
+class Sights:
+    """What a batch's arms have seen.
+
+    Args:
+        batch: the arms. moving: X, the numbers of a state that move, without these.
+    Attributes:
+        chosen (E,): entries observed, of all that there are. frames: observations that a state holds; 0: none, since an
+        observation follows from the rest. size: O, numbers in an observation. moving: X with what is held.
+    """
+
+    def __init__(self, batch: Any, moving: int) -> None:
+        extras, selection = batch.extras, batch.extras.selection
+        self.chosen = np.arange(batch.entries) if selection is None else selection.chosen
+        self.entries, shown = len(self.chosen), 1 if selection is None else selection.frames
+        self._age = 0 if extras.sensors is None else extras.sensors.age
+        remembered = extras.instruments is not None or self._age > 0 or shown > 1
+        self.frames, self.size = self._age + shown if remembered else 0, shown * self.entries
+        self._batch, self._first, self.moving = batch, moving, moving + self.frames * self.entries
+
+    def names(self, own: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of a state's numbers, from those without what was seen."""
+        seen = tuple(f"seen[{k}]" for k in range(self.frames * self.entries))
+        return own[: self._first] + seen + own[self._first :]
+
+    # --- states ----------------------------------------------------------------------------------
+    def parts(self, state: Array) -> tuple[Array, Array]:
+        """States without what was seen, and that."""
+        x, y = self._first, self.moving
+        return np.concatenate([state[:, :x], state[:, y:]], axis=1), state[:, x:y]
+
+    def joined(self, own: Array, past: Array) -> Array:
+        """`parts`, backwards."""
+        return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
+
+    def with_past(self, own: Array) -> Array:
+        """States of the batch's arms: what they have seen, as they were told."""
+        if self.frames == 0:
+            return own
+        batch, late = self._batch, np.zeros((len(own), self._age, self.entries))
+        at = RECORD.offsets(0, *record_sizes(batch.task, batch.entries, batch.extras)).seen
+        for i in range(len(own) if self._age else 0):
+            memory = batch.record(i)[at : at + self._age * batch.entries].reshape(self._age, -1)
+            late[i] = memory[::-1, self.chosen]
+        return self.joined(own, np.concatenate([batch.observation, late.reshape(len(own), -1)], axis=1))
+
+    def shown(self, past: Array) -> Array:
+        """The observation (n, O)."""
+        return past[:, : self.size].copy()
+
+    def after(self, past: Array, seen: Array) -> tuple[Array, Array]:
+        """What was seen, and the observation, after (n, E) has been."""
+        if self.frames == 0:
+            return past, seen
+        past = np.concatenate([past[:, self.entries :], seen], axis=1)
+        return past, self.shown(past)
+
+    # --- derivatives -----------------------------------------------------------------------------
+    def whole(self, moved: Array) -> Array:
+        """A period's derivative (n, X + O + 1, X + A) from that without what was seen."""
+        if self.frames == 0:
+            return moved
+        x, y, entries = self._first, self.moving, self.entries
+        actions = moved.shape[2] - x
+        full = np.zeros((len(moved), y + self.size + 1, y + actions))
+
+        def put(rows: slice, own: Array) -> None:
+            full[:, rows, :x], full[:, rows, y:] = own[:, :, :x], own[:, :, x:]
+
+        put(slice(0, x), moved[:, :x])
+        older = np.arange(x, y - entries)
+        full[:, older, older + entries] = 1.0
+        put(slice(y - entries, y), moved[:, x : x + entries])
+        full[:, y : y + self.size] = full[:, x : x + self.size]
+        put(slice(y + self.size, y + self.size + 1), moved[:, -1:])
+        return full
+
+    def pull(self, state: Array, seen: Array) -> tuple[Array, Array, Array]:
+        """Cotangents of states (n, S) and observations (n, O) after a period: those of states without what was seen, of
+        what was seen before the period, and of what was seen after it."""
+        own, past = self.parts(state)
+        if self.frames == 0:
+            return own, past, seen
+        past = past.copy()
+        past[:, : self.size] += seen
+        before = np.concatenate([np.zeros((len(past), self.entries)), past[:, : -self.entries]], axis=1)
+        return own, before, past[:, -self.entries :]

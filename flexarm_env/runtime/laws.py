@@ -1,0 +1,192 @@
+"""How one quantity is read by its law: filter, delay, gain and bias, noise, resolution; and rows of readings."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..compiler import SINGLE, alone, arms, kernel, pick, place, sincos, with_slope
+from ..tasks.program import CHANNEL, LAW, channel_at
+from ..tasks.stream import uniform
+
+_LAW = LAW.places
+LAW_SIZE = _LAW.end
+
+
+def law_of(law: Any, scale: float, period: float, path: str = "sensors") -> np.ndarray:
+    """A `LAW` for a sensor (`flexarm_env.sensors.Law`) read every `period` s. scale: of its entry, in its unit."""
+    late, every = law.delay / period, law.interval / period
+    if round(every) != 0 and abs(every - round(every)) > 1e-6 * every:
+        raise ValueError(f"{path}.period = {law.interval!r}: must be a whole number of periods of {period:g} s")
+    if late > MOST_LATE:
+        raise ValueError(f"{path}.delay = {law.delay!r}: must be at most {MOST_LATE} periods of {period:g} s")
+    whole = math.floor(late + 1e-9)
+    own, before, after = _held_filter(law.low_pass, period)
+    kept = math.exp(-2.0 * math.pi * getattr(law, "rate_frequency", 0.0) * period)
+    return LAW.pack(
+        {}, gain=law.gains, bias=np.array(law.biases) / scale, noise=law.noise / scale, quantum=law.step / scale,
+        own=own, before=before, after=after, late=whole, share=late - whole if late - whole > 1e-9 else 0.0,
+        every=max(1.0, float(round(every))), rate=(1.0 - kept) / period, kept=kept,
+    )  # fmt: skip
+
+
+MOST_LATE = 1000
+"""Periods by which a sensor may be late: each of them is remembered."""
+
+
+def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
+    """A low-pass over a period in which its input runs straight: the exact solution of its equation.
+
+    State (y, y' / w): y' = w s, s' = w (u - y) - 2 damping w s; of order 1 y' = w (u - y) alone.
+    """
+    if low_pass is None:
+        return (0.0,) * 4, (0.0, 0.0), (1.0, 0.0)
+    from scipy.linalg import expm
+
+    w = 2.0 * math.pi * low_pass.frequency * period
+    A, B = [[-w, 0.0], [0.0, -1.0]], [w, 0.0]
+    if low_pass.order == 2:
+        A, B = [[0.0, w], [-w, -2.0 * low_pass.damping * w]], [0.0, w]
+    block = np.zeros((4, 4))
+    block[:2, :2], block[:2, 2], block[2, 3] = A, B, 1.0
+    power = expm(block)
+    return power[:2, :2].ravel(), power[:2, 2] - power[:2, 3], power[:2, 3]
+
+
+def room_of(laws: np.ndarray) -> int:
+    """Room for the past that these laws (c, LAW) need."""
+    return int((laws[:, _LAW.late] + (laws[:, _LAW.share] > 0.0)).max(initial=0.0))
+
+
+def memory_of(channels: int, room: int) -> np.ndarray:
+    """A `CHANNEL` for each."""
+    return np.zeros(channels * CHANNEL.offsets(0, room).end)
+
+
+@kernel
+def normal(stream, arm):
+    """A standard normal number from an arm's stream (Box & Muller 1958)."""
+    radius = math.sqrt(-2.0 * math.log(1.0 - uniform(stream, arm)))
+    return radius * math.cos(2.0 * math.pi * uniform(stream, arm))
+
+
+@kernel
+def read(lane, laws, room, c, memory, base, stream, arm, value, first):
+    """What channel c reads of a quantity, a period after the last time. base: of the channels in `memory`.
+
+    first: of an episode; the quantity has been what it is for ever. stream: None for readings without noise, never the
+    first. Under a dual tag the number of one arm goes through with its tangents; rounding leaves these as they are.
+    """
+    i, o, at = arm % arms(lane), c * _LAW.end, channel_at(base + c * channel_at(0, room).end, room)
+    since = laws[o + _LAW.every]
+    if first:
+        _remember(lane, laws, room, o, at, memory, stream, arm, value)
+    else:
+        y, s = pick(lane, memory, at.output, i), pick(lane, memory, at.slope, i)
+        u = pick(lane, memory, at.input, i)
+        held = laws[o + _LAW.before] * u + laws[o + _LAW.after] * value
+        place(lane, memory, at.output, i, laws[o + _LAW.own] * y + laws[o + _LAW.own + 1] * s + held)
+        held = laws[o + _LAW.before + 1] * u + laws[o + _LAW.after + 1] * value
+        place(lane, memory, at.slope, i, laws[o + _LAW.own + 2] * y + laws[o + _LAW.own + 3] * s + held)
+        since = memory[at.since * len(lane) + i] + 1.0
+    place(lane, memory, at.input, i, value)
+    here, late, share = pick(lane, memory, at.output, i), int(laws[o + _LAW.late]), laws[o + _LAW.share]
+    if late > 0:
+        here = pick(lane, memory, at.past + late - 1, i)
+    if share > 0.0:
+        here = here + (pick(lane, memory, at.past + late, i) - here) * share
+    for k in range(room - 1, 0, -1):
+        place(lane, memory, at.past + k, i, pick(lane, memory, at.past + k - 1, i))
+    if room > 0:
+        place(lane, memory, at.past, i, pick(lane, memory, at.output, i))
+    if since > laws[o + _LAW.every] - 0.5:
+        here = here * memory[at.gain * len(lane) + i] + memory[at.bias * len(lane) + i]
+        here = _noisy(laws[o + _LAW.noise], stream, arm, here)
+        quantum = laws[o + _LAW.quantum]
+        if quantum > 0.0:
+            here = with_slope(quantum * math.floor(alone(here) / quantum + 0.5), here, 1.0)
+        place(lane, memory, at.reading, i, here)
+        since = 0.0
+    memory[at.since * len(lane) + i] = since
+    return pick(lane, memory, at.reading, i)
+
+
+@kernel
+def _remember(lane, laws, room, o, at, memory, stream, arm, value):
+    """A channel at an episode's start."""
+    if stream is not None:
+        i = arm % arms(lane)
+        low, high = laws[o + _LAW.gain], laws[o + _LAW.gain + 1]
+        memory[at.gain * len(lane) + i] = low + (high - low) * uniform(stream, arm)
+        low, high = laws[o + _LAW.bias], laws[o + _LAW.bias + 1]
+        memory[at.bias * len(lane) + i] = low + (high - low) * uniform(stream, arm)
+        place(lane, memory, at.output, i, value)
+        place(lane, memory, at.slope, i, 0.0)
+        for k in range(room):
+            place(lane, memory, at.past + k, i, value)
+
+
+@kernel
+def _noisy(noise, stream, arm, value):
+    if stream is not None:
+        if noise > 0.0:
+            return value + noise * normal(stream, arm)
+    return value
+
+
+@kernel
+def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
+    """Angle and rate that an encoder reads (`flexarm_env.sensors.Encoder`)."""
+    i, o, at = arm % arms(lane), c * _LAW.end, channel_at(base + c * channel_at(0, room).end, room)
+    before = pick(lane, memory, at.reading, i)
+    now = read(lane, laws, room, c, memory, base, stream, arm, angle, first)
+    if first:
+        place(lane, memory, at.rate, i, 0.0)
+    else:
+        rate = laws[o + _LAW.kept] * pick(lane, memory, at.rate, i) + laws[o + _LAW.rate] * (now - before)
+        place(lane, memory, at.rate, i, rate)
+    return now, pick(lane, memory, at.rate, i)
+
+
+@kernel
+def tip_acceleration(lane, memory, base, room, c, i, vx, vy, angle, period, gravity_x, gravity_y, first):
+    """Mean over a period of what accelerates the tip, less gravity, along its tangent and across it, m/s^2."""
+    x = channel_at(base + c * channel_at(0, room).end, room).speed
+    y = channel_at(base + (c + 1) * channel_at(0, room).end, room).speed
+    if first:
+        place(lane, memory, x, i, vx)
+        place(lane, memory, y, i, vy)
+    ax = (vx - pick(lane, memory, x, i)) / period - gravity_x
+    ay = (vy - pick(lane, memory, y, i)) / period - gravity_y
+    place(lane, memory, x, i, vx)
+    place(lane, memory, y, i, vy)
+    sine, cosine = sincos(angle)
+    return cosine * ax + sine * ay, cosine * ay - sine * ax
+
+
+@kernel
+def read_rows(laws, room, memory, stream, period, gravity_x, gravity_y, encoders, accelerometers, inputs, out):
+    """Readings at instants `period` apart, an instant a row of `out`; all in SI, not in scales.
+
+    Columns of inputs: an angle for each encoder; tip velocity x, y and angle for each accelerometer; then what is
+    read as it stands. Columns of out: angle and rate for each encoder, then one for each channel.
+    """
+    for k in range(inputs.shape[0]):
+        first, c, column, put = k == 0, 0, 0, 0
+        for _ in range(encoders):
+            angle, rate = read_encoder(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
+            out[k, put], out[k, put + 1] = angle, rate
+            c, column, put = c + 1, column + 1, put + 2
+        for _ in range(accelerometers):
+            vx, vy, angle = inputs[k, column], inputs[k, column + 1], inputs[k, column + 2]
+            along, across = tip_acceleration(
+                SINGLE, memory, 0, room, c, 0, vx, vy, angle, period, gravity_x, gravity_y, first
+            )
+            out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, along, first)
+            out[k, put + 1] = read(SINGLE, laws, room, c + 1, memory, 0, stream, 0, across, first)
+            c, column, put = c + 2, column + 3, put + 2
+        while put < out.shape[1]:
+            out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
+            c, column, put = c + 1, column + 1, put + 1
