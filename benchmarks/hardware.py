@@ -82,7 +82,7 @@ def variant(label: str, names: tuple[str, ...], more: str) -> dict[str, Any]:
 
     return {
         "label": label, "values": dict(zip(names, values.tolist(), strict=True)), "cpu_seconds": spent,
-        "evaluations": found.evaluations, "first": explained(whole, first.kept),
+        "evaluations": found.evaluations, "runs": found.runs, "first": explained(whole, first.kept),
         "rest": explained(whole, whole.kept & (whole.t >= HALF)), "other": explained(other, other.kept),
     }  # fmt: skip
 

@@ -45,11 +45,11 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         taken from the state by `weights` (of a by mass, of v by damping), is corrected so that friction's law holds for
         the rates v + ahead a after that; where v stays (damping 0), joints that slipped when last noted go on
     hold(lane, model, S, x)          x = S^-1 y where joints that stuck in the last `rub` stay where they are
-    note_slip(lane, model, state, ahead, r, S)  of tangents: note which joints stick at a step's end, S being its matrix
-        and r the residual there, which has no Coulomb friction in it
-    bound_along(lane, model, weight, S)  more of what the bounds of joints that slip change by: `weight` times this
+    note_slip(lane, model, par, state, ahead, r, S)  of tangents: note which joints stick at a step's end, S being its
+        matrix and r the residual there, which has no Coulomb friction in it
+    bound_along(lane, model, par, weight, S)  more of what the bounds of joints that slip change by: `weight` times this
         model's own bounds
-    rub_along(lane, model, change, weights, ahead, S, x)  as `rub`, of tangents: joints stick or slip as they did
+    rub_along(lane, model, par, change, weights, ahead, S, x)  as `rub`, of tangents: joints stick or slip as they did
     book_friction(lane, model, par, state, u, r, S, start, books)  add what Coulomb friction has taken since the
         coordinates were `start`, by the mean of what it was when last noted and is now, and note it; r is free
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
@@ -109,7 +109,7 @@ def _nothing_to_note(lane, model, par, state, u, r, S):
 
 @kernel
 def _no_friction(lane, model, par, state, weights, ahead, S, x):
-    """`rub` of such joints."""
+    """`rub` and `rub_along` of such joints."""
 
 
 @kernel
@@ -118,12 +118,12 @@ def _nothing_to_hold(lane, model, S, x):
 
 
 @kernel
-def _no_slip(lane, model, state, ahead, r, S):
+def _no_slip(lane, model, par, state, ahead, r, S):
     """`note_slip` of such joints."""
 
 
 @kernel
-def _no_bound(lane, model, weight, S):
+def _no_bound(lane, model, par, weight, S):
     """`bound_along` of such joints."""
 
 
@@ -164,9 +164,9 @@ update = FORMULATIONS.function("update", "lane, model, q, d")
 note_friction = FORMULATIONS.function("note_friction", "lane, model, par, state, u, r, S")
 rub = FORMULATIONS.function("rub", "lane, model, par, state, weights, ahead, S, x")
 hold = FORMULATIONS.function("hold", "lane, model, S, x")
-note_slip = FORMULATIONS.function("note_slip", "lane, model, state, ahead, r, S")
-bound_along = FORMULATIONS.function("bound_along", "lane, model, weight, S")
-rub_along = FORMULATIONS.function("rub_along", "lane, model, change, weights, ahead, S, x")
+note_slip = FORMULATIONS.function("note_slip", "lane, model, par, state, ahead, r, S")
+bound_along = FORMULATIONS.function("bound_along", "lane, model, par, weight, S")
+rub_along = FORMULATIONS.function("rub_along", "lane, model, par, change, weights, ahead, S, x")
 book_friction = FORMULATIONS.function("book_friction", "lane, model, par, state, u, r, S, start, books")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")

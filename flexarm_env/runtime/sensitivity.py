@@ -72,7 +72,7 @@ def factor_rows(lane, model, drive, par, steps, scheme, r, factors):
             lane, m, p, _state(on, k, n), on.u[k * inputs : (k + 1) * inputs], Weights(slopes.a, slopes.v, 1.0),
             room, own,
         )  # fmt: skip
-        note_slip(lane, m, _state(on, k, n), slopes.v / slopes.a, room, own)
+        note_slip(lane, m, p, _state(on, k, n), slopes.v / slopes.a, room, own)
         take_out_known(lane, m, drive, room, own, True)
         factor(lane, m, own)
 
@@ -113,7 +113,7 @@ def tangent_rows(lane, model, drive, steps, scheme, factors, here, ahead, behind
             take_out_known(lane, m, drive, r, own, False)
             solve(lane, m, own, r)
             weights = Weights(slopes.a, slopes.v, 1.0)
-            rub_along(lane, m, State(dq, dv, da), weights, slopes.v / slopes.a, own, r)
+            rub_along(lane, m, one.par, State(dq, dv, da), weights, slopes.v / slopes.a, own, r)
             for i in range(n):
                 dq[i] -= r[i]
                 dv[i] -= slopes.v * r[i]
@@ -146,7 +146,7 @@ def _add(lane, one, on, k, dq, dv, da, space, matrix, r):
         residual(lane, one.model, one.par, State(q, v, a), one.u[k * inputs : (k + 1) * inputs], own, S)
         for i in range(n):
             r[i] += one.weight * own[i]
-        bound_along(lane, one.model, one.weight, matrix)
+        bound_along(lane, one.model, one.par, one.weight, matrix)
 
 
 @kernel

@@ -204,18 +204,18 @@ _STICKS = 1.0 - 1e-6
 
 
 @kernel
-def note_slip(lane, model, state, ahead, r, S):
+def note_slip(lane, model, par, state, ahead, r, S):
     """See `protocol`."""
-    _note_slip(lane, model.rough, model, state, ahead, r, S)
+    _note_slip(lane, model.rough, model, par, state, ahead, r, S)
 
 
 @kernel
-def _note_slip(lane, rough, model, state, ahead, r, S):
+def _note_slip(lane, rough, model, par, state, ahead, r, S):
     if rough is not None:
         zero, one = splat(lane, 0.0), splat(lane, 1.0)
         for i in range(count(model)):
             g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-            bound = model.data[LAWS.end * i + LAWS.coulomb] * _STICKS
+            bound = law(lane, model, par, i).coulomb * _STICKS
             rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
             sticks = select_lt(absolute(load(lane, r, row)), bound, one, zero)
             slides = select_lt(zero, rate, one, select_lt(rate, zero, -one, zero))
@@ -227,22 +227,22 @@ def _note_slip(lane, rough, model, state, ahead, r, S):
 
 
 @kernel
-def bound_along(lane, model, weight, S):
+def bound_along(lane, model, par, weight, S):
     """See `protocol`."""
-    _bound_along(lane, model.rough, model, weight, S)
+    _bound_along(lane, model.rough, model, par, weight, S)
 
 
 @kernel
-def _bound_along(lane, rough, model, weight, S):
+def _bound_along(lane, rough, model, par, weight, S):
     if rough is not None:
         for i in range(count(model)):
-            g, coulomb = gear_at(model, i), model.data[LAWS.end * i + LAWS.coulomb]
-            more = load(lane, S, g + GEAR.slides) * (weight * coulomb)
+            g = gear_at(model, i)
+            more = load(lane, S, g + GEAR.slides) * (law(lane, model, par, i).coulomb * weight)
             store(S, g + GEAR.bound, load(lane, S, g + GEAR.bound) + more)
 
 
 @kernel
-def rub_along(lane, model, change, weights, ahead, S, x):
+def rub_along(lane, model, par, change, weights, ahead, S, x):
     """See `protocol`."""
     _rub_along(lane, model.rough, model, change, weights, ahead, S, x)
 
