@@ -59,12 +59,12 @@ def measure(case: Case) -> dict[str, Any]:
     """One case: how it ended, its energy, and how far its tip is from the converged one."""
     case = dict(case)
     check = case.pop("check", False)
-    clock = time.perf_counter()
+    clock = time.process_time()
     try:
         row = _measure(case, check)
     except Exception:  # a crash is a result here
         row = {"status": "crashed", "trace": traceback.format_exc(limit=-3)}
-    return {**row, "wall": round(time.perf_counter() - clock, 3)}
+    return {**row, "cpu": round(time.process_time() - clock, 3)}
 
 
 def _measure(case: Case, check: bool) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def _tip_error(case: Case, run: Trajectory) -> dict[str, Any]:
 
 def outcome(row: dict[str, Any]) -> str:
     """One of OUTCOMES."""
-    if row["status"] == "crashed" or not row["finite"] or row["wall"] > 8.0 * TIME_LIMIT:
+    if row["status"] == "crashed" or not row["finite"] or row["cpu"] > 8.0 * TIME_LIMIT:
         return "broken"
     if row["status"] == "inaccurate":
         return "inaccurate"
@@ -187,8 +187,8 @@ def report(rows: Sequence[dict[str, Any]], hard: list[dict[str, Any]], long: lis
         "references": dict(Counter(row["reference"] for row in checked)),
         "estimate_over_error": _ratios(good),
         "needlessly_inaccurate": sum(row["status"] == "inaccurate" and row["tip_error"] < 0.01 for row in good),
-        "longest_case": max(row["wall"] for row in rows),
-        "case_seconds": sum(row["wall"] for row in rows),
+        "longest_case": max(row["cpu"] for row in rows),
+        "case_seconds": sum(row["cpu"] for row in rows),
         "hard_steps": {
             program: {
                 "runs": sum(row["program"] == program for row in hard),
@@ -242,7 +242,7 @@ def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[st
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
     lines += [
         "",
-        "`broken`: a value that is not finite, an exception, or a case that outlived its time.",
+        "`broken`: a value that is not finite, an exception, or a case that took too much processor time.",
         f"Estimate over true error, percentiles over the cases with an error above 0.1 % of L: {ratios}. "
         f"{found['needlessly_inaccurate']} runs were called inaccurate although their tip was within 1 % of L.", "",
         f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.", "",
