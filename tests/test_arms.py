@@ -142,6 +142,7 @@ def test_a_wrong_file_names_the_key_path(text: str, message: str) -> None:
     assert str(caught.value).startswith(message)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "ideal"),
     [("strip_geared", "strip"), pytest.param("two_link_geared", "de_luca_siciliano", marks=pytest.mark.slow)],

@@ -70,6 +70,7 @@ def test_scenes_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert "J = 10" in entries["flying_rod@as_printed"]["note"]
 
 
+@pytest.mark.slow
 def test_a_scenes_toml_can_be_run_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["scenes", "robot_arm_motion"]) == 0
     path = tmp_path / "mine.toml"
@@ -196,11 +197,13 @@ def test_what_to_install_needs_no_index_of_ours(monkeypatch: pytest.MonkeyPatch,
         video.write_film(tmp_path / "a.mp4", [np.zeros((2, 2, 3), np.uint8)])
 
 
+@pytest.mark.slow
 def test_a_parameter_set_has_no_reference(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", "robot_arm_motion@as_printed", "--duration", "0.2", "--segments", "1"]) == 0
     assert "reference" not in values_of(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
     code = main(["replay", "robot_arm_motion", "--modes", "3", "--json"])
     values = json.loads(capsys.readouterr().out)

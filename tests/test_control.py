@@ -87,6 +87,7 @@ def test_goal_angles_reach_the_target_within_limits():
     assert np.abs(turn).max() <= np.pi
 
 
+@pytest.mark.slow
 def test_the_goal_is_where_the_environment_has_its_target(slew, reach):
     for env in (slew, reach):
         observation, info = env.reset(seed=3)

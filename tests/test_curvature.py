@@ -30,7 +30,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "clamped": ("floating_frame", {"segments": 24, "frame": "root"}),
     "modes in segments": ("floating_frame", {"segments": 8, "modes": 3}),
 }
-EACH = [name if name in ("elastica", "segments") else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
+EACH = [name if name == "elastica" else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
 """In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
 NEAR = {"exact": 1e-6, "elastica": 1e-6, "segments": 2e-5, "clamped": 3e-4, "modes in segments": 1e-4}
 """How near a quarter circle's tip a mesh begins, m."""

@@ -250,7 +250,10 @@ HELD = Motion("joint0", constant(0.0))
         ({}, {"motions": (HELD, Motion("root_y", sine(0.02, 10.0)))}, 3.0),
         ({}, {"motions": (HELD,), "loads": (PointLoad(0, "tip", force_y=constant(1.0)),)}, 3.0),
         ({}, {"gravity": (0.0, -9.81)}, 3.0),
-        ({"links": 2}, {"loads": (JointTorque(0, sine(0.5, 6.0)), JointTorque(1, sine(-0.2, 6.0)))}, 4.0),
+        pytest.param(
+            {"links": 2}, {"loads": (JointTorque(0, sine(0.5, 6.0)), JointTorque(1, sine(-0.2, 6.0)))}, 4.0,
+            marks=pytest.mark.slow,
+        ),
     ],
 )  # fmt: skip
 def test_note_on_stretch_and_shear(ratio: float, arm: dict[str, Any], changes: dict[str, Any], factor: float) -> None:
@@ -291,6 +294,7 @@ def three_link_swing() -> Scene:
     return everything(Scene.from_toml(HERE.parent / "configs" / "scenes" / "three_link_swing.toml"))
 
 
+@pytest.mark.slow
 def test_three_links_swing_alike_under_every_formulation() -> None:
     """Let go bent, under gravity: a fast whip of small links. Each runs to its end; they agree until it is chaotic."""
     scene = three_link_swing()

@@ -159,6 +159,7 @@ def rubbed(viscous: float = 0.0, coulomb: float = 0.0, **changes: Any) -> Any:
     return gym.make(ONE, actuator={"viscous": viscous, "coulomb": coulomb}, info_level="full", **changes)
 
 
+@pytest.mark.slow
 def test_viscous_friction_stops_the_arm_and_its_loss_is_booked() -> None:
     env = rubbed(viscous=0.3, coulomb=0.05, duration=8.0)
     actions = np.zeros((400, 1))

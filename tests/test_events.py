@@ -219,6 +219,7 @@ def test_states_go_back_with_all_that_is_to_come() -> None:
     assert {o[-1]["payload_mass"] for o in first} > {0.2}
 
 
+@pytest.mark.slow
 def test_what_is_left_out_draws_nothing() -> None:
     """Starts, targets and randomised arms of a seed are the same with events and without."""
     plain = gym.make(ONE, initial_vibration=0.02)

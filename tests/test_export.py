@@ -130,7 +130,7 @@ def test_c_scales_clips_and_remembers_what_is_measured(tmp_path: Path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["two_link", "flexible_arm"])
+@pytest.mark.parametrize("name", [pytest.param("two_link", marks=pytest.mark.slow), "flexible_arm"])
 def test_packaged_policies_in_c_and_how_long_they_take(name: str, tmp_path: Path, capsys):
     assert main(["export", name, "--to", "c", "--out", str(tmp_path / "policy.c"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["function"] == "policy_decide"

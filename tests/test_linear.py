@@ -90,7 +90,7 @@ def test_a_period_is_the_derivative_of_the_solver(name: str, formulation: str, o
     assert np.abs(scale * (after - model.rate)).max() < 1e-9 * np.abs(scale * after).max()
 
 
-@every(ALL)
+@every(ALL, slow=("modes", "segments"))
 def test_small_steps_tend_to_the_exact_period(formulation: str, options: dict[str, Any]) -> None:
     scene = at_rest(one_link(hub_inertia=0.5, tau_d=1e-3, payload=Payload(0.1)))
     exact = linearize(scene, formulation, discrete=0.02, method="zoh", **options)

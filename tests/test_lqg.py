@@ -73,7 +73,7 @@ def test_the_estimate_becomes_the_state(geared):
     assert angle == pytest.approx(goal, abs=2e-3)
 
 
-@pytest.mark.parametrize(("env_id", "posture"), [(ONE, ()), (TWO, (0.9,))])
+@pytest.mark.parametrize(("env_id", "posture"), [(ONE, ()), pytest.param(TWO, (0.9,), marks=pytest.mark.slow)])
 def test_regulator_and_filter_are_stable(env_id, posture):
     setup = told(env_id)
     d = lqg.design(setup, tuned_gains("lqg", setup.task), posture)

@@ -73,7 +73,7 @@ def test_controls_within_limits_are_the_best_there(count):
 
 
 # ------------------------------------------------------------------ the arm as a function of its state
-@pytest.mark.parametrize("env_id", ["FlexibleArm-v0", "TwoLinkFlexArm-v0"])
+@pytest.mark.parametrize("env_id", ["FlexibleArm-v0", pytest.param("TwoLinkFlexArm-v0", marks=pytest.mark.slow)])
 def test_a_period_is_the_environments_and_its_derivatives_are_differences(env_id, strip, two):
     plant = strip if env_id == "FlexibleArm-v0" else two
     env = gym.make_vec(env_id, num_envs=8, vectorization_mode="vector_entry_point", tolerance=plant.settings.tolerance)

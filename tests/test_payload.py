@@ -58,7 +58,7 @@ def cantilever(payload: Payload, count: int) -> list[float]:
     return [brentq(determinant, x, y) for x, y, f, g in pairs if f * g < 0.0][:count]
 
 
-EACH = [name if name in ("elastica", "segments") else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
+EACH = [name if name == "elastica" else pytest.param(name, marks=pytest.mark.slow) for name in METHODS]
 """In every run of the tests, and the rest in the slow lane: kernels take long to compile."""
 
 
@@ -142,6 +142,7 @@ def test_large_motion(root: str) -> None:
         assert np.abs(run.balance).max() < 2e-4 * run.turned_over
 
 
+@pytest.mark.slow
 def test_momentum_in_free_flight() -> None:
     """What flies free of loads keeps its centre of mass, that of arm and payload: a coordinate of the elastica."""
     scene = dataclasses.replace(swung("free"), loads=(), gravity=None, rates=(3.0, 5.0), dt=2e-3)

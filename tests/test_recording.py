@@ -83,6 +83,7 @@ def test_options_arms_and_limits_come_back(tmp_path: Path) -> None:
         assert replay(episode).equals(episode)
 
 
+@pytest.mark.slow
 def test_a_scene_as_motion(tmp_path: Path) -> None:
     scene = named("robot_arm_motion")
     limits = {"arm": "paper", "duration": 0.2, "control_dt": 0.05, "dt": 0.05}

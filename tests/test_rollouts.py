@@ -115,6 +115,7 @@ def test_parameters_over_a_rollout() -> None:
 
 
 # ------------------------------------------------------------------ PyTorch
+@pytest.mark.slow
 def test_gradcheck(arms: Arms) -> None:
     torch = pytest.importorskip("torch")
     from flexarm_env.torch import DifferentiableArms

@@ -61,6 +61,7 @@ def test_small_release_against_the_first_mode() -> None:
     np.testing.assert_allclose(run.tip[run.t >= 0.1, 1], held * np.cos(first * t), atol=0.03 * abs(held))
 
 
+@pytest.mark.slow
 def test_held_and_free_joints() -> None:
     """ "held": joints stand at `angles`, and a torque that holds keeps them there; "equilibrium": the arm hangs."""
     arm = Arm("a", (Link(0.6, STRIP), Link(0.4, STRIP)), payload=Payload(0.1))

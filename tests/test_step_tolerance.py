@@ -28,7 +28,7 @@ def levels(batch: Batch) -> np.ndarray[Any, Any]:
 @pytest.mark.parametrize(
     ("env_id", "n", "threads", "kwargs"),
     [
-        ("FlexibleArm-v0", 7, 1, {}),
+        pytest.param("FlexibleArm-v0", 7, 1, {}, marks=pytest.mark.slow),
         ("FlexibleArm-v0", 20, 2, {}),
         pytest.param("TwoLinkFlexArm-v0", 9, 2, {"step_tolerance": 1e-6}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 9, 1, {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),

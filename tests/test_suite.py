@@ -56,6 +56,7 @@ def test_tasks_by_every_name() -> None:
         suite.task("slew")
 
 
+@pytest.mark.slow
 def test_single_and_vector_by_their_ids() -> None:
     task = suite.task("slew-unknown-v1")
     single, vector = gym.make(task.env_id), gym.make_vec(task.env_id, num_envs=3)

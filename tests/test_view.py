@@ -197,6 +197,7 @@ def test_view_takes_scenes_and_trajectories(
     assert values["instants"][0] >= 100 and values["bytes"] == Path("two_link_motion.html").stat().st_size
 
 
+@pytest.mark.slow
 def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "new" / "page.html"
     assert main(["view", "two_link", "pd", "--seed", "3", "--out", str(page), "--json"]) == 0

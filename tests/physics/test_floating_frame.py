@@ -102,7 +102,7 @@ def test_energy_of_free_flight_stays(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("flying_rod", {"segments": 4, "dt": 0.05}),
+        pytest.param("flying_rod", {"segments": 4, "dt": 0.05}, marks=pytest.mark.slow),
         ("two_link_free_flight", {"segments": 2, "dt": 0.0025}),
         pytest.param("flying_rod", {"segments": 4, "dt": 0.0125}, marks=pytest.mark.slow),
         pytest.param("flying_rod", {"segments": 2, "elements": 2, "dt": 0.0125}, marks=pytest.mark.slow),

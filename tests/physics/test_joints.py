@@ -78,7 +78,7 @@ def ritz(stiffness: float, rotor: float, arm: Arm) -> Array:
     return np.sqrt(np.maximum(eigh(K, M, eigvals_only=True), 0.0))
 
 
-@methods("elastica", "exact", slow=("segments", "elements", "modes"))
+@methods("elastica", slow=("exact", "segments", "elements", "modes"))
 def test_frequencies_of_a_link_on_an_elastic_gear_with_rotor(method: str) -> None:
     """Motor free: a rigid turn, then three frequencies; the motor held: three. Against energies, 1e-4."""
     gear = Joint(stiffness=40.0, motor_inertia=5e-4, gear_ratio=12.0)
@@ -190,7 +190,7 @@ def test_a_motor_that_is_prescribed_needs_the_torque_that_would_move_it() -> Non
 
 
 # --- linear models ----------------------------------------------------------------------------------
-@THREE
+@methods("exact", slow=("elastica", "segments"))
 def test_rest_and_linear_model_know_the_motor(method: str) -> None:
     """Held at the motor's side the link sags by weight moment over stiffness, and more as it bends."""
     arm = dataclasses.replace(arms.named("strip"), joints=(Joint(stiffness=80.0, damping=0.1, motor_inertia=0.02),))
