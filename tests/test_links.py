@@ -319,7 +319,7 @@ def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
     return np.sqrt(np.abs(eigh(K, M, eigvals_only=True)))[n if hinged else 0 :][:count]
 
 
-@methods("exact", "modes")
+@methods("exact", "modes", "segments")
 @pytest.mark.parametrize("clamped", [(0, 1), ()])
 def test_frequencies_with_rigid_ends(method: str, clamped: Any) -> None:
     """Three of a two-link arm against its energies, joints held and free."""

@@ -32,7 +32,8 @@ def told(env_id=ONE, **keywords):
     return control.Setup.of(env)
 
 
-@pytest.mark.parametrize("geared", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("geared", [False, True])
 def test_the_estimate_becomes_the_state(geared):
     """A shaken arm whose torques the filter knows: its whole state from the motor's angle and a gauge with a bias."""
     arm = arms.named("strip")
@@ -133,6 +134,7 @@ def test_weights_are_the_sensors_own():
     assert told(sensors={"noise": 0.01}).noise == pytest.approx(0.01 * np.array(told().scales))
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_said():
     with pytest.raises(
         ValueError,

@@ -101,6 +101,7 @@ def test_a_period_is_the_environments_and_its_derivatives_are_differences(env_id
 
 
 # ------------------------------------------------------------------ plans
+@pytest.mark.slow
 def test_of_a_rigid_arm_the_least_time_is_known():
     """2 sqrt(I angle / torque): within the period that a plan is a whole number of."""
     link = Link(1.0, Section(EI=50.0, EA=1e9, C=1e9, m=0.3))

@@ -27,7 +27,9 @@ PAIR = Arm("pair", (LINK, LINK), hub_inertia=0.02, elbows=(Elbow(0.2, 0.003, 0.0
 ANGLES, RATES = (0.4, -0.7), (1.5, -2.5)
 
 
-@pytest.mark.parametrize("method", [pytest.param(m, marks=pytest.mark.slow) if m == "joined" else m for m in METHODS])
+@pytest.mark.parametrize(
+    "method", [pytest.param(m, marks=pytest.mark.slow) if m in ("joined", "elastica") else m for m in METHODS]
+)
 def test_links_turn_as_rigid_ones_at_the_start(method: str) -> None:
     """Kinetic energy at 0 is that of the rigid arm; from there the books close."""
     formulation, options = METHODS[method]

@@ -91,7 +91,7 @@ def test_frequencies_of_a_link_on_an_elastic_gear_with_rotor(method: str) -> Non
     np.testing.assert_allclose(held, ritz(40.0, 1e9, arm)[1:4], rtol=1e-4)
 
 
-@THREE
+@methods("exact", slow=("elastica", "segments"))
 def test_cantilever_on_a_torsion_spring(method: str) -> None:
     """k L/EI (1 + cos b cosh b) = b (sin b cosh b - cos b sinh b); the motor held, so that it needs no inertia."""
     arm = Arm("a", (Link(1.0, SLENDER),), joints=(Joint(stiffness=20.0),))
