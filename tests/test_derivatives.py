@@ -103,6 +103,9 @@ def differences(arms: Arms, state: Array, action: Array, found: Array) -> Array:
             return after(arms, x[:, : arms.state_size], x[:, arms.state_size :])
 
         pairs = [moved(m * e) - moved(-m * e) for m in (1, 2, 3)]
+        if not np.isfinite(pairs).all():  # moved so far that the solver failed
+            e /= 4.0
+            pairs = [moved(m * e) - moved(-m * e) for m in (1, 2, 3)]
         columns.append((45.0 * pairs[0] - 9.0 * pairs[1] + pairs[2]) / (60.0 * e))
     return np.stack(columns, axis=2)
 
@@ -187,7 +190,7 @@ def test_whole_matrices_say_what_push_and_pull_do() -> None:
 @pytest.mark.parametrize(
     ("name", "keywords"),
     [
-        ("task", {"task": "replay", "motion": "slew"}),
+        ("task", {"task": "replay", "motion": "robot_arm_motion"}),
         ("multipliers", {"formulation": "floating_frame", "multipliers": True}),
     ],
 )
