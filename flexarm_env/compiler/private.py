@@ -7,6 +7,7 @@ everything else in this room uses `numba`, `numba.extending`, what the two hand 
 
 from __future__ import annotations
 
+import functools
 import importlib
 import inspect
 import logging
@@ -124,6 +125,13 @@ def _passes() -> bool:
     return any(kind is NopythonTypeInference for kind, _ in passes)
 
 
+def _counts() -> bool:
+    from numba.core.base import BaseContext
+
+    kept = isinstance(inspect.getattr_static(BaseContext, "nrt"), functools.cached_property)
+    return kept and _takes("numba.core.runtime.context.NRTContext.__init__", "context", "enabled")
+
+
 _DISPATCHER, _CACHE = "numba.core.registry.CPUDispatcher", "numba.core.caching.NullCache"
 CONVENTIONS: dict[str, Callable[[], bool]] = {
     f"a compiled function is {CONVENTION}": _calls,
@@ -131,6 +139,7 @@ CONVENTIONS: dict[str, Callable[[], bool]] = {
     "a dispatcher is made of py_func, locals, targetoptions and pipeline_class": lambda: _takes(
         f"{_DISPATCHER}.__init__", "py_func", "locals", "targetoptions", "pipeline_class"
     ),
+    "references are counted by an object of context and enabled, kept in a context's nrt": _counts,
     "a dispatcher compiles a signature": lambda: _takes(f"{_DISPATCHER}.compile", "sig"),
     "a part is compiled from args and return_type": lambda: _takes(
         "numba.core.dispatcher._FunctionCompiler.compile", "args", "return_type"
