@@ -28,7 +28,7 @@ from .runtime.layout import aligned, layout_of
 from .runtime.sampling import observe_arm
 from .scene import standing_scene
 from .settings import Settings
-from .simulation import fitted_systems, room_for_points
+from .simulation import fitted_systems
 from .tasks.program import (
     ACTION_NOT_FINITE,
     CLIP,
@@ -397,7 +397,7 @@ class Batch:
         """Where arm i is."""
         lanes, rows, links = len(self.lane), len(self.system.q0), self.arm.n_links
         q, v = self._mine(0, rows * lanes, i).copy(), self._mine(rows * lanes, 2 * rows * lanes, i).copy()
-        poses, points = np.zeros(POSE.end * links), np.full((room_for_points(self.settings, links), 2), np.nan)
+        poses, points = np.zeros(POSE.end * links), np.full((assembly.room_for_points(self.settings, links), 2), np.nan)
         count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
         record, targets = self.record(i), len(self.task.targets)
         info = self._mine(self.layout.info, self.layout.saved, i)

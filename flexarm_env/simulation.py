@@ -40,16 +40,12 @@ CHUNK = 500
 """Steps between two looks at the work done."""
 CHUNKS = 4
 """So many times as many between two returns from compiled code, where the clock is looked at and Ctrl-C heard."""
+ROWS = 1024
+"""Samples between two such returns, at most."""
 CHEAP = 250
 """Unknowns up to which CHUNKS of CHUNK steps take less than a second."""
 ENERGY_LIMIT = 1e3
 """A run has diverged where its energy exceeds this many times what can account for it (`Simulation.gained`)."""
-
-
-def room_for_points(settings: Settings, n_links: int) -> int:
-    """At least as many points as any formulation draws along a chain of links."""
-    a_segment = 32 if settings.modes is not None else 8 * (settings.elements or 1)
-    return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
 
 
 def fitted_systems(scene: Scene, settings: Settings) -> list[System]:
@@ -278,7 +274,7 @@ class Simulation:
     def _stops(self, wanted: list[float], k: int, interval: float) -> tuple[list[float], int]:
         """Instants to stop at next, up to a kink, and how many of them are wanted: wanted[k] and those after it."""
         kink = self._next_kink()
-        most = max(1, min(64, int(CHUNKS * self._chunk * self.dt / interval)))
+        most = max(1, min(ROWS, int(CHUNKS * self._chunk * self.dt / interval)))
         stops = [t for t in wanted[k : k + most] if t <= kink + 1e-12 * max(1.0, t)]
         rows = len(stops)
         if rows and stops[-1] >= kink - 1e-12 * max(1.0, stops[-1]):
@@ -318,7 +314,7 @@ class Simulation:
 
     def _points(self) -> Array:
         """Room for the points along the chain, not finite where none will be written."""
-        return np.full((room_for_points(self.settings, self.scene.arm.n_links), 2), np.nan)
+        return np.full((assembly.room_for_points(self.settings, self.scene.arm.n_links), 2), np.nan)
 
     def _observe(self, points: Array) -> int:
         w = self.work

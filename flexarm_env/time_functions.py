@@ -26,8 +26,8 @@ Side = Literal["right", "left"]
 KINK_TOLERANCE = 1e-9
 """A jump counts when it exceeds this fraction of the function's (or its derivative's) size."""
 
-T0, C0, C1, C2, C3, AMPLITUDE, OMEGA, PHASE = range(8)
-"""Columns of ``TimeFunction.pieces``."""
+T0, C0, C1, C2, C3, AMPLITUDE, OMEGA, PHASE, PIECE = range(9)
+"""Columns of ``TimeFunction.pieces``, and last how many there are."""
 
 
 @dataclass(frozen=True, eq=False)

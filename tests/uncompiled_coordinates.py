@@ -99,11 +99,11 @@ TIP_ANGLE, ELBOW = 8, 9
 updates: list[int] = []
 
 
-def wrapped_update(lane: Any, model: Any, q: Any, d: Any) -> None:
+def wrapped_update(lane: Any, model: Any, q: Any, share: float, d: Any, more: Any) -> None:
     """Their sum, with whole turns of the elbow taken out."""
     updates.append(1)
     for k in range(model.n):
-        store(q, k, load(lane, q, k) + load(lane, d, k))
+        store(q, k, load(lane, q, k) + share * load(lane, d, k) + (0.0 if more is None else load(lane, more, k)))
     turns = math.floor(q[ELBOW] / (2.0 * math.pi) + 0.5)
     q[TIP_ANGLE] -= 2.0 * math.pi * turns
     q[ELBOW] -= 2.0 * math.pi * turns
@@ -128,4 +128,4 @@ def test_coordinates_move_as_their_formulation_says() -> None:
     assert np.abs(turns - np.round(turns)).max() < 1e-9
     assert not np.round(turns)[:, :TIP_ANGLE].any()
     iterations, _, _, steps = run.work.counts
-    assert len(updates) == iterations + 2 * steps  # two for a prediction
+    assert len(updates) == iterations + steps  # one for a prediction

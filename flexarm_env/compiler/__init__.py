@@ -2,7 +2,7 @@
 
 from .arrays import bare, stack
 from .crew import Crew, OneAtATime, holders, one_at_a_time
-from .decorator import inlined, kernel, uncompiled
+from .decorator import apart, inlined, kernel, uncompiled
 from .dispatch import NONE, NUMBER, TUPLE, Family, by_kind, size
 from .entry import Placed, entry, follow, native
 from .lanes import (
@@ -32,7 +32,7 @@ from .reverse import pulled
 from .trace import aligned_frame, traced, unrolled
 
 __all__ = [
-    "kernel", "inlined", "uncompiled",
+    "kernel", "inlined", "apart", "uncompiled",
     "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "with_slope",
     "load", "store", "splat", "pick", "place",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",

@@ -46,3 +46,11 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     if numba.config.DISABLE_JIT:
         return function
     return _compiled(function, OPTIONS | {"forceinline": True})
+
+
+def apart(function: Callable[..., Any]) -> Any:
+    """A kernel that is never written into the one that calls it: one that is large and seldom called. Machine code of
+    one very large function takes longer to make than that of several."""
+    compiled: Any = kernel(function)
+    compiled.apart = True
+    return compiled

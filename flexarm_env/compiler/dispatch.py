@@ -32,8 +32,8 @@ class Family:
         self.members: dict[type, dict[str, Callable[..., Any]]] = {}
 
     def register(self, kind: type, **functions: Callable[..., Any]) -> None:
-        """Bind the kernels of a class."""
-        self.members[kind] = {**self.defaults, **functions}
+        """Bind the kernels of a class, or more of them."""
+        self.members[kind] = {**self.defaults, **self.members.get(kind, {}), **functions}
 
     def function(self, name: str, arguments: str) -> Callable[..., Any]:
         """A function that calls the one registered under `name` for the class of the telling argument."""

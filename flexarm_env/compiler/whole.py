@@ -16,7 +16,7 @@ from functools import cache
 from typing import Any
 
 from llvmlite import ir
-from llvmlite.binding import parse_bitcode
+from llvmlite.binding import Linkage, parse_bitcode
 from numba import types
 from numba.core import sigutils
 from numba.core.codegen import JITCodeLibrary
@@ -38,6 +38,9 @@ _open = 0
 
 _parts: list[_Part] = []
 """Finished parts of the kernel that is being compiled."""
+
+_apart: set[str] = set()
+"""Symbols of parts that stay functions of their own."""
 
 
 class _Engineless:
@@ -78,6 +81,19 @@ class _Part(JITCodeLibrary):  # type: ignore[misc]
         return super()._get_module_for_linking() if self._packed is None else parse_bitcode(self._packed)
 
 
+class _Whole(JITCodeLibrary):  # type: ignore[misc]
+    """Code that is optimised with all of its parts, which nothing else can call: what a part does not use of its
+    arguments need not be handed to it."""
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == Linkage.linkonce_odr:
+                function.linkage = Linkage.internal
+                if function.name in _apart:
+                    function.add_function_attribute("noinline")
+        super()._optimize_final_module()
+
+
 class PartMarker:
     """Stands where a compiled function of Python would: the key under which callers find the part."""
 
@@ -114,7 +130,7 @@ class _ChooseLibrary(AnalysisPass):  # type: ignore[misc]
     def run_pass(self, state: Any) -> bool:
         whole = _open == 1
         state.targetctx.nrt = _Counts(state.targetctx, state.targetctx.enable_nrt)  # of this compilation alone
-        state.library = (JITCodeLibrary if whole else _Part)(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library = (_Whole if whole else _Part)(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         state.flags.no_compile = state.flags.no_cpython_wrapper = not whole
         return False
@@ -185,6 +201,8 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         with self._compiling_counter:
             made = self._compiler.compile(args, None)
             _parts.append(made.library)
+            if getattr(self, "apart", False):
+                _apart.add(made.fndesc.llvm_func_name)
             marker = PartMarker()
             self.targetctx.insert_user_function(marker, made.fndesc, [made.library])
             self.overloads[args] = made._replace(entry_point=marker, type_annotation="")  # all of the source is in it

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import SINGLE, size
-from ..physics.assembly import assemble, physical, smooth
+from ..physics.assembly import assemble, physical, room_for_points, smooth
 from ..physics.equations import equations
 from ..physics.floating.layout import LINK, MULTIPLIERS, SIZE, START
 from ..physics.layout import POSE
 from ..physics.model import FloatingFrame
 from ..physics.protocol import State
 from ..runtime.sampling import observe_arm
-from ..simulation import Simulation, room_for_points
+from ..simulation import Simulation
 from ..trajectory import joint_angles
 
 Array = NDArray[np.float64]

@@ -21,6 +21,7 @@ from ..physics.integrator.work import Work
 from ..physics.layout import HALVINGS
 from ..physics.model import MESSAGE, OK, Drive, Scheme
 from ..simulation import Simulation
+from ..time_functions import C0, PIECE
 from .equations import Derivatives, Equations, Point, Reduced, Rows, slopes
 
 Array = NDArray[np.float64]
@@ -93,9 +94,9 @@ def _offset(drive: Drive, entries: Rows, values: Array) -> Drive:
     """The drive with values added to the functions of some inputs, where they have one."""
     pieces = drive.pieces.copy()
     for entry, value in zip(entries, values, strict=True):
-        own = drive.inputs[drive.inputs[:, 0] == entry, 1]
+        own = drive.terms[drive.entries == entry]
         if own.size:
-            pieces[drive.first[own[0]] : drive.first[own[0] + 1], 1] += value
+            pieces.reshape(-1, PIECE)[drive.first[own[0]] : drive.first[own[0] + 1], C0] += value
     return drive._replace(pieces=pieces)
 
 

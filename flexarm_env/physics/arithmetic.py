@@ -1,11 +1,11 @@
-"""Functions of lanes that the tasks need, in the arithmetic that gives a batch and a single arm the same bits."""
+"""Functions of lanes that physics and tasks need: the same bits for a batch and a single arm."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from ..compiler import NUMBER, absolute, by_kind, kernel, select_lt, square_root, store
+from ..compiler import NUMBER, absolute, by_kind, kernel, load, select_lt, square_root, store
 
 
 @kernel
@@ -73,6 +73,12 @@ def arctangent(y, x):
     angle = select_lt(a, b, angle, math.pi / 2 - angle)
     angle = select_lt(x, 0.0, math.pi - angle, angle)
     return select_lt(y, 0.0, -angle, angle)
+
+
+@kernel
+def add(lane, array, k, value):
+    """array[k] <- array[k] + value."""
+    store(array, k, load(lane, array, k) + value)
 
 
 @kernel

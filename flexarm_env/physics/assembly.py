@@ -13,7 +13,7 @@ from .. import validation as check
 from ..scene import JointTorque, Motion, Scene
 from ..sections import ENDS
 from ..settings import Settings
-from ..time_functions import TimeFunction, constant
+from ..time_functions import PIECE, TimeFunction, constant
 from .joints.build import jointed
 from .layout import OF_LOAD
 from .model import Drive, Elastica, Jointed, Scheme, System, scheme
@@ -126,6 +126,12 @@ def scheme_of(settings: Settings) -> Scheme:
     )  # fmt: skip
 
 
+def room_for_points(settings: Settings, n_links: int) -> int:
+    """At least as many points as any formulation draws along a chain of links."""
+    a_segment = 32 if settings.modes is not None else 8 * (settings.elements or 1)
+    return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
+
+
 def drive(scene: Scene, system: System) -> Drive:
     """The scene's motions and loads for the kernels; an empty Drive where there are none: one kernel fits all."""
     functions: list[TimeFunction] = []
@@ -146,10 +152,10 @@ def drive(scene: Scene, system: System) -> Drive:
                 add(first_entry + k, function)
             point += 1
     terms.sort(key=lambda term: term[0])
-    inputs = np.array(terms, np.int64).reshape(-1, 2)
+    entries, added = np.array(terms, np.int64).reshape(-1, 2).T.copy()
     known = np.array([system.coordinates[motion.coordinate] for motion in scene.motions], np.int64)
     motions = np.arange(len(functions), len(functions) + len(scene.motions), dtype=np.int64)
     functions += [motion.function for motion in scene.motions]
-    pieces = np.concatenate([function.pieces for function in functions] or [np.zeros((1, 8))])
+    pieces = np.concatenate([function.pieces for function in functions] or [np.zeros((1, PIECE))])
     first = np.cumsum([0] + [len(function.pieces) for function in functions]).astype(np.int64)
-    return Drive(np.ascontiguousarray(pieces), first, inputs, known, motions)
+    return Drive(pieces.ravel(), first, entries, added, known, motions)

@@ -83,17 +83,19 @@ def scheme(
 class Drive(NamedTuple):
     """Time functions of a scene. Row f of `first` says where function f's pieces begin.
 
-    pieces      float64 (n_pieces, 8): t0, c0..c3, A, w, p; value = sum c_k s^k + A sin(w s + p), s = t - t0
+    pieces      float64 (n_pieces * 8,): t0, c0..c3, A, w, p; value = sum c_k s^k + A sin(w s + p), s = t - t0
     first       int64 (n_functions + 1,)
-    inputs      int64 (n_terms, 2): entry of u and the function that adds to it; terms of one entry follow each
-                other; an entry with no term is set from outside (an action)
+    entries     int64 (n_terms,): entry of u that a term adds to; terms of one entry follow each other; an entry with no
+                term is set from outside (an action)
+    terms       int64 (n_terms,): function that a term adds
     known       int64 (n_motions,): the prescribed coordinate, or -1 - j where multiplier j prescribes it
     motions     int64 (n_motions,): function of each prescribed coordinate
     """
 
     pieces: np.ndarray
     first: np.ndarray
-    inputs: np.ndarray
+    entries: np.ndarray
+    terms: np.ndarray
     known: np.ndarray
     motions: np.ndarray
 

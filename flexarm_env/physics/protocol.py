@@ -32,9 +32,12 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
     solve_transposed(lane, model, S, x)  only for derivatives backwards: x <- S^-T x
+    pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar)  likewise, the residual's derivatives: to
+        par_bar, bar (a State) and u_bar is added what r_bar comes to there, and r_bar becomes 0; r is free
+    pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)  likewise those of `link_poses`
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
-    update(lane, model, q, d)        q <- q moved by the increment d: their sum, unless a formulation's coordinates add
-        up otherwise, as rotations do; rows of multipliers in d are zero
+    update(lane, model, q, share, d, more)  q <- q moved by the increment share * d and then by `more`, or None: their
+        sum, unless a formulation's coordinates add up otherwise, as rotations do; rows of multipliers are zero
     damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
         lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
@@ -90,11 +93,20 @@ def _no_guess(lane, model, start, q):
     """`predict` of a formulation that has none."""
 
 
+@kernel
+def added(lane, q, share, d, more, k):
+    """Row k of `update` of coordinates that add up."""
+    x = load(lane, q, k) + load(lane, d, k) * share
+    if more is None:
+        return x
+    return x + load(lane, more, k)
+
+
 @inlined
-def _add(lane, model, q, d):
+def _add(lane, model, q, share, d, more):
     """`update` of coordinates that add up."""
     for k in range(size(model.n)):
-        store(q, k, load(lane, q, k) + load(lane, d, k))
+        store(q, k, added(lane, q, share, d, more, k))
 
 
 @kernel
@@ -159,8 +171,10 @@ stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x")
+pull_residual = FORMULATIONS.function("pull_residual", "lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar")
+pull_poses = FORMULATIONS.function("pull_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
-update = FORMULATIONS.function("update", "lane, model, q, d")
+update = FORMULATIONS.function("update", "lane, model, q, share, d, more")
 note_friction = FORMULATIONS.function("note_friction", "lane, model, par, state, u, r, S")
 rub = FORMULATIONS.function("rub", "lane, model, par, state, weights, ahead, S, x")
 hold = FORMULATIONS.function("hold", "lane, model, S, x")

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from ..compiler import absolute, follow, kernel, load, select_lt, size, splat, stack, store
+from ..compiler import absolute, apart, follow, kernel, load, select_lt, size, splat, stack, store
 from ..physics.arithmetic import put
 from ..physics.integrator.work import unpack
 from ..physics.layout import DISSIPATED, WORK_DONE
@@ -57,7 +57,7 @@ def step(address, first, last):
     return count
 
 
-@kernel
+@apart
 def _period(lane, p, g, block, w):
     """One control period of group g; returns how many of its arms have ended, are guided, or must be repeated alone."""
     task, layout, model = p.task, p.layout, p.model

@@ -106,13 +106,13 @@ def sample_rows(
     instants where the arm has failed (its flag says why; a row of a diverged arm is written), or after `most` steps:
     called again with the instants that are left, it goes on with the same steps. No points where P = 0. SINGLE only.
     """
-    arm, p, x = bare(model), bare(par), bare(flat)
+    arm, driven, p, x = bare(model), bare(drive), bare(par), bare(flat)
     w = unpack(lane, model, x, n_motions)
     n = size(model.n)
     at = sample_at(0, n, links, n_motions)
     for i in range(instants.shape[0]):
         moving = stretch[_AT.time] < instants[i] or stretch[_AT.done] > 0.0
-        most = _go(lane, arm, drive, p, w, stretch, instants[i], chunk, most, scheme, books)
+        most = _go(lane, arm, driven, p, w, stretch, instants[i], chunk, most, scheme, books)
         if most < 0:
             return i
         row = bare(table[i])

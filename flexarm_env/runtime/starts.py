@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..compiler import follow, kernel, load, size, splat, stack, store
+from ..compiler import apart, follow, kernel, load, size, splat, stack, store
 from ..physics.integrator.work import unpack
 from ..physics.layout import POSE
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
@@ -48,7 +48,7 @@ def begin(address, mode, count):
         _start(p.lane, p, arm, mode, block, unpack(p.lane, p.model, block, 0))
 
 
-@kernel
+@apart
 def _start(lane, p, arm, mode, block, w):
     task, layout, lanes = p.task, p.layout, len(lane)
     i, n_joints = arm % lanes, size(task.links)

@@ -12,6 +12,7 @@ Where all that is in coordinates and in S is told in `layout`: CHAIN and FACTORS
 from __future__ import annotations
 
 from ...compiler import aligned_frame, kernel, load, splat, store
+from ..arithmetic import add
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
 from ..protocol import State, register
@@ -51,11 +52,6 @@ from .rigid import ROOT_END, TIP_END, about_root, about_tip, begin, carried, end
 
 
 @kernel
-def _add(lane, array, k, value):
-    store(array, k, load(lane, array, k) + value)
-
-
-@kernel
 def _falling(lane, gravity, a, i):
     """Acceleration less gravity of the vertex at row i."""
     if gravity is None:
@@ -84,19 +80,19 @@ def _loaded(lane, loads, links, u, r):
     if loads is not None:
         for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
             at, k = ROWS_OF_LOAD.end * f, links + OF_LOAD.end * f
-            _add(lane, r, loads[at + ROWS_OF_LOAD.x], -load(lane, u, k + OF_LOAD.x))
-            _add(lane, r, loads[at + ROWS_OF_LOAD.y], -load(lane, u, k + OF_LOAD.y))
-            _add(lane, r, loads[at + ROWS_OF_LOAD.psi], -load(lane, u, k + OF_LOAD.torque))
+            add(lane, r, loads[at + ROWS_OF_LOAD.x], -load(lane, u, k + OF_LOAD.x))
+            add(lane, r, loads[at + ROWS_OF_LOAD.y], -load(lane, u, k + OF_LOAD.y))
+            add(lane, r, loads[at + ROWS_OF_LOAD.psi], -load(lane, u, k + OF_LOAD.torque))
             if loads[at + ROWS_OF_LOAD.hinge] >= 0:
-                _add(lane, r, loads[at + ROWS_OF_LOAD.hinge], -load(lane, u, k + OF_LOAD.torque))
+                add(lane, r, loads[at + ROWS_OF_LOAD.hinge], -load(lane, u, k + OF_LOAD.torque))
 
 
 @kernel
 def _at_vertex(lane, rigid, S, o, mass):
     """A mass at a vertex; where there are levers it is at the far end of one (`rigid`)."""
     if rigid is None:
-        _add(lane, S, o + XX, mass)
-        _add(lane, S, o + YY, mass)
+        add(lane, S, o + XX, mass)
+        add(lane, S, o + YY, mass)
 
 
 @kernel
@@ -107,18 +103,18 @@ def _lumps(lane, model, par, cm, S):
         zero = splat(lane, 0.0)
         for k in range(AXES):
             store(S, factors.pinned + k, zero)
-        _add(lane, S, factors.elements + own.condensed + LL + TT, splat(lane, cm * model.hub_inertia))
+        add(lane, S, factors.elements + own.condensed + LL + TT, splat(lane, cm * model.hub_inertia))
         for k in range(1, model.links):
             store(S, factors.hinges + OF_HINGE.end * (k - 1) + OF_HINGE.pinned, zero)
             elbow = elbow_of(model, k)
             after = factors.elements + own.end * model.elements * k + own.condensed
             before = after - own.end
             _at_vertex(lane, model.rigid, S, before + RR, splat(lane, cm * elbow.mass))
-            _add(lane, S, before + RR + TT, splat(lane, cm * elbow.left))
-            _add(lane, S, after + LL + TT, splat(lane, cm * elbow.right))
+            add(lane, S, before + RR + TT, splat(lane, cm * elbow.left))
+            add(lane, S, after + LL + TT, splat(lane, cm * elbow.right))
         last = factors.end - own.end + own.condensed
         _at_vertex(lane, model.rigid, S, last + RR, cm * load(lane, par, PAYLOAD_MASS))
-        _add(lane, S, last + RR + TT, cm * load(lane, par, PAYLOAD_INERTIA))
+        add(lane, S, last + RR + TT, cm * load(lane, par, PAYLOAD_INERTIA))
 
 
 @kernel
@@ -296,7 +292,7 @@ def stiffen(lane, model, S, k, x):
     """See `protocol`: the hub's turns the first section, an elbow's is kept for `factor`."""
     factors = factors_of(model)
     if k < AXES:
-        _add(lane, S, factors.elements + element_factors_at(0, len(model.order)).condensed + LL + TT, x)
+        add(lane, S, factors.elements + element_factors_at(0, len(model.order)).condensed + LL + TT, x)
     else:
         store(S, factors.hinges + OF_HINGE.end * (k - rows_of(model).hinges) + OF_HINGE.own, x)
 

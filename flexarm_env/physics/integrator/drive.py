@@ -6,7 +6,7 @@ import math
 
 from ... import time_functions
 from ...compiler import kernel
-from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, T0
+from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, PIECE, T0
 from ..layout import OF_MOTION
 
 cubic, wave = kernel(time_functions.cubic), kernel(time_functions.wave)
@@ -19,7 +19,7 @@ def piece_at(drive, f, t):
     low, high = drive.first[f], drive.first[f + 1] - 1
     while low < high:
         middle = (low + high + 1) // 2
-        if drive.pieces[middle, T0] <= t:
+        if drive.pieces[PIECE * middle + T0] <= t:
             low = middle
         else:
             high = middle - 1
@@ -29,7 +29,8 @@ def piece_at(drive, f, t):
 @kernel
 def evaluate(drive, f, t, side):
     """(value, rate, second derivative) of function f at t; the piece is the one that holds at `side`."""
-    p = drive.pieces[piece_at(drive, f, side)]
+    at = PIECE * piece_at(drive, f, side)
+    p = drive.pieces[at : at + PIECE]
     s = t - p[T0]
     value, rate, second, _ = cubic(p[C0], p[C1], p[C2], p[C3], s)
     if p[AMPLITUDE] != 0.0:
@@ -43,11 +44,11 @@ def evaluate(drive, f, t, side):
 def set_inputs(drive, u, t, side):
     """Fill the driven entries of u at time t."""
     before = -1
-    for i in range(drive.inputs.shape[0]):
-        entry = drive.inputs[i, 0]
+    for i in range(drive.entries.shape[0]):
+        entry = drive.entries[i]
         if entry != before:
             u[entry] = 0.0
-        u[entry] += evaluate(drive, drive.inputs[i, 1], t, side)[0]
+        u[entry] += evaluate(drive, drive.terms[i], t, side)[0]
         before = entry
 
 

@@ -111,7 +111,7 @@ def _move(lane, model, w, active, slopes):
         store(w.v, k, load(lane, w.v, k) + d * slopes.v)
         store(w.a, k, load(lane, w.a, k) + d * slopes.a)
         store(w.b, k, load(lane, w.b, k) + d * slopes.b)
-    update(lane, model, w.q, w.r)
+    update(lane, model, w.q, 1.0, w.r, None)
     return largest_of
 
 

@@ -37,7 +37,7 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     and b keeps its distance from a. Where the step resolves the motion that is M da = -r, to third order; solved with M
     alone, the stress of strains and strain rates too stiff for the step would make accelerations large. h: a step.
     """
-    _restart(lane, bare(model), drive, bare(par), unpack(lane, model, bare(flat), n_motions), t, h, fresh)
+    _restart(lane, bare(model), bare(drive), bare(par), unpack(lane, model, bare(flat), n_motions), t, h, fresh)
 
 
 @kernel

@@ -16,6 +16,7 @@ from ...compiler import (
     NONE,
     NUMBER,
     TUPLE,
+    apart,
     bare,
     by_kind,
     inlined,
@@ -73,11 +74,8 @@ def _predict(lane, model, w, h, scheme):
         store(w.v, k, v + (b * (1.0 - gamma) + new_b * gamma) * h)
         store(w.a, k, new_a)
         store(w.b, k, new_b)
-        store(w.r, k, v * h)
-    update(lane, model, w.q, w.r)
-    for k in range(n):
-        store(w.r, k, (load(lane, w.b0, k) * (0.5 - beta) + load(lane, w.b, k) * beta) * (h * h))
-    update(lane, model, w.q, w.r)
+        store(w.r, k, (b * (0.5 - beta) + new_b * beta) * (h * h))
+    update(lane, model, w.q, h, w.v0, w.r)
 
 
 @kernel
@@ -182,7 +180,7 @@ def _go_back(lane, model, w):
         store(w.b, k, load(lane, w.b0, k))
 
 
-@kernel
+@apart
 def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, books):
     """n_steps steps of size h from t within a smooth stretch; returns the time reached (SINGLE) or meant (lanes).
 
@@ -191,7 +189,7 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     began. `books`: a tag, (0,), where work and dissipation are kept account of; None: compiled out.
     """
     w = unpack(lane, model, bare(flat), n_motions)
-    return advance_bare(lane, bare(model), drive, bare(par), w, t, h, n_steps, scheme, books)
+    return advance_bare(lane, bare(model), bare(drive), bare(par), w, t, h, n_steps, scheme, books)
 
 
 @inlined

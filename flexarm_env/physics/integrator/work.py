@@ -80,7 +80,8 @@ def take_out_known(lane, model, drive, r, S, matrix):
         if matrix:
             pin(lane, model, S, k)
     if drive is not None:
-        for k in drive.known:
+        for i in range(drive.known.shape[0]):
+            k = drive.known[i]
             if k >= 0:
                 r[k] = 0.0
                 if matrix:

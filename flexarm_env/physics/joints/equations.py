@@ -60,7 +60,7 @@ def _loose(lane, play, stiffness, half, wound):
 
 
 @by_kind("play", "lane, play, stiffness, half, wound")
-def _spring(kind: str) -> Any:
+def spring(kind: str) -> Any:
     """The torque of a gear's spring and its slope: a number, with backlash one in each lane."""
     return _tight if kind == NONE else _loose
 
@@ -73,7 +73,7 @@ def _through_gear(lane, model, i, one, state, u, weights, r, S):
     damping, rotor, none = one.damping, one.rotor, splat(lane, 0.0)
     rate, second = load(lane, state.v, motor), load(lane, state.a, motor)
     wound = load(lane, state.q, motor) - load(lane, state.q, row)
-    torque, steep = _spring(lane, model.play, one.stiffness, one.play, wound)
+    torque, steep = spring(lane, model.play, one.stiffness, one.play, wound)
     torque = torque + (rate - load(lane, state.v, row)) * damping
     asked = load(lane, u, model.table[at + PLACE.joint])
     store(r, row, load(lane, r, row) + asked - torque)
@@ -170,6 +170,21 @@ def _note_columns(lane, rough, model, S):
 @kernel
 def solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `factor`; a motor that is pinned keeps what stands in its row."""
+    _without_motors(lane, model, S, x)
+    protocol.solve(lane, model.arm, S, x)
+    _turn_motors(lane, model, S, x)
+
+
+@kernel
+def solve_transposed(lane, model, S, x):
+    """See `protocol`: motors are coupled with joints as these are with them."""
+    _without_motors(lane, model, S, x)
+    protocol.solve_transposed(lane, model.arm, S, x)
+    _turn_motors(lane, model, S, x)
+
+
+@kernel
+def _without_motors(lane, model, S, x):
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
@@ -177,7 +192,10 @@ def solve(lane, model, S, x):
             if S[(g + GEAR.held) * len(lane)] == 0.0:
                 share = load(lane, S, g + GEAR.slope) * load(lane, S, g + GEAR.pivot)
                 store(x, row, load(lane, x, row) + share * load(lane, x, motor))
-    protocol.solve(lane, model.arm, S, x)
+
+
+@kernel
+def _turn_motors(lane, model, S, x):
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
@@ -194,11 +212,11 @@ def predict(lane, model, start, q):
 
 
 @kernel
-def update(lane, model, q, d):
+def update(lane, model, q, share, d, more):
     """The arm's own, and angles that add up."""
-    protocol.update(lane, model.arm, q, d)
+    protocol.update(lane, model.arm, q, share, d, more)
     for k in range(size(model.arm.n), size(model.n)):
-        store(q, k, load(lane, q, k) + load(lane, d, k))
+        store(q, k, protocol.added(lane, q, share, d, more, k))
 
 
 @kernel
@@ -340,6 +358,7 @@ register(
     pin=pin,
     factor=factor,
     solve=solve,
+    solve_transposed=solve_transposed,
     predict=predict,
     update=update,
     inertia=inertia,
