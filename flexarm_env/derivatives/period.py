@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
-from ..physics.model import OK, Elastica, Jointed
+from ..physics.model import OK, Elastica, ExactBeam, Jointed
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
@@ -116,7 +116,8 @@ class Periods:
     Args:
         batch: the arms. parameters: see `Arms`.
     Attributes:
-        n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`.
+        n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
+        cotangents have kernels of their own (`pull`).
     """
 
     def __init__(self, batch: Batch, parameters: bool = False) -> None:
@@ -164,10 +165,11 @@ class Periods:
             tape=aligned(self._groups, room).reshape(-1), room=room,
             block=blocks[0].reshape(-1), scratch=blocks[1].reshape(-1),
         )  # fmt: skip
-        ideal = isinstance(model, Elastica) and isinstance(model.n, tuple)
-        forwards = extras.reference, extras.instruments, extras.pushes, extras.payload_change, program.models
         gauges = extras.sensors is not None and len(extras.sensors.gauges) > 0
-        self._backwards = ideal and not gauges and all(part is None for part in forwards)
+        forwards = extras.reference, extras.instruments, extras.pushes, extras.payload_change, program.models
+        controls = extras.controller is not None or extras.amplifier is not None
+        able = implied and _goes_back(model, controls or parameters)
+        self.backwards = able and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
         self._crew = Crew(batch.threads - 1)
@@ -218,13 +220,14 @@ class Periods:
     ) -> tuple[Array, Array]:
         """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A).
 
-        Of elasticas with ideal joints, targets at rest and ideal sensors in less time than the Jacobians take; of all
-        others by these.
+        Backwards (`backwards`) for a few times what the period costs: elasticas and exact beams, the latter without
+        rigid ends and parameters, and arms behind gears without Coulomb friction, both without controllers; targets at
+        rest, ideal sensors. Of all others by the Jacobians.
         """
         given = _checked("state_bar", state_bar, (self.n, self.state_size))
         seen = _checked("observation_bar", observation_bar, (self.n, self.observation_size))
         paid = _checked("reward_bar", reward_bar, (self.n,))
-        if not self._backwards:
+        if not self.backwards:
             return self.jacobians(state, action).pull(given, seen, paid)
         d, asked = self._program, self._put(state, action)
         own, past, last = self._sights.pull(given, seen)
@@ -350,6 +353,15 @@ def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
     return rows
+
+
+def _goes_back(model: Any, more: bool) -> bool:
+    """Whether a model has derivatives backwards; more: parameters are asked for, or controllers look at it."""
+    if isinstance(model, Elastica):
+        return isinstance(model.n, tuple)
+    if isinstance(model, Jointed):
+        return not more and _goes_back(model.arm, more)
+    return isinstance(model, ExactBeam) and not more and model.rigid is None and model.loads is None
 
 
 def _differentiable(made: Any) -> None:

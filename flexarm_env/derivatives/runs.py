@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import SINGLE, size
+from ..compiler import SINGLE, dual, size
 from ..physics.layout import HALVINGS, OF_MOTION, POSE
 from ..runtime import sensitivity
 from ..runtime.sensitivity import Neighbour, Steps
@@ -119,7 +119,7 @@ class Run:
             moved = moved + weight * other_psi
             stars.append(Neighbour(other.model, other.par, other_u.ravel(), offset, weight))
         passes = PASSES if own.settings.formulation == "geometrically_exact" else 1
-        room, out = np.zeros(6 * n + int(size(model.n_factor))), np.empty((len(h), 2 * n))
+        room, out = np.zeros(sensitivity.room_of(model, own.par)), np.empty((len(h), 2 * n))
         first, tangent = tangent[:2].flatten(), np.ascontiguousarray(tangent)
         most = max(1, MOST // int(size(model.n_factor)))
         for k in range(0, len(h), most):
@@ -128,8 +128,8 @@ class Run:
             factors = self._factored(k, steps)
             stage = [star._replace(u=star.u[k * u.shape[1] : (k + most) * u.shape[1]]) for star in stars]
             sensitivity.tangent_rows(
-                SINGLE, model, own.drive, steps, own.scheme, factors, *stage, moved[part], passes, tangent, room,
-                out[part],
+                SINGLE, dual(SINGLE), model, own.drive, steps, own.scheme, factors, *stage, moved[part], passes,
+                tangent, room, out[part],
             )  # fmt: skip
         return np.concatenate([first[None], out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
 

@@ -1,29 +1,46 @@
 """Cotangents of a control period: from what it comes to, back to its state and action.
 
 The period is gone through once more, each step's end is kept, and they are gone back through in turn; all derivatives
-at once, for a few times what the period costs. A block like that of the arms holds cotangents in place of numbers. Of
-elasticas, whose accelerations start afresh with each period.
+at once, for a few times what the period costs. A block like that of the arms holds cotangents in place of numbers.
+Accelerations start afresh with each period (elasticas) or jump with the torques (stiff arms).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import absolute, arms, follow, kernel, load, pulled, select_lt, size, splat, stack, store
-from ..physics.integrator.adjoint import pull_restart, pull_step
+from ..compiler import (
+    TUPLE,
+    absolute,
+    arms,
+    by_kind,
+    follow,
+    kernel,
+    largest,
+    load,
+    pulled,
+    select_lt,
+    size,
+    splat,
+    stack,
+    store,
+)
+from ..physics.integrator.adjoint import pull_restart, pull_step, pull_switch
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
+from ..physics.integrator.switching import switch
 from ..physics.integrator.tangents import prepare
 from ..physics.integrator.work import unpack
 from ..physics.layout import POSE
-from ..physics.protocol import link_poses
-from ..tasks.program import record_at
+from ..physics.protocol import link_poses, pull_poses
+from ..tasks.program import PERIODS, record_at
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
-from .motors import command, tell_motors, turn_motors
+from .keeping import keep
+from .motors import begin_stiff, command, tell_motors, turn_motors
 
 
 class Asked(NamedTuple):
@@ -35,22 +52,21 @@ class Asked(NamedTuple):
     y: np.ndarray
 
 
-def _see(lane, model, task, par, q, v, record, action, seen, outcome):
-    poses, info = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * info_of(task).end)
+def _see(lane, task, poses, record, action, seen, outcome):
+    info = stack(lane, (0,) * info_of(task).end)
     for k in range(info_of(task).end):
         store(info, k, splat(lane, 0.0))
-    link_poses(lane, model, par, q, v, poses)
     observe(lane, task, poses, record, seen)
     reward, _ = judge(lane, task, poses, action, record, splat(lane, 1.0), info)
     store(outcome, 0, reward)
 
 
 def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u):
-    poses, y = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * size(model.n_inputs))
+    poses, y = stack(lane, (0,) * (POSE.end * size(task.links))), stack(lane, (0,) * size(task.links))
     command(lane, task, controller, amplifier, model, par, action, poses, record, Asked(q, v, u, y))
 
 
-_pull_sight = pulled(_see, ("par", "q", "v", "record", "action", "seen", "outcome"))
+_pull_sight = pulled(_see, ("poses", "record", "action", "seen", "outcome"))
 _pull_command = pulled(_ask, ("par", "q", "v", "record", "action", "u"))
 
 
@@ -73,48 +89,99 @@ def _period(lane, d, g, block, bars, tape):
     par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
     record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
     seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
-    par_bar, record_bar = bars[layout.par : layout.poses], bars[layout.record : layout.action]
+    par_bar, poses_bar = bars[layout.par : layout.poses], bars[layout.poses : layout.record]
+    record_bar, saved = bars[layout.record : layout.action], block[layout.saved : layout.end]
     action_bar, seen_bar = bars[layout.action : layout.seen], bars[layout.seen : layout.info]
     reward_bar = bars[layout.info : layout.saved]
     fill(lane, d, d.places, layout, g, block)
+    keep(lane, size(model.n), w, record, saved)
+    for k in range(size(model.n_inputs)):
+        store(w.u0, k, load(lane, w.u, k))
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
     _tell(lane, p.task, p.actuator, record, w)
     length = _length(model, p.task) * len(lane)
-    matrix = tape[(p.n_steps + 1) * length :]  # of the fresh start, factored
+    start = tape[(p.n_steps + 1) * length :]
     for s in range(p.n_steps):
         _turn(lane, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
         if s == 0:
-            restart(lane, model, None, par, block, 0, 0.0, p.h, True)
+            _begin(lane, model.predictor, p, par, record, saved, block, w)
             _keep(lane, model, p.task, w, tape)
-            for k in range(size(model.n_factor)):
-                store(matrix, k, load(lane, w.S, k))
+            _keep_start(lane, model, w, start)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         _keep(lane, model, p.task, w, tape[(s + 1) * length :])
     for i in range(arms(lane)):
         if g * arms(lane) + i < d.n:
             d.failed[g * arms(lane) + i] = np.uint8(w.flag[i])
     _give(lane, d, g, bars)
+    link_poses(lane, model, par, w.q, w.v, poses)
     _pull_sight(
-        lane, model, p.task, par, w.q, w.v, record, action, seen, info,
-        par_bar, bar.q, bar.v, record_bar, action_bar, seen_bar, reward_bar,
-    )  # fmt: skip
+        lane, p.task, poses, record, action, seen, info, poses_bar, record_bar, action_bar, seen_bar, reward_bar
+    )
+    pull_poses(lane, model, par, par_bar, w.q, w.v, poses, bar.q, bar.v, poses_bar)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
         _recall(lane, model, p.task, w, tape[(s + 1) * length :])
         prepare(lane, model, par, w, slopes)
-        pull_step(lane, model, par, par_bar, w, bar, slopes, p.scheme)
+        pull_step(lane, model, par, par_bar, w, bar, slopes, p.scheme, d.passes)
         if s == 0:
             _recall(lane, model, p.task, w, tape)
-            for k in range(size(model.n_factor)):
-                store(w.S, k, load(lane, matrix, k))
-            pull_restart(lane, model, par, par_bar, w, bar)
+            _recall_start(lane, model, w, start)
+            _begin_back(lane, model.predictor, model, par, par_bar, record, w, bar)
         _turn_back(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
     _tell_back(lane, p.task, p.actuator, record_bar, bar)
     _pull_command(
         lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, w.u,
         par_bar, bar.q, bar.v, record_bar, action_bar, bar.u,
     )  # fmt: skip
+    for k in range(size(model.n_inputs)):
+        store(bar.u, k, load(lane, bar.u0, k))
     _take(lane, d, g, bars)
+
+
+# --- where torques jump -------------------------------------------------------------------------------
+@kernel
+def _afresh(lane, predictor, p, par, record, saved, block, w):
+    restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
+
+
+@kernel
+def _stiff(lane, predictor, p, par, record, saved, block, w):
+    begin_stiff(lane, p, p.model, par, record, saved, block, w)
+    for k in range(size(p.model.n)):
+        store(w.a0, k, load(lane, w.a, k))
+    switch(lane, p.model, par, block, 0, p.h)
+
+
+@by_kind("predictor", "lane, predictor, p, par, record, saved, block, w")
+def _begin(kind: str) -> Any:
+    """`motors._jump`; accelerations before it in a0."""
+    return _afresh if kind == TUPLE else _stiff
+
+
+@kernel
+def _afresh_back(lane, predictor, model, par, par_bar, record, w, bar):
+    pull_restart(lane, model, par, par_bar, w, bar, splat(lane, 1.0))
+
+
+@kernel
+def _stiff_back(lane, predictor, model, par, par_bar, record, w, bar):
+    one, zero = splat(lane, 1.0), splat(lane, 0.0)
+    pull_switch(lane, model, par, par_bar, w, bar)
+    first = select_lt(load(lane, record, PERIODS), 0.5, one, zero)
+    if largest(first) > 0.5:  # whose torques did not jump: u0 is u
+        for k in range(size(model.n_inputs)):
+            both = load(lane, bar.u, k) + load(lane, bar.u0, k)
+            store(bar.u, k, select_lt(0.5, first, both, load(lane, bar.u, k)))
+            store(bar.u0, k, select_lt(0.5, first, zero, load(lane, bar.u0, k)))
+        for k in range(size(model.n)):
+            store(w.a, k, load(lane, w.a0, k))
+        pull_restart(lane, model, par, par_bar, w, bar, first)
+
+
+@by_kind("predictor", "lane, predictor, model, par, par_bar, record, w, bar")
+def _begin_back(kind: str) -> Any:
+    """`_begin` backwards."""
+    return _afresh_back if kind == TUPLE else _stiff_back
 
 
 # --- what is kept of each step ----------------------------------------------------------------------
@@ -127,7 +194,7 @@ def _length(model, task):
 @kernel
 def room_of(model, task, n_steps):
     """Numbers kept of a period."""
-    return (n_steps + 1) * _length(model, task) + size(model.n_factor)
+    return (n_steps + 1) * _length(model, task) + size(model.n_factor) + size(model.n) + size(model.n_inputs)
 
 
 @kernel
@@ -150,6 +217,29 @@ def _recall(lane, model, task, w, tape):
         store(w.a, k, load(lane, tape, 2 * n + k))
     for k in range(size(task.links)):
         store(w.u, k, load(lane, tape, 3 * n + k))
+
+
+@kernel
+def _keep_start(lane, model, w, start):
+    """The matrix where torques jump, factored; accelerations and torques before."""
+    n, length = size(model.n), size(model.n_factor)
+    for k in range(length):
+        store(start, k, load(lane, w.S, k))
+    for k in range(n):
+        store(start, length + k, load(lane, w.a0, k))
+    for k in range(size(model.n_inputs)):
+        store(start, length + n + k, load(lane, w.u0, k))
+
+
+@kernel
+def _recall_start(lane, model, w, start):
+    n, length = size(model.n), size(model.n_factor)
+    for k in range(length):
+        store(w.S, k, load(lane, start, k))
+    for k in range(n):
+        store(w.a0, k, load(lane, start, length + k))
+    for k in range(size(model.n_inputs)):
+        store(w.u0, k, load(lane, start, length + n + k))
 
 
 # --- motors -----------------------------------------------------------------------------------------

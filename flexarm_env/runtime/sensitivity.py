@@ -1,9 +1,10 @@
 """How a run of one arm changes with a number that its model was made from, by the implicit function theorem.
 
-A step ends where r(q, v, a; theta) = 0, with v and a that follow from q and the step's start. Of a change of theta all
-but q's own share of dr is a difference of the residual between models that were made with theta a little larger and
-smaller, at a state moved along with it; then S dq = -dr with the matrix of the step's end. No difference is taken of
-what was iterated, so that steps of 1e-5 of theta leave errors of 1e-9. What rubs (Coulomb) slips or sticks as it did.
+A step ends where r(q, v, a; theta) = 0, with v and a that follow from q and the step's start. What r changes by with
+theta is a difference between models that were made with theta a little larger and smaller, at the state as it is; what
+it changes by with that state is one residual in dual lanes; then S dq = -dr with the matrix of the step's end. No
+difference is taken of what was iterated, nor along a motion, so that steps of 1e-5 of theta leave errors of 1e-9
+however far the arm has gone. What rubs (Coulomb) slips or sticks as it did.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import bare, kernel, size
+from ..compiler import bare, kernel, size, splat, store
 from ..physics.integrator.drive import set_inputs, set_motions
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.work import take_out_known
@@ -54,16 +55,17 @@ class Steps(NamedTuple):
 @kernel
 def drive_rows(drive, times, h, u, psi):
     """Inputs (rows, inputs) and a `MOTION` for each prescribed coordinate (rows, ...) at the ends of steps."""
+    driven = bare(drive)
     for k in range(times.shape[0]):
         before = times[k] - 1e-6 * h[k]
-        set_inputs(drive, u[k], times[k], before)
-        set_motions(drive, psi[k], times[k], before)
+        set_inputs(driven, u[k], times[k], before)
+        set_motions(driven, psi[k], times[k], before)
 
 
 @kernel
 def factor_rows(lane, model, drive, par, steps, scheme, r, factors):
     """The factored matrix of each step's end, (rows n_factor,)."""
-    m, p, on, room, S = bare(model), bare(par), bare(steps), bare(r), bare(factors)
+    m, driven, p, on, room, S = bare(model), bare(drive), bare(par), bare(steps), bare(r), bare(factors)
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     for k in range(steps.h.shape[0]):
         slopes = slopes_of(scheme, on.h[k])
@@ -73,7 +75,7 @@ def factor_rows(lane, model, drive, par, steps, scheme, r, factors):
             room, own,
         )  # fmt: skip
         note_slip(lane, m, p, _state(on, k, n), slopes.v / slopes.a, room, own)
-        take_out_known(lane, m, drive, room, own, True)
+        take_out_known(lane, m, driven, room, own, True)
         factor(lane, m, own)
 
 
@@ -82,19 +84,31 @@ def _state(on, k, n):
     return State(on.q[k * n : (k + 1) * n], on.v[k * n : (k + 1) * n], on.a[k * n : (k + 1) * n])
 
 
+def room_of(model, par):
+    """Numbers that `tangent_rows` works in."""
+    return 11 * int(size(model.n)) + 2 * (int(size(model.n_inputs)) + len(par) + int(size(model.n_factor)))
+
+
 @kernel
-def tangent_rows(lane, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, tangent, room, out):
+def tangent_rows(
+    lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, tangent, room, out
+):
     """out (rows, 2 n) <- what q and v at the steps' ends change by; tangent (4, n) of q, v, a, b: before, then after.
 
-    here, ahead, behind: `Neighbour`s; here is the model itself. moved (rows, motions, 3): what motions change by.
-    passes: 1 where the factored matrix is the residual's derivative; where it is nearly so, what is left is solved for
-    again. room: 6 n + n_factor numbers.
+    wide: `lane` with a tangent. here, ahead, behind: `Neighbour`s; here is the model itself. moved (rows, motions, 3):
+    what motions change by. passes: 1 where the factored matrix is the residual's derivative; where it is nearly so,
+    what is left is solved for again. room: `room_of`.
     """
-    m, on, S, space = bare(model), bare(steps), bare(factors), bare(room)
+    m, driven, on, S, space = bare(model), bare(drive), bare(steps), bare(factors), bare(room)
     one, two, three = bare(here), bare(ahead), bare(behind)
-    n, length = size(model.n), size(model.n_factor)
+    n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     dq, dv, da, db = bare(tangent[0]), bare(tangent[1]), bare(tangent[2]), bare(tangent[3])
-    r, start = space[3 * n : 4 * n], space[4 * n : 5 * n]
+    r, start, given = space[:n], space[n : 2 * n], space[2 * n : 3 * n]
+    q, v, a, both = space[3 * n : 5 * n], space[5 * n : 7 * n], space[7 * n : 9 * n], space[9 * n : 11 * n]
+    u, par = space[11 * n : 11 * n + 2 * inputs], space[11 * n + 2 * inputs :]
+    free = par[2 * here.par.shape[0] :]
+    for i in range(here.par.shape[0]):
+        store(par, i, splat(wide, one.par[i]))
     am, af = scheme.alpha_m, scheme.alpha_f
     for k in range(steps.h.shape[0]):
         h, slopes, own = on.h[k], slopes_of(scheme, on.h[k]), S[k * length : (k + 1) * length]
@@ -102,16 +116,25 @@ def tangent_rows(lane, model, drive, steps, scheme, factors, here, ahead, behind
             start[i] = dq[i] + h * dv[i] + (h * h * (0.5 - scheme.beta)) * db[i]
             dv[i] = dv[i] + (h * (1.0 - scheme.gamma)) * db[i] - slopes.v * start[i]
             da[i] = (am * db[i] - af * da[i]) * (1.0 / (1.0 - af)) - slopes.a * start[i]
-            dq[i] = 0.0
-        _know(drive, moved[k], dq, dv, da)
+            dq[i], given[i] = 0.0, 0.0
+        _know(driven, moved[k], dq, dv, da)
+        for i in range(inputs):
+            store(u, i, splat(wide, one.u[k * inputs + i]))
+        _add(lane, one, on, k, r, free, given)
+        _add(lane, two, on, k, r, free, given)
+        _add(lane, three, on, k, r, free, given)
         for _ in range(passes):
             for i in range(n):
-                r[i] = 0.0
-            _add(lane, one, on, k, dq, dv, da, space, own, r)
-            _add(lane, two, on, k, dq, dv, da, space, own, r)
-            _add(lane, three, on, k, dq, dv, da, space, own, r)
-            take_out_known(lane, m, drive, r, own, False)
+                q[2 * i], v[2 * i], a[2 * i] = on.q[k * n + i], on.v[k * n + i], on.a[k * n + i]
+                q[2 * i + 1], v[2 * i + 1], a[2 * i + 1] = dq[i], dv[i], da[i]
+            residual(wide, m, par, State(q, v, a), u, both, free)
+            for i in range(n):
+                r[i] = given[i] + both[2 * i + 1]
+            take_out_known(lane, m, driven, r, own, False)
             solve(lane, m, own, r)
+            _bound(lane, one, own)
+            _bound(lane, two, own)
+            _bound(lane, three, own)
             weights = Weights(slopes.a, slopes.v, 1.0)
             rub_along(lane, m, one.par, State(dq, dv, da), weights, slopes.v / slopes.a, own, r)
             for i in range(n):
@@ -121,8 +144,8 @@ def tangent_rows(lane, model, drive, steps, scheme, factors, here, ahead, behind
         for i in range(n):
             db[i] = (dq[i] - start[i]) * slopes.b
             out[k, i], out[k, n + i] = dq[i], dv[i]
-        for i in range(drive.known.shape[0]):
-            db[drive.known[i]] = da[drive.known[i]]
+        for i in range(driven.known.shape[0]):
+            db[driven.known[i]] = da[driven.known[i]]
 
 
 @kernel
@@ -134,18 +157,19 @@ def _know(drive, moved, dq, dv, da):
 
 
 @kernel
-def _add(lane, one, on, k, dq, dv, da, space, matrix, r):
-    """r <- r + the weight of a neighbour's residual at the state that is moved along with it; and of what may rub."""
+def _add(lane, one, on, k, r, free, given):
+    """given <- given + the weight of a neighbour's residual at the state."""
     if one.weight != 0.0:
         n, inputs = size(one.model.n), size(one.model.n_inputs)
-        q, v, a, own, S = space[:n], space[n : 2 * n], space[2 * n : 3 * n], space[5 * n : 6 * n], space[6 * n :]
+        residual(lane, one.model, one.par, _state(on, k, n), one.u[k * inputs : (k + 1) * inputs], r, free)
         for i in range(n):
-            q[i] = on.q[k * n + i] + one.offset * dq[i]
-            v[i] = on.v[k * n + i] + one.offset * dv[i]
-            a[i] = on.a[k * n + i] + one.offset * da[i]
-        residual(lane, one.model, one.par, State(q, v, a), one.u[k * inputs : (k + 1) * inputs], own, S)
-        for i in range(n):
-            r[i] += one.weight * own[i]
+            given[i] += one.weight * r[i]
+
+
+@kernel
+def _bound(lane, one, matrix):
+    """Likewise of what may rub."""
+    if one.weight != 0.0:
         bound_along(lane, one.model, one.par, one.weight, matrix)
 
 

@@ -1,50 +1,49 @@
-"""Cotangents of a step and of a fresh start: what comes out of them, pulled back to what went in.
+"""Cotangents of a step, a fresh start and a jump of torques: what comes out of them, pulled back to what went in.
 
-The transposes of `tangents`: a system with the transposed matrix, and the residual's derivatives backwards, written out
-from its own source (`compiler.pulled`). `bar` is a work array whose q, v, a, b and u hold cotangents; `w` holds the arm
-at the end of the step.
+The transposes of `tangents`: a system with the transposed matrix, and the residual's derivatives backwards. `bar` is a
+work array whose q, v, a, b and u hold cotangents, its other rows are free; `w` holds the arm at the end of the step.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, pulled, size, splat, store
-from ..protocol import State, residual, solve_transposed
-from .work import take_out_known
-
-
-def _residual(lane, model, par, q, v, a, u, r):
-    residual(lane, model, par, State(q, v, a), u, r, r)
-
-
-_pull_residual = pulled(_residual, ("par", "q", "v", "a", "u", "r"))
+from ...compiler import kernel, load, select_lt, size, splat, store
+from ..protocol import State, pull_residual, solve_transposed
+from .work import state_of, take_out_known
 
 
 @kernel
-def _back(lane, model, par, par_bar, w, bar):
-    """bar <- bar - (derivatives of the residual)' S^-T bar.r, of the factors in w.S; bar.r becomes 0."""
+def _multiply(lane, model, w, bar):
+    """bar.r <- - S^-T bar.r, of the factors in w.S."""
     for k in range(size(model.n)):
         store(bar.r, k, -load(lane, bar.r, k))
     take_out_known(lane, model, None, bar.r, w.S, False)
     solve_transposed(lane, model, w.S, bar.r)
     take_out_known(lane, model, None, bar.r, w.S, False)
-    _pull_residual(lane, model, par, w.q, w.v, w.a, w.u, w.r, par_bar, bar.q, bar.v, bar.a, bar.u, bar.r)
 
 
 @kernel
-def pull_step(lane, model, par, par_bar, w, bar, slopes, scheme):
-    """bar: cotangents of q, v, a, b from a step's end to its start; those of u and of the parameters are added."""
+def _back(lane, model, par, par_bar, w, bar):
+    """bar <- bar - (derivatives of the residual)' S^-T bar.r; bar.r becomes 0."""
+    _multiply(lane, model, w, bar)
+    pull_residual(lane, model, par, par_bar, state_of(w), w.u, w.r, state_of(bar), bar.u, bar.r)
+
+
+@kernel
+def pull_step(lane, model, par, par_bar, w, bar, slopes, scheme, passes):
+    """bar: cotangents of q, v, a, b from a step's end to its start; those of u and of the parameters are added.
+
+    passes: 1 where S is the residual's derivative; where it is nearly so, what is left is solved for again.
+    """
     n, h, am, af = size(model.n), slopes.h, scheme.alpha_m, scheme.alpha_f
-    zero = splat(lane, 0.0)
-    for k in range(n):
-        q, v = load(lane, bar.q, k), load(lane, bar.v, k)
-        a, b = load(lane, bar.a, k), load(lane, bar.b, k)
-        store(bar.r, k, q + v * slopes.v + a * slopes.a + b * slopes.b)
-        store(bar.q0, k, -b * slopes.b)
-        store(bar.q, k, zero)
-    _back(lane, model, par, par_bar, w, bar)  # what reaches q itself is in the matrix
+    for _ in range(passes):
+        for k in range(n):  # all that comes to q of the end, which the residual is to take away
+            q, v = load(lane, bar.q, k), load(lane, bar.v, k)
+            a, b = load(lane, bar.a, k), load(lane, bar.b, k)
+            store(bar.r, k, q + v * slopes.v + a * slopes.a + b * slopes.b)
+        _back(lane, model, par, par_bar, w, bar)
     for k in range(n):
         v, a = load(lane, bar.v, k), load(lane, bar.a, k)
-        ahead = load(lane, bar.q0, k) - v * slopes.v - a * slopes.a
+        ahead = -load(lane, bar.b, k) * slopes.b - v * slopes.v - a * slopes.a
         store(bar.q, k, ahead)
         store(bar.v, k, v + ahead * h)
         store(bar.b, k, v * (h * (1.0 - scheme.gamma)) + a * (am / (1.0 - af)) + ahead * (h * h * (0.5 - scheme.beta)))
@@ -52,13 +51,37 @@ def pull_step(lane, model, par, par_bar, w, bar, slopes, scheme):
 
 
 @kernel
-def pull_restart(lane, model, par, par_bar, w, bar):
-    """bar: cotangents of q and v from after a fresh start to before it; w.S: its matrix."""
+def pull_switch(lane, model, par, par_bar, w, bar):
+    """bar: cotangents from after a jump of the torques from u0 to u to before it; w: after it, its matrix in w.S, but
+    for a0: accelerations before it. What the residual has of stiffness on both sides is the same to the last bit, and
+    is taken from one another as such."""
+    n, zero = size(model.n), splat(lane, 0.0)
+    after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
+    for k in range(n):
+        store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
+        store(after.q, k, zero)
+        store(after.v, k, zero)
+        store(before.q, k, zero)
+        store(before.v, k, zero)
+    _multiply(lane, model, w, bar)
+    for k in range(n):
+        store(bar.b0, k, -load(lane, bar.r, k))
+    pull_residual(lane, model, par, par_bar, state_of(w), w.u, w.r, after, bar.u, bar.r)
+    pull_residual(lane, model, par, par_bar, State(w.q, w.v, w.a0), w.u0, w.r, before, bar.u0, bar.b0)
+    for k in range(n):
+        store(bar.q, k, load(lane, bar.q, k) + (load(lane, after.q, k) + load(lane, before.q, k)))
+        store(bar.v, k, load(lane, bar.v, k) + (load(lane, after.v, k) + load(lane, before.v, k)))
+
+
+@kernel
+def pull_restart(lane, model, par, par_bar, w, bar, fresh):
+    """bar: cotangents of q and v from after a fresh start to before it, where `fresh` is 1; w.S: its matrix."""
     zero = splat(lane, 0.0)
     for k in range(size(model.n)):
-        store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
-        store(bar.a, k, zero)
-        store(bar.b, k, zero)
+        a, b = load(lane, bar.a, k), load(lane, bar.b, k)
+        store(bar.r, k, select_lt(0.5, fresh, a + b, zero))
+        store(bar.q0, k, select_lt(0.5, fresh, zero, a))
+        store(bar.b, k, select_lt(0.5, fresh, zero, b))
     _back(lane, model, par, par_bar, w, bar)
     for k in range(size(model.n)):
-        store(bar.a, k, zero)
+        store(bar.a, k, load(lane, bar.q0, k))

@@ -1,0 +1,33 @@
+"""Derivatives backwards of the elastica's residual and poses, written out from their sources (`compiler.pulled`)."""
+
+from __future__ import annotations
+
+from ...compiler import kernel, pulled
+from ..model import Elastica
+from ..protocol import State, register
+from .equations import residual
+from .output import link_poses
+
+
+def _residual(lane, model, par, q, v, a, u, r):
+    residual(lane, model, par, State(q, v, a), u, r, r)
+
+
+_pull_residual = pulled(_residual, ("par", "q", "v", "a", "u", "r"))
+_pull_poses = pulled(link_poses, ("par", "q", "v", "out"))
+
+
+@kernel
+def pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar):
+    """See `protocol`."""
+    q, v, a = state
+    _pull_residual(lane, model, par, q, v, a, u, r, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
+
+
+@kernel
+def pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
+    """See `protocol`."""
+    _pull_poses(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
+
+
+register(Elastica, pull_residual=pull_residual, pull_poses=pull_poses)
