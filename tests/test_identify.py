@@ -17,6 +17,7 @@ from flexarm_env.identification import BadLog, free_decay, identify, randomizati
 from flexarm_env.identification.fit import Problem, Solver
 from flexarm_env.identification.log import Run
 from flexarm_env.identification.model import Experiment
+from flexarm_env.identification.uncertainty import uncertainty
 from flexarm_env.sensors import Encoder, LowPass, Sensors
 from flexarm_env.time_functions import linear_table, spline_table
 from tests.processes import ROOT
@@ -146,6 +147,14 @@ def test_what_only_ratios_tell_is_named(fitted: tuple[Any, Path]) -> None:
     assert found.uncertainty.told[0].deviation < 0.05
     tau = found.parameters.index(next(p for p in found.parameters if p.name == "tau_d"))
     assert abs(found.values[tau] / found.start[tau] - TRUTH["tau_d"]) < 0.1
+    arm = arms.named("strip")
+    own = read_config(config, arm)
+    experiment = Experiment(arm, own, own.chosen(("EI", "m", "payload", "tau_d")))
+    problem = Problem(experiment, [read_run(folder / "one.csv", own)])
+    high = found.parameters[1].high  # as far as a search could have gone: the mass at its bound, the rest in proportion
+    values = found.values * np.where(np.arange(4) < 3, high / found.values[1], 1.0)
+    stopped = uncertainty(problem, (values - problem.values(np.zeros(4))) / problem.sizes)
+    assert stopped.at_bound == ("m",) and set(stopped.untold) == {"EI", "m", "payload"}
 
 
 def test_a_prior_tells_what_the_log_cannot(fitted: tuple[Any, Path]) -> None:

@@ -139,9 +139,6 @@ class Experiment:
         for k, p in enumerate(self.parameters):
             try:
                 change = self._tangent(played, here, values, run, k, OFFSET * sizes[k])
-                if self.config.solver["formulation"] != "elastica":  # stiff in what a length changes most
-                    wide = self._tangent(played, here, values, run, k, 2.0 * OFFSET * sizes[k])
-                    change = {name: (4.0 * y - wide[name]) / 3.0 for name, y in change.items()}
                 change = {name: y * sizes[k] for name, y in change.items()}
             except NotDifferentiable as why:
                 self.by_differences[p.name] = str(why)

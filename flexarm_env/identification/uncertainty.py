@@ -47,8 +47,8 @@ class Uncertainty:
         half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p).
         condition: of the derivatives by parameters in their sizes. at_bound: names of parameters that ended there; they
             have no interval (nan).
-        untold: names of those the logs cannot tell. directions: changes of several parameters that change hardly
-            anything; told: for each, the combination of the same parameters that is known best.
+        untold: names of those the logs cannot tell, at a bound or not. directions: changes of several parameters that
+            change hardly anything; told: for each, the combination of the same parameters that is known best.
         noise: root mean square of the residuals over the readings' standard deviation. samples: independent ones that
             the residuals amount to.
     """
@@ -74,13 +74,45 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
     free = np.flatnonzero((z - low > near) & (high - z > near))
     errors = problem.errors(z)
     flat = np.concatenate([e.ravel() for e in errors])
-    if not len(free):
-        nothing = np.full(len(z), np.nan)
-        size = float(np.sqrt(np.mean(flat**2)))
-        return Uncertainty(nothing, np.eye(len(z)), 1.0, tuple(names), (), (), (), size, float(len(flat)))
-    J = problem.slopes(z, careful=True)[:, free]
-    p = len(free)
-    noise2 = float(flat @ flat) / max(len(flat) - p, 1)
+    J = problem.slopes(z, careful=True)
+    noise2 = float(flat @ flat) / max(len(flat) - len(free), 1)
+    larger = np.maximum(1.0, np.abs(problem.values(z) / problem.sizes))  # sizes are those of the values found
+    # what the logs can tell does not depend on where a search along a blind direction was stopped
+    whole, freedom, _, _ = _covariance(J, errors, noise2)
+    quantile = float(student.ppf(0.975, freedom))
+    wide = quantile * np.sqrt(np.diag(whole)) / larger > UNTOLD
+    untold = tuple(name for name, out in zip(names, wide, strict=True) if out)
+    directions, told = _directions(whole / np.outer(larger, larger), quantile, names)
+    half, correlation, condition, samples = np.full(len(z), np.nan), np.eye(len(z)), 1.0, float(len(flat))
+    if len(free):
+        covariance, freedom, condition, alike = _covariance(J[:, free], errors, noise2)
+        quantile, spread = float(student.ppf(0.975, freedom)), np.sqrt(np.diag(covariance))
+        half[free] = quantile * _with_priors(problem, free, covariance) * problem.sizes[free]
+        correlation[np.ix_(free, free)] = covariance / np.outer(spread, spread)
+        samples /= max(alike, 1.0)
+    return Uncertainty(
+        half=half, correlation=correlation, condition=condition,
+        at_bound=tuple(name for i, name in enumerate(names) if i not in free), untold=untold, directions=directions,
+        told=told, noise=noise2**0.5, samples=samples,
+    )  # fmt: skip
+
+
+def _with_priors(problem: Problem, free: NDArray[np.intp], covariance: Array) -> Array:
+    """Standard deviations of some parameters, in their sizes: of what the logs say and what was known, together."""
+    alone = np.sqrt(np.diag(covariance))
+    prior = [problem.experiment.parameters[i].prior for i in free]
+    if all(known is None for known in prior):
+        return alone
+    own = np.array([0.0 if known is None else 1.0 / known[1] for known in prior]) * problem.sizes[free]
+    both = np.linalg.inv(np.linalg.pinv(covariance, hermitian=True) + np.diag(own**2))
+    together: Array = np.minimum(alone, np.sqrt(np.maximum(np.diag(both), 0.0)))
+    return together
+
+
+def _covariance(J: Array, errors: Sequence[Array], noise2: float) -> tuple[Array, float, float, float]:
+    """Covariance of the parameters by which J is the derivative, its degrees of freedom, the condition of J, and how
+    many samples tell as much as one that is independent."""
+    p = J.shape[1]
     _, values, right = np.linalg.svd(J, full_matrices=False)
     kept = np.maximum(values, SMALLEST * values.max(initial=0.0))
     inverse = (right.T / kept**2) @ right  # (J'J)^-1
@@ -90,31 +122,10 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
         scores.append(np.einsum("tcp,tc->tp", block, e))
         at += e.size
     S, freedom = _long_run(scores)
-    plain = noise2 * inverse
     robust = inverse @ S @ inverse
-    grow = np.sqrt(np.maximum(1.0, np.diag(plain) / np.maximum(np.diag(robust), 1e-300)))
-    covariance = robust * np.outer(grow, grow)
-    larger = np.maximum(1.0, np.abs(problem.values(z) / problem.sizes))[free]  # sizes are those of the values found
-    quantile = float(student.ppf(0.975, freedom))
-    reach = quantile * np.sqrt(np.diag(covariance))
-    untold = tuple(names[i] for i, wide in zip(free, reach / larger, strict=True) if wide > UNTOLD)
-    directions, told = _directions(covariance / np.outer(larger, larger), quantile, [names[i] for i in free])
-    prior = [problem.experiment.parameters[i].prior for i in free]
-    if any(known is not None for known in prior):  # what the logs say and what was known, together
-        own = np.array([0.0 if known is None else 1.0 / known[1] for known in prior]) * problem.sizes[free]
-        both = np.linalg.inv(np.linalg.pinv(covariance, hermitian=True) + np.diag(own**2))
-        reach = np.minimum(reach, quantile * np.sqrt(np.maximum(np.diag(both), 0.0)))
-    half = np.full(len(z), np.nan)
-    half[free] = reach * problem.sizes[free]
-    spread = np.sqrt(np.diag(covariance))
-    correlation = np.eye(len(z))
-    correlation[np.ix_(free, free)] = covariance / np.outer(spread, spread)
+    grow = np.sqrt(np.maximum(1.0, noise2 * np.diag(inverse) / np.maximum(np.diag(robust), 1e-300)))
     alike = float(np.trace(inverse @ S) / max(p, 1)) / noise2
-    return Uncertainty(
-        half=half, correlation=correlation, condition=float(values.max() / max(values.min(), 1e-300)),
-        at_bound=tuple(name for i, name in enumerate(names) if i not in free), untold=untold, directions=directions,
-        told=told, noise=noise2**0.5, samples=len(flat) / max(alike, 1.0),
-    )  # fmt: skip
+    return robust * np.outer(grow, grow), freedom, float(values.max() / max(values.min(), 1e-300)), alike
 
 
 def _long_run(scores: Sequence[Array]) -> tuple[Array, float]:
