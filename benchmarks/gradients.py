@@ -30,6 +30,12 @@ ENVS: dict[str, dict[str, Any]] = {
 
 TEST_EPISODES = 100
 
+JUDGED = (
+    ("success at least PPO's", "success", 1.0), ("median settling at most PPO's", "settling", -1.0),
+    ("mean settling at most PPO's", "settling_mean", -1.0),
+)  # fmt: skip
+"""Of the policies in the test episodes: what, its key, which sign is better."""
+
 PERIODS = (1, 10, 200)
 """Of the rollouts whose gradients are compared at two tolerances."""
 
@@ -124,11 +130,9 @@ def verdicts(cost: list[dict[str, Any]], runs: list[dict[str, Any]]) -> dict[str
         own, ppo = (_of(runs, env_id, algorithm) for algorithm in ("gradient", "ppo"))
         what = f"{env_id}: solved within {wanted['most']:g} s of processor time by every seed of {len(own)}"
         found[what] = all(row["solved_cpu_s"] is not None and row["solved_cpu_s"] <= wanted["most"] for row in own)
-        if ppo:
-            better = _median(own, "success") >= _median(ppo, "success")
-            found[f"{env_id}: success at least PPO's (medians of the seeds)"] = better
-            sooner = _median(own, "settling") <= _median(ppo, "settling")
-            found[f"{env_id}: settled as soon as under PPO (medians of the seeds)"] = sooner
+        for what, key, sign in JUDGED if ppo else ():
+            better = [sign * (of(own, key) - of(ppo, key)) >= 0.0 for of in (_median, _mean)]
+            found[f"{env_id}: {what} (medians and means of the seeds)"] = all(better)
     return found
 
 
@@ -138,6 +142,10 @@ def _of(runs: list[dict[str, Any]], env_id: str, algorithm: str) -> list[dict[st
 
 def _median(rows: list[dict[str, Any]], key: str) -> float:
     return float(np.median([row[key] for row in rows]))
+
+
+def _mean(rows: list[dict[str, Any]], key: str) -> float:
+    return float(np.mean([row[key] for row in rows]))
 
 
 def page(found: dict[str, Any], machine: dict[str, str]) -> str:
