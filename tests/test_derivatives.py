@@ -35,8 +35,20 @@ def bare(arm: Any) -> Any:
     return dataclasses.replace(arm, links=[dataclasses.replace(link, **none) for link in arm.links])
 
 
+def laden() -> Any:
+    """Two links with rigid ends behind gears, and a payload off the tip."""
+    arm = geared(2)
+    return dataclasses.replace(arm, payload=dataclasses.replace(arm.payload, mass=0.1, offset=(0.03, 0.02)))
+
+
+def dragged() -> Any:
+    """Two links with damping that goes with mass."""
+    return dataclasses.replace(arms_by_name.named("de_luca_siciliano"), mass_damping=0.3)
+
+
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 FLOATING, EXACT = {"formulation": "floating_frame"}, {"formulation": "geometrically_exact"}
+FALL, ROOT_MODES = {"gravity": (0.0, -9.81)}, {"frame": "root", "modes": 2, "segments": 1}
 GAUGE = {"strain_gauges": [{"place": 0.1, "gain": (0.9, 1.1), "delay": 0.02}]}
 SENSORS = {
     **GAUGE,
@@ -57,14 +69,16 @@ CASES = [
     case("controllers", TWO, back=True, **PD),
     case("motors", TWO, back=True, **MOTORS),
     case("parameters", ONE, back=True, parameters=True, gravity=(0.0, -9.81), randomization={"payload": (0.5, 1.5)}),
-    case("floating frame", ONE, formulation="floating_frame"),
-    case("floating frame, modes", ONE, formulation="floating_frame", modes=2, segments=1),
+    case("floating frame", ONE, back=True, formulation="floating_frame"),
+    case("floating frame, modes", ONE, back=True, formulation="floating_frame", modes=2, segments=1),
     case("exact beam", ONE, 1e-14, back=True, formulation="geometrically_exact"),
     case("exact beam, period corrected", ONE, 1e-14, formulation="geometrically_exact", period_correction=True),
     case("gears", ONE, back=True, arm=geared()),
     case("gears, two links", TWO, back=True, arm=geared(2)),
-    case("gears, floating frame", TWO, arm=geared(2), **FLOATING),
-    case("floating frame, modes, two links", TWO, modes=2, segments=1, **FLOATING),
+    case("gears, floating frame", TWO, back=True, arm=geared(2), **FLOATING),
+    case("floating frame, modes, two links", TWO, back=True, modes=2, segments=1, **FLOATING),
+    case("root frames, payload off the tip", TWO, back=True, arm=laden(), frame="root", **FALL, **MOTORS, **FLOATING),
+    case("root frames, modes, drag", TWO, 1e-14, back=True, arm=dragged(), parameters=True, **ROOT_MODES, **FLOATING),
     case("motors and controllers, floating frame", TWO, **MOTORS, **PD, **FLOATING),
     case("motors and controllers, exact beam", TWO, 1e-14, **MOTORS, **PD, **EXACT),
     case("gears, laws", ONE, arm=geared(), parameters=True),
@@ -164,7 +178,7 @@ def as_in_the_environment(arms: Arms) -> None:
 
 def along(arms: Arms, state: Array, periods: int, e: float, most: float) -> None:
     """Along a motion, by its actions: each arm's error against differences of steps e over the size of what its
-    observations change by; and tangent against adjoint by the dot product."""
+    observations change by; and tangent against adjoint by the dot product, to 1e-12 or, of floating frames, 1e-10."""
     rng = np.random.default_rng(2)
     actions, way = rng.uniform(-0.4, 0.4, (2, periods, arms.n, arms.action_size))
     run, total = arms.rollout(state, actions), 0.0
@@ -178,7 +192,8 @@ def along(arms: Arms, state: Array, periods: int, e: float, most: float) -> None
     other = float((run.vjp(*bars).actions * way).sum())
     one = sum(float((bar * part).sum()) for bar, part in zip(bars, found, strict=True))
     size = sum(np.linalg.norm(bar) * np.linalg.norm(part) for bar, part in zip(bars, found, strict=True))
-    assert abs(one - other) <= 1e-12 * size
+    floating = arms.environment.plan.settings.formulation == "floating_frame"  # solved once for, which rounds
+    assert abs(one - other) <= (1e-10 if floating else 1e-12) * size
 
 
 def test_states_are_those_of_the_environment() -> None:

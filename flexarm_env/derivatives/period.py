@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
-from ..physics.model import OK, Elastica, ExactBeam, Jointed
+from ..physics.model import OK, Elastica, ExactBeam, FloatingChain, Jointed
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
@@ -168,7 +168,7 @@ class Periods:
         gauges = extras.sensors is not None and len(extras.sensors.gauges) > 0
         forwards = extras.reference, extras.instruments, extras.pushes, extras.payload_change, program.models
         controls = extras.controller is not None or extras.amplifier is not None
-        able = implied and _goes_back(model, controls or parameters)
+        able = implied and _goes_back(model, controls, parameters)
         self.backwards = able and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
@@ -220,9 +220,9 @@ class Periods:
     ) -> tuple[Array, Array]:
         """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A).
 
-        Backwards (`backwards`) for a few times what the period costs: elasticas and exact beams, the latter without
-        rigid ends and parameters, and arms behind gears without Coulomb friction, both without controllers; targets at
-        rest, ideal sensors. Of all others by the Jacobians.
+        Backwards (`backwards`) for a few times what the period costs: elasticas; without controllers floating frames of
+        at most eight elastic coordinates a segment, exact beams without rigid ends and parameters, and all these behind
+        gears without Coulomb friction; targets at rest, ideal sensors. Of all others by the Jacobians.
         """
         given = _checked("state_bar", state_bar, (self.n, self.state_size))
         seen = _checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -355,13 +355,17 @@ def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     return rows
 
 
-def _goes_back(model: Any, more: bool) -> bool:
-    """Whether a model has derivatives backwards; more: parameters are asked for, or controllers look at it."""
+def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
+    """Whether a model has derivatives backwards; controls: controllers or amplifiers look at it."""
     if isinstance(model, Elastica):
         return isinstance(model.n, tuple)
+    if controls:
+        return False
+    if isinstance(model, FloatingChain):
+        return isinstance(model.mesh.n, tuple) and model.loads is None
     if isinstance(model, Jointed):
-        return not more and _goes_back(model.arm, more)
-    return isinstance(model, ExactBeam) and not more and model.rigid is None and model.loads is None
+        return not parameters and _goes_back(model.arm, controls, parameters)
+    return isinstance(model, ExactBeam) and not parameters and model.rigid is None and model.loads is None
 
 
 def _differentiable(made: Any) -> None:

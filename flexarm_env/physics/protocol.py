@@ -32,8 +32,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
     solve_transposed(lane, model, S, x)  only for derivatives backwards: x <- S^-T x
-    pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar)  likewise, the residual's derivatives: to
-        par_bar, bar (a State) and u_bar is added what r_bar comes to there, and r_bar becomes 0; r is free
+    pull_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)  likewise, the residual's derivatives: to
+        par_bar, bar (a State) and u_bar is added what r_bar comes to there, and r_bar becomes 0; S is free
     pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)  likewise those of `link_poses`
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
     update(lane, model, q, share, d, more)  q <- q moved by the increment share * d and then by `more`, or None: their
@@ -171,7 +171,7 @@ stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x")
-pull_residual = FORMULATIONS.function("pull_residual", "lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar")
+pull_residual = FORMULATIONS.function("pull_residual", "lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar")
 pull_poses = FORMULATIONS.function("pull_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
 update = FORMULATIONS.function("update", "lane, model, q, share, d, more")

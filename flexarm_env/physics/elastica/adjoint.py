@@ -18,10 +18,10 @@ _pull_poses = pulled(link_poses, ("par", "q", "v", "out"))
 
 
 @kernel
-def pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar):
+def pull_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """See `protocol`."""
     q, v, a = state
-    _pull_residual(lane, model, par, q, v, a, u, r, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
+    _pull_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
 
 
 @kernel

@@ -67,7 +67,7 @@ def _go_back(lane, bar, i, hinge, left):
 
 
 @kernel
-def pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar):
+def pull_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """See `protocol`; nothing comes to the parameters here."""
     rows, span, zero = rows_of(model), AXES * len(model.order), splat(lane, 0.0)
     left, left_bar = stack(lane, LEFT), stack(lane, LEFT)
@@ -97,7 +97,7 @@ def pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar):
                 store(left_bar, j, zero)
             _pull_element(
                 lane, model.order, model.gravity, section, state.q[i * L :], state.v[i * L :], state.a[i * L :], left,
-                right, r, bar.q[i * L :], bar.v[i * L :], bar.a[i * L :], left_bar, right_bar, r_bar[i * L :],
+                right, S, bar.q[i * L :], bar.v[i * L :], bar.a[i * L :], left_bar, right_bar, r_bar[i * L :],
             )  # fmt: skip
             for j in range(AXES):
                 store(right_bar, j, load(lane, left_bar, FORCE + j))

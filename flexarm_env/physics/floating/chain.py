@@ -21,8 +21,21 @@ from ..protocol import register
 from .body import carry, forces
 from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
 from .layout import JOINT, KNOWN, PASSED, ROOT, cell, elastic_row, elbow_row, factors_at
-from .matrix import condense, reduce, restore, tangent
-from .rigid import ROOT_END, TIP_END, from_payload, inward, near, near_payload, outward, swept, to_payload, with_moment
+from .matrix import condense, reduce, reduce_transposed, restore, restore_transposed, tangent
+from .rigid import (
+    ACROSS,
+    ROOT_END,
+    SWEPT,
+    TIP_END,
+    from_payload,
+    inward,
+    near,
+    near_payload,
+    outward,
+    swept,
+    to_payload,
+    with_moment,
+)
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS = (0,) * KNOWN.end
@@ -251,11 +264,11 @@ def solve(lane, model, S, x):
         store(flow, i, splat(lane, 0.0))
     levers = _levers_at(model)
     for k in range(model.links - 1, -1, -1):
-        with_moment(lane, model.rigid, k, TIP_END, S, levers, flow)
+        with_moment(lane, model.rigid, k, TIP_END, S, levers, ACROSS, flow)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
             reduce(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
-        with_moment(lane, model.rigid, k, ROOT_END, S, levers, flow)
+        with_moment(lane, model.rigid, k, ROOT_END, S, levers, ACROSS, flow)
         if k > 0:
             o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
@@ -286,7 +299,7 @@ def solve(lane, model, S, x):
     store(x, 2, load(lane, flow, 2))
     for k in range(model.links):
         if k > 0:
-            o, before = ROOT.end + JOINT.end * (k - 1), load(lane, flow, 2)
+            o, before = _joint_at(k), load(lane, flow, 2)
             turn = before
             if S[(o + JOINT.pinned) * L] == 0.0:
                 turn = load(lane, x, elbow_row(model, k)) * load(lane, S, o + JOINT.inverse)
@@ -295,11 +308,72 @@ def solve(lane, model, S, x):
                 turn = _carried(lane, model.jointed, S, o, turn, before)
             store(x, elbow_row(model, k), turn - before)
             store(flow, 2, turn)
-        swept(lane, model.rigid, k, ROOT_END, S, levers, flow)
+        swept(lane, model.rigid, k, ROOT_END, S, levers, SWEPT, flow)
         for b in range(k * model.segments, (k + 1) * model.segments):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
             restore(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
-        swept(lane, model.rigid, k, TIP_END, S, levers, flow)
+        swept(lane, model.rigid, k, TIP_END, S, levers, SWEPT, flow)
+
+
+@kernel
+def solve_transposed(lane, model, S, x):
+    """x <- S^-T x with the same factors: the steps of `solve` in turn backwards, each transposed."""
+    aligned_frame(lane)
+    mesh, L, stride, first, levers = model.mesh, len(lane), _stride(model), _bodies_at(model), _levers_at(model)
+    flow = stack(lane, THREE)
+    for i in range(3):
+        store(flow, i, splat(lane, 0.0))
+    for k in range(model.links - 1, -1, -1):
+        with_moment(lane, model.rigid, k, TIP_END, S, levers, SWEPT, flow)
+        for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
+            D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
+            restore_transposed(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
+        with_moment(lane, model.rigid, k, ROOT_END, S, levers, SWEPT, flow)
+        if k > 0:
+            o = _joint_at(k)
+            if S[(o + JOINT.pinned) * L] == 0.0:
+                wanted = load(lane, x, elbow_row(model, k))
+                turn = load(lane, flow, 2) + wanted
+                for i in range(2):
+                    store(flow, i, load(lane, flow, i) - load(lane, S, o + JOINT.row + i) * turn)
+                store(flow, 2, _carried(lane, model.jointed, S, o, -wanted, turn))
+                store(x, elbow_row(model, k), turn * load(lane, S, o + JOINT.inverse))
+    F = ROOT.factors
+    for i in range(3):
+        total = load(lane, x, i)
+        if i < 2:
+            total = total * load(lane, S, ROOT.scale + 1)
+        total = total + load(lane, flow, i)
+        for j in range(i):
+            total = total - load(lane, S, F + cell(j, i)) * load(lane, flow, j)
+        store(flow, i, total * load(lane, S, F + cell(i, i)))
+    for i in range(1, -1, -1):
+        for j in range(i + 1, 3):
+            store(flow, i, load(lane, flow, i) - load(lane, S, F + cell(j, i)) * load(lane, flow, j))
+    for i in range(3):
+        right, left = load(lane, flow, i), splat(lane, 0.0)
+        if S[(ROOT.pinned + i) * L] == 0.0:
+            left = -right
+        elif i < 2:
+            right = right * load(lane, S, ROOT.scale)
+        store(x, i, right)
+        store(flow, i, left)
+    for k in range(model.links):
+        if k > 0:
+            o = _joint_at(k)
+            if S[(o + JOINT.pinned) * L] == 0.0:
+                turn = load(lane, flow, 2)
+                left = load(lane, x, elbow_row(model, k))
+                for i in range(2):
+                    left = left + load(lane, S, o + JOINT.column + i) * load(lane, flow, i)
+                left = _passed_on(lane, model.jointed, S, o, left, turn)
+                store(x, elbow_row(model, k), turn + left)
+                store(flow, 2, -left)
+        swept(lane, model.rigid, k, ROOT_END, S, levers, ACROSS, flow)
+        for b in range(k * model.segments, (k + 1) * model.segments):
+            D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
+            reduce_transposed(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
+        swept(lane, model.rigid, k, TIP_END, S, levers, ACROSS, flow)
 
 
 register(
@@ -310,6 +384,7 @@ register(
     stiffen=stiffen,
     factor=factor,
     solve=solve,
+    solve_transposed=solve_transposed,
     ports=ports,
     damping_work=damping_work,
     energy=energy,

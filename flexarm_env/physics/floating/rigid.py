@@ -13,6 +13,8 @@ from .layout import LEVER, LEVER_FACTORS, PASSED, cell
 
 OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
 ROOT_END, TIP_END = range(2)
+ACROSS, SWEPT = OF_FACTORS.nx, OF_FACTORS.wx
+"""Where change of the far point's place by the angle begins, and that of its acceleration."""
 
 
 @kernel
@@ -34,8 +36,8 @@ def payload_at(model, first):
 
 
 @kernel
-def _begin(lane, along, across, pose, S, at):
-    """pose <- that of the far point of a lever; what is known of it is kept in S."""
+def reach(lane, along, across, pose, S, at):
+    """pose <- that of the far point of a lever; what is known of it is kept at S[at:]."""
     sine, cosine = sincos(load(lane, pose, PASSED.angle))
     ex, ey = cosine * along, sine * along
     if across is not None:
@@ -57,18 +59,18 @@ def outward(lane, rigid, k, end, pose, S, first):
     """pose <- that of the far point; what is known of the lever is kept in S."""
     if rigid is not None:
         length, _, _, _ = lever(rigid, k, end)
-        _begin(lane, length, None, pose, S, first + OF_FACTORS.end * (2 * k + end))
+        reach(lane, length, None, pose, S, first + OF_FACTORS.end * (2 * k + end))
 
 
 @kernel
 def to_payload(lane, eccentric, model, pose, S, first):
     """pose <- that of the payload's centre, from that of the tip."""
     if eccentric is not None:
-        _begin(lane, eccentric[0], eccentric[1], pose, S, payload_at(model, first))
+        reach(lane, eccentric[0], eccentric[1], pose, S, payload_at(model, first))
 
 
 @kernel
-def _end(lane, mass, inertia, far, force, cm, cc, ck, S, at):
+def resist(lane, mass, inertia, far, force, cm, cc, ck, S, at):
     """force <- what all from the near point of a lever on asks for, from that of its far point; its factors."""
     ex, ey = load(lane, S, at + OF_FACTORS.ex), load(lane, S, at + OF_FACTORS.ey)
     w, alpha = load(lane, S, at + OF_FACTORS.rate), load(lane, S, at + OF_FACTORS.second)
@@ -96,14 +98,14 @@ def inward(lane, rigid, k, end, force, cm, cc, ck, S, first):
     """force <- what all from the near point of a lever on asks for, from that of its far point; its factors."""
     if rigid is not None:
         _, mass, inertia, far = lever(rigid, k, end)
-        _end(lane, mass, inertia, far, force, cm, cc, ck, S, first + OF_FACTORS.end * (2 * k + end))
+        resist(lane, mass, inertia, far, force, cm, cc, ck, S, first + OF_FACTORS.end * (2 * k + end))
 
 
 @kernel
 def from_payload(lane, eccentric, model, force, cm, cc, ck, S, first):
     """force <- what the payload asks for at the tip, from that at its centre."""
     if eccentric is not None:
-        _end(lane, 0.0, 0.0, 0.0, force, cm, cc, ck, S, payload_at(model, first))
+        resist(lane, 0.0, 0.0, 0.0, force, cm, cc, ck, S, payload_at(model, first))
 
 
 @kernel
@@ -146,27 +148,28 @@ def near_payload(lane, eccentric, model, S, first, tail):
 
 
 @kernel
-def with_moment(lane, rigid, k, end, S, first, flow):
-    """flow <- what is taken from force and moment at the near point."""
+def with_moment(lane, rigid, k, end, S, first, arm, flow):
+    """flow <- that of the near point, where it is a force and a moment; arm: ACROSS, or SWEPT if transposed."""
     if rigid is not None:
-        at = first + OF_FACTORS.end * (2 * k + end)
-        moment = load(lane, S, at + OF_FACTORS.nx) * load(lane, flow, 0)
-        moment = moment + load(lane, S, at + OF_FACTORS.ny) * load(lane, flow, 1)
+        at = first + OF_FACTORS.end * (2 * k + end) + arm
+        moment = load(lane, S, at) * load(lane, flow, 0)
+        moment = moment + load(lane, S, at + 1) * load(lane, flow, 1)
         store(flow, 2, load(lane, flow, 2) + moment)
 
 
 @kernel
-def swept(lane, rigid, k, end, S, first, flow):
-    """flow <- change of acceleration and angle at the far point."""
+def swept(lane, rigid, k, end, S, first, arm, flow):
+    """flow <- that of the far point, where it is a change of acceleration and angle; arm: SWEPT, or ACROSS if
+    transposed."""
     if rigid is not None:
-        at = first + OF_FACTORS.end * (2 * k + end)
+        at = first + OF_FACTORS.end * (2 * k + end) + arm
         turn = load(lane, flow, 2)
-        store(flow, 0, load(lane, flow, 0) + load(lane, S, at + OF_FACTORS.wx) * turn)
-        store(flow, 1, load(lane, flow, 1) + load(lane, S, at + OF_FACTORS.wy) * turn)
+        store(flow, 0, load(lane, flow, 0) + load(lane, S, at) * turn)
+        store(flow, 1, load(lane, flow, 1) + load(lane, S, at + 1) * turn)
 
 
 @kernel
-def _move(lane, along, across, pose):
+def move(lane, along, across, pose):
     sine, cosine = sincos(load(lane, pose, POSE.angle))
     ex, ey, w = cosine * along, sine * along, load(lane, pose, POSE.rate)
     if across is not None:
@@ -182,14 +185,14 @@ def moved(lane, rigid, k, end, pose, share):
     """pose (x, y, angle and rates) <- that of a point at a share of a lever."""
     if rigid is not None:
         length, _, _, _ = lever(rigid, k, end)
-        _move(lane, length * share, None, pose)
+        move(lane, length * share, None, pose)
 
 
 @kernel
 def moved_to_payload(lane, eccentric, pose):
     """pose <- that of the payload's centre, from that of the tip."""
     if eccentric is not None:
-        _move(lane, eccentric[0], eccentric[1], pose)
+        move(lane, eccentric[0], eccentric[1], pose)
 
 
 @kernel

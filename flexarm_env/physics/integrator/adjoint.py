@@ -25,7 +25,7 @@ def _multiply(lane, model, w, bar):
 def _back(lane, model, par, par_bar, w, bar):
     """bar <- bar - (derivatives of the residual)' S^-T bar.r; bar.r becomes 0."""
     _multiply(lane, model, w, bar)
-    pull_residual(lane, model, par, par_bar, state_of(w), w.u, w.r, state_of(bar), bar.u, bar.r)
+    pull_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, state_of(bar), bar.u, bar.r)
 
 
 @kernel
@@ -66,8 +66,8 @@ def pull_switch(lane, model, par, par_bar, w, bar):
     _multiply(lane, model, w, bar)
     for k in range(n):
         store(bar.b0, k, -load(lane, bar.r, k))
-    pull_residual(lane, model, par, par_bar, state_of(w), w.u, w.r, after, bar.u, bar.r)
-    pull_residual(lane, model, par, par_bar, State(w.q, w.v, w.a0), w.u0, w.r, before, bar.u0, bar.b0)
+    pull_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, after, bar.u, bar.r)
+    pull_residual(lane, model, par, par_bar, State(w.q, w.v, w.a0), w.u0, bar.S, before, bar.u0, bar.b0)
     for k in range(n):
         store(bar.q, k, load(lane, bar.q, k) + (load(lane, after.q, k) + load(lane, before.q, k)))
         store(bar.v, k, load(lane, bar.v, k) + (load(lane, after.v, k) + load(lane, before.v, k)))

@@ -14,7 +14,7 @@ from .layout import PLACE, PLACES
 
 
 @kernel
-def pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar):
+def pull_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """See `protocol`."""
     for i in range(count(model)):
         at, one = PLACES * i, law(lane, model, par, i)
@@ -32,7 +32,7 @@ def pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar):
             add(lane, bar.v, motor, torque * one.damping)
             add(lane, bar.v, row, -(torque * one.damping))
             store(r_bar, motor, splat(lane, 0.0))
-    protocol.pull_residual(lane, model.arm, par, par_bar, state, u, r, bar, u_bar, r_bar)
+    protocol.pull_residual(lane, model.arm, par, par_bar, state, u, S, bar, u_bar, r_bar)
 
 
 @kernel
