@@ -203,7 +203,7 @@ def guesses(env: Any, first: int) -> dict[str, Guess]:
     found = {}
     for name, controller in made.items():
         controller.reset(observation)
-        actions = np.repeat(controller.plan, controller.gains.block, axis=0)
+        actions = np.repeat(controller.plan.controls, controller.gains.block, axis=0)
         found[name] = Guess(actions, controller.goal.copy(), controller.arrival.astype(np.int64))
     return found
 

@@ -135,6 +135,18 @@ def rollout(system: System, x: Array, controls: Array) -> Array:
     return states
 
 
+def followed(system: System, x: Array, plan: Solution, bound: float = 1.0) -> tuple[Array, Array]:
+    """A plan from another start x (n, S), by its gains: controls (T, n, N), within bounds, and states (T + 1, n, S)."""
+    controls, states = np.empty(plan.controls.shape), np.empty(plan.states.shape)
+    states[0] = x
+    with np.errstate(all="ignore"):
+        for k, u in enumerate(plan.controls):
+            off = states[k] - plan.states[k]
+            controls[k] = np.clip(u + (plan.gains[k] @ off[..., None])[..., 0], -bound, bound)
+            states[k + 1] = system.stage(k, states[k], controls[k])
+    return controls, states
+
+
 def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array) -> Array:
     """Cost (n,) of trajectories; infinite where they are not finite."""
     value = 0.5 * np.einsum("tna,a->n", controls**2, effort)
@@ -145,20 +157,24 @@ def total(costs: Sequence[Cost], effort: Array, states: Array, controls: Array) 
 
 
 def solve(
-    system: System, x: Array, controls: Array, costs: Sequence[Cost], effort: Array, *,
+    system: System, x: Array, guess: Array | Solution, costs: Sequence[Cost], effort: Array, *,
     iterations: int = 50, tolerance: float = 1e-6, bound: float = 1.0,
 ) -> Solution:  # fmt: skip
     """The controls that cost least, found from a first guess.
 
     Args:
-        x: states (n, S) to start from. controls (T, n, N): the first guess. effort (N,): weights, positive.
+        x: states (n, S) to start from. guess: controls (T, n, N), or a plan, which is followed by its gains where x is
+            not where it starts. effort (N,): weights, positive.
         iterations: at most. tolerance: of the cost, over itself: when no arm's falls by more, it is done.
         bound: of the controls.
     Raises:
         ValueError: the first guess leads to states that are not finite, and so does no control.
     """
-    controls = np.clip(controls, -bound, bound)
-    states = rollout(system, x, controls)
+    if isinstance(guess, Solution):
+        controls, states = followed(system, x, guess, bound)
+    else:
+        controls = np.clip(guess, -bound, bound)
+        states = rollout(system, x, controls)
     cost = total(costs, effort, states, controls)
     if not np.isfinite(cost).all():
         controls = np.where(np.isfinite(cost)[:, None], controls, 0.0)
@@ -306,4 +322,4 @@ def _forward(
     return found, moved, value
 
 
-__all__ = ["Cost", "Limits", "Quadratic", "Solution", "System", "backward", "rollout", "solve", "total"]
+__all__ = ["Cost", "Limits", "Quadratic", "Solution", "System", "backward", "followed", "rollout", "solve", "total"]

@@ -3,8 +3,9 @@
 The plan is that of `ilqr` on the elastica, within the torque limits, from the state as it is read. It costs effort, and
 from an instant of arrival on the distance from rest at the goal; behind the horizon stands the linear regulator at the
 goal. (With a cost of the distance from the start on, torques that saturate overshoot.) It goes on from the plan of the
-period before, by an iteration. An arrival that a plan misses is put off, when an episode begins until none does. Once
-the regulator stays within the limits by itself, it takes over.
+period before, followed by its gains from where the arm is now, by an iteration. An arrival that a plan misses is put
+off: when an episode begins until none does, later as far as an arm that differs from the nominal one may need. Once the
+regulator stays within the limits by itself, it takes over.
 
 Read are joint angles, deflections of the tips and their rates. The rest of the state is the model's prediction, drawn
 towards that of a link bent by a force at its tip: the prediction knows the higher modes of the nominal arm, and is
@@ -31,6 +32,11 @@ Array = NDArray[np.float64]
 
 PUT_OFF = 0.03
 """Share of its time by which an arrival is put off while an episode's first plan is made."""
+
+LATEST = 2.0
+"""Times the arrival first planned at which it is not put off any more: whatever an arm of a quarter of the stiffness,
+or four times the mass, does takes twice as long. For ever a few periods ahead, it would leave the vibration before it,
+which costs nothing, to grow where damping does not stop it."""
 
 MOST = 60
 """First plans that are made at most."""
@@ -99,8 +105,9 @@ def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ..
 class MPC(Controller):
     """Plans over a horizon, in every period.
 
-    Attributes: x (n, S): states as they are taken to be (see `dynamics.Dynamics`). plan (H, n, N): torques over their
-        limits, of which the first are held for another `left` periods. arrival (n,): control periods from the start.
+    Attributes: x (n, S): states as they are taken to be (see `dynamics.Dynamics`). plan: torques (H, n, N) over their
+        limits, with gains; the first are held for another `left` periods. arrival (n,): control periods from the start,
+        put off until it is `latest` (n,) at most.
     """
 
     needs_bends = True
@@ -120,7 +127,9 @@ class MPC(Controller):
         self.K, self.P = np.stack([r.K for r in owned]), np.stack([r.P for r in owned])
         self.reach = np.array([r.reach for r in owned])
         self.home, self.x = self.plant.rest(self.goal), self._standing(signals, to_go)
-        self.plan, self.left = np.zeros((gains.horizon, n, setup.n_joints)), gains.block
+        shape, self.left = (gains.horizon, n, setup.n_joints), gains.block
+        states = np.zeros((gains.horizon + 1, *self.x.shape))
+        self.plan = ilqr.Solution(np.zeros(shape), states, np.zeros(n), np.zeros((*shape, self.plant.size)))
         inertia = rigid_inertia(setup.arm, self.goal[:, 1:])
         load = (np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / self.limits).max(axis=1)
         self.arrival = np.ceil(2.0 * np.sqrt(load) / setup.control_dt)
@@ -132,9 +141,10 @@ class MPC(Controller):
                 break
             self.arrival[late] += np.maximum(1.0, np.round(PUT_OFF * self.arrival[late]))
             iterations = 3
+        self.latest = LATEST * self.arrival
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        kept = self.gains.memory
+        kept, self.plan.states[0] = self.gains.memory, self.x
         guess = kept * self.x + (1.0 - kept) * self._standing(signals, to_go)
         self.x = self.plant.corrected(guess, self._outputs(signals, to_go))
         off = self.x - self.home
@@ -142,8 +152,8 @@ class MPC(Controller):
         far = np.einsum("ni,nij,nj->n", off, self.P, off) > self.reach
         if far.any():
             missed = self._improve(far, self.gains.iterations)
-            shares[far] = self.plan[0][far]
-            self.arrival[far] += missed > self.gains.allowed
+            shares[far] = self.plan.controls[0][far]
+            self.arrival[far] += (missed > self.gains.allowed) & (self.arrival[far] < self.latest[far])
         return np.asarray(shares * self.limits)
 
     def applied(self, torques: Array) -> None:
@@ -152,7 +162,10 @@ class MPC(Controller):
         self.x[lost] = self.home[lost]
         self.left -= 1
         if not self.left:
-            self.plan, self.left = np.concatenate([self.plan[1:], 0.0 * self.plan[-1:]]), self.gains.block
+            plan, self.left = self.plan, self.gains.block
+            for values in (plan.controls, plan.gains, plan.states):
+                values[:-1] = values[1:]
+            plan.controls[-1], plan.gains[-1] = 0.0, 0.0
 
     @property
     def _ends(self) -> Array:
@@ -166,13 +179,15 @@ class MPC(Controller):
         weight = (self.gains.block * there)[:, :, None, None] * self.stage
         weight[-1] = self.P[chosen]
         cost = ilqr.Quadratic(self.home[chosen], weight)
-        grid, plan = self.grids[self.left - 1], self.plan[:, chosen]
+        grid, plan = self.grids[self.left - 1], self.plan
+        own = ilqr.Solution(plan.controls[:, chosen], plan.states[:, chosen], plan.cost, plan.gains[:, chosen])
         try:
-            found = ilqr.solve(grid, self.x[chosen], plan, [cost], self.effort, iterations=iterations)
+            found = ilqr.solve(grid, self.x[chosen], own, [cost], self.effort, iterations=iterations)
         except ValueError:  # no arm of the model moves from where one is taken to be
-            self.plan[:, chosen] = 0.0
-            return np.full(plan.shape[1], np.inf)
-        self.plan[:, chosen] = found.controls
+            plan.controls[:, chosen], plan.gains[:, chosen] = 0.0, 0.0
+            return np.full(own.controls.shape[1], np.inf)
+        plan.controls[:, chosen], plan.states[:, chosen] = found.controls, found.states
+        plan.gains[:, chosen] = found.gains
         at = np.where(there.any(axis=0), np.argmax(there, axis=0), len(there) - 1)
         off = found.states[at, np.arange(len(at))] - self.home[chosen]
         return np.asarray(np.einsum("ni,nij,nj->n", off, self.P[chosen], off))
