@@ -133,11 +133,13 @@ class Periods:
         self._sights = Sights(batch, core)
         self.names, self.moving = self._sights.names(names), self._sights.moving
         self.state_size = len(self.names)
-        lanes, columns = len(WIDEST), core + self.action_size
-        implied = getattr(model, "rough", None) is None and model.correction is None and not fitted
-        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied else 1
+        joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
+        lane = SINGLE if joined else WIDEST
+        lanes, columns = len(lane), core + self.action_size
+        implied = getattr(model, "rough", None) is None and model.correction is None and not (fitted or joined)
+        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
-        both = dual(WIDEST, at_once)
+        both = dual(lane, at_once)
         layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
         seen, rows, size = self._sights.entries, core + self._sights.entries + 1, len(names)
         self.observation_size = self._sights.size
@@ -150,7 +152,7 @@ class Periods:
         self._blocks = blocks
         room = lanes * int(uncompiled(room_of)(model, task, program.n_steps))
         self._program = derivative.Derivative(
-            lane=WIDEST, dual=both, program=program, plain=layouts[0], both=layouts[1], columns=columns,
+            lane=lane, dual=both, program=program, plain=layouts[0], both=layouts[1], columns=columns,
             moving=core, passes=PASSES if batch.settings.formulation == "geometrically_exact" else 1,
             places=places_of(batch, model, lanes, layouts[0], parameters)[0],
             twice=places_of(batch, model, len(both), layouts[1], parameters)[0],
@@ -322,7 +324,7 @@ class Arms(Periods):
         observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
         whether an arm was beyond a joint's limits at its end.
     Raises:
-        ValueError: an environment that cannot be differentiated: replayed motions, joints by multipliers; bad sizes.
+        ValueError: an environment that cannot be differentiated: replayed motions; bad sizes.
     """
 
     def __init__(
@@ -333,12 +335,15 @@ class Arms(Periods):
             vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **keywords,
         ).unwrapped  # fmt: skip
         self.environment = made
-        _differentiable(made)
+        if made.plan.task == "replay":
+            raise _no_motions("task", "replay")
         self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
         super().__init__(made.batch, check.flag("parameters", parameters))
 
     def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
         """Fresh starts, those of the vector environment with this seed and these options: states (n, S)."""
+        if (options or {}).get("motion") is not None:
+            raise _no_motions("options.motion", "given")
         self.environment.reset(seed=seed, options=options)
         return self.states()
 
@@ -368,10 +373,6 @@ def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
     return isinstance(model, ExactBeam) and not parameters and model.rigid is None and model.loads is None
 
 
-def _differentiable(made: Any) -> None:
-    """A ValueError for what has no derivative here."""
-    plan = made.plan
-    wrong = {"task": plan.task == "replay", "multipliers": bool(plan.settings.multipliers)}
-    for name, is_so in wrong.items():
-        if is_so:
-            raise check.InvalidValue(name, "given", "must not be: derivatives do not have it")
+def _no_motions(name: str, value: str) -> check.InvalidValue:
+    """Arms that follow prescribed motions do not move in the batch (`envs.motion.Guide`)."""
+    return check.InvalidValue(name, value, "must not be: derivatives do not have prescribed motions")

@@ -45,9 +45,10 @@ def places_of(batch: Any, model: Any, stride: int, layout: Any, parameters: bool
     afresh = isinstance(model.predictor, tuple) and getattr(model, "rough", None) is None
     free = [k for k in range(rows) if k not in fixed]
     moving: list[_Place] = []
+    forces = set() if model.algebraic is None else set(model.algebraic.tolist())
     for name in ("q", "v") if afresh else ("q", "v", "a", "b"):
         first = int(getattr(work, name)[0])
-        moving += [_Place(f"{name}[{k}]", first + k * stride) for k in free]
+        moving += [_Place(f"{name}[{k}]", first + k * stride) for k in free if name == "q" or k not in forces]
     if not afresh:
         moving += [_Place(f"torque[{k}]", int(work.u[0]) + k * stride) for k in range(links)]
     at = RECORD.offsets(0, *record_sizes(task, batch.entries, extras))

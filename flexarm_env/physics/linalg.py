@@ -6,18 +6,28 @@ with `width = 2*below + above + 1`: the extra `below` columns take the fill that
 
 from __future__ import annotations
 
-from ..compiler import kernel
+from ..compiler import absolute, kernel, largest, load, store
 
 
 @kernel
-def band_lu(A, pivot, n, below, above):
-    """Factor A in place; `pivot[i]` (a float64) is the row exchanged with row i. A zero pivot leaves inf or NaN."""
+def _exchange(lane, A, i, j):
+    x = load(lane, A, i)
+    store(A, i, load(lane, A, j))
+    store(A, j, x)
+
+
+@kernel
+def band_lu(lane, A, pivot, n, below, above):
+    """Factor A in place; `pivot[i]` (a float64) is the row exchanged with row i. A zero pivot leaves inf or NaN.
+
+    lane: of one arm, with tangents or without; its values say which rows are exchanged.
+    """
     width = 2 * below + above + 1
     for k in range(n):
         last = min(n - 1, k + below)
-        pivot_size, p = abs(A[k * width + below]), k
+        pivot_size, p = largest(absolute(load(lane, A, k * width + below))), k
         for i in range(k + 1, last + 1):
-            candidate = abs(A[i * width + k - i + below])
+            candidate = largest(absolute(load(lane, A, i * width + k - i + below)))
             if candidate > pivot_size:
                 pivot_size, p = candidate, i
         pivot[k] = p
@@ -25,33 +35,33 @@ def band_lu(A, pivot, n, below, above):
         if p != k:
             a, b = k * width + below - k, p * width + below - p
             for j in range(k, right + 1):
-                A[a + j], A[b + j] = A[b + j], A[a + j]
+                _exchange(lane, A, a + j, b + j)
         row = k * width + below - k
-        inverse = 1.0 / A[row + k]
+        inverse = 1.0 / load(lane, A, row + k)
         for i in range(k + 1, last + 1):
             other = i * width + below - i
-            factor = A[other + k] * inverse
-            A[other + k] = factor
-            if factor != 0.0:
+            factor = load(lane, A, other + k) * inverse
+            store(A, other + k, factor)
+            if len(lane) > 1 or largest(absolute(factor)) != 0.0:  # a tangent may be there where there is no value
                 for j in range(k + 1, right + 1):
-                    A[other + j] -= factor * A[row + j]
+                    store(A, other + j, load(lane, A, other + j) - factor * load(lane, A, row + j))
 
 
 @kernel
-def band_lu_solve(A, pivot, x, n, below, above):
+def band_lu_solve(lane, A, pivot, x, n, below, above):
     """x <- A^-1 x with the factors of `band_lu`."""
     width = 2 * below + above + 1
     for k in range(n):
         p = int(pivot[k])
         if p != k:
-            x[k], x[p] = x[p], x[k]
-        value = x[k]
-        if value != 0.0:
+            _exchange(lane, x, k, p)
+        value = load(lane, x, k)
+        if len(lane) > 1 or largest(absolute(value)) != 0.0:
             for i in range(k + 1, min(n - 1, k + below) + 1):
-                x[i] -= A[i * width + k - i + below] * value
+                store(x, i, load(lane, x, i) - load(lane, A, i * width + k - i + below) * value)
     for k in range(n - 1, -1, -1):
         row = k * width + below - k
-        total = x[k]
+        total = load(lane, x, k)
         for j in range(k + 1, min(n - 1, k + below + above) + 1):
-            total -= A[row + j] * x[j]
-        x[k] = total / A[row + k]
+            total = total - load(lane, A, row + j) * load(lane, x, j)
+        store(x, k, total / load(lane, A, row + k))

@@ -120,7 +120,7 @@ class Mesh(NamedTuple):
 
 
 class FloatingFrame(NamedTuple):
-    """The bodies of a `FloatingChain`, each with a frame of its own, joined by multipliers; SINGLE only.
+    """The bodies of a `FloatingChain`, each with a frame of its own, joined by multipliers; one arm at a time.
 
     table  int64 (bodies, 5), a row a body: `physics.floating.layout.ROW`
     data, gravity, loads  as `FloatingChain` has them

@@ -59,7 +59,7 @@ def _change(lane, model, resting, par, new, live, w, h, books):
         v = load(lane, w.v0, k)
         store(w.v, k, select_lt(0.5, struck, v + load(lane, w.r, k), v))
         store(w.a, k, load(lane, w.a0, k))
-    move_multipliers(model.algebraic, w.v, w.v, True)
+    move_multipliers(lane, model.algebraic, w.v, w.v, True)
     _accelerate(lane, model, par, w, h)
     for k in range(n):
         a = load(lane, w.a0, k)
@@ -107,7 +107,7 @@ def _of_momentum(lane, model, par, new, w):
         rest = load(lane, w.r, k)
         store(w.r, k, load(lane, w.q0, k) - rest)
         store(w.q0, k, rest)
-    move_multipliers(model.algebraic, w.r, w.r, True)
+    move_multipliers(lane, model.algebraic, w.r, w.r, True)
     _solve(lane, model, w, True)
 
 
@@ -132,11 +132,11 @@ def _pass_layer(lane, model, par, w, h):
 @kernel
 def _damp(lane, model, par, w, h, matrix):
     """r <- t x where v is x times h/2 and `SMALL`, and a is 0."""
-    move_multipliers(model.algebraic, w.v, w.v, True)
+    move_multipliers(lane, model.algebraic, w.v, w.v, True)
     assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
     for k in range(size(model.n)):
         store(w.r, k, (load(lane, w.r, k) - load(lane, w.q0, k)) * (1.0 / SMALL))
-    move_multipliers(model.algebraic, w.r, w.r, True)
+    move_multipliers(lane, model.algebraic, w.r, w.r, True)
     _solve(lane, model, w, matrix)
 
 

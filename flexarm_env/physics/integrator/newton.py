@@ -91,8 +91,19 @@ def _take_multipliers(lane, algebraic, w, active, c_m):
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            w.q[k] = select_lt(0.5, active, w.q[k] - c_m * w.r[k], w.q[k])
-            w.r[k] = 0.0
+            force = load(lane, w.q, k)
+            store(w.q, k, select_lt(0.5, active, force - load(lane, w.r, k) * c_m, force))
+            store(w.r, k, splat(lane, 0.0))
+
+
+@kernel
+def _sharpen_multipliers(lane, algebraic, w, c_m):
+    """`_take_multipliers` of tangents alone."""
+    if algebraic is not None:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
+            store(w.q, k, load(lane, w.q, k) + change(-load(lane, w.r, k)) * c_m)
+            store(w.r, k, splat(lane, 0.0))
 
 
 @inlined
@@ -165,6 +176,7 @@ def _sharpen(lane, model, drive, par, w, slopes):
     factor(lane, model, w.S)
     solve(lane, model, w.S, w.r)
     rub(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
+    _sharpen_multipliers(lane, model.algebraic, w, slopes.a)
     for k in range(size(model.n)):
         d = change(-load(lane, w.r, k))
         store(w.q, k, load(lane, w.q, k) + d)

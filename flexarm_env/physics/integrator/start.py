@@ -53,7 +53,7 @@ def _keep(n, algebraic, w):
 
 
 @kernel
-def _take_multipliers(drive, algebraic, w, fresh):
+def _take_multipliers(lane, drive, algebraic, w, fresh):
     """Multipliers from where the accelerations were solved for: the new ones, or what is added to those kept."""
     if drive is not None:
         if not fresh:
@@ -61,7 +61,7 @@ def _take_multipliers(drive, algebraic, w, fresh):
                 for i in range(algebraic.shape[0]):
                     k = algebraic[i]
                     w.a[k] += w.q[k]
-    move_multipliers(algebraic, w.q, w.a, False)
+    move_multipliers(lane, algebraic, w.q, w.a, False)
 
 
 @kernel
@@ -121,7 +121,7 @@ def _jumps(drive, w):
 @kernel
 def _forces(lane, model, par, w, weights):
     """r of q, v, a, with the multipliers that stand in a's rows; S unless weights.mass = 0."""
-    move_multipliers(model.algebraic, w.q, w.a, False)
+    move_multipliers(lane, model.algebraic, w.q, w.a, False)
     assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
 
 
@@ -144,7 +144,7 @@ def _jump(lane, model, drive, par, w, h, fresh):
         _pass_layer(lane, model, drive, par, w, h, fresh)
     for k in range(n):
         w.v[k] = w.v0[k] + w.a0[k]
-    move_multipliers(model.algebraic, w.v, w.v, True)
+    move_multipliers(lane, model.algebraic, w.v, w.v, True)
 
 
 @kernel
@@ -157,7 +157,7 @@ def _solve_jump(lane, model, drive, par, w):
             w.a0[k] = w.psi[OF_MOTION.end * i + OF_MOTION.rate] - w.v0[k]
     for k in range(n):
         w.a[k] = w.a0[k]
-    move_multipliers(model.algebraic, w.a, w.a, True)
+    move_multipliers(lane, model.algebraic, w.a, w.a, True)
     _forces(lane, model, par, w, MASS_ALONE)
     _less(n, w.r, w.b0, 1.0)
     for k in range(n):
@@ -189,7 +189,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
         w.v[k], w.a[k] = part * w.a0[k], 0.0
-    move_multipliers(model.algebraic, w.q, w.a, False)
+    move_multipliers(lane, model.algebraic, w.q, w.a, False)
     _damp(lane, model, drive, par, w, h, True, fresh, 1.0)  # (1 - s) dv
     for k in range(n):
         w.v[k] = part * w.r[k]
@@ -206,7 +206,7 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
         w.a[k] = -SMALL * e
         w.r[k] = w.v0[k] + w.a0[k] - 0.5 * e  # mean of the velocities before and after the layer
         w.a0[k] -= e
-    move_multipliers(model.algebraic, w.v, w.v, True)
+    move_multipliers(lane, model.algebraic, w.v, w.v, True)
     w.books[DISSIPATED] += damping_work(lane, model, par, w.q, w.v, w.r) / SMALL  # v is `part` times g - e
     _forces(lane, model, par, w, RESIDUAL_ALONE)
     _less(n, w.r, w.b0, 1.0)
@@ -217,10 +217,10 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
 @kernel
 def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
     """r <- (1 - s) x where v is x times h/2 and SMALL; `share` of it goes into the jump of the accelerations."""
-    move_multipliers(model.algebraic, w.v, w.v, True)
+    move_multipliers(lane, model.algebraic, w.v, w.v, True)
     assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
     _less(size(model.n), w.r, w.b0, 1.0 / SMALL)
-    move_multipliers(model.algebraic, w.r, w.r, True)
+    move_multipliers(lane, model.algebraic, w.r, w.r, True)
     _solve(lane, model, drive, w, matrix)
     if not fresh:
         for k in range(size(model.n)):
@@ -248,13 +248,13 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
         _jump(lane, model, drive, par, w, h, fresh)
     for k in range(n):
         store(w.a, k, splat(lane, 0.0))
-    move_multipliers(model.algebraic, w.q, w.a, False)
+    move_multipliers(lane, model.algebraic, w.q, w.a, False)
     if drive is not None:
         if not fresh:
             for k in range(n):
                 w.a[k] = w.q0[k]
-            move_multipliers(model.algebraic, w.q, w.q0, False)
-            move_multipliers(model.algebraic, w.a, w.a, True)
+            move_multipliers(lane, model.algebraic, w.q, w.q0, False)
+            move_multipliers(lane, model.algebraic, w.a, w.a, True)
         set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
     for i in range(times):
         matrix = i == 0
@@ -265,8 +265,8 @@ def _restart(lane, model, drive, par, w, t, h, fresh):
         rub(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
-        _take_multipliers(drive, model.algebraic, w, fresh)
-        move_multipliers(model.algebraic, w.a, w.a, True)
+        _take_multipliers(lane, drive, model.algebraic, w, fresh)
+        move_multipliers(lane, model.algebraic, w.a, w.a, True)
     _set_b(lane, n, drive, w, fresh)
     if drive is not None:
         assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)

@@ -135,25 +135,25 @@ def _settle(lane, model, drive, par, algebraic, w):
         assemble(lane, model, par, state_of(w), w.u, MASS_ALONE, w.r, w.S)
         _across(lane, model, drive, w, 1)
         for i in range(algebraic.shape[0]):
-            w.r[algebraic[i]] = 0.0
-        for k in range(w.r.shape[0]):
-            w.v[k] -= w.r[k]
+            store(w.r, algebraic[i], splat(lane, 0.0))
+        for k in range(size(model.n)):
+            store(w.v, k, load(lane, w.v, k) - load(lane, w.r, k))
         _across(lane, model, drive, w, 2)
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            w.q[k] -= w.r[k]
-            w.r[k] = 0.0
-        for k in range(w.r.shape[0]):
-            w.a[k] -= w.r[k]
-            w.b[k] -= w.r[k]
+            store(w.q, k, load(lane, w.q, k) - load(lane, w.r, k))
+            store(w.r, k, splat(lane, 0.0))
+        for k in range(size(model.n)):
+            store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
+            store(w.b, k, load(lane, w.b, k) - load(lane, w.r, k))
 
 
 @kernel
 def _across(lane, model, drive, w, level):
     """r <- what constraint forces alone have to take away for the velocities (level 1) or accelerations (2) to keep to
     the constraints; S: M and Phi_q, factored here for level 1."""
-    for k in range(w.r.shape[0]):
-        w.r[k] = 0.0
+    for k in range(size(model.n)):
+        store(w.r, k, splat(lane, 0.0))
     constrain(lane, model, w.psi, state_of(w), level, 1.0, w.r)
     take_out_known(lane, model, drive, w.r, w.S, level == 1)
     if level == 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...compiler import kernel, size, splat, store
+from ...compiler import kernel, load, size, splat, store
 from ...layout import Field, Layout
 from ..layout import BOOKS, COUNTS, MOTION, OF_MOTION
 from ..protocol import State, pin
@@ -111,9 +111,9 @@ def set_known(known, psi, q, v, a, b):
 
 
 @kernel
-def move_multipliers(algebraic, target, values, clear):
+def move_multipliers(lane, algebraic, target, values, clear):
     """Multipliers live in q; solves for accelerations or velocity jumps leave them in those arrays."""
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            target[k] = 0.0 if clear else values[k]
+            store(target, k, splat(lane, 0.0) if clear else load(lane, values, k))
