@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,7 @@ from llvmlite import ir
 from numba import cfunc, config, typeof, types
 from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
 
-from .arrays import bare, bare_type
-from .decorator import kernel
+from .arrays import bare_type
 from .private import MODE
 
 FAILED = -1
@@ -26,10 +26,10 @@ FAILED = -1
 
 
 class Address(types.Type):  # type: ignore[misc]
-    """Numba type of the address of a placed value of type `target`."""
+    """Numba type of the address of a placed value of type `target`, which takes so many words of eight bytes."""
 
-    def __init__(self, target: Any) -> None:
-        self.target = target
+    def __init__(self, target: Any, words: int) -> None:
+        self.target, self.words = target, words
         super().__init__(name=f"Address({target})")
 
 
@@ -59,36 +59,23 @@ def _typeof_address(address: PlainAddress, c: Any) -> Address:
     return address.kind
 
 
-def _unowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """The value, its arrays of more dimensions (which `bare` leaves) without an owner whose references are counted."""
-    if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, value)
-        array.meminfo = ir.Constant(array.meminfo.type, None)
-        array.parent = ir.Constant(array.parent.type, None)
-        return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
-        for i, part in enumerate(kind):
-            inner = _unowned(context, builder, part, builder.extract_value(value, i))
-            value = builder.insert_value(value, inner, i)
-    return value
-
-
-@intrinsic
-def _write(typingctx: Any, buffer: Any, value: Any, places: Any) -> Any:
-    """Write a value into a buffer and where each of its parts begins, in bytes, into places; the value's size."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind, word, slot = signature.args[1], ir.IntType(64), ir.IntType(32)
-        data, found = (context.make_array(signature.args[k])(context, builder, args[k]).data for k in (0, 2))
-        target = builder.bitcast(data, context.get_value_type(kind).as_pointer())
-        builder.store(_unowned(context, builder, kind, args[1]), target, align=8)
-        begin = builder.ptrtoint(target, word)
-        for i in range(len(kind)):
-            part = builder.ptrtoint(builder.gep(target, [slot(0), slot(i)]), word)
-            builder.store(builder.sub(part, begin), builder.gep(found, [word(i)]))
-        return ir.Constant(word, context.get_abi_sizeof(context.get_value_type(kind)))
-
-    return types.int64(buffer, value, places), codegen
+def _words(value: Any) -> list[int]:
+    """A value as machine code holds it, in words of eight bytes: what is made of an array is bare where `bare` makes it
+    so, and has no owner whose references are counted."""
+    if isinstance(value, tuple):
+        return [word for part in value for word in _words(part)]
+    if isinstance(value, np.ndarray):
+        begin = int(value.__array_interface__["data"][0])
+        if value.ndim == 1 and value.flags.c_contiguous:
+            return [begin, value.size]
+        return [0, 0, value.size, value.itemsize, begin, *value.shape, *value.strides]
+    if value is None:
+        return [0]
+    if isinstance(value, int | np.int64) and not isinstance(value, bool):
+        return [int(value)]
+    if isinstance(value, float):
+        return [int(np.float64(value).view(np.int64))]
+    raise TypeError(f"{type(value).__name__}: a placed value holds arrays, None, int and float")
 
 
 @intrinsic
@@ -96,19 +83,15 @@ def follow(typingctx: Any, address: Any) -> Any:
     """The value placed at an address, its arrays bare."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = builder.inttoptr(args[0], context.get_value_type(address.target).as_pointer())
-        return builder.load(pointer, align=8)
+        kind = context.get_value_type(address.target)
+        assert context.get_abi_sizeof(kind) == 8 * address.words, address.target
+        return builder.load(builder.inttoptr(args[0], kind.as_pointer()), align=8)
 
     return address.target(address), codegen
 
 
 if config.DISABLE_JIT:
     follow = lambda address: address  # noqa: E731 - the value is its own address
-
-
-@kernel
-def _place(buffer, value, places):
-    return _write(buffer, bare(value), places)
 
 
 class Placed:
@@ -122,13 +105,12 @@ class Placed:
         self.address: Any = value
         if config.DISABLE_JIT:
             return
-        self._buffer, places = np.zeros(8192, np.uint64), np.zeros(len(value), np.int64)
-        used = _place(self._buffer, value, places)
-        assert used <= self._buffer.nbytes
-        self.kind = Address(bare_type(typeof(value)))
+        parts = [_words(part) for part in value]
+        self._buffer = np.array([word for part in parts for word in part], np.int64)
+        self._places = dict(zip(value._fields, accumulate(map(len, parts), initial=0), strict=False))
+        self.kind = Address(bare_type(typeof(value)), len(self._buffer))
         word = int(self._buffer.ctypes.data)
         self.address = word if MODE == "whole" else PlainAddress(word, self.kind)
-        self._words = dict(zip(value._fields, (places // self._buffer.itemsize).tolist(), strict=True))
         self._held: dict[str, Any] = {}
 
     def replace(self, name: str, array: Any) -> None:
@@ -137,7 +119,7 @@ class Placed:
             self.address = self.value = self.value._replace(**{name: array.reshape(-1)})
             return
         self._held[name] = array
-        self._buffer[self._words[name]] = array.__array_interface__["data"][0]  # a bare array begins with its address
+        self._buffer[self._places[name]] = array.__array_interface__["data"][0]  # a bare array begins with its address
 
 
 def entry(function: Any, placed: Placed, *arguments: Any) -> Callable[..., Any]:

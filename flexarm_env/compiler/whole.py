@@ -13,6 +13,7 @@ import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import cache
+from types import CodeType
 from typing import Any
 
 from llvmlite import ir
@@ -26,12 +27,16 @@ from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime.context import NRTContext
 from numba.core.targetconfig import ConfigStack
-from numba.core.typed_passes import NopythonTypeInference
+from numba.core.typed_passes import NopythonRewrites, NopythonTypeInference
 from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.core.untyped_passes import InlineClosureLikes
 from numba.extending import lower_builtin
 
 from .cache import KernelCache
 from .waiting import announced
+
+IDLE = NopythonRewrites, InlineClosureLikes
+"""Passes that look for what kernels have none of: expressions of whole arrays, and functions within a function."""
 
 _open = 0
 """How many kernels are being compiled at this moment, one within the other; changed under Numba's compiler lock."""
@@ -61,33 +66,82 @@ class _Part(JITCodeLibrary):  # type: ignore[misc]
 
     _packed: bytes | None = None
 
+    def __init__(self, codegen: Any, name: str) -> None:
+        super().__init__(codegen, name)
+        self.called: list[Any] = []
+
     @property
     def codegen(self) -> Any:
         return _Engineless(self._codegen)
 
-    def _optimize_final_module(self) -> None:
-        """Left to the caller."""
+    def add_linking_library(self, library: Any) -> None:
+        """What it calls, which is linked once, into the whole."""
+        self.called.append(library)
 
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
+    def finalize(self) -> None:
+        """Left to the whole."""
         self._finalized = True
 
     def pack(self) -> None:
         """Keep the code in a tenth of the room, for callers that are compiled later."""
-        self._packed = super()._get_module_for_linking().as_bitcode()
+        self._packed = self.own().as_bitcode()
         self._final_module = self._shared_module = None
 
-    def _get_module_for_linking(self) -> Any:
+    def own(self) -> Any:
+        """The code without what it calls."""
         return super()._get_module_for_linking() if self._packed is None else parse_bitcode(self._packed)
+
+    def _get_module_for_linking(self) -> Any:
+        """With what it calls, for a function that is no kernel."""
+        module = self.own().clone()
+        for library in dict.fromkeys(self.called):
+            module.link_in(library._get_module_for_linking(), preserve=True)
+        return module
 
 
 class _Whole(JITCodeLibrary):  # type: ignore[misc]
     """Code that is optimised with all of its parts, which nothing else can call: what a part does not use of its
     arguments need not be handed to it."""
 
+    def __init__(self, codegen: Any, name: str) -> None:
+        super().__init__(codegen, name)
+        self._called: list[_Part] = []
+
+    def add_linking_library(self, library: Any) -> None:
+        """What it calls."""
+        if isinstance(library, _Part):
+            self._called.append(library)
+        else:
+            super().add_linking_library(library)
+
+    def finalize(self) -> None:
+        """Link each part once, optimise, and make machine code."""
+        for part in self._parts():
+            self._final_module.link_in(part.own(), preserve=True)
+        super().finalize()
+
+    def _parts(self) -> list[_Part]:
+        """All parts, each behind all that call it: what nothing has called yet the linker leaves out."""
+        found: dict[_Part, None] = {}
+
+        def visit(part: _Part) -> None:
+            for inner in part.called:
+                if not isinstance(inner, _Part):
+                    super(_Whole, self).add_linking_library(inner)
+                elif inner not in found:
+                    visit(inner)
+            found[part] = None
+
+        for part in self._called:
+            if part not in found:
+                visit(part)
+        return list(reversed(found))
+
     def _optimize_final_module(self) -> None:
         for function in self._final_module.functions:
-            if not function.is_declaration and function.linkage == Linkage.linkonce_odr:
+            if function.is_declaration:
+                assert not function.name.startswith("_ZN"), f"{function.name} is not linked"
+            elif function.linkage == Linkage.linkonce_odr:
                 function.linkage = Linkage.internal
                 if function.name in _apart:
                     function.add_function_attribute("noinline")
@@ -149,7 +203,9 @@ class _Compiler(Compiler):  # type: ignore[misc]
         """
         ConfigStack().top().error_model = "python"
         pipelines = super().define_pipelines()
+        nested = any(isinstance(constant, CodeType) for constant in self.state.func_id.code.co_consts)
         for pipeline in pipelines:
+            pipeline.passes[:] = [one for one in pipeline.passes if one[0] not in ((IDLE[0],) if nested else IDLE)]
             pipeline.add_pass_after(_ChooseLibrary, NopythonTypeInference)
             pipeline.finalize()
         return pipelines
