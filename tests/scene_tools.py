@@ -23,7 +23,7 @@ def scene(arm: Arm = ONE, **changes: object) -> Scene:
 
 def everything(scene: Scene) -> Scene:
     """The same motion with gravity, a load and damping of next to nothing, so that tests share one compiled form."""
-    loads = (*scene.loads, PointLoad(0, "tip", force_y=constant(0.0)))
+    loads = (*scene.loads, PointLoad(0, "tip", force_y=constant(1e-300)))
     arm = replace(scene.arm, tau_d=max(scene.arm.tau_d, 1e-300))
     return replace(scene, arm=arm, loads=loads, gravity=scene.gravity or (0.0, 0.0))
 

@@ -14,6 +14,7 @@ from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import Scene
 from tests.processes import ROOT
+from tests.scene_tools import everything
 
 
 def test_names_and_sources() -> None:
@@ -70,7 +71,7 @@ def test_quanser() -> None:
     a, b, m = first.length, arm.total_length, second.section.m
     carried = elbow.mass * a**2 + m * (b**3 - a**3) / 3 + arm.payload.mass * b**2 + arm.payload.inertia
     assert carried + elbow.inertia_left == pytest.approx(0.17043, abs=5e-4)
-    scene = Scene("straight", arm, duration=1.0, dt=0.01, rigid_joints=(1,))
+    scene = everything(Scene("straight", arm, duration=1.0, dt=0.01, rigid_joints=(1,)))
     omega = modes(scene, 1, "geometrically_exact", elements=4, clamped=True).frequencies[0]
     assert omega / (2 * math.pi) == pytest.approx(1.67, abs=0.01)
     assert arm.tau_d == pytest.approx(2 * 0.01 / omega, rel=0.01)
@@ -191,6 +192,6 @@ def test_quanser_is_fitted_and_keeps_what_was_not() -> None:
         assert own.uniform is not None and old.uniform is not None
         assert own.length == old.length and own.mass == pytest.approx(old.mass, rel=1e-6)
         assert 0.55 < own.uniform.EI / old.uniform.EI < 0.7
-    scene = Scene("straight", arm, duration=1.0, dt=0.01)
+    scene = everything(Scene("straight", arm, duration=1.0, dt=0.01))
     omega = modes(scene, 1, "elastica", clamped=(0, 1)).frequencies[0]
     assert omega / (2 * math.pi) == pytest.approx(1.82, abs=0.01)
