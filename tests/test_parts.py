@@ -74,8 +74,12 @@ def plain(x, y):
     return x / y + 1.0
 
 @kernel
+def same(x):
+    return x
+
+@kernel
 def half(x):
-    return 0.5 * x
+    return 0.5 * same(x)
 
 @numba.njit(cache=True)
 def kept(x, y):
