@@ -105,11 +105,11 @@ class Layout:
     def unpack(self, flat: NDArray[np.float64], first: int = 0, /, **sizes: int) -> dict[str, NDArray[np.float64]]:
         """Views of the fields in their shapes, by name; the layout begins at flat[..., first]."""
         begins = self.offsets(first, *[sizes[word] for word in self.sizes])
-        parts = [flat[..., a:b] for a, b in pairwise(begins)]
-        return {
-            field.name: part.reshape(flat.shape[:-1] + shape)
-            for field, part, shape in zip(self.fields, parts, self.shapes(**sizes), strict=True)
-        }
+        found = {}
+        for field, (a, b), shape in zip(self.fields, pairwise(begins), self.shapes(**sizes), strict=True):
+            part = flat[..., a:b] if shape else flat[..., a]
+            found[field.name] = part.reshape(flat.shape[:-1] + shape) if len(shape) > 1 else part
+        return found
 
     def __str__(self) -> str:
         """A line a field: name, shape, unit, meaning."""

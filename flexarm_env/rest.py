@@ -86,7 +86,7 @@ def relax(simulation: Any) -> Array:
         before[:] = work.q
         simulation.dt = h
         simulation.t = 0.0
-        good = simulation.advance_to(h, books=False)
+        good = simulation.advance_to(h)
         move = float(np.abs((work.q - before) * weight)[rows].max(initial=0.0)) if good else np.inf
         if not move < 0.5:  # it failed, or went too far
             work.q[:] = before

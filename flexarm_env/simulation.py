@@ -6,7 +6,8 @@ import dataclasses
 import math
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,17 @@ from . import accuracy, physics  # noqa: F401  (importing physics registers the 
 from . import validation as check
 from .compiler import SINGLE, uncompiled
 from .physics import assembly
-from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
-from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
-from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, System
+from .physics.layout import DISSIPATED, POSE, TIP
+from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, Drive, System
 from .rest import rested
 from .runtime.fitted import FITS, begin_run, close_fit, end_run, open_fit
 from .runtime.keeping import keep
 from .runtime.layout import fit_rooms
-from .runtime.sampling import SAMPLE, STRETCH, gained, observe_arm, sample_rows
+from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, gained, observe_arm, sample_rows
 from .scene import Scene
 from .settings import Settings
-from .trajectory import Recorder, Trajectory, check_work
+from .trajectory import Trajectory, check_work, recorded
 
 Array = NDArray[np.float64]
 
@@ -35,13 +35,13 @@ Start = tuple[float, float, bool]
 """Time, s, and gross work, J, that a stretch begins with, and whether it begins with a fresh restart."""
 
 _NO_POINTS = np.zeros((0, 2))
+_NOTHING = np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 2))
+"""Instants, a table and points of no samples."""
 _AT = STRETCH.places
 CHUNK = 500
 """Steps between two looks at the work done."""
 CHUNKS = 4
 """So many times as many between two returns from compiled code, where the clock is looked at and Ctrl-C heard."""
-ROWS = 1024
-"""Samples between two such returns, at most."""
 CHEAP = 250
 """Unknowns up to which CHUNKS of CHUNK steps take less than a second."""
 ENERGY_LIMIT = 1e3
@@ -81,9 +81,11 @@ class Simulation:
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
         self.deadline: float | None = None
-        self._restarted: tuple[Array, Array, float] | None = None
+        self._restarted: tuple[Array, Array, float] | None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
-        self._kinks = scene.kinks
+        self._kinks = np.array(scene.kinks, dtype=np.float64)
+        self._sizes = {"rows": len(self.work.q), "links": scene.arm.n_links, "motions": self.n_motions}
+        self._sample = SAMPLE.offsets(0, *self._sizes.values()).end
         self._poses = np.zeros(POSE.end * scene.arm.n_links)
         self._energies = np.zeros(3)
         self.reset()
@@ -95,7 +97,10 @@ class Simulation:
         self.t = self.gross = 0.0
         self.levels: list[int] = []
         self._level = 1
-        self._restart(fresh=False)  # at rest before 0: loads and motions that begin there do so as at any kink
+        stretch = self._stretch(starts=AT_KINK)  # at rest before 0: loads and motions begin there as at any kink
+        points = np.empty((1, assembly.room_for_points(self.settings, self.scene.arm.n_links), 2))
+        self._call(stretch, np.zeros(1), np.empty((1, self._sample)), points)
+        self._points, self._restarted = int(stretch[_AT.points]), None
 
     @property
     def status(self) -> int:
@@ -119,9 +124,8 @@ class Simulation:
 
         books: keep account of work and dissipation (their place is `work.books`).
         """
-        if self.t < t_end - 1e-12 * max(1.0, t_end):
-            for _ in self._go([t_end], t_end - self.t, self._stretch(math.inf), 0, books):
-                pass
+        if self.t < t_end - NEAR * max(1.0, t_end):
+            self._go(self._stretch(), np.array([t_end]), np.empty((1, self._sample)), np.empty((1, 0, 2)), books)
         return self.status == OK
 
     def _fit(self, period: float, run: Callable[[], Array]) -> None:
@@ -167,154 +171,148 @@ class Simulation:
             self._restart()
         return run()
 
-    def _next_kink(self) -> float:
-        """The first kink after the time reached, s; infinite where there is none."""
-        k = bisect_right(self._kinks, self.t)
-        while k < len(self._kinks) and self._kinks[k] <= self.t + 1e-12 * max(1.0, self._kinks[k]):
-            k += 1
-        return self._kinks[k] if k < len(self._kinks) else math.inf
+    def _stops(self, instant: float) -> list[float]:
+        """The kinks between the time reached and an instant, and the instant itself, or the kink that it meets."""
+        near = NEAR * max(1.0, instant)
+        ahead = self._kinks[bisect_right(self._kinks, self.t) : bisect_right(self._kinks, instant + near)].tolist()
+        stops = [k for k in ahead if k > self.t + NEAR * max(1.0, k)]
+        return stops if stops and stops[-1] >= instant - near else [*stops, instant]
 
     def record(
-        self, end: float, interval: float, sink: Callable[[dict[str, Array], Array], None],
-        tell: Callable[[float], None] | None = None,
-    ) -> None:  # fmt: skip
+        self, end: float, interval: float, tell: Callable[[float], None] | None = None
+    ) -> tuple[dict[str, Array], Array]:
         """Advance to `end`, recording the start and every `interval`, landing on every kink; ends where the arm fails.
 
-        What is recorded at a kink is the state just before it. sink: takes the fields of m samples
-        (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2), some at a time.
-        tell: called with the share done.
+        What is recorded at a kink is the state just before it. tell: called with the share done.
+        Returns:
+            The fields of m samples (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2).
         """
         count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
-        wanted = [min(k * interval, end) for k in range(1, count + 1)]
-        stretch = self._stretch(ENERGY_LIMIT)
-        table, shapes = self._samples(stretch, [self.t], self._points()[None], True)
-        points = int(np.count_nonzero(np.isfinite(shapes[0, :, 0])))
-        first = self._fields(table)
-        sink(first, shapes[:, :points])
-        stretch[_AT.start_energy] = first["energies"].sum()
-        done = 0
-        for table, shapes in self._go(wanted, interval, stretch, points, True):
-            sink(self._fields(table), shapes)
-            done += len(table)
-            if tell is not None:
-                tell(min(done / count, 1.0))
+        instants = np.arange(count + 1.0) * interval
+        instants[0], instants[-1] = self.t, min(count * interval, end)
+        return self._samples(self._stretch(ENERGY_LIMIT), instants, tell)
 
-    def _stretch(self, gain: float) -> Array:
-        """The `STRETCH` of a run that begins here; gain: see there."""
-        return STRETCH.pack(
-            {}, time=self.t, longest=self.dt, gross=self.gross, start_energy=0.0, gain=gain, begun=0.0, done=0.0
-        )
+    def sample(self) -> tuple[dict[str, Array], Array]:
+        """What `record` makes of the present state: m = 1."""
+        return self._samples(self._stretch(), np.array([self.t]), None)
 
-    def _fields(self, table: Array) -> dict[str, Array]:
-        """The fields of samples (..., size), views."""
-        sizes = {"rows": len(self.work.q), "links": self.scene.arm.n_links, "motions": self.n_motions}
-        return SAMPLE.unpack(table, **sizes)
+    def _samples(
+        self, stretch: Array, instants: Array, tell: Callable[[float], None] | None
+    ) -> tuple[dict[str, Array], Array]:
+        """Fields and points of samples at instants, as far as the arm gets."""
+        m, split = len(instants), len(instants) * self._sample
+        room = np.empty(split + m * self._points * 2)
+        table, shapes = room[:split].reshape(m, self._sample), room[split:].reshape(m, self._points, 2)
+        made = self._go(stretch, instants, table, shapes, True, tell)
+        return SAMPLE.unpack(table[:made], **self._sizes), shapes[:made]
+
+    def _stretch(self, gain: float = math.inf, starts: float = GOES_ON) -> Array:
+        """The `STRETCH` of a run that begins here; gain, starts: see there."""
+        stretch = np.zeros(_AT.end)
+        stretch[_AT.time], stretch[_AT.longest], stretch[_AT.gross] = self.t, self.dt, self.gross
+        stretch[_AT.gain], stretch[_AT.starts] = gain, starts
+        return stretch
 
     def _go(
-        self, wanted: list[float], interval: float, stretch: Array, points: int, books: bool
-    ) -> Iterator[tuple[Array, Array]]:
-        """Advance to instants, landing on every kink between them; rows and points of some of them at a time.
+        self, stretch: Array, instants: Array, table: Array, shapes: Array, books: bool,
+        tell: Callable[[float], None] | None = None,
+    ) -> int:  # fmt: skip
+        """Advance to instants, landing on every kink between them; a row of `table` and of `shapes` each. Returns how
+        many are made: fewer where the arm fails."""
+        if self.settings.step_tolerance is None:
+            return self._rows(stretch, instants, table, shapes, books, tell)
+        moved = False
+        for i, instant in enumerate(instants.tolist()):
+            for stop in self._stops(instant):
+                if moved:
+                    self.restart_at_kink()
+                moved = stop > self.t
+                made = self._fitted(stretch, stop, table[i : i + 1], shapes[i : i + 1], books)
+                if self.status != OK:
+                    return i + made
+            if tell is not None:
+                tell((i + 1) / len(instants))
+        return len(instants)
 
-        Ends where the arm fails. points: how many there are along the chain.
-        """
-        k = 0
-        while k < len(wanted) and self.status == OK:
-            stops, rows = self._stops(wanted, k, interval)
-            table, shapes = self._samples(stretch, stops, np.zeros((len(stops), points, 2)), books)
-            k += rows
-            yield table[:rows], shapes[:rows]
-            if self.status == OK and k < len(wanted):
-                self.restart_at_kink()
-                stretch[_AT.gross] = self.gross
+    def _fitted(self, stretch: Array, stop: float, table: Array, shapes: Array, books: bool) -> int:
+        """A smooth stretch in fitted steps, and the row at its end; whether that is made."""
+        row, made = SAMPLE.unpack(table[0], **self._sizes), 0
 
-    def _samples(self, stretch: Array, stops: list[float], shapes: Array, books: bool) -> tuple[Array, Array]:
-        """The rows and shapes of some instants of a smooth stretch."""
-        sizes = len(self.work.q), self.scene.arm.n_links, self.n_motions
-        table = np.zeros((len(stops), SAMPLE.offsets(0, *sizes).end))
-        if self.settings.step_tolerance is None or not (stops and stops[0] > self.t):
-            made = self._rows(stretch, stops, table, shapes, books)
-            return table[:made], shapes[:made]
-        for i, stop in enumerate(stops):
-            row, made = self._fields(table[i]), 0
+        def run() -> Array:
+            nonlocal made
+            stretch[_AT.time], stretch[_AT.longest], stretch[_AT.gross] = self.t, self.dt, self.gross
+            made = self._rows(stretch, np.array([stop]), table, shapes, books)
+            return row["poses"].reshape(-1)
 
-            def run(i: int = i, stop: float = stop, poses: Array = row["poses"]) -> Array:
-                nonlocal made
-                stretch[_AT.time], stretch[_AT.longest], stretch[_AT.gross] = self.t, self.dt, self.gross
-                made = self._rows(stretch, [stop], table[i : i + 1], shapes[i : i + 1], books)
-                return poses.reshape(-1)
-
+        if stop > self.t:
             self._fit(stop - self.t, run)
-            if made:
-                self._observe(_NO_POINTS)  # energies of the model that all step sizes share
-                row["energies"][:] = self._energies
-            if self.status != OK:
-                return table[: i + made], shapes[: i + made]
-        return table, shapes
+        else:
+            run()
+        if made:
+            self._observe(_NO_POINTS)  # energies of the model that all step sizes share
+            row["energies"][:] = self._energies
+        return made
 
-    def _rows(self, stretch: Array, stops: list[float], table: Array, shapes: Array, books: bool) -> int:
+    def _rows(
+        self, stretch: Array, instants: Array, table: Array, shapes: Array, books: bool,
+        tell: Callable[[float], None] | None = None,
+    ) -> int:  # fmt: skip
         """Calls of `runtime.sampling.sample_rows` until all rows are made, or the arm has failed; how many are made."""
-        made, instants = 0, np.array(stops)
+        made = 0
         while True:
-            made += int(sample_rows(
-                SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links, stretch,
-                instants[made:], self._chunk, CHUNKS * self._chunk, self.scheme, (0,) if books else None, table[made:],
-                shapes[made:],
-            ))  # fmt: skip
-            self.t, self.gross = float(stretch[_AT.time]), float(stretch[_AT.gross])
+            made += self._call(stretch, instants[made:], table[made:], shapes[made:], books)
+            if tell is not None:
+                tell(made / len(instants))
             if self.status != OK:
                 break
             if self.deadline is not None and time.perf_counter() > self.deadline:
                 self.work.flag[0] = TIMED_OUT
                 break
-            if made == len(stops):
+            if made == len(instants):
                 break
         stretch[_AT.done] = 0.0
         return made
 
-    def _stops(self, wanted: list[float], k: int, interval: float) -> tuple[list[float], int]:
-        """Instants to stop at next, up to a kink, and how many of them are wanted: wanted[k] and those after it."""
-        kink = self._next_kink()
-        most = max(1, min(ROWS, int(CHUNKS * self._chunk * self.dt / interval)))
-        stops = [t for t in wanted[k : k + most] if t <= kink + 1e-12 * max(1.0, t)]
-        rows = len(stops)
-        if rows and stops[-1] >= kink - 1e-12 * max(1.0, stops[-1]):
-            stops[-1] = kink
-        elif kink < wanted[min(k + rows, len(wanted) - 1)]:
-            stops.append(kink)
-        return stops, rows
+    def _call(self, stretch: Array, instants: Array, table: Array, shapes: Array, books: bool = True) -> int:
+        """A call of `runtime.sampling.sample_rows`."""
+        made = sample_rows(
+            SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links, stretch,
+            instants, self._kinks, self._chunk, CHUNKS * self._chunk, self.scheme, (0,) if books else None, table,
+            shapes,
+        )  # fmt: skip
+        self.t, self.gross = float(stretch[_AT.time]), float(stretch[_AT.gross])
+        return int(made)
 
-    def compile(self) -> float:
-        """Compile what `record` needs (or load it from the cache) without moving; CPU seconds it took."""
-        clock = time.process_time()
-        self._rows(self._stretch(math.inf), [], np.zeros((0, 1)), np.zeros((0, 1, 2)), True)
+    def compile(self) -> None:
+        """Compile what fitted steps need (or load it), without moving; all the rest is there since the start."""
         if self.settings.step_tolerance is not None:
             flat, gross, level, restarted = self._flat.copy(), self.gross, self._level, self._restarted
             self._fit(1.0, lambda: self._poses)
             self.levels.pop()
             self._flat[:], self.gross, self._level, self._restarted = flat, gross, level, restarted
-        return time.process_time() - clock
 
     def _restart(self, fresh: bool = True) -> None:
         """Consistent at t+: a fresh start, or a kink within a run, where the integrator keeps what it has filtered."""
-        kept, before, gross = self._flat.copy(), float(self.work.books[WORK_DONE]), self.gross
-        restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt, fresh)
-        self.gross += abs(float(self.work.books[WORK_DONE]) - before)
+        kept, gross = self._flat.copy(), self.gross
+        self._call(self._stretch(starts=ANEW if fresh else AT_KINK), *_NOTHING)
         self._restarted = (kept, self._flat.copy(), gross) if fresh else None
+
+    def begin(self, model: Any, drive: Drive, flat: Array) -> None:
+        """Make another work array consistent at t+ by a model and a drive: a fresh start."""
+        other = copy(self)
+        other.model, other.drive, other._flat = model, drive, flat
+        other._call(other._stretch(starts=ANEW), *_NOTHING)
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""
         near = bisect_right(self._kinks, self.t)
-        if any(abs(k - self.t) <= 1e-12 * max(1.0, k) for k in self._kinks[max(0, near - 1) : near + 1]):
+        if any(abs(k - self.t) <= NEAR * max(1.0, k) for k in self._kinks[max(0, near - 1) : near + 1]):
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
         """Poses of the links (n_links, 12; `physics.layout`) and energies (kinetic, strain, gravity) in J; copies."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
-
-    def _points(self) -> Array:
-        """Room for the points along the chain, not finite where none will be written."""
-        return np.full((assembly.room_for_points(self.settings, self.scene.arm.n_links), 2), np.nan)
 
     def _observe(self, points: Array) -> int:
         w = self.work
@@ -336,8 +334,9 @@ class Simulation:
 
     def shape_points(self) -> Array:
         """Positions along the chain, root to tip, (n_points, 2) m."""
-        points = self._points()
-        return points[: self._observe(points)].copy()
+        points = np.empty((self._points, 2))
+        self._observe(points)
+        return points
 
 
 def simulate(
@@ -383,12 +382,11 @@ def simulate(
     if end > scene.duration:
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
     simulation = Simulation(scene, settings)
-    recorder = Recorder(scene, settings)
     simulation.compile()
     clock = time.process_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
-    simulation.record(end, interval, recorder.extend, progress)
-    trajectory = recorder.finish(simulation, time.process_time() - clock)
+    samples = simulation.record(end, interval, progress)
+    trajectory = recorded(simulation, *samples, time.process_time() - clock)
     return judge(trajectory, interval, limit, allowed, estimate_error)
 
 
@@ -431,16 +429,9 @@ def _probe(
     simulation = Simulation(scene, settings)
     simulation.follow = levels
     simulation.compile()
-    times: list[Array] = []
-    tips: list[Array] = []
-
-    def note(fields: dict[str, Array], _: Array) -> None:
-        times.append(fields["time"])
-        tips.append(fields["poses"][:, -1, TIP][:, :2])
-
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
-    simulation.record(end, interval, note)
-    return accuracy.Probe(np.concatenate(times), np.concatenate(tips), simulation.status == OK)
+    fields, _ = simulation.record(end, interval)
+    return accuracy.Probe(fields["time"], fields["poses"][:, -1, TIP][:, :2], simulation.status == OK)
 
 
 __all__ = ["Simulation", "Trajectory", "simulate"]

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from . import validation as check
 from .physics.gauges import curvatures
 from .physics.layout import (
-    DISSIPATED,
     FACTORISATIONS,
     HALVINGS,
     ITERATIONS,
@@ -27,7 +26,6 @@ from .physics.layout import (
     STEPS,
     TIP,
     TIP_RATES,
-    WORK_DONE,
 )
 from .physics.model import STATUS
 from .scene import Scene
@@ -76,7 +74,7 @@ def placed(coordinates: Mapping[str, int], poses: Array, q: Array, v: Array) -> 
     turned = [angles[:, k] if row is None else q[:, row] for k, row in enumerate(motors)]
     spun = [rates[:, k] if row is None else v[:, row] for k, row in enumerate(motors)]
     return {
-        "tip": poses[:, -1, TIP].copy(), "tip_velocity": poses[:, -1, TIP_RATES].copy(),
+        "tip": poses[:, -1, TIP], "tip_velocity": poses[:, -1, TIP_RATES],
         "joint_angles": angles, "joint_rates": rates,
         "motor_angles": np.array(turned).T, "motor_rates": np.array(spun).T,
     }  # fmt: skip
@@ -356,72 +354,44 @@ def check_work(end: float, interval: float, dt: float | None) -> None:
         raise check.InvalidValue("sample", interval, what)
 
 
-class Recorder:
-    """Collects samples of a running Simulation."""
-
-    def __init__(self, scene: Scene, settings: Settings) -> None:
-        self.scene, self.settings = scene, settings
-        names = ("time", "poses", "energies", "work", "dissipated", "torque", "shapes", "q", "v")
-        self.rows: dict[str, list[Array]] = {name: [] for name in names}  # stretches of instants
-
-    def add(self, simulation: Any) -> None:
-        """Record the present state."""
-        poses, energies = simulation.observe()
-        work = simulation.work
-        known = {
-            "time": simulation.t, "poses": poses, "energies": energies, "work": work.books[WORK_DONE],
-            "dissipated": work.books[DISSIPATED], "torque": simulation.joint_torques(),
-            "shapes": simulation.shape_points(), "q": work.q, "v": work.v,
-        }  # fmt: skip
-        for name, rows in self.rows.items():
-            rows.append(np.array(known[name])[None])
-
-    def extend(self, fields: Mapping[str, Array], shapes: Array) -> None:
-        """Record samples: their fields by name (`runtime.sampling.SAMPLE`), an instant a row; shapes (m, P, 2)."""
-        torque = fields["torque"].copy()
-        for i, motion in enumerate(self.scene.motions):
-            if motion.joint is not None:
-                torque[:, motion.joint] = fields["reaction"][:, i]
-        known = dict(fields) | {"torque": torque, "shapes": shapes}
-        for name, rows in self.rows.items():
-            rows.append(known[name])
-
-    def finish(self, simulation: Any, cpu_seconds: float) -> Trajectory:
-        """The Trajectory of what was recorded."""
-        data = {name: np.concatenate(rows) for name, rows in self.rows.items()}
-        poses = data["poses"]
-        links = self.scene.arm.links
-        lengths = np.array([link.span for link in links])
-        bows = np.array([link.place(link.length + link.tip_offset).imag if link.curved else 0.0 for link in links])
-        counts = simulation.work.counts
-        return Trajectory(
-            scene=self.scene,
-            settings=self.settings,
-            t=data["time"],
-            start=poses[:, 0, ROOT].copy(),
-            hinges=poses[:, 1:, POSE.x : POSE.angle].copy(),
-            joint_torque=data["torque"],
-            tip_deflection=(link_deflection(poses) - bows) / lengths,
-            kinetic=data["energies"][:, 0],
-            strain_energy=data["energies"][:, 1],
-            gravity=data["energies"][:, 2],
-            dissipated=data["dissipated"],
-            work=data["work"],
-            shapes=data["shapes"],
-            q=data["q"],
-            v=data["v"],
-            names=simulation.system.names,
-            status=STATUS[simulation.status],
-            message=simulation.message,
-            steps=int(counts[STEPS]),
-            iterations=int(counts[ITERATIONS]),
-            factorizations=int(counts[FACTORISATIONS]),
-            halvings=int(counts[HALVINGS]),
-            cpu_seconds=cpu_seconds,
-            notes=simulation.system.notes,
-            gross_work=simulation.gross,
-            step_levels=tuple(simulation.levels),
-            deflection_bound=simulation.settings.deflection_bound,
-            **placed(simulation.system.coordinates, poses, data["q"], data["v"]),
-            link_angles=poses[..., [POSE.angle, POSE.tip_angle]],
-        )
+def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_seconds: float) -> Trajectory:
+    """The Trajectory of what `Simulation.record` returns, in the same memory."""
+    poses, energies, torque = fields["poses"], fields["energies"], fields["torque"]
+    scene, system, counts = simulation.scene, simulation.system, simulation.work.counts
+    for i, motion in enumerate(scene.motions):
+        if motion.joint is not None:
+            torque[:, motion.joint] = fields["reaction"][:, i]
+    links = scene.arm.links
+    lengths = np.array([link.span for link in links])
+    bows = np.array([link.place(link.length + link.tip_offset).imag if link.curved else 0.0 for link in links])
+    return Trajectory(
+        scene=scene,
+        settings=simulation.settings,
+        t=fields["time"],
+        start=poses[:, 0, ROOT],
+        hinges=poses[:, 1:, POSE.x : POSE.angle],
+        joint_torque=torque,
+        tip_deflection=(link_deflection(poses) - bows) / lengths,
+        kinetic=energies[:, 0],
+        strain_energy=energies[:, 1],
+        gravity=energies[:, 2],
+        dissipated=fields["dissipated"],
+        work=fields["work"],
+        shapes=shapes,
+        q=fields["q"],
+        v=fields["v"],
+        names=system.names,
+        status=STATUS[simulation.status],
+        message=simulation.message,
+        steps=int(counts[STEPS]),
+        iterations=int(counts[ITERATIONS]),
+        factorizations=int(counts[FACTORISATIONS]),
+        halvings=int(counts[HALVINGS]),
+        cpu_seconds=cpu_seconds,
+        notes=system.notes,
+        gross_work=simulation.gross,
+        step_levels=tuple(simulation.levels),
+        deflection_bound=simulation.settings.deflection_bound,
+        **placed(system.coordinates, poses, fields["q"], fields["v"]),
+        link_angles=poses[..., [POSE.angle, POSE.tip_angle]],
+    )

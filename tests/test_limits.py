@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import subprocess
 import sys
@@ -12,7 +13,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from flexarm_env import Settings, named, simulate, simulation
+from flexarm_env import JointTorque, Settings, named, simulate, simulation
+from flexarm_env.time_functions import steps
 from tests.env_tools import IDS
 
 
@@ -100,6 +102,27 @@ def test_samples_near_each_other_cost_few_returns(monkeypatch: pytest.MonkeyPatc
     run = simulate(named("robot_arm_motion"), "elastica", dt=0.05, sample=0.05, estimate_error=False)
     assert len(run.t) == 181
     assert len(calls) <= 8
+
+
+def test_kinks_are_gone_through_without_a_return(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run through kinks, on samples and between them, is what stopping at each of them by hand gives."""
+    load = JointTorque(0, steps([0.5, 0.65, 0.8, 1.0, 1.31], [0.2, -0.2, 0.1, 0.0, 0.2]))
+    scene = dataclasses.replace(named("robot_arm_torque"), loads=(load,))
+    calls: list[int] = []
+    sample_rows = simulation.sample_rows
+    monkeypatch.setattr(simulation, "sample_rows", lambda *arguments: calls.append(1) or sample_rows(*arguments))
+    run = simulate(scene, "elastica", dt=0.05, duration=1.5, sample=0.1, estimate_error=False)
+    assert run.finished and len(scene.kinks) == 5
+    assert len(calls) <= 4
+    by_hand = simulation.Simulation(scene, scene.settings("elastica", dt=0.05))
+    states = [by_hand.work.q.copy()]
+    for stop in sorted({*run.t[1:].tolist(), 0.65, 1.31}):
+        by_hand.restart_at_kink()
+        assert by_hand.advance_to(stop)
+        if stop in run.t:
+            states.append(by_hand.work.q.copy())
+    np.testing.assert_array_equal(run.q, states)
+    assert run.gross_work == by_hand.gross
 
 
 LONG = """

@@ -99,7 +99,7 @@ def cache_report(said: list[str]) -> dict[str, Any]:
     from flexarm_env import simulation
     from flexarm_env.compiler import MODE
 
-    path = getattr(getattr(vars(simulation)["restart"], "stats", None), "cache_path", None)
+    path = getattr(getattr(vars(simulation)["sample_rows"], "stats", None), "cache_path", None)
     if path is None:
         why = "compilation is switched off" if MODE == "whole" else "the plain compiler keeps nothing"
         return {"cache_folder": f"none ({why})", "cache_writable": False}

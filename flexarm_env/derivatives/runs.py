@@ -14,7 +14,7 @@ from ..physics.layout import HALVINGS, OF_MOTION, POSE
 from ..runtime import sensitivity
 from ..runtime.sensitivity import Neighbour, Steps
 from ..simulation import Simulation
-from ..trajectory import Recorder, Trajectory, placed
+from ..trajectory import Trajectory, placed, recorded
 from .period import PASSES
 
 Array = NDArray[np.float64]
@@ -53,23 +53,15 @@ class Run:
     @classmethod
     def of(cls, simulation: Simulation, interval: float) -> Run:
         """The run of a fresh Simulation of a scene, recorded every `interval` s; see `Trajectory.status`."""
-        scene, settings = simulation.scene, simulation.settings
+        scene = simulation.scene
         every = max(1, int(np.ceil(interval / simulation.dt * (1.0 - 1e-9))))
         if every * scene.duration / interval > MOST_ROWS:
             every = 1  # samples alone
-        recorder, rows, count = Recorder(scene, settings), [], 0
         start = _state(simulation)
-
-        def note(fields: dict[str, Array], shapes: Array) -> None:
-            nonlocal count
-            rows.append([fields[name] for name in ("time", "q", "v", "a")])
-            chosen = slice(-count % every, None, every)
-            recorder.extend({name: values[chosen] for name, values in fields.items()}, shapes[chosen])
-            count += len(fields["time"])
-
-        simulation.record(scene.duration, interval / every, note)
-        t, q, v, a = (np.concatenate([row[k] for row in rows])[1:] for k in range(4))
-        return cls(simulation, recorder.finish(simulation, 0.0), start, q, v, a, t, every, {})
+        fields, shapes = simulation.record(scene.duration, interval / every)
+        t, q, v, a = (np.ascontiguousarray(fields[name][1:]) for name in ("time", "q", "v", "a"))
+        chosen = {name: values[::every] for name, values in fields.items()}
+        return cls(simulation, recorded(simulation, chosen, shapes[::every], 0.0), start, q, v, a, t, every, {})
 
     def check(self) -> None:
         """Raise NotDifferentiable, in words, for a run whose steps are not."""

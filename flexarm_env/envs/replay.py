@@ -13,7 +13,7 @@ from .. import validation as check
 from ..scene import JointTorque, Scene
 from ..settings import Settings
 from ..simulation import judge
-from ..trajectory import Recorder, Trajectory, check_work
+from ..trajectory import Trajectory, check_work, recorded
 from .flexible_arm import FlexibleArmEnv
 from .multi_link import MultiLinkFlexArmEnv
 from .two_link import TwoLinkFlexArmEnv
@@ -50,8 +50,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
     env.plan = dataclasses.replace(env.plan, settings=settings)
     env.reset(options={"motion": scene})
     simulation = env.guide.simulation
-    recorder = Recorder(scene, settings)
-    recorder.add(simulation)
+    samples = [simulation.sample()]
     rest = np.zeros(arm.n_links, np.float32)
     clock = time.process_time()
     over = False
@@ -59,8 +58,10 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
         _, _, terminated, truncated, _ = env.step(rest)
         over = terminated or truncated
         if env.guide.moved:
-            recorder.add(simulation)
-    trajectory = recorder.finish(simulation, time.process_time() - clock)
+            samples.append(simulation.sample())
+    cpu_seconds = time.process_time() - clock
+    fields = {name: np.concatenate([row[name] for row, _ in samples]) for name in samples[0][0]}
+    trajectory = recorded(simulation, fields, np.concatenate([points for _, points in samples]), cpu_seconds)
     env.close()
     return judge(trajectory, period, limit)
 

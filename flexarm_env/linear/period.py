@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..compiler import SINGLE
-from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.work import Work
 from ..physics.layout import HALVINGS
@@ -118,10 +117,7 @@ def _by_differences(
         w.v[e.free] += reduced.lift @ v + reduced.drift @ x
         w.u[e.inputs] += u
         drive = _offset(simulation.drive, e.inputs, u)
-        restart(
-            SINGLE, simulation.model, drive, simulation.par, flat, simulation.n_motions,
-            simulation.t, simulation.dt, True,
-        )  # fmt: skip
+        simulation.begin(simulation.model, drive, flat)
         _advance(simulation, drive, flat, w, simulation.t, h, steps)
         return np.concatenate(e.state(w.q, w.v))
 

@@ -14,7 +14,6 @@ from .. import validation as check
 from ..compiler import SINGLE, uncompiled
 from ..physics.assembly import smooth
 from ..physics.gauges import curvature_rows
-from ..physics.integrator.start import restart
 from ..physics.integrator.work import Work, unpack
 from ..physics.layout import POSE, ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..scene import Scene
@@ -185,7 +184,7 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
     flat: Array = np.zeros(sum(view.size for view in work))
     w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
     w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
-    restart(SINGLE, model, simulation.drive, simulation.par, flat, n_motions, simulation.t, simulation.dt, True)
+    simulation.begin(model, simulation.drive, flat)
     return flat, w
 
 

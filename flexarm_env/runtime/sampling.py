@@ -6,6 +6,7 @@ import math
 
 from ..compiler import bare, inlined, kernel, size
 from ..layout import Field, Layout
+from ..physics.integrator.start import restart_bare
 from ..physics.integrator.step import advance_bare
 from ..physics.integrator.work import unpack
 from ..physics.layout import DISSIPATED, POSES, WORK_DONE
@@ -32,12 +33,20 @@ STRETCH = Layout(
     Field("time", (), "s", "reached"),
     Field("longest", (), "s", "longest step"),
     Field("gross", (), "J", "gross work of the drives"),
-    Field("start_energy", (), "J", "at the start of the run"),
+    Field("start_energy", (), "J", "where it began: of the last sample to which it did not move"),
     Field("gain", (), "", "how many times what can account for it the energy may become"),
     Field("begun", (), "s", "where the way to the next instant began, where it is under way"),
     Field("done", (), "", "steps of that way that are done; 0: none is under way"),
+    Field("starts", (), "", "how it begins: GOES_ON, AT_KINK or ANEW"),
+    Field("points", (), "", "how many there are along the chain"),
 )  # fmt: skip
 """What a run carries from one call of `sample_rows` to the next."""
+
+GOES_ON, AT_KINK, ANEW = 0.0, 1.0, 2.0
+"""As it is; with a consistent start, as at a kink within a run or a fresh one (`physics.integrator.start.restart`)."""
+
+NEAR = 1e-12
+"""Share of the time (of 1 s where it is less) within which two instants are one."""
 
 sample_at = kernel(SAMPLE.offsets)
 _AT = STRETCH.places
@@ -72,7 +81,7 @@ def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
     start, done = stretch[_AT.time], int(stretch[_AT.done])
     if done > 0:
         start = stretch[_AT.begun]
-    if start < stop - 1e-12 * max(1.0, stop):
+    if start < stop - NEAR * max(1.0, stop):
         n_steps = max(1, math.ceil((stop - start) / stretch[_AT.longest] * (1.0 - 1e-9)))
         h = (stop - start) / n_steps
         while done < n_steps:
@@ -96,49 +105,74 @@ def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
 
 
 @kernel
-def sample_rows(
-    lane, model, drive, par, flat, n_motions, links, stretch, instants, chunk, most, scheme, books, table, points
-):
-    """Advance through a smooth stretch, stopping at instants; a row of `table` (a `SAMPLE`) and points (P, 2) each.
+def _write(lane, model, par, w, t, links, row):
+    """A `SAMPLE` of the present state; its energies."""
+    at = sample_at(0, size(model.n), links, w.reaction.shape[0])
+    row[at.time] = t
+    link_poses(lane, model, par, w.q, w.v, row[at.poses : at.energies])
+    energies = energy(lane, model, par, w.q, w.v)
+    row[at.energies], row[at.energies + 1], row[at.energies + 2] = energies
+    row[at.work], row[at.dissipated] = w.books[WORK_DONE], w.books[DISSIPATED]
+    for k in range(links):
+        row[at.torque + k] = w.u[k]
+    for k in range(w.reaction.shape[0]):
+        row[at.reaction + k] = w.reaction[k]
+    for k in range(size(model.n)):
+        row[at.q + k], row[at.v + k], row[at.a + k] = w.q[k], w.v[k], w.a[k]
+    return energies
 
-    Steps are equal between instants and at most stretch.longest. `chunk`: steps after which the work done is looked at.
-    books: a tag, (0,), where books are kept, or None. Returns how many rows were written; fewer than there are
-    instants where the arm has failed (its flag says why; a row of a diverged arm is written), or after `most` steps:
-    called again with the instants that are left, it goes on with the same steps. No points where P = 0. SINGLE only.
+
+@kernel
+def _begin(lane, model, drive, par, w, stretch):
+    """A consistent start at t+, its impulses in the books."""
+    before, fresh = w.books[WORK_DONE], stretch[_AT.starts] == ANEW
+    restart_bare(lane, model, drive, par, w, stretch[_AT.time], stretch[_AT.longest], fresh)
+    stretch[_AT.gross] += abs(w.books[WORK_DONE] - before)
+    stretch[_AT.starts] = GOES_ON
+
+
+@kernel
+def sample_rows(
+    lane, model, drive, par, flat, n_motions, links, stretch, instants, kinks, chunk, most, scheme, books, table, points
+):
+    """Advance, stopping at instants; a row of `table` (a `SAMPLE`) and points (P, 2) each.
+
+    Steps are equal between instants and at most stretch.longest. `kinks`: instants, in order, where loads or motions
+    may jump: a step ends there, what is sampled there is the state before, and if it goes on from there it begins
+    AT_KINK. `chunk`: steps after which the work done is looked at. books: a tag, (0,), where books are kept, or None.
+    Returns how many rows were written; fewer than there are instants where the arm has failed (its flag says why; a
+    row of a diverged arm is written), or after `most` steps: called again with the instants that are left, it goes on
+    with the same steps. No points where P = 0. SINGLE only.
     """
-    arm, driven, p, x = bare(model), bare(drive), bare(par), bare(flat)
-    w = unpack(lane, model, x, n_motions)
-    n = size(model.n)
-    at = sample_at(0, n, links, n_motions)
-    for i in range(instants.shape[0]):
-        moving = stretch[_AT.time] < instants[i] or stretch[_AT.done] > 0.0
-        most = _go(lane, arm, driven, p, w, stretch, instants[i], chunk, most, scheme, books)
+    arm, driven, p = bare(model), bare(drive), bare(par)
+    w = unpack(lane, model, bare(flat), n_motions)
+    i, k = 0, 0
+    while True:
+        if stretch[_AT.starts] != GOES_ON:
+            _begin(lane, arm, driven, p, w, stretch)
+        if i == instants.shape[0]:
+            return i
+        while k < kinks.shape[0] and kinks[k] <= stretch[_AT.time] + NEAR * max(1.0, kinks[k]):
+            k += 1
+        stop, wanted = instants[i], True
+        kinked = k < kinks.shape[0] and kinks[k] <= stop + NEAR * max(1.0, stop)
+        if kinked:
+            wanted = stop <= kinks[k] + NEAR * max(1.0, stop)
+            stop = kinks[k]
+        moving = stretch[_AT.time] < stop or stretch[_AT.done] > 0.0
+        most = _go(lane, arm, driven, p, w, stretch, stop, chunk, most, scheme, books)
         if most < 0:
             return i
-        row = bare(table[i])
-        row[at.time] = stretch[_AT.time]
-        link_poses(lane, arm, p, w.q, w.v, row[at.poses : at.energies])
-        kinetic, strain, gravity = energy(lane, arm, p, w.q, w.v)
-        row[at.energies], row[at.energies + 1], row[at.energies + 2] = kinetic, strain, gravity
-        row[at.work], row[at.dissipated] = w.books[WORK_DONE], w.books[DISSIPATED]
-        for k in range(links):
-            row[at.torque + k] = w.u[k]
-        for k in range(n_motions):
-            row[at.reaction + k] = w.reaction[k]
-        for k in range(n):
-            row[at.q + k], row[at.v + k], row[at.a + k] = w.q[k], w.v[k], w.a[k]
-        if points.shape[1] > 0:
-            shape(arm, w.q, points[i])
-        if moving:
-            if gained(
-                kinetic,
-                strain,
-                gravity,
-                stretch[_AT.start_energy],
-                stretch[_AT.gross],
-                w.books[DISSIPATED],
-                stretch[_AT.gain],
-            ):
+        if wanted:
+            kinetic, strain, gravity = _write(lane, arm, p, w, stretch[_AT.time], links, bare(table[i]))
+            if points.shape[1] > 0:
+                stretch[_AT.points] = shape(arm, w.q, points[i])
+            i += 1
+            if not moving:
+                stretch[_AT.start_energy] = kinetic + strain + gravity
+            start, gross, gain = stretch[_AT.start_energy], stretch[_AT.gross], stretch[_AT.gain]
+            if moving and gained(kinetic, strain, gravity, start, gross, w.books[DISSIPATED], gain):
                 w.flag[0] = DIVERGED
-                return i + 1
-    return instants.shape[0]
+                return i
+        if kinked and i < instants.shape[0]:
+            stretch[_AT.starts] = AT_KINK

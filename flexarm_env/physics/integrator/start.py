@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler import bare, kernel, load, size, splat, store
+from ...compiler import apart, bare, kernel, load, size, splat, store
 from ..layout import DISSIPATED, FACTORISATIONS, OF_MOTION, WORK_DONE
 from ..protocol import (
     MASS_ALONE,
@@ -37,7 +37,8 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     and b keeps its distance from a. Where the step resolves the motion that is M da = -r, to third order; solved with M
     alone, the stress of strains and strain rates too stiff for the step would make accelerations large. h: a step.
     """
-    _restart(lane, bare(model), bare(drive), bare(par), unpack(lane, model, bare(flat), n_motions), t, h, fresh)
+    w = unpack(lane, model, bare(flat), n_motions)
+    restart_bare(lane, bare(model), bare(drive), bare(par), w, t, h, fresh)
 
 
 @kernel
@@ -227,8 +228,8 @@ def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
             w.q0[k] -= 2.0 * share / h * w.r[k]
 
 
-@kernel
-def _restart(lane, model, drive, par, w, t, h, fresh):
+@apart
+def restart_bare(lane, model, drive, par, w, t, h, fresh):
     """`restart` on bare arrays."""
     n = size(model.n)
     times, half = 1, 0.0

@@ -164,10 +164,11 @@ def _across(lane, model, drive, w, level):
 
 @inlined
 def _react(lane, model, drive, par, w):
-    """Forces that hold the prescribed coordinates at the step's end."""
+    """Forces that hold the prescribed coordinates at the step's end, where there are any."""
     if drive is not None:
-        assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
-        note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
+        if drive.known.shape[0] > 0:
+            assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
+            note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
 
 
 @kernel
