@@ -5,6 +5,7 @@ Each link is cut into `segments` bodies joined rigidly, of finite elements or re
 
 from __future__ import annotations
 
+from copy import deepcopy
 from itertools import pairwise
 from typing import Any
 
@@ -105,7 +106,7 @@ def _bodies(arm: Arm, settings: Settings) -> tuple[list[Body], list[int]]:
             if link.uniform is not None:
                 rests = [parts[0].length * (segments - 1 - i) for i in range(segments)]
             pieces = [
-                modal_body(part, settings.modes, *carried(arm, k, rest), frame, segments == 1)
+                deepcopy(modal_body(part, settings.modes, *carried(arm, k, rest), frame, segments == 1))
                 for part, rest in zip(parts, rests, strict=True)
             ]
         else:

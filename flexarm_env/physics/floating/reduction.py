@@ -8,6 +8,7 @@ with what it carries lumped at its tip (docs: theory, section 4).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,10 +78,11 @@ def pinned_modes(link: Link, n: int) -> tuple[Array, Array]:
     return shapes.T @ stiffness @ shapes, shapes
 
 
+@lru_cache(256)
 def modal_body(
     link: Link, n: int, tip_mass: float, tip_inertia: float, frame: str = "root", whole: bool = True
 ) -> Body:
-    """A link, or a piece of one, reduced to n shapes.
+    """A link, or a piece of one, reduced to n shapes; kept, since arms are used again and again: copy before a change.
 
     Frame "root": clamped modes, which the tip mass and inertia shape without being part of the body's inertia. "chord":
     of a whole link the same, seen from the line through both ends; of a piece, which its neighbours bend by moments
