@@ -136,7 +136,8 @@ class Periods:
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
         lane = SINGLE if joined else WIDEST
         lanes, columns = len(lane), core + self.action_size
-        implied = getattr(model, "rough", None) is None and model.correction is None and not (fitted or joined)
+        decided = model.correction is None and not (fitted or joined)  # by a step's equations, but for what rubs
+        implied = decided and getattr(model, "rough", None) is None
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(lane, at_once)
@@ -170,7 +171,7 @@ class Periods:
         gauges = extras.sensors is not None and len(extras.sensors.gauges) > 0
         forwards = extras.reference, extras.instruments, extras.pushes, extras.payload_change, program.models
         controls = extras.controller is not None or extras.amplifier is not None
-        able = implied and _goes_back(model, controls, parameters)
+        able = decided and _goes_back(model, controls, parameters)
         self.backwards = able and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)

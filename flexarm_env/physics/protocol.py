@@ -53,6 +53,13 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     bound_along(lane, model, par, weight, S)  more of what the bounds of joints that slip change by: `weight` times this
         model's own bounds
     rub_along(lane, model, par, change, weights, ahead, S, x)  as `rub`, of tangents: joints stick or slip as they did
+    stick(lane, model, par, state, weights, ahead, r, S)  of cotangents: note which joints stick at a step's end, as
+        `rub` finds them there, S being its matrix, factored, and r the residual, which is lost
+    rub_back(lane, model, weights, ahead, S, x, v_bar, a_bar)  `rub_along` backwards: of x, cotangents of what is solved
+        for, what joints that stick leave of it; to v_bar and a_bar is added what the rates v + ahead a come to
+    pull_note(lane, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar)  `note_friction` backwards where friction
+        noted holds on: x = S^-T of cotangents of accelerations; r_bar is free
+    unnote(lane, model, S, x, r_bar)  likewise the cotangents r_bar of the residual with friction: those without it
     book_friction(lane, model, par, state, u, r, S, start, books)  add what Coulomb friction has taken since the
         coordinates were `start`, by the mean of what it was when last noted and is now, and note it; r is free
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
@@ -140,6 +147,26 @@ def _no_bound(lane, model, par, weight, S):
 
 
 @kernel
+def _no_branch(lane, model, par, state, weights, ahead, r, S):
+    """`stick` of such joints."""
+
+
+@kernel
+def _no_way_back(lane, model, weights, ahead, S, x, v_bar, a_bar):
+    """`rub_back` of such joints."""
+
+
+@kernel
+def _nothing_noted(lane, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar):
+    """`pull_note` of such joints."""
+
+
+@kernel
+def _as_it_is(lane, model, S, x, r_bar):
+    """`unnote` of such joints."""
+
+
+@kernel
 def _nothing_to_book(lane, model, par, state, u, r, S, start, books):
     """`book_friction` of such joints."""
 
@@ -153,6 +180,7 @@ def _by_assembling(lane, model, par, state, u, r, S):
 FORMULATIONS = Family(
     "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, note_friction=_nothing_to_note, rub=_no_friction,
     hold=_nothing_to_hold, note_slip=_no_slip, bound_along=_no_bound, rub_along=_no_friction,
+    stick=_no_branch, rub_back=_no_way_back, pull_note=_nothing_noted, unnote=_as_it_is,
     book_friction=_nothing_to_book, residual=_by_assembling,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
@@ -181,6 +209,10 @@ hold = FORMULATIONS.function("hold", "lane, model, S, x")
 note_slip = FORMULATIONS.function("note_slip", "lane, model, par, state, ahead, r, S")
 bound_along = FORMULATIONS.function("bound_along", "lane, model, par, weight, S")
 rub_along = FORMULATIONS.function("rub_along", "lane, model, par, change, weights, ahead, S, x")
+stick = FORMULATIONS.function("stick", "lane, model, par, state, weights, ahead, r, S")
+rub_back = FORMULATIONS.function("rub_back", "lane, model, weights, ahead, S, x, v_bar, a_bar")
+pull_note = FORMULATIONS.function("pull_note", "lane, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar")
+unnote = FORMULATIONS.function("unnote", "lane, model, S, x, r_bar")
 book_friction = FORMULATIONS.function("book_friction", "lane, model, par, state, u, r, S, start, books")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")

@@ -36,7 +36,7 @@ from ..physics.integrator.tangents import prepare
 from ..physics.integrator.work import unpack
 from ..physics.layout import POSE
 from ..physics.protocol import link_poses, pull_poses
-from ..tasks.program import PERIODS, record_at
+from ..tasks.program import PERIODS, record_at, saved_at
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
 from .keeping import keep
@@ -126,7 +126,7 @@ def _period(lane, d, g, block, bars, tape):
         if s == 0:
             _recall(lane, model, p.task, w, tape)
             _recall_start(lane, model, w, start)
-            _begin_back(lane, model.predictor, model, par, par_bar, record, w, bar)
+            _begin_back(lane, model.predictor, p, par, par_bar, record, saved, block, w, bar)
         _turn_back(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
     _tell_back(lane, p.task, p.actuator, record_bar, bar)
     _pull_command(
@@ -141,6 +141,8 @@ def _period(lane, d, g, block, bars, tape):
 # --- where torques jump -------------------------------------------------------------------------------
 @kernel
 def _afresh(lane, predictor, p, par, record, saved, block, w):
+    for k in range(size(p.model.n)):
+        store(w.a0, k, load(lane, w.a, k))
     restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
 
 
@@ -159,26 +161,31 @@ def _begin(kind: str) -> Any:
 
 
 @kernel
-def _afresh_back(lane, predictor, model, par, par_bar, record, w, bar):
-    pull_restart(lane, model, par, par_bar, w, bar, splat(lane, 1.0))
+def _afresh_back(lane, predictor, p, par, par_bar, record, saved, block, w, bar):
+    pull_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
 
 
 @kernel
-def _stiff_back(lane, predictor, model, par, par_bar, record, w, bar):
+def _stiff_back(lane, predictor, p, par, par_bar, record, saved, block, w, bar):
     one, zero = splat(lane, 1.0), splat(lane, 0.0)
-    pull_switch(lane, model, par, par_bar, w, bar)
+    n, inputs = size(p.model.n), size(p.model.n_inputs)
+    pull_switch(lane, p.model, par, par_bar, w, bar, p.h)
     first = select_lt(load(lane, record, PERIODS), 0.5, one, zero)
     if largest(first) > 0.5:  # whose torques did not jump: u0 is u
-        for k in range(size(model.n_inputs)):
+        at = saved_at(0, n, inputs, 0, 0)
+        for k in range(inputs):
             both = load(lane, bar.u, k) + load(lane, bar.u0, k)
             store(bar.u, k, select_lt(0.5, first, both, load(lane, bar.u, k)))
             store(bar.u0, k, select_lt(0.5, first, zero, load(lane, bar.u0, k)))
-        for k in range(size(model.n)):
-            store(w.a, k, load(lane, w.a0, k))
-        pull_restart(lane, model, par, par_bar, w, bar, first)
+            store(w.u0, k, load(lane, saved, at.inputs + k))
+        for k in range(n):
+            store(w.a, k, load(lane, saved, at.a + k))
+            store(w.a0, k, load(lane, saved, at.a + k))
+        restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
+        pull_restart(lane, p.model, par, par_bar, w, bar, first, p.h)
 
 
-@by_kind("predictor", "lane, predictor, model, par, par_bar, record, w, bar")
+@by_kind("predictor", "lane, predictor, p, par, par_bar, record, saved, block, w, bar")
 def _begin_back(kind: str) -> Any:
     """`_begin` backwards."""
     return _afresh_back if kind == TUPLE else _stiff_back

@@ -301,13 +301,15 @@ def _note(lane, rough, model, par, state, u, r, S):
         for i in range(count(model)):
             g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
             coulomb, rate, rest = law(lane, model, par, i).coulomb, load(lane, state.v, row), load(lane, r, row)
-            zero, torque = splat(lane, 0.0), clip(-rest, coulomb)
+            zero, one, torque = splat(lane, 0.0), splat(lane, 1.0), clip(-rest, coulomb)
+            free = select_lt(coulomb, absolute(rest), zero, one)
             if model.table[PLACES * i + PLACE.known] != 0:
-                torque = _known_friction(lane, coulomb, rate)
+                torque, free = _known_friction(lane, coulomb, rate), zero
             else:
                 store(r, row, rest + torque)
             store(S, g + GEAR.before, torque)
-            slides = select_lt(zero, torque * rate, splat(lane, 1.0), zero)
+            store(S, g + GEAR.free, free)
+            slides = select_lt(zero, torque * rate, one, zero)
             store(S, g + GEAR.slides, select_lt(absolute(torque), _SLIPS * coulomb, zero, slides))
 
 

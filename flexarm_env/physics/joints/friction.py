@@ -108,7 +108,7 @@ def _rub(lane, rough, model, par, state, weights, ahead, S, x):
         for _ in range(2 * joints - 1):
             for i in range(joints):
                 _choose(lane, model, par, weights, i, S)
-            _solve_torques(lane, model, S)
+            solve_torques(lane, model, S, False)
         _apply(lane, model, S, x)
 
 
@@ -143,14 +143,18 @@ def _choose(lane, model, par, weights, i, S):
 
 
 @kernel
-def _solve_torques(lane, model, S):
-    """The torques with which the rates that stick have no gap left; `bound` elsewhere."""
+def solve_torques(lane, model, S, transposed):
+    """The torques with which the rates that stick have no gap left; `bound` elsewhere. transposed: of the transposed
+    system, where all bounds are 0."""
     joints, one, zero = count(model), splat(lane, 1.0), splat(lane, 0.0)
     for i in range(joints):
         g, row = gear_at(model, i), view(lane, S, _row_at(model, i), joints + 1)
         sticks, rubs = load(lane, S, g + GEAR.sticks), model.table[PLACES * i + PLACE.rubs]
         for j in range(joints):
-            store(row, j, select_lt(0.5, sticks, load(lane, S, column_at(model, j) + rubs), one if i == j else zero))
+            at = column_at(model, j) + rubs
+            if transposed:
+                at = column_at(model, i) + model.table[PLACES * j + PLACE.rubs]
+            store(row, j, select_lt(0.5, sticks, load(lane, S, at), one if i == j else zero))
         store(row, joints, select_lt(0.5, sticks, load(lane, S, g + GEAR.gap), load(lane, S, g + GEAR.bound)))
         for j in range(i):  # the minors that stick are those of S^-1: no pivot is zero
             above = view(lane, S, _row_at(model, j), joints + 1)
@@ -194,7 +198,7 @@ def _hold(lane, rough, model, S, x):
             g = gear_at(model, i)
             store(S, g + GEAR.gap, -load(lane, x, model.table[PLACES * i + PLACE.rubs]))
             store(S, g + GEAR.bound, splat(lane, 0.0))
-        _solve_torques(lane, model, S)
+        solve_torques(lane, model, S, False)
         _apply(lane, model, S, x)
 
 
@@ -251,7 +255,7 @@ def rub_along(lane, model, par, change, weights, ahead, S, x):
 def _rub_along(lane, rough, model, change, weights, ahead, S, x):
     if rough is not None:
         _leave(lane, model, change, weights, ahead, S, x)
-        _solve_torques(lane, model, S)
+        solve_torques(lane, model, S, False)
         _apply(lane, model, S, x)
         for i in range(count(model)):
             store(S, gear_at(model, i) + GEAR.bound, splat(lane, 0.0))

@@ -38,5 +38,6 @@ GEAR = Layout(
     Field("torque", (), "N m", "Coulomb friction"),
     Field("before", (), "N m", "Coulomb friction at the step's start, or before inputs jump"),
     Field("slides", (), "", "1: it slips there"),
+    Field("free", (), "", "1: `before` is not at its bound but what the other forces there leave over"),
 ).places  # fmt: skip
 """One a joint, behind the arm's own part of S; with friction, a column of S^-1 and `count` + 1 places each follow."""
