@@ -57,10 +57,10 @@ def pull_switch(lane, model, par, par_bar, w, bar, h):
     after, before = State(bar.q0, bar.v0, bar.a0), State(w.q0, w.v0, w.b0)
     for k in range(n):
         store(bar.r, k, load(lane, bar.a, k) + load(lane, bar.b, k))
-        store(after.q, k, zero)
-        store(after.v, k, zero)
-        store(before.q, k, zero)
-        store(before.v, k, zero)
+        for part in (after, before):
+            store(part.q, k, zero)
+            store(part.v, k, zero)
+            store(part.a, k, zero)
     rub_back(lane, model, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
     _multiply(lane, model, w, bar)
     for k in range(n):
@@ -71,6 +71,7 @@ def pull_switch(lane, model, par, par_bar, w, bar, h):
     for k in range(n):
         store(bar.q, k, load(lane, bar.q, k) + (load(lane, after.q, k) + load(lane, before.q, k)))
         store(bar.v, k, load(lane, bar.v, k) + (load(lane, after.v, k) + load(lane, before.v, k)))
+        store(bar.a, k, load(lane, bar.a, k) + (load(lane, after.a, k) + load(lane, before.a, k)))
 
 
 @kernel
