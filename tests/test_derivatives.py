@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexarm_env import arms as arms_by_name
 from flexarm_env.derivatives import Arms
+from flexarm_env.physics.joints.layout import PLACE, PLACES
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,12 @@ def geared(links: int = 1) -> Any:
     """An arm behind gears without Coulomb friction, whose kinks differences would step over."""
     arm = arms_by_name.named("strip_geared" if links == 1 else "two_link_geared")
     return dataclasses.replace(arm, joints=[dataclasses.replace(joint, friction_coulomb=0.0) for joint in arm.joints])
+
+
+def rough(links: int = 1, **joint: Any) -> Any:
+    """The same with it; what else its joints have."""
+    arm = arms_by_name.named("strip_geared" if links == 1 else "two_link_geared")
+    return dataclasses.replace(arm, joints=[dataclasses.replace(own, **joint) for own in arm.joints])
 
 
 def bare(arm: Any) -> Any:
@@ -260,6 +267,56 @@ def test_friction_over_periods(env_id: str, arm: str) -> None:
             wanted = wanted + weight / (60.0 * e) * (ahead - back)[:, : arms.moving]
         error = np.linalg.norm(found - wanted, axis=1) / np.linalg.norm(wanted, axis=1)
         assert error.max() < 1e-6
+    arms.close()
+
+
+RUBS = [
+    pytest.param(ONE, {"arm": rough()}, 1e-12, id="one link"),
+    pytest.param(ONE, {"arm": rough(friction_side="link")}, 1e-12, id="link's side"),
+    pytest.param(ONE, {"arm": rough(backlash=0.01)}, 1e-12, id="backlash"),
+    pytest.param(TWO, {"arm": rough(2)}, 3e-12, id="two links"),
+    pytest.param(TWO, {"arm": rough(2), **MOTORS}, 3e-12, id="two links, motors"),
+    pytest.param(ONE, {"arm": bare(rough()), "tolerance": 1e-15, **EXACT}, 1e-9, id="exact beam"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("env_id", "keywords", "most"), RUBS)
+def test_friction_backwards(env_id: str, keywords: dict[str, Any], most: float) -> None:
+    """Of joints that stay at rest, begin to slide, slide and stop: each period's cotangents are those of its Jacobians,
+    but for round-off (two links: 1e-12) and what an exact beam's solver leaves of these (4e-10); and along a motion
+    from its start those of differences, whose steps are so small that no joint stops in another one."""
+    arms, rng = Arms(env_id, 33, **{"tolerance": 1e-12, **keywords}), np.random.default_rng(0)
+    assert arms.backwards
+    table = arms.environment.batch.program.model.table.reshape(-1, PLACES)
+    rates = [arms.names.index(f"v[{row}]") for row in table[:, PLACE.rubs]]
+
+    def drawn(periods: int) -> Array:
+        """Four of five, by chance, are hardly more than friction."""
+        size = np.where(rng.random((periods, arms.n, 1)) < 0.8, 0.04, 0.9)
+        return size * rng.uniform(-1.0, 1.0, (periods, arms.n, arms.action_size))
+
+    state, met = arms.reset(seed=0), np.zeros((2, 2), np.int64)
+    for action in drawn(40):
+        found = arms.jacobians(state, action)
+        bars = [rng.normal(size=values.shape) for values in found[:3]]
+        for one, other in zip(arms.pull(state, action, *bars), found.pull(*bars), strict=True):
+            assert abs(one - other).max() < most * abs(other).max()
+        slides = [(abs(rows[:, rates]) > 1e-6).astype(np.int64) for rows in (state, found.state)]
+        np.add.at(met, tuple(slides), 1)
+        state = found.state
+    assert met.min() >= 5 and met.sum() == 40 * arms.n * len(rates)
+
+    actions, way, e, wanted = drawn(10), rng.uniform(-1.0, 1.0, (10, arms.n, arms.action_size)), 2e-6, 0.0
+    start = arms.reset(seed=0)
+    run = arms.rollout(start, actions)
+    weights = [rng.normal(size=values.shape) for values in (run.observations, run.rewards)]
+    back = (run.vjp(None, *weights).actions * way).sum((0, 2))
+    for m, share in ((1, 45.0), (2, -9.0), (3, 1.0)):
+        ahead, behind = (arms.rollout(start, actions + s * e * way) for s in (m, -m))
+        seen, paid = ahead.observations - behind.observations, ahead.rewards - behind.rewards
+        wanted = wanted + share / (60.0 * e) * ((weights[0] * seen).sum((0, 2)) + (weights[1] * paid).sum(0))
+    assert abs(back - wanted).max() < 1e-6 * np.sqrt((wanted**2).mean())
     arms.close()
 
 

@@ -225,7 +225,8 @@ class Periods:
 
         Backwards (`backwards`) for a few times what the period costs: elasticas; without controllers floating frames of
         at most eight elastic coordinates a segment, exact beams without rigid ends and parameters, and all these behind
-        gears without Coulomb friction; targets at rest, ideal sensors. Of all others by the Jacobians.
+        gears, but floating frames without Coulomb friction; targets at rest, ideal sensors. Of all others by the
+        Jacobians.
         """
         given = _checked("state_bar", state_bar, (self.n, self.state_size))
         seen = _checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -370,7 +371,8 @@ def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
     if isinstance(model, FloatingChain):
         return isinstance(model.mesh.n, tuple) and model.loads is None
     if isinstance(model, Jointed):
-        return not parameters and _goes_back(model.arm, controls, parameters)
+        rubs = model.rough is not None and isinstance(model.arm, FloatingChain)
+        return not parameters and not rubs and _goes_back(model.arm, controls, parameters)
     return isinstance(model, ExactBeam) and not parameters and model.rigid is None and model.loads is None
 
 

@@ -57,7 +57,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         `rub` finds them there, S being its matrix, factored, and r the residual, which is lost
     rub_back(lane, model, weights, ahead, S, x, v_bar, a_bar)  `rub_along` backwards: of x, cotangents of what is solved
         for, what joints that stick leave of it; to v_bar and a_bar is added what the rates v + ahead a come to
-    pull_note(lane, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar)  `note_friction` backwards where friction
+    pull_note(lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar)  `note_friction` backwards where friction
         noted holds on: x = S^-T of cotangents of accelerations; r_bar is free
     unnote(lane, model, S, x, r_bar)  likewise the cotangents r_bar of the residual with friction: those without it
     book_friction(lane, model, par, state, u, r, S, start, books)  add what Coulomb friction has taken since the
@@ -157,7 +157,7 @@ def _no_way_back(lane, model, weights, ahead, S, x, v_bar, a_bar):
 
 
 @kernel
-def _nothing_noted(lane, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar):
+def _nothing_noted(lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar):
     """`pull_note` of such joints."""
 
 
@@ -211,7 +211,7 @@ bound_along = FORMULATIONS.function("bound_along", "lane, model, par, weight, S"
 rub_along = FORMULATIONS.function("rub_along", "lane, model, par, change, weights, ahead, S, x")
 stick = FORMULATIONS.function("stick", "lane, model, par, state, weights, ahead, r, S")
 rub_back = FORMULATIONS.function("rub_back", "lane, model, weights, ahead, S, x, v_bar, a_bar")
-pull_note = FORMULATIONS.function("pull_note", "lane, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar")
+pull_note = FORMULATIONS.function("pull_note", "lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar")
 unnote = FORMULATIONS.function("unnote", "lane, model, S, x, r_bar")
 book_friction = FORMULATIONS.function("book_friction", "lane, model, par, state, u, r, S, start, books")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")

@@ -83,13 +83,13 @@ def _rub_back(lane, rough, model, weights, ahead, S, x, v_bar, a_bar):
 
 
 @kernel
-def pull_note(lane, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar):
+def pull_note(lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar):
     """See `protocol`."""
-    _pull_note(lane, model.rough, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar)
+    _pull_note(lane, model.rough, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar)
 
 
 @kernel
-def _pull_note(lane, rough, model, par, par_bar, state, u, r, bar, u_bar, S, x, r_bar):
+def _pull_note(lane, rough, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar):
     if rough is not None:
         for k in range(size(model.n)):
             store(r_bar, k, splat(lane, 0.0))
@@ -98,7 +98,7 @@ def _pull_note(lane, rough, model, par, par_bar, state, u, r, bar, u_bar, S, x, 
         for i in range(count(model)):
             most = maximum(absolute(load(lane, r_bar, model.table[PLACES * i + PLACE.rubs])), most)
         if largest(most) > 0.0:
-            pull_residual(lane, model, par, par_bar, state, u, r, bar, u_bar, r_bar)
+            pull_residual(lane, model, par, par_bar, state, u, room, bar, u_bar, r_bar)
 
 
 @kernel
