@@ -57,8 +57,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         `rub` finds them there, S being its matrix, factored, and r the residual, which is lost
     rub_back(lane, model, weights, ahead, S, x, v_bar, a_bar)  `rub_along` backwards: of x, cotangents of what is solved
         for, what joints that stick leave of it; to v_bar and a_bar is added what the rates v + ahead a come to
-    pull_note(lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar)  `note_friction` backwards where friction
-        noted holds on: x = S^-T of cotangents of accelerations; r_bar is free
+    pull_note(lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar)  `note_friction` backwards where
+        friction noted holds on: x = S^-T of cotangents of accelerations; room, as large as S, and r_bar are free
     unnote(lane, model, S, x, r_bar)  likewise the cotangents r_bar of the residual with friction: those without it
     book_friction(lane, model, par, state, u, r, S, start, books)  add what Coulomb friction has taken since the
         coordinates were `start`, by the mean of what it was when last noted and is now, and note it; r is free
