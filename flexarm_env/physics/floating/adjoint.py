@@ -156,7 +156,8 @@ def _keep(lane, section, room):
 def _room(lane, model, S, k, at_end):
     """Where the section before the lever at an end of link k is kept, behind those before the bodies: each takes less
     of S than its factors do."""
-    return S[LENGTH * (model.links * model.segments + 2 * k + at_end) * len(lane) :]
+    bodies, levers = model.links * model.segments, 2 * k + at_end
+    return S[LENGTH * (bodies + levers) * len(lane) :]
 
 
 @kernel
