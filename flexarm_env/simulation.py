@@ -17,8 +17,9 @@ from . import accuracy, physics  # noqa: F401  (importing physics registers the 
 from . import validation as check
 from .compiler import SINGLE, uncompiled
 from .physics import assembly
+from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
-from .physics.layout import DISSIPATED, POSE, TIP
+from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
 from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, Drive, System
 from .rest import rested
 from .runtime.fitted import FITS, begin_run, close_fit, end_run, open_fit
@@ -84,10 +85,10 @@ class Simulation:
         self._restarted: tuple[Array, Array, float] | None
         self._chunk = max(1, int(CHUNK * min(1.0, CHEAP / len(self.system.q0)) ** 3))
         self._kinks = np.array(scene.kinks, dtype=np.float64)
+        self._points: int | None = None
         self._sizes = {"rows": len(self.work.q), "links": scene.arm.n_links, "motions": self.n_motions}
         self._sample = SAMPLE.offsets(0, *self._sizes.values()).end
-        self._poses = np.zeros(POSE.end * scene.arm.n_links)
-        self._energies = np.zeros(3)
+        self._poses, self._energies = np.zeros(POSE.end * scene.arm.n_links), np.zeros(3)
         self.reset()
 
     def reset(self) -> None:
@@ -97,10 +98,7 @@ class Simulation:
         self.t = self.gross = 0.0
         self.levels: list[int] = []
         self._level = 1
-        stretch = self._stretch(starts=AT_KINK)  # at rest before 0: loads and motions begin there as at any kink
-        points = np.empty((1, assembly.room_for_points(self.settings, self.scene.arm.n_links), 2))
-        self._call(stretch, np.zeros(1), np.empty((1, self._sample)), points)
-        self._points, self._restarted = int(stretch[_AT.points]), None
+        self._restart(fresh=False)  # at rest before 0: loads and motions that begin there do so as at any kink
 
     @property
     def status(self) -> int:
@@ -183,9 +181,8 @@ class Simulation:
     ) -> tuple[dict[str, Array], Array]:
         """Advance to `end`, recording the start and every `interval`, landing on every kink; ends where the arm fails.
 
-        What is recorded at a kink is the state just before it. tell: called with the share done.
-        Returns:
-            The fields of m samples (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2).
+        What is recorded at a kink is the state just before it. tell: called with the share done. Returns the fields of
+        m samples (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2).
         """
         count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
         instants = np.arange(count + 1.0) * interval
@@ -200,9 +197,9 @@ class Simulation:
         self, stretch: Array, instants: Array, tell: Callable[[float], None] | None
     ) -> tuple[dict[str, Array], Array]:
         """Fields and points of samples at instants, as far as the arm gets."""
-        m, split = len(instants), len(instants) * self._sample
-        room = np.empty(split + m * self._points * 2)
-        table, shapes = room[:split].reshape(m, self._sample), room[split:].reshape(m, self._points, 2)
+        m, split, points = len(instants), len(instants) * self._sample, self._count()
+        room = np.empty(split + m * points * 2)
+        table, shapes = room[:split].reshape(m, self._sample), room[split:].reshape(m, points, 2)
         made = self._go(stretch, instants, table, shapes, True, tell)
         return SAMPLE.unpack(table[:made], **self._sizes), shapes[:made]
 
@@ -277,14 +274,15 @@ class Simulation:
         """A call of `runtime.sampling.sample_rows`."""
         made = sample_rows(
             SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.scene.arm.n_links, stretch,
-            instants, self._kinks, self._chunk, CHUNKS * self._chunk, self.scheme, (0,) if books else None, table,
-            shapes,
+            instants, self._kinks if self._kinks.size else None, self._chunk, CHUNKS * self._chunk, self.scheme,
+            (0,) if books else None, table, shapes,
         )  # fmt: skip
         self.t, self.gross = float(stretch[_AT.time]), float(stretch[_AT.gross])
         return int(made)
 
     def compile(self) -> None:
-        """Compile what fitted steps need (or load it), without moving; all the rest is there since the start."""
+        """Compile what `record` needs (or load it), without moving."""
+        self._count()
         if self.settings.step_tolerance is not None:
             flat, gross, level, restarted = self._flat.copy(), self.gross, self._level, self._restarted
             self._fit(1.0, lambda: self._poses)
@@ -294,14 +292,23 @@ class Simulation:
     def _restart(self, fresh: bool = True) -> None:
         """Consistent at t+: a fresh start, or a kink within a run, where the integrator keeps what it has filtered."""
         kept, gross = self._flat.copy(), self.gross
-        self._call(self._stretch(starts=ANEW if fresh else AT_KINK), *_NOTHING)
+        self._begin(fresh)
         self._restarted = (kept, self._flat.copy(), gross) if fresh else None
 
     def begin(self, model: Any, drive: Drive, flat: Array) -> None:
         """Make another work array consistent at t+ by a model and a drive: a fresh start."""
         other = copy(self)
         other.model, other.drive, other._flat = model, drive, flat
-        other._call(other._stretch(starts=ANEW), *_NOTHING)
+        other._begin(fresh=True)
+
+    def _begin(self, fresh: bool) -> None:
+        """`restart`, by itself: what makes an arm linear takes no samples. With kinks by `sample_rows`, which has it."""
+        if self._kinks.size:
+            self._call(self._stretch(starts=ANEW if fresh else AT_KINK), *_NOTHING)
+        else:
+            books, before = self.work.books, float(self.work.books[WORK_DONE])
+            restart(SINGLE, self.model, self.drive, self.par, self._flat, self.n_motions, self.t, self.dt, fresh)
+            self.gross += abs(float(books[WORK_DONE]) - before)
 
     def restart_at_kink(self) -> None:
         """Solve for the state at t+ where the time reached is a kink."""
@@ -321,8 +328,8 @@ class Simulation:
     def gained(self, start: float) -> bool:
         """Whether there is ENERGY_LIMIT times the energy that start (J), gross work (J), dissipation and gravity can
         account for."""
-        energies, lost = self.observe()[1].tolist(), float(self.work.books[DISSIPATED])
-        return bool(uncompiled(gained)(*energies, start, self.gross, lost, ENERGY_LIMIT))
+        lost = float(self.work.books[DISSIPATED])
+        return bool(uncompiled(gained)(*self.observe()[1].tolist(), start, self.gross, lost, ENERGY_LIMIT))
 
     def joint_torques(self) -> Array:
         """Torque of each joint, N m (n_links,): applied, or the one that enforces its prescribed angle."""
@@ -332,9 +339,18 @@ class Simulation:
                 torques[motion.joint] = self.work.reaction[i]
         return torques
 
+    def _count(self) -> int:
+        """How many points there are along the chain."""
+        if self._points is None:
+            stretch, room = self._stretch(), assembly.room_for_points(self.settings, self.scene.arm.n_links)
+            points = np.empty((1, room, 2))
+            self._call(stretch, np.array([self.t]), np.empty((1, self._sample)), points)
+            self._points = int(stretch[_AT.points])
+        return self._points
+
     def shape_points(self) -> Array:
         """Positions along the chain, root to tip, (n_points, 2) m."""
-        points = np.empty((self._points, 2))
+        points = np.empty((self._count(), 2))
         self._observe(points)
         return points
 
@@ -391,12 +407,9 @@ def simulate(
 
 
 def judge(
-    trajectory: Trajectory,
-    interval: float,
-    error_limit: float = 0.05,
-    time_limit: float | None = None,
+    trajectory: Trajectory, interval: float, error_limit: float = 0.05, time_limit: float | None = None,
     companions: bool = True,
-) -> Trajectory:
+) -> Trajectory:  # fmt: skip
     """The trajectory with its estimated error, "inaccurate" where that is above the limit; failures as they are.
 
     interval: of the samples, s. companions: run those behind the estimate.
@@ -404,8 +417,7 @@ def judge(
     if trajectory.status != STATUS[OK]:
         return trajectory
     scene, settings, end = trajectory.scene, trajectory.settings, float(trajectory.t[-1])
-    parts = {"energy": accuracy.energy_part(trajectory.balance, trajectory.turned_over), **trajectory.notes}
-    why = ""
+    parts, why = {"energy": accuracy.energy_part(trajectory.balance, trajectory.turned_over), **trajectory.notes}, ""
     if companions:
 
         def companion(its: Scene, own: Settings, its_interval: float, levels: Sequence[int] = ()) -> accuracy.Probe:

@@ -139,26 +139,28 @@ def sample_rows(
 
     Steps are equal between instants and at most stretch.longest. `kinks`: instants, in order, where loads or motions
     may jump: a step ends there, what is sampled there is the state before, and if it goes on from there it begins
-    AT_KINK. `chunk`: steps after which the work done is looked at. books: a tag, (0,), where books are kept, or None.
-    Returns how many rows were written; fewer than there are instants where the arm has failed (its flag says why; a
-    row of a diverged arm is written), or after `most` steps: called again with the instants that are left, it goes on
-    with the same steps. No points where P = 0. SINGLE only.
+    AT_KINK; None: there are none, and what begins here GOES_ON. `chunk`: steps after which the work done is looked at.
+    books: a tag, (0,), where books are kept, or None. Returns how many rows were written; fewer than there are instants
+    where the arm has failed (its flag says why; a row of a diverged arm is written), or after `most` steps: called
+    again with the instants that are left, it goes on with the same steps. No points where P = 0. SINGLE only.
     """
     arm, driven, p = bare(model), bare(drive), bare(par)
     w = unpack(lane, model, bare(flat), n_motions)
     i, k = 0, 0
     while True:
-        if stretch[_AT.starts] != GOES_ON:
-            _begin(lane, arm, driven, p, w, stretch)
+        if kinks is not None:
+            if stretch[_AT.starts] != GOES_ON:
+                _begin(lane, arm, driven, p, w, stretch)
         if i == instants.shape[0]:
             return i
-        while k < kinks.shape[0] and kinks[k] <= stretch[_AT.time] + NEAR * max(1.0, kinks[k]):
-            k += 1
-        stop, wanted = instants[i], True
-        kinked = k < kinks.shape[0] and kinks[k] <= stop + NEAR * max(1.0, stop)
-        if kinked:
-            wanted = stop <= kinks[k] + NEAR * max(1.0, stop)
-            stop = kinks[k]
+        stop, wanted, kinked = instants[i], True, False
+        if kinks is not None:
+            while k < kinks.shape[0] and kinks[k] <= stretch[_AT.time] + NEAR * max(1.0, kinks[k]):
+                k += 1
+            kinked = k < kinks.shape[0] and kinks[k] <= stop + NEAR * max(1.0, stop)
+            if kinked:
+                wanted = stop <= kinks[k] + NEAR * max(1.0, stop)
+                stop = kinks[k]
         moving = stretch[_AT.time] < stop or stretch[_AT.done] > 0.0
         most = _go(lane, arm, driven, p, w, stretch, stop, chunk, most, scheme, books)
         if most < 0:
