@@ -302,7 +302,7 @@ class Simulation:
         other._begin(fresh=True)
 
     def _begin(self, fresh: bool) -> None:
-        """`restart`, by itself: what makes an arm linear takes no samples. With kinks by `sample_rows`, which has it."""
+        """`restart`, by itself: what makes an arm linear takes no samples. With kinks `sample_rows` has it."""
         if self._kinks.size:
             self._call(self._stretch(starts=ANEW if fresh else AT_KINK), *_NOTHING)
         else:
