@@ -264,6 +264,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
 
 
 # ------------------------------------------------------------- environments
+@pytest.mark.slow
 def test_through_the_environment_gives_the_same_file(tmp_path: Path) -> None:
     direct, through = tmp_path / "direct.csv", tmp_path / "through.csv"
     assert main([*SHORT, "--out", str(direct)]) == 0

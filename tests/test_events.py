@@ -155,6 +155,7 @@ def test_work_of_pushes_is_force_times_way() -> None:
     assert 15 < pushed < 100
 
 
+@pytest.mark.slow
 def test_pushes_come_as_asked() -> None:
     """Waits, durations and forces lie within their ranges and fill them; directions all around; none after `until`."""
     asked = {"wait": (0.1, 0.4), "force": (0.5, 1.0), "lasting": 0.06, "until": 4.0}

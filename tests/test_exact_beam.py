@@ -36,6 +36,7 @@ def exact(scene: Scene, **options: Any) -> Any:
     return run
 
 
+@pytest.mark.slow
 def test_uncompiled() -> None:
     """Tangent, mass, energy, damping, statics and frequencies, for every order (`uncompiled_exact.py`)."""
     uncompiled_tests("uncompiled_exact.py")

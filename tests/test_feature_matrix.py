@@ -14,7 +14,6 @@ from tests.feature_matrix import CORE, PAIRS, POSTURES, SINGLE, TIP
 from tests.scene_tools import everything
 
 OFTEN = [(cell, method) for cell in CORE for method in ("exact", "elastica", "segments", "modes")]
-OFTEN.append((matrix.VARYING, "exact"))
 CELLS = [
     (cell, method)
     for cell in SINGLE + PAIRS
@@ -42,7 +41,11 @@ def name(features: tuple[str, ...]) -> str:
     return " + ".join(features)
 
 
-@pytest.mark.parametrize(("features", "method"), OFTEN, ids=lambda x: x if isinstance(x, str) else name(x))
+@pytest.mark.parametrize(
+    ("features", "method"),
+    [*OFTEN, pytest.param(matrix.VARYING, "exact", marks=pytest.mark.slow)],
+    ids=lambda x: x if isinstance(x, str) else name(x),
+)
 def test_core(features: tuple[str, ...], method: str) -> None:
     check(features, method)
 

@@ -357,6 +357,7 @@ dt = 0.005
         assert abs(value / true[p.name] - 1.0) < 0.06, p.name
 
 
+@pytest.mark.slow
 def test_a_voltage_turns_a_motor_at_the_rate_whose_back_emf_it_is() -> None:
     """A strip without friction under a constant voltage: hub rate U / (k r), and no current any more."""
     motor = Motor(torque_constant=0.05, resistance=0.5)

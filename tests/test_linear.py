@@ -74,7 +74,7 @@ def differences(model: LinearModel, simulation: Simulation) -> tuple[np.ndarray,
 @pytest.mark.parametrize("name", ["robot_arm_torque", "two_link_motion"])
 @every(
     (*ALL, ("geometrically_exact", {"elements": 3, "period_correction": True})),
-    slow=("period_correction", "modes", "segments"),
+    slow=("period_correction", "modes", "segments", "elastica"),
 )
 def test_a_period_is_the_derivative_of_the_solver(name: str, formulation: str, options: dict[str, Any]) -> None:
     simulation = moving(name, formulation, options)
@@ -104,7 +104,7 @@ def test_small_steps_tend_to_the_exact_period(formulation: str, options: dict[st
     assert exact.rate == pytest.approx(exact.x, abs=1e-6)  # at rest it stays
 
 
-@every(ALL)
+@every(ALL, slow=("segments",))
 def test_outputs_and_names(formulation: str, options: dict[str, Any]) -> None:
     simulation = moving("two_link_motion", formulation, options)
     model = linearize(simulation)

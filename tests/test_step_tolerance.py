@@ -29,7 +29,7 @@ def levels(batch: Batch) -> np.ndarray[Any, Any]:
     ("env_id", "n", "threads", "kwargs"),
     [
         pytest.param("FlexibleArm-v0", 7, 1, {}, marks=pytest.mark.slow),
-        ("FlexibleArm-v0", 20, 2, {}),
+        pytest.param("FlexibleArm-v0", 20, 2, {}, marks=pytest.mark.slow),
         pytest.param("TwoLinkFlexArm-v0", 9, 2, {"step_tolerance": 1e-6}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 9, 1, {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 9, 1, {"actuator": {"lag": 0.01, "viscous": 0.01}}, marks=pytest.mark.slow),

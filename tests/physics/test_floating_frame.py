@@ -29,6 +29,7 @@ def orders(errors: list[float]) -> Array:
     return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
 
 
+@pytest.mark.slow
 def test_equations_uncompiled() -> None:
     """With multipliers: residual, tangents, constraints, energies, losses and places against an oracle."""
     uncompiled_tests("physics/uncompiled_multipliers.py")
@@ -103,7 +104,7 @@ def test_energy_of_free_flight_stays(name: str) -> None:
     ("name", "options"),
     [
         pytest.param("flying_rod", {"segments": 4, "dt": 0.05}, marks=pytest.mark.slow),
-        ("two_link_free_flight", {"segments": 2, "dt": 0.0025}),
+        pytest.param("two_link_free_flight", {"segments": 2, "dt": 0.0025}, marks=pytest.mark.slow),
         pytest.param("flying_rod", {"segments": 4, "dt": 0.0125}, marks=pytest.mark.slow),
         pytest.param("flying_rod", {"segments": 2, "elements": 2, "dt": 0.0125}, marks=pytest.mark.slow),
         pytest.param("two_link_free_flight", {"segments": 2, "elements": 2, "dt": 0.0025}, marks=pytest.mark.slow),

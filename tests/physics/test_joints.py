@@ -296,7 +296,8 @@ def test_slip_under_a_torque_that_jumps(gear: str, method: str) -> None:
     assert np.abs(found.motor_angles[:, 0] - exact).max() < 2e-3 * exact.max()
 
 
-@pytest.mark.parametrize("method", ["elastica", pytest.param("exact", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["elastica", "exact"])
 def test_a_joint_struck_and_turned_by_a_motion_loses_friction_times_its_way(method: str) -> None:
     """From rest to 1 rad/s at once, and to rest at once: beside what the link's own damping takes, T_C times the angle;
     the blows, which friction has no part in, are in the books."""
