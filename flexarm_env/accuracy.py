@@ -167,10 +167,39 @@ def _varying_rate(arm: Arm) -> float:
 
 def count_steps(scene: Scene, end: float, sample: float, dt: float) -> int:
     """Steps of a run that lands on every sample and kink."""
+    lengths = _stretches(scene, end, sample)
+    return int(_steps_in(lengths, _usual_step(lengths, sample, dt)).sum())
+
+
+def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
+    """Settings whose dt is the step in which a run with this dt at most, landing on every sample and kink, spends most
+    of its time: what belongs to one length of step (theory, 5.3) is then made for the steps that are taken."""
+    assert settings.dt is not None
+    return settings.replace(dt=_usual_step(_stretches(scene, end, sample), sample, settings.dt))
+
+
+def _stretches(scene: Scene, end: float, sample: float) -> Array:
+    """Lengths (s) between samples and kinks."""
     counts = max(1, math.ceil(end / sample * (1.0 - 1e-9)))
-    stops = {min(k * sample, end) for k in range(1, counts + 1)} | {k for k in scene.kinks if k < end}
-    lengths = np.diff(np.array([0.0, *sorted(stops)]))
-    return int(np.maximum(1, np.ceil(lengths / dt * (1.0 - 1e-9))).sum())
+    samples = np.minimum(np.arange(1.0, counts + 1.0) * sample, end)
+    kinks = np.array([k for k in scene.kinks if k < end], np.float64)
+    return np.diff(np.union1d(samples, kinks), prepend=0.0)
+
+
+def _steps_in(lengths: Array, dt: float) -> Array:
+    """In how many steps of at most dt each stretch is gone through."""
+    return np.maximum(1.0, np.ceil(lengths / dt * (1.0 - 1e-9)))
+
+
+def _usual_step(lengths: Array, sample: float, dt: float) -> float:
+    """The median, by time, of the steps of at most dt that stretches are gone through in."""
+    steps = lengths / _steps_in(lengths, dt)
+    order = np.argsort(steps)
+    middle = float(steps[order][np.searchsorted(np.cumsum(lengths[order]), 0.5 * lengths.sum())])
+    for known in (dt, sample / max(1, math.ceil(sample / dt * (1.0 - 1e-9)))):
+        if abs(middle - known) <= 1e-9 * known:
+            return known
+    return middle
 
 
 def distance(one: Probe, other: Probe) -> float:

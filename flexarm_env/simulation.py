@@ -397,7 +397,7 @@ def simulate(
     check_work(end, interval, settings.dt)
     if end > scene.duration:
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
-    simulation = Simulation(scene, settings)
+    simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
     simulation.compile()
     clock = time.process_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
@@ -438,7 +438,7 @@ def _probe(
     scene: Scene, settings: Settings, end: float, interval: float, allowed: float | None, levels: Sequence[int]
 ) -> accuracy.Probe:
     """A companion run: its tips alone."""
-    simulation = Simulation(scene, settings)
+    simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
     simulation.follow = levels
     simulation.compile()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .. import scenes, time_functions
 from .. import validation as check
+from ..accuracy import in_steps
 from ..batch import CLIP, View, scene_gauges
 from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import DIVERGED, OK
@@ -177,8 +178,9 @@ class Guide:
         self, scene: Scene, settings: Settings, period: float, limits: Array,
         gauges: tuple[tuple[int, float], ...] = (), gauge_scales: tuple[float, ...] = (),
     ) -> None:  # fmt: skip
-        self.scene, self.settings, self.period, self.limits = scene, settings, period, limits
-        self.simulation = Simulation(scene, settings)
+        self.scene, self.period, self.limits = scene, period, limits
+        self.settings = in_steps(scene, settings, scene.duration, period)
+        self.simulation = Simulation(scene, self.settings)
         rows = scene_gauges(scene, settings, self.simulation.system, gauges)
         self.gauges = rows / np.array(gauge_scales).reshape(-1, 1)
         self.free = np.array([scene.motion_of(f"joint{k}") is None for k in range(scene.arm.n_links)])

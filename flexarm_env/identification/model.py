@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from flexarm_env import arms
 from flexarm_env import sensors as sensing
 from flexarm_env import validation as check
+from flexarm_env.accuracy import in_steps
 from flexarm_env.derivatives.runs import NotDifferentiable
 from flexarm_env.derivatives.runs import Run as Played
 from flexarm_env.parameters import Arm, Joint
@@ -211,7 +212,7 @@ class Experiment:
         table = self.table(values)
         arm = arms.from_table({k: v for k, v in table.items() if k not in ("inputs", "outputs", "gravity", "loads")})
         scene = self._scene(arm, table, run)
-        return Simulation(scene, scene.settings(**self.config.solver))
+        return Simulation(scene, in_steps(scene, scene.settings(**self.config.solver), scene.duration, run.period))
 
     def _played(self, values: Array, run: Run) -> Played | None:
         """The run of the arm; the last of each log is kept."""
