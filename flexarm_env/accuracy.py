@@ -165,17 +165,19 @@ def _varying_rate(arm: Arm) -> float:
     return float(weight @ deflection / (weight @ deflection**2))
 
 
-def count_steps(scene: Scene, end: float, sample: float, dt: float) -> int:
+def count_steps(scene: Scene, settings: Settings, end: float, sample: float) -> int:
     """Steps of a run that lands on every sample and kink."""
     lengths = _stretches(scene, end, sample)
-    return int(_steps_in(lengths, _usual_step(lengths, sample, dt)).sum())
+    return int(_steps_in(lengths, _step_of(lengths, settings, sample)).sum())
 
 
 def in_steps(scene: Scene, settings: Settings, end: float, sample: float) -> Settings:
-    """Settings whose dt is the step in which a run with this dt at most, landing on every sample and kink, spends most
-    of its time: what belongs to one length of step (theory, 5.3) is then made for the steps that are taken."""
-    assert settings.dt is not None
-    return settings.replace(dt=_usual_step(_stretches(scene, end, sample), sample, settings.dt))
+    """Settings whose dt is the longest step of a run with this dt at most that lands on every sample and kink.
+
+    An elastica's inertia is that of one length of step (theory, 5.3): steps are then no longer than those of a tenth of
+    the time.
+    """
+    return settings.replace(dt=_step_of(_stretches(scene, end, sample), settings, sample))
 
 
 def _stretches(scene: Scene, end: float, sample: float) -> Array:
@@ -191,15 +193,19 @@ def _steps_in(lengths: Array, dt: float) -> Array:
     return np.maximum(1.0, np.ceil(lengths / dt * (1.0 - 1e-9)))
 
 
-def _usual_step(lengths: Array, sample: float, dt: float) -> float:
-    """The median, by time, of the steps of at most dt that stretches are gone through in."""
+def _step_of(lengths: Array, settings: Settings, sample: float) -> float:
+    """`in_steps` of stretches."""
+    dt = settings.dt
+    assert dt is not None
     steps = lengths / _steps_in(lengths, dt)
-    order = np.argsort(steps)
-    middle = float(steps[order][np.searchsorted(np.cumsum(lengths[order]), 0.5 * lengths.sum())])
+    found = float(steps.max())
+    if settings.formulation == "elastica":
+        order = np.argsort(steps)
+        found = float(steps[order][np.searchsorted(np.cumsum(lengths[order]), 0.1 * lengths.sum())])
     for known in (dt, sample / max(1, math.ceil(sample / dt * (1.0 - 1e-9)))):
-        if abs(middle - known) <= 1e-9 * known:
+        if abs(found - known) <= 1e-9 * known:
             return known
-    return middle
+    return found
 
 
 def distance(one: Probe, other: Probe) -> float:
@@ -231,7 +237,7 @@ def estimate(
     dt = settings.dt
     assert dt is not None
     length, wide = scene.arm.total_length, min(2.0 * sample, end)
-    steps = count_steps(scene, end, sample, dt)
+    steps = count_steps(scene, settings, end, sample)
     companion = Probe(mine.t, mine.tip, False)
     doubled = settings.replace(dt=2.0 * dt)
     drag = scene.arm.mass_damping > 0.0
@@ -244,7 +250,7 @@ def estimate(
         if (root := clamped(scene, settings)) is not None:
             mesh = max(mesh, distance(base, run(bare, root, sample, levels)))
         return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
-    if count_steps(scene, end, wide, 2.0 * dt) <= 0.75 * steps:
+    if count_steps(scene, doubled, end, wide) <= 0.75 * steps:
         companion = run(scene, doubled, wide)
         time_step = HALF * distance(mine, companion)
     if not companion.good:  # kinks or samples in each step, or too long a step: look at a shorter one

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from benchmarks.converged import tip_error
+from flexarm_env import arms
 from flexarm_env.accuracy import Probe, count_steps, distance, energy_part, finer_mesh, other_mesh
 from flexarm_env.parameters import Arm, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.scenes import named
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
-from flexarm_env.time_functions import ramp
+from flexarm_env.time_functions import cycloid, linear_table, ramp
 from flexarm_env.time_functions import steps as stairs
 from flexarm_env.trajectory import Trajectory
 from tests.scene_tools import everything
@@ -124,7 +125,25 @@ def test_steps_are_counted_as_they_are_taken() -> None:
     for name, dt, sample in (("robot_arm_motion", 0.03, 0.05), ("flying_rod", 0.05, 0.3)):
         scene = everything(replace(named(name), duration=3.0))
         run = simulate(scene, "geometrically_exact", dt=dt, sample=sample, estimate_error=False)
-        assert run.steps == count_steps(scene, 3.0, sample, dt)
+        assert run.steps == count_steps(scene, run.settings.replace(dt=dt), 3.0, sample)
+
+
+@pytest.mark.parametrize("asked", [0.05, 0.019])
+def test_steps_that_samples_or_kinks_cut_short_are_right(asked: float) -> None:
+    """Elasticas' inertia is that of the steps which are taken, not of a longer one that was asked for (theory, 5.3)."""
+    arm = arms.named("strip")
+    t = np.arange(0.0, 0.6025, 0.0025)
+    drive = cycloid(rise=1.2, duration=0.6)
+    smooth = Scene("smooth", arm, duration=2.0, dt=0.0025, motions=(Motion("joint0", drive),))
+    rough = replace(smooth, motions=(Motion("joint0", linear_table(t, [drive(x) for x in t])),))
+    right = simulate(smooth, "elastica", dt=0.000625, sample=0.1, estimate_error=False)
+    for scene, sample, near in ((smooth, 0.0025, 1e-4), (rough, 0.02, 1e-3)):
+        run = simulate(scene, "elastica", dt=asked, sample=sample)
+        assert run.status == "ok"
+        assert run.settings.dt == pytest.approx(0.0025, rel=1e-6)
+        off = np.hypot(*(run.tip[:: round(0.1 / sample)] - right.tip)[:, :2].T).max()
+        assert off <= near * arm.total_length
+        assert off <= run.error_estimate * arm.total_length
 
 
 def test_distance_over_common_instants() -> None:
