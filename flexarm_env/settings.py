@@ -224,6 +224,14 @@ class Settings:
         """These settings with some options changed; what a new option excludes is dropped."""
         return Settings.make(self.formulation, **merged(self.options(), options))
 
+    def dividing(self, period: float | None) -> Settings:
+        """These settings with the longest step of at most dt that divides a period, s (None: as they are)."""
+        if period is None:
+            return self
+        assert self.dt is not None
+        dt = period / max(1, math.ceil(period / self.dt * (1.0 - 1e-9)))
+        return self if abs(dt - self.dt) <= 1e-9 * dt else dataclasses.replace(self, dt=dt)
+
     def with_dt(self, dt: float) -> Settings:
         """These settings with the step ``dt`` where none was given."""
         return self if self.dt is not None else dataclasses.replace(self, dt=dt)

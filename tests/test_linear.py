@@ -104,6 +104,16 @@ def test_small_steps_tend_to_the_exact_period(formulation: str, options: dict[st
     assert exact.rate == pytest.approx(exact.x, abs=1e-6)  # at rest it stays
 
 
+def test_a_period_shorter_than_the_step_is_made_with_its_own() -> None:
+    """The poles of a period are those of the continuous model, at a step of 0.02 s as asked for or not."""
+    scene = at_rest(one_link(hub_inertia=0.5, payload=Payload(0.1)))
+    exact = np.sort(np.abs(np.angle(linearize(scene, "elastica", discrete=0.004, method="zoh").eigenvalues)))
+    made = np.sort(np.abs(np.angle(linearize(scene, "elastica", discrete=0.004, dt=0.05).eigenvalues)))
+    slow = (exact > 1e-3) & (exact < 0.3)
+    assert slow.any()
+    np.testing.assert_allclose(made[slow], exact[slow], rtol=1e-4)
+
+
 @every(ALL, slow=("segments",))
 def test_outputs_and_names(formulation: str, options: dict[str, Any]) -> None:
     simulation = moving("two_link_motion", formulation, options)

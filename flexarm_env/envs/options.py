@@ -249,7 +249,7 @@ def _settings(formulation: str | None, period: float, options: dict[str, Any]) -
         if not period / settings.dt <= MOST_STEPS:
             what = f"must be at most {MOST_STEPS} steps of dt = {settings.dt:g} s"
             raise check.InvalidValue("control_dt", period, what)
-        return dataclasses.replace(settings, dt=period / max(1, math.ceil(period / settings.dt - 1e-9)))
+        return settings.dividing(period)
     assert settings.dt is not None
     steps = period / settings.dt
     if not steps <= MOST_STEPS:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from typing import Any
 
@@ -42,7 +41,7 @@ def through_env(scene: Scene, settings: Settings, sample: float | None = None, e
     arm = scene.arm
     if arm.torque_limits is None:
         arm = dataclasses.replace(arm, torque_limits=(1.0,) * arm.n_links)
-    options = settings.options() | {"dt": period / max(1, math.ceil(period / settings.dt * (1.0 - 1e-9)))}
+    options = settings.dividing(period).options()
     env = _ENVIRONMENTS.get(arm.n_links, MultiLinkFlexArmEnv)(
         arm=arm, formulation=settings.formulation, control_dt=period, duration=max(scene.duration, period),
         joint_limits=None, gravity=scene.gravity, info_level="full", **options,

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import validation as check
 from ..batch import Batch, standing_scene
+from ..physics.assembly import assemble
 from ..simulation import Simulation
 from .motion import Guide
 from .options import Plan
@@ -67,7 +68,8 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
     if guide is not None:
         return linearize(guide.simulation, discrete=discrete)
     assert plan.settings.dt is not None
-    simulation = Simulation(standing_scene(plan.arm, plan.settings.dt, plan.gravity), plan.settings)
+    settings = plan.settings.dividing(discrete)
+    simulation = Simulation(standing_scene(plan.arm, plan.settings.dt, plan.gravity), settings)
     q, v, u = batch.motion(i)
     simulation.par[:] = batch.parameters(i)
     simulation.work.q[:], simulation.work.v[:] = q, v
@@ -85,5 +87,8 @@ def linear_models(
         return stacked([linear_model(plan, batch, i, guides.get(i), discrete) for i in range(batch.n)])
     if discrete not in kept:
         kept.clear()
-        kept[discrete] = Linearizer(batch.system, plan.settings, batch.n, batch.arm.n_links, discrete)
+        system, settings = batch.system, plan.settings.dividing(discrete)
+        if settings.dt != plan.settings.dt:
+            system = assemble(standing_scene(batch.arm, plan.settings.dt, plan.gravity), settings)
+        kept[discrete] = Linearizer(system, settings, batch.n, batch.arm.n_links, discrete)
     return kept[discrete](*batch.motions())

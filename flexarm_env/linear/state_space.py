@@ -109,7 +109,7 @@ def linearize(
     stepping = discrete is not None and method == "solver"
     if motions and stepping:
         raise check.InvalidValue("method", method, "must be 'zoh' where motions are inputs of a discrete model")
-    simulation = without_friction(simulation_of(target, formulation, options))
+    simulation = without_friction(simulation_of(target, formulation, options, discrete if stepping else None))
     if motions and (simulation.drive.known < 0).any():
         what = "must be False where multipliers join bodies: they prescribe the joints"
         raise check.InvalidValue("motions", motions, what)
@@ -158,14 +158,17 @@ def _places(gauges: object, links: int) -> list[tuple[int, float]]:
     return found
 
 
-def simulation_of(target: Simulation | Scene, formulation: str | None, options: dict[str, Any]) -> Simulation:
-    """The target itself, or a Simulation of the scene at its start."""
+def simulation_of(
+    target: Simulation | Scene, formulation: str | None, options: dict[str, Any], period: float | None = None
+) -> Simulation:
+    """The target itself, or a Simulation of the scene at its start, in steps that divide a period, s."""
     if isinstance(target, Simulation):
         given = options if formulation is None else {"formulation": formulation, **options}
         for name, value in given.items():
             raise check.InvalidValue(name, value, "must not be given with a Simulation, which brings its own settings")
         return target
-    return Simulation(check.instance("target", target, Scene), target.settings(formulation, **options))
+    scene = check.instance("target", target, Scene)
+    return Simulation(scene, target.settings(formulation, **options).dividing(period))
 
 
 def without_friction(simulation: Simulation) -> Simulation:
