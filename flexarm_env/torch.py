@@ -84,6 +84,8 @@ class DifferentiableArms:
 
 def _numbers(name: str, value: Tensor) -> NDArray[np.float64]:
     """A tensor's numbers, where they are if they are float64."""
+    if not isinstance(value, Tensor) or value.is_complex():
+        raise check.InvalidValue(name, value, "must be a tensor of real numbers")
     if value.device.type != "cpu":
         raise check.InvalidValue(f"{name}.device", str(value.device), "must be cpu, where the arms are")
     numbers: NDArray[np.float64] = value.detach().to(torch.float64).numpy()
@@ -93,9 +95,10 @@ def _numbers(name: str, value: Tensor) -> NDArray[np.float64]:
 class _Step(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, arms: Arms, state: Tensor, action: Tensor) -> tuple[Tensor, ...]:
+        outcome = arms.step(_numbers("state", state), _numbers("action", action))
         ctx.arms = arms
         ctx.save_for_backward(state, action)
-        return tuple(torch.from_numpy(x) for x in arms.step(_numbers("state", state), _numbers("action", action)))
+        return tuple(torch.from_numpy(x) for x in outcome)
 
     @staticmethod
     @once_differentiable
@@ -109,9 +112,10 @@ class _Step(torch.autograd.Function):
 class _Observe(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, arms: Arms, state: Tensor) -> Tensor:
+        seen = arms.observe(_numbers("state", state))
         ctx.arms = arms
         ctx.save_for_backward(state)
-        return torch.from_numpy(arms.observe(_numbers("state", state)))
+        return torch.from_numpy(seen)
 
     @staticmethod
     @once_differentiable

@@ -285,6 +285,18 @@ def test_swapped_columns_are_no_good_fit(fitted: tuple[Any, Path], tmp_path: Pat
     assert not found.good and "poor" in found.verdict
 
 
+def test_an_arm_that_one_oscillator_beats_is_no_good_fit(fitted: tuple[Any, Path]) -> None:
+    """A stiffness that is held and 3 % wrong."""
+    arm = truth()
+    link = arm.links[0]
+    softer = dataclasses.replace(link, section=dataclasses.replace(link.section, EI=0.97 * link.section.EI))
+    wrong = dataclasses.replace(arm, links=(softer,))
+    config = CONFIG.replace("starts = 2", "starts = 1")
+    found = identify(wrong, config, [fitted[1] / "one.csv"], fit=("tau_d", "tau_d"))
+    assert found.train[0].vaf["strain_gauge_1"] > 90.0 and len(found.parameters) == 1
+    assert not found.good and "one oscillator" in found.verdict
+
+
 def test_cells_of_other_columns_do_not_matter(fitted: tuple[Any, Path], tmp_path: Path) -> None:
     table = np.genfromtxt(fitted[1] / "one.csv", delimiter=",", names=True)
     more = write(tmp_path / "m.csv", {"x": [""] * len(table), **{n: table[n] for n in ("strain", "t", "hub")}})

@@ -191,3 +191,6 @@ def test_other_devices_are_told(arms: Arms) -> None:
     one = DifferentiableArms("FlexibleArm-v0", 9, tolerance=1e-12)
     with pytest.raises(ValueError, match=r"state.device = 'meta': must be cpu"):
         one.step(torch.zeros((9, one.arms.state_size), device="meta"), torch.zeros(9, 1))
+    for wrong in (one.reset().numpy(), [0.0], torch.zeros((9, one.arms.state_size), dtype=torch.complex128)):
+        with pytest.raises(ValueError, match="must be a tensor of real numbers"):
+            one.observe(wrong)

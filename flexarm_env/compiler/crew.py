@@ -299,7 +299,7 @@ class Crew:
 
     def close(self, process: Callable[[], int] = os.getpid) -> None:
         """End the threads. (The function is bound early: at the interpreter's end the module may be gone.)"""
-        if self._process == process():
+        if getattr(self, "_process", None) == process():  # it has none where it was never made
             for worker in self._workers:
                 worker.stop()
         self._workers = []

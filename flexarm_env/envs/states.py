@@ -87,8 +87,9 @@ def linear_models(
         return stacked([linear_model(plan, batch, i, guides.get(i), discrete) for i in range(batch.n)])
     if discrete not in kept:
         kept.clear()
-        system, settings = batch.system, plan.settings.dividing(discrete)
-        if settings.dt != plan.settings.dt:
-            system = assemble(standing_scene(batch.arm, plan.settings.dt, plan.gravity), settings)
+        system, settings, dt = batch.system, plan.settings.dividing(discrete), plan.settings.dt
+        assert dt is not None
+        if settings.dt != dt:
+            system = assemble(standing_scene(batch.arm, dt, plan.gravity), settings)
         kept[discrete] = Linearizer(system, settings, batch.n, batch.arm.n_links, discrete)
     return kept[discrete](*batch.motions())

@@ -94,7 +94,7 @@ class Config:
                 raise check.UnknownKey(name, [p.name for p in self.parameters], "parameter to fit")
         if not wanted:
             raise check.InvalidValue("fit", wanted, "must name at least one parameter")
-        return tuple(known[name] for name in dict.fromkeys(wanted))
+        return tuple(dict.fromkeys(known[name] for name in wanted))
 
 
 _KEYS = (

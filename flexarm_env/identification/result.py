@@ -155,7 +155,7 @@ def identify(
     result = Identification(
         arm=dataclasses.replace(found, sensors=given.sensors), given=given, config=setup, parameters=parameters,
         values=values, start=experiment.start, uncertainty=worth,
-        verdict=_verdict(problem, best, train, worth), train=train, held_out=held, unfitted=unfitted,
+        verdict=_verdict(problem, best, train, baseline), train=train, held_out=held, unfitted=unfitted,
         baseline=baseline, oscillators={name: (o.frequency, o.damping) for name, o in simple.items()},
         frequencies=frequencies, damping=damping,
         seen={c.name: [r for run in everything for r in read_off(run, c.name)] for c in setup.outputs},
@@ -219,7 +219,11 @@ def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
     return found.frequencies[moving] / (2.0 * np.pi), found.damping[moving]
 
 
-def _verdict(problem: Problem, best: Fit, train: Sequence[Prediction], worth: Uncertainty) -> str:
+BEATEN = 4.0
+"""A fit is poor that leaves so many times what one oscillator leaves of an output unexplained, and more than 2 %."""
+
+
+def _verdict(problem: Problem, best: Fit, train: Sequence[Prediction], baseline: Sequence[Prediction]) -> str:
     """Whether a fit may be presented as good."""
     least = problem.experiment.config.good
     poor = [f"{p.vaf[n]:.1f} % of {n} in {p.run.stem}" for p in train for n in p.vaf if not p.vaf[n] >= least]
@@ -228,6 +232,11 @@ def _verdict(problem: Problem, best: Fit, train: Sequence[Prediction], worth: Un
         return f"poor: the readings follow {swapped} better: are columns swapped?"
     if poor:
         return f"poor: the fitted arm explains only {', '.join(poor)}; a good fit explains {least:g} %"
+    for p, simple in zip(train, baseline, strict=False):
+        for n, share in p.vaf.items():
+            if 100.0 - share > max(2.0, BEATEN * (100.0 - simple.vaf[n])):
+                what = f"explains {share:.1f} % of {n} in {p.run.stem}, one oscillator {simple.vaf[n]:.1f} %"
+                return f"poor: the fitted arm {what}: a number that is not fitted may be wrong"
     return "good"
 
 
