@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from collections import namedtuple
 from collections.abc import Mapping
-from itertools import pairwise
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,6 +73,7 @@ class Layout:
         ends = range(len(fields))
         begins = ", ".join(f"_{k}" for k in range(len(fields) + 1))
         slices = ", ".join(f"_flat[_{k} : _{k + 1}]" for k in ends) + ","
+        parts = ", ".join(f"{field.name!r}: {_part(k, field)}" for k, field in enumerate(fields))
         arguments = ["_first", *self.sizes]
         scope: dict[str, Any] = {
             "Offsets": namedtuple(name, [*names, "end"]),
@@ -80,6 +81,7 @@ class Layout:
         }
         self.offsets = _function(f"{name}_offsets", arguments, lines, f"Offsets({begins})", scope)
         self.views = _function(f"{name}_views", ["_flat", *arguments], lines, f"Views({slices})", scope)
+        self._unpacking = f"{name}_fields", ["_flat", *arguments], lines, f"{{{parts}}}"
         self.places: Any = None if self.sizes else self.offsets(0)
         shapes = [f"({''.join(f'int({part}), ' for part in field.shape)})" for field in fields]
         self.shapes = _function(f"{name}_shapes", [*self.sizes], [], f"[{', '.join(shapes)}]", scope)
@@ -102,13 +104,14 @@ class Layout:
             parts.append(value.ravel())
         return np.concatenate(parts)
 
+    @cached_property
+    def _fields(self) -> Any:
+        """The function behind `unpack`, made where there is something to unpack."""
+        return _function(*self._unpacking, {})
+
     def unpack(self, flat: NDArray[np.float64], first: int = 0, /, **sizes: int) -> dict[str, NDArray[np.float64]]:
         """Views of the fields in their shapes, by name; the layout begins at flat[..., first]."""
-        begins = self.offsets(first, *[sizes[word] for word in self.sizes])
-        found = {}
-        for field, (a, b), shape in zip(self.fields, pairwise(begins), self.shapes(**sizes), strict=True):
-            part = flat[..., a:b] if shape else flat[..., a]
-            found[field.name] = part.reshape(flat.shape[:-1] + shape) if len(shape) > 1 else part
+        found: dict[str, NDArray[np.float64]] = self._fields(flat, first, *[sizes[word] for word in self.sizes])
         return found
 
     def __str__(self) -> str:
@@ -116,6 +119,14 @@ class Layout:
         rows = [(f.name, f"({', '.join(map(str, f.shape))})", f.unit, f.meaning) for f in self.fields]
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         return "\n".join("  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]) for row in rows)
+
+
+def _part(k: int, field: Field) -> str:
+    """The view of field k in its shape, as an expression."""
+    if len(field.shape) < 2:
+        return f"_flat[..., _{k} : _{k + 1}]" if field.shape else f"_flat[..., _{k}]"
+    shape = ", ".join(f"int({part})" for part in field.shape)
+    return f"_flat[..., _{k} : _{k + 1}].reshape((*_flat.shape[:-1], {shape}))"
 
 
 def _function(name: str, arguments: list[str], lines: list[str], result: str, scope: dict[str, Any]) -> Any:

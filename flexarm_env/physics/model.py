@@ -155,8 +155,8 @@ class FloatingChain(NamedTuple):
     angles at the elbows, each relative to the tip section before it.
 
     data      float64: a block a body, `physics.floating.layout.BODY`
-    gravity   float64 (2,) m/s^2 or None; loads int64 (n_loads, 2): link and end (0 root, 1 tip) of each point load,
-              or None: absent features are compiled out
+    gravity   float64 (2,) m/s^2 or None: absent features are compiled out
+    loads     int64: for each point load `physics.floating.layout.LOADED`, or None
     jointed   (0,) in a `Jointed` arm, otherwise None
     eccentric float64 (2,): from the tip to the payload's centre, m, along the tip's tangent and across it, or None
     """

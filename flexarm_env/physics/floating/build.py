@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...compiler import WIDEST
 from ...parameters import Arm, Link, Payload
 from ...scene import PointLoad, Scene
 from ...settings import MODAL_BOUND, Settings
@@ -180,17 +181,18 @@ def _block(
     """A body's block of `data`."""
     n, elements = body.n, len(mesh.elements)
     moment, q0 = (x if x.size else np.zeros(n) for x in (body.moment, body.q0))
-    stations = [
+    stations = np.array([
         STATION.pack({"n": n}, x=x, u=shape[0], v=shape[1], H=h)
         for x, shape, h in zip(body.stations, body.shapes, body.station_h, strict=True)
-    ]
+    ])  # fmt: skip
+    in_lanes = stations.reshape(-1, len(WIDEST), stations.shape[1]).swapaxes(1, 2)
     return BODY.pack(
         {"n": n, "window": len(mesh.window), "elements": elements, "stations": len(stations)},
         length=body.length, mass=body.mass, S0=body.s0, I0=body.i0, offset=offset, most_lost=most_lost,
         S_bar_x=body.s_bar[0], S_bar_y=body.s_bar[1], c_u=body.c_u, c=body.c,
         tip_u=body.tip[0], tip_v=body.tip[1], tip_phi=body.tip[2],
         G=body.g, M_ff=body.m_ff, B=body.b, K_axial=body.k_axial, K_bend=body.k_bend, D0=body.d0, tip_H=body.tip_h,
-        drag=drag, damped=damped, root=body.root, stations=stations, moment=moment, spent=0.5 * moment @ q0,
+        drag=drag, damped=damped, root=body.root, stations=in_lanes, moment=moment, spent=0.5 * moment @ q0,
         spans=[_span(body, e, n, mesh, frame) for e in range(elements)],
     )  # fmt: skip
 
@@ -218,7 +220,7 @@ def _shared(
         "bound": 0.0 if settings.modes is None else MODAL_BOUND,
         "data": np.concatenate(blocks),
         "gravity": None if scene.gravity is None else np.array(scene.gravity),
-        "loads": np.array([(p.link, p.end == "tip") for p in point_loads], np.int64) if point_loads else None,
+        "loads": np.array([(p.link, p.end == "tip") for p in point_loads], np.int64).ravel() if point_loads else None,
     }
 
 

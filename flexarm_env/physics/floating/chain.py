@@ -20,7 +20,7 @@ from ..model import FloatingChain
 from ..protocol import register
 from .body import carry, forces
 from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
-from .layout import JOINT, KNOWN, PASSED, ROOT, cell, elastic_row, elbow_row, factors_at
+from .layout import JOINT, KNOWN, LOADED, PASSED, ROOT, acts_at, cell, elastic_row, elbow_row, factors_at
 from .matrix import condense, reduce, reduce_transposed, restore, restore_transposed, tangent
 from .rigid import (
     ACROSS,
@@ -69,8 +69,8 @@ def _joint_at(k):
 def less_loads(lane, loads, model, link, end, u, force):
     """force (x, y, moment) less the point loads at an end of a link."""
     if loads is not None:
-        for f in range(loads.shape[0]):
-            if loads[f, 0] == link and loads[f, 1] == end:
+        for f in range(loads.shape[0] // LOADED.end):
+            if acts_at(loads, f, link, end):
                 for i in range(3):
                     store(force, i, load(lane, force, i) - load(lane, u, model.links + OF_LOAD.end * f + i))
 
@@ -245,13 +245,14 @@ def factor(lane, model, S):
             store(S, ROOT.factors + cell(i, j), entry)
     F = ROOT.factors
     for k in range(3):
-        inverse = one / load(lane, S, F + cell(k, k))
-        store(S, F + cell(k, k), inverse)
-        for i in range(k + 1, 3):
-            f = load(lane, S, F + cell(i, k)) * inverse
-            store(S, F + cell(i, k), f)
-            for j in range(k + 1, 3):
-                store(S, F + cell(i, j), load(lane, S, F + cell(i, j)) - f * load(lane, S, F + cell(k, j)))
+        if S[(ROOT.pinned + k) * L] == 0.0:  # a row of the identity is its own factor
+            inverse = one / load(lane, S, F + cell(k, k))
+            store(S, F + cell(k, k), inverse)
+            for i in range(k + 1, 3):
+                f = load(lane, S, F + cell(i, k)) * inverse
+                store(S, F + cell(i, k), f)
+                for j in range(k + 1, 3):
+                    store(S, F + cell(i, j), load(lane, S, F + cell(i, j)) - f * load(lane, S, F + cell(k, j)))
 
 
 @kernel
@@ -287,13 +288,15 @@ def solve(lane, model, S, x):
         store(flow, i, right)
     F = ROOT.factors
     for i in range(1, 3):
-        for j in range(i):
-            store(flow, i, load(lane, flow, i) - load(lane, S, F + cell(i, j)) * load(lane, flow, j))
+        if S[(ROOT.pinned + i) * L] == 0.0:
+            for j in range(i):
+                store(flow, i, load(lane, flow, i) - load(lane, S, F + cell(i, j)) * load(lane, flow, j))
     for i in range(2, -1, -1):
-        total = load(lane, flow, i)
-        for j in range(i + 1, 3):
-            total = total - load(lane, S, F + cell(i, j)) * load(lane, flow, j)
-        store(flow, i, total * load(lane, S, F + cell(i, i)))
+        if S[(ROOT.pinned + i) * L] == 0.0:
+            total = load(lane, flow, i)
+            for j in range(i + 1, 3):
+                total = total - load(lane, S, F + cell(i, j)) * load(lane, flow, j)
+            store(flow, i, total * load(lane, S, F + cell(i, i)))
     store(x, 0, load(lane, flow, 0) * load(lane, S, ROOT.scale + 1))
     store(x, 1, load(lane, flow, 1) * load(lane, S, ROOT.scale + 1))
     store(x, 2, load(lane, flow, 2))

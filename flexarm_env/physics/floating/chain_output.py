@@ -8,12 +8,12 @@ from __future__ import annotations
 from ...compiler.arrays import stack
 from ...compiler.decorator import kernel
 from ...compiler.dispatch import size
-from ...compiler.lanes import absolute, load, select_lt, sincos, splat, store
+from ...compiler.lanes import WIDEST, absolute, load, select_lt, sincos, splat, store
 from ...compiler.trace import unrolled
 from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE
 from .body import constants, damping_time, dot, in_window, product, tip, turn_of_root
-from .layout import ELASTIC, FRAME, START, elastic_row, elbow_row, span_at, station_at, window
+from .layout import ELASTIC, FRAME, LOADED, START, acts_at, elastic_row, elbow_row, span_at, station_at, window
 from .rigid import ROOT_END, TIP_END, moved, moved_to_payload, passed
 
 SIX, FOUR = (0,) * 6, (0,) * 4
@@ -81,12 +81,14 @@ def place(lane, model, D, q, v, pose, frame):
 
 @kernel
 def _note(lane, loads, model, link, end, pose, y):
-    """The place and angle of the point loads at an end of a link."""
-    if loads is not None:
-        for f in range(loads.shape[0]):
-            if loads[f, 0] == link and loads[f, 1] == end:
-                for i in range(3):
-                    store(y, model.links + OF_LOAD.end * f + i, load(lane, pose, POSE.x + i))
+    """The place and angle of the point loads at an end of a link; how many there are."""
+    found = 0
+    for f in range(loads.shape[0] // LOADED.end):
+        if acts_at(loads, f, link, end):
+            found += 1
+            for i in range(3):
+                store(y, model.links + OF_LOAD.end * f + i, load(lane, pose, POSE.x + i))
+    return found
 
 
 @kernel
@@ -102,17 +104,21 @@ def ports(lane, model, par, q, y):
 def ports_of_loads(lane, model, loads, q, y):
     """Those of the point loads alone."""
     if loads is not None:
-        pose, frame = stack(lane, SIX), stack(lane, SIX)
+        pose, frame, left = stack(lane, SIX), stack(lane, SIX), loads.shape[0] // LOADED.end
         for k in range(model.links):
             for b in range(k * model.segments, (k + 1) * model.segments):
                 _enter(lane, model, model.table, q, q, k, b, pose)
                 if b == k * model.segments:
-                    _note(lane, loads, model, k, 0, pose, y)
+                    left -= _note(lane, loads, model, k, 0, pose, y)
+                    if left == 0:
+                        return
                     moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
                 own = q[_elastic(model, model.table, b) * len(lane) :]
                 place(lane, model.mesh, model.data[model.block * b :], own, own, pose, frame)
             moved(lane, model.rigid, k, TIP_END, pose, 1.0)
-            _note(lane, loads, model, k, 1, pose, y)
+            left -= _note(lane, loads, model, k, 1, pose, y)
+            if left == 0:
+                return
 
 
 @unrolled
@@ -324,14 +330,41 @@ def out_of_range(lane, model, par, q):
 
 
 @kernel
+def _sum(D, at, x, n):
+    """sum_j D_j x_j, D of each station."""
+    total = load(WIDEST, D, at) * x[0]
+    for j in range(1, n):
+        total = total + load(WIDEST, D, at + j) * x[j]
+    return total
+
+
+@kernel
+def _draw(mesh, D, q, x0, y0, frame, line):
+    """line <- x of the stations at D, in lanes, then y."""
+    n = size(mesh.n)
+    at = station_at(0, n)
+    x, y = load(WIDEST, D, at.x), _sum(D, at.v, q, n)
+    if mesh.modal is None:
+        x = x + _sum(D, at.u, q, n)
+    else:
+        bent = _sum(D, at.H, q, n) * q[0]
+        for i in range(1, n):
+            bent = bent + _sum(D, at.H + i * n, q, n) * q[i]
+        x = x - bent * 0.5
+    c, s = frame[FRAME.cos], frame[FRAME.sin]
+    store(line, 0, x * c + x0 - y * s)
+    store(line, 1, x * s + y0 + y * c)
+
+
+@kernel
 def shape(model, q, points):
     """Positions along the chain at the bodies' stations, as many as `points` has room for; their number."""
-    lane = (0,)
+    lane, many = (0,), len(WIDEST)
     mesh, n = model.mesh, size(model.mesh.n)
-    pose, frame = stack(lane, SIX), stack(lane, SIX)
+    pose, frame, line = stack(lane, SIX), stack(lane, SIX), stack(WIDEST, (0, 0))
     points[0, 0], points[0, 1] = q[0], q[1]
-    count, own = 1, constants(mesh)
-    length = station_at(0, n).end
+    count, stations = 1, constants(mesh).stations
+    length = station_at(0, n).end * many
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, model.table, q, q, k, b, pose)
@@ -340,15 +373,13 @@ def shape(model, q, points):
             D, e = model.data[model.block * b :], q[_elastic(model, model.table, b) :]
             x0, y0 = pose[POSE.x], pose[POSE.y]
             place(lane, mesh, D, e, e, pose, frame)
-            for i in range((model.block - own.stations) // length):
-                if count == points.shape[0]:
-                    return count
-                at = station_at(own.stations + i * length, n)
-                x, y = D[at.x] + dot(lane, mesh, D, at.u, e), dot(lane, mesh, D, at.v, e)
-                x -= 0.5 * product(lane, mesh, D, at.H, e, e)
-                points[count, 0] = x0 + frame[FRAME.cos] * x - frame[FRAME.sin] * y
-                points[count, 1] = y0 + frame[FRAME.sin] * x + frame[FRAME.cos] * y
-                count += 1
+            for group in range((model.block - stations) // length):
+                _draw(mesh, D[stations + group * length :], e, x0, y0, frame, line)
+                for i in range(many):
+                    if count == points.shape[0]:
+                        return count
+                    points[count, 0], points[count, 1] = line[i], line[many + i]
+                    count += 1
         moved(lane, model.rigid, k, TIP_END, pose, 1.0)
         _at_joint(model.rigid, pose, points, count - 1)
     return count

@@ -78,7 +78,7 @@ BODY = Layout(
     Field("moment", ("n",), "", "K_bend q of q without stress"),
     Field("spent", (), "J", "half that times q: bending energy of q = 0"),
     Field("spans", ("elements", SPAN.length), "", "a `SPAN` each"),
-    Field("stations", ("stations", STATION.length), "", "a `STATION` each"),
+    Field("stations", ("stations", STATION.length), "", "a `STATION` in lanes for each eight, the widest there are"),
 )  # fmt: skip
 body_at = kernel(BODY.offsets)
 station_at = kernel(STATION.offsets)
@@ -168,7 +168,17 @@ ROOT = Layout(
     Field("own", (), "", "what a jointed arm adds to the hub's row"),
     Field("factors", (3, 3), "", "of what all is to the root"),
 ).places  # fmt: skip
+LOADED = Layout(
+    "Loaded", "", Field("link", (), "", "that a point load acts on"), Field("side", (), "", "its end: 0 root, 1 tip")
+).places
 factors_at = kernel(FACTORS.offsets)
+
+
+@kernel
+def acts_at(loads, f, link, end):
+    """Whether point load f acts at that end of a link."""
+    at = LOADED.end * f
+    return loads[at + LOADED.link] == link and loads[at + LOADED.side] == end
 
 
 @kernel
