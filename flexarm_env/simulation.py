@@ -399,10 +399,10 @@ def simulate(
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
     simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
     simulation.compile()
-    clock = time.process_time()
+    clock = time.thread_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     samples = simulation.record(end, interval, progress)
-    trajectory = recorded(simulation, *samples, time.process_time() - clock)
+    trajectory = recorded(simulation, *samples, time.thread_time() - clock)
     return judge(trajectory, interval, limit, allowed, estimate_error)
 
 

@@ -99,7 +99,7 @@ class Trajectory:
         q, v (n, rows): the state and its rate; names (rows,) says what each row is.
         status: "ok", "inaccurate", or what ended the run early; message: the same in a sentence.
         steps, iterations, factorizations, halvings: counts of time steps, Newton iterations, matrices factored and
-            steps halved. cpu_seconds: of the run, compilation left out.
+            steps halved. cpu_seconds: of the thread that ran, compilation left out.
         notes: what the formulation says of its own limits, fractions of the arm's length.
         error_estimate: how far the tip may be off, a fraction of the arm's length (`flexarm_env.accuracy`; nan where
             the run ended early or nothing was run to judge it by); error_parts: what it is made of, by name.
