@@ -48,6 +48,14 @@ def dot(lane, model, D, at, x):
 
 
 @kernel
+def along(lane, model, D, at, x):
+    """`dot` with what shapes along the axis bring, which modes have none of (x + -0.0 is x to the last bit)."""
+    if model.modal is not None:
+        return splat(lane, -0.0)
+    return dot(lane, model, D, at, x)
+
+
+@kernel
 def product(lane, model, D, at, x, y):
     """x'A y with the matrix at D[at:]."""
     n = size(model.n)
@@ -70,7 +78,7 @@ def in_window(lane, model, D, at, x, first):
 def tip(lane, model, D, x):
     """(u, v, phi)'x at the tip, without foreshortening."""
     own = constants(model)
-    return dot(lane, model, D, own.tip_u, x), dot(lane, model, D, own.tip_v, x), dot(lane, model, D, own.tip_phi, x)
+    return along(lane, model, D, own.tip_u, x), dot(lane, model, D, own.tip_v, x), dot(lane, model, D, own.tip_phi, x)
 
 
 @kernel
@@ -177,9 +185,9 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
     fx, fy, moment = load(lane, force, 0), load(lane, force, 1), load(lane, force, 2)
     gx, gy = cos * fx + sin * fy, cos * fy - sin * fx
     # s: first moment, t its rate, h its second rate in the frame
-    sx, sy = dot(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
-    tx, ty = dot(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
-    hx, hy = dot(lane, model, D, own.S_bar_x, a), dot(lane, model, D, own.S_bar_y, a)
+    sx, sy = along(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
+    tx, ty = along(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
+    hx, hy = along(lane, model, D, own.S_bar_x, a), dot(lane, model, D, own.S_bar_y, a)
     if model.modal is not None:
         sx = sx - product(lane, model, D, own.D0, q, q) * 0.5
         tx = tx - product(lane, model, D, own.D0, q, v)
@@ -187,9 +195,12 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
     inertia, spin_rate, lever = splat(lane, D[own.I0]), splat(lane, 0.0), splat(lane, 0.0)
     for i in range(n):
         gq = dot(lane, model, D, own.G + i * n, q)
-        inertia = inertia + (gq + 2.0 * D[own.c_u + i]) * load(lane, q, i)
-        gq = gq + D[own.c_u + i]
-        cb = dot(lane, model, D, own.B + i * n, q) + D[own.c + i]
+        if model.modal is None:
+            inertia = inertia + (gq + 2.0 * D[own.c_u + i]) * load(lane, q, i)
+            gq = gq + D[own.c_u + i]
+        else:
+            inertia = inertia + gq * load(lane, q, i)
+        cb = along(lane, model, D, own.B + i * n, q) + D[own.c + i]
         spin_rate = spin_rate + gq * load(lane, v, i)
         lever = lever + cb * load(lane, a, i)
         store(vectors, vec.gq + i, gq)
@@ -207,7 +218,7 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
         if model.modal is not None:
             gsx = gsx - dot(lane, model, D, own.D0 + i * n, q)
             px = px - dot(lane, model, D, own.tip_H + i * n, q)
-        bv = dot(lane, model, D, own.B + i * n, v)
+        bv = along(lane, model, D, own.B + i * n, v)
         store(vectors, vec.bv + i, bv)
         store(vectors, vec.gsx + i, gsx)
         store(vectors, vec.px + i, px)
@@ -219,11 +230,14 @@ def forces(lane, model, D, par, carried, q, v, a, force, known, vectors, strains
             elastic = elastic + dot(lane, model, D, own.K_bend + i * n, v) * tau
         elastic = elastic * stiffness
         if model.full is None:
-            elastic = elastic + dot(lane, model, D, own.K_axial + i * n, q)
+            elastic = elastic + along(lane, model, D, own.K_axial + i * n, q)
             if model.damped is not None:
-                elastic = elastic + dot(lane, model, D, own.K_axial + i * n, v) * tau
+                elastic = elastic + along(lane, model, D, own.K_axial + i * n, v) * tau
         total = (gsx * ax + ay * gsy) + alpha * cb + dot(lane, model, D, own.M_ff + i * n, a)
-        total = total - square * gq + (w * bv) * 2.0 + elastic
+        total = total - square * gq
+        if model.modal is None:
+            total = total + (w * bv) * 2.0
+        total = total + elastic
         total = total + (px * gx + gy * D[own.tip_v + i]) + moment * D[own.tip_phi + i]
         if model.chord is not None:
             total = total - turning * D[own.root + i]

@@ -12,7 +12,7 @@ from ...compiler.lanes import WIDEST, absolute, load, select_lt, sincos, splat, 
 from ...compiler.trace import unrolled
 from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE
-from .body import constants, damping_time, dot, in_window, product, tip, turn_of_root
+from .body import along, constants, damping_time, dot, in_window, product, tip, turn_of_root
 from .layout import ELASTIC, FRAME, LOADED, START, acts_at, elastic_row, elbow_row, span_at, station_at, window
 from .rigid import ROOT_END, TIP_END, moved, moved_to_payload, passed
 
@@ -129,7 +129,8 @@ def _damping(lane, model, D, par, q, v, x, total):
     if model.damped is not None:
         part = product(lane, model, D, own.K_bend, x, v) * load(lane, par, 2)
         if model.full is None:
-            part = part + product(lane, model, D, own.K_axial, x, v)
+            if model.modal is None:
+                part = part + product(lane, model, D, own.K_axial, x, v)
         else:
             span = span_at(own.spans, wide)
             for e in range(len(model.elements)):
@@ -183,20 +184,24 @@ def _energies(lane, model, D, par, q, v, frame, totals):
     own, n, wide = constants(model), size(model.n), len(model.window)
     c, s = load(lane, frame, FRAME.cos), load(lane, frame, FRAME.sin)
     vx, vy, w = load(lane, frame, FRAME.vx), load(lane, frame, FRAME.vy), load(lane, frame, FRAME.rate)
-    sx, sy = dot(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
-    tx, ty = dot(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
+    sx, sy = along(lane, model, D, own.S_bar_x, q) + D[own.S0], dot(lane, model, D, own.S_bar_y, q)
+    tx, ty = along(lane, model, D, own.S_bar_x, v), dot(lane, model, D, own.S_bar_y, v)
     if model.modal is not None:
         sx = sx - product(lane, model, D, own.D0, q, q) * 0.5
         tx = tx - product(lane, model, D, own.D0, q, v)
-    inertia = dot(lane, model, D, own.c_u, q) * 2.0 + D[own.I0] + product(lane, model, D, own.G, q, q)
+    inertia = along(lane, model, D, own.c_u, q) * 2.0 + D[own.I0] + product(lane, model, D, own.G, q, q)
     kinetic = (vx * vx + vy * vy) * (0.5 * D[own.mass]) + vx * (tx - w * sy) + vy * (ty + w * sx)
     kinetic = kinetic + ((w * w) * inertia + product(lane, model, D, own.M_ff, v, v)) * 0.5
-    kinetic = kinetic + w * (dot(lane, model, D, own.c, v) + product(lane, model, D, own.B, v, q))
+    spun = dot(lane, model, D, own.c, v)
+    if model.modal is None:
+        spun = spun + product(lane, model, D, own.B, v, q)
+    kinetic = kinetic + w * spun
     strain = product(lane, model, D, own.K_bend, q, q) * (load(lane, par, 2) * 0.5)
     if model.curved is not None:
         strain = strain + (D[own.spent] - dot(lane, model, D, own.moment, q)) * load(lane, par, 2)
     if model.full is None:
-        strain = strain + product(lane, model, D, own.K_axial, q, q) * 0.5
+        if model.modal is None:
+            strain = strain + product(lane, model, D, own.K_axial, q, q) * 0.5
     span = span_at(own.spans, wide)
     for e in range(len(model.elements)):
         first = window(model, n, e)

@@ -77,9 +77,11 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
         store(S, at.swept + n + 1 + i, swept_y)
         store(S, px + i, along)
         store(S, py + i, across)
-        ba = load(lane, a, 0) * D[own.B + i]
-        for j in range(1, n):
-            ba = ba + load(lane, a, j) * D[own.B + j * n + i]
+        ba = splat(lane, -0.0)
+        if model.modal is None:
+            ba = load(lane, a, 0) * D[own.B + i]
+            for j in range(1, n):
+                ba = ba + load(lane, a, j) * D[own.B + j * n + i]
         gv = dot(lane, model, D, own.G + i * n, v)
         lever = (gsx * ay - gsy * ax) + (tipx * gy - tipy * gx)
         about = lever + (alpha * gq) * 2.0 + ba + (w * gv) * 2.0
@@ -90,10 +92,12 @@ def tangent(lane, model, D, par, carried, cm, cc, ck, q, v, a, known, vectors, s
         store(S, row + theta, cb * cm + (bv - w * gq) * (2.0 * cc) + lever * ck)
         for j in range(n):
             entry = bend * D[own.K_bend + i * n + j] + cm * D[own.M_ff + i * n + j]
-            entry = entry - turned * D[own.G + i * n + j] + spun * D[own.B + i * n + j]
-            if model.full is None:
-                entry = entry + slope * D[own.K_axial + i * n + j]
-            if model.modal is not None:
+            entry = entry - turned * D[own.G + i * n + j]
+            if model.modal is None:
+                entry = entry + spun * D[own.B + i * n + j]
+                if model.full is None:
+                    entry = entry + slope * D[own.K_axial + i * n + j]
+            else:
                 entry = entry - (ax * D[own.D0 + i * n + j] + gx * D[own.tip_H + i * n + j]) * ck
             if model.drag is not None:
                 entry = entry + (cc * D[own.drag]) * D[own.M_ff + i * n + j]
