@@ -111,11 +111,11 @@ class Simulation:
         bound = float(getattr(self.model, "bound", 0.0))
         return MESSAGE[self.status].format(t=self.t, h=self.dt, halvings=self.scheme.max_halvings, bound=bound)
 
-    def set_torques(self, torques: Array) -> None:
-        """Joint torques (N m, one a joint) that hold from now on: a kink, so accelerations are solved afresh."""
+    def set_torques(self, torques: Array, fresh: bool = True) -> None:
+        """Joint torques (N m, one a joint) that hold from now on: accelerations afresh, or as at a kink on the way."""
         self.work.u0[:] = self.work.u
         self.work.u[: len(torques)] = torques
-        self._restart()
+        self._restart(fresh)
 
     def advance_to(self, t_end: float, books: bool = True) -> bool:
         """Advance to t_end in equal steps of at most dt, landing on every kink; False where the arm has failed.

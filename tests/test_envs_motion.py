@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 
 from flexarm_env import named, simulate, time_functions
 from flexarm_env.envs.replay import through_env
+from flexarm_env.scene import JointTorque
 from tests.env_tools import assert_same
 
 
@@ -75,6 +77,24 @@ def test_the_motion_s_action_is_ignored_and_the_other_joint_keeps_its_own() -> N
     assert_same(ends[0][0], ends[1][0])
     assert not np.array_equal(ends[0][0], ends[2][0])
     assert ends[2][-1]["joint_torque"][1] == pytest.approx(0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact"])
+def test_torques_beside_a_motion_are_a_scene_s_load(formulation: str) -> None:
+    """The elbow's torques, held over periods, are those of a load in steps; the hub's motion has kinks between them."""
+    env: Any = gym.make("TwoLinkFlexArm-v0", formulation=formulation, joint_limits=None).unwrapped
+    motion = time_functions.from_array([[0.0, 0.0], [0.05, 0.05], [0.09, 0.02], [0.2, 0.1]], "linear")
+    env.reset(seed=0, options={"motion": {"joint0": motion}})
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, 10).astype(np.float32)
+    torques = env.plan.arm.torque_limits[1] * actions.astype(np.float64)
+    load = JointTorque(1, time_functions.steps(0.02 * np.arange(10), torques))
+    scene = dataclasses.replace(env.guide.scene, loads=(load,))
+    settings = {"formulation": formulation, **env.plan.settings.options()}
+    trajectory = simulate(scene, sample=0.02, estimate_error=False, **settings)
+    for k, action in enumerate(actions):
+        env.step(np.array([0.0, action], np.float32))
+        np.testing.assert_allclose(env.guide.simulation.work.q, trajectory.q[k + 1], rtol=0.0, atol=1e-9)
 
 
 def test_the_arm_starts_where_the_motion_does_and_ends_with_it() -> None:

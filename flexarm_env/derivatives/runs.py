@@ -152,7 +152,7 @@ class Run:
     def _driven(self, of: Simulation) -> tuple[Array, Array]:
         """Inputs (steps, inputs) and prescribed values (steps, motions, 3) of a scene."""
         u, psi = np.zeros((len(self.t), len(of.work.u))), np.zeros((len(self.t), OF_MOTION.end * of.n_motions))
-        sensitivity.drive_rows(of.drive, self.t, np.diff(self.t, prepend=0.0), u, psi)
+        sensitivity.drive_rows(SINGLE, of.drive, self.t, np.diff(self.t, prepend=0.0), u, psi)
         return u, psi.reshape(len(self.t), of.n_motions, OF_MOTION.end)
 
 

@@ -209,7 +209,7 @@ class Guide:
         if self.steps:
             simulation.restart_at_kink()
         if self.free.any() and not self.scene.loads and not np.array_equal(simulation.work.u[: len(torques)], torques):
-            simulation.set_torques(torques)
+            simulation.set_torques(torques, fresh=False)
         self.steps += 1
         self.moved = simulation.advance_to(min(self.steps * self.period, self.scene.duration))
         if not self.moved:

@@ -53,13 +53,13 @@ class Steps(NamedTuple):
 
 
 @kernel
-def drive_rows(drive, times, h, u, psi):
+def drive_rows(lane, drive, times, h, u, psi):
     """Inputs (rows, inputs) and a `MOTION` for each prescribed coordinate (rows, ...) at the ends of steps."""
     driven = bare(drive)
     for k in range(times.shape[0]):
         before = times[k] - 1e-6 * h[k]
-        set_inputs(driven, u[k], times[k], before)
-        set_motions(driven, psi[k], times[k], before)
+        set_inputs(lane, driven, u[k], times[k], before)
+        set_motions(lane, driven, psi[k], times[k], before)
 
 
 @kernel

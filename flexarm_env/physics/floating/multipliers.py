@@ -188,7 +188,7 @@ def constrain(lane, model, psi, state, level, scale, r):
         if table[b, MULTIPLIERS] == 3:
             turn = load(lane, pose, level) - load(lane, x, behind + ANGLE)
             if table[b, MOTION] >= 0:
-                turn = turn + psi[OF_MOTION.end * table[b, MOTION] + level]
+                turn = turn + load(lane, psi, OF_MOTION.end * table[b, MOTION] + level)
             elif level == 0:
                 turn = turn + D[constants(model.mesh).offset]
             store(r, lam + ANGLE, turn * scale)

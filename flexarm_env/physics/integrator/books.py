@@ -5,21 +5,19 @@ from __future__ import annotations
 from ...compiler import kernel, load, size, store
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
 from ..protocol import book_friction, damping_work, note_friction, ports
-from .work import state_of
+from .work import copy_rows, state_of
 
 
 @kernel
 def open_books(lane, model, drive, par, w):
     """Remember ports and forces at the start of a smooth stretch."""
-    for i in range(w.u.shape[0]):
-        w.u0[i] = w.u[i]
+    for i in range(size(model.n_inputs)):
+        store(w.u0, i, load(lane, w.u, i))
     ports(lane, model, par, w.q, w.y0)
     note_friction(lane, model, par, state_of(w), w.u, w.r, w.S)
     if drive is not None:
-        for i in range(w.psi.shape[0]):
-            w.psi0[i] = w.psi[i]
-        for i in range(w.reaction.shape[0]):
-            w.reaction0[i] = w.reaction[i]
+        copy_rows(lane, OF_MOTION.end * drive.known.shape[0], w.psi, w.psi0)
+        copy_rows(lane, drive.known.shape[0], w.reaction, w.reaction0)
 
 
 @kernel
@@ -40,10 +38,10 @@ def keep_books(lane, model, drive, par, w, h):
     if drive is not None:
         for i in range(drive.known.shape[0]):
             k = OF_MOTION.end * i + OF_MOTION.value
-            work += 0.5 * (w.reaction0[i] + w.reaction[i]) * (w.psi[k] - w.psi0[k])
-            w.reaction0[i] = w.reaction[i]
-        for i in range(w.psi.shape[0]):
-            w.psi0[i] = w.psi[i]
+            force = (load(lane, w.reaction0, i) + load(lane, w.reaction, i)) * 0.5
+            work = work + force * (load(lane, w.psi, k) - load(lane, w.psi0, k))
+        copy_rows(lane, OF_MOTION.end * drive.known.shape[0], w.psi, w.psi0)
+        copy_rows(lane, drive.known.shape[0], w.reaction, w.reaction0)
     store(w.books, WORK_DONE, work)
     for k in range(size(model.n)):
         store(w.r, k, (load(lane, w.q, k) - load(lane, w.q0, k)) * (1.0 / h))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ... import time_functions
-from ...compiler import kernel
+from ...compiler import kernel, load, splat, store
 from ...time_functions import AMPLITUDE, C0, C1, C2, C3, OMEGA, PHASE, PIECE, T0
 from ..layout import OF_MOTION
 
@@ -41,21 +41,23 @@ def evaluate(drive, f, t, side):
 
 
 @kernel
-def set_inputs(drive, u, t, side):
+def set_inputs(lane, drive, u, t, side):
     """Fill the driven entries of u at time t."""
     before = -1
     for i in range(drive.entries.shape[0]):
         entry = drive.entries[i]
         if entry != before:
-            u[entry] = 0.0
-        u[entry] += evaluate(drive, drive.terms[i], t, side)[0]
+            store(u, entry, splat(lane, 0.0))
+        store(u, entry, load(lane, u, entry) + evaluate(drive, drive.terms[i], t, side)[0])
         before = entry
 
 
 @kernel
-def set_motions(drive, psi, t, side):
+def set_motions(lane, drive, psi, t, side):
     """Fill psi, a `MOTION` for each prescribed coordinate, at time t."""
     for i in range(drive.motions.shape[0]):
         value, rate, second = evaluate(drive, drive.motions[i], t, side)
         at = OF_MOTION.end * i
-        psi[at + OF_MOTION.value], psi[at + OF_MOTION.rate], psi[at + OF_MOTION.second] = value, rate, second
+        store(psi, at + OF_MOTION.value, splat(lane, value))
+        store(psi, at + OF_MOTION.rate, splat(lane, rate))
+        store(psi, at + OF_MOTION.second, splat(lane, second))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler import apart, bare, kernel, load, size, splat, store
+from ...compiler import alone, apart, bare, kernel, load, size, splat, store
 from ..layout import DISSIPATED, FACTORISATIONS, OF_MOTION, WORK_DONE
 from ..protocol import (
     MASS_ALONE,
@@ -17,7 +17,7 @@ from ..protocol import (
     solve,
 )
 from .drive import set_inputs, set_motions
-from .work import move_multipliers, note_reactions, set_known, state_of, take_out_known, unpack
+from .work import copy_rows, move_multipliers, note_reactions, set_known, state_of, take_out_known, unpack
 
 SMALL = 1e-3
 """Share of a velocity at which the damping of all of it is asked for, so that forces of its square do not count."""
@@ -42,15 +42,16 @@ def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
 
 
 @kernel
-def _keep(n, algebraic, w):
+def _keep(lane, n, algebraic, w):
     """Accelerations and multipliers to q0, which is free between steps; to b its distance from a."""
     for k in range(n):
-        w.q0[k] = w.a[k]
-        w.b[k] -= w.a[k]
+        a = load(lane, w.a, k)
+        store(w.q0, k, a)
+        store(w.b, k, load(lane, w.b, k) - a)
     if algebraic is not None:
         for i in range(algebraic.shape[0]):
             k = algebraic[i]
-            w.q0[k] = w.q[k]
+            store(w.q0, k, load(lane, w.q, k))
 
 
 @kernel
@@ -61,7 +62,7 @@ def _take_multipliers(lane, drive, algebraic, w, fresh):
             if algebraic is not None:
                 for i in range(algebraic.shape[0]):
                     k = algebraic[i]
-                    w.a[k] += w.q[k]
+                    store(w.a, k, load(lane, w.a, k) + load(lane, w.q, k))
     move_multipliers(lane, algebraic, w.q, w.a, False)
 
 
@@ -73,9 +74,9 @@ def _set_b(lane, n, drive, w, fresh):
             for i in range(drive.known.shape[0]):
                 k = drive.known[i]
                 if k >= 0:
-                    w.b[k] = 0.0
+                    store(w.b, k, splat(lane, 0.0))
             for k in range(n):
-                w.b[k] += w.a[k]
+                store(w.b, k, load(lane, w.b, k) + load(lane, w.a, k))
             return
     for k in range(n):
         store(w.b, k, load(lane, w.a, k))
@@ -92,29 +93,37 @@ def _solve(lane, model, drive, w, matrix):
 
 
 @kernel
-def _less(n, r, start, scale):
+def _less(lane, n, r, start, scale):
     """r <- (r - start) scale."""
     for k in range(n):
-        r[k] = (r[k] - start[k]) * scale
+        store(r, k, (load(lane, r, k) - load(lane, start, k)) * scale)
 
 
 @kernel
-def _book_impulse(drive, w, share, scale):
+def _rates(lane, drive, w, i):
+    """Prescribed velocity i after the jump and before it."""
+    k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
+    if k >= 0:
+        return load(lane, w.psi, at), load(lane, w.v0, k)
+    return load(lane, w.psi, at), load(lane, w.psi0, at)
+
+
+@kernel
+def _book_impulse(lane, drive, w, share, scale):
     """Book the work of the impulses in `reaction`, times `scale`: the velocity there is a share of that before the jump
     and the rest of that after it."""
     for i in range(drive.known.shape[0]):
-        k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
-        speed, before = w.psi[at], w.v0[k] if k >= 0 else w.psi0[at]
-        w.books[WORK_DONE] += (speed + share * (before - speed)) * w.reaction[i] * scale
+        speed, before = _rates(lane, drive, w, i)
+        work = (speed + (before - speed) * share) * load(lane, w.reaction, i) * scale
+        store(w.books, WORK_DONE, load(lane, w.books, WORK_DONE) + work)
 
 
 @kernel
-def _jumps(drive, w):
+def _jumps(lane, drive, w):
     """Whether a prescribed velocity jumps, by more than round-off."""
     for i in range(drive.known.shape[0]):
-        k, at = drive.known[i], OF_MOTION.end * i + OF_MOTION.rate
-        after, before = w.psi[at], w.v0[k] if k >= 0 else w.psi0[at]
-        if abs(after - before) > 1e-12 * (abs(after) + abs(before)):
+        after, before = _rates(lane, drive, w, i)
+        if abs(alone(after) - alone(before)) > 1e-12 * (abs(alone(after)) + abs(alone(before))):
             return True
     return False
 
@@ -131,20 +140,21 @@ def _jump(lane, model, drive, par, w, h, fresh):
     """v <- v + dv, a0: dv with the impulses in its rows of multipliers."""
     n = size(model.n)
     for k in range(n):
-        w.v0[k] = w.v[k]
-        w.v[k], w.a[k], w.a0[k] = 0.0, 0.0, 0.0
+        store(w.v0, k, load(lane, w.v, k))
+        store(w.v, k, splat(lane, 0.0))
+        store(w.a, k, splat(lane, 0.0))
+        store(w.a0, k, splat(lane, 0.0))
     _forces(lane, model, par, w, RESIDUAL_ALONE)
-    for k in range(n):
-        w.b0[k] = w.r[k]  # the forces at rest: what a residual has beyond them is inertia
+    copy_rows(lane, n, w.r, w.b0)  # the forces at rest: what a residual has beyond them is inertia
     _solve_jump(lane, model, drive, par, w)
     _forces(lane, model, par, w, RESIDUAL_ALONE)  # of accelerations dv
-    _less(n, w.r, w.b0, 1.0)
-    note_reactions(drive.known, model.algebraic, w.r, w.a0, w.reaction)
-    _book_impulse(drive, w, 0.5, 1.0)  # impulse times mean velocity is the kinetic energy it brings
-    if _jumps(drive, w):
+    _less(lane, n, w.r, w.b0, 1.0)
+    note_reactions(lane, drive.known, model.algebraic, w.r, w.a0, w.reaction)
+    _book_impulse(lane, drive, w, 0.5, 1.0)  # impulse times mean velocity is the kinetic energy it brings
+    if _jumps(lane, drive, w):
         _pass_layer(lane, model, drive, par, w, h, fresh)
     for k in range(n):
-        w.v[k] = w.v0[k] + w.a0[k]
+        store(w.v, k, load(lane, w.v0, k) + load(lane, w.a0, k))
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
 
 
@@ -155,20 +165,21 @@ def _solve_jump(lane, model, drive, par, w):
     for i in range(drive.known.shape[0]):
         k = drive.known[i]
         if k >= 0:
-            w.a0[k] = w.psi[OF_MOTION.end * i + OF_MOTION.rate] - w.v0[k]
-    for k in range(n):
-        w.a[k] = w.a0[k]
+            after, before = _rates(lane, drive, w, i)
+            store(w.a0, k, after - before)
+    copy_rows(lane, n, w.a0, w.a)
     move_multipliers(lane, model.algebraic, w.a, w.a, True)
     _forces(lane, model, par, w, MASS_ALONE)
-    _less(n, w.r, w.b0, 1.0)
+    _less(lane, n, w.r, w.b0, 1.0)
     for k in range(n):
-        w.v[k] = w.v0[k] + w.a0[k]
+        store(w.v, k, load(lane, w.v0, k) + load(lane, w.a0, k))
     constrain(lane, model, w.psi, state_of(w), 1, 1.0, w.r)
     _solve(lane, model, drive, w, True)
     for k in range(n):
-        w.v[k] = 0.0
-        w.a0[k] -= w.r[k]
-        w.a[k] = w.a0[k]
+        dv = load(lane, w.a0, k) - load(lane, w.r, k)
+        store(w.v, k, splat(lane, 0.0))
+        store(w.a0, k, dv)
+        store(w.a, k, dv)
 
 
 @kernel
@@ -189,30 +200,32 @@ def _pass_layer(lane, model, drive, par, w, h, fresh):
     """
     n, part = size(model.n), 0.5 * h * SMALL
     for k in range(n):
-        w.v[k], w.a[k] = part * w.a0[k], 0.0
+        store(w.v, k, load(lane, w.a0, k) * part)
+        store(w.a, k, splat(lane, 0.0))
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     _damp(lane, model, drive, par, w, h, True, fresh, 1.0)  # (1 - s) dv
     for k in range(n):
-        w.v[k] = part * w.r[k]
+        store(w.v, k, load(lane, w.r, k) * part)
     _damp(lane, model, drive, par, w, h, False, fresh, -3.0)  # (1 - s)^2 dv
     for k in range(n):
-        w.v[k] = 4.0 * w.v[k] - 3.0 * part * w.r[k]  # (1 - s) (1 + 3 s) dv
+        store(w.v, k, load(lane, w.v, k) * 4.0 - load(lane, w.r, k) * (3.0 * part))  # (1 - s) (1 + 3 s) dv
     _damp(lane, model, drive, par, w, h, False, fresh, 1.0)  # g
     for k in range(n):
-        w.v[k] = part * w.r[k]
+        store(w.v, k, load(lane, w.r, k) * part)
     _damp(lane, model, drive, par, w, h, False, fresh, 1.0)  # e
     for k in range(n):
-        e = w.r[k]
-        w.v[k] -= part * e
-        w.a[k] = -SMALL * e
-        w.r[k] = w.v0[k] + w.a0[k] - 0.5 * e  # mean of the velocities before and after the layer
-        w.a0[k] -= e
+        e, dv = load(lane, w.r, k), load(lane, w.a0, k)
+        store(w.v, k, load(lane, w.v, k) - e * part)
+        store(w.a, k, e * -SMALL)
+        store(w.r, k, load(lane, w.v0, k) + dv - e * 0.5)  # mean of the velocities before and after the layer
+        store(w.a0, k, dv - e)
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
-    w.books[DISSIPATED] += damping_work(lane, model, par, w.q, w.v, w.r) / SMALL  # v is `part` times g - e
+    taken = damping_work(lane, model, par, w.q, w.v, w.r) / SMALL  # v is `part` times g - e
+    store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + taken)
     _forces(lane, model, par, w, RESIDUAL_ALONE)
-    _less(n, w.r, w.b0, 1.0)
-    note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
-    _book_impulse(drive, w, 0.0, 1.0 / SMALL)
+    _less(lane, n, w.r, w.b0, 1.0)
+    note_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
+    _book_impulse(lane, drive, w, 0.0, 1.0 / SMALL)
 
 
 @kernel
@@ -220,12 +233,12 @@ def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
     """r <- (1 - s) x where v is x times h/2 and SMALL; `share` of it goes into the jump of the accelerations."""
     move_multipliers(lane, model.algebraic, w.v, w.v, True)
     assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
-    _less(size(model.n), w.r, w.b0, 1.0 / SMALL)
+    _less(lane, size(model.n), w.r, w.b0, 1.0 / SMALL)
     move_multipliers(lane, model.algebraic, w.r, w.r, True)
     _solve(lane, model, drive, w, matrix)
     if not fresh:
         for k in range(size(model.n)):
-            w.q0[k] -= 2.0 * share / h * w.r[k]
+            store(w.q0, k, load(lane, w.q0, k) - load(lane, w.r, k) * (2.0 * share / h))
 
 
 @apart
@@ -235,28 +248,26 @@ def restart_bare(lane, model, drive, par, w, t, h, fresh):
     times, half = 1, 0.0
     if drive is not None:
         if not fresh:
-            for i in range(w.u.shape[0]):
-                w.u0[i] = w.u[i]
+            for i in range(drive.entries.shape[0]):  # others that have changed stand in u0 as they were
+                store(w.u0, drive.entries[i], load(lane, w.u, drive.entries[i]))
     note_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     if drive is not None:
         if not fresh:
-            _keep(n, model.algebraic, w)
+            _keep(lane, n, model.algebraic, w)
             times, half = 3, 0.5 * h
-        for i in range(w.psi.shape[0]):
-            w.psi0[i] = w.psi[i]
-        set_inputs(drive, w.u, t, t + 1e-6 * h)
-        set_motions(drive, w.psi, t, t + 1e-6 * h)
+        copy_rows(lane, OF_MOTION.end * drive.known.shape[0], w.psi, w.psi0)
+        set_inputs(lane, drive, w.u, t, t + 1e-6 * h)
+        set_motions(lane, drive, w.psi, t, t + 1e-6 * h)
         _jump(lane, model, drive, par, w, h, fresh)
     for k in range(n):
         store(w.a, k, splat(lane, 0.0))
     move_multipliers(lane, model.algebraic, w.q, w.a, False)
     if drive is not None:
         if not fresh:
-            for k in range(n):
-                w.a[k] = w.q0[k]
+            copy_rows(lane, n, w.q0, w.a)
             move_multipliers(lane, model.algebraic, w.q, w.q0, False)
             move_multipliers(lane, model.algebraic, w.a, w.a, True)
-        set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
+        set_known(lane, drive.known, w.psi, w.q, w.v, w.a, w.b)
     for i in range(times):
         matrix = i == 0
         weights = Weights(1.0 if matrix else 0.0, half, half * half)
@@ -271,4 +282,5 @@ def restart_bare(lane, model, drive, par, w, t, h, fresh):
     _set_b(lane, n, drive, w, fresh)
     if drive is not None:
         assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
-        note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
+        note_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
+        copy_rows(lane, size(model.n_inputs), w.u, w.u0)

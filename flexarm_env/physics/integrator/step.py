@@ -17,6 +17,7 @@ from ...compiler import (
     NUMBER,
     TUPLE,
     apart,
+    arms,
     bare,
     by_kind,
     inlined,
@@ -111,13 +112,13 @@ def _guess(lane, model, predictor, w, slopes):
 
 
 @kernel
-def _prescribe(drive, w, t, h):
+def _prescribe(lane, drive, w, t, h):
     """Inputs and motions at the end t of a step of h; where they jump there, as they were before."""
     if drive is not None:
         before = t - 1e-6 * h
-        set_inputs(drive, w.u, t, before)
-        set_motions(drive, w.psi, t, before)
-        set_known(drive.known, w.psi, w.q, w.v, w.a, w.b)
+        set_inputs(lane, drive, w.u, t, before)
+        set_motions(lane, drive, w.psi, t, before)
+        set_known(lane, drive.known, w.psi, w.q, w.v, w.a, w.b)
 
 
 @inlined
@@ -168,7 +169,7 @@ def _react(lane, model, drive, par, w):
     if drive is not None:
         if drive.known.shape[0] > 0:
             assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
-            note_reactions(drive.known, model.algebraic, w.r, w.q, w.reaction)
+            note_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
 
 
 @kernel
@@ -203,16 +204,16 @@ def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):
         start = t + done * h + (h - left)
         slopes = slopes_of(scheme, part)
         _predict(lane, model, w, part, scheme)
-        if len(lane) == 1:
+        if arms(lane) == 1:
             if again:
                 _stay(lane, model, w, slopes)
-        _prescribe(drive, w, start + part, part)
+        _prescribe(lane, drive, w, start + part, part)
         _guess(lane, model, model.predictor, w, slopes)
         active = newton(lane, model, drive, par, w, slopes, scheme, again)
         _settle(lane, model, drive, par, model.algebraic, w)
         _react(lane, model, drive, par, w)
         flag = select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), load(lane, w.flag, 0))
-        if len(lane) == 1:
+        if arms(lane) == 1:
             if largest(flag) > 0.5:
                 _go_back(lane, model, w)
                 if again:
@@ -228,7 +229,7 @@ def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):
             keep_books(lane, model, drive, par, w, part)
         flag = select_lt(flag, 0.5, out_of_range(lane, model, par, w.q), flag)
         store(w.flag, 0, flag)
-        if len(lane) == 1:
+        if arms(lane) == 1:
             if largest(flag) > 0.5:
                 return start + part
         left -= part

@@ -72,6 +72,13 @@ def state_of(w):
 
 
 @kernel
+def copy_rows(lane, count, source, target):
+    """target <- source, so many elements."""
+    for k in range(count):
+        store(target, k, load(lane, source, k))
+
+
+@kernel
 def take_out_known(lane, model, drive, r, S, matrix):
     """Take fixed and prescribed coordinates out of the residual and, where asked for, out of the matrix."""
     for i in range(model.fixed.shape[0]):
@@ -83,31 +90,34 @@ def take_out_known(lane, model, drive, r, S, matrix):
         for i in range(drive.known.shape[0]):
             k = drive.known[i]
             if k >= 0:
-                r[k] = 0.0
+                store(r, k, splat(lane, 0.0))
                 if matrix:
                     pin(lane, model, S, k)
 
 
 @kernel
-def note_reactions(known, algebraic, r, multipliers, reaction):
+def note_reactions(lane, known, algebraic, r, multipliers, reaction):
     """Generalised forces that hold the prescribed coordinates: rows of the residual, or multipliers."""
     for i in range(known.shape[0]):
         k = known[i]
         if k >= 0:
-            reaction[i] = r[k]
+            store(reaction, i, load(lane, r, k))
         elif algebraic is not None:
-            reaction[i] = multipliers[algebraic[-1 - k]]
+            store(reaction, i, load(lane, multipliers, algebraic[-1 - k]))
 
 
 @kernel
-def set_known(known, psi, q, v, a, b):
+def set_known(lane, known, psi, q, v, a, b):
     """Give prescribed coordinates their position, velocity and acceleration."""
     for i in range(known.shape[0]):
         k = known[i]
         if k >= 0:
             at = OF_MOTION.end * i
-            q[k], v[k], a[k] = psi[at + OF_MOTION.value], psi[at + OF_MOTION.rate], psi[at + OF_MOTION.second]
-            b[k] = a[k]
+            second = load(lane, psi, at + OF_MOTION.second)
+            store(q, k, load(lane, psi, at + OF_MOTION.value))
+            store(v, k, load(lane, psi, at + OF_MOTION.rate))
+            store(a, k, second)
+            store(b, k, second)
 
 
 @kernel
