@@ -235,17 +235,6 @@ def test_whole_matrices_say_what_push_and_pull_do() -> None:
     arms.close()
 
 
-@pytest.mark.slow  # it makes, and compiles, another environment
-def test_what_has_no_derivatives_is_refused() -> None:
-    """By name."""
-    with pytest.raises(ValueError, match="task"):
-        Arms(ONE, 2, task="replay", motion="robot_arm_motion")
-    arms = Arms(ONE, 2)
-    with pytest.raises(ValueError, match=r"options\.motion"):
-        arms.reset(options={"motion": "robot_arm_motion"})
-    arms.close()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "arm"), [(ONE, "strip_geared"), (TWO, "two_link_geared")])
 def test_friction_over_periods(env_id: str, arm: str) -> None:

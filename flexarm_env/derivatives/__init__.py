@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from .period import Arms, Jacobians, Periods
+from .arms import Arms
+from .period import Jacobians, Periods
 from .rollouts import Gradient, Outcome, Rollout, rollout
 
 __all__ = ["Arms", "Gradient", "Jacobians", "Outcome", "Periods", "Rollout", "rollout"]

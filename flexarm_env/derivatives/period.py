@@ -1,11 +1,9 @@
-"""Arms whose control periods are differentiated: rows of numbers, no episodes, exact Jacobians."""
+"""Control periods of arms, differentiated: rows of numbers, no episodes, exact Jacobians."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +15,8 @@ from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
 from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of
+from .guided import guided as guidance
+from .guided import program_of, state_of
 from .places import laws_of, places_of
 from .rollouts import Rollout, rollout
 from .sights import Sights
@@ -114,31 +114,41 @@ class Periods:
     """Control periods of a batch's arms, with exact derivatives; what `Arms` says of states, steps and failures holds.
 
     Args:
-        batch: the arms. parameters: see `Arms`.
+        batch: the arms. parameters: see `Arms`. kept: a state holds accelerations and torques, also where periods begin
+        with accelerations solved afresh. guided: which arm alone, and its `envs.motion.Guide`; None: all arms, as they
+        move in the batch.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
         cotangents have kernels of their own (`pull`).
     """
 
-    def __init__(self, batch: Batch, parameters: bool = False) -> None:
+    def __init__(
+        self, batch: Batch, parameters: bool = False, kept: bool = False, guided: tuple[int, Any] | None = None
+    ) -> None:
         if WIDEST is SINGLE:
             raise RuntimeError("derivatives are compiled: there are none where compilation is disabled")
-        self._batch, self.parameters, self.n = batch, parameters, batch.n
+        self._batch, self.parameters, self._guided = batch, parameters, guided
         task, program, extras = batch.task, batch.program, batch.extras
+        if guided is not None:
+            program = program_of(program, guided[1])
+        self.n = program.n
         if parameters and isinstance(program.model, Jointed):
             program = program._replace(model=program.model._replace(own=(0,)))
         model, fitted = program.model, program.models is not None
         self.action_size = len(task.links)
-        self._own, names, core = places_of(batch, model, len(batch.lane), batch.layout, parameters)
+        lanes, layout = len(batch.lane), batch.layout
+        if guided is not None:
+            lanes, layout = 1, layout_of(1, model, task, batch.entries, extras, fitted)
+        self._own, names, core = places_of(batch, model, lanes, layout, parameters, kept)
         self._sights = Sights(batch, core)
         self.names, self.moving = self._sights.names(names), self._sights.moving
         self.state_size = len(self.names)
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
-        lane = SINGLE if joined else WIDEST
+        lane = SINGLE if joined or guided else WIDEST
         lanes, columns = len(lane), core + self.action_size
-        decided = model.correction is None and not (fitted or joined)  # by a step's equations, but for what rubs
+        decided = model.correction is None and not (fitted or joined or kept)  # by a step's equations, but for friction
         implied = decided and getattr(model, "rough", None) is None
-        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined else 1
+        at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined or guided else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(lane, at_once)
         layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
@@ -150,13 +160,17 @@ class Periods:
         self._groups = -(-self.n // lanes)
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
         blocks = [aligned(self._groups * k, layout.row) for k, layout in zip((1, chunks), layouts, strict=True)]
-        self._blocks = blocks
-        room = lanes * int(uncompiled(room_of)(model, task, program.n_steps))
+        self._blocks, guide, room = blocks, None, 0
+        if guided is not None:
+            guide = guidance(guided[1], model, len(both))
+            self._blocks = [*blocks, guide.room]
+        else:
+            room = lanes * int(uncompiled(room_of)(model, task, program.n_steps))
         self._program = derivative.Derivative(
-            lane=lane, dual=both, program=program, plain=layouts[0], both=layouts[1], columns=columns,
+            lane=lane, dual=both, program=program, guide=guide, plain=layouts[0], both=layouts[1], columns=columns,
             moving=core, passes=PASSES if batch.settings.formulation == "geometrically_exact" else 1,
-            places=places_of(batch, model, lanes, layouts[0], parameters)[0],
-            twice=places_of(batch, model, len(both), layouts[1], parameters)[0],
+            places=places_of(batch, model, lanes, layouts[0], parameters, kept)[0],
+            twice=places_of(batch, model, len(both), layouts[1], parameters, kept)[0],
             chosen=np.asarray(self._sights.chosen, np.int64), n=self.n,
             state=np.zeros(self.n * size), action=np.zeros(self.n * self.action_size),
             after=np.zeros(self.n * size), observation=np.zeros(self.n * seen),
@@ -175,19 +189,25 @@ class Periods:
         self.backwards = able and not gauges and all(part is None for part in forwards)
         self._shape = (self.n, rows, columns)
         self._placed = Placed(self._program)
-        self._crew = Crew(batch.threads - 1)
+        self._threads = 1 if guided else batch.threads
+        self._crew = Crew(self._threads - 1)
         self._entries: dict[Any, Any] = {}
 
     # --- states ----------------------------------------------------------------------------------
     def states(self) -> Array:
         """The states (n, S) at which the batch's arms are."""
-        lanes = len(self._batch.lane)
-        rows = self._batch.block[:, (self._own[:, None] + np.arange(lanes)).ravel()]
-        rows = rows.reshape(len(rows), len(self._own), lanes).transpose(0, 2, 1)
-        rows = rows.reshape(-1, len(self._own))[: self.n].copy()
+        first, d = 0, self._program
+        if self._guided is not None:
+            first, guide = self._guided
+            rows = state_of(self._batch, first, guide, d.program.model, d.plain, self._own)
+        else:
+            lanes = len(self._batch.lane)
+            rows = self._batch.block[:, (self._own[:, None] + np.arange(lanes)).ravel()]
+            rows = rows.reshape(len(rows), len(self._own), lanes).transpose(0, 2, 1)
+            rows = rows.reshape(-1, len(self._own))[: self.n].copy()
         if self._laws is not None:
             rows[:, self._laws[0]] = self._laws[1]  # of the arms' joints, which the batch has once
-        return self._sights.with_past(rows)
+        return self._sights.with_past(rows, first)
 
     def observe(self, state: Array) -> Array:
         """What is to be seen (n, O) of states (n, S)."""
@@ -228,9 +248,9 @@ class Periods:
         gears, but floating frames without Coulomb friction; targets at rest, ideal sensors. Of all others by the
         Jacobians.
         """
-        given = _checked("state_bar", state_bar, (self.n, self.state_size))
-        seen = _checked("observation_bar", observation_bar, (self.n, self.observation_size))
-        paid = _checked("reward_bar", reward_bar, (self.n,))
+        given = checked("state_bar", state_bar, (self.n, self.state_size))
+        seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
+        paid = checked("reward_bar", reward_bar, (self.n,))
         if not self.backwards:
             return self.jacobians(state, action).pull(given, seen, paid)
         d, asked = self._program, self._put(state, action)
@@ -268,11 +288,11 @@ class Periods:
     def _put(self, state: Array, action: Any) -> Array:
         d = self._program
         d.state.reshape(self.n, -1)[:], self._past = self._sights.parts(
-            _checked("state", state, (self.n, self.state_size))
+            checked("state", state, (self.n, self.state_size))
         )
         given = np.zeros((self.n, self.action_size))
         if action is not None:
-            given = _checked("action", action, (self.n, self.action_size))
+            given = checked("action", action, (self.n, self.action_size))
         np.clip(given, -1.0, 1.0, out=d.action.reshape(self.n, -1))
         return given
 
@@ -298,7 +318,7 @@ class Periods:
     def _run(self, function: Any) -> None:
         if function not in self._entries:
             made = entry(function, self._placed, 0, 0)
-            self._entries[function] = made, native(function, self._placed, 0, 0) if self._batch.threads > 1 else 0
+            self._entries[function] = made, native(function, self._placed, 0, 0) if self._threads > 1 else 0
         made, code = self._entries[function]
         if code:
             self._crew.run(code, self._placed.address, self._groups)
@@ -306,56 +326,8 @@ class Periods:
             made(self._placed.address, 0, self._groups)
 
 
-class Arms(Periods):
-    """n arms of an environment, one control period at a time, with exact derivatives.
-
-    A state is a row of numbers that holds all that an arm's future depends on; what it gives is what the environment
-    gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: sensors have no
-    noise, and of pushes there is the one that is on or comes next; time limits, joint limits and autoreset are left to
-    the caller; a solver that fails gives NaN.
-
-    Args:
-        id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector
-            environment chooses. parameters: also by payload mass and inertia, the factor on EI, tau_d and the factor on
-            the torque constant, and by what joints that are not ideal have of stiffness, damping, rotor, friction and
-            backlash (`stiffness[0]`, ...), which then stand last among the numbers that move, but for what was seen.
-        keywords: of the environment and its solver.
-    Attributes:
-        n, state_size, action_size, observation_size. moving: how many of a state's first numbers change with time or
-        are differentiated by; the others are given (targets, periods done, ...). names: of a state's numbers.
-        observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
-        whether an arm was beyond a joint's limits at its end.
-    Raises:
-        ValueError: an environment that cannot be differentiated: replayed motions; bad sizes.
-    """
-
-    def __init__(
-        self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
-    ) -> None:
-        made: Any = gym.make_vec(
-            id, num_envs=check.integer("n", n, minimum=1), threads=threads,
-            vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **keywords,
-        ).unwrapped  # fmt: skip
-        self.environment = made
-        if made.plan.task == "replay":
-            raise _no_motions("task", "replay")
-        self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
-        super().__init__(made.batch, check.flag("parameters", parameters))
-
-    def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
-        """Fresh starts, those of the vector environment with this seed and these options: states (n, S)."""
-        if (options or {}).get("motion") is not None:
-            raise _no_motions("options.motion", "given")
-        self.environment.reset(seed=seed, options=options)
-        return self.states()
-
-    def close(self) -> None:
-        """Let the threads go."""
-        super().close()
-        self.environment.close()
-
-
-def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+def checked(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Numbers of this shape, or a ValueError."""
     rows = np.asarray(value, np.float64)
     if rows.shape != shape:
         raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
@@ -374,8 +346,3 @@ def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
         rubs = model.rough is not None and isinstance(model.arm, FloatingChain)
         return not parameters and not rubs and _goes_back(model.arm, controls, parameters)
     return isinstance(model, ExactBeam) and not parameters and model.rigid is None and model.loads is None
-
-
-def _no_motions(name: str, value: str) -> check.InvalidValue:
-    """Arms that follow prescribed motions do not move in the batch (`envs.motion.Guide`)."""
-    return check.InvalidValue(name, value, "must not be: derivatives do not have prescribed motions")

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import uncompiled
+from ..compiler import size, uncompiled
 from ..physics.integrator.work import unpack
 from ..physics.joints.layout import LAW as JOINT_LAW
 from ..physics.joints.layout import PLACE, PLACES
@@ -36,13 +36,18 @@ class _Place(NamedTuple):
     at: int  # in a block
 
 
-def places_of(batch: Any, model: Any, stride: int, layout: Any, parameters: bool) -> tuple[Any, tuple[str, ...], int]:
-    """Where a state's numbers are in a block whose elements lie `stride` apart; their names; how many of them move."""
+def places_of(
+    batch: Any, model: Any, stride: int, layout: Any, parameters: bool, kept: bool
+) -> tuple[Any, tuple[str, ...], int]:
+    """Where a state's numbers are in a block whose elements lie `stride` apart; their names; how many of them move.
+
+    kept: accelerations and torques are, also where periods begin with accelerations solved afresh.
+    """
     task, extras = batch.task, batch.extras
-    rows, links = len(batch.system.q0), len(task.links)
+    rows, links = int(size(model.n)), len(task.links)
     fixed = set(model.fixed.tolist())
     work = uncompiled(unpack)((0,) * stride, model, np.arange(layout.par, dtype=np.float64), 0)
-    afresh = isinstance(model.predictor, tuple) and getattr(model, "rough", None) is None
+    afresh = not kept and isinstance(model.predictor, tuple) and getattr(model, "rough", None) is None
     free = [k for k in range(rows) if k not in fixed]
     moving: list[_Place] = []
     forces = set() if model.algebraic is None else set(model.algebraic.tolist())

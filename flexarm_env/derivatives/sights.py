@@ -51,16 +51,17 @@ class Sights:
         """`parts`, backwards."""
         return np.concatenate([own[:, : self._first], past, own[:, self._first :]], axis=1)
 
-    def with_past(self, own: Array) -> Array:
-        """States of the batch's arms: what they have seen, as they were told."""
+    def with_past(self, own: Array, first: int = 0) -> Array:
+        """States of the batch's arms from `first` on: what they have seen, as they were told."""
         if self.frames == 0:
             return own
         batch, late = self._batch, np.zeros((len(own), self._age, self.entries))
         at = RECORD.offsets(0, *record_sizes(batch.task, batch.entries, batch.extras)).seen
         for i in range(len(own) if self._age else 0):
-            memory = batch.record(i)[at : at + self._age * batch.entries].reshape(self._age, -1)
+            memory = batch.record(first + i)[at : at + self._age * batch.entries].reshape(self._age, -1)
             late[i] = memory[::-1, self.chosen]
-        return self.joined(own, np.concatenate([batch.observation, late.reshape(len(own), -1)], axis=1))
+        told = batch.observation[first : first + len(own)]
+        return self.joined(own, np.concatenate([told, late.reshape(len(own), -1)], axis=1))
 
     def shown(self, past: Array) -> Array:
         """The observation (n, O)."""

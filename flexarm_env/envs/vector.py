@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, overload
 
 import gymnasium as gym
@@ -94,6 +94,11 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         names += ["solver_status", "termination_reason"] if self.plan.words else []
         self._masks = {f"_{name}": self._everywhere for name in (*names, *(e.name for e in self.plan.entries))}
         self.closed = False
+
+    @property
+    def guides(self) -> Mapping[int, Guide]:
+        """The arms whose motion is prescribed, by number."""
+        return self._guides
 
     # --- gymnasium ---------------------------------------------------------------------------------
     @one_at_a_time

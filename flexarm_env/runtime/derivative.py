@@ -12,7 +12,7 @@ differentiated as it is computed, Newton's solution by the implicit function the
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ..tasks.track import move_targets
 from .episode import look as look_at
 from .events import change
 from .fitted import FITS, TAKEN, move
+from .guided import lead
 from .keeping import keep
 from .motors import take_steps
 from .sensors import consult, read_gauges, see_motors
@@ -37,6 +38,7 @@ class Derivative(NamedTuple):
     lane: tuple[int, ...]
     dual: tuple[int, ...]
     program: Program
+    guide: Any  # `guided.Guided` of an arm that follows motions, alone; or None
     plain: Block  # sections of a block of `lane`
     both: Block  # of `dual`
     columns: int  # X + A
@@ -103,7 +105,7 @@ def _values_of(d, first, g, moves):
     """Likewise of group g, in the room of group `first`."""
     p, block = d.program, d.block[first * d.plain.row : (first + 1) * d.plain.row]
     fill(d.lane, d, d.places, d.plain, g, block)
-    _go(d.lane, p, p.models, p.model, 1, d.plain, block, unpack(d.lane, p.model, block, 0), moves)
+    _go(d.lane, p, d.guide, p.models, p.model, 1, d.plain, block, unpack(d.lane, p.model, block, 0), moves, False)
     _note_levels(d, p.models, g, block)
     tell(d.lane, d, d.places, d.plain, g, block)
 
@@ -152,11 +154,21 @@ def _taken(d, k, g):
 
 @kernel
 def _all_columns(d, model, parts, level, g, block, moves):
-    for j in range(0, d.columns, at_once(d)):
+    if d.guide is None:
+        _some_columns(d, model, parts, level, g, 0, d.columns, block, moves, False)
+    else:  # any other torque than the last is a kink: hence by the action, with a start anew
+        _some_columns(d, model, parts, level, g, d.moving, d.columns, block, moves, True)
+        _some_columns(d, model, parts, level, g, 0, d.moving, block, moves, False)
+
+
+@kernel
+def _some_columns(d, model, parts, level, g, begin, end, block, moves, anew):
+    for j in range(begin, end, at_once(d)):
+        last, w = min(j + at_once(d), end), unpack(d.dual, model, block, 0)
         fill(d.dual, d, d.twice, d.both, g, block)
-        seed(d.dual, d, j, block)
-        _go(d.dual, d.program, None, model, parts, d.both, block, unpack(d.dual, model, block, 0), moves)
-        take_columns(d.dual, d, level, g, j, block)
+        seed(d.dual, d, j, last, block)
+        _go(d.dual, d.program, d.guide, None, model, parts, d.both, block, w, moves, anew)
+        take_columns(d.dual, d, level, g, j, last, block)
 
 
 @kernel
@@ -187,10 +199,9 @@ def fill(lane, d, places, layout, g, block):
 
 
 @kernel
-def seed(lane, d, first, block):
-    """Tangents of 1: of a number of the state, or of the action, for each column from `first` on."""
-    joints = size(d.program.task.links)
-    for j in range(first, min(first + at_once(d), d.moving + joints)):
+def seed(lane, d, first, last, block):
+    """Tangents of 1: of a number of the state, or of the action, for columns first ... last - 1."""
+    for j in range(first, last):
         at = d.both.action + (j - d.moving) * len(lane)
         if j < d.moving:
             at = d.twice[j]
@@ -200,18 +211,22 @@ def seed(lane, d, first, block):
 
 
 @kernel
-def _go(lane, p, models, model, parts, layout, block, w, moves):
-    """One control period of the arms in a block, where `moves` is a tag; and what is to be seen then."""
+def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
+    """One control period of the arms in a block, where `moves` is a tag; and what is to be seen then. anew: see
+    `guided.lead`."""
     if moves is not None:
         par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
         record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
-        saved = block[layout.saved : layout.end]
-        change(lane, p, p.payload_change, par, record, w)
-        keep(lane, size(p.model.n), w, record, saved)
-        if models is None:
-            take_steps(lane, p, model, parts, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+        if guide is None:
+            saved = block[layout.saved : layout.end]
+            change(lane, p, p.payload_change, par, record, w)
+            keep(lane, size(p.model.n), w, record, saved)
+            if models is None:
+                take_steps(lane, p, model, parts, p.controller, p.actuator, par, poses, record, action, saved, block, w)
+            else:
+                move(lane, p, models, par, poses, record, action, saved, block[layout.end : layout.row], block, w)
         else:
-            move(lane, p, models, par, poses, record, action, saved, block[layout.end : layout.row], block, w)
+            lead(lane, guide, p, model, par, record, action, w, anew)
         close(lane, p, layout, block, w)
     else:
         see(lane, p, layout, block, w)
@@ -261,11 +276,10 @@ def tell(lane, d, places, layout, g, block):
 
 
 @kernel
-def take_columns(lane, d, level, g, first, block):
-    """Tangents of group g into the columns of the arms' Jacobians from `first` on; level: of those that took so many
+def take_columns(lane, d, level, g, first, last, block):
+    """Tangents of group g into columns first ... last - 1 of the arms' Jacobians; level: of those that took so many
     halvings, or -1."""
     entries, at, columns = d.chosen.shape[0], info_of(d.program.task), d.columns
-    count = min(at_once(d), columns - first)
     for i in range(arms(lane)):
         arm = g * arms(lane) + i
         if arm < d.n and (level < 0 or d.level[arm] == level):
@@ -276,6 +290,6 @@ def take_columns(lane, d, level, g, first, block):
                     place = d.twice[k]
                 elif k < d.moving + entries:
                     place = d.both.seen + d.chosen[k - d.moving] * len(lane)
-                for j in range(count):
+                for j in range(last - first):
                     d.jacobian[row + j] = block[place + (1 + j) * arms(lane) + i]
                 row += columns

@@ -115,7 +115,7 @@ def _open(d, g, c, both):
     p, x, lane = d.program, unpack(d.dual, d.program.model, both, 0), d.dual
     poses, action = both[d.both.poses : d.both.record], both[d.both.action : d.both.seen]
     fill(lane, d, d.twice, d.both, g, both)
-    seed(lane, d, c * at_once(d), both)
+    seed(lane, d, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
     change(lane, p, p.payload_change, _parameters(d, both), _record(d, both), x)
     for k in range(size(p.model.n_inputs)):
         store(x.u0, k, load(lane, x.u, k))
@@ -130,7 +130,7 @@ def _close(lane, d, g, c, both, w):
     x = unpack(d.dual, d.program.model, both, 0)
     copy_state(lane, d.dual, d.program.model, w, x)
     close(d.dual, d.program, d.both, both, x)
-    take_columns(d.dual, d, -1, g, c * at_once(d), both)
+    take_columns(d.dual, d, -1, g, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
 
 
 @kernel

@@ -1,0 +1,187 @@
+"""Arms of an environment whose control periods are differentiated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from .. import validation as check
+from .period import Array, Jacobians, Periods, checked
+
+
+class Part(NamedTuple):
+    """Arms that are moved together: rows that go in and that come out, what moves them, where their state's numbers are
+    in one of all arms."""
+
+    read: Any
+    write: Any
+    periods: Periods
+    places: Any = None
+
+
+_STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "pull": (0, "state_bar"), "sights": (1, "")}
+"""Which of what a method gives is as long as a state, and where numbers in it come from that a part has not."""
+
+
+class Arms(Periods):
+    """n arms of an environment, one control period at a time, with exact derivatives.
+
+    A state is a row of numbers that holds all that an arm's future depends on; what it gives is what the environment
+    gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: sensors have no
+    noise, and of pushes there is the one that is on or comes next; time limits, joint limits and autoreset are left to
+    the caller; a solver that fails gives NaN.
+
+    Args:
+        id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector
+            environment chooses. parameters: also by payload mass and inertia, the factor on EI, tau_d and the factor on
+            the torque constant, and by what joints that are not ideal have of stiffness, damping, rotor, friction and
+            backlash (`stiffness[0]`, ...), which then stand last among the numbers that move, but for what was seen.
+        keywords: of the environment and its solver.
+    Attributes:
+        n, state_size, action_size, observation_size. moving: how many of a state's first numbers change with time or
+        are differentiated by; the others are given (targets, periods done, ...). names: of a state's numbers.
+        observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
+        whether an arm was beyond a joint's limits at its end.
+    Raises:
+        ValueError: what cannot be differentiated: prescribed motions where steps are fitted (`step_tolerance`), or of
+        other joints from arm to arm with `multipliers`; bad sizes.
+    """
+
+    def __init__(
+        self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
+    ) -> None:
+        made: Any = gym.make_vec(
+            id, num_envs=check.integer("n", n, minimum=1), threads=threads,
+            vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **keywords,
+        ).unwrapped  # fmt: skip
+        self.environment = made
+        self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
+        self._parts: list[Part] = []
+        self._led: list[Any] = []
+        self.parameters = check.flag("parameters", parameters)
+        if made.plan.motion is None:
+            super().__init__(made.batch, self.parameters)
+        else:
+            self._not_fitted()
+            made.reset()  # the motions' arms are models of their own
+            self._arrange()
+
+    def reset(self, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Array:
+        """Fresh starts, those of the vector environment with this seed and these options: states (n, S).
+
+        Where a motion is prescribed to an arm, states hold accelerations and torques, under any formulation: `names`,
+        `moving` and `state_size` are then others than without.
+        """
+        if (options or {}).get("motion") is not None:
+            self._not_fitted()
+        self.environment.reset(seed=seed, options=options)
+        return self.states()
+
+    # --- arms that follow motions ------------------------------------------------------------------
+    def _not_fitted(self) -> None:
+        tolerance = self.environment.plan.settings.step_tolerance
+        if tolerance is not None:
+            what = "must be None with prescribed motions, whose derivatives are of equal steps from kink to kink"
+            raise check.InvalidValue("step_tolerance", tolerance, what)
+
+    def _arrange(self) -> None:
+        """One part for each of the environment's arms that follow motions, and one for all others."""
+        batch, guides, had = self.environment.batch, self.environment.guides, self._parts
+        self._parts, self._led = [], list(guides.values())
+        for part in had:
+            part.periods.close()
+        if not guides:
+            if had:
+                super().__init__(batch, self.parameters)
+            return
+        everyone = np.arange(self.environment.num_envs)
+        parts = [
+            Part(everyone[i : i + 1], everyone[i : i + 1], Periods(batch, self.parameters, True, (i, guide)))
+            for i, guide in sorted(guides.items())
+        ]
+        others = [i for i in everyone.tolist() if i not in guides]
+        if others:  # they move in the batch, where one of them stands in for those that follow motions
+            shown = np.array([others[0] if i in guides else i for i in everyone.tolist()])
+            parts.insert(0, Part(shown, everyone, Periods(batch, self.parameters, True)))
+        first = max((part.periods for part in parts), key=lambda periods: periods.state_size)
+        if any(part.periods.names[: part.periods.moving] != first.names[: first.moving] for part in parts):
+            what = "must prescribe the same joints to all arms with multipliers=True, where each is a coordinate more"
+            raise check.InvalidValue("options.motion", "given", what)
+        self._parts = [
+            part._replace(places=np.array([first.names.index(name) for name in part.periods.names])) for part in parts
+        ]
+        self.n, self.backwards, self.names, self.moving = len(everyone), False, first.names, first.moving
+        self.state_size, self.action_size = first.state_size, first.action_size
+        self.observation_size = first.observation_size
+        self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)
+
+    def _each(self, name: str, **rows: Any) -> Any:
+        """What a method of all parts gives, put together; rows: (n, ...), its arguments."""
+        widths = {"action": (self.action_size,), "observation_bar": (self.observation_size,), "reward_bar": ()}
+        given = {key: checked(key, x, (self.n, *widths.get(key, (self.state_size,)))) for key, x in rows.items()}
+        made: list[Array] = []
+        kind: Any = None
+        for read, write, part, places in self._parts:
+            own = [x[read][:, places] if key in ("state", "state_bar") else x[read] for key, x in given.items()]
+            found = getattr(part, name)(*own)
+            kind, several = type(found), list(found) if isinstance(found, tuple) else [found]
+            if name in _STATE_OF:
+                k, source = _STATE_OF[name]
+                whole = np.zeros((*several[k].shape[:-1], self.state_size))
+                if source:
+                    whole[...] = given[source][read]
+                whole[..., places] = several[k]
+                several[k] = whole
+            made = made or [np.empty((self.n, *x.shape[1:])) for x in several]
+            for into, x in zip(made, several, strict=True):
+                into[write] = x
+            self.failed[write], self.past[write] = part.failed, part.past
+        return Jacobians(*made) if kind is Jacobians else tuple(made) if len(made) > 1 else made[0]
+
+    def states(self) -> Array:
+        """The states (n, S) at which the environment's arms are."""
+        if self._led != [*self.environment.guides.values()]:
+            self._arrange()
+        if not self._parts:
+            return super().states()
+        rows = np.zeros((self.n, self.state_size))
+        for _, write, part, places in self._parts:
+            rows[np.ix_(write, places)] = part.states()
+        return rows
+
+    def observe(self, state: Array) -> Array:
+        """What is to be seen (n, O) of states (n, S)."""
+        return self._each("observe", state=state) if self._parts else super().observe(state)
+
+    def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+        """State (n, S), observation (n, O) and reward (n,) a period later, under an action (n, A), clipped to +-1."""
+        return self._each("step", state=state, action=action) if self._parts else super().step(state, action)
+
+    def jacobians(self, state: Array, action: Array) -> Jacobians:
+        """The same, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
+        return self._each("jacobians", state=state, action=action) if self._parts else super().jacobians(state, action)
+
+    def pull(
+        self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
+    ) -> tuple[Array, Array]:
+        """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A)."""
+        if not self._parts:
+            return super().pull(state, action, state_bar, observation_bar, reward_bar)
+        bars = {"state_bar": state_bar, "observation_bar": observation_bar, "reward_bar": reward_bar}
+        back: tuple[Array, Array] = self._each("pull", state=state, action=action, **bars)
+        return back
+
+    def sights(self, state: Array) -> tuple[Array, Array]:
+        """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
+        return self._each("sights", state=state) if self._parts else super().sights(state)
+
+    def close(self) -> None:
+        """Let the threads go."""
+        for part in self._parts:
+            part.periods.close()
+        if not self._parts:
+            super().close()
+        self.environment.close()

@@ -1,0 +1,47 @@
+"""Arms that follow prescribed motions, each a model of its own that its environment moves outside the batch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import SINGLE, uncompiled
+from ..physics.integrator.work import unpack, work_size
+from ..runtime.guided import Guided
+
+Array = NDArray[np.float64]
+
+
+def program_of(program: Any, guide: Any) -> Any:
+    """A batch's program for the one arm of an `envs.motion.Guide`."""
+    sensors = program.sensors
+    if sensors is not None:
+        sensors = sensors._replace(gauges=np.ascontiguousarray(guide.gauges, np.float64).ravel())
+    return program._replace(lane=SINGLE, model=guide.simulation.model, sensors=sensors, n=1)
+
+
+def guided(guide: Any, model: Any, lanes: int) -> Guided:
+    """What the arm has beside its model, and room to work in for so many lanes."""
+    own, loaded = guide.simulation, {getattr(load, "joint", None) for load in guide.scene.loads}
+    return Guided(
+        drive=own.drive, motions=own.n_motions, kinks=np.array(guide.scene.kinks, np.float64),
+        duration=float(guide.scene.duration), longest=float(own.dt), chunk=int(own._chunk),
+        free=np.array([float(free and k not in loaded) for k, free in enumerate(guide.free)]),
+        takes=float(guide.free.any() and not guide.scene.loads),
+        room=np.zeros(int(uncompiled(work_size)(lanes, model, own.n_motions))),
+    )  # fmt: skip
+
+
+def state_of(batch: Any, arm: int, guide: Any, model: Any, layout: Any, places: Any) -> Array:
+    """The numbers at `places` of arm `arm` as its guide has it: (1, S)."""
+    block, work = np.zeros(layout.row), guide.simulation.work
+    there = uncompiled(unpack)(SINGLE, model, block, 0)
+    for name in ("q", "v", "a", "b", "u"):
+        getattr(there, name)[:] = getattr(work, name)
+    par, record = guide.simulation.par, batch.record(arm)
+    block[layout.par : layout.par + len(par)] = par
+    block[layout.record : layout.record + len(record)] = record
+    row: Array = block[places]
+    return row[None]
