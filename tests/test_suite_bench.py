@@ -122,7 +122,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr(results, "make_vec", lambda task_id, n: Counting(n))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    for name in ("mine", "broken"):
+    for name in ("mine", "broken", "exits"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     (tmp_path / "mine.py").write_text(
         "import numpy as np\n"
@@ -137,9 +137,18 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         "    def reset(self, seen):\n        self.k = 0\n"
         "    def __call__(self, seen):\n        self.k += 1\n        return np.full((len(seen), 1), self.k == 1)\n"
         "kept = Kept()\n"
+        "class Policy:\n"
+        "    def reset(self, seen):\n        assert seen.ndim == 2\n        self.total = 0.0\n"
+        "    def act(self, seen):\n"
+        "        self.total = self.total + 0.125\n        return np.full((len(seen), 1), self.total)\n"
+        "policy = Policy()\n"
+        "class Needy(Policy):\n    def __init__(self, file):\n        pass\n"
+        "def faulty(seen):\n    return undefined @ seen if seen.ndim == 2 else seen[9]\n"
+        "def leaving(seen):\n    raise SystemExit(7)\n"
         "word = 'no function'\n"
     )
     (tmp_path / "broken.py").write_text("raise OSError('not today')\n")
+    (tmp_path / "exits.py").write_text("raise SystemExit(3)\n")
     return tmp_path
 
 
@@ -162,17 +171,46 @@ def test_functions_of_all_rows_of_one_and_with_a_memory(name: str, each, quick: 
     assert entry["wall_s"] > 0.0 and entry["cpu_s"] >= 0.0 and entry["policy"]["kind"] == "function"
 
 
+@pytest.mark.parametrize("name", ["policy", "Policy"])
+def test_an_object_with_reset_and_act_or_its_class_is_a_policy(name: str, quick: Path, capsys):
+    """What it remembers counts each period once: 0.125, 0.25, ..., in 3, 4 or 5 periods."""
+    tasks = ",".join(task.id for task in suite.tasks()[:2])
+    (found,) = told(capsys, "--policy", f"mine:{name}", "--task", tasks, "--out", "out")["results"]
+    ends = 3 + np.arange(100) % 3
+    expected = (0.125 * ends * (ends + 1) / 2).mean()
+    assert [values["value"] for values in found["tasks"].values()] == pytest.approx([expected, expected])
+
+
+def test_a_function_is_begun_anew_after_it_was_tried_with_all_rows():
+    seen, begun = [], []
+
+    def act(row):
+        seen.append(row.shape)
+        return row[:1] if row.ndim == 1 else [1.0, 2.0]
+
+    act.reset = lambda rows: begun.append(len(seen))
+    policy = policies.FunctionPolicy("a:b", act, Counting(2))
+    rows = np.ones((2, 2), np.float32)
+    policy.reset(rows)
+    assert policy.act(rows).shape == policy.act(rows).shape == (2, 1)
+    assert seen == [(2, 2)] + 4 * [(2,)] and begun == [0, 1]
+
+
 @pytest.mark.parametrize(
     ("word", "sentence"),
     [
         ("mine:wide", "must give (100, 1) for all observations, or (1,) for one"),
         ("mine:lost", "action = [nan]: must be finite numbers"),
         ("mine:angry", "it raised RuntimeError: no such luck"),
+        ("mine:faulty", "at once it raised NameError: name 'undefined' is not defined; of one alone it raised IndexErr"),
+        ("mine:leaving", "it raised SystemExit: 7"),
+        ("mine:Needy", "cannot be made without arguments (TypeError"),
         ("mine:word", "must name a function of observations"),
         ("mine:none", "cannot be imported (AttributeError"),
         ("broken:act", "cannot be imported (OSError: not today)"),
+        ("exits:act", "cannot be imported (SystemExit: 3)"),
         ("nowhere:act", "cannot be imported (ModuleNotFoundError"),
-        ("nobody", "no such file or folder, no module:function"),
+        ("nobody", "no such file or folder, no module:name"),
         ("nobody.onnx", "no such file"),
         ("damaged.npz", "damaged, or no policy of this package"),
     ],

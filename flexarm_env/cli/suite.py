@@ -29,9 +29,9 @@ to FOLDER/NAME-RUN.json: versions, digests of the tasks, seeds, seconds, and of 
 What stands there already, of the same policy on the same task, is kept: an interrupted command goes on.
 
 A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal), a run folder or policy.npz, the name of a policy
-that comes with the package, an .onnx file, or MODULE:FUNCTION of your own: a function of observations (n, entries) to
-actions (n, joints), or of one to one; its attribute `reset`, if any, is called with the first observations. The word
-{PLACE} in it stands for the task's id, where each task has a policy of its own.
+that comes with the package, an .onnx file, or MODULE:NAME of your own: a function of observations (n, entries) to
+actions (n, joints), or of one to one, or an object with `reset` and `act`, or its class; `reset` is called with the
+first observations. The word {PLACE} in it stands for the task's id, where each task has a policy of its own.
 
   flexarm bench suite --list
   flexarm bench suite --policy pd,lqg --out runs/suite

@@ -60,7 +60,7 @@ def choose(word: str, task: Task) -> Chosen:
         return Chosen("function", source, _hash(_text_of(function)), lambda env: FunctionPolicy(source, function, env))
     if not path.exists() and source not in control.policy_names():
         known = ", ".join((*control.NAMES, *control.policy_names()))
-        raise check.InvalidValue("--policy", source, f"no such file or folder, no module:function, and none of {known}")
+        raise check.InvalidValue("--policy", source, f"no such file or folder, no module:name, and none of {known}")
     policy = control.load_policy(source)
     content = b"".join([json.dumps(policy.meta).encode(), *(a.tobytes() for pair in policy.weights for a in pair)])
     return Chosen(
@@ -177,53 +177,67 @@ class OnnxPolicy:
 class FunctionPolicy:
     """A function of observations: of all rows (n, entries) at once where it takes that, else of one (entries,) a time.
 
-    Its attribute `reset`, where it has one, is called with the first observations.
+    An object with `reset` and `act` is its `act`. `reset`, where there is one, is called with the first observations;
+    again where the function turns out to take one observation alone, since trying it may have left something behind.
     """
 
-    def __init__(self, word: str, function: Callable[[Any], Any], env: Any) -> None:
-        self.word, self.function = word, function
+    def __init__(self, word: str, function: Any, env: Any) -> None:
+        self.word, self.begin = word, getattr(function, "reset", None)
+        self.function: Callable[[Any], Any] = function.act if _is_policy(function) else function
         self.shape = env.action_space.shape
         self.at_once: bool | None = None
+        self.tried = ""
 
     def reset(self, observation: Array32) -> None:
         """Begin episodes."""
-        begin = getattr(self.function, "reset", None)
-        if self.at_once is None:
-            if begin is not None:
-                self._call(begin, observation)
-            self.at_once = self._takes_all(observation)
-        if begin is not None:
-            self._call(begin, observation)
+        if self.begin is not None:
+            self._call(self.begin, observation)
 
     def act(self, observation: Array32) -> Any:
         """What the function gives."""
+        if self.at_once is None:
+            actions = self._of_all(observation)
+            self.at_once = actions is not None
+            if self.at_once:
+                return actions
+            self.reset(observation)
         if self.at_once:
             return self._call(self.function, observation)
         return np.stack([self._one(row) for row in observation])
 
-    def _takes_all(self, observation: Array32) -> bool:
+    def _of_all(self, observation: Array32) -> Any:
+        """Its actions of all rows at once; None where it does not take them, and `tried` says what came instead."""
         try:
-            return bool(np.shape(self.function(observation.copy())) == self.shape)
-        except Exception:  # it may take one observation alone; what is wrong with that one is told
-            return False
+            actions = self.function(observation.copy())
+            if np.shape(actions) == self.shape:
+                return actions
+            came = f"gave shape {np.shape(actions)}"
+        except (Exception, SystemExit) as error:  # it may take one observation alone
+            came = f"raised {_words(error)}"
+        self.tried = f"of all observations {observation.shape} at once it {came}; of one alone "
+        return None
 
     def _one(self, row: Array32) -> NDArray[Any]:
         found = np.asarray(self._call(self.function, row))
         if found.size != self.shape[1]:
             what = f"must give {self.shape} for all observations, or ({self.shape[1]},) for one"
-            raise check.InvalidValue(f"--policy {self.word}: shape of its actions", found.shape, what)
+            raise check.InvalidValue(f"--policy {self.word}: {self.tried}shape of its actions", found.shape, what)
         return found.reshape(-1)
 
     def _call(self, function: Callable[[Any], Any], given: Array32) -> Any:
         try:
             return function(given.copy())
-        except Exception as error:
-            words = " ".join(str(error).split())[:200]
-            raise ValueError(f"--policy {self.word}: it raised {type(error).__name__}: {words}") from error
+        except (Exception, SystemExit) as error:
+            raise ValueError(f"--policy {self.word}: {self.tried}it raised {_words(error)}") from error
 
 
-def _function(word: str) -> Callable[[Any], Any]:
-    """module:function, looked for in the current folder too."""
+def _is_policy(found: Any) -> bool:
+    """Whether it is as `flexarm_env.suite.judge.Policy` says; a function may have an attribute `reset` alone."""
+    return all(callable(getattr(found, name, None)) for name in ("reset", "act"))
+
+
+def _function(word: str) -> Any:
+    """module:name, looked for in the current folder too: a function, a policy, or a class of one or the other, made."""
     module, _, name = word.partition(":")
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
@@ -231,13 +245,20 @@ def _function(word: str) -> Callable[[Any], Any]:
         found: Any = importlib.import_module(module)
         for part in name.split("."):
             found = getattr(found, part)
-    except Exception as error:
-        words = " ".join(str(error).split())[:200]
-        raise ValueError(f"--policy {word}: cannot be imported ({type(error).__name__}: {words})") from None
-    if not callable(found):
-        raise check.InvalidValue("--policy", word, "must name a function of observations")
-    result: Callable[[Any], Any] = found
-    return result
+    except (Exception, SystemExit) as error:
+        raise ValueError(f"--policy {word}: cannot be imported ({_words(error)})") from None
+    if inspect.isclass(found):
+        try:
+            found = found()
+        except (Exception, SystemExit) as error:
+            raise ValueError(f"--policy {word}: cannot be made without arguments ({_words(error)})") from None
+    if not callable(found) and not _is_policy(found):
+        raise check.InvalidValue("--policy", word, "must name a function of observations, or a policy: reset and act")
+    return found
+
+
+def _words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}".removesuffix(": ")
 
 
 def _text_of(function: Any) -> bytes:
