@@ -155,7 +155,8 @@ def run(job: Job, arguments: Arguments) -> str:
                 raise
             return refused(job, arguments, error)
         chooser = of_run
-    results, trouble = judged(word, [job.task], arguments.results, name=job.method.name, run=job.seed, choose=chooser)
+    name, folder = job.method.name, arguments.results
+    results, trouble, _ = judged(word, [job.task], folder, name=name, run=job.seed, choose=chooser)
     if trouble:
         return f"{job.name}: not judged: {trouble[0]}"
     return f"{job.name}: J {value(job.task, results.tasks[job.task.id]):.2f}"

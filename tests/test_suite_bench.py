@@ -202,7 +202,7 @@ def test_a_function_is_begun_anew_after_it_was_tried_with_all_rows():
         ("mine:wide", "must give (100, 1) for all observations, or (1,) for one"),
         ("mine:lost", "action = [nan]: must be finite numbers"),
         ("mine:angry", "it raised RuntimeError: no such luck"),
-        ("mine:faulty", "at once it raised NameError: name 'undefined' is not defined; of one alone it raised IndexErr"),
+        ("mine:faulty", "at once it raised NameError: name 'undefined' is not defined; of one alone it raised Ind"),
         ("mine:leaving", "it raised SystemExit: 7"),
         ("mine:Needy", "cannot be made without arguments (TypeError"),
         ("mine:word", "must name a function of observations"),
@@ -246,6 +246,31 @@ def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, c
     del sys.modules["mine"]
     (again,) = told(capsys, *words)["results"]
     assert again["tasks"][FIRST_TASK.id]["value"] == pytest.approx(0.25 * (3 + np.arange(100) % 3).mean())
+
+
+def test_a_look_replaces_no_result_on_all_episodes(quick: Path, capsys):
+    words = ("--policy", "mine:rows", "--task", FIRST_TASK.id, "--out", "out")
+    entry = told(capsys, *words, "--episodes", "2")["results"][0]["tasks"][FIRST_TASK.id]
+    assert entry["note"] == "" and results.read(Path("out/rows-0.json")).tasks[FIRST_TASK.id]["episodes"] == 2
+    told(capsys, *words)
+    whole = Path("out/rows-0.json").read_bytes()
+    (quick / "mine.py").write_text((quick / "mine.py").read_text().replace("0.5", "0.25"))
+    del sys.modules["mine"]
+    entry = told(capsys, *words, "--episodes", "2")["results"][0]["tasks"][FIRST_TASK.id]
+    assert entry["value"] == 0.25 * 3.5 and entry["score"] is None
+    assert entry["note"] == "a look; out/rows-0.json keeps its result on 100 episodes"
+    assert Path("out/rows-0.json").read_bytes() == whole
+    assert main(["bench", "suite", *words, "--episodes", "2"]) == 0
+    assert "no score, success 50%, cost 1.75 (a look; out/rows-0.json keeps" in capsys.readouterr().out
+
+
+def test_a_result_of_before_is_not_shown_as_that_of_a_policy_that_fails(quick: Path, capsys):
+    words = ("--policy", "mine:rows", "--task", FIRST_TASK.id, "--out", "out")
+    told(capsys, *words)
+    (quick / "mine.py").write_text("def rows(seen):\n    return 'nothing'\n")
+    del sys.modules["mine"]
+    assert FIRST_TASK.id in refused(capsys, "bench", "suite", *words)
+    assert results.read(Path("out/rows-0.json")).tasks[FIRST_TASK.id]["episodes"] == 100
 
 
 def test_each_task_may_have_a_policy_of_its_own():

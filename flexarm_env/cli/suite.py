@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,7 @@ def _suite(words: Sequence[str]) -> int:
     parser.add_argument("--out", default="runs/suite", metavar="FOLDER", help="of results files (runs/suite)")
     parser.add_argument("--name", metavar="NAME", help="of the method; default: after the policy")
     parser.add_argument("--run", type=int, metavar="K", help="of several runs; default: the policy's seed, or 0")
-    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer, for a look: no result")
+    parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a look, no result")
     parser.add_argument("--list", action="store_true", help="list the tasks")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
     args = parser.parse_args(words)
@@ -76,11 +76,11 @@ def _suite(words: Sequence[str]) -> int:
         raise check.InvalidValue("--name", args.name, "must be given for one policy alone")
     done, trouble = [], []
     for word in policies:
-        results, refused = judged(word, wanted, Path(args.out), name=args.name, run=args.run, episodes=count)
+        results, refused, notes = judged(word, wanted, Path(args.out), name=args.name, run=args.run, episodes=count)
         trouble += refused
         if not results.tasks:
             continue
-        done.append(_summary(results, wanted, Path(args.out)))
+        done.append(_summary(results, notes, wanted, Path(args.out)))
         if not args.json:
             _print(done[-1])
     if args.json and done:
@@ -92,9 +92,10 @@ def _suite(words: Sequence[str]) -> int:
     return FAILED if trouble else DONE
 
 
-def _summary(results: Results, wanted: Sequence[Task], folder: Path) -> dict[str, Any]:
+def _summary(results: Results, notes: Mapping[str, str], wanted: Sequence[Task], folder: Path) -> dict[str, Any]:
     """What is printed of a policy."""
-    found = {task.id: summary(task, results.tasks[task.id]) for task in wanted if task.id in results.tasks}
+    own = [task for task in wanted if task.id in results.tasks]
+    found = {task.id: summary(task, results.tasks[task.id]) | {"note": notes.get(task.id, "")} for task in own}
     return {"policy": results.name, "run": results.run, "file": str(folder / results.file), "tasks": found}
 
 
@@ -103,7 +104,8 @@ def _print(found: dict[str, Any]) -> None:
     for name, values in found["tasks"].items():
         score = "no score" if values["score"] is None else f"score {values['score']:.3f}"
         cost = f", cost {values['cost']:.4g}" if values["cost"] else ""
-        print(f"{name}: J {values['value']:.2f}, {score}, success {values['success_rate']:.0%}{cost}")
+        note = f" ({values['note']})" if values["note"] else ""
+        print(f"{name}: J {values['value']:.2f}, {score}, success {values['success_rate']:.0%}{cost}{note}")
 
 
 def _list(as_json: bool) -> int:

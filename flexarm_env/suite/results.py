@@ -19,7 +19,7 @@ from .. import validation as check
 from ..trajectory import write_whole
 from . import digest, make_vec
 from .data import Task, tasks
-from .judge import Judged, judge
+from .judge import judge
 from .policies import Chosen, choose, default_name
 from .score import EPISODES, FIRST, score
 
@@ -67,18 +67,6 @@ class Results:
             and known["policy"]["fingerprint"] == chosen.fingerprint
         )
 
-    def add(self, task: Task, chosen: Chosen, env: Any) -> Judged:
-        """Judge a policy on a task's vector environment, and note what came of it."""
-        found = judge(env, chosen.make(env), FIRST)
-        self.refused.pop(task.id, None)
-        self.tasks[task.id] = {
-            "digest": task.digest, "first_seed": FIRST, "episodes": len(found.returns), **asdict(found),
-            "policy": {"kind": chosen.kind, "source": chosen.source, "fingerprint": chosen.fingerprint},
-            "training": None if chosen.training is None else dict(chosen.training),
-            "versions": versions(), "date": date.today().isoformat(),
-        }  # fmt: skip
-        return found
-
 
 def judged(
     word: str,
@@ -89,38 +77,64 @@ def judged(
     run: int | None = None,
     episodes: int = EPISODES,
     choose: Callable[[str, Task], Chosen] = choose,
-) -> tuple[Results, list[str]]:
+) -> tuple[Results, list[str], dict[str, str]]:
     """Judge a policy on tasks, what has been judged already left as it is; its file is written after each.
+
+    A result on all episodes of the protocol is never replaced by one on fewer: that is returned, and not written.
 
     Args:
         word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default after the policy.
     Returns:
-        the results, and of each task that it could not be judged on why.
+        the results on these tasks; of each task that it could not be judged on why; by task, what is to be said of a
+        result that the file has not from now.
     """
-    results: Results | None = None
+    known: Results | None = None
+    found = Results(name or default_name(word))
     trouble: list[str] = []
+    notes: dict[str, str] = {}
     for task in wanted:
-        kind = ""
+        kind, whole = "", False
         try:
             chosen = choose(word, task)
             kind = chosen.kind
-            if results is None:
-                results = begun(folder, name or default_name(word), chosen.run if run is None else run)
-            if not results.has(task, chosen, episodes):
-                env = make_vec(task.id, episodes)
-                try:
-                    results.add(task, chosen, env)
-                finally:
-                    env.close()
-                results.write(folder)
+            if known is None:
+                known = begun(folder, found.name, chosen.run if run is None else run)
+                found.run = known.run
+            old = known.tasks.get(task.id)
+            whole = episodes < EPISODES and old is not None and of_the_protocol(task, old)
+            if old is not None and known.has(task, chosen, episodes):
+                found.tasks[task.id] = old
+                continue
+            env = make_vec(task.id, episodes)
+            try:
+                found.tasks[task.id] = _entry(task, chosen, env)
+            finally:
+                env.close()
+            if whole:
+                notes[task.id] = f"a look; {folder / known.file} keeps its result on {EPISODES} episodes"
+                continue
+            known.refused.pop(task.id, None)
+            known.tasks[task.id] = found.tasks[task.id]
+            known.write(folder)
         except ValueError as error:
             sentence = " ".join(str(error).split())
             trouble.append(f"{task.id}: {sentence}")
-            if results is not None and kind == "controller":
-                results.tasks.pop(task.id, None)
-                results.refused[task.id] = sentence
-                results.write(folder)
-    return results or Results(name or default_name(word)), trouble
+            if known is not None and kind == "controller" and not whole:
+                known.tasks.pop(task.id, None)
+                known.refused[task.id] = sentence
+                known.write(folder)
+    return found, trouble, notes
+
+
+def _entry(task: Task, chosen: Chosen, env: Any) -> dict[str, Any]:
+    """What comes of a policy on a task's vector environment, as a results file has it."""
+    found = judge(env, chosen.make(env), FIRST)
+    return {
+        "digest": task.digest, "first_seed": FIRST, "episodes": len(found.returns), **asdict(found),
+        "policy": {"kind": chosen.kind, "source": chosen.source, "fingerprint": chosen.fingerprint},
+        "training": None if chosen.training is None else dict(chosen.training),
+        "versions": versions(), "date": date.today().isoformat(),
+    }  # fmt: skip
 
 
 def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
