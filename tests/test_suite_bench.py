@@ -122,7 +122,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr(results, "make_vec", lambda task_id, n: Counting(n))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    for name in ("mine", "broken", "exits"):
+    for name in ("mine", "broken", "exits", "reads"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     (tmp_path / "mine.py").write_text(
         "import numpy as np\n"
@@ -230,22 +230,40 @@ def test_wrong_flags_are_told_in_a_sentence(quick: Path, capsys):
     assert "must end in .md" in refused(capsys, "bench", "page", ".", "--out", "page.html")
 
 
-def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, capsys):
-    import mine
+def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, capsys, monkeypatch):
+    made = []
+    policy = SimpleNamespace(reset=len, act=lambda seen: np.full((len(seen), 1), 0.5))
+    monkeypatch.setattr(policies, "_controller", lambda name, env: made.append(name) or policy)
+    words = ("--policy", "pd", "--task", FIRST_TASK.id, "--out", "out")
+    assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == ""
+    first = json.loads(Path("out/pd-0.json").read_text())["tasks"][FIRST_TASK.id]
+    kept = told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]
+    assert kept["note"] == f"kept, judged {first['date']}; --again judges anew" and made == ["pd"]
+    both = [task.id for task in suite.tasks()[:2]]
+    found = told(capsys, "--policy", "pd", "--task", ",".join(both), "--out", "out")["results"][0]["tasks"]
+    assert list(found) == both and made == ["pd"] * 2
+    assert told(capsys, *words, "--again")["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 3
+    monkeypatch.setattr(policies, "_version", lambda: "9.9")
+    assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 4
 
-    words = ("--policy", "mine:rows", "--task", FIRST_TASK.id, "--out", "out")
-    told(capsys, *words)
-    steps = len(mine.calls)
-    told(capsys, *words)
-    assert len(mine.calls) == steps
-    others = ",".join(task.id for task in suite.tasks()[:2])
-    found = told(capsys, "--policy", "mine:rows", "--task", others, "--out", "out")["results"][0]["tasks"]
-    assert list(found) == others.split(",")
-    assert steps < len(mine.calls) <= 2 * steps
-    (quick / "mine.py").write_text((quick / "mine.py").read_text().replace("0.5", "0.25"))
-    del sys.modules["mine"]
-    (again,) = told(capsys, *words)["results"]
-    assert again["tasks"][FIRST_TASK.id]["value"] == pytest.approx(0.25 * (3 + np.arange(100) % 3).mean())
+
+def test_a_function_whose_text_is_the_same_is_judged_anew(quick: Path, capsys):
+    """What it reads may have changed, and what it imports."""
+    (quick / "reads.py").write_text(
+        "import numpy as np\ndef act(seen):\n    return np.load('w.npy') + 0 * seen[:, :1]\n"
+    )
+    for number in (0.5, 0.25):
+        np.save("w.npy", number)
+        (found,) = told(capsys, "--policy", "reads:act", "--task", FIRST_TASK.id, "--out", "out")["results"]
+        assert found["tasks"][FIRST_TASK.id]["value"] == pytest.approx(number * (3 + np.arange(100) % 3).mean())
+
+
+def test_a_models_weights_may_lie_beside_it(tmp_path: Path):
+    model = tmp_path / "m.onnx"
+    model.write_bytes(b"graph")
+    alone = policies.choose(str(model), FIRST_TASK).fingerprint
+    (tmp_path / "m.onnx.data").write_bytes(b"weights")
+    assert policies.choose(str(model), FIRST_TASK).fingerprint != alone
 
 
 def test_a_look_replaces_no_result_on_all_episodes(quick: Path, capsys):

@@ -26,7 +26,8 @@ COMMANDS = {
 SUITE = f"""\
 Judge policies on the suite's tasks, each on the {EPISODES} episodes of seeds {FIRST} and on, and write what came of it
 to FOLDER/NAME-RUN.json: versions, digests of the tasks, seeds, seconds, and of each episode return, success and cost.
-What stands there already, of the same policy on the same task, is kept: an interrupted command goes on.
+What stands there already, of the same policy on the same task, is kept, and said to be: an interrupted command goes on.
+Functions of your own are judged anew each time, others with --again.
 
 A policy is a controller (pd, zv, zvd, lqr, lqg, mpc, time_optimal), a run folder or policy.npz, the name of a policy
 that comes with the package, an .onnx file, or MODULE:NAME of your own: a function of observations (n, entries) to
@@ -64,6 +65,7 @@ def _suite(words: Sequence[str]) -> int:
     parser.add_argument("--name", metavar="NAME", help="of the method; default: after the policy")
     parser.add_argument("--run", type=int, metavar="K", help="of several runs; default: the policy's seed, or 0")
     parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a look, no result")
+    parser.add_argument("--again", action="store_true", help="judge anew what was judged before")
     parser.add_argument("--list", action="store_true", help="list the tasks")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
     args = parser.parse_args(words)
@@ -76,7 +78,9 @@ def _suite(words: Sequence[str]) -> int:
         raise check.InvalidValue("--name", args.name, "must be given for one policy alone")
     done, trouble = [], []
     for word in policies:
-        results, refused, notes = judged(word, wanted, Path(args.out), name=args.name, run=args.run, episodes=count)
+        results, refused, notes = judged(
+            word, wanted, Path(args.out), name=args.name, run=args.run, episodes=count, again=args.again
+        )
         trouble += refused
         if not results.tasks:
             continue

@@ -54,7 +54,9 @@ def choose(word: str, task: Task) -> Chosen:
     if path.suffix.lower() == ".onnx":
         if not path.is_file():
             raise check.InvalidValue("--policy", source, "no such file")
-        return Chosen("onnx", source, _hash(path.read_bytes()), lambda env: OnnxPolicy(path, env))
+        beside = path.with_name(f"{path.name}.data")  # where PyTorch puts the weights
+        content = path.read_bytes() + (beside.read_bytes() if beside.is_file() else b"")
+        return Chosen("onnx", source, _hash(content), lambda env: OnnxPolicy(path, env))
     if ":" in source and not path.exists():
         function = _function(source)
         return Chosen("function", source, _hash(_text_of(function)), lambda env: FunctionPolicy(source, function, env))
