@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -122,7 +123,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr(results, "make_vec", lambda task_id, n: Counting(n))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    for name in ("mine", "broken", "exits", "reads"):
+    for name in ("mine", "other", "broken", "exits", "reads"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     (tmp_path / "mine.py").write_text(
         "import numpy as np\n"
@@ -291,6 +292,37 @@ def test_a_result_of_before_is_not_shown_as_that_of_a_policy_that_fails(quick: P
     assert results.read(Path("out/rows-0.json")).tasks[FIRST_TASK.id]["episodes"] == 100
 
 
+def test_two_policies_of_one_name_are_not_taken_for_one(quick: Path, capsys):
+    first, second = (task.id for task in suite.tasks()[:2])
+    (quick / "other.py").write_text("def rows(seen):\n    return seen[:, :1] * 0.0\n")
+    told(capsys, "--policy", "mine:rows", "--task", first, "--out", "out")
+    sentence = refused(capsys, "bench", "suite", "--policy", "other:rows", "--task", second, "--out", "out")
+    assert "other:rows: out/rows-0.json has results of mine:rows; give one of them another --name" in sentence
+    assert list(results.read(Path("out/rows-0.json")).tasks) == [first]
+    words = ("--task", second, "--out", "out", "--name")
+    assert told(capsys, "--policy", "other:rows", *words, "others")["results"][0]["file"] == "out/others-0.json"
+    told(capsys, "--policy", "other:rows", *words, "rows")  # as one wishes
+    assert list(results.read(Path("out/rows-0.json")).tasks) == [first, second]
+
+
+def test_one_policy_a_task_is_one_method(quick: Path, capsys):
+    first, second = (task.id for task in suite.tasks()[:2])
+    for task in (first, second):
+        (quick / task).mkdir()
+        (quick / task / "net.onnx").write_bytes(task.encode())
+    policy = SimpleNamespace(reset=len, act=lambda seen: np.zeros((len(seen), 1)))
+
+    def chosen(word, task):
+        return dataclasses.replace(policies.choose(word, task), make=lambda env: policy)
+
+    def judged(word, *wanted):
+        return results.judged(word, [suite.task(one) for one in wanted], Path("out"), choose=chosen)
+
+    assert judged("{task}/net.onnx", first, second)[1] == judged("./{task}/net.onnx", second)[1] == []
+    (sentence,) = judged(f"{first}/net.onnx", second)[1]
+    assert f"has results of {second}/net.onnx" in sentence
+
+
 def test_each_task_may_have_a_policy_of_its_own():
     task = SimpleNamespace(id="slew-measured-v1")
     with pytest.raises(ValueError, match="runs/slew-measured-v1/policy"):
@@ -364,8 +396,6 @@ def test_the_list_of_tasks(capsys: pytest.CaptureFixture[str]):
 
 
 def test_a_task_that_is_not_what_it_was_is_refused():
-    import dataclasses
-
     with pytest.raises(ValueError, match="the task is not what it was"):
         results.frozen(dataclasses.replace(FIRST_TASK, digest="0" * 16))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import platform
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +21,7 @@ from ..trajectory import write_whole
 from . import digest, make_vec
 from .data import Task, tasks
 from .judge import judge
-from .policies import Chosen, choose, default_name
+from .policies import PLACE, Chosen, choose, default_name
 from .score import EPISODES, FIRST, score
 
 FORMAT = 1
@@ -72,6 +73,16 @@ class Results:
             )
         )
 
+    def other_than(self, word: str, chosen: Chosen) -> str:
+        """Whose results these are too, where that is not what the word names for each task; "" otherwise."""
+        for task, entry in self.tasks.items():
+            source = entry["policy"].get("source", "")
+            if os.path.normpath(source) != os.path.normpath(word.replace(PLACE, task)) and (
+                entry["policy"]["fingerprint"] != chosen.fingerprint
+            ):
+                return str(source)
+        return ""
+
 
 def judged(
     word: str,
@@ -89,7 +100,8 @@ def judged(
     A result on all episodes of the protocol is never replaced by one on fewer: that is returned, and not written.
 
     Args:
-        word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default after the policy.
+        word, choose: as in `flexarm_env.suite.policies`. name, run: of the results; default after the policy, whose
+            file then has to be of this policy alone.
     Returns:
         the results on these tasks; of each task that it could not be judged on why; by task, what is to be said of a
         result that the file has not from now.
@@ -106,6 +118,9 @@ def judged(
             if known is None:
                 known = begun(folder, found.name, chosen.run if run is None else run)
                 found.run = known.run
+                if name is None and (other := known.other_than(word, chosen)):
+                    what = f"{folder / known.file} has results of {other}; give one of them another --name"
+                    return found, [f"--policy {word}: {what} (or --name {found.name}, if it is the same method)"], {}
             old = known.tasks.get(task.id)
             whole = episodes < EPISODES and old is not None and of_the_protocol(task, old)
             if old is not None and not again and known.has(task, chosen, episodes):
