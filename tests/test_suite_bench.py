@@ -145,6 +145,8 @@ def quick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         "policy = Policy()\n"
         "class Needy(Policy):\n    def __init__(self, file):\n        pass\n"
         "def faulty(seen):\n    return undefined @ seen if seen.ndim == 2 else seen[9]\n"
+        "def wrong(seen):\n    wrong.k += 1\n    return np.zeros((len(seen), 1) if wrong.k == 1 else (2, 1))\n"
+        "wrong.k = 0\n"
         "def leaving(seen):\n    raise SystemExit(7)\n"
         "word = 'no function'\n"
     )
@@ -201,7 +203,7 @@ def test_a_function_is_begun_anew_after_it_was_tried_with_all_rows():
     ("word", "sentence"),
     [
         ("mine:wide", "must give (100, 1) for all observations, or (1,) for one"),
-        ("mine:lost", "action = [nan]: must be finite numbers"),
+        ("mine:lost", "--policy mine:lost: action = [nan]: must be finite numbers"),
         ("mine:angry", "it raised RuntimeError: no such luck"),
         ("mine:faulty", "at once it raised NameError: name 'undefined' is not defined; of one alone it raised Ind"),
         ("mine:leaving", "it raised SystemExit: 7"),
@@ -224,11 +226,39 @@ def test_what_cannot_be_judged_is_told_in_a_sentence(word: str, sentence: str, q
 
 def test_wrong_flags_are_told_in_a_sentence(quick: Path, capsys):
     assert "must be one of" in refused(capsys, "bench", "suite", "--task", "slew")
+    for flag, words in (("--policy", ""), ("--policy", " ,"), ("--task", "")):
+        assert f"{flag} = '{words}': must name at least one" in refused(capsys, "bench", "suite", flag, words)
     assert "from 1 to 100" in refused(capsys, "bench", "suite", "--episodes", "0")
     assert "for one policy alone" in refused(capsys, "bench", "suite", "--policy", "pd,zv", "--name", "both")
     assert "must be letters" in refused(capsys, "bench", "suite", "--policy", "mine:one", "--name", "../up")
     assert "no results files" in refused(capsys, "bench", "page", "nothing")
     assert "must end in .md" in refused(capsys, "bench", "page", ".", "--out", "page.html")
+
+
+def test_of_two_policies_that_are_refused_each_is_named(quick: Path, capsys):
+    words = ("--policy", "mine:lost,mine:wrong", "--task", f"{FIRST_TASK.id},{FIRST_TASK.id}", "--out", "out")
+    sentence = refused(capsys, "bench", "suite", *words)
+    assert sentence == (
+        f"flexarm bench: {FIRST_TASK.id}: --policy mine:lost: action = [nan]: must be finite numbers; "
+        f"{FIRST_TASK.id}: --policy mine:wrong: action's shape = (2, 1): must be (100, 1): a row an observation\n"
+    )
+
+
+@pytest.mark.parametrize(("kind", "word"), [("FLOAT16", "float16"), ("INT64", "int64")])
+def test_a_model_of_another_type_is_refused_when_it_is_opened(kind: str, word: str, tmp_path: Path):
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    of = getattr(onnx.TensorProto, kind)
+    ends = [onnx.helper.make_tensor_value_info(name, of, ["n", 2]) for name in ("seen", "action")]
+    node = onnx.helper.make_node("Identity", ["seen"], ["action"])
+    model = onnx.helper.make_model(
+        onnx.helper.make_graph([node], "g", ends[:1], ends[1:]), opset_imports=[onnx.helper.make_opsetid("", 17)]
+    )
+    model.ir_version = 8
+    path = tmp_path / "half.onnx"
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(ValueError, match=rf"half\.onnx: takes tensor\({word}\); a policy takes tensor\(float\) or"):
+        policies.OnnxPolicy(path, Counting(2))
 
 
 def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, capsys, monkeypatch):

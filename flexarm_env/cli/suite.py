@@ -14,7 +14,7 @@ from flexarm_env.cli.progress import show
 from flexarm_env.suite.data import Task
 from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import PLACE
-from flexarm_env.suite.results import Results, chosen_tasks, folder_of, frozen, judged, summary
+from flexarm_env.suite.results import Results, chosen_tasks, folder_of, frozen, judged, listed, summary
 from flexarm_env.suite.score import EPISODES, FIRST, references
 from flexarm_env.trajectory import write_whole
 
@@ -73,7 +73,7 @@ def _suite(words: Sequence[str]) -> int:
         return _list(args.json)
     count = check.integer("--episodes", args.episodes, minimum=1, maximum=EPISODES)
     wanted = [frozen(task) for task in chosen_tasks(args.task)]
-    policies = [word.strip() for word in args.policy.split(",") if word.strip()]
+    policies = listed("--policy", args.policy)
     if args.name is not None and len(policies) != 1:
         raise check.InvalidValue("--name", args.name, "must be given for one policy alone")
     done, trouble = [], []

@@ -24,6 +24,8 @@ from .judge import Policy
 Array32 = NDArray[np.float32]
 PLACE = "{task}"
 """In a word: the task's id, where each task has a policy of its own."""
+KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+"""Types of observations that an ONNX model may take."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,9 @@ class OnnxPolicy:
         if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != size):
             raise ValueError(f"{path}: takes observations of shape {shape}; the task's is (n, {size})")
         self.one_by_one = shape[0] == 1
-        self.kind = np.float64 if given[0].type == "tensor(double)" else np.float32
+        if given[0].type not in KINDS:
+            raise ValueError(f"{path}: takes {given[0].type}; a policy takes {' or '.join(KINDS)}")
+        self.kind = KINDS[given[0].type]
 
     def reset(self, observation: Array32) -> None:
         """Nothing to remember."""

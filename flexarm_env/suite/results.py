@@ -140,7 +140,8 @@ def judged(
             known.write(folder)
         except ValueError as error:
             sentence = " ".join(str(error).split())
-            trouble.append(f"{task.id}: {sentence}")
+            who = "" if sentence.startswith("--policy") else f"--policy {word.replace(PLACE, task.id)}: "
+            trouble.append(f"{task.id}: {who}{sentence}")
             if known is not None and kind == "controller" and not whole:
                 known.tasks.pop(task.id, None)
                 known.refused[task.id] = sentence
@@ -268,7 +269,17 @@ def versions() -> dict[str, str]:
 
 
 def chosen_tasks(words: str | None) -> tuple[Task, ...]:
-    """Tasks by ids separated by commas; all without any."""
+    """Tasks by ids separated by commas, each once; all for None."""
     from .data import task
 
-    return tasks() if words is None else tuple(task(word.strip()) for word in words.split(",") if word.strip())
+    if words is None:
+        return tasks()
+    return tuple({one.id: one for one in map(task, listed("--task", words))}.values())
+
+
+def listed(flag: str, words: str) -> list[str]:
+    """Words separated by commas. ValueError where there is none."""
+    found = [word.strip() for word in words.split(",") if word.strip()]
+    if not found:
+        raise check.InvalidValue(flag, words, "must name at least one, or several with commas between them")
+    return found
