@@ -15,8 +15,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from flexarm_env import suite
 from flexarm_env.cli import checkout, main, play
 from flexarm_env.recording import EpisodeRecorder, frames, load_episodes, replay, save_episodes, to_minari
+from flexarm_env.suite.policies import Following, choose
 from tests.cli_tools import refused
 from tests.processes import ROOT, python
 
@@ -31,6 +33,19 @@ def test_a_controller_plays(capsys: pytest.CaptureFixture[str]) -> None:
     assert lines[:2] == ["env: FlexibleArm-v0", "policy: pd"]
     assert [line.split(",")[0] for line in lines[2:]] == ["episode: seed 5", "episode: seed 6"]
     assert lines[2].endswith("0.20 s, ended by time")
+
+
+def test_pd_plays_what_it_is_judged_on() -> None:
+    """Targets that move too, in `play` and `view` as in `bench suite`."""
+    for words in (("flexarm/catch-v1",), ("flexarm/track-fast-v1",), ("FlexibleArm-v0", "track")):
+        with closing(gym.make(words[0], **({"task": words[1]} if words[1:] else {}))) as env:
+            player = play.choose("pd").make(env)
+            assert type(player) is type(choose("pd", suite.tasks()[0]).make(env)) is Following
+            seen = env.observation_space.sample() * 0.0
+            player.reset(seen)
+            assert player.act(seen).shape == env.action_space.shape
+            with pytest.raises(ValueError, match="controllers steer to a target"):
+                play.choose("lqr").make(env)
 
 
 def test_a_film_and_a_recording(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -264,7 +264,7 @@ def test_a_model_of_another_type_is_refused_when_it_is_opened(kind: str, word: s
 def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, capsys, monkeypatch):
     made = []
     policy = SimpleNamespace(reset=len, act=lambda seen: np.full((len(seen), 1), 0.5))
-    monkeypatch.setattr(policies, "_controller", lambda name, env: made.append(name) or policy)
+    monkeypatch.setattr(policies, "controller", lambda name, env: made.append(name) or policy)
     words = ("--policy", "pd", "--task", FIRST_TASK.id, "--out", "out")
     assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == ""
     first = json.loads(Path("out/pd-0.json").read_text())["tasks"][FIRST_TASK.id]

@@ -23,6 +23,7 @@ from flexarm_env.envs.ids import own_ids, permitted
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.envs.video import film_path, write_film
 from flexarm_env.recording import EpisodeRecorder, save_episodes
+from flexarm_env.suite.policies import controller
 
 KEYBOARD = "keyboard"
 DEFAULT_ENV = "FlexibleArm-v0"
@@ -96,7 +97,7 @@ def choose(word: str) -> Player:
     if word == KEYBOARD:
         return Player(word, "", {}, _keyboard)
     if word in control.NAMES:
-        return Player(word, "", {}, lambda env: control.make(word, env))
+        return Player(word, "", {}, lambda env: controller(word, env))
     if not Path(word).exists() and word not in control.policy_names():
         raise check.UnknownKey(word, (KEYBOARD, *control.NAMES, *control.policy_names()), "policy (and no policy.npz)")
     policy = load_policy(word)

@@ -52,7 +52,7 @@ def choose(word: str, task: Task) -> Chosen:
     source = word.replace(PLACE, task.id)
     path = Path(source)
     if source in control.NAMES:
-        return Chosen("controller", source, f"{source} {_version()}", lambda env: _controller(source, env))
+        return Chosen("controller", source, f"{source} {_version()}", lambda env: controller(source, env))
     if path.suffix.lower() == ".onnx":
         if not path.is_file():
             raise check.InvalidValue("--policy", source, "no such file")
@@ -98,9 +98,9 @@ class Following:
         return self.controller.act(observation)
 
 
-def _controller(name: str, env: Any) -> Policy:
-    plan = env.unwrapped.plan
-    if name == "pd" and plan.task != plan.kind.task:
+def controller(name: str, env: Any) -> Policy:
+    """As `flexarm_env.control.make`, and PD control of a target that moves too."""
+    if name == "pd" and env.unwrapped.plan.task == "track":
         return Following(control.make(name, control.Setup.of(env)))
     return control.make(name, env)
 
