@@ -240,6 +240,9 @@ def test_an_episode_that_follows_a_motion_is_shown_too() -> None:
         (["nothing"], "flexarm view: nothing: unknown scene, controller or policy"),
         (["pd", "--out", "a.txt"], "--out = 'a.txt': must end in .html"),
         (["two_link", "flexible_arm"], "RUN = 'flexible_arm'"),
+        (["robot_arm_motion", "--duration", "1e9"], "--duration = 1000000000.0: must be a finite number, above 0 and"),
+        (["pd", "--episode", "5"], "--episode = 5: must not be given where no run is a file of recorded episodes"),
+        (["pd", "two_link", "--sample", "0.1"], "--sample = 0.1: must not be given where no run is a scene"),
     ],
 )
 def test_view_says_what_is_wrong(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import webbrowser
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,15 @@ from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.envs.ids import PACKAGE, own_ids
 from flexarm_env.recording import EpisodeRecorder, load_episodes
 from flexarm_env.scene import Scene
-from flexarm_env.trajectory import Trajectory
+from flexarm_env.trajectory import MOST_SAMPLES, MOST_STEPS, Trajectory
 from flexarm_env.view import Clip
 from flexarm_env.view import Player as Page
 
 OF_THE_POLICY = ("action_mode", "residual_share", "observation", "history", "sensors")
 """Keywords of a policy's environment that say what it sees and sets: a controller beside it has its own."""
+KINDS = {"episodes": "a file of recorded episodes", "scene": "a scene"}
+FLAGS = {"episode": "episodes", "formulation": "scene", "duration": "scene", "sample": "scene"}
+"""Flags that one kind of run alone takes."""
 PICTURES = 300
 """Instants of a scene that is run for the page, at least, where its steps are as many."""
 
@@ -36,8 +38,9 @@ def run(args: argparse.Namespace) -> int:
     if target.suffix.lower() not in (".html", ".htm"):
         raise check.InvalidValue("--out", args.out, "must end in .html")
     seed = check.integer("--seed", args.seed, minimum=0)
+    kinds = _checked(args)
     shared = _shared(args)
-    clips = [clip for word in args.runs for clip in _clips(word, seed, args, shared)]
+    clips = [_clip(word, kind, seed, args, shared) for word, kind in zip(args.runs, kinds, strict=True)]
     page = Page(clips, args.title)
     path = page.save(target)
     if args.open:
@@ -47,42 +50,56 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _clips(word: str, seed: int, args: argparse.Namespace, shared: dict[str, Any]) -> Iterator[Clip]:
-    """What a word stands for."""
+def _checked(args: argparse.Namespace) -> list[str]:
+    """What each run is. ValueError for a word that is nothing, and for a flag that none of the runs takes."""
+    kinds = [_kind(word) for word in args.runs]
+    for flag, kind in FLAGS.items():
+        if getattr(args, flag) is not None and kind not in kinds:
+            what = f"must not be given where no run is {KINDS[kind]}"
+            raise check.InvalidValue(f"--{flag}", getattr(args, flag), what)
+    return kinds
+
+
+def _kind(word: str) -> str:
+    """What a word stands for: "episodes", "trajectory", "scene" or "player"."""
     path = Path(word)
-    if path.suffix == ".npz" and path.is_file() and not _is_policy(path):
-        yield from _of_file(path, args)
-    elif word in scenes.names(parameter_sets=True) or path.suffix == ".toml" or ".toml@" in word:
-        yield _of_scene(scenes.resolve(word), word, args).clip(Path(word).stem if path.is_file() else word)
-    elif word in (*control.NAMES, *control.policy_names()) or path.exists():
-        yield _of_player(choose(word), seed, shared)
-    else:
-        known = (*scenes.names(), *control.NAMES, *control.policy_names())
-        raise check.UnknownKey(word, known, "scene, controller or policy (and no file or folder)")
+    if path.suffix == ".npz" and path.is_file():
+        with np.load(path, allow_pickle=False) as data:
+            return "episodes" if "lengths" in data.files else "player" if "meta" in data.files else "trajectory"
+    if word in scenes.names(parameter_sets=True) or path.suffix == ".toml" or ".toml@" in word:
+        return "scene"
+    if word in (*control.NAMES, *control.policy_names()) or path.exists():
+        return "player"
+    known = (*scenes.names(), *control.NAMES, *control.policy_names())
+    raise check.UnknownKey(word, known, "scene, controller or policy (and no file or folder)")
 
 
-def _is_policy(path: Path) -> bool:
-    with np.load(path, allow_pickle=False) as data:
-        return "meta" in data.files and "lengths" not in data.files
+def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dict[str, Any]) -> Clip:
+    """Of what a word stands for."""
+    path = Path(word)
+    if kind == "episodes":
+        return _of_episodes(path, args)
+    if kind == "trajectory":
+        return Trajectory.from_npz(path).clip(path.stem)
+    if kind == "scene":
+        return _of_scene(scenes.resolve(word), word, args).clip(path.stem if path.is_file() else word)
+    return _of_player(choose(word), seed, shared)
 
 
-def _of_file(path: Path, args: argparse.Namespace) -> Iterator[Clip]:
-    """A trajectory, or the episodes of a recording (--episode: one of them)."""
-    with np.load(path, allow_pickle=False) as data:
-        episodes = "lengths" in data.files
-    if not episodes:
-        yield Trajectory.from_npz(path).clip(path.stem)
-        return
+def _of_episodes(path: Path, args: argparse.Namespace) -> Clip:
+    """The first episode of a recording, or that of --episode."""
     kept = load_episodes(path)
     k = 0 if args.episode is None else check.integer("--episode", args.episode, minimum=0, maximum=len(kept) - 1)
-    yield kept[k].clip(f"{path.stem}, episode {k}" if len(kept) > 1 else path.stem, args.env)
+    return kept[k].clip(f"{path.stem}, episode {k}" if len(kept) > 1 else path.stem, args.env)
 
 
 def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
     from flexarm_env.simulation import simulate
 
-    length = scene.duration if args.duration is None else check.number("--duration", args.duration, "s", above=0.0)
-    usual = scene.sample or scene.dt
+    usual, length = scene.sample or scene.dt, scene.duration
+    if args.duration is not None:
+        most = min(MOST_STEPS * scene.dt, MOST_SAMPLES * (usual if args.sample is None else math.inf))
+        length = check.number("--duration", args.duration, "s", above=0.0, maximum=most)
     finer = max(1, math.ceil(min(usual * PICTURES / length, usual / scene.dt) - 1e-9))
     sample = usual / finer if args.sample is None else args.sample
     bar = ProgressBar(word)
