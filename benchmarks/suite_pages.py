@@ -26,7 +26,8 @@ OVERVIEW = """\
 
 Twelve tasks, each with one difficulty that real flexible arms have. A task is data: a file in `flexarm_env/data/suite`
 names the environment and its keywords, and a digest of the resolved arm, solver, keywords, reward weights, starts and
-observation, which a test compares. A task that changes gets another version and another id.
+observation, which a test compares. A task that changes gets another version and another id. Keywords of one's own
+make another task of it, which a warning says once; `duration` and `reward`, free in training, pass without.
 
 ```python
 import gymnasium as gym

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import warnings
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from benchmarks.machine import DOCS
 from benchmarks.suite_pages import pages
 from flexarm_env import suite
+from flexarm_env.envs import spec
 from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.suite.data import read
 
@@ -54,6 +57,28 @@ def test_tasks_by_every_name() -> None:
     assert suite.task(task.env_id) is task is suite.task(task.registered)
     with pytest.raises(ValueError, match=r'task = .slew.: must be one of "slew-measured-v1"'):
         suite.task("slew")
+
+
+def test_keywords_that_make_another_task_are_known() -> None:
+    def changed(env_id: str, **keywords: object) -> list[str]:
+        made = gym.spec(env_id)
+        return spec.changed(dataclasses.replace(made, kwargs={**made.kwargs, **keywords}))
+
+    task = suite.task("slew-measured-v1").registered
+    assert changed(task) == changed(task, duration=1.0, reward={}, info_level="numbers", threads=2, history=4) == []
+    assert changed(task, starts={"target": np.zeros(2)}, history=1) == ["history", "starts"]
+    assert changed(task, sensors={}) == ["sensors"] and changed("FlexibleArm-v0", history=3) == []
+
+
+def test_another_task_under_a_frozen_name_is_warned_of_once() -> None:
+    spec.warned.clear()
+    task = suite.task("slew-measured-v1").registered
+    with pytest.warns(UserWarning, match=f"{task} with history of one's own is another task") as caught:
+        gym.make(task, history=1)
+    assert [Path(one.filename).name for one in caught] == ["test_suite.py"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gym.make(task, history=1)
 
 
 @pytest.mark.slow

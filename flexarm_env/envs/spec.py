@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+import warnings
 from typing import Any
 
 import gymnasium as gym
-from gymnasium.envs.registration import EnvSpec
+from gymnasium.envs.registration import EnvSpec, registry
 
 MAKERS = (gym.make.__code__, gym.make_vec.__code__)
+FROZEN = "flexarm"
+"""Namespace of ids that name a frozen task."""
+FREE = (
+    "duration", "max_episode_steps", "reward", "info_level", "render_mode", "threads", "autoreset_mode", "num_envs",
+    "vectorization_mode", "vector_kwargs", "wrappers",
+)  # fmt: skip
+"""Keywords of a frozen task that need no warning: what training is free to choose, and how it is made and shown."""
 
 
 class ArmSpec(EnvSpec):
@@ -44,6 +52,24 @@ class ArmSpec(EnvSpec):
         self.given = value
 
 
+def changed(spec: EnvSpec) -> list[str]:
+    """Keywords that make another task of a frozen one."""
+    if spec.namespace != FROZEN or spec.id not in registry:
+        return []
+    own = registry[spec.id].kwargs
+    return sorted(name for name in spec.kwargs if name not in FREE and not _same(spec.kwargs[name], own.get(name)))
+
+
+def _same(one: Any, other: Any) -> bool:
+    try:
+        return bool(one == other)
+    except ValueError:  # arrays
+        return False
+
+
+warned: set[tuple[str, ...]] = set()
+
+
 class Specified:
     """What single and vector environments have in common: their spec."""
 
@@ -57,4 +83,8 @@ class Specified:
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None and (own := changed(spec)) and (spec.id, *own) not in warned:
+            warned.add((spec.id, *own))
+            text = f"{spec.id} with {', '.join(own)} of one's own is another task: its scores are not the suite's"
+            warnings.warn(text, UserWarning, stacklevel=3)
         self._spec = ArmSpec.of(spec, self.plan.limit)

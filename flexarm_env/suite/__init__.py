@@ -16,7 +16,7 @@ from .data import Task, task, tasks
 
 def make(task_id: str, **more: Any) -> Any:
     """The environment of a task, as `gymnasium.make` makes it. more: `render_mode`, `info_level`; other keywords make
-    it another task, whose score is not the suite's."""
+    it another task, whose score is not the suite's, and are warned of (but `duration` and `reward`, for training)."""
     import gymnasium
 
     return gymnasium.make(task(task_id).registered, **more)
