@@ -372,9 +372,9 @@ def page(content: Mapping[str, Any]) -> str:
         "are trained for the environment's reward, which asks for more than to be settled soon: where one returns more",
         "than plans that settle sooner, training on for the same reward does not bring it within",
         f"{WANTED} times the best known; that takes a reward that pays for settling itself.",
-        "Tried on two links: three times the reward for `settle`, none for effort and a `residual_share` of 3 bring PPO",
-        "(`configs/ppo/residual.yml`, seed 0) to 1.20 times in 4.5 million periods and to 1.19 in 12 million (350 s of",
-        "processor time), with returns of 470 and 472 by the environment's own reward.", "",
+        "Tried on two links: three times the reward for `settle`, none for effort and a `residual_share` of 3 bring",
+        "PPO (`configs/ppo/residual.yml`, seed 0) to 1.20 times in 4.5 million periods and to 1.19 in 12 million (350",
+        "s of processor time), with returns of 470 and 472 by the environment's own reward.", "",
         f"| environment | policy | mean (s) | of the means | median | 90 % below | within {WANTED} in | return, mean |",
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]  # fmt: skip

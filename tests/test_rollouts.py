@@ -106,7 +106,7 @@ def test_parameters_over_a_rollout() -> None:
         "FlexibleArm-v0", 9, tolerance=1e-12, parameters=True, randomization={"payload": (0.5, 2.0), "EI": (0.7, 1.3)}
     )
     run, rng = gone(many, 30), np.random.default_rng(3)
-    weights, first = rng.standard_normal(run.rewards.shape), many.names.index("parameter[0]")
+    weights, first = rng.standard_normal(run.rewards.shape), many.names.index("payload_mass")
     way = np.zeros_like(run.states[0])
     way[:, first : many.moving] = run.states[0][:, first : many.moving] * rng.standard_normal((9, many.moving - first))
     found = (run.vjp(rewards=weights).state * way).sum(axis=1)
@@ -194,3 +194,9 @@ def test_other_devices_are_told(arms: Arms) -> None:
     for wrong in (one.reset().numpy(), [0.0], torch.zeros((9, one.arms.state_size), dtype=torch.complex128)):
         with pytest.raises(ValueError, match="must be a tensor of real numbers"):
             one.observe(wrong)
+
+
+def test_other_packages_are_told() -> None:
+    for id in ("CartPole-v1", "Pendulum-v1"):
+        with pytest.raises(ValueError, match=f"id = '{id}': must be of an environment of this package"):
+            Arms(id, 2)

@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 
 from .. import validation as check
+from ..envs.vector import VectorArmEnv
 from .period import Array, Jacobians, Periods, checked
 
 
@@ -46,13 +48,17 @@ class Arms(Periods):
         observation_space, action_space: of one arm. failed (n,): whether the solver failed in the last call. past (n,):
         whether an arm was beyond a joint's limits at its end.
     Raises:
-        ValueError: what cannot be differentiated: prescribed motions where steps are fitted (`step_tolerance`), or of
-        other joints from arm to arm with `multipliers`; bad sizes.
+        ValueError: another package's environment; what cannot be differentiated: prescribed motions where steps are
+        fitted (`step_tolerance`), or of other joints from arm to arm with `multipliers`; bad sizes.
     """
 
     def __init__(
         self, id: str, n: int, *, threads: int | None = None, parameters: bool = False, **keywords: Any
     ) -> None:
+        kind: Any = gym.spec(id).vector_entry_point
+        kind = load_env_creator(kind) if isinstance(kind, str) else kind
+        if kind is None or (isinstance(kind, type) and not issubclass(kind, VectorArmEnv)):
+            raise check.InvalidValue("id", id, "must be of an environment of this package, such as FlexibleArm-v0")
         made: Any = gym.make_vec(
             id, num_envs=check.integer("n", n, minimum=1), threads=threads,
             vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **keywords,

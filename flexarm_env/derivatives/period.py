@@ -293,7 +293,9 @@ class Periods:
         given = np.zeros((self.n, self.action_size))
         if action is not None:
             given = checked("action", action, (self.n, self.action_size))
-        np.clip(given, -1.0, 1.0, out=d.action.reshape(self.n, -1))
+        taken = d.action.reshape(self.n, -1)
+        np.clip(given, -1.0, 1.0, out=taken)
+        taken[np.isinf(given)] = np.nan  # fails, as in the environment
         return given
 
     def _rows(self, name: str, size: int) -> Array:

@@ -29,6 +29,8 @@ from ..tasks.program import (
 )
 
 _JOINT, _LAW = JOINT_LAW.places, LAW.places
+OWN = ("payload_mass", "payload_inertia", "EI_factor", "tau_d")
+"""What arms have of their own (`physics.model.PAYLOAD_MASS` and so on)."""
 
 
 class _Place(NamedTuple):
@@ -64,7 +66,7 @@ def places_of(
 
     if extras.actuator is not None:
         moving += recorded("motor", at.torque, links) + recorded("asked", at.commands, at.seen - at.commands)
-    own = [_Place(f"parameter[{k}]", layout.par + k * stride) for k in range(PARAMETERS)]
+    own = [_Place(name, layout.par + k * stride) for k, name in enumerate(OWN)]
     own += recorded("torque_factor", TORQUE_FACTOR, 1)
     own += [_Place(name, layout.par + (PARAMETERS + k) * stride) for k, name, _ in _laws(model)]
     given = [_Place(f"q[{k}]", int(work.q[0]) + k * stride) for k in sorted(fixed)]
