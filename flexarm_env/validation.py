@@ -240,6 +240,21 @@ def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtyp
     return np.array(values, dtype=np.float64)
 
 
+def rows(
+    path: str, values: object, width: int, count: int | None = None, *, finite: bool = False
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """``values`` as a float64 array (n, ``width``), of ``count`` rows where that is given."""
+    try:
+        result = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise InvalidValue(path, values, f"must be numbers, in rows of {width}") from None
+    if result.ndim != 2 or result.shape[1] != width or len(result) != (count or len(result) or 1):
+        raise InvalidValue(f"shape of {path}", result.shape, f"must be ({count or 'n'}, {width})")
+    if finite and not np.isfinite(result).all():
+        raise InvalidValue(path, result, "must be finite")
+    return result
+
+
 def table_of(path: str, value: object) -> dict[str, Any]:
     """``value`` as a TOML table."""
     if not isinstance(value, Mapping):

@@ -138,12 +138,57 @@ def test_least_effort_keeps_its_bounds_and_costs_more_for_them(two):
     kept = optimal.least_effort(two, start, goal, 140, bounds)
     assert free.found.all() and kept.found.all()
     assert np.abs(kept.controls).max() <= 0.6
-    assert np.abs(two.bends(kept.states)[0]).max() <= 0.06 + optimal.TOLERANCE < np.abs(two.bends(free.states)[0]).max()
+    bent, more = (np.abs(two.bends(motion.states)[0]).max() for motion in (kept, free))
+    assert bent <= 0.06 * (1.0 + optimal.TOLERANCE) < more
     angles = kept.states[:, 0, two.joints]
     assert (angles >= np.array([-0.05, -0.45]) - optimal.TOLERANCE).all()
     assert (angles <= np.array([0.85, 0.25]) + optimal.TOLERANCE).all()
     assert kept.energy(DT)[0] > free.energy(DT)[0]
     assert kept.states[-1, 0] == pytest.approx(goal[0], abs=0.01)
+
+
+@pytest.mark.parametrize(("bound", "known"), [(0.03, 55), (0.005, 128)])
+def test_a_bound_of_deflection_is_kept_to_a_share_of_itself(strip, bound, known):
+    """`known`: the fewest periods of the linear model, by linear programmes with rows for all deflections."""
+    motion = optimal.least_time(strip, strip.rest([[0.0]]), strip.rest([[0.6]]), optimal.Bounds(deflection=bound))
+    assert motion.found.all() and abs(motion.periods[0] - known) <= 0.02 * known
+    assert np.abs(strip.bends(motion.states)[0]).max() <= bound * (1.0 + optimal.TOLERANCE)
+
+
+def test_what_cannot_be_kept_is_said_to_be_missed(strip):
+    start, goal = strip.rest([[0.0]]), strip.rest([[0.6]])
+    assert not optimal.least_effort(strip, start, goal, 80, optimal.Bounds(deflection=0.005)).found.any()
+    tight = optimal.Bounds(deflection=1e-3)
+    with pytest.raises(ValueError, match=r"^most = 60: must be more, or Bounds\(.*deflection=0\.001\) wider: arm 0"):
+        optimal.least_time(strip, start, goal, tight, most=60)
+    with pytest.raises(ValueError, match=r"^most = 3: must be more: arm 0"):
+        optimal.least_time(strip, start, goal, most=3)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        *(({"torque": value}, r"^bounds\.torque = .*above 0 and at most 1") for value in (2, 0, -1.0, np.nan, "a")),
+        *(({"deflection": value}, r"^bounds\.deflection = .*positive") for value in (np.nan, 0, -np.inf, "a")),
+        ({"joints": (1,)}, r"^bounds\.joints\[0\] = 1: must be a sequence of two numbers \(rad\), \(low, high\)"),
+        ({"joints": [(1, -1)]}, r"^bounds\.joints\[0\] = \(1.0, -1.0\): must be \(low, high\)"),
+        ({"joints": [(np.nan, 1.0)]}, r"^bounds\.joints\[0\]\[0\] = nan: must be a finite number"),
+        ({"joints": [(0, 1), (0, 1)]}, r"^bounds\.joints = .*must be a sequence of 1 pairs"),
+        ({"joints": [(0.0, 0.3)]}, r"deflections of goal\[1\] = \(\[0\.6\], \[.*must be within Bounds\(.*0\.3"),
+        ({"joints": [(0.1, 0.7)]}, r"deflections of start\[0\]"),
+    ],
+)
+def test_bounds_that_no_motion_keeps_are_refused(strip, bounds, message):
+    start, goal = strip.rest([[0.0], [0.0]]), strip.rest([[0.2], [0.6]])
+    with pytest.raises(ValueError, match=message):
+        optimal.least_time(strip, start, goal, optimal.Bounds(**bounds))
+
+
+def test_bounds_that_are_none_change_nothing(strip):
+    start, goal = strip.rest([[0.0]]), strip.rest([[0.6]])
+    endless = optimal.Bounds(torque=1, joints=np.array([[-np.inf, np.inf]]), deflection=np.inf)
+    free, kept = optimal.least_effort(strip, start, goal, 60), optimal.least_effort(strip, start, goal, 60, endless)
+    assert free.found.all() and free.controls == pytest.approx(kept.controls, abs=1e-12)
 
 
 def test_the_tip_follows_a_path(strip):
@@ -154,6 +199,7 @@ def test_the_tip_follows_a_path(strip):
     motion = optimal.follow(strip, strip.rest(np.zeros((1, 1))), path)
     assert np.linalg.norm(strip.tip(motion.states)[0] - path, axis=2).max() < 1e-3
     assert np.abs(motion.states[:, 0, 0] - angle).max() > 0.02
+    assert np.array_equal(motion.missed, [0.0]) and np.array_equal(motion.found, [True])
 
 
 # ------------------------------------------------------------------ the receding horizon

@@ -11,8 +11,9 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from .. import validation as check
 from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, Starts, Task
 from ..derivatives import Periods
 from ..parameters import Arm
@@ -96,8 +97,9 @@ class Dynamics:
         A, B = self.jacobians(x.reshape(-1, self.size), u.reshape(-1, self.n_inputs))
         return A.reshape(*x.shape, -1), B.reshape(*x.shape, -1)
 
-    def rest(self, angles: Array) -> Array:
+    def rest(self, angles: ArrayLike) -> Array:
         """States (m, S) of the straight arm at rest at joint angles (m, N)."""
+        angles = check.rows("joint angles", angles, self.n_inputs)
         x = np.zeros((len(angles), self.size))
         for k, joint in enumerate(self.joints):
             x[:, joint : joint + self.nodes] = angles[:, k : k + 1] if k == 0 else 0.0

@@ -26,20 +26,42 @@ Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 TOLERANCE = 2e-3
-"""What a limit may be missed by: rad, rates over the arm's own (`rates_of`), or shares of a length or of a band."""
+"""What a limit may be missed by: rad, rates over the arm's own (`rates_of`), or shares of a deflection's bound or of a
+band."""
 
 
 @dataclass(frozen=True)
 class Bounds:
     """Limits beside the motors' own.
 
-    torque: share of the torque limits. joints: (low, high) of each joint angle, rad; () for none. deflection: largest
-    tip deflection over length of any link.
+    torque: share of the torque limits, above 0 and at most 1. joints: (low, high) of each joint angle, rad, infinite
+    where there is none; () for none at all. deflection: largest tip deflection over length of any link.
     """
 
     torque: float = 1.0
-    joints: Sequence[tuple[float, float]] = ()
+    joints: Sequence[tuple[float, float]] | Array = ()
     deflection: float = np.inf
+
+    def __post_init__(self) -> None:
+        torque = check.number("bounds.torque", self.torque, "share of the limits", above=0.0, maximum=1.0)
+        check.store(self, torque=torque, deflection=_or_infinite("bounds.deflection", self.deflection, above=0.0))
+        joints = self.joints.tolist() if isinstance(self.joints, np.ndarray) else self.joints
+        pairs = []
+        for k, pair in enumerate(check.sequence("bounds.joints", joints, "pairs (low, high), one a joint")):
+            path = f"bounds.joints[{k}]"
+            ends = check.sequence(path, pair, "two numbers (rad), (low, high)", 2)
+            low, high = (_or_infinite(f"{path}[{i}]", end, "rad") for i, end in enumerate(ends))
+            if low > high:
+                raise check.InvalidValue(path, (low, high), "must be (low, high) with low at most high")
+            pairs.append((low, high))
+        check.store(self, joints=tuple(pairs))
+
+
+def _or_infinite(path: str, value: object, unit: str = "", **bounds: float) -> float:
+    """`check.number`, or infinity: no bound."""
+    if isinstance(value, float) and np.isinf(value) and (value > 0.0 or not bounds):
+        return float(value)
+    return check.number(path, value, unit, **bounds)
 
 
 @dataclass
@@ -100,7 +122,7 @@ def optimise(
             plant, x, controls, [*costs, *limits], weights, iterations=iterations, tolerance=1e-4, bound=torque
         )
         controls = found.controls
-        worst = np.max([one.violation(found.states) for one in limits], axis=0, initial=0.0)
+        worst = np.max([np.zeros(len(x)), *(one.violation(found.states) for one in limits)], axis=0)
         slow = worst > 0.5 * missed
         stuck, missed = np.where(worst < 0.9 * missed, 0, stuck + 1), worst
         if ((missed <= 0.5 * TOLERANCE) | (stuck >= 2)).all():
@@ -126,28 +148,48 @@ def arrive(plant: Dynamics, goal: Array, periods: Counts, total: int) -> ilqr.Li
 
 
 def within(plant: Dynamics, bounds: Bounds, n: int, total: int) -> list[ilqr.Limits]:
-    """Joint angles and deflections within bounds, throughout."""
+    """Joint angles and, over their bound, deflections, throughout."""
     found = []
     count = plant.n_inputs
     if bounds.joints:
-        rows = check.sequence("bounds.joints", bounds.joints, f"{count} pairs (low, high)", count)
-        low, high = np.array(rows, np.float64).T
+        check.sequence("bounds.joints", bounds.joints, f"{count} pairs (low, high), one a joint", count)
+        low, high = np.array(bounds.joints, np.float64).T
         slope = np.zeros((count, plant.size))
         slope[np.arange(count), plant.joints] = 1.0
 
         def angles(x: Array) -> tuple[Array, Array]:
             return x[..., plant.joints], np.broadcast_to(slope, (*x.shape[:-1], *slope.shape))
 
-        found.append(_throughout(angles, low, high, n, total))
+        found.append(_throughout(angles, low, high, n, total, 100.0))
     if np.isfinite(bounds.deflection):
-        high = np.full(count, check.number("bounds.deflection", bounds.deflection, above=0.0))
-        found.append(_throughout(plant.bends, -high, high, n, total))
+
+        def shares(x: Array) -> tuple[Array, Array]:
+            bend, slope = plant.bends(x)
+            return bend / bounds.deflection, slope / bounds.deflection
+
+        found.append(_throughout(shares, -np.ones(count), np.ones(count), n, total, 1.0))
     return found
 
 
-def _throughout(of: Callable[[Array], tuple[Array, Array]], low: Array, high: Array, n: int, total: int) -> ilqr.Limits:
+def _throughout(
+    of: Callable[[Array], tuple[Array, Array]], low: Array, high: Array, n: int, total: int, penalty: float
+) -> ilqr.Limits:
     shape = (total + 1, n, len(low))
-    return ilqr.Limits(of, np.broadcast_to(low, shape), np.broadcast_to(high, shape), np.full(n, 100.0))
+    return ilqr.Limits(of, np.broadcast_to(low, shape), np.broadcast_to(high, shape), np.full(n, penalty))
+
+
+def _kept_by(plant: Dynamics, bounds: Bounds | None, **states: Array) -> Bounds:
+    """The bounds. InvalidValue unless each of the states (n, S), by what they are, keeps them."""
+    own = bounds or Bounds()
+    for what, x in states.items():
+        for one in within(plant, own, len(x), 0):
+            outside = np.flatnonzero(one.violation(x[None]) > TOLERANCE)
+            if outside.size:
+                arm = int(outside[0])
+                angles, bends = x[arm, plant.joints].round(6).tolist(), plant.bends(x[arm])[0].round(6).tolist()
+                path = f"joint angles and deflections of {what}[{arm}]"
+                raise check.InvalidValue(path, (angles, bends), f"must be within {own}")
+    return own
 
 
 def least_effort(
@@ -160,7 +202,7 @@ def least_effort(
         bounds: see `Bounds`. guess: first guess (T, n, N).
     Returns a motion whose `found` says which arms can.
     """
-    own = bounds or Bounds()
+    own = _kept_by(plant, bounds, start=start, goal=goal)
     n, total = len(start), check.integer("periods", periods, minimum=1)
     controls = np.zeros((total, n, plant.n_inputs)) if guess is None else guess
     when = np.full(n, total)
@@ -174,9 +216,10 @@ def least_time(plant: Dynamics, start: Array, goal: Array, bounds: Bounds | None
 
     Arguments as for `least_effort`; most: control periods. ValueError where an arm cannot be there in so many.
     """
-    own = bounds or Bounds()
+    own = _kept_by(plant, bounds, start=start, goal=goal)
     joints = plant.joints
-    high = (1.4 * rigid_periods(plant, start[:, joints], goal[:, joints]) / np.sqrt(own.torque)).astype(np.int64) + 4
+    rigid = 1.4 * rigid_periods(plant, start[:, joints], goal[:, joints]) / np.sqrt(own.torque)
+    high = np.minimum(rigid, most).astype(np.int64) + 4
 
     def tried(chosen: Counts, periods: Counts, guess: Array) -> Motion:
         total, n = int(periods.max()), len(chosen)
@@ -187,7 +230,8 @@ def least_time(plant: Dynamics, start: Array, goal: Array, bounds: Bounds | None
     motion = soonest(plant, start, high, tried, most)
     if not motion.found.all():
         arm = int(np.argmin(motion.found))
-        raise check.InvalidValue("most", most, f"must be more: arm {arm} is not there in so few control periods")
+        wider = "" if own == Bounds() else f", or {own} wider"
+        raise check.InvalidValue("most", most, f"must be more{wider}: arm {arm} is not there in so few control periods")
     return motion
 
 
@@ -296,7 +340,7 @@ def follow(
             the squared torques over their limits; the larger, the nearer the tip keeps to the path.
     Returns a motion; `missed` is of the bounds alone.
     """
-    own, total, n = bounds or Bounds(), len(path) - 1, len(start)
+    own, total, n = _kept_by(plant, bounds, start=start), len(path) - 1, len(start)
     if path.shape != (total + 1, n, 2):
         raise check.InvalidValue("shape of path", path.shape, f"must be (T + 1, {n}, 2)")
     limits, controls = within(plant, own, n, total), np.zeros((total, n, plant.n_inputs))
