@@ -240,18 +240,23 @@ def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtyp
     return np.array(values, dtype=np.float64)
 
 
-def rows(
-    path: str, values: object, width: int, count: int | None = None, *, finite: bool = False
+def array(
+    path: str, values: object, shape: tuple[int | str, ...], what: str = ""
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """``values`` as a float64 array (n, ``width``), of ``count`` rows where that is given."""
+    """``values`` as a float64 array of finite numbers; a word in ``shape``: any length from 1 on."""
+    words = f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)}){what and ', '}{what}"
     try:
         result = np.asarray(values, np.float64)
     except (TypeError, ValueError):
-        raise InvalidValue(path, values, f"must be numbers, in rows of {width}") from None
-    if result.ndim != 2 or result.shape[1] != width or len(result) != (count or len(result) or 1):
-        raise InvalidValue(f"shape of {path}", result.shape, f"must be ({count or 'n'}, {width})")
-    if finite and not np.isfinite(result).all():
-        raise InvalidValue(path, result, "must be finite")
+        raise InvalidValue(path, values, f"must be numbers of shape {words}") from None
+    given = result.shape
+    if len(given) != len(shape) or any(
+        one != wanted if isinstance(wanted, int) else one < 1 for one, wanted in zip(given, shape, strict=True)
+    ):
+        raise InvalidValue(f"shape of {path}", given, f"must be {words}")
+    if not np.isfinite(result).all():
+        at = tuple(int(k) for k in np.argwhere(~np.isfinite(result))[0])
+        raise InvalidValue(f"{path}{list(at)}", float(result[at]), "must be a finite number")
     return result
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -182,6 +184,34 @@ def test_bounds_that_no_motion_keeps_are_refused(strip, bounds, message):
     start, goal = strip.rest([[0.0], [0.0]]), strip.rest([[0.2], [0.6]])
     with pytest.raises(ValueError, match=message):
         optimal.least_time(strip, start, goal, optimal.Bounds(**bounds))
+
+
+def test_what_does_not_fit_the_arm_is_refused(strip):
+    start, goal, path = strip.rest([[0.0]]), strip.rest([[0.6]]), np.ones((41, 1, 2))
+    nothing = np.array([[np.nan] * strip.size])
+    for made, message in [
+        (lambda: optimal.least_time(strip, start, goal, most=-1), r"^most = -1: must be a whole number, at least 1"),
+        (lambda: optimal.least_time(strip, start, goal, most=50.5), r"^most = 50\.5: must be a whole number"),
+        (lambda: optimal.least_time(strip, start[0], goal), r"^shape of start = \(8,\): must be \(n, 8\), .*rest"),
+        (lambda: optimal.least_time(strip, start, [[0.6]]), r"^shape of goal = \(1, 1\): must be \(1, 8\)"),
+        (lambda: optimal.least_time(strip, start, "far"), r"^goal = 'far': must be numbers of shape \(1, 8\)"),
+        (lambda: optimal.least_effort(strip, nothing, goal, 20), r"^start\[0, 0\] = nan: must be a finite number"),
+        (lambda: optimal.least_effort(strip, start, nothing, 20), r"^goal\[0, 0\] = nan"),
+        (lambda: optimal.least_effort(strip, start, strip.rest([[0.1], [0.2]]), 20), r"^shape of goal = \(2, 8\)"),
+        (lambda: optimal.least_effort(strip, start, goal, 20, guess=np.zeros((9, 1, 1))), r"^shape of guess = \(9"),
+        (lambda: optimal.follow(strip, start, path[:1]), r"^shape of path = .*T at least 1"),
+        (lambda: optimal.follow(strip, start, path[:, 0]), r"^shape of path = \(41, 2\): must be \(T \+ 1, 1, 2\)"),
+        (lambda: optimal.follow(strip, start, path * np.inf), r"^path\[0, 0, 0\] = inf"),
+        (lambda: strip.rest([[0.0, 1.0]]), r"^shape of joint angles = \(1, 2\): must be \(m, 1\)"),
+        (lambda: dynamics("stripe", DT), r"^arm = 'stripe': must be one of .*\"strip\""),
+        (lambda: dynamics(STRIP, np.nan), r"^period = nan: must be a positive number \(s\)"),
+        (lambda: dynamics(STRIP, DT, 2), r"^nodes = 2"),
+        (lambda: dynamics(dataclasses.replace(STRIP, torque_limits=None), DT), r"^arm\.torque_limits: missing"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            made()
+    assert dynamics("strip", DT).arm == strip.arm
+    assert optimal.least_effort(strip, start.tolist(), goal.tolist(), 60).found.all()
 
 
 def test_bounds_that_are_none_change_nothing(strip):

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import arms
 from .. import validation as check
 from ..batch import MODE, RUNNING, Batch, Chain, Reach, Slew, Starts, Task
 from ..derivatives import Periods
@@ -36,11 +38,14 @@ class Dynamics:
     the tip before it: the joint's. u (m, N): torques over their limits, within -1 and 1.
 
     Args:
-        arm: the arm; its joints are taken to be ideal, and their limits left out. period: s. nodes: of a link.
+        arm: the arm, or its name or TOML file; its joints are taken to be ideal, and their limits left out. period: s.
+        nodes: of a link.
     """
 
-    def __init__(self, arm: Arm, period: float, nodes: int = 4) -> None:
-        assert arm.torque_limits is not None
+    def __init__(self, arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4) -> None:
+        arm, period = arms.resolve(arm), check.number("period", period, "s", above=0.0)
+        if arm.torque_limits is None:
+            raise check.MissingKey("arm.torque_limits", f"torques are over theirs: {arm.n_links} limit(s) (N m)")
         self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)
         self.period, self.nodes = period, nodes
         dt = period / max(1, math.ceil(period / STEP - 1e-9))
@@ -99,7 +104,11 @@ class Dynamics:
 
     def rest(self, angles: ArrayLike) -> Array:
         """States (m, S) of the straight arm at rest at joint angles (m, N)."""
-        angles = check.rows("joint angles", angles, self.n_inputs)
+        angles = np.asarray(angles, np.float64)
+        if angles.ndim != 2 or angles.shape[1] != self.n_inputs:
+            raise check.InvalidValue(
+                "shape of joint angles", angles.shape, f"must be (m, {self.n_inputs}), a row an arm"
+            )
         x = np.zeros((len(angles), self.size))
         for k, joint in enumerate(self.joints):
             x[:, joint : joint + self.nodes] = angles[:, k : k + 1] if k == 0 else 0.0
@@ -220,7 +229,7 @@ class Grid:
 
 
 @lru_cache(maxsize=16)
-def dynamics(arm: Arm, period: float, nodes: int = 4) -> Dynamics:
+def dynamics(arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4) -> Dynamics:
     """`Dynamics`, one for all that ask for the same."""
     return Dynamics(arm, period, nodes)
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import validation as check
 from . import ilqr
@@ -25,6 +25,7 @@ from .kinematics import rigid_inertia
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
+STATES = "a state an arm; of joint angles, those of `Dynamics.rest`"
 TOLERANCE = 2e-3
 """What a limit may be missed by: rad, rates over the arm's own (`rates_of`), or shares of a deflection's bound or of a
 band."""
@@ -192,9 +193,17 @@ def _kept_by(plant: Dynamics, bounds: Bounds | None, **states: Array) -> Bounds:
     return own
 
 
+def _posed(plant: Dynamics, start: ArrayLike, goal: ArrayLike, bounds: Bounds | None) -> tuple[Array, Array, Bounds]:
+    """Start, goal and bounds, if they fit the arm and each other."""
+    begin = check.array("start", start, ("n", plant.size), STATES)
+    end = check.array("goal", goal, (len(begin), plant.size), STATES)
+    return begin, end, _kept_by(plant, bounds, start=begin, goal=end)
+
+
 def least_effort(
-    plant: Dynamics, start: Array, goal: Array, periods: int, bounds: Bounds | None = None, guess: Array | None = None
-) -> Motion:
+    plant: Dynamics, start: ArrayLike, goal: ArrayLike, periods: int, bounds: Bounds | None = None,
+    guess: ArrayLike | None = None,
+) -> Motion:  # fmt: skip
     """From state to rest in a given time with the least integral of the squared torques.
 
     Args:
@@ -202,22 +211,26 @@ def least_effort(
         bounds: see `Bounds`. guess: first guess (T, n, N).
     Returns a motion whose `found` says which arms can.
     """
-    own = _kept_by(plant, bounds, start=start, goal=goal)
+    start, goal, own = _posed(plant, start, goal, bounds)
     n, total = len(start), check.integer("periods", periods, minimum=1)
-    controls = np.zeros((total, n, plant.n_inputs)) if guess is None else guess
+    controls = np.zeros((total, n, plant.n_inputs))
+    if guess is not None:
+        controls = check.array("guess", guess, controls.shape)
     when = np.full(n, total)
     limits = [arrive(plant, goal, when, total), *within(plant, own, n, total)]
     found, missed = optimise(plant, start, controls, [], limits, 1.0, torque=own.torque, rounds=14)
     return Motion(found.controls, found.states, when, missed, when)
 
 
-def least_time(plant: Dynamics, start: Array, goal: Array, bounds: Bounds | None = None, most: int = 400) -> Motion:
+def least_time(
+    plant: Dynamics, start: ArrayLike, goal: ArrayLike, bounds: Bounds | None = None, most: int = 400
+) -> Motion:
     """From state to rest in the fewest control periods.
 
     Arguments as for `least_effort`; most: control periods. ValueError where an arm cannot be there in so many.
     """
-    own = _kept_by(plant, bounds, start=start, goal=goal)
-    joints = plant.joints
+    start, goal, own = _posed(plant, start, goal, bounds)
+    most, joints = check.integer("most", most, minimum=1), plant.joints
     rigid = 1.4 * rigid_periods(plant, start[:, joints], goal[:, joints]) / np.sqrt(own.torque)
     high = np.minimum(rigid, most).astype(np.int64) + 4
 
@@ -329,7 +342,7 @@ class TipPath:
 
 
 def follow(
-    plant: Dynamics, start: Array, path: Array, bounds: Bounds | None = None, *, weight: float = 1e6,
+    plant: Dynamics, start: ArrayLike, path: ArrayLike, bounds: Bounds | None = None, *, weight: float = 1e6,
     iterations: int = 100,
 ) -> Motion:  # fmt: skip
     """Torques that lead the tip along a path: feedforward for what bends.
@@ -340,9 +353,13 @@ def follow(
             the squared torques over their limits; the larger, the nearer the tip keeps to the path.
     Returns a motion; `missed` is of the bounds alone.
     """
-    own, total, n = _kept_by(plant, bounds, start=start), len(path) - 1, len(start)
-    if path.shape != (total + 1, n, 2):
-        raise check.InvalidValue("shape of path", path.shape, f"must be (T + 1, {n}, 2)")
+    start = check.array("start", start, ("n", plant.size), STATES)
+    own, n = _kept_by(plant, bounds, start=start), len(start)
+    path = check.array("path", path, ("T + 1", n, 2), "a row of tips a control instant, m about the root")
+    total, weight = len(path) - 1, check.number("weight", weight, "1/m^2", above=0.0)
+    iterations = check.integer("iterations", iterations, minimum=1)
+    if not total:
+        raise check.InvalidValue("shape of path", path.shape, f"must be (T + 1, {n}, 2), T at least 1")
     limits, controls = within(plant, own, n, total), np.zeros((total, n, plant.n_inputs))
     for share in (1e-4, 1e-2, 1.0):
         cost = TipPath(plant, path, share * weight)
