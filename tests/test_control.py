@@ -211,6 +211,28 @@ def test_errors_say_what_is_allowed(reach):
         control.make("time_optimal", reach, tuned_gains("time_optimal", "slew"))
 
 
+@pytest.mark.parametrize("name", control.NAMES)
+def test_what_controllers_cannot_read_is_told(name):
+    env = gym.make(IDS["slew"], **({"observation": "measured"} if name == "lqg" else {}))
+    controller, again = (control.make(name, env) for _ in range(2))
+    size = controller.setup.size
+    observation = np.full(size, 0.1, np.float32)
+    with pytest.raises(RuntimeError, match=r"call the controller's reset\(observation\) first"):
+        controller.act(observation)
+    with pytest.raises(ValueError, match=rf"^shape of observation = \(3,\): must be \(n, {size}\)"):
+        controller.reset(observation[:3])
+    for value in (np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"^observation\[0\] = .*must be finite numbers"):
+            controller.reset(np.where(np.arange(size) == size - 1, value, observation))
+    controller.reset(observation)
+    again.reset(observation)
+    for wrong in (observation * np.nan, observation[None, None], np.tile(observation, (2, 1))):
+        with pytest.raises(ValueError, match=r"^(observation\[0\]|shape of observation|rows of observation = 2)"):
+            controller.act(wrong)
+    assert np.array_equal(controller.act(observation), again.act(observation))  # remembered is what was before
+    env.close()
+
+
 # ------------------------------------------------------------------ policies without a learning library
 def small_policy(setup, **changes):
     rng = np.random.default_rng(0)
@@ -236,6 +258,8 @@ def test_a_policy_file_gives_the_same_actions(tmp_path: Path, slew):
     assert np.array_equal(again.act(observation), policy.act(observation))
     assert policy.act(observation[0]).shape == (1,)
     assert np.abs(policy.act(100.0 * observation)).max() <= 1.0
+    with pytest.raises(ValueError, match=r"^shape of observation = \(3,\): must be \(n, 6\)"):
+        policy.act(observation[0, :3])
 
 
 def test_policies_that_do_not_fit_are_refused(tmp_path: Path, slew, reach):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -11,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import validation as check
 from ..parameters import Arm
 from ..sensors import Sensors
 from .kinematics import goal_angles, rigid_inertia, target_in_hub_frame, wrapped
@@ -105,7 +107,7 @@ class Reader:
     """
 
     def __init__(self, setup: Setup, who: str = "a controller", bends: bool = True, goals: bool = False) -> None:
-        self.scales = np.asarray(setup.scales)
+        self.scales, self.size = np.asarray(setup.scales), setup.size
         place = {name: i for i, name in enumerate(setup.names)}
         joints = setup.arm.joint_names
         deflections, deflection_rates = (setup.arm.by_link(f"tip_deflection{rate}") for rate in ("", "_rate"))
@@ -128,8 +130,13 @@ class Reader:
         self._gauges = [place[name] for name in setup.names if name.startswith("strain_gauge_")]
 
     def __call__(self, observation: NDArray[np.floating]) -> Signals:
-        newest = np.atleast_2d(np.asarray(observation, dtype=np.float64))[:, -len(self.scales) :]
-        values = newest * self.scales
+        seen = np.atleast_2d(np.asarray(observation, dtype=np.float64))
+        if seen.ndim != 2 or seen.shape[1] != self.size:
+            raise check.InvalidValue("shape of observation", np.shape(observation), f"must be (n, {self.size})")
+        values = seen[:, -len(self.scales) :] * self.scales
+        if not math.isfinite(np.vdot(values, values)):  # quicker than to look at each
+            row = np.flatnonzero(~np.isfinite(values).all(axis=1))[0]
+            raise check.InvalidValue(f"observation[{row}]", seen[row], "must be finite numbers")
         angles = np.arctan2(values[:, self._sin], values[:, self._cos])
         return Signals(
             angles, values[:, self._rates], values[:, self._bends], values[:, self._bend_rates], values[:, self._error],
@@ -166,8 +173,14 @@ class Controller(ABC):
         self.begin(signals, self.goal - self._angles)
 
     def act(self, observation: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Actions in [-1, 1], (n, N), or (N,) for a single observation."""
+        """Actions in [-1, 1], (n, N), or (N,) for a single observation.
+
+        Raises ValueError for an observation of another size or number than `reset` had, or that is not finite (what is
+        remembered then is as before), and RuntimeError before any.
+        """
         signals = self.read(observation)
+        if len(signals.angles) != len(self.goal):
+            raise self._not_begun(len(signals.angles))
         if signals.to_go is not None:
             to_go = signals.to_go
         elif self.setup.task == "slew":
@@ -180,6 +193,12 @@ class Controller(ABC):
         self.step += 1
         actions: NDArray[np.float32] = (torques / self.limits).astype(np.float32)
         return actions if np.ndim(observation) == 2 else actions.reshape(-1)
+
+    def _not_begun(self, count: int) -> Exception:
+        begun = len(self.goal)
+        if not begun:
+            return RuntimeError("No episode has begun: call the controller's reset(observation) first")
+        return check.InvalidValue("rows of observation", count, f"must be {begun}, as reset had")
 
     def begin(self, signals: Signals, to_go: Array) -> None:  # noqa: B027
         """Start of an episode; to_go (n, N): goal minus joint angles, rad."""

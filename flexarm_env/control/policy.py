@@ -47,6 +47,7 @@ class NumpyPolicy:
         self.meta, self.weights, self.normaliser = dict(meta), weights, normaliser
         self.ratio: NDArray[np.float64] | None = None  # the environment's scales over the policy's own
         self._layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in weights]
+        self._taken = weights[0][0].shape[:1]
 
     def reset(self, observation: NDArray[np.floating]) -> None:
         """Nothing to remember."""
@@ -54,9 +55,12 @@ class NumpyPolicy:
     def act(self, observation: NDArray[np.floating]) -> Array32:
         """Actions in [-1, 1], (n, N), or (N,) for a single observation.
 
-        Worked out in float64, so that an action does not depend on how many are asked for together.
+        Worked out in float64, so that an action does not depend on how many are asked for together. ValueError for
+        observations of another size.
         """
         x = np.asarray(observation, np.float64)
+        if x.shape[-1:] != self._taken:
+            raise check.InvalidValue("shape of observation", x.shape, f"must be (n, {self._taken[0]})")
         if self.ratio is not None:
             x = x * self.ratio
         if self.normaliser is not None:
