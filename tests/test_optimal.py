@@ -203,6 +203,7 @@ def test_what_does_not_fit_the_arm_is_refused(strip):
         (lambda: optimal.follow(strip, start, path[:, 0]), r"^shape of path = \(41, 2\): must be \(T \+ 1, 1, 2\)"),
         (lambda: optimal.follow(strip, start, path * np.inf), r"^path\[0, 0, 0\] = inf"),
         (lambda: strip.rest([[0.0, 1.0]]), r"^shape of joint angles = \(1, 2\): must be \(m, 1\)"),
+        (lambda: optimal.least_time(strip, start, goal, (1.0,)), r"^bounds = \(1\.0,\): must be a Bounds"),
         (lambda: dynamics("stripe", DT), r"^arm = 'stripe': must be one of .*\"strip\""),
         (lambda: dynamics(STRIP, np.nan), r"^period = nan: must be a positive number \(s\)"),
         (lambda: dynamics(STRIP, DT, 2), r"^nodes = 2"),
@@ -210,7 +211,7 @@ def test_what_does_not_fit_the_arm_is_refused(strip):
     ]:
         with pytest.raises(ValueError, match=message):
             made()
-    assert dynamics("strip", DT).arm == strip.arm
+    assert dynamics("strip", DT) is strip
     assert optimal.least_effort(strip, start.tolist(), goal.tolist(), 60).found.all()
 
 

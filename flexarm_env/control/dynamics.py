@@ -228,9 +228,13 @@ class Grid:
         return A, B
 
 
-@lru_cache(maxsize=16)
 def dynamics(arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4) -> Dynamics:
     """`Dynamics`, one for all that ask for the same."""
+    return _one_for_all(arms.resolve(arm), check.number("period", period, "s", above=0.0), nodes)
+
+
+@lru_cache(maxsize=16)
+def _one_for_all(arm: Arm, period: float, nodes: int) -> Dynamics:
     return Dynamics(arm, period, nodes)
 
 

@@ -181,7 +181,7 @@ def _throughout(
 
 def _kept_by(plant: Dynamics, bounds: Bounds | None, **states: Array) -> Bounds:
     """The bounds. InvalidValue unless each of the states (n, S), by what they are, keeps them."""
-    own = bounds or Bounds()
+    own = check.instance("bounds", Bounds() if bounds is None else bounds, Bounds)
     for what, x in states.items():
         for one in within(plant, own, len(x), 0):
             outside = np.flatnonzero(one.violation(x[None]) > TOLERANCE)
