@@ -47,7 +47,6 @@ class NumpyPolicy:
         self.meta, self.weights, self.normaliser = dict(meta), weights, normaliser
         self.ratio: NDArray[np.float64] | None = None  # the environment's scales over the policy's own
         self._layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in weights]
-        self._taken = weights[0][0].shape[:1]
 
     def reset(self, observation: NDArray[np.floating]) -> None:
         """Nothing to remember."""
@@ -59,8 +58,9 @@ class NumpyPolicy:
         observations of another size.
         """
         x = np.asarray(observation, np.float64)
-        if x.shape[-1:] != self._taken:
-            raise check.InvalidValue("shape of observation", x.shape, f"must be (n, {self._taken[0]})")
+        taken = len(self._layers[0][0])
+        if x.shape[-1:] != (taken,):
+            raise check.InvalidValue("shape of observation", x.shape, f"must be (n, {taken})")
         if self.ratio is not None:
             x = x * self.ratio
         if self.normaliser is not None:

@@ -10,7 +10,6 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from .. import validation as check
-from ..envs.vector import VectorArmEnv
 from .period import Array, Jacobians, Periods, checked
 
 
@@ -57,7 +56,8 @@ class Arms(Periods):
     ) -> None:
         kind: Any = gym.spec(id).vector_entry_point
         kind = load_env_creator(kind) if isinstance(kind, str) else kind
-        if kind is None or (isinstance(kind, type) and not issubclass(kind, VectorArmEnv)):
+        made_of = [base.__module__.partition(".")[0] for base in getattr(kind, "__mro__", ())]
+        if kind is None or (made_of and __name__.partition(".")[0] not in made_of):
             raise check.InvalidValue("id", id, "must be of an environment of this package, such as FlexibleArm-v0")
         made: Any = gym.make_vec(
             id, num_envs=check.integer("n", n, minimum=1), threads=threads,
