@@ -39,12 +39,6 @@ REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
 FEW = ("slew-unknown-v1", "slew-geared-v1", "reach-measured-v1")
 """Tasks of the methods that should matter there: those with memory, and those that learn from what was before."""
 
-SMOOTH = (
-    "slew-measured-v1", "slew-unknown-v1", "slew-geared-v1", "slew-limited-v1", "track-fast-v1", "reach-measured-v1",
-    "reach-gravity-v1", "reach-three-v1", "slew-handling-v1", "swing-up-v1", "catch-v1",
-)  # fmt: skip
-"""Tasks that `flexarm_env.derivatives` has: all in which nothing is drawn on the way but noise."""
-
 SECONDS = {"ppo": 60e-6, "gradient": 60e-6, "sac": 1.5e-3, "tqc": 2.5e-3, "recurrent_ppo": 1.2e-3}
 """CPU time of a control period in training, s, roughly: for the plan alone."""
 
@@ -67,7 +61,7 @@ class Method:
 METHODS = (
     *(Method(name) for name in NAMES),
     Method("ppo", 5, "ppo"),
-    Method("gradient", 3, "gradient", SMOOTH),
+    Method("gradient", 3, "gradient"),
     Method("sac", 2, "sac", FEW),
     Method("tqc", 2, "tqc", FEW),
     Method("recurrent_ppo", 2, "recurrent_ppo", FEW),
