@@ -356,3 +356,23 @@ def test_episodes_of_a_randomised_arm_differ(rng: np.random.Generator) -> None:
     one, other = (episode(env, seed, 20, start=0.2, target=0.9) for seed in (0, 1))
     assert_same(one[0][0], other[0][0])
     assert not np.array_equal(one[-1][0], other[-1][0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.7, 1.3])
+def test_a_drawn_stiffness_is_nearly_that_of_an_arm_that_has_it(factor: float) -> None:
+    """The period's correction stays the nominal arm's (theory, 5.3): under full torque 0.12 to 0.15 % of L."""
+    arm = arms.named("strip")
+    link = arm.links[0]
+    link = dataclasses.replace(link, section=dataclasses.replace(link.section, EI=factor * link.section.EI))
+    own = dataclasses.replace(arm, links=(link,))
+
+    def bent(**keywords: Any) -> Any:
+        env = gym.make("FlexibleArm-v0", **keywords)
+        env.reset(seed=0, options={"start": 0.0, "target": 1.0})
+        torques = [1.0] * 20 + [-1.0] * 20 + [0.0] * 160
+        return np.array([env.step(np.array([u], np.float32))[-1]["tip_deflection"] for u in torques])
+
+    true, drawn, made = bent(arm=own, dt=0.02 / 24), bent(randomization={"EI": (factor, factor)}), bent(arm=own)
+    assert abs(made - true).max() < 3e-4
+    assert 5e-4 < abs(drawn - true).max() < 2e-3
