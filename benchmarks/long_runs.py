@@ -37,8 +37,8 @@ LONG = (
     _row("floating frame, rho_inf 0.9 (default)", "floating_frame"),
     _row("floating frame, clamped, 5 segments", "floating_frame", segments=5, frame="root"),
     _row("floating frame, joined by multipliers", "floating_frame", segments=2, frame="root", multipliers=True),
-    _row("modes in 3 segments", "floating_frame", modes=2, segments=3, dt=0.005),
-    _row("modes in 3 clamped segments", "floating_frame", modes=2, segments=3, frame="root", dt=0.005),
+    _row("modes in 3 segments, 0.6 of the torque", "floating_frame", 0.6, modes=2, segments=3, dt=0.005),
+    _row("modes in 3 clamped segments, 0.6 of it", "floating_frame", 0.6, modes=2, segments=3, frame="root", dt=0.005),
     _row("modes (default), 0.15 of the torque", "floating_frame", 0.15, modes=3, segments=1, dt=0.005),
     _row("modes, clamped, 0.15 of the torque", "floating_frame", 0.15, modes=3, segments=1, frame="root", dt=0.005),
 )

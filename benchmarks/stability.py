@@ -2,7 +2,7 @@
 
     python -m benchmarks.stability [--full] [--limit N] [--workers N] [--fresh] [--out FOLDER] [--figures FOLDER]
 
-The default size takes less than ten minutes on two cores; `--full` several times that. Results are kept in
+The default size takes about half an hour of two cores; `--full` more than twice that. Results are kept in
 runs/benchmarks while it runs, so that a run that was stopped goes on where it was. Every case is bounded in time.
 
 A run is silently wrong where its status is "ok" and
@@ -311,7 +311,7 @@ def warm_up() -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run all, write the results; 1 where something was silently wrong or broken."""
     parser = command(__doc__, workers=cores())
-    parser.add_argument("--full", action="store_true", help="about three times the cases, all of them against (ii)")
+    parser.add_argument("--full", action="store_true", help="more than twice the cases, all of them against (ii)")
     parser.add_argument("--limit", type=int, help="only about this many cases")
     parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
     parser.add_argument("--no-long-runs", action="store_true", help="leave the runs of a million steps out")
