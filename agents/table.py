@@ -349,8 +349,8 @@ was chosen on validation episodes. Controllers are tuned by `python -m agents.tu
 (of `zv` and `zvd` too, PD with an input shaper) must leave a gain margin of 6 dB on the linear arm. What such a search
 finds without that rule stands under `no margin`: on two links `zv` then has a loop that is unstable, flips the elbow's
 torque in every period (see its effort), and is no quicker. `two_link` adds to joint controllers (action_mode
-`residual_pd`), which reach every target by themselves; what its training brings is speed. `mpc` plans anew in every
-period on the nominal arm's nonlinear model.
+`residual_pd`), which reach every target by themselves; what its training brings is speed, for which it was paid more
+than others (`configs/ppo/residual.yml`). `mpc` plans anew in every period on the nominal arm's nonlinear model.
 
 Training runs in one thread; where other work shared the machine, CPU times say what it takes on one of its own.
 
