@@ -13,8 +13,9 @@ import gymnasium as gym
 import numpy as np
 
 import flexarm_env  # noqa: F401  (registers the ids)
+from benchmarks.choose_default import WEAK
 from benchmarks.cost_model import arithmetic_numbers, chain
-from flexarm_env.envs.options import DEFAULT_FORMULATION, DEFAULT_OPTIONS
+from flexarm_env.envs.options import DEFAULT_FORMULATION, DEFAULT_OPTIONS, OF_MODES
 
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 
@@ -68,13 +69,16 @@ def single(name: str, env_id: str, **keywords: Any) -> Case:
     return Case(name, make, facts | {"options": keywords})
 
 
-def vector(name: str, env_id: str, n_envs: int, threads: int, **keywords: Any) -> Case:
-    """The native vector environment, NEXT_STEP autoreset; steps in which an arm is only reset do not count."""
+def vector(name: str, env_id: str, n_envs: int, threads: int, share: float = 1.0, **keywords: Any) -> Case:
+    """The native vector environment, NEXT_STEP autoreset; steps in which an arm is only reset do not count.
+
+    share: of the torque limits that random actions go up to.
+    """
 
     def make() -> tuple[Callable[[int], int], Callable[[], None]]:
         env = gym.make_vec(env_id, num_envs=n_envs, threads=threads, **keywords)
         env.action_space.seed(0)
-        actions = [env.action_space.sample() for _ in range(16)]
+        actions = [np.float32(share) * env.action_space.sample() for _ in range(16)]
         env.reset(seed=0)
         state = {"ended": np.zeros(n_envs, np.bool_)}
 
@@ -168,6 +172,19 @@ def own_cases(sizes: tuple[int, ...], threads: tuple[int, ...], formulations: tu
             if case.facts["id"] == env_id:
                 chosen = case.facts["options"].get("formulation", DEFAULT_FORMULATION)
                 case.facts |= {"formulation": chosen, "settings": DEFAULT_OPTIONS[chosen]}
+    return cases
+
+
+def reduced_cases(modes: int, n_envs: int) -> list[Case]:
+    """Both ids, each link a floating frame of so many modes at its default step, under torques within its range."""
+    cases = []
+    for env_id in IDS:
+        for threads in (1, 2):
+            label = f"floating_frame, {modes} modes a link"
+            name = f"{env_id} {label} x {n_envs}, {threads} thread(s)"
+            case = vector(name, env_id, n_envs, threads, WEAK, formulation="floating_frame", modes=modes)
+            case.facts |= {"formulation": label, "settings": {"modes": modes, **OF_MODES}}
+            cases.append(case)
     return cases
 
 
