@@ -1,6 +1,6 @@
 """Best known settling: the episodes that policies are judged on, their torques optimised for the table's own measure.
 
-    python -m agents.best_known                          # both environments: about half an hour of one core
+    python -m agents.best_known                          # both environments: a quarter of an hour of one core
     python -m agents.best_known --only slew --episodes 10
 
 For every episode the fewest control periods are sought after which the tip stays in its band to the end of the episode

@@ -292,7 +292,7 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
         f"### {family.env}: randomised payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
         *short_table("success, median settling", both), "",
-        f"On the converged exact beam (4 cubic elements a link, 1 ms), the same {FEWER_EPISODES} episodes:", "",
+        f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
         "One thing at a time:", "",
         *short_table("policy", own["shifted"]), "",
