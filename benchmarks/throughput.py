@@ -90,7 +90,7 @@ def error(env_id: str, formulation: str, settings: dict[str, Any]) -> str:
     if row is None:
         return "not known"
     shares = [None if row[kind]["99"] is None else f"{row[kind]['99']:.3f} %" for kind in ("random", "bang_bang")]
-    return ", ".join(share or f"out of range in {row['failed']} of 200" for share in shares)
+    return ", ".join(share or f"stopped in {row['failed']} of 200" for share in shares)
 
 
 def page(results: dict[str, Any]) -> str:
