@@ -2,7 +2,7 @@
 
     python -m benchmarks.stability [--full] [--limit N] [--workers N] [--fresh] [--out FOLDER] [--figures FOLDER]
 
-The default size takes about half an hour of two cores; `--full` more than twice that. Results are kept in
+The default size takes a quarter to half an hour of two cores; `--full` more than twice that. Results are kept in
 runs/benchmarks while it runs, so that a run that was stopped goes on where it was. Every case is bounded in time.
 
 A run is silently wrong where its status is "ok" and

@@ -6,7 +6,7 @@ The eight validation scenes against their converged solutions, and the arms of b
 torque against the exact beam on a fine mesh, made here. CPU time is that of the run itself, without compilation, on one
 core, the least of two runs where these are short. Exudyn and PyElastica run the scenes they can hold where they are
 installed; PyElastica, which steps explicitly, for at most 4 s a run (--full: 120 s). The default
-size takes a quarter to half an hour; results are kept in runs/benchmarks while it runs, so that it can be stopped.
+size takes about ten minutes; results are kept in runs/benchmarks while it runs, so that it can be stopped.
 """
 
 from __future__ import annotations
