@@ -1,10 +1,9 @@
 """A compiler of kernels: what the physics says of it is a dozen words (docs: compiler)."""
 
-from .arrays import bare, stack
 from .crew import Crew, OneAtATime, holders, one_at_a_time
-from .decorator import apart, inlined, kernel, uncompiled
-from .dispatch import NONE, NUMBER, TUPLE, Family, by_kind, size
-from .entry import Placed, entry, follow, native
+from .decorator import MODE, UNCOMPILED, apart, inlined, kernel, uncompiled
+from .dispatch import Family
+from .entry import Placed, entry, native
 from .lanes import (
     EIGHT,
     SINGLE,
@@ -14,6 +13,7 @@ from .lanes import (
     arms,
     change,
     dual,
+    follow,
     largest,
     load,
     maximum,
@@ -22,23 +22,24 @@ from .lanes import (
     round_even,
     select_lt,
     sincos,
+    size,
     splat,
     square_root,
+    stack,
     store,
     with_slope,
 )
-from .private import MODE, WHY, selfcheck
 from .reverse import pulled
-from .trace import aligned_frame, traced, unrolled
+from .trace import traced, unrolled
 
 __all__ = [
     "kernel", "inlined", "apart", "uncompiled",
     "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "with_slope",
     "load", "store", "splat", "pick", "place",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
-    "bare", "stack", "unrolled", "traced", "pulled", "aligned_frame",
-    "Family", "by_kind", "size", "NONE", "NUMBER", "TUPLE",
+    "stack", "unrolled", "traced", "pulled",
+    "Family", "size",
     "Placed", "entry", "follow", "native",
     "Crew", "OneAtATime", "one_at_a_time", "holders",
-    "MODE", "WHY", "selfcheck",
+    "MODE", "UNCOMPILED",
 ]  # fmt: skip

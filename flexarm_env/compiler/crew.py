@@ -21,14 +21,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from .arrays import pointer
+from .arithmetic import whole
 from .decorator import kernel
 from .entry import FAILED
-from .private import MODE
+from .kinds import WORD, Integer, Truth
+from .words import WORDS
 
 BOARD = 64
 """int64 numbers of a board: one for each worker, and the last for the caller."""
@@ -59,65 +58,63 @@ _BITS = 21
 _MASK = 2**_BITS - 1
 
 
-@intrinsic
-def _fresh(typingctx: Any, board: Any, k: Any) -> Any:
+def _fresh(board: Any, k: int) -> int:
     """board[k], read from memory each time, and what was written before it."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = builder.gep(pointer(context, builder, signature.args[0], args[0]), [args[1]], inbounds=True)
-        return builder.load_atomic(place, "seq_cst", 8)
-
-    return types.int64(board, types.intp), codegen
+    return int(board[k])
 
 
-@intrinsic
-def _publish(typingctx: Any, board: Any, k: Any, value: Any) -> Any:
+def _publish(board: Any, k: int, value: int) -> None:
     """board[k] = value, for another thread to see after all that was written before."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = builder.gep(pointer(context, builder, signature.args[0], args[0]), [args[1]], inbounds=True)
-        builder.store_atomic(args[2], place, "seq_cst", 8)
-        return context.get_dummy_value()
-
-    return types.void(board, types.intp, types.int64), codegen
+    board[k] = value
 
 
-@intrinsic
-def _swapped(typingctx: Any, board: Any, k: Any, old: Any, new: Any) -> Any:
+def _swapped(board: Any, k: int, old: int, new: int) -> bool:
     """Whether board[k] was `old`; it then is `new`."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = builder.gep(pointer(context, builder, signature.args[0], args[0]), [args[1]], inbounds=True)
-        return builder.extract_value(builder.cmpxchg(place, args[2], args[3], "seq_cst", "seq_cst"), 1)
-
-    return types.boolean(board, types.intp, types.int64, types.int64), codegen
+    raise NotImplementedError("threads share work in compiled code alone")
 
 
-@intrinsic
-def _added(typingctx: Any, board: Any, k: Any, value: Any) -> Any:
+def _added(board: Any, k: int, value: int) -> int:
     """board[k] + value, which board[k] then is."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = builder.gep(pointer(context, builder, signature.args[0], args[0]), [args[1]], inbounds=True)
-        return builder.add(builder.atomic_rmw("add", place, args[2], "seq_cst"), args[2])
-
-    return types.int64(board, types.intp, types.int64), codegen
+    board[k] += value
+    return int(board[k])
 
 
-@intrinsic
-def _called(typingctx: Any, function: Any, address: Any, first: Any, last: Any) -> Any:
-    """What the compiled function of three whole numbers at `function` (see `entry.native`) returns; FAILED: raised."""
+def _called(function: int, address: int, first: int, last: int) -> int:
+    """What the compiled function of three whole numbers at `function` (see `entry.native`) returns."""
+    raise NotImplementedError("threads share work in compiled code alone")
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        if MODE == "whole":
-            from .whole import call_native
 
-            return call_native(builder, args[0], args[1:], FAILED)
-        word = ir.IntType(64)
-        kind = ir.FunctionType(word, [word] * 3)
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+def _at(e: Any, board: Any, k: Any) -> Any:
+    return e.b.gep(board.data, [whole(e.b, k)], inbounds=True)
 
-    return types.int64(types.int64, types.int64, types.int64, types.int64), codegen
+
+def _on_address(e: Any, function: Any, *words: Any) -> Integer:
+    kind = ir.FunctionType(WORD, [WORD] * 3)
+    place = e.b.inttoptr(whole(e.b, function), kind.as_pointer())
+    return Integer(e.b.call(place, [whole(e.b, word) for word in words]))
+
+
+def _exchange(e: Any, board: Any, k: Any, old: Any, new: Any) -> Truth:
+    found = e.b.cmpxchg(_at(e, board, k), whole(e.b, old), whole(e.b, new), "seq_cst", "seq_cst")
+    return Truth(e.b.extract_value(found, 1))
+
+
+def _sum(e: Any, board: Any, k: Any, value: Any) -> Integer:
+    more = whole(e.b, value)
+    return Integer(e.b.add(e.b.atomic_rmw("add", _at(e, board, k), more, "seq_cst"), more))
+
+
+def _write(e: Any, board: Any, k: Any, value: Any) -> None:
+    e.b.store_atomic(whole(e.b, value), _at(e, board, k), "seq_cst", 8)
+
+
+WORDS.update({
+    _fresh: lambda e, board, k: Integer(e.b.load_atomic(_at(e, board, k), "seq_cst", 8)),
+    _publish: _write,
+    _swapped: _exchange,
+    _added: _sum,
+    _called: _on_address,
+})  # fmt: skip
 
 
 @kernel

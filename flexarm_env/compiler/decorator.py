@@ -2,55 +2,116 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import functools
+import os
+import threading
+import warnings
+from collections.abc import Callable, Sequence
+from types import FunctionType
+from typing import Any, ClassVar
 
-import numba
-
-from .private import MODE
-
-OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "forceinline": False}
+from .kinds import Refused
 
 
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile `function` without Python objects, releasing the GIL, kept on disk, IEEE semantics kept.
+def _mode() -> str:
+    """Whether kernels are compiled, or run by Python ("python"), slowly, for a debugger."""
+    chosen = os.environ.get("FLEXARM_COMPILER", "")
+    if chosen not in ("", "llvm", "python"):
+        raise ValueError(f"FLEXARM_COMPILER = {chosen!r}: must be 'llvm' or 'python', or not set (llvm)")
+    if not chosen and os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        warnings.warn("NUMBA_DISABLE_JIT: is FLEXARM_COMPILER=python now", FutureWarning, stacklevel=2)
+        return "python"
+    return chosen or "llvm"
 
-    No fastmath: a lane of a batch and a single arm must agree to the last bit. Division by zero gives an
-    infinity, never an exception, so that a failing arm is a value to be tested and not a crash. Where the
-    compiler is plain (see `private`), nothing is kept on disk: every process compiles anew.
+
+MODE = _mode()
+UNCOMPILED = MODE == "python"
+
+
+class Kernel:
+    """A compiled function: of Python's numbers, of NumPy's arrays, of named tuples of these; see the compiler's page.
+
+    function: the Python function. attributes: of the function in LLVM.
     """
-    if numba.config.DISABLE_JIT:
-        return function
-    compiled = _compiled(function, OPTIONS)
-    if MODE != "plain":
-        compiled.enable_caching()
-    return compiled
+
+    run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # `entry.call`
+    __name__: str
+    __qualname__: str
+
+    def __init__(self, function: Callable[..., Any], attributes: Sequence[str] = ()) -> None:
+        if not isinstance(function, FunctionType):
+            raise Refused(f"@kernel above {function!r}: a kernel is made of a function of Python's (def)")
+        functools.update_wrapper(self, function)
+        self.function, self.attributes = function, tuple(attributes)
+        self.forms: dict[Any, Any] = {}
+
+    def __call__(self, *items: Any, **named: Any) -> Any:
+        if _by_python.now:
+            return self.function(*items, **named)
+        return Kernel.run(self, self.complete(items, named) if named else items)
+
+    def complete(self, items: Sequence[Any], named: dict[str, Any]) -> list[Any]:
+        """All arguments in their order. Refused: one is missing, not known, or given twice."""
+        code, given = self.function.__code__, list(items)
+        names = code.co_varnames[: code.co_argcount]
+        defaults = dict(zip(reversed(names), reversed(self.function.__defaults__ or ()), strict=False))
+        for name in names[len(given) :]:
+            if name not in named and name not in defaults:
+                raise Refused(f"{self.function.__name__}() wants {name!r}")
+            given.append(named[name] if name in named else defaults[name])
+        wrong = [name for name in named if name not in names[len(items) :]]
+        if wrong or len(given) > len(names):
+            more = f", not {wrong[0]!r}" if wrong else ""
+            raise Refused(f"{self.function.__name__}() takes ({', '.join(names)}){more}")
+        return given
+
+    def __get__(self, instance: Any, owner: Any = None) -> Any:
+        return self  # no method: a kernel in a class is the same kernel
+
+    def __reduce__(self) -> str:
+        return self.__qualname__
 
 
-def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    if MODE == "plain":
-        return numba.jit(**options)(function)
-    from .whole import KernelDispatcher
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile `function` for what it is called with, from Python (the interpreter's lock released) and from kernels.
 
-    return KernelDispatcher(function, targetoptions=options | {"no_cfunc_wrapper": True})
+    IEEE numbers and no contraction: a lane of a batch and a single arm must agree to the last bit. Division by zero
+    gives an infinity, never an exception, so that a failing arm is a value to be tested and not a crash.
+    """
+    return function if UNCOMPILED else Kernel(function)
+
+
+class _ByPython(threading.local):
+    """Whether kernels that Python calls are run by Python at this moment, in this thread."""
+
+    now = False
+
+
+_by_python = _ByPython()
 
 
 def uncompiled(function: Any) -> Any:
-    """The Python function behind a kernel, for what is called once."""
-    return getattr(function, "py_func", function)
+    """A kernel, and all that it calls, run by Python: for what is called once, and for what returns arrays."""
+    if not isinstance(function, Kernel):
+        return function
+
+    def run(*items: Any) -> Any:
+        before, _by_python.now = _by_python.now, True
+        try:
+            return function.function(*items)
+        finally:
+            _by_python.now = before
+
+    return run
 
 
-def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+def inlined(function: Callable[..., Any]) -> Any:
     """A kernel that is always written into the kernels that call it: a phase with so many arrays at hand that passing
     them would cost more than what is saved by having its code once."""
-    if numba.config.DISABLE_JIT:
-        return function
-    return _compiled(function, OPTIONS | {"forceinline": True})
+    return function if UNCOMPILED else Kernel(function, ["alwaysinline"])
 
 
 def apart(function: Callable[..., Any]) -> Any:
     """A kernel that is never written into the one that calls it: one that is large and seldom called. Machine code of
     one very large function takes longer to make than that of several."""
-    compiled: Any = kernel(function)
-    compiled.apart = True
-    return compiled
+    return function if UNCOMPILED else Kernel(function, ["noinline"])

@@ -1,101 +1,32 @@
 """A compiled function's whole world behind one whole number: no argument of a call from Python costs more than that.
 
-Handing a NamedTuple of twenty arrays to a compiled function takes microseconds, more than a control period of a small
-arm. `Placed` writes the unpacked tuple, its arrays bare, into a buffer once; `follow` reads it back inside compiled
-code. The Python side keeps buffer and arrays alive and calls the compiled function through `entry`: whole, that skips
-the dispatcher's look at the types; plain, the address brings its type along, and threads call a C function.
+`Placed` writes a named tuple of arrays and numbers into a row of words once; a kernel that begins with
+`p = follow(address)` reads what it needs from there. The Python side keeps words and arrays alive and calls the
+compiled function through `entry`, which is a function of C's that Python calls directly, or by its address (`native`).
+
+Kernels can be called with arguments of all kinds as well (`call`): these are placed for the length of the call.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from itertools import accumulate
+import ctypes
+import struct
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import cfunc, config, typeof, types
-from numba.extending import NativeValue, intrinsic, models, register_model, typeof_impl, unbox
 
-from .arrays import bare_type
-from .private import MODE
+from .decorator import UNCOMPILED, Kernel
+from .kinds import Layout, described_as, words_of
+from .program import Program, program_of
 
 FAILED = -1
-"""What the machine code at an address is taken to have returned where it has raised an error."""
-
-
-class Address(types.Type):  # type: ignore[misc]
-    """Numba type of the address of a placed value of type `target`, which takes so many words of eight bytes."""
-
-    def __init__(self, target: Any, words: int) -> None:
-        self.target, self.words = target, words
-        super().__init__(name=f"Address({target})")
-
-
-@register_model(Address)
-class _AddressModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager: Any, fe_type: Address) -> None:
-        super().__init__(manager, fe_type, ir.IntType(64))
-
-
-@unbox(Address)
-def _unbox_address(typ: Any, obj: Any, c: Any) -> Any:
-    return NativeValue(c.pyapi.long_as_longlong(obj))
-
-
-class PlainAddress:
-    """An address for Numba's dispatcher, which has to be told its type."""
-
-    def __init__(self, word: int, kind: Address) -> None:
-        self._word, self.kind = word, kind
-
-    def __index__(self) -> int:
-        return self._word
-
-
-@typeof_impl.register(PlainAddress)
-def _typeof_address(address: PlainAddress, c: Any) -> Address:
-    return address.kind
-
-
-def _words(value: Any) -> list[int]:
-    """A value as machine code holds it, in words of eight bytes: what is made of an array is bare where `bare` makes it
-    so, and has no owner whose references are counted."""
-    if isinstance(value, tuple):
-        return [word for part in value for word in _words(part)]
-    if isinstance(value, np.ndarray):
-        begin = int(value.__array_interface__["data"][0])
-        if value.ndim == 1 and value.flags.c_contiguous:
-            return [begin, value.size]
-        return [0, 0, value.size, value.itemsize, begin, *value.shape, *value.strides]
-    if value is None:
-        return [0]
-    if isinstance(value, int | np.int64) and not isinstance(value, bool):
-        return [int(value)]
-    if isinstance(value, float):
-        return [int(np.float64(value).view(np.int64))]
-    raise TypeError(f"{type(value).__name__}: a placed value holds arrays, None, int and float")
-
-
-@intrinsic
-def follow(typingctx: Any, address: Any) -> Any:
-    """The value placed at an address, its arrays bare."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = context.get_value_type(address.target)
-        assert context.get_abi_sizeof(kind) == 8 * address.words, address.target
-        return builder.load(builder.inttoptr(args[0], kind.as_pointer()), align=8)
-
-    return address.target(address), codegen
-
-
-if config.DISABLE_JIT:
-    follow = lambda address: address  # noqa: E731 - the value is its own address
+"""What no compiled step returns."""
 
 
 class Placed:
-    """A named tuple of one-dimensional arrays and numbers that compiled code reaches by `address`.
+    """A named tuple of arrays and numbers that compiled code reaches by `address`.
 
     Its arrays may be written to; to put another in the place of one, there is `replace`.
     """
@@ -103,66 +34,100 @@ class Placed:
     def __init__(self, value: Any) -> None:
         self.value = value  # keeps the arrays alive
         self.address: Any = value
-        if config.DISABLE_JIT:
+        if UNCOMPILED:
             return
-        parts = [_words(part) for part in value]
-        self._buffer = np.array([word for part in parts for word in part], np.int64)
-        self._places = dict(zip(value._fields, accumulate(map(len, parts), initial=0), strict=False))
-        self.kind = Address(bare_type(typeof(value)), len(self._buffer))
-        word = int(self._buffer.ctypes.data)
-        self.address = word if MODE == "whole" else PlainAddress(word, self.kind)
+        self.layout = Layout.of(value)
+        self._words = np.array(words_of(value), np.int64)
+        self.address = int(self._words.ctypes.data)
         self._held: dict[str, Any] = {}
 
     def replace(self, name: str, array: Any) -> None:
         """Put a contiguous array of the same type and shape in the place of the value's array `name`."""
-        if config.DISABLE_JIT:
+        if UNCOMPILED:
             self.address = self.value = self.value._replace(**{name: array.reshape(-1)})
             return
         self._held[name] = array
-        self._buffer[self._places[name]] = array.__array_interface__["data"][0]  # a bare array begins with its address
+        self._words[self.layout.parts[name][1]] = array.__array_interface__["data"][0]  # where an array's words begin
 
 
-def entry(function: Any, placed: Placed, *arguments: Any) -> Callable[..., Any]:
-    """The compiled form of `function(address, *arguments)`; later calls must bring the same types (nothing checks)."""
-    if config.DISABLE_JIT or MODE == "plain":
-        return function
-    return _form(function, placed, arguments)[0]
+def entry(function: Any, placed: Placed, *arguments: int) -> Callable[..., Any]:
+    """The compiled form of `function(address, *arguments)`, at most two whole numbers; it returns one."""
+    return function if UNCOMPILED else _direct(function, placed, arguments).call
 
 
-def native(function: Any, placed: Placed, *arguments: Any) -> int:
-    """Where the machine code of the same function of whole numbers begins; 0 where nothing is compiled."""
-    if config.DISABLE_JIT:
-        return 0
-    if MODE == "plain":
-        return _c_function(function, placed.kind, len(arguments))
-    return _form(function, placed, arguments)[1]
+def native(function: Any, placed: Placed, *arguments: int) -> int:
+    """Where the machine code of the same function begins; 0 where nothing is compiled."""
+    return 0 if UNCOMPILED else _direct(function, placed, arguments).address
 
 
-def _form(function: Any, placed: Placed, arguments: tuple[Any, ...]) -> tuple[Callable[..., Any], int]:
-    from .whole import form
-
-    return form(function, (placed.kind, *(typeof(argument) for argument in arguments)))
-
-
-@cache
-def _c_function(function: Any, kind: Address, count: int) -> int:
-    """The address of a C function of whole numbers that calls function(address, first, last)."""
-    assert count == 2
-
-    @intrinsic
-    def address(typingctx: Any, word: Any) -> Any:
-        return kind(types.int64), lambda context, builder, signature, args: args[0]
-
-    def guarded(word, first, last):
-        try:
-            return function(address(word), first, last)
-        except Exception:
-            return FAILED
-
-    made = cfunc(types.int64(types.int64, types.int64, types.int64), error_model="numpy")(guarded)
-    _kept.append(made)
-    return int(made.address)
+def _direct(kernel: Kernel, placed: Placed, arguments: tuple[int, ...]) -> Program:
+    key = ("direct", placed.layout, len(arguments))
+    if key not in kernel.forms:
+        shapes = [("placed", placed.layout), *["integer" for _ in arguments]]
+        kernel.forms[key] = program_of(kernel, shapes, direct=True)
+    found: Program = kernel.forms[key]
+    return found
 
 
-_kept: list[Any] = []
-"""C functions live as long as the process."""
+class _Kept(OrderedDict[int, tuple[Any, Placed]]):
+    """Named tuples that have been placed, the last ones; by identity, which lasts as long as they are kept."""
+
+    LIMIT = 256
+
+    def place(self, value: Any) -> Placed:
+        found = self.get(id(value))
+        if found is None:
+            found = self[id(value)] = value, Placed(value)
+            while len(self) > self.LIMIT:
+                try:
+                    self.popitem(last=False)
+                except KeyError:  # another thread was quicker
+                    break
+        return found[1]
+
+
+_kept = _Kept()
+
+
+def call(kernel: Kernel, items: Sequence[Any]) -> Any:
+    """A kernel's result for arguments of any kind that kernels take. TypeError: another kind."""
+    shapes: list[Any] = []
+    letters, values, held = "", [], []
+    for k, item in enumerate(items):
+        cls = type(item)
+        if cls is float:
+            shapes.append("number")
+            letters += "d"
+            values.append(item)
+        elif cls is int:
+            shapes.append("integer")
+            letters += "q"
+            values.append(item)
+        elif isinstance(item, tuple) and hasattr(item, "_fields"):
+            placed = _kept.place(item)
+            held.append(placed)
+            shapes.append(("placed", placed.layout))
+            letters += "q"
+            values.append(placed.address)
+        else:
+            shape, _ = described_as(item, f"argument {k + 1} of {kernel.__name__}()")
+            shapes.append(shape)
+            more = words_of(item)
+            letters += "q" * len(more)
+            values += more
+    key = tuple(shapes)
+    form = kernel.forms.get(key)
+    if form is None:
+        form = kernel.forms[key] = program_of(kernel, shapes, direct=False)
+    room = ctypes.create_string_buffer(8 * (len(values) + form.words))
+    try:
+        struct.pack_into(letters, room, 0, *values)
+    except struct.error:
+        big = next(x for x in values if isinstance(x, int) and not -(2**63) <= x < 2**63)
+        raise OverflowError(f"{kernel.__name__}({big}): a whole number has 64 bits") from None
+    address = ctypes.addressof(room)
+    form.call(address, address + 8 * len(values), 0)
+    return form.result(room, 8 * len(values)) if form.result is not None else None
+
+
+Kernel.run = call

@@ -9,17 +9,15 @@ reads is added. The arrays themselves stay as they are.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba import config, types
-from numba.extending import intrinsic
 
 from . import lanes, symbols
+from .decorator import UNCOMPILED
 from .symbols import DOUBLE, Value
-from .trace import Slots, Tracer
+from .trace import Slots, Straight, Tracer
 
 Pull = tuple[Any, Callable[[Value], Value]]
 
@@ -180,8 +178,8 @@ class _Kept:
 class _Backward(Tracer):
     """Functions of lanes that are taped."""
 
-    def __init__(self, builder: Any, lane: Any) -> None:
-        super().__init__(builder, lane)
+    def __init__(self, writer: Any, lane: tuple[int, ...]) -> None:
+        super().__init__(writer, lane)
         self.tape = tape = Tape()
         self.words[lanes.select_lt] = lambda *items: tape.select_lt(*(self.value(x) for x in items))
         self.words[lanes.absolute] = tape.absolute
@@ -198,35 +196,29 @@ def _wrapped(tape: Tape, item: Any, bar: Slots | None, all_kept: list[_Kept]) ->
     return item
 
 
+class Pulled(Straight):
+    """A kernel backwards."""
+
+    def __init__(self, function: Any, names: tuple[str, ...]) -> None:
+        super().__init__(function)
+        self._bars = names
+        self.__name__ += "_pulled"
+
+    def written(self, writer: Any, items: list[Any]) -> None:
+        count = len(self.names)
+        tracer = _Backward(writer, items[self.names.index("lane")])
+        symbols_of = [tracer.symbol(item) for item in items]
+        bars, kept = dict(zip(self._bars, symbols_of[count:], strict=True)), list[_Kept]()
+        pairs = zip(self.names, symbols_of[:count], strict=True)
+        given = [_wrapped(tracer.tape, item, bars.get(name), kept) for name, item in pairs]
+        tracer.on_symbols(self.function)(*given)
+        for array in kept:
+            array.give()
+        tracer.tape.sweep()
+        for array in kept:
+            array.collect()
+
+
 def pulled(function: Any, names: tuple[str, ...]) -> Any:
     """See above. names: arrays among the function's own arguments."""
-    if config.DISABLE_JIT:
-        return function
-    source = getattr(function, "py_func", function)
-    own = list(inspect.signature(source).parameters)
-    lane, count = own.index("lane"), len(own)
-
-    def typed(typingctx: Any, *kinds: Any) -> Any:
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            tracer = _Backward(builder, lanes.lane_type(len(signature.args[lane])))
-            items = [tracer.symbol(context, k, x) for k, x in zip(signature.args, args, strict=True)]
-            bars, kept = dict(zip(names, items[count:], strict=True)), list[_Kept]()
-            given = [
-                _wrapped(tracer.tape, item, bars.get(name), kept) for name, item in zip(own, items[:count], strict=True)
-            ]
-            tracer.on_symbols(function)(*given)
-            for array in kept:
-                array.give()
-            tracer.tape.sweep()
-            for array in kept:
-                array.collect()
-            return context.get_dummy_value()
-
-        return types.void(*kinds), codegen
-
-    typed.__name__ = typed.__qualname__ = f"{source.__name__}_pulled"
-    typed.__module__, typed.__doc__ = source.__module__, source.__doc__
-    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    words = ["typingctx", *own, *(f"{name}_bar" for name in names)]
-    typed.__signature__ = inspect.Signature([inspect.Parameter(word, kind) for word in words])  # type: ignore[attr-defined]
-    return intrinsic(typed)
+    return function if UNCOMPILED else Pulled(function, names)

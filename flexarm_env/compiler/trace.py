@@ -15,29 +15,23 @@ plain numbers.
 from __future__ import annotations
 
 import inspect
-import sys
 import types as python
 from collections.abc import Callable, Hashable, Iterator
 from typing import Any
 
 from llvmlite import ir
-from numba import config, types
-from numba.extending import intrinsic, is_jitted
 
 from . import lanes, symbols
-from .arrays import BareType, pointer, stack
-from .dispatch import call_chosen, size, take_name
+from .decorator import UNCOMPILED, Kernel
+from .kinds import Array, Record, Refused, Stored, is_static, is_tuple
 from .symbols import DOUBLE, Value, vector
-
-_SOURCES: dict[Any, Any] = {}
-"""What stands for a traced function in kernels, and the function."""
 
 
 class Slots:
     """An array at run time: `slots[k]` is its k-th number, k known at compile time."""
 
-    def __init__(self, builder: Any, data: Any) -> None:
-        self.builder, self.data = builder, data
+    def __init__(self, builder: Any, array: Array) -> None:
+        self.builder, self.array, self.data = builder, array, array.data
 
     def address(self, k: int, count: int) -> Any:
         """Where the k-th `count` numbers lie."""
@@ -55,6 +49,7 @@ class Slots:
 
     def put(self, k: int, value: Value, count: int, tangents: int) -> None:
         """Write element k."""
+        self.array.written()
         for part, x in enumerate(value.parts(count, tangents)):
             self.builder.store(x, self.address(k * (1 + tangents) + part, count), align=8)
 
@@ -62,8 +57,9 @@ class Slots:
 class Tracer:
     """What the functions of lanes.py are on symbols, for lanes of one type."""
 
-    def __init__(self, builder: Any, lane: Any) -> None:
-        self.builder, (self.count, self.tangents) = builder, lanes.shape(lane)
+    def __init__(self, writer: Any, lane: tuple[int, ...]) -> None:
+        self.writer, self.builder = writer, writer.b
+        self.count, self.tangents = lanes.shape(len(lane))
         self.words: dict[Any, Any] = {
             lanes.load: self.load,
             lanes.store: self.store,
@@ -76,9 +72,8 @@ class Tracer:
             lanes.alone: lambda x: x.alone,
             lanes.change: symbols.change,
             lanes.with_slope: symbols.with_slope,
-            stack: lambda lane, sizes: [None] * len(sizes),
-            size: lambda n: len(n) if isinstance(n, tuple) else n,
-            aligned_frame: lambda lane: None,
+            lanes.stack: lambda lane, sizes: [None] * len(sizes),
+            lanes.size: lambda n: len(n) if isinstance(n, tuple) else n,
         }
 
     def value(self, x: Any) -> Value:
@@ -99,8 +94,8 @@ class Tracer:
             return self.words[function]
         if hasattr(function, "choice"):
             return lambda *args: self.on_symbols(function.choice(*args))(*args)
-        source = _SOURCES.get(function, function)
-        source = getattr(source, "py_func", source)
+        source = _plain(function)
+        self.writer.module.used.setdefault(source, set()).update(_reads(source))
         scope = dict(source.__globals__)
         copy = python.FunctionType(source.__code__, scope, source.__name__, source.__defaults__, source.__closure__)
         self.words[function] = copy
@@ -113,26 +108,19 @@ class Tracer:
         if not callable(item) or not isinstance(item, Hashable):
             return False
         own = isinstance(item, python.FunctionType) and item.__module__ == module
-        return own or item in self.words or item in _SOURCES or is_jitted(item) or hasattr(item, "choice")
+        return own or item in self.words or isinstance(item, Straight | Kernel) or hasattr(item, "choice")
 
-    def symbol(self, context: Any, kind: Any, value: Any) -> Any:
-        """What stands for an argument of a Numba type."""
-        if isinstance(kind, types.BaseTuple):
-            if all(isinstance(k, types.Integer) for k in kind):
-                return (0,) * len(kind)
-            parts = [self.symbol(context, k, self.builder.extract_value(value, i)) for i, k in enumerate(kind)]
-            if not isinstance(kind, types.BaseNamedTuple):
-                return tuple(parts)
-            fields = dict(zip(kind.fields, parts, strict=True))
-            return python.SimpleNamespace(**fields, instance_class=kind.instance_class)
-        if isinstance(kind, BareType | types.Array):
-            known = kind.dtype == types.float64
-            return Slots(self.builder, pointer(context, self.builder, kind, value)) if known else None
-        if isinstance(kind, types.Float | lanes.LanesType):
-            return lanes.symbol(context, self.builder, kind, value)
-        if isinstance(kind, types.Optional):
-            raise TypeError(f"{kind}: whether it is None must be known when the kernel is written out")
-        return None
+    def symbol(self, item: Any) -> Any:
+        """What stands for an item of the calling kernel's; None: a whole number, or an array of others than float64."""
+        if isinstance(item, Array):
+            return Slots(self.builder, item) if item.letter == "f" else None
+        if isinstance(item, Record | Stored):
+            values = map(self.symbol, self.writer.parts(item))
+            names = item.instance_class._fields  # type: ignore[attr-defined]
+            return python.SimpleNamespace(**dict(zip(names, values, strict=True)), instance_class=item.instance_class)
+        if is_tuple(item):
+            return tuple(map(self.symbol, item))
+        return item if isinstance(item, Value) or is_static(item) else None
 
 
 def _names(code: Any) -> Iterator[str]:
@@ -143,93 +131,65 @@ def _names(code: Any) -> Iterator[str]:
             yield from _names(inner)
 
 
-def _straight(function: Any, lane: int, result: Callable[[Any, int], Any]) -> Any:
-    """The intrinsic that traces a function. lane: place of that argument; result: its type from kinds and lanes."""
-
-    def typed(typingctx: Any, *kinds: Any) -> Any:
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            held = lanes.lane_type(len(signature.args[lane]))
-            tracer = Tracer(builder, held)
-            symbols = [tracer.symbol(context, k, x) for k, x in zip(signature.args, args, strict=True)]
-            values = tracer.on_symbols(function)(*symbols)
-            if signature.return_type == types.void:
-                return context.get_dummy_value()
-            return context.make_tuple(builder, signature.return_type, [lanes.number(held, x) for x in values])
-
-        return result(kinds, len(kinds[lane]))(*kinds), codegen
-
-    source = getattr(function, "py_func", function)
-    typed.__name__ = typed.__qualname__ = source.__name__
-    typed.__module__, typed.__doc__ = source.__module__, source.__doc__
-    first = inspect.Parameter("typingctx", inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    parameters = (first, *inspect.signature(source).parameters.values())
-    typed.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # which Numba goes by
-    made = intrinsic(typed)
-    _SOURCES[made] = function
-    return made
+def _reads(function: Any) -> Iterator[str]:
+    """Global names that a function may read, `constants.PI` too."""
+    names, scope = set(_names(function.__code__)), function.__globals__
+    for name in names & scope.keys():
+        yield name
+        if isinstance(scope[name], python.ModuleType | type):
+            yield from (f"{name}.{part}" for part in names if hasattr(scope[name], part))
 
 
-def traced(results: Callable[[int], int]) -> Callable[[Any], Any]:
-    """`results(p)`: how many lanes a function with an argument `order` of p zeros returns, in a tuple; 0: nothing."""
+def _plain(function: Any) -> Any:
+    """The Python function behind a kernel, or behind straight-line code."""
+    while isinstance(function, Straight | Kernel):
+        function = function.function
+    return function
 
-    def decorate(function: Any) -> Any:
-        if config.DISABLE_JIT:
-            return function
-        names = list(inspect.signature(function).parameters)
-        order = names.index("order")
 
-        def result(kinds: Any, count: int) -> Any:
-            n = results(len(kinds[order]))
-            return types.UniTuple(lanes.lane_type(count), n) if n else types.void
+class Straight:
+    """A function that is written out where kernels call it.
 
-        return _straight(function, names.index("lane"), result)
+    when: for arguments, whether it is; otherwise `function`, a kernel, is called.
+    """
 
-    return decorate
+    def __init__(self, function: Any, when: Callable[[dict[str, Any], Any], bool] | None = None) -> None:
+        self.function, self._when = function, when
+        self.names = list(inspect.signature(_plain(function)).parameters)
+        self.__name__ = _plain(function).__name__
+        self.__module__, self.__doc__ = function.__module__, function.__doc__
+
+    def __call__(self, *items: Any) -> Any:
+        return self.function(*items)
+
+    def written(self, writer: Any, items: list[Any]) -> Any:
+        """The function's code in the calling kernel; what it returns."""
+        given = dict(zip(self.names, items, strict=True))
+        if self._when is not None and not self._when(given, writer):
+            return writer.module.call(writer, self.function, items, {})
+        tracer = Tracer(writer, given["lane"])
+        found = tracer.on_symbols(self)(*map(tracer.symbol, items))
+        if found is None:
+            return None
+        values = (tracer.value(x).parts(tracer.count, tracer.tangents) for x in found)
+        wide = ([Value(writer.b, part, tracer.count) for part in parts] for parts in values)
+        return tuple(first.having(tangents) for first, *tangents in wide)
+
+
+def traced(function: Any) -> Any:
+    """Straight-line code throughout."""
+    return function if UNCOMPILED else Straight(function)
 
 
 def unrolled(function: Any) -> Any:
     """Straight-line code of a kernel that returns nothing and has arguments `lane` and `model`, sizes permitting."""
-    if config.DISABLE_JIT:
+    if UNCOMPILED:
         return function
-    names = list(inspect.signature(function.py_func).parameters)
-    model = names.index("model")
-    straight = _straight(function, names.index("lane"), lambda kinds, count: types.void)
 
-    def chosen(kinds: Any) -> Any:
-        n = kinds[model][kinds[model].fields.index("n")]
-        return straight if isinstance(n, types.BaseTuple) else function
+    def sized(given: dict[str, Any], writer: Any) -> bool:
+        model = given["model"]
+        if not isinstance(model, Record | Stored):
+            raise Refused(f"{function.__name__}() wants a Model")
+        return is_tuple(writer.field(model, "n"))
 
-    def stand_in(*args: Any) -> None:
-        function(*args)
-
-    name = f"{function.py_func.__name__}_unrolled"
-    take_name(stand_in, name, vars(sys.modules[function.py_func.__module__]))
-    call_chosen(stand_in, chosen)
-    _SOURCES[stand_in] = function
-    return stand_in
-
-
-@intrinsic
-def _aligned_frame(typingctx: Any, lane: Any) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        if len(lane) > 1:
-            with builder.goto_entry_block():
-                room = builder.alloca(ir.VectorType(ir.DoubleType(), 8))
-                room.align = 64
-            kind = ir.FunctionType(ir.VoidType(), [room.type])
-            builder.asm(kind, "", "r", [room], side_effect=True)
-        return context.get_dummy_value()
-
-    return types.void(lane), codegen
-
-
-def _no_frame(lane: tuple[int, ...]) -> None:
-    """Begin the calling function's stack frame on a multiple of 64 bytes, where it keeps vectors of lanes.
-
-    Left to itself the compiler aligns the frame to 16 bytes, and each vector that does not fit into the registers is
-    written to and read from two cache lines.
-    """
-
-
-_aligned_frame.__doc__ = _no_frame.__doc__
-aligned_frame = _no_frame if config.DISABLE_JIT else _aligned_frame
+    return Straight(function, sized)

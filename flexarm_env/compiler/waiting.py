@@ -29,18 +29,16 @@ _ended = float("-inf")
 def announced(function: Callable[..., Any]) -> Iterator[None]:
     """While a kernel is compiled: say so, once for kernels that are compiled one after the other."""
     global _ended
-    said = threading.Event()
+    said, begun = threading.Event(), time.monotonic()
 
     def say() -> None:
         said.set()
         what = "environment" if function.__module__.rpartition(".")[2] in ENVIRONMENT else "arm of the scene"
-        LOG.warning(
-            "flexarm_env: compiling the %s, on first use: 5 to 30 s ('flexarm compile' does it beforehand)", what
-        )
+        LOG.warning("flexarm_env: compiling the %s, on first use ('flexarm compile' does it beforehand)", what)
 
     timer = threading.Timer(AFTER, say)
     timer.daemon = True
-    if time.monotonic() - _ended < PAUSE:
+    if begun - _ended < PAUSE:
         said.set()
     else:
         timer.start()
@@ -48,5 +46,9 @@ def announced(function: Callable[..., Any]) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+        if timer.ident is not None:
+            timer.join()
+            if not said.is_set() and time.monotonic() - begun >= AFTER:  # the timer's thread had no turn
+                say()
         if said.is_set():
             _ended = time.monotonic()

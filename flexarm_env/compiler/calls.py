@@ -1,0 +1,73 @@
+"""Calls in kernels: words of the language, named tuples, kernels, choices among kernels, straight-line code."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Hashable
+from typing import Any
+
+from .decorator import Kernel
+from .kinds import Record, Refused, Stored, is_static, leaves, rebuilt, told
+from .trace import Straight
+from .words import WORDS
+
+
+def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) -> Any:
+    """What a call in a kernel comes to."""
+    try:
+        word = WORDS.get(function)
+    except TypeError:
+        word = None
+    if word is not None:
+        if named:
+            raise Refused(f"{function.__name__} takes its arguments by place")
+        try:
+            return word(writer, *items)
+        except TypeError:
+            try:
+                inspect.signature(word).bind(writer, *items)
+            except TypeError:
+                raise Refused(f"{function.__name__} takes not {len(items)} arguments") from None
+            raise
+    if isinstance(function, type) and issubclass(function, tuple) and hasattr(function, "_fields"):
+        return _record(function, items, named)
+    if isinstance(function, Kernel):
+        return _kernel(writer, function, function.complete(items, named))
+    if isinstance(function, Straight):
+        return function.written(writer, items)
+    if hasattr(function, "choice"):
+        return call(writer, function.choice(*items), items, named)
+    if function is isinstance and items[1:] == [tuple]:
+        return isinstance(items[0], tuple | Record | Stored)
+    if is_static(function) and all(map(is_static, items)) and function in (range, tuple, isinstance, hasattr):
+        return function(*items)
+    name = getattr(function, "__name__", told(function))
+    if hasattr(function, "py_func") or hasattr(function, "targetoptions"):
+        raise Refused(f"{name} is compiled by another compiler: a kernel calls kernels, so write @kernel above it")
+    if callable(function):
+        raise Refused(f"{name} is no kernel and no word of the language: write @kernel above it, or call it beforehand")
+    raise Refused(f"{told(function)} is called")
+
+
+def _record(function: Any, items: list[Any], named: dict[str, Any]) -> Record:
+    defaults = function._field_defaults
+    values = list(items)
+    for name in function._fields[len(items) :]:
+        if name not in named and name not in defaults:
+            raise Refused(f"{function.__name__} wants a value for {name!r}")
+        values.append(named.pop(name) if name in named else defaults[name])
+    if named or len(values) > len(function._fields):
+        raise Refused(f"{function.__name__} has the fields {', '.join(function._fields)}")
+    return Record(function, values)
+
+
+def _kernel(writer: Any, kernel: Kernel, items: list[Any]) -> Any:
+    items = [writer.dynamic(item) for item in items]
+    for item in items:
+        if is_static(item) and not isinstance(item, Hashable):
+            raise Refused(f"{told(item)} for {kernel.function.__name__}(): numbers, arrays, None and tuples are given")
+    code, result = writer.module.function(kernel, items)
+    b = writer.b
+    found = b.call(code, [leaf for item in items for leaf in leaves(item)], cconv="fastcc")
+    parts = leaves(result)
+    return rebuilt(result, iter([b.extract_value(found, k) for k in range(len(parts))]), b) if parts else result

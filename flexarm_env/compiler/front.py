@@ -1,0 +1,89 @@
+"""The front end: from the syntax tree of a kernel to LLVM's intermediate code.
+
+A kernel is written out once for each kind of arguments that it is called with (`kinds.kind`). What is known beforehand,
+None, sizes, tags, functions, is settled while it is written: of `if x is not None` one branch alone remains. Names that
+get several values live in slots on the stack, which LLVM makes registers of. The language: docs, "the compiler".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+
+from .kinds import WORD, Refused, Stored, kind, leaves
+from .merging import Names, Widen
+from .statements import Writer
+from .symbols import DOUBLE
+
+DEEPEST = 20
+"""How often a kernel is open at once, for different kinds of arguments."""
+
+
+class Module:
+    """A program's intermediate code: functions by what they are given. call: see `calls`."""
+
+    def __init__(self, name: str, call: Any) -> None:
+        self.call = call
+        self.code = ir.Module(name)
+        self.made: dict[Any, tuple[Any, Any]] = {}
+        self.used: dict[Any, set[str]] = {}
+        self.invariant = self.code.add_metadata([])
+        self._open: list[Any] = []
+        self._tables: dict[Any, Any] = {}
+
+    def function(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
+        """The function of a kernel for such arguments, and what it returns."""
+        key = (kernel.function, tuple(map(kind, items)))
+        if key not in self.made:
+            if key in self._open or sum(one[0] is kernel.function for one in self._open) > DEEPEST:
+                raise Refused(f"{kernel.function.__name__} calls itself")
+            self._open.append(key)
+            self.made[key] = self._written(kernel, items)
+            self._open.pop()
+        return self.made[key]
+
+    def _written(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
+        wide: Names = {}
+        types = [leaf.type for item in items for leaf in leaves(item)]
+        while True:  # until every name's room is wide enough for all that it is given
+            name = self.code.get_unique_name(kernel.function.__name__)
+            code = ir.Function(self.code, ir.FunctionType(ir.VoidType(), types), name)
+            code.linkage, code.calling_convention = "internal", "fastcc"
+            promise(code.args, items)
+            try:
+                writer = Writer(self, code, kernel.function, wide)
+                result = writer.write(items)
+                break
+            except Widen as needed:
+                wide[needed.name] = needed.template
+                del self.code.globals[name]
+        for word in kernel.attributes:
+            code.attributes.add(word)
+        return code, result
+
+    def table(self, values: Any) -> Any:
+        """A row of constant numbers."""
+        key = tuple(map(repr, values))  # 0.0 and -0.0 are equal, and not the same
+        if key not in self._tables:
+            element = DOUBLE if any(isinstance(x, float | np.floating) for x in values) else WORD
+            kind_of = ir.ArrayType(element, len(values))
+            made = ir.GlobalVariable(self.code, kind_of, f"table{len(self._tables)}")
+            made.initializer = ir.Constant(kind_of, [element((float if element is DOUBLE else int)(x)) for x in values])
+            made.global_constant, made.linkage = True, "internal"
+            self._tables[key] = made
+        return self._tables[key]
+
+
+def promise(arguments: Sequence[Any], items: Sequence[Any]) -> None:
+    """What LLVM may rely on of named tuples in memory: that they are there, and that nobody writes to them."""
+    at = 0
+    for item in items:
+        if isinstance(item, Stored) and item.layout.words:
+            attributes = arguments[at].attributes
+            attributes.dereferenceable, attributes.align = 8 * item.layout.words, 8
+            for word in ("noalias", "nonnull"):
+                attributes.add(word)
+        at += len(leaves(item))

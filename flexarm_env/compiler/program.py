@@ -1,0 +1,320 @@
+"""Programs: a kernel with all that it calls, from its sources to machine code that C's rules can call.
+
+Every program has one function of three whole numbers that returns one. It is given the address of the kernel's
+arguments, or, called directly, of its one named tuple and two whole numbers (see `entry`).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import struct
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+from llvmlite import binding as llvm
+from llvmlite import ir
+
+from . import objects
+from .arithmetic import number, whole
+from .calls import call
+from .decorator import Kernel
+from .expressions import Expressions
+from .front import Module
+from .kinds import WORD, Array, Integer, Layout, Narrow, Refused, Stored, Truth, is_static, is_tuple, told, width
+from .lanes import EIGHT
+from .source import source_of
+from .symbols import Value, vector
+from .waiting import announced
+
+_LOCK = threading.RLock()
+
+MAIN = "flexarm_main"
+
+
+class Program:
+    """Machine code. address: where it begins. call: it as a function of Python's. words: room that its result takes.
+
+    made: whether it was compiled now, not read from the disk.
+    """
+
+    def __init__(self, code: bytes, spec: Any, made: bool) -> None:
+        self._engine = engine(code)
+        self.address = int(self._engine.get_function_address(MAIN))
+        self.call: Callable[[int, int, int], int] = python_function(self.address)
+        self.words, self.made, self._spec = _words(spec), made, spec
+        self.result = None if spec == "none" else self._read
+
+    def _read(self, room: Any, begin: int) -> Any:
+        found = iter(struct.unpack_from("q" * self.words, room, begin))
+        return _value(self._spec, found)
+
+
+def _words(spec: Any) -> int:
+    if isinstance(spec, str):
+        return 0 if spec == "none" else 1
+    return 0 if spec[0] == "known" else sum(map(_words, spec[-1]))
+
+
+def _tuples(known: Any) -> Any:
+    """What JSON has made lists of, as it was."""
+    return tuple(map(_tuples, known)) if isinstance(known, list | tuple) else known
+
+
+def _value(spec: Any, found: Any) -> Any:
+    if isinstance(spec, str):
+        if spec == "none":
+            return None
+        word = next(found)
+        if spec == "number":
+            return struct.unpack("d", struct.pack("q", word))[0]
+        return bool(word) if spec == "truth" else word % 2**64 if spec == "unsigned" else word
+    if spec[0] == "known":
+        return _tuples(spec[1])
+    parts = [_value(part, found) for part in spec[-1]]
+    return tuple(parts) if spec[0] == "tuple" else spec[1](*parts)
+
+
+def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
+    """A kernel's program for arguments of such shapes (`kinds.described_as`): from the disk, or compiled now."""
+    with _LOCK:
+        key = objects.key_of(kernel.function, [_text(shape) for shape in shapes], direct, *target_text())
+        kept = objects.load(key)
+        if kept is not None:
+            return Program(*kept, made=False)
+        with announced(kernel.function), _uncollected():
+            module = Module(kernel.function.__name__, call)
+            spec = _write(module, kernel, shapes, direct)
+            code = machine_code(str(module.code))
+        objects.save(key, code, spec, module.used)
+        return Program(code, spec, made=True)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Python looks for no garbage: instructions are many and all in use, and looking would double what it takes."""
+    before = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if before:
+            gc.enable()
+
+
+def _text(shape: Any) -> str:
+    if isinstance(shape, Layout):
+        return shape.text
+    if is_tuple(shape):
+        return "(" + ", ".join(_text(part) for part in shape) + ")"
+    return str(shape)
+
+
+def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Any:
+    """The program's one function; returns what its result is."""
+    code = ir.Function(module.code, ir.FunctionType(WORD, [WORD] * 3), MAIN)
+    writer = Expressions(module, code)
+    b = writer.b
+    if len(shapes) != kernel.function.__code__.co_argcount:
+        shapes = [*shapes, *["default" for _ in kernel.complete(shapes, {})[len(shapes) :]]]
+    if direct:
+        layout = shapes[0][1]
+        items = [Stored(b.inttoptr(code.args[0], WORD.as_pointer()), layout), *map(Integer, code.args[1 : len(shapes)])]
+    else:
+        at, items = 0, []
+        address = b.inttoptr(code.args[0], WORD.as_pointer())
+        defaults = kernel.function.__defaults__ or ()
+        for k, shape in enumerate(shapes):
+            if shape == "default":
+                items.append(defaults[k - len(shapes)])
+            elif is_tuple(shape) and shape[0] == "placed":
+                word = b.load(b.gep(address, [ir.Constant(WORD, at)], inbounds=True), align=8)
+                items.append(Stored(b.inttoptr(word, WORD.as_pointer()), shape[1]))
+                at += 1
+            else:
+                items.append(writer.loaded(address, shape, at))
+                at += width(shape)
+    found = call(writer, kernel, items, {})
+    writer.closed()
+    if direct:
+        b.ret(ir.Constant(WORD, 0) if found is None else whole(b, found))
+        return "none"
+    out = b.inttoptr(code.args[1], WORD.as_pointer())
+    try:
+        spec, _ = _given(b, found, out, 0)
+    except Refused as error:
+        source = source_of(kernel.function)
+        raise source.placed(error, source.tree.lineno) from None
+    b.ret(ir.Constant(WORD, 0))
+    return spec
+
+
+def _given(b: Any, item: Any, out: Any, at: int) -> tuple[Any, int]:
+    """Write a result to where Python reads it; what it is, and where the next one begins."""
+
+    def put(word: Any) -> int:
+        b.store(word, b.gep(out, [ir.Constant(WORD, at)], inbounds=True), align=8)
+        return at + 1
+
+    if item is None:
+        return "none", at
+    if isinstance(item, Truth):
+        return "truth", put(b.zext(item.value, WORD))
+    if isinstance(item, Integer):
+        return "unsigned" if item.unsigned else "integer", put(item.value)
+    if isinstance(item, Narrow) and item.letter == "b":
+        return "integer", put(b.zext(item.value, WORD))
+    if isinstance(item, Value | Narrow):
+        value = number(b, item)
+        if value.count > 1 or value.tangents:
+            raise Refused(f"{told(value)} as a result: lanes are of use to kernels alone, which store them")
+        return "number", put(b.bitcast(value.value, WORD))
+    if isinstance(item, Array):
+        raise Refused("an array as a result: give the kernel the array to write to")
+    if is_static(item):
+        return ["known", item], at
+    values = item.values if hasattr(item, "values") else list(item)
+    specs = []
+    for value in values:
+        spec, at = _given(b, value, out, at)
+        specs.append(spec)
+    return (["record", item.instance_class, specs] if hasattr(item, "values") else ["tuple", specs]), at
+
+
+# --- LLVM ------------------------------------------------------------------------------------------
+
+
+@cache
+def target_text() -> tuple[str, str, str]:
+    """What machine code depends on beside its sources: triple, processor, its features. FLEXARM_CPU names another
+    processor to build for, by LLVM's name ("x86-64-v3")."""
+    chosen = os.environ.get("FLEXARM_CPU")
+    if chosen:
+        return llvm.get_process_triple(), chosen, ""
+    try:
+        features = str(llvm.get_host_cpu_features().flatten())
+    except RuntimeError:  # a processor that LLVM does not know to ask
+        features = ""
+    return llvm.get_process_triple(), llvm.get_host_cpu_name(), features
+
+
+def machine() -> Any:
+    """A target machine; an engine takes one for itself."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    _, cpu, features = target_text()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=cpu, features=features, opt=3, reloc="default", codemodel="jitdefault", jit=True
+    )
+
+
+def machine_code(text: str) -> bytes:
+    """The object file that intermediate code comes to. No fast-math, nothing contracted."""
+    made = machine()
+    module = llvm.parse_assembly(text)
+    module.triple, module.data_layout = made.triple, str(made.target_data)
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    lanes = str(vector(len(EIGHT))) in text  # they fill the registers already
+    options.loop_vectorization, options.slp_vectorization = not lanes, False
+    builder = llvm.create_pass_builder(made, options)
+    builder.getModulePassManager().run(module, builder)
+    return bytes(made.emit_object(module))
+
+
+_engines: list[Any] = []
+"""Machine code lives as long as the process."""
+
+
+def engine(code: bytes) -> Any:
+    """Object code, loaded."""
+    empty = llvm.parse_assembly("")
+    made = llvm.create_mcjit_compiler(empty, machine())
+    made.add_object_file(llvm.ObjectFileRef.from_data(code))
+    made.finalize_object()
+    _engines.append(made)
+    return made
+
+
+# --- Python ----------------------------------------------------------------------------------------
+
+
+class _Method(ctypes.Structure):
+    """PyMethodDef of Python's C interface."""
+
+    _fields_ = [("name", ctypes.c_char_p), ("call", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p)]
+
+
+METH_FASTCALL = 0x0080
+
+
+@cache
+def _door() -> tuple[Any, Any]:
+    """The definition of a function of Python's that calls an address, its own `self`, with three whole numbers; one
+    of machine code, since a call through ctypes costs more than a control period of a small arm."""
+    key = objects.key_of(_door_text, [], True, *target_text())
+    kept = objects.load(key)
+    code = kept[0] if kept else machine_code(_door_text())
+    if not kept:
+        objects.save(key, code, "none", {})
+    address = engine(code).get_function_address("door")
+    method = _Method(b"program", address, METH_FASTCALL, None)
+    make = ctypes.pythonapi.PyCFunction_NewEx
+    make.argtypes, make.restype = [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p], ctypes.py_object
+    return method, make
+
+
+def python_function(address: int) -> Callable[[int, int, int], int]:
+    """What calls the code at an address with three whole numbers (0 where they are missing), no lock held."""
+    method, make = _door()
+    made: Callable[[int, int, int], int] = make(ctypes.addressof(method), address, None)
+    return made
+
+
+def _door_text() -> str:
+    """Machine code of the door: PyObject *door(PyObject *self, PyObject *const *args, Py_ssize_t nargs)."""
+    module = ir.Module("door")
+    thing = ir.IntType(8).as_pointer()
+
+    def known(name: str, result: Any, *arguments: Any) -> Any:
+        return ir.Function(module, ir.FunctionType(result, arguments), name)
+
+    as_number = known("PyLong_AsLongLong", WORD, thing)
+    made = known("PyLong_FromLongLong", thing, WORD)
+    wrong = known("PyErr_Occurred", thing)
+    save, restore = known("PyEval_SaveThread", thing), known("PyEval_RestoreThread", ir.VoidType(), thing)
+    code = known("door", thing, thing, thing.as_pointer(), WORD)
+    b = ir.IRBuilder(code.append_basic_block("entry"))
+    failed = code.append_basic_block("failed")
+
+    def read(item: Any) -> Any:
+        """A whole number; an error of Python's where it is none."""
+        value = b.call(as_number, [item])
+        odd, go = code.append_basic_block("odd"), code.append_basic_block("go")
+        b.cbranch(b.icmp_signed("==", value, ir.Constant(WORD, -1)), odd, go)
+        b.position_at_end(odd)
+        b.cbranch(b.icmp_unsigned("!=", b.call(wrong, []), ir.Constant(thing, None)), failed, go)
+        b.position_at_end(go)
+        return value
+
+    address = read(code.args[0])
+    rooms = [b.alloca(WORD) for _ in range(3)]
+    for k, room in enumerate(rooms):
+        b.store(ir.Constant(WORD, 0), room)
+        there, on = code.append_basic_block("there"), code.append_basic_block("on")
+        b.cbranch(b.icmp_signed(">", code.args[2], ir.Constant(WORD, k)), there, on)
+        b.position_at_end(there)
+        b.store(read(b.load(b.gep(code.args[1], [ir.Constant(WORD, k)]))), room)
+        b.branch(on)
+        b.position_at_end(on)
+    function = b.inttoptr(address, ir.FunctionType(WORD, [WORD] * 3).as_pointer())
+    state = b.call(save, [])
+    result = b.call(function, [b.load(room) for room in rooms])
+    b.call(restore, [state])
+    b.ret(b.call(made, [result]))
+    b.position_at_end(failed)
+    b.ret(ir.Constant(thing, None))
+    return str(module)
