@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from ..compiler import NUMBER, absolute, by_kind, kernel, load, select_lt, square_root, store
-
-
-@kernel
-def _itself(shares, k, value):
-    return value
+from ..compiler import absolute, kernel, load, select_lt, square_root, store
 
 
 @kernel
-def _share(shares, k, value):
+def share_of(shares, k, value):
+    """value times shares[k] where shares is an array; value where it is a tag or None."""
+    if shares is None or isinstance(shares, tuple):
+        return value
     return value * shares[k]
 
 
-@by_kind("shares", "shares, k, value")
-def share_of(kind: str) -> Any:
-    """value times shares[k] where shares is an array; value where it is a tag or None."""
-    return _share if kind == NUMBER else _itself
+@kernel
+def fall(gravity, k):
+    """Gravity along axis k, m/s^2; 0 where there is none."""
+    if gravity is None:
+        return 0.0
+    return gravity[k]
 
 
 @kernel

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..parameters import Arm
 from ..scene import JointTorque, Motion, Scene
 from ..sections import ENDS
 from ..settings import Settings
@@ -31,7 +32,7 @@ def assemble(scene: Scene, settings: Settings) -> System:
     """The scene's System in the formulation that the settings name.
 
     Raises:
-        ValueError: the arm has drag (`mass_damping`) where no frame a link is there for it.
+        ValueError: something of the arm that the formulation, or this form of it, does not take into account.
     """
     for k, link in enumerate(scene.arm.links):
         if link.rigid_ends and (settings.multipliers or scene.arm.mass_damping):
@@ -64,15 +65,46 @@ def assemble(scene: Scene, settings: Settings) -> System:
             "mass_damping", drag, "must be 0 with frame='chord': it is drag relative to a frame clamped to the link's "
             "root (give frame='root'); tau_d damps under every formulation"
         )  # fmt: skip
+    _check_honoured(scene.arm, "", settings.formulation)
     system = _built(scene, settings)
     if any(scene.rates) or any(scene.velocity):
         system = dataclasses.replace(system, v0=_rates(scene, settings))
     return system
 
 
+def _builder(formulation: str) -> Any:
+    return importlib.import_module(f".{_BUILDERS[formulation]}", __package__)
+
+
+_NOT_MECHANICS = ("name", "source", "torque_limits", "joint_limits", "sensors")
+"""Fields of an arm that no equation of motion knows of."""
+
+
+def _check_honoured(part: Any, path: str, formulation: str) -> None:
+    """Refuse what the formulation's `HONOURS` does not name: a field that is not at its default, or a class, of this
+    part of an arm and of what is in it."""
+    if isinstance(part, tuple | list):
+        for i, entry in enumerate(part):
+            _check_honoured(entry, f"{path}[{i}]", formulation)
+    elif dataclasses.is_dataclass(part):
+        honours: dict[type, tuple[str, ...]] = _builder(formulation).HONOURS
+        given: type = type(part)
+        kind = next((kind for kind in given.__mro__ if kind in honours), None)
+        known = honours[kind] if kind else ()
+        for field in dataclasses.fields(part):
+            value, name = getattr(part, field.name), f"{path}.{field.name}".lstrip(".")
+            if field.name in known:
+                _check_honoured(value, name, formulation)
+            elif not (kind is Arm and field.name in _NOT_MECHANICS) and value != field.default:
+                what = f"is not taken into account by {formulation}, which honours {', '.join(known)}"
+                raise check.InvalidValue(name, value, f"{what}; take another formulation, or leave it out")
+        if kind is not given:
+            what = f"must be one of {', '.join(k.__name__ for k in honours)}, which {formulation} knows"
+            raise check.InvalidValue(path or "arm", given.__name__, what)
+
+
 def _built(scene: Scene, settings: Settings) -> System:
-    module = importlib.import_module(f".{_BUILDERS[settings.formulation]}", __package__)
-    system: System = module.build(scene, settings)
+    system: System = _builder(settings.formulation).build(scene, settings)
     return jointed(scene, settings, system)
 
 
@@ -115,13 +147,13 @@ def physical(model: Any) -> Any:
 
 def smooth(model: Any) -> Any:
     """The model without Coulomb friction, which has no derivative."""
-    return model._replace(rough=None) if isinstance(model, Jointed) else model
+    return model._replace(friction=None) if isinstance(model, Jointed) else model
 
 
-def scheme_of(settings: Settings) -> Scheme:
-    """The integrator's coefficients and limits that the settings name."""
+def scheme_of(settings: Settings, tolerance: float) -> Scheme:
+    """The integrator's coefficients and limits that the settings name, with a tolerance as `precision` has it."""
     return scheme(
-        settings.rho_inf, settings.newmark, settings.tolerance, settings.max_iterations, settings.max_halvings,
+        settings.rho_inf, settings.newmark, tolerance, settings.max_iterations, settings.max_halvings,
         settings.newton == "modified",
     )  # fmt: skip
 

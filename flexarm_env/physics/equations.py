@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..compiler import bare, kernel
+from ..compiler import kernel
 from .protocol import RESIDUAL_ALONE, assemble, constrain, out_of_range
 
 
@@ -13,8 +13,6 @@ def equations(lane, model, par, state, u, psi, level, r, S):
     S: room for the iteration matrix, left as it is. Returns 0 where the model holds, otherwise the status code.
     SINGLE only.
     """
-    m = bare(model)
-    at = bare(state)
-    assemble(lane, m, bare(par), at, bare(u), RESIDUAL_ALONE, bare(r), bare(S))
-    constrain(lane, m, bare(psi), at, level, 1.0, bare(r))
-    return out_of_range(lane, m, bare(par), at.q)
+    assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
+    constrain(lane, model, psi, state, level, 1.0, r)
+    return out_of_range(lane, model, par, state.q)

@@ -10,13 +10,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from ..scene import Scene
 from ..settings import Settings
 from .assembly import assemble
 from .elastica.chain import chain
+from .exact.tables import functions
 from .floating import build as floating_chain
 from .model import System
 
@@ -77,12 +77,9 @@ def _exact(scene: Scene, settings: Settings, system: System, link: int, s: float
     else:
         row[names.index(f"link{link - 1}.psi{elements}")] = -1.0 / length
         row[names.index(f"joint{link}")] = -1.0 / length
-    points = legendre.leggauss(order)[0]
+    slopes = functions(order, np.array([xi]))[1][:, 0]
     for j in range(1, order):
-        polynomial = np.eye(order + 1)[j]
-        values = legendre.legval(points, polynomial)
-        scale = values[np.argmax(np.abs(values).round(12))]
-        row[names.index(f"link{link}.psi{e}.{j}")] = legendre.legval(xi, polynomial) / scale / length
+        row[names.index(f"link{link}.psi{e}.{j}")] = slopes[j] / length
     return row
 
 

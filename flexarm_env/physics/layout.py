@@ -46,6 +46,15 @@ MOTION = Layout(
 """A prescribed motion's entries of psi."""
 OF_MOTION = MOTION.places
 
+LEVER = Layout(
+    "Lever", "",
+    Field("length", (), "m", "of a link's rigid end"),
+    Field("mass", (), "kg", "in its middle"),
+    Field("inertia", (), "kg m^2", "about there"),
+    Field("far", (), "kg", "mass at its far point, an elbow's"),
+)  # fmt: skip
+"""Of each link's root and tip, where links have rigid ends."""
+
 BOOKS = Layout(
     "Books", "",
     Field("work", (), "J", "of inputs and motions"),

@@ -7,14 +7,17 @@ acceleration), float64, one entry a row of the system. `physics/protocol.py` say
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameters import Arm
+from ..parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
+from ..scene import Scene
+from ..sections import ENDS
+from .layout import LEVER
 
 OK, NEWTON_FAILED, DIVERGED, OUT_OF_RANGE, NOT_FINITE, TIMED_OUT = range(6)
 STATUS = ("ok", "newton_failed", "diverged", "out_of_range", "not_finite", "timed_out")
@@ -44,6 +47,16 @@ def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:
     """A Model's field `damped`: None without tau_d, (0,) where the links have it alike, otherwise each link's share."""
     largest, shares = arm.damping
     return None if largest == 0.0 else (0,) if shares is None else np.array(shares)
+
+
+def levers(arm: Arm) -> NDArray[np.float64]:
+    """A `layout.LEVER` for each link's root and tip."""
+    found = []
+    for k, link in enumerate(arm.links):
+        far = arm.elbow(k + 1).mass if k + 1 < arm.n_links else 0.0
+        found += [LEVER.pack({}, length=link.root_offset, mass=link.root_mass, inertia=link.root_inertia, far=0.0)]
+        found += [LEVER.pack({}, length=link.tip_offset, mass=link.tip_mass, inertia=link.tip_inertia, far=far)]
+    return np.concatenate(found)
 
 
 class Scheme(NamedTuple):
@@ -237,6 +250,7 @@ class Elastica(NamedTuple):
     loads  float64: for each point load `physics.elastica.layout.LOAD`, or None
     eccentric  float64: `physics.elastica.layout.ECCENTRIC` where the payload's centre is not at the tip, otherwise None
     rest   float64 (N k,): angles of the nodes without stress from that of their link's root, or None: straight links
+    bends  float64: `physics.elastica.layout.BENDS` where the law of M is not EI kappa, otherwise None
     """
 
     n: int | tuple[int, ...]
@@ -259,6 +273,8 @@ class Elastica(NamedTuple):
     loads: np.ndarray | None
     eccentric: np.ndarray | None
     rest: np.ndarray | None
+    points: int | tuple[int, ...] | None  # rows of `bends`
+    bends: np.ndarray | None
 
 
 class Jointed(NamedTuple):
@@ -267,7 +283,7 @@ class Jointed(NamedTuple):
     Rows: the arm's, then the angle of each motor behind an elastic gear, over its ratio, relative to the link before.
 
     table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
-    rough  (0,) where a joint has Coulomb friction, otherwise None
+    friction  (0,) where a joint has Coulomb friction, otherwise None
     play   (0,) where a gear has backlash, otherwise None
     own    (0,) where the laws are each arm's own, in `par` from JOINT_LAWS on, and not those of `data`; otherwise None
     """
@@ -284,9 +300,37 @@ class Jointed(NamedTuple):
     arm: Any
     table: np.ndarray
     data: np.ndarray
-    rough: tuple[int, ...] | None
+    friction: tuple[int, ...] | None
     play: tuple[int, ...] | None
     own: tuple[int, ...] | None
+
+
+Honours = dict[type, tuple[str, ...]]
+"""Of what an arm is made of, the classes and the fields that a formulation takes into account (its `HONOURS`)."""
+
+BEAM: Honours = {
+    Arm: ("links", "hub_inertia", "elbows", "payload", "tau_d", "joints"),
+    Link: ("length", "section", "tau_d", *ENDS, "curvature"),
+    Section: ("EI", "EA", "C", "m", "J"),
+    Taper: ("widths", "thicknesses", "E", "rho", "G", "kappa"),
+    Elbow: ("mass", "inertia_left", "inertia_right"),
+    Joint: (
+        "stiffness", "damping", "motor_inertia", "gear_ratio", "friction_viscous", "friction_coulomb", "friction_side",
+        "backlash", "motor",
+    ),
+    Motor: ("torque_constant", "resistance", "back_emf", "current_limit", "voltage_limit"),
+    Payload: ("mass", "inertia", "offset"),
+}  # fmt: skip
+"""What every formulation honours, those of joints by way of `physics.joints`. (The elastica honours EA and C in that it
+tells what leaving them out costs.)"""
+
+
+def fixed_rows(scene: Scene, coordinates: Mapping[str, int]) -> NDArray[np.int64]:
+    """A Model's `fixed` where the root's place is in its rows: rigid joints, a pinned root that no motion moves."""
+    fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
+    if scene.root == "pinned":
+        fixed += [coordinates[name] for name in ("root_x", "root_y") if scene.motion_of(name) is None]
+    return np.array(fixed, np.int64)
 
 
 @dataclass(frozen=True)
@@ -295,6 +339,8 @@ class System:
 
     par  (4,): see PAYLOAD_MASS ... TAU_D. q0, v0 (n,): state at t = 0. coordinates: row of "joint0" ...,
     "root_x", "root_y" (a negative entry -1 - j: prescribed by multiplier j). names (n,): of the rows.
+    vectors (k, 2): rows of x and y in inertial axes of what turns with the arm; absolute (k,): rows of angles from the
+    inertial x axis; nothing else turns with it.
     notes: figures that a formulation reports about its own limits, as fractions of the arm's length.
     """
 
@@ -304,4 +350,16 @@ class System:
     v0: NDArray[np.float64]
     coordinates: dict[str, int]
     names: tuple[str, ...]
+    vectors: tuple[tuple[int, int], ...]
+    absolute: tuple[int, ...]
     notes: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls, arm: Arm, model: Any, q0: NDArray[np.float64], coordinates: dict[str, int], names: Sequence[str],
+        vectors: Sequence[tuple[int, int]], absolute: Sequence[int], notes: Mapping[str, float] | None = None,
+    ) -> System:  # fmt: skip
+        """That of an arm which starts without motion."""
+        par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
+        still = np.zeros(len(q0))
+        return cls(model, par, q0, still, coordinates, tuple(names), tuple(vectors), tuple(absolute), notes or {})

@@ -32,36 +32,17 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
     solve_transposed(lane, model, S, x)  only for derivatives backwards: x <- S^-T x
-    pull_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)  likewise, the residual's derivatives: to
+    vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar)  likewise, the residual's derivatives: to
         par_bar, bar (a State) and u_bar is added what r_bar comes to there, and r_bar becomes 0; S is free
-    pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)  likewise those of `link_poses`
+    vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)  likewise those of `link_poses`
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
     update(lane, model, q, share, d, more)  q <- q moved by the increment share * d and then by `more`, or None: their
         sum, unless a formulation's coordinates add up otherwise, as rotations do; rows of multipliers are zero
+    friction(model)  None, or a tag where joints have Coulomb friction, which is in no residual (`joints.friction`)
     damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
         lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
-    note_friction(lane, model, par, state, u, r, S)  remember Coulomb friction as it is now, and which joints slip;
-        r <- the residual with it
-    rub(lane, model, par, state, weights, ahead, S, x)  Coulomb friction, which no residual has in it: x = S^-1 r, to be
-        taken from the state by `weights` (of a by mass, of v by damping), is corrected so that friction's law holds for
-        the rates v + ahead a after that; where v stays (damping 0), joints that slipped when last noted go on
-    hold(lane, model, S, x)          x = S^-1 y where joints that stuck in the last `rub` stay where they are
-    note_slip(lane, model, par, state, ahead, r, S)  of tangents: note which joints stick at a step's end, S being its
-        matrix and r the residual there, which has no Coulomb friction in it
-    bound_along(lane, model, par, weight, S)  more of what the bounds of joints that slip change by: `weight` times this
-        model's own bounds
-    rub_along(lane, model, par, change, weights, ahead, S, x)  as `rub`, of tangents: joints stick or slip as they did
-    stick(lane, model, par, state, weights, ahead, r, S)  of cotangents: note which joints stick at a step's end, as
-        `rub` finds them there, S being its matrix, factored, and r the residual, which is lost
-    rub_back(lane, model, weights, ahead, S, x, v_bar, a_bar)  `rub_along` backwards: of x, cotangents of what is solved
-        for, what joints that stick leave of it; to v_bar and a_bar is added what the rates v + ahead a come to
-    pull_note(lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar)  `note_friction` backwards where
-        friction noted holds on: x = S^-T of cotangents of accelerations; room, as large as S, and r_bar are free
-    unnote(lane, model, S, x, r_bar)  likewise the cotangents r_bar of the residual with friction: those without it
-    book_friction(lane, model, par, state, u, r, S, start, books)  add what Coulomb friction has taken since the
-        coordinates were `start`, by the mean of what it was when last noted and is now, and note it; r is free
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
     shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
 """
@@ -72,7 +53,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import Family, inlined, kernel, load, size, store
+from ..compiler import Family, inlined, kernel, load, size, splat, store
 
 
 class State(NamedTuple):
@@ -122,53 +103,20 @@ def _no_stiffness(lane, model, S, k, x):
 
 
 @kernel
-def _nothing_to_note(lane, model, par, state, u, r, S):
-    """`note_friction` of joints without friction."""
+def _no_constraint(lane, model, psi, state, level, scale, r):
+    """`constrain` of a formulation whose joints are coordinates."""
 
 
 @kernel
-def _no_friction(lane, model, par, state, weights, ahead, S, x):
-    """`rub` and `rub_along` of such joints."""
+def _everywhere(lane, model, par, q):
+    """`out_of_range` of a formulation that holds at any deflection."""
+    return splat(lane, 0.0)
 
 
 @kernel
-def _nothing_to_hold(lane, model, S, x):
-    """`hold` of such joints."""
-
-
-@kernel
-def _no_slip(lane, model, par, state, ahead, r, S):
-    """`note_slip` of such joints."""
-
-
-@kernel
-def _no_bound(lane, model, par, weight, S):
-    """`bound_along` of such joints."""
-
-
-@kernel
-def _no_branch(lane, model, par, state, weights, ahead, r, S):
-    """`stick` of such joints."""
-
-
-@kernel
-def _no_way_back(lane, model, weights, ahead, S, x, v_bar, a_bar):
-    """`rub_back` of such joints."""
-
-
-@kernel
-def _nothing_noted(lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar):
-    """`pull_note` of such joints."""
-
-
-@kernel
-def _as_it_is(lane, model, S, x, r_bar):
-    """`unnote` of such joints."""
-
-
-@kernel
-def _nothing_to_book(lane, model, par, state, u, r, S, start, books):
-    """`book_friction` of such joints."""
+def _no_friction(model):
+    """`friction` of a formulation whose joints are ideal."""
+    return None
 
 
 @kernel
@@ -178,10 +126,8 @@ def _by_assembling(lane, model, par, state, u, r, S):
 
 
 FORMULATIONS = Family(
-    "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, note_friction=_nothing_to_note, rub=_no_friction,
-    hold=_nothing_to_hold, note_slip=_no_slip, bound_along=_no_bound, rub_along=_no_friction,
-    stick=_no_branch, rub_back=_no_way_back, pull_note=_nothing_noted, unnote=_as_it_is,
-    book_friction=_nothing_to_book, residual=_by_assembling,
+    "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, friction=_no_friction, residual=_by_assembling,
+    constrain=_no_constraint, out_of_range=_everywhere,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -199,21 +145,11 @@ stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x")
-pull_residual = FORMULATIONS.function("pull_residual", "lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar")
-pull_poses = FORMULATIONS.function("pull_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
+vjp_residual = FORMULATIONS.function("vjp_residual", "lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar")
+vjp_poses = FORMULATIONS.function("vjp_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
 update = FORMULATIONS.function("update", "lane, model, q, share, d, more")
-note_friction = FORMULATIONS.function("note_friction", "lane, model, par, state, u, r, S")
-rub = FORMULATIONS.function("rub", "lane, model, par, state, weights, ahead, S, x")
-hold = FORMULATIONS.function("hold", "lane, model, S, x")
-note_slip = FORMULATIONS.function("note_slip", "lane, model, par, state, ahead, r, S")
-bound_along = FORMULATIONS.function("bound_along", "lane, model, par, weight, S")
-rub_along = FORMULATIONS.function("rub_along", "lane, model, par, change, weights, ahead, S, x")
-stick = FORMULATIONS.function("stick", "lane, model, par, state, weights, ahead, r, S")
-rub_back = FORMULATIONS.function("rub_back", "lane, model, weights, ahead, S, x, v_bar, a_bar")
-pull_note = FORMULATIONS.function("pull_note", "lane, model, par, par_bar, state, u, room, bar, u_bar, S, x, r_bar")
-unnote = FORMULATIONS.function("unnote", "lane, model, S, x, r_bar")
-book_friction = FORMULATIONS.function("book_friction", "lane, model, par, state, u, r, S, start, books")
+friction = FORMULATIONS.function("friction", "model")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,12 +11,36 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from flexarm_env.parameters import Section
-from tests.physics.oracle_floating import element_fields
 
 Array = NDArray[Any]
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)
 QUADRATURE = tuple(zip(POINTS, WEIGHTS, strict=True))
 MESH = 32  # elements from which modes are taken
+
+
+@cache
+def element_fields(EI: float, C: float, length: float, xi: float) -> tuple[Array, Array, Array, Array, Array]:
+    """Rows over (u1, v1, phi1, u2, v2, phi2): u, v, phi, v', phi' at x = xi length.
+
+    v is a cubic and phi = v' + (EI/C) v''' (moment balance EI phi'' = C (phi - v')), fitted to the end values.
+    """
+
+    def cubic(x: float) -> tuple[Array, Array, Array, Array]:
+        v = np.array([1.0, x, x**2, x**3])
+        slope = np.array([0.0, 1.0, 2 * x, 3 * x**2])
+        third = np.array([0.0, 0.0, 0.0, 6.0])
+        phi = slope + EI / C * third
+        return v, phi, slope, np.array([0.0, 0.0, 2.0, 6 * x])
+
+    ends = np.array([cubic(0.0)[0], cubic(0.0)[1], cubic(length)[0], cubic(length)[1]])
+    coefficients = np.linalg.inv(ends)
+    u = np.array([1.0 - xi, 0.0, 0.0, xi, 0.0, 0.0])
+    rows = [u]
+    for row in cubic(xi * length):
+        full = np.zeros(6)
+        full[[1, 2, 4, 5]] = row @ coefficients
+        rows.append(full)
+    return rows[0], rows[1], rows[2], rows[3], rows[4]
 
 
 def form(x: Array, matrix: Array, y: Array) -> Array:
@@ -119,27 +144,20 @@ def modal(
         turn = basis[last + 1] / length
         basis[1::3] -= np.outer(nodes * length / MESH, turn)
         basis[2::3] -= turn
-    # H: integral of v'^2 - (v' - phi)^2 up to each point, by quadrature within its element
-    l, size = length / MESH, POINTS.size
-    H = np.zeros((inner.x.size, n, n))
-    total = np.zeros((n, n))
-    at_nodes = [total]
-    for e in range(MESH):
-        own = basis[3 * e : 3 * e + 6]
-        for k, xi in enumerate([*(0.5 * (1.0 + POINTS)), 1.0]):
-            upto = total.copy()
-            for point, weight in QUADRATURE:
-                fields = element_fields(section.EI, section.C, l, 0.5 * xi * (1.0 + point))
-                slope, shear = fields[3] @ own, (fields[3] - fields[2]) @ own
-                upto += 0.5 * weight * xi * l * (np.outer(slope, slope) - np.outer(shear, shear))
-            if k < size:
-                H[e * size + k] = upto
-        total = upto
-        at_nodes.append(total)
+    # H: integral of v'^2 - (v' - phi)^2 up to each point and to each node, by quadrature within its element
+    l, upto = length / MESH, np.append(0.5 * (1.0 + POINTS), 1.0)
+    fields = [[element_fields(section.EI, section.C, l, 0.5 * xi * (1.0 + x))[2:4] for x in POINTS] for xi in upto]
+    own = np.array([basis[3 * e : 3 * e + 6] for e in range(MESH)])
+    phi, slope = np.einsum("kpri,ein->rekpn", np.array(fields), own)
+    turns = np.stack([slope, slope - phi])
+    weights = np.multiply.outer([1.0, -1.0], np.outer(0.5 * l * upto, WEIGHTS))
+    within = np.einsum("skp,sekpm,sekpn->ekmn", weights, turns, turns)
+    at_nodes = np.concatenate([np.zeros((1, n, n)), np.cumsum(within[:, -1], axis=0)])
+    H = (at_nodes[:-1, None] + within[:, :-1]).reshape(-1, n, n)
     ends = _only(mesh_points(section, length, MESH, np.array([0.0, 1.0]), np.zeros(2)), -1)
     rho = np.zeros(n) if frame == "root" else basis[2].copy()
-    shapes = inner.combined(basis, H), ends.combined(basis, total[None])
-    return Body(link, length, section, *shapes, rho, [], basis, np.array(at_nodes))
+    shapes = inner.combined(basis, H), ends.combined(basis, at_nodes[-1:])
+    return Body(link, length, section, *shapes, rho, [], basis, at_nodes)
 
 
 def lowest_modes(stiff: Array, mass: Array, n: int) -> Array:

@@ -1,23 +1,22 @@
-"""Chains of floating frames without multipliers, derived otherwise: Lagrange's equations from energies by quadrature.
+"""Chains of floating frames, derived otherwise: energies by quadrature (`oracle_lagrange.py`).
 
 Nothing here uses the package's mechanics. The frame of a body (`oracle_bodies.py`) stands at theta_root - rho'p.
-Kinetic energy, potentials and Rayleigh's function are sums over its points; derivatives are complex steps (exact to
-round-off) and differences of quadratic forms (exact likewise). Arrays of coordinates may have any leading axes: the
-derivatives for all coordinates are taken at once.
+Kinetic energy, potentials and Rayleigh's function are sums over its points.
 """
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env.scene import PointLoad, Scene
+from tests.oracle_lagrange import STEP, Lagrange
 from tests.physics.oracle_bodies import QUADRATURE, Body, Points, averaged, finite_elements, form, mesh_points, modal
 
 Array = NDArray[Any]
-STEP = 1e-30
 
 
 class Motion(NamedTuple):
@@ -31,8 +30,11 @@ class Motion(NamedTuple):
     p_rate: Array
 
 
-class Chain:
+class Chain(Lagrange):
     """The oracle of a scene: `segments` bodies a link, of `elements` each or reduced to `modes`.
+
+    Coordinates are the root's, each body's p, and the elbows' angles. Joined by multipliers (`joined`) each body has
+    its frame's x, y, angle, then p, then the multipliers of the joint behind it: 2 of a hinge, 3 of a rigid joint.
 
     Reduced to modes, what a body's own mass and an elbow's have of third and higher order in p within their frame is
     left out of the kinetic energy (theory, 2.3 and section 4); the payload moves exactly.
@@ -48,9 +50,10 @@ class Chain:
         coupling: str = "von_karman",
         modes: int | None = None,
         stiffness: float = 1.0,
+        joined: bool = False,
     ) -> None:
         self.scene, self.arm, self.coupling, self.frame = scene, scene.arm, coupling, frame
-        self.modes, self.stiffness = modes, stiffness
+        self.modes, self.stiffness, self.joined = modes, stiffness, joined
         self.bodies: list[Body] = []
         for k, link in enumerate(scene.arm.links):
             part = link.length / segments
@@ -60,12 +63,17 @@ class Chain:
                 else:
                     load = self._carried(k, part * (segments - 1 - i))
                     self.bodies.append(modal(k, link.section, part, modes, frame, load, segments == 1))
-        self.starts, at = [], 3
-        for body in self.bodies:
-            self.starts.append(at)
-            at += body.n
+        self.starts, at = [], 0 if joined else 3
+        self.multipliers: list[int] = []  # their rows
+        for body, following in itertools.zip_longest(self.bodies, self.bodies[1:]):
+            self.starts.append(at + 3 if joined else at)
+            at = self.starts[-1] + body.n
+            if joined and following is not None:
+                hinge = following.link != body.link and following.link not in scene.rigid_joints
+                self.multipliers += range(at, at + (2 if hinge else 3))
+                at += 2 if hinge else 3
         self.betas = at
-        self.n = at + self.arm.n_links - 1
+        self.n = at + (0 if joined else self.arm.n_links - 1)
         self.g = np.array(scene.gravity or (0.0, 0.0))
 
     def _carried(self, link: int, rest: float) -> tuple[float, float]:
@@ -89,7 +97,10 @@ class Chain:
         X, X_rate = q[..., :2], v[..., :2]
         angle, rate = q[..., 2], v[..., 2]  # of the root section
         for b, (body, at) in enumerate(zip(self.bodies, self.starts, strict=True)):
-            if b and self.bodies[b - 1].link != body.link:
+            if self.joined:
+                X, X_rate = q[..., at - 3 : at - 1], v[..., at - 3 : at - 1]
+                angle, rate = q[..., at - 1], v[..., at - 1]
+            elif b and self.bodies[b - 1].link != body.link:
                 beta = self.betas + body.link - 1
                 angle, rate = angle + q[..., beta], rate + v[..., beta]
             p, p_rate = q[..., at : at + body.n], v[..., at : at + body.n]
@@ -228,23 +239,29 @@ class Chain:
         return 0.5 * self.arm.mass_damping * squares
 
     # ----------------------------------------------------------------- equations
+    def potential(self, q: Array) -> Array:
+        """Strain and weight."""
+        return self.strain(q) + self.gravity(q)
+
     def residual(self, q: Array, v: Array, a: Array, u: Array) -> Array:
-        """d/dt dT/dv - dT/dq + d(U + V)/dq + dR/dv - Q."""
-        unit = np.eye(self.n)
-        r = 0.5 * (self.kinetic(q, a + unit) - self.kinetic(q, a - unit))  # M a
-        along = q + 1j * STEP * v
-        r = r + 0.5 * (self.kinetic(along, v + unit) - self.kinetic(along, v - unit)).imag / STEP
-        moved = q + 1j * STEP * unit
-        r = r + (self.strain(moved) + self.gravity(moved) - self.kinetic(moved, v + 0j * unit)).imag / STEP
-        r = r + 0.5 * (self.dissipation(q, v + unit) - self.dissipation(q, v - unit))
+        """With Phi_q' lambda; rows of multipliers are left at zero."""
+        r = super().residual(q, v, a, u)
         if self.coupling == "paper":
             r = r + self._paper_force(q)
-        return r - self._loads(q, u)
+        r = r + (self.gaps(q + 1j * STEP * np.eye(self.n)).imag / STEP) @ q[self.multipliers]
+        r[self.multipliers] = 0.0
+        return r
 
-    def mass_matrix(self, q: Array) -> Array:
-        """Hessian of the kinetic energy."""
-        unit = np.eye(self.n)
-        return 0.5 * (self.kinetic(q, unit[:, None] + unit) - self.kinetic(q, unit[:, None] - unit))
+    def gaps(self, q: Array) -> Array:
+        """What multipliers keep at zero: between each body's tip and the next one's root."""
+        found = [q[..., :0]]
+        for b, (body, following) in enumerate(itertools.pairwise(self.bodies)) if self.joined else ():
+            gap = (self.tip(b, q, q) - self.root(b + 1, q, q))[..., :3]
+            if following.link != body.link:
+                gap[..., 2] += self.scene.angles[following.link] - self.scene.angles[body.link]
+                gap = gap[..., :3] if following.link in self.scene.rigid_joints else gap[..., :2]
+            found.append(gap)
+        return np.concatenate(found, axis=-1)
 
     def _paper_force(self, q: Array) -> Array:
         """P times the derivative of half the integral of v'^2, on the coordinates of bending."""
@@ -265,15 +282,12 @@ class Chain:
 
     def ports(self, q: Array) -> Array:
         """What inputs work on: joint angles, then x, y, angle at each point load."""
-        y = [q[..., [2, *range(self.betas, self.n)]]]
+        places = self.places(q, q)
+        elbows = (root - tip for (_, tip), (root, _) in itertools.pairwise(places))
+        y = [turn[..., 2:3] for turn in (places[0][0], *elbows)]
         for load in (item for item in self.scene.loads if isinstance(item, PointLoad)):
-            root, tip = self.places(q, q)[load.link]
-            y.append((root if load.end == "root" else tip)[..., :3])
+            y.append(places[load.link][load.end == "tip"][..., :3])
         return np.concatenate(y, axis=-1)
-
-    def _loads(self, q: Array, u: Array) -> Array:
-        """Virtual work."""
-        return (self.ports(q + 1j * STEP * np.eye(self.n)).imag / STEP) @ u
 
 
 def at_points(own: Motion, points: Points) -> tuple[Array, Array]:

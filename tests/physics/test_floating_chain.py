@@ -205,7 +205,7 @@ def jointed() -> Scene:
 @pytest.mark.parametrize(
     ("scene", "dt", "mesh"),
     [
-        (named("robot_arm_motion_smooth"), 0.0125, {"segments": 3}),
+        pytest.param(named("robot_arm_motion_smooth"), 0.0125, {"segments": 3}, marks=pytest.mark.slow),
         pytest.param(named("spin_up"), 0.01, {"segments": 2, "modes": 2}, marks=pytest.mark.slow),
         pytest.param(named("flying_rod"), 2.5e-3, {"segments": 3}, marks=pytest.mark.slow),
         pytest.param(jointed(), 2e-3, {"segments": 2}, marks=pytest.mark.slow),
@@ -223,10 +223,10 @@ def test_the_form_with_multipliers_is_approached(scene: Scene, dt: float, mesh: 
     assert apart[-1] < 3e-6
 
 
-@pytest.mark.parametrize("mesh", [{"segments": 3}, {"modes": 3}], ids=str)
+@pytest.mark.parametrize("mesh", [{"segments": 3}, pytest.param({"modes": 3}, marks=pytest.mark.slow)], ids=str)
 def test_spin_up_through_both_ends(mesh: dict[str, int]) -> None:
     """Deepest lag near 6.75 s (geometrically exact: -0.5739 m), none at full speed, and the books balance."""
-    run = simulate(named("spin_up"), frame="chord", sample=0.02, estimate_error=False, **mesh)
+    run = simulate(everything(named("spin_up")), frame="chord", sample=0.02, estimate_error=False, **mesh)
     lag = 10.0 * run.tip_deflection[:, 0]
     assert run.status == "ok"
     assert lag.min() == pytest.approx(-0.5739, abs=5e-4)
@@ -277,7 +277,7 @@ def test_chord_modes_stop_where_they_should(modes: int) -> None:
     """A driven link whose root has no inertia: a sentence, no step halved, and a mass matrix that is still definite."""
     section = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)
     arm = Arm("arm", (Link(1.0, section),), payload=Payload(0.3))
-    scene = Scene("arm", arm, duration=2.0, dt=1e-3, loads=(JointTorque(0, sine(1.0, np.pi, 0.0, 2.0)),))
+    scene = everything(Scene("arm", arm, duration=2.0, dt=1e-3, loads=(JointTorque(0, sine(1.0, np.pi, 0.0, 2.0)),)))
     simulation = Simulation(scene, scene.settings("floating_frame", modes=modes, rho_inf=1.0, frame="chord"))
     assert not simulation.advance_to(2.0)
     assert simulation.work.counts[2] == 0.0

@@ -17,6 +17,7 @@ from flexarm_env.scene import JointTorque, Scene
 from flexarm_env.scenes import named
 from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import TimeFunction, sine
+from tests.scene_tools import everything
 
 SOFT = Arm("soft", (Link(1.0, Section(2.0, 2e6, 1e6, 0.5, 1e-6)),), hub_inertia=0.05, payload=Payload(0.1))
 STRIP = Section(EI=7.0, EA=7.2e6, C=2.3e6, m=0.277, J=2.7e-7)
@@ -33,7 +34,7 @@ def to_and_fro(torque: float) -> TimeFunction:
 def test_error_at_a_tenth_of_the_length(arm: Arm, torques: tuple[float, ...], bound: float) -> None:
     """Undamped, 5 s, links bent by a tenth of their length: within 0.2 % of L, two links within 0.5 %."""
     loads = tuple(JointTorque(k, to_and_fro(torque)) for k, torque in enumerate(torques))
-    scene = Scene("s", arm, duration=5.0, dt=1e-3, sample=0.02, loads=loads)
+    scene = everything(Scene("s", arm, duration=5.0, dt=1e-3, sample=0.02, loads=loads))
     exact = simulate(scene, "geometrically_exact", elements=12, rho_inf=0.9, dt=5e-4, estimate_error=False)
     run = simulate(scene, "floating_frame", modes=3, rho_inf=1.0, estimate_error=False)
     assert run.status == exact.status == "ok"
@@ -45,7 +46,7 @@ def test_error_at_a_tenth_of_the_length(arm: Arm, torques: tuple[float, ...], bo
 
 def test_modes_in_segments_follow_a_large_deflection() -> None:
     """A link bent by half of its length, far beyond what modes of the whole can do: within 1 % of L, and it says so."""
-    scene = named("robot_arm_motion")
+    scene = everything(named("robot_arm_motion"))
     exact = simulate(scene, "geometrically_exact", elements=16, dt=0.0125, sample=0.1, estimate_error=False)
     run = simulate(scene, "floating_frame", modes=3, segments=5, dt=0.1, sample=0.1)
     assert np.abs(exact.tip_deflection).max() > 0.45
@@ -86,7 +87,7 @@ def test_it_stops_before_its_mass_loses_definiteness(hub: float, payload: float,
     """A driven link, its root with an inertia or hardly any: a sentence, no failure of Newton, half of the margin."""
     section = Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-6)
     arm = Arm("arm", (Link(1.0, section),), hub_inertia=hub, payload=Payload(payload))
-    scene = Scene("s", arm, duration=2.0, dt=1e-3, loads=(JointTorque(0, sine(1.0, np.pi, 0.0, 2.0)),))
+    scene = everything(Scene("s", arm, duration=2.0, dt=1e-3, loads=(JointTorque(0, sine(1.0, np.pi, 0.0, 2.0)),)))
     simulation = Simulation(scene, scene.settings("floating_frame", modes=modes, rho_inf=1.0))
     rest = margin(simulation, simulation.system.q0)
     assert not simulation.advance_to(2.0)
@@ -103,7 +104,7 @@ def test_it_stops_before_its_mass_loses_definiteness(hub: float, payload: float,
 
 def test_a_prescribed_hub_cannot_lose_what_it_does_not_need() -> None:
     """spin_up has hardly any inertia at its root, but its angle is given."""
-    run = simulate(named("spin_up"), "floating_frame", modes=3, estimate_error=False)
+    run = simulate(everything(named("spin_up")), "floating_frame", modes=3, estimate_error=False)
     assert run.status == "ok"
     lag = 10.0 * run.tip_deflection[:, 0]
     assert lag.min() == pytest.approx(-0.5745, abs=1e-3)

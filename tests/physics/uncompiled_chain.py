@@ -1,4 +1,5 @@
-"""Floating frames in a chain against their oracle, on plain Python numbers; `test_floating_chain.py` runs this file.
+"""Floating frames, in a chain or joined by multipliers, against their oracle, on plain Python numbers;
+`test_floating_chain.py` runs this file.
 
 The kernels are the very ones that are compiled elsewhere; here all meshes, frames and features come at no compile time.
 """
@@ -9,20 +10,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import config
 from numpy.typing import NDArray
 
+from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.floating.build import build
-from flexarm_env.physics.model import DIVERGED, OK, FloatingChain
+from flexarm_env.physics.model import DIVERGED, OK
 from flexarm_env.physics.protocol import REGISTRY, RESIDUAL_ALONE, State, Weights
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
 from tests.physics.oracle_chain import Chain
 
-pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
+pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
 
 Array = NDArray[Any]
 SECTIONS = (
@@ -53,8 +54,8 @@ def scene_of(links: int, **features: Any) -> Scene:
     )
     return Scene(
         "chain", arm, duration=1.0, dt=0.01, root=features.get("root", "pinned"), position=(0.3, -0.2),
-        angles=(0.3, -0.2, 1.0)[:links], gravity=features.get("gravity", (0.5, -9.81)),
-        loads=loads if features.get("loads", True) else (),
+        angles=(0.3, -0.2, 1.0)[:links], rigid_joints=features.get("rigid_joints", ()),
+        gravity=features.get("gravity", (0.5, -9.81)), loads=loads if features.get("loads", True) else (),
     )  # fmt: skip
 
 
@@ -64,26 +65,29 @@ class Case:
     def __init__(self, links: int, features: dict[str, Any], stiffness: float = 1.0, **mesh: Any) -> None:
         self.scene, self.mesh = scene_of(links, **features), mesh
         self.system = build(self.scene, Settings.make("floating_frame", **mesh))
-        assert isinstance(self.system.model, FloatingChain)
         self.model, self.par = self.system.model, self.system.par.copy()
         self.par[2] = stiffness
-        self.functions = REGISTRY[FloatingChain]
-        size = self.model.n
-        self.n = size if isinstance(size, int) else len(size)
-        size = self.model.n_factor
-        self.n_factor = size if isinstance(size, int) else len(size)
-        size = self.model.n_inputs
-        self.n_inputs = size if isinstance(size, int) else len(size)
-        given = {"frame": "root", **mesh, "stiffness": stiffness}
-        self.oracle = Chain(self.scene, given.pop("segments", 1), given.pop("elements", 1), **given)
+        self.functions = REGISTRY[type(self.model)]
+        self.n, self.n_factor, self.n_inputs = (
+            size if isinstance(size, int) else len(size)
+            for size in (self.model.n, self.model.n_factor, self.model.n_inputs)
+        )
+        algebraic = self.model.algebraic
+        self.constrained = [] if algebraic is None else list(algebraic)
+        self.free = [k for k in range(self.n) if k not in self.constrained]
+        given = {"segments": 1, "elements": 1, "frame": "root", **mesh, "stiffness": stiffness}
+        self.oracle = Chain(self.scene, joined=given.pop("multipliers", False), **given)
         # eigenvectors of the modes' mesh are known to nine digits
         self.tolerance = 1e-10 if mesh.get("modes") is None else 3e-8
 
     def state(self, seed: int = 1, size: float = 0.15) -> tuple[Array, Array, Array, Array]:
-        """q, v, a, u: deflections of `size`, everything moving."""
+        """q, v, a, u: deflections of `size`, everything moving; multipliers in q, none in v and a."""
         rng = np.random.default_rng(seed)
         q = self.system.q0 + size * rng.normal(size=self.n)
-        return q, rng.normal(size=self.n), rng.normal(size=self.n), rng.normal(size=self.n_inputs)
+        v, a = rng.normal(size=self.n), rng.normal(size=self.n)
+        q[self.constrained] = rng.normal(size=len(self.constrained))
+        v[self.constrained] = a[self.constrained] = 0.0
+        return q, v, a, rng.normal(size=self.n_inputs)
 
     def residual(self, q: Array, v: Array, a: Array, u: Array) -> Array:
         """Every entry is written: the array starts as NaN."""
@@ -92,6 +96,7 @@ class Case:
     def with_room(self, q: Array, v: Array, a: Array, u: Array, S: Array) -> Array:
         r = np.full(self.n, np.nan)
         self.functions["assemble"](SINGLE, self.model, self.par, State(q, v, a), u, RESIDUAL_ALONE, r, S)
+        r[self.constrained] = 0.0
         return r
 
     def factored(self, state: tuple[Array, ...], weights: tuple[float, ...], pinned: tuple[int, ...] = ()) -> Array:
@@ -171,16 +176,29 @@ def cases() -> list[Any]:
 
 
 ALL = pytest.mark.parametrize(("links", "mesh"), cases())
+JOINED: list[dict[str, Any]] = [
+    {"segments": 1, "elements": 2}, {"segments": 2, "elements": 1}, {"segments": 1, "elements": 3, "coupling": "paper"},
+    {"segments": 2, "elements": 1, "coupling": "linear"}, {"modes": 2},
+]  # fmt: skip
+BOTH = pytest.mark.parametrize(
+    ("links", "mesh"),
+    cases() + [pytest.param(3, {**m, "multipliers": True}, id=f"3-{named(m)}", marks=pytest.mark.slow) for m in JOINED],
+)
 
 
-@ALL
+def joined(mesh: dict[str, Any], **features: Any) -> dict[str, Any]:
+    """Features of the three links, of which multipliers join the last one at an angle; drag belongs to one frame."""
+    drag = {"mass_damping": 0.3} if mesh.get("segments", 1) == 1 else {}
+    return {**drag, "rigid_joints": (2,), **features} if mesh.get("multipliers") else features
+
+
+@BOTH
 def test_equations_are_those_of_lagrange(links: int, mesh: dict[str, Any]) -> None:
     for features in FEATURES:
-        case = Case(links, features, **mesh)
-        assert case.n == case.oracle.n
-        assert case.system.coordinates == {
-            "root_x": 0, "root_y": 1, "joint0": 2, **{f"joint{k}": case.oracle.betas + k - 1 for k in range(1, links)}
-        }  # fmt: skip
+        case = Case(links, joined(mesh, **features), **mesh)
+        assert (case.n, case.constrained) == (case.oracle.n, case.oracle.multipliers)
+        betas = {f"joint{k}": case.oracle.betas + k - 1 for k in range(1, links)}
+        assert mesh.get("multipliers") or case.system.coordinates == {"root_x": 0, "root_y": 1, "joint0": 2, **betas}
         for seed in (1, 2):
             state = case.state(seed)
             assert close(case.residual(*state), case.oracle.residual(*state), case.tolerance), features
@@ -235,9 +253,9 @@ def test_tangents_solve_what_differences_say(links: int, mesh: dict[str, Any]) -
                 assert left < 1e-9, (weights, pinned)
 
 
-@ALL
+@BOTH
 def test_energies_and_losses(links: int, mesh: dict[str, Any]) -> None:
-    case = Case(links, {"mass_damping": 0.2 if mesh.get("segments", 1) == 1 else 0.0}, **mesh)
+    case = Case(links, joined(mesh, mass_damping=0.2 if mesh.get("segments", 1) == 1 else 0.0), **mesh)
     q, v, x, _ = case.state(4)
     kinetic, strain, gravity = case.functions["energy"](SINGLE, case.model, case.par, q, v)
     assert kinetic == pytest.approx(float(case.oracle.kinetic(q, v)), rel=case.tolerance)
@@ -249,10 +267,10 @@ def test_energies_and_losses(links: int, mesh: dict[str, Any]) -> None:
     assert power == pytest.approx(float(0.5 * (loss(q, v + x) - loss(q, v - x))), rel=10 * case.tolerance)
 
 
-@ALL
+@BOTH
 def test_places(links: int, mesh: dict[str, Any]) -> None:
     """Poses of roots and tips with rates, what inputs work on, and the curve that is drawn."""
-    case = Case(links, {}, **mesh)
+    case = Case(links, joined(mesh), **mesh)
     q, v, _, _ = case.state(6)
     poses, y = np.full((links, 12), np.nan), np.full(case.n_inputs, np.nan)
     case.functions["link_poses"](SINGLE, case.model, case.par, q, v, poses.reshape(-1))
@@ -266,8 +284,9 @@ def test_places(links: int, mesh: dict[str, Any]) -> None:
     assert (len(points) - 1) % bodies == 0
     stations = (len(points) - 1) // bodies
     for b in range(bodies):
-        assert close(points[b * stations], case.oracle.root(b, q, v)[:2], case.tolerance)
+        first = 1 if b and case.constrained else 0  # a gap between tip and root is drawn as the tip
+        assert first or close(points[b * stations], case.oracle.root(b, q, v)[:2], case.tolerance)
         assert close(points[(b + 1) * stations], case.oracle.tip(b, q, v)[:2], case.tolerance)
-        wanted = case.oracle.curve(b, stations, q)
-        assert close(points[b * stations : (b + 1) * stations + 1], wanted, case.tolerance)
+        wanted = case.oracle.curve(b, stations, q)[first:]
+        assert close(points[b * stations + first : (b + 1) * stations + 1], wanted, case.tolerance)
     assert case.functions["shape"](case.model, q, np.zeros((2, 2))) == 2

@@ -18,16 +18,16 @@ _pull_poses = pulled(link_poses, ("par", "q", "v", "out"))
 
 
 @kernel
-def pull_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
+def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """See `protocol`."""
     q, v, a = state
     _pull_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
 
 
 @kernel
-def pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
+def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
     """See `protocol`."""
     _pull_poses(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
 
 
-register(Elastica, pull_residual=pull_residual, pull_poses=pull_poses)
+register(Elastica, vjp_residual=vjp_residual, vjp_poses=vjp_poses)

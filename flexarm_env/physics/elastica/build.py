@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexarm_env.parameters import Payload
+from flexarm_env.parameters import Payload, Section
 from flexarm_env.physics.elastica.chain import Chain, Line, chain
-from flexarm_env.physics.elastica.layout import DATA, ECCENTRIC, LOAD
+from flexarm_env.physics.elastica.layout import BENDS, DATA, ECCENTRIC, LOAD
 from flexarm_env.physics.elastica.slenderness import Notes
 from flexarm_env.physics.layout import OF_LOAD
-from flexarm_env.physics.model import Elastica, System, damped
+from flexarm_env.physics.materials import BENDING, bending
+from flexarm_env.physics.model import BEAM, Elastica, System, damped
 from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 
 Array = NDArray[np.float64]
+
+HONOURS = {**BEAM, Section: (*BEAM[Section], *BENDING)}
+"""What of an arm this formulation takes into account; `assembly` refuses the rest."""
 
 UNROLLED = 12
 """Chains of at most this many nodes in all get kernels of their own, with their sizes compiled in."""
@@ -24,12 +28,29 @@ UNROLLED = 12
 HEAVIER = 1.0 / 60.0
 """Share of a mode's inertia that is added, over (omega h)^4: see `phase_correction`."""
 
+NO_PART = 1e-9
+"""Share of the rigid link's inertia that rounding may leave in its correction."""
+
 
 def rest_angles(parts: Chain) -> Array | None:
     """`Elastica.rest`."""
     if not any(line.link.curved for line in parts.lines):
         return None
     return np.concatenate([line.rest for line in parts.lines])
+
+
+def bends(parts: Chain) -> Array:
+    """`Elastica.bends`."""
+    stiffness, slopes, own = [], [], []
+    for k, line in enumerate(parts.lines):
+        s, weights = line.quadrature()
+        sections, slope = line.link.along(s), np.zeros((s.size, parts.w.size))
+        slope[:, k * parts.n : (k + 1) * parts.n] = line.slope(s)
+        stiffness.append(sections.EI * weights)
+        slopes.append(slope)
+        own.append(np.array([getattr(sections, name) for name in BENDING]).reshape(-1, s.size).T)
+    values = {"stiffness": np.concatenate(stiffness), "slope": np.concatenate(slopes), "own": np.concatenate(own)}
+    return BENDS.pack({"points": len(values["stiffness"]), "nodes": parts.w.size}, **values)
 
 
 def phase_correction(
@@ -44,10 +65,13 @@ def phase_correction(
 
         C = M - (M + h^4 / 60 K M^-1 K) (M + 2 kappa h^2 K)^-1 M
 
-    has no part in rigid motion, momentum or statics. arm: as `_payload_arm` gives it.
+    has no part in rigid motion, momentum or statics. arm: as `_payload_arm` gives it. Where rounding gives it one, the
+    links being very stiff, C is made from differences of angles, K = D' k D, with F = D M^-1 D':
+
+        C = D' ((a + b / a) (k^-1 + a F)^-1 - b / a k) D,   a = 2 kappa h^2, b = h^4 / 60
     """
     n, C = parts.n, np.zeros_like(parts.R)
-    lengthening = 2.0 * settings.period_error * h * h
+    lengthening, share = 2.0 * settings.period_error * h * h, HEAVIER * h**4
     for k in range(len(parts.lines)):
         own = slice(k * n, (k + 1) * n)
         P, to = parts.P[own, own], arm[own]
@@ -55,8 +79,13 @@ def phase_correction(
             P, to = P * np.cos(rest[own][:, None] - rest[own]), to * np.exp(1j * rest[own])
         M = P + parts.R[k] + payload * np.outer(to.conj(), to).real
         K = parts.K[k]
-        heavier = HEAVIER * h**4 * K @ np.linalg.solve(M, K)
+        heavier = share * K @ np.linalg.solve(M, K)
         C[k] = (lengthening * K - heavier) @ np.linalg.solve(M + lengthening * K, M)
+        if not abs(C[k].sum(axis=0)).max() <= NO_PART * M.sum():
+            D, ratio = np.eye(n)[1:] - np.eye(n)[0], share / lengthening
+            F = D @ np.linalg.solve(M, D.T)
+            slow = np.linalg.inv(np.linalg.inv(K[1:, 1:]) + lengthening * F)
+            C[k] = D.T @ ((lengthening + ratio) * slow - ratio * K[1:, 1:]) @ D
     return np.asarray(0.5 * (C + C.transpose(0, 2, 1)))
 
 
@@ -143,8 +172,9 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
         loads=None if own and not ends else np.concatenate([np.zeros(0), *ends]),
         eccentric=_eccentric(arm.payload, carried, beta),
         rest=rest,
+        points=None if bending is None else tag(sum(len(line.quadrature()[0]) for line in parts.lines), own),
+        bends=None if bending is None else bends(parts),
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
     names, coordinates = _names(count, n, has_root, "centre" if scene.root == "free" else "root")
     angles = np.repeat(scene.angles, n) if rest is None else np.repeat(scene.angles, n) + rest
     centre = scene.position + np.array([np.cos(angles), np.sin(angles)]) @ beta.real
@@ -153,7 +183,9 @@ def build(scene: Scene, settings: Settings, points: int = 12) -> System:
     q0 = np.concatenate([angles, centre if has_root else ()]).astype(np.float64)
     for k in range(1, count):
         q0[k * n] = scene.initial_value(f"joint{k}")
-    return System(model, par, q0, np.zeros(rows), coordinates, names, Notes(scene, n))
+    vectors = ((m, m + 1),) if has_root else ()
+    absolute = tuple(row for row in range(m) if row == 0 or row % n)  # joints behind the first are relative
+    return System.of(arm, model, q0, coordinates, names, vectors, absolute, Notes(scene, n))
 
 
 def _payload_arm(parts: Chain, payload: Payload) -> NDArray[Any]:

@@ -10,18 +10,27 @@ the centre of mass, so that steps keep momentum to round-off.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ...compiler import NUMBER, aligned_frame, by_kind, kernel, load, sincos, size, splat, stack, store, unrolled
+from ...compiler import kernel, load, sincos, size, splat, stack, store, unrolled
 from ..arithmetic import share_of
 from ..layout import OF_LOAD
+from ..materials import viscoelastic, viscoelastic_slope
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D, Elastica
 from ..protocol import register
-from .eccentric import less_root_aside, payload_at, root_aside, tangent_aside, unbent, with_payload
+from .eccentric import (
+    less_root_aside,
+    more_moments,
+    more_slopes,
+    payload_at,
+    root_of,
+    tangent_aside,
+    with_payload,
+)
 from .layout import X, Y, constants, load_at, node_angles, weighted
-from .output import damping_work, energy, link_poses, out_of_range, ports, shape
+from .output import damping_work, energy, link_poses, ports, shape
 
 
 class Nodes(NamedTuple):
@@ -37,38 +46,20 @@ class Nodes(NamedTuple):
 
 
 @kernel
-def _frame_acceleration(lane, model, a, ex, ey):
-    """Acceleration of the root less gravity."""
-    D = model.data
-    at = constants(model)
-    x, y = splat(lane, 0.0), splat(lane, 0.0)
-    if model.root is not None:
-        m = size(model.links) * size(model.nodes)
-        x = load(lane, a, m + X) - weighted(lane, D, at.beta, ex, m)
-        y = load(lane, a, m + Y) - weighted(lane, D, at.beta, ey, m)
-        x, y = root_aside(lane, model.eccentric, model, ex, ey, x, y)
-    if model.gravity is not None:
-        x, y = x - D[at.gravity + X], y - D[at.gravity + Y]
-    return x, y
-
-
-@kernel
 def assemble(lane, model, par, state, u, weights, r, S):
     """r and, where the weight of M is not 0, S (row-major, model.n squared), see `protocol`."""
-    aligned_frame(lane)
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
     )  # fmt: skip
     _forces(lane, model, par, state, u, on, r)
     if weights.mass != 0.0:
-        _tangent(lane, model, par, on, weights, S)
+        _tangent(lane, model, par, state.q, on, weights, S)
 
 
 @kernel
 def residual(lane, model, par, state, u, r, S):
     """See `protocol`."""
-    aligned_frame(lane)
     on = Nodes(
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
         stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch),
@@ -100,14 +91,19 @@ def _forces(lane, model, par, state, u, on, r):
         store(s, i, sine)
         store(ex, i, ax)
         store(ey, i, ay)
-        angle = unbent(lane, model.rest, i, angle)
+        if model.rest is not None:
+            angle = angle - model.rest[i]
         if model.damping is not None:
-            angle = angle + rate * share_of(model.damping, i // n, tau_d)
+            angle = viscoelastic(angle, rate, share_of(model.damping, i // n, tau_d))
         store(x, i, angle * stiffness)
-    frame_x, frame_y = _frame_acceleration(lane, model, a, ex, ey)
+    frame_x, frame_y = splat(lane, 0.0), splat(lane, 0.0)  # acceleration of the root less gravity
+    if model.root is not None:
+        frame_x, frame_y = root_of(lane, model, a, ex, ey)
+    if model.gravity is not None:
+        frame_x, frame_y = frame_x - D[at.gravity + X], frame_y - D[at.gravity + Y]
     tip_x, tip_y = splat(lane, 0.0), splat(lane, 0.0)
     if model.payload is not None:
-        tip_x, tip_y = payload_at(lane, model.eccentric, model, ex, ey)
+        tip_x, tip_y = payload_at(lane, model, ex, ey)
         tip_x, tip_y = (tip_x + frame_x) * payload, (tip_y + frame_y) * payload
     for i in range(m):
         fxi, fyi = load(lane, ex, 0) * D[at.P + i * m], load(lane, ey, 0) * D[at.P + i * m]
@@ -117,18 +113,23 @@ def _forces(lane, model, par, state, u, on, r):
         if model.root is not None or model.gravity is not None:
             fxi, fyi = fxi + frame_x * D[at.b + i], fyi + frame_y * D[at.b + i]
         if model.payload is not None:
-            fxi, fyi = with_payload(lane, model.eccentric, model, i, tip_x, tip_y, fxi, fyi)
+            fxi, fyi = with_payload(lane, model, i, tip_x, tip_y, fxi, fyi)
         store(fx, i, fxi)
         store(fy, i, fyi)
-    _less_forces(lane, model, model.loads, u, fx, fy)
+    if model.loads is not None:
+        _less_forces(lane, model, u, fx, fy)
     if model.root is not None:  # momentum of the whole chain
         store(r, m + X, frame_x * D[at.mass] + weighted(lane, D, at.b, ex, m) + tip_x)
         store(r, m + Y, frame_y * D[at.mass] + weighted(lane, D, at.b, ey, m) + tip_y)
-        _less_total(lane, model, model.loads, u, r)
+        if model.loads is not None:
+            for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
+                at_load = links + OF_LOAD.end * f
+                store(r, m + X, load(lane, r, m + X) - load(lane, u, at_load + OF_LOAD.x))
+                store(r, m + Y, load(lane, r, m + Y) - load(lane, u, at_load + OF_LOAD.y))
         for i in range(m):
             store(fx, i, load(lane, fx, i) - load(lane, r, m + X) * D[at.beta + i])
             store(fy, i, load(lane, fy, i) - load(lane, r, m + Y) * D[at.beta + i])
-        less_root_aside(lane, model.eccentric, model, r, fx, fy)
+        less_root_aside(lane, model, r, fx, fy)
     for k in range(links):
         for i in range(k * n, k * n + n):
             total = load(lane, z, k * n) * D[at.R + i * n]
@@ -137,7 +138,9 @@ def _forces(lane, model, par, state, u, on, r):
             for j in range(n):
                 total = total + load(lane, x, k * n + j) * D[at.K + i * n + j]
             store(r, i, total + (load(lane, c, i) * load(lane, fy, i) - load(lane, s, i) * load(lane, fx, i)))
-    _less_torques(lane, model, model.loads, u, r)
+    more_moments(lane, model, stiffness, q, r)
+    if model.loads is not None:
+        _less_torques(lane, model, u, r)
     _payload_turns(lane, model, load(lane, par, PAYLOAD_INERTIA), z, r)
     for k in range(links - 1, 0, -1):  # from angles to coordinates, see _to_relative
         store(r, k * n - 1, load(lane, r, k * n - 1) + load(lane, r, k * n))
@@ -145,25 +148,9 @@ def _forces(lane, model, par, state, u, on, r):
         store(r, k * n, load(lane, r, k * n) - load(lane, u, k))
 
 
-@kernel
-def _alike(damping, slope, factor, tau_d, cc, ck, k):
-    return slope
-
-
-@kernel
-def _of_link(damping, slope, factor, tau_d, cc, ck, k):
-    return factor * (tau_d * (damping[k] * cc) + ck)
-
-
-@by_kind("damping", "damping, slope, factor, tau_d, cc, ck, k")
-def _slope(kind: str) -> Any:
-    """Of bending stiffness of link k in the tangent: `slope`, which all have, or the link's own."""
-    return _of_link if kind == NUMBER else _alike
-
-
 @unrolled
 @kernel
-def _tangent(lane, model, par, on, weights, S):
+def _tangent(lane, model, par, q, on, weights, S):
     """The matrix of `assemble`; e'' becomes its weighted derivative."""
     cm, cc, ck = weights.mass, weights.damping, weights.stiffness
     y, c, s, ex, ey, fx, fy = on.rate, on.c, on.s, on.ex, on.ey, on.fx, on.fy
@@ -174,7 +161,7 @@ def _tangent(lane, model, par, on, weights, S):
     payload, factor, tau_d = load(lane, par, PAYLOAD_MASS), load(lane, par, STIFFNESS_FACTOR), load(lane, par, TAU_D)
     slope = factor * ck
     if model.damping is not None:
-        slope = factor * (tau_d * cc + ck)
+        slope = factor * viscoelastic_slope(None, tau_d, cc, ck)
     for i in range(m):
         cosine, sine, ax, ay = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         twice = load(lane, y, i) * (2.0 * cc)
@@ -186,7 +173,9 @@ def _tangent(lane, model, par, on, weights, S):
         moment = share + D[at.b + i]
         ci, si, dxi, dyi = load(lane, c, i), load(lane, s, i), load(lane, ex, i), load(lane, ey, i)
         k = i // n
-        steep = _slope(model.damping, slope, factor, tau_d, cc, ck, k)
+        steep = slope
+        if model.damping is not None and not isinstance(model.damping, tuple):  # a link's own
+            steep = factor * viscoelastic_slope(None, tau_d, model.damping[k] * cc, ck)
         for j in range(i):
             p = splat(lane, D[at.P + i * m + j])
             if model.payload is not None:
@@ -208,38 +197,34 @@ def _tangent(lane, model, par, on, weights, S):
             p = p - (moment + (moment - mass * D[at.beta + i])) * D[at.beta + i]
         own = p * (ci * dyi - si * dxi) + (steep * D[at.K + i * n + i - k * n] + cm * D[at.R + i * n + i - k * n])
         store(S, i * rows + i, own - (ci * load(lane, fx, i) + si * load(lane, fy, i)) * ck)
+    more_slopes(lane, model, factor * ck, q, S)
     _payload_turns_tangent(lane, model, load(lane, par, PAYLOAD_INERTIA), cm, S)
     _root_tangent(lane, model, payload, on, cm, S)
-    tangent_aside(lane, model.eccentric, model, payload, on, cm, S)
+    tangent_aside(lane, model, payload, on, cm, S)
     _to_relative(lane, model, S)
 
 
 @kernel
-def _less_forces(lane, model, loads, u, fx, fy):
+def _less_forces(lane, model, u, fx, fy):
     """A_i <- A_i less the forces of the point loads times their arms."""
-    if loads is not None:
-        links = size(model.links)
-        m = links * size(model.nodes)
-        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
-            at = load_at(model, f)
-            k = links + OF_LOAD.end * f
-            force_x, force_y = load(lane, u, k + OF_LOAD.x), load(lane, u, k + OF_LOAD.y)
-            for i in range(m):
-                store(fx, i, load(lane, fx, i) - force_x * loads[at.arm + i])
-                store(fy, i, load(lane, fy, i) - force_y * loads[at.arm + i])
+    links, loads = size(model.links), model.loads
+    m = links * size(model.nodes)
+    for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
+        at, k = load_at(model, f), links + OF_LOAD.end * f
+        force_x, force_y = load(lane, u, k + OF_LOAD.x), load(lane, u, k + OF_LOAD.y)
+        for i in range(m):
+            store(fx, i, load(lane, fx, i) - force_x * loads[at.arm + i])
+            store(fy, i, load(lane, fy, i) - force_y * loads[at.arm + i])
 
 
 @kernel
-def _less_torques(lane, model, loads, u, r):
+def _less_torques(lane, model, u, r):
     """r_i <- r_i less the torques of the point loads."""
-    if loads is not None:
-        links = size(model.links)
-        m = links * size(model.nodes)
-        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
-            at = load_at(model, f)
-            torque = load(lane, u, links + OF_LOAD.end * f + OF_LOAD.torque)
-            for i in range(m):
-                store(r, i, load(lane, r, i) - torque * loads[at.angle + i])
+    links, loads = size(model.links), model.loads
+    for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
+        at, torque = load_at(model, f), load(lane, u, links + OF_LOAD.end * f + OF_LOAD.torque)
+        for i in range(links * size(model.nodes)):
+            store(r, i, load(lane, r, i) - torque * loads[at.angle + i])
 
 
 @kernel
@@ -290,18 +275,6 @@ def _root_tangent(lane, model, payload, on, cm, S):
 
 
 @kernel
-def _less_total(lane, model, loads, u, r):
-    """The root's rows less all forces."""
-    if loads is not None:
-        links = size(model.links)
-        m = links * size(model.nodes)
-        for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
-            k = links + OF_LOAD.end * f
-            store(r, m + X, load(lane, r, m + X) - load(lane, u, k + OF_LOAD.x))
-            store(r, m + Y, load(lane, r, m + Y) - load(lane, u, k + OF_LOAD.y))
-
-
-@kernel
 def _to_relative(lane, model, S):
     """From the nodes' angles to the coordinates: what acts on a link's root acts on the tip before it as well."""
     n, rows = size(model.nodes), size(model.n)
@@ -312,11 +285,6 @@ def _to_relative(lane, model, S):
         for j in range(rows):
             o = k * n * rows + j
             store(S, o - rows, load(lane, S, o - rows) + load(lane, S, o))
-
-
-@kernel
-def constrain(lane, model, psi, state, level, scale, r):
-    """No constraint is left: joints are coordinates."""
 
 
 @kernel
@@ -338,7 +306,7 @@ def stiffen(lane, model, S, k, x):
 
 @unrolled
 @kernel
-def _factor(lane, model, S):
+def factor(lane, model, S):
     """S <- L U without pivoting, the diagonal inverted: cm M, positive definite, outweighs the rest."""
     rows = size(model.n)
     for k in range(rows):
@@ -353,8 +321,8 @@ def _factor(lane, model, S):
 
 @unrolled
 @kernel
-def _solve(lane, model, S, x):
-    """x <- S^-1 x with the factors of `_factor`."""
+def solve(lane, model, S, x):
+    """x <- S^-1 x with the factors of `factor`."""
     rows = size(model.n)
     for i in range(1, rows):
         total = load(lane, x, i)
@@ -370,8 +338,8 @@ def _solve(lane, model, S, x):
 
 @unrolled
 @kernel
-def _solve_transposed(lane, model, S, x):
-    """x <- S^-T x with the factors of `_factor`."""
+def solve_transposed(lane, model, S, x):
+    """x <- S^-T x with the factors of `factor`."""
     rows = size(model.n)
     for i in range(rows):
         total = load(lane, x, i)
@@ -385,32 +353,10 @@ def _solve_transposed(lane, model, S, x):
         store(x, i, total)
 
 
-@kernel
-def factor(lane, model, S):
-    """See _factor."""
-    aligned_frame(lane)
-    _factor(lane, model, S)
-
-
-@kernel
-def solve(lane, model, S, x):
-    """See _solve."""
-    aligned_frame(lane)
-    _solve(lane, model, S, x)
-
-
-@kernel
-def solve_transposed(lane, model, S, x):
-    """See _solve_transposed."""
-    aligned_frame(lane)
-    _solve_transposed(lane, model, S, x)
-
-
 register(
     Elastica,
     assemble=assemble,
     residual=residual,
-    constrain=constrain,
     pin=pin,
     stiffen=stiffen,
     factor=factor,
@@ -420,6 +366,5 @@ register(
     damping_work=damping_work,
     energy=energy,
     link_poses=link_poses,
-    out_of_range=out_of_range,
     shape=shape,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, size, splat, store
 from ...layout import Field, Layout
+from ..materials import BENDING
 
 POINT = Layout("Point", "", Field("x", (), "m", ""), Field("y", (), "m", ""))
 """The root's rows, or the centre of mass's, behind those of the angles."""
@@ -36,8 +37,17 @@ ECCENTRIC = Layout(
     Field("beta", ("nodes",), "m", "root = last rows - sum beta_j e_j (`DATA`) and of this times n_j"),
 )  # fmt: skip
 """Of a payload whose centre is not at the tip; n_j = (-sin phi_j, cos phi_j); nodes: of all links."""
+OWN = len(BENDING)
+BENDS = Layout(
+    "Bends", "points, nodes",
+    Field("stiffness", ("points",), "N m^3", "EI times the point's weight"),
+    Field("slope", ("points", "nodes"), "1/m", "sum of it times the angles = kappa"),
+    Field("own", ("points", OWN), "", "what the law of M has besides"),
+)  # fmt: skip
+"""Of a law of M that is not EI kappa, at the points of quadrature of all links; nodes: of all links."""
 _data_at = kernel(DATA.offsets)
 eccentric_at = kernel(ECCENTRIC.offsets)
+bends_at = kernel(BENDS.offsets)
 _load_at = kernel(LOAD.offsets)
 
 

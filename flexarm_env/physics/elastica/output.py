@@ -6,18 +6,18 @@ from ...compiler import kernel, load, sincos, size, splat, stack, store
 from ..arithmetic import share_of
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
-from .eccentric import less_rest, payload_at, root_aside
+from .eccentric import less_rest, more_energy, payload_at, root_of
 from .layout import X, Y, constants, load_at, node_angles, weighted
 
 
 @kernel
-def _tangents(lane, model, q, v, c, s, ex, ey):
-    """(c, s) <- e_j, (ex, ey) <- e_j'; c, s, ex, ey hold angles and rates on the way."""
-    node_angles(lane, model, q, c)
-    node_angles(lane, model, v, ex)
+def _tangents(lane, model, q, v, x, y, c, s, ex, ey):
+    """x, y <- angles of the nodes and their rates; (c, s) <- e_j, (ex, ey) <- e_j'."""
+    node_angles(lane, model, q, x)
+    node_angles(lane, model, v, y)
     for i in range(size(model.links) * size(model.nodes)):
-        sine, cosine = sincos(load(lane, c, i))
-        rate = load(lane, ex, i)
+        sine, cosine = sincos(load(lane, x, i))
+        rate = load(lane, y, i)
         store(c, i, cosine)
         store(s, i, sine)
         store(ex, i, -(sine * rate))
@@ -30,10 +30,7 @@ def _root(lane, model, q, c, s):
     D = model.data
     at = constants(model)
     if model.root is not None:
-        m = size(model.links) * size(model.nodes)
-        x = load(lane, q, m + X) - weighted(lane, D, at.beta, c, m)
-        y = load(lane, q, m + Y) - weighted(lane, D, at.beta, s, m)
-        return root_aside(lane, model.eccentric, model, c, s, x, y)
+        return root_of(lane, model, q, c, s)
     return splat(lane, D[at.root + X]), splat(lane, D[at.root + Y])
 
 
@@ -41,17 +38,10 @@ def _root(lane, model, q, c, s):
 def ports(lane, model, par, q, y):
     """Joint angles, then position and angle of the point of each load."""
     n, links = size(model.nodes), size(model.links)
+    m = n * links
     for k in range(links):
         store(y, k, load(lane, q, k * n))
-    _load_ports(lane, model, model.loads, q, y)
-
-
-@kernel
-def _load_ports(lane, model, loads, q, y):
-    """Position and angle of the point of each load."""
-    if loads is not None:
-        links = size(model.links)
-        m = links * size(model.nodes)
+    if model.loads is not None:
         x, c, s = stack(lane, model.scratch), stack(lane, model.scratch), stack(lane, model.scratch)
         node_angles(lane, model, q, x)
         for i in range(m):
@@ -61,9 +51,9 @@ def _load_ports(lane, model, loads, q, y):
         root_x, root_y = _root(lane, model, q, c, s)
         for f in range((size(model.n_inputs) - links) // OF_LOAD.end):
             at, k = load_at(model, f), links + OF_LOAD.end * f
-            store(y, k + OF_LOAD.x, root_x + weighted(lane, loads, at.arm, c, m))
-            store(y, k + OF_LOAD.y, root_y + weighted(lane, loads, at.arm, s, m))
-            store(y, k + OF_LOAD.torque, weighted(lane, loads, at.angle, x, m))
+            store(y, k + OF_LOAD.x, root_x + weighted(lane, model.loads, at.arm, c, m))
+            store(y, k + OF_LOAD.y, root_y + weighted(lane, model.loads, at.arm, s, m))
+            store(y, k + OF_LOAD.torque, weighted(lane, model.loads, at.angle, x, m))
 
 
 @kernel
@@ -106,18 +96,14 @@ def energy(lane, model, par, q, v):
     m = n * links
     payload = load(lane, par, PAYLOAD_MASS)
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
-    c, s, ex, ey = (
-        stack(lane, model.scratch),
-        stack(lane, model.scratch),
-        stack(lane, model.scratch),
-        stack(lane, model.scratch),
-    )
-    node_angles(lane, model, q, x)
-    node_angles(lane, model, v, y)
-    _tangents(lane, model, q, v, c, s, ex, ey)
-    less_rest(lane, model.rest, x)
+    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
+    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
+    _tangents(lane, model, q, v, x, y, c, s, ex, ey)
+    less_rest(lane, model, x)
     strain = _bending(lane, model, None, x, x) * (load(lane, par, STIFFNESS_FACTOR) * 0.5)
-    tip_x, tip_y = payload_at(lane, model.eccentric, model, ex, ey)
+    if model.bends is not None:
+        strain = strain + more_energy(lane, model, x) * load(lane, par, STIFFNESS_FACTOR)
+    tip_x, tip_y = payload_at(lane, model, ex, ey)
     tip_spin = splat(lane, 0.0)
     for i in range(m - n, m):
         tip_spin = tip_spin + load(lane, y, i) * D[at.tips + i]
@@ -132,29 +118,18 @@ def energy(lane, model, par, q, v):
         twice = twice + (load(lane, ex, i) * px + load(lane, ey, i) * py + rate * spin)
     mass = payload + D[at.mass]
     if model.root is not None:
-        vx = load(lane, v, m + X) - weighted(lane, D, at.beta, ex, m)
-        vy = load(lane, v, m + Y) - weighted(lane, D, at.beta, ey, m)
-        vx, vy = root_aside(lane, model.eccentric, model, ex, ey, vx, vy)
+        vx, vy = root_of(lane, model, v, ex, ey)
         px = payload * tip_x + weighted(lane, D, at.b, ex, m)
         py = payload * tip_y + weighted(lane, D, at.b, ey, m)
         twice = twice + (mass * (vx * vx + vy * vy) + (vx * px + vy * py) * 2.0)
-    return twice * 0.5, strain, _gravity_energy(lane, model, payload, q, c, s)
-
-
-@kernel
-def _gravity_energy(lane, model, payload, q, c, s):
-    """- mass g . centre of mass."""
-    D = model.data
-    at = constants(model)
-    if model.gravity is None:
-        return splat(lane, 0.0)
-    m = size(model.links) * size(model.nodes)
-    mass = payload + D[at.mass]
-    root_x, root_y = _root(lane, model, q, c, s)
-    far_x, far_y = payload_at(lane, model.eccentric, model, c, s)
-    cx = payload * far_x + weighted(lane, D, at.b, c, m) + mass * root_x
-    cy = payload * far_y + weighted(lane, D, at.b, s, m) + mass * root_y
-    return -(cx * D[at.gravity + X] + cy * D[at.gravity + Y])
+    gravity = splat(lane, 0.0)
+    if model.gravity is not None:
+        root_x, root_y = _root(lane, model, q, c, s)
+        far_x, far_y = payload_at(lane, model, c, s)
+        cx = payload * far_x + weighted(lane, D, at.b, c, m) + mass * root_x
+        cy = payload * far_y + weighted(lane, D, at.b, s, m) + mass * root_y
+        gravity = -(cx * D[at.gravity + X] + cy * D[at.gravity + Y])
+    return twice * 0.5, strain, gravity
 
 
 @kernel
@@ -163,23 +138,14 @@ def link_poses(lane, model, par, q, v, out):
     D = model.data
     at = constants(model)
     n, links = size(model.nodes), size(model.links)
-    m = n * links
     x, y = stack(lane, model.scratch), stack(lane, model.scratch)
-    c, s, ex, ey = (
-        stack(lane, model.scratch),
-        stack(lane, model.scratch),
-        stack(lane, model.scratch),
-        stack(lane, model.scratch),
-    )
-    node_angles(lane, model, q, x)
-    node_angles(lane, model, v, y)
-    _tangents(lane, model, q, v, c, s, ex, ey)
+    c, s = stack(lane, model.scratch), stack(lane, model.scratch)
+    ex, ey = stack(lane, model.scratch), stack(lane, model.scratch)
+    _tangents(lane, model, q, v, x, y, c, s, ex, ey)
     px, py = _root(lane, model, q, c, s)
     vx, vy = splat(lane, 0.0), splat(lane, 0.0)
     if model.root is not None:
-        vx = load(lane, v, m + X) - weighted(lane, D, at.beta, ex, m)
-        vy = load(lane, v, m + Y) - weighted(lane, D, at.beta, ey, m)
-        vx, vy = root_aside(lane, model.eccentric, model, ex, ey, vx, vy)
+        vx, vy = root_of(lane, model, v, ex, ey)
     for k in range(links):
         o = POSE.end * k
         store(out, o + POSE.x, px)
@@ -199,12 +165,6 @@ def link_poses(lane, model, par, q, v, out):
         store(out, o + POSE.tip_vx, vx)
         store(out, o + POSE.tip_vy, vy)
         store(out, o + POSE.tip_rate, rate)
-
-
-@kernel
-def out_of_range(lane, model, par, q):
-    """The geometry is exact: no deflection is too large."""
-    return splat(lane, 0.0)
 
 
 @kernel

@@ -8,8 +8,9 @@ balanced through the chain, make section forces N and Q whose work in stretch an
 to that of bending (first order; Grammel): the square of its frequency is divided by 1 + epsilon. Each mode's response
 to the scene's loads and motions is computed in time with it and without; the estimate is the largest distance of the
 tip between the two, and of the deflections as far as the arm turns (docs: theory, section "Elastica"). The model is
-linear about the start: right within a factor of about 3 for one link, of 4 for several, and mostly too large where the
-error is small (below 0.3 % of the length).
+linear about the start: right within a factor of about 3 for one link, of 4 for several that do not swing far; mostly
+too large where the error is small (below 0.3 % of the length). Links that whip round are beyond it: what a run's own
+estimate then counts is a companion run that is softer (`Notes.softer`), if that is further away.
 """
 
 from __future__ import annotations
@@ -40,6 +41,16 @@ class Notes(Mapping[str, float]):
 
     def __init__(self, scene: Scene, n: int) -> None:
         self._of = scene, n
+
+    @property
+    def softer(self) -> float:
+        """Factor on EI that makes the lowest modes as slow as stretch and shear make the one that they slow down most:
+        how far a run with it comes apart follows motion however gross, which the estimate, being linear, does not."""
+        scene, n = self._of
+        modes = _Modes(scene, chain(scene.arm, n))
+        lowest = range(min(MODES, modes.omega.size))
+        slower = [float(modes.omega[k]) ** 2 * modes.section_work(modes.shapes[:, k]) for k in lowest]
+        return 1.0 / (1.0 + max(slower, default=0.0))
 
     def __getitem__(self, name: str) -> float:
         if name != "stretch_and_shear":
@@ -129,21 +140,23 @@ class _Modes:
         self.angles = np.repeat(scene.angles, n)
         if any(link.curved for link in arm.links):
             self.angles = self.angles + np.concatenate([line.rest for line in chain.lines])
-        self.cosines = np.cos(self.angles[:, None] - self.angles)
+        self.along = np.array([np.cos(self.angles), np.sin(self.angles)])  # unit tangents at the nodes
+        self.across = np.array([-np.sin(self.angles), np.cos(self.angles)])
+        self.own = [slice(k * n, (k + 1) * n) for k in range(arm.n_links)]  # nodes of each link
+        cosines = np.cos(self.angles[:, None] - self.angles)
         arm_of = chain.w.copy()
         arm_of[m - n :] += payload.offset[0] * chain.lines[-1].tip_angle
         self.b = chain.b + payload.mass * arm_of
         self.mass = chain.mass + payload.mass
-        self.M = (chain.P + payload.mass * np.outer(arm_of, arm_of)) * self.cosines
+        self.M = (chain.P + payload.mass * np.outer(arm_of, arm_of)) * cosines
         K = np.zeros((m, m))
-        for k in range(arm.n_links):
-            own = slice(k * n, (k + 1) * n)
+        for k, own in enumerate(self.own):
             self.M[own, own] += chain.R[k]
             K[own, own] = chain.K[k]
         tip = chain.lines[-1].tip_angle
         self.M[m - n :, m - n :] += (payload.inertia + payload.mass * payload.offset[1] ** 2) * np.outer(tip, tip)
         free_root = scene.root == "free"
-        M = self.M - np.outer(self.b, self.b) * self.cosines / self.mass if free_root else self.M
+        M = self.M - np.outer(self.b, self.b) * cosines / self.mass if free_root else self.M
         held = {int(k.joint) for k in scene.motions if k.joint is not None} | set(scene.rigid_joints)
         self.basis = np.delete(coordinates(arm, n), [k * n for k in held], axis=1)
         square, self.vectors = _eigh(self.basis.T @ K @ self.basis, self.basis.T @ M @ self.basis)
@@ -163,19 +176,15 @@ class _Modes:
 
     def _steps(self, shape: Array) -> tuple[Array, list[Array]]:
         """Changes of the unit tangents (2, Nn), displacements of the links' roots and of the tip (2,), in a mode."""
-        n = self.chain.n
-        move = np.array([-np.sin(self.angles), np.cos(self.angles)]) * shape
+        move = self.across * shape
         places = [-(move @ self.b) / self.mass if self.root else np.zeros(2)]
-        for k in range(self.scene.arm.n_links):
-            own = slice(k * n, (k + 1) * n)
+        for own in self.own:
             places.append(places[-1] + move[:, own] @ self.chain.w[own])
         return move, places
 
     def deflection(self, shape: Array) -> float:
         """Largest tip deflection of any link from its root's tangent, m per unit of the mode."""
-        n = self.chain.n
-        links = [slice(k * n, (k + 1) * n) for k in range(self.scene.arm.n_links)]
-        return max(abs(float(self.chain.w[own] @ (shape[own] - shape[own.start]))) for own in links)
+        return max(abs(float(self.chain.w[own] @ (shape[own] - shape[own.start]))) for own in self.own)
 
     def swing(self, t: Array) -> tuple[float, float, float]:
         """How far links swing at most, and against each other, rad, without strain; how fast if it were not for
@@ -198,12 +207,11 @@ class _Modes:
 
     def section_work(self, shape: Array) -> float:
         """int N^2 / EA + Q^2 / C ds of the inertia forces of the mode (per omega^2), along the chain from its tip."""
-        chain, arm, n = self.chain, self.scene.arm, self.chain.n
-        e = np.array([np.cos(self.angles), np.sin(self.angles)])
+        chain, arm = self.chain, self.scene.arm
         move, starts = self._steps(shape)
         total, force = 0.0, np.zeros(2)
         for k in reversed(range(arm.n_links)):
-            own, link, line = slice(k * n, (k + 1) * n), arm.links[k], chain.lines[k]
+            own, link, line = self.own[k], arm.links[k], chain.lines[k]
             last = k == arm.n_links - 1
             force = force + (arm.payload.mass if last else arm.elbow(k + 1).mass) * starts[k + 1]
             force = force + link.tip_mass * starts[k + 1]
@@ -213,7 +221,7 @@ class _Modes:
             steps = 0.5 * (field[:, 1:] + field[:, :-1]) * (masses * link.length / 64)
             momentum = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
             beyond = force[:, None] + momentum[:, -1:] - momentum
-            along, across = e[:, own][:, 0] @ beyond, np.array([-e[1, own][0], e[0, own][0]]) @ beyond
+            along, across = self.along[:, own.start] @ beyond, self.across[:, own.start].copy() @ beyond
             if link.curved:
                 tangent = np.exp(1j * (line.lagrange(finer) @ self.angles[own]))
                 turned = (beyond[0] + 1j * beyond[1]) * tangent.conj()
@@ -228,12 +236,12 @@ class _Modes:
         """What excites a mode at the times t (s): the scene's loads, motions and gravity, which starts at once, and the
         arm's largest torques, applied at once, where the scene has neither loads nor motions."""
         scene, arm, n = self.scene, self.scene.arm, self.chain.n
-        across = np.array([-np.sin(self.angles), np.cos(self.angles)])
+        across = self.across
         force: Array = np.zeros(t.size)
         root = self._steps(shape)[1][0]
         joints = [float(shape[k * n]) for k in range(arm.n_links)]  # their angles
         for k in range(1, arm.n_links):
-            joints[k] -= float(self.chain.lines[k - 1].tip_angle @ shape[(k - 1) * n : k * n])
+            joints[k] -= float(self.chain.lines[k - 1].tip_angle @ shape[self.own[k - 1]])
         for load in scene.loads:
             if isinstance(load, JointTorque):
                 force += joints[load.joint] * load.function(t)
@@ -255,8 +263,7 @@ class _Modes:
     def _share(self, motion: Motion, shape: Array) -> float:
         """Inertia force of a mode per acceleration of a motion."""
         if motion.joint is None:
-            across = np.array([-np.sin(self.angles), np.cos(self.angles)])[0 if motion.coordinate == "root_x" else 1]
-            return float(self.b @ (across * shape))
+            return float(self.b @ (self.across[0 if motion.coordinate == "root_x" else 1] * shape))
         return float((self.M @ shape)[motion.joint * self.chain.n :].sum())  # all that follows turns with it
 
 

@@ -67,7 +67,7 @@ def _go_back(lane, bar, i, hinge, left):
 
 
 @kernel
-def pull_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
+def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """See `protocol`; nothing comes to the parameters here."""
     rows, span, zero = rows_of(model), AXES * len(model.order), splat(lane, 0.0)
     left, left_bar = stack(lane, LEFT), stack(lane, LEFT)
@@ -124,7 +124,7 @@ def _turn(lane, model, k, i, moment, left_bar, right_bar, bar, u_bar):
 
 
 @kernel
-def pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
+def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
     """See `protocol`."""
     rows, span, zero = rows_of(model), AXES * len(model.order) * model.elements, splat(lane, 0.0)
     for k in range(model.links):
@@ -142,4 +142,4 @@ def pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
                 store(poses_bar, at + POSE.vx + j, zero)
 
 
-register(ExactBeam, solve_transposed=solve, pull_residual=pull_residual, pull_poses=pull_poses)
+register(ExactBeam, solve_transposed=solve, vjp_residual=vjp_residual, vjp_poses=vjp_poses)

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from flexarm_env import curves
 from flexarm_env import validation as check
-from flexarm_env.parameters import Arm, Link
+from flexarm_env.parameters import Arm, Link, Section
 from flexarm_env.physics.exact.layout import (
     AXES,
     CHAIN,
     ELBOW,
     FACTORS,
-    LEVER,
     LEVER_FACTORS,
     LEVERS,
     SECTION,
@@ -31,12 +30,17 @@ from flexarm_env.physics.exact.layout import (
 )
 from flexarm_env.physics.exact.tables import functions, tables
 from flexarm_env.physics.layout import OF_LOAD
-from flexarm_env.physics.model import ExactBeam, System, damped
+from flexarm_env.physics.materials import BENDING, NORMAL_AND_SHEAR
+from flexarm_env.physics.model import BEAM, ExactBeam, System, damped, fixed_rows, levers
 from flexarm_env.scene import PointLoad, Scene
+from flexarm_env.sections import Properties
 from flexarm_env.settings import Settings
 
 Array = NDArray[np.float64]
 
+
+HONOURS = {**BEAM, Section: (*BEAM[Section], *NORMAL_AND_SHEAR, *BENDING)}
+"""What of an arm this formulation takes into account; `assembly` refuses the rest."""
 
 LEAST_ROTARY = 1e-8
 """Rotary inertia of a section, over m l^2 of its element of length l, that none falls below: without any the mass
@@ -54,7 +58,7 @@ def sections(arm: Arm, elements: int, order: int) -> Array:
         h, s = 0.5 * link.length / elements, link.uniform
         J = max(s.J, LEAST_ROTARY * s.m * (2.0 * h) ** 2)
         stiffness = {"k1": 0.25 * s.EA / h, "k2": 0.25 * s.C / h, "kb": 0.25 * s.EI / h}
-        rows.append(SECTION.pack({}, **stiffness, length=2.0 * h, ml=s.m * h, jl=J * h))
+        rows.append(SECTION.pack({}, **stiffness, length=2.0 * h, ml=s.m * h, jl=J * h, own=_own(s)))
     return np.concatenate(rows)
 
 
@@ -73,8 +77,13 @@ def _varying(part: Link, order: int) -> Array:
     return VARYING.pack(
         {"order": order}, length=l, stretch=0.5 * points.EA / l, shear=0.5 * points.C / l,
         bend=(slope * (fine.EI * weights)) @ slope.T / l**2, mass=(value * (fine.m * weights)) @ value.T,
-        rotary=(value * (J * weights)) @ value.T,
+        rotary=(value * (J * weights)) @ value.T, bending=0.5 * points.EI / l, own=_own(points),
     )  # fmt: skip
+
+
+def _own(sections: Section | Properties) -> Array:
+    """What the sections' laws have besides stiffnesses, a row for each place."""
+    return np.array([getattr(sections, name) for name in (*NORMAL_AND_SHEAR, *BENDING)]).T
 
 
 def _bent(arm: Arm) -> bool:
@@ -111,17 +120,14 @@ def elbows(arm: Arm) -> Array:
     return np.concatenate([np.zeros(0), *packed])
 
 
-def levers(scene: Scene) -> Array:
+def rigid_ends(scene: Scene) -> Array:
     """`LEVERS` of an arm with rigid ends."""
-    links, found, loads = scene.arm.links, [], []
-    for link in links:
-        found += [LEVER.pack({}, length=link.root_offset, mass=link.root_mass, inertia=link.root_inertia)]
-        found += [LEVER.pack({}, length=link.tip_offset, mass=link.tip_mass, inertia=link.tip_inertia)]
+    links, loads = scene.arm.links, []
     for load in scene.loads:
         if isinstance(load, PointLoad):
             before = load.link - (load.end == "root")
             loads.append(links[before].tip_offset if before >= 0 else 0.0)
-    return LEVERS.pack({"links": len(links), "loads": len(loads)}, levers=found, loads=loads)
+    return LEVERS.pack({"links": len(links), "loads": len(loads)}, levers=levers(scene.arm), loads=loads)
 
 
 def curved(scene: Scene, elements: int, order: int) -> Array:
@@ -212,19 +218,20 @@ def build(scene: Scene, settings: Settings) -> System:
         why = "where links have rigid ends, or the payload an offset"
         raise check.InvalidValue("period_correction", True, f"must be False {why}")
     names, coordinates = rows(arm, elements, order)
-    fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
-    if scene.root == "pinned":
-        fixed += [coordinates[name] for name in ("root_x", "root_y") if scene.motion_of(name) is None]
     loads = [load_rows(load, arm, elements, order) for load in scene.loads if isinstance(load, PointLoad)]
-    lengths = np.array([name.startswith("root") or ".x" in name or ".y" in name for name in names])
+    hinges = CHAIN.offsets(0, arm.n_links, elements, order).hinges
+    vectors = tuple((row + X, row + Y) for row in range(0, hinges, AXES))
+    absolute = tuple(range(T, hinges, AXES * order))  # of vertices; interior ones are departures from these
+    weight = np.ones(len(names))
+    weight[np.ravel(vectors)] = 1.0 / arm.total_length
     model = ExactBeam(
         n=len(names),
         n_factor=FACTORS.offsets(0, arm.n_links, elements, order).end
         + (rigid * 2 * arm.n_links + eccentric) * LEVER_FACTORS.places.end,
         n_inputs=arm.n_links + OF_LOAD.end * len(loads),
-        fixed=np.array(fixed, dtype=np.int64),
+        fixed=fixed_rows(scene, coordinates),
         algebraic=None,
-        weight=np.where(lengths, 1.0 / arm.total_length, 1.0),
+        weight=weight,
         predictor=0.0 if rigid else None,
         correction=2.0 * settings.period_error if settings.period_correction else None,
         order=(0,) * order,
@@ -234,7 +241,7 @@ def build(scene: Scene, settings: Settings) -> System:
         sections=sections(arm, elements, order),
         rest=np.concatenate([bend.ravel() for bend in rest(arm, elements, order)]) if _bent(arm) else None,
         elbows=elbows(arm),
-        rigid=levers(scene) if rigid else None,
+        rigid=rigid_ends(scene) if rigid else None,
         hub_inertia=arm.hub_inertia,
         damped=damped(arm),
         gravity=None if scene.gravity is None else np.array(scene.gravity),
@@ -242,6 +249,4 @@ def build(scene: Scene, settings: Settings) -> System:
         jointed=(0,) if arm.jointed else None,
         eccentric=np.array(arm.payload.offset) if eccentric else None,
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
-    q0 = straight(scene, elements, order)
-    return System(model, par, q0, np.zeros(len(names)), coordinates, names, {})
+    return System.of(arm, model, straight(scene, elements, order), coordinates, names, vectors, absolute)

@@ -8,16 +8,36 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..materials import BENDING, NORMAL_AND_SHEAR
 from .layout import VARYING, T
 from .tables import Tables
 
 
-def of_points(section: Any, p: int) -> list[tuple[Any, Any]]:
-    """k1 and k2 at the Gauss points."""
+def _own(section: Any, p: int) -> list[list[Any]]:
+    """What the laws have besides stiffnesses at the Gauss points, `NORMAL_AND_SHEAR` and `BENDING`."""
+    count = len(NORMAL_AND_SHEAR) + len(BENDING)
+    if hasattr(section, "own"):
+        return [[section.own[i] for i in range(count)]] * p
+    first = VARYING.offsets(0, p).own
+    return [[section.numbers[first + count * g + i] for i in range(count)] for g in range(p)]
+
+
+def materials(section: Any, p: int) -> list[tuple[Any, Any, list[Any]]]:
+    """At the Gauss points k1, k2 and what the laws of N and Q have besides."""
+    own = [row[: len(NORMAL_AND_SHEAR)] for row in _own(section, p)]
     if hasattr(section, "k1"):
-        return [(section.k1, section.k2)] * p
+        return [(section.k1, section.k2, row) for row in own]
     at, numbers = VARYING.offsets(0, p), section.numbers
-    return [(numbers[at.stretch + g], numbers[at.shear + g]) for g in range(p)]
+    return [(numbers[at.stretch + g], numbers[at.shear + g], row) for g, row in enumerate(own)]
+
+
+def bending_at(section: Any, p: int) -> list[tuple[Any, list[Any]]]:
+    """At the Gauss points kb and what the law of M has besides."""
+    own = [row[len(NORMAL_AND_SHEAR) :] for row in _own(section, p)]
+    if hasattr(section, "kb"):
+        return [(section.kb, row) for row in own]
+    first = VARYING.offsets(0, p).bending
+    return [(section.numbers[first + g] * section.factor, row) for g, row in enumerate(own)]
 
 
 def length_of(section: Any) -> Any:

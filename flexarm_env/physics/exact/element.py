@@ -8,12 +8,12 @@ the interior coordinates, make bending stiffness diagonal and the sums below sho
 With d = l r' (twice the derivative on [-1, 1]), (c, s) = (cos psi, sin psi) and g = (c d_x + s d_y, -s d_x + c d_y) the
 strains are Gamma_1 = g_1/l - 1, Gamma_2 = g_2/l, kappa = (l psi')/l, and with p Gauss points of weights w the energy is
 
-    sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l psi')^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l.
+    sum_g w/2 [k1 (g_1 - l)^2 + k2 g_2^2 + kb (l psi')^2],   k1 = EA/2l, k2 = C/2l, kb = EI/2l,
 
-Inertia: ml = m l/2, jl = J l/2. Where sections vary within the element (`layout.Varying`) k1 and k2 are those of each
-point, and bending and inertia have matrices of their own (`constants`). Arrays of coordinates begin at the left vertex
-(`layout.ELEMENT`); lists of an axis hold left, right, interior. All of this runs when a kernel is compiled (see
-trace.py): what is left of it are the operations on values.
+with the laws of `materials` in place of the squares. Inertia: ml = m l/2, jl = J l/2. Where sections vary within the
+element (`layout.Varying`) k1 and k2 are those of each point, and bending and inertia have matrices of their own
+(`constants`). Arrays of coordinates begin at the left vertex (`layout.ELEMENT`); lists of an axis hold left, right,
+interior. All of this runs when a kernel is compiled (`compiler.trace`): what is left are the operations on values.
 """
 
 from __future__ import annotations
@@ -21,9 +21,20 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, sincos, splat, store, traced
-from .constants import bending_entries, dot, inertia_entries, inertia_row, length_of, moments_of, of_points, unbent
+from ..materials import bending, normal, shear, viscoelastic, viscoelastic_slope
+from .constants import (
+    bending_at,
+    bending_entries,
+    dot,
+    inertia_entries,
+    inertia_row,
+    length_of,
+    materials,
+    moments_of,
+    unbent,
+)
 from .layout import AXES, COSINE, ELEMENT, ELEMENT_FACTORS, PAIR, SINE, T, Vertex, X, Y
-from .tables import Tables, tables
+from .tables import Sums, Tables, slopes, tables, times, values_at
 
 RATE, ACCELERATION, FORCE, VERTEX = (AXES * k for k in range(1, 5))
 """Where the parts of a `Vertex` begin in what `forces` returns, and where they end."""
@@ -38,6 +49,7 @@ class Point(NamedTuple):
     g2: Any
     n1: Any  # normal force and
     n2: Any  # shear force, with the point's weight
+    bent: Any  # l kappa without the natural one, where M is not EI kappa; otherwise 0
 
 
 POINT = len(Point._fields)
@@ -49,64 +61,32 @@ def handed_on(out):
     return Vertex(out[:RATE], out[RATE:ACCELERATION], out[ACCELERATION:FORCE], out[FORCE:VERTEX]), out[VERTEX:]
 
 
-class Sums:
-    """Sums of values with known coefficients, each written once: what is a multiple of another sum is not repeated."""
-
-    def __init__(self) -> None:
-        self.known: dict[Any, Any] = {}
-
-    def __call__(self, coefficients: Any, values: Any, factor: float = 1.0, unit: Any = None) -> Any:
-        """factor * unit * sum of coefficient * value; 0.0 where all coefficients vanish. `unit`: a scalar symbol."""
-        terms = [(float(c), v) for c, v in zip(coefficients, values, strict=True) if abs(c) > 1e-14]
-        if not terms:
-            return 0.0
-        first = terms[0][0]
-        ratios = [_near_one(c / first) for c, _ in terms]
-        key = tuple((ratio, id(v)) for ratio, (_, v) in zip(ratios, terms, strict=True))
-        if key not in self.known:
-            total = terms[0][1]
-            for ratio, (_, v) in zip(ratios[1:], terms[1:], strict=True):
-                total = total + v if ratio == 1.0 else total - v if ratio == -1.0 else total + v * ratio
-            self.known[key] = total, terms  # the terms live on, so that their ids stay theirs
-        if unit is not None:
-            return self.known[key][0] * (unit * (first * factor))
-        return _times(self.known[key][0], first * factor)
-
-
-def _near_one(ratio: float) -> float:
-    return round(ratio) if abs(abs(ratio) - 1.0) < 1e-14 else ratio
-
-
-def _times(value: Any, factor: float) -> Any:
-    factor = _near_one(factor)
-    return value if factor == 1.0 else -value if factor == -1.0 else value * factor
-
-
 def _at(node: int, order: int) -> int:
     """Where the coordinates of the left (0), right (1) or an interior (2 ...) node begin."""
     at = ELEMENT.offsets(0, order)
     return int((at.left, at.right)[node] if node < 2 else at.interior + AXES * (node - 2))
 
 
-def _axis(lane: Any, x: Any, order: int, axis: int) -> list[Any]:
-    return [load(lane, x, _at(node, order) + axis) for node in range(order + 1)]
+def _axis(lane: Any, x: Any, order: int, axis: int, left: Any = None) -> list[Any]:
+    """A coordinate of all nodes; of the left one it is `left`, where that is given."""
+    first = load(lane, x, _at(0, order) + axis) if left is None else left
+    return [first, *(load(lane, x, _at(node, order) + axis) for node in range(1, order + 1))]
 
 
-def _slopes(sums: Sums, t: Tables, nodes: list[Any]) -> tuple[Any, list[Any]]:
-    """Right less left value, and d (slope times l) at the Gauss points."""
-    span = nodes[1] - nodes[0]
-    return span, [sums(column, [span, *nodes[2:]]) for column in t.slope.T]
+def _nodes(lane: Any, x: Any, order: int, left: Any) -> list[list[Any]]:
+    """x, y and psi of all nodes, the left one's as given; None: as they stand in x."""
+    return [_axis(lane, x, order, k, left[k]) for k in (X, Y, T)]
 
 
-def _values(sums: Sums, t: Tables, nodes: list[Any], span: Any) -> list[Any]:
-    """The coordinate at the Gauss points: even and odd functions apart, since points come in pairs."""
-    middle = (nodes[0] + nodes[1]) * 0.5
-    values = []
-    for v in t.value.T:
-        even = sums([1.0, *v[2::2]], [middle, *nodes[2::2]])
-        odd = sums([0.5 * (v[1] - v[0]), *v[3::2]], [span, *nodes[3::2]])
-        values.append(even if isinstance(odd, float) and odd == 0.0 else even + odd)
-    return values
+def _strains(c: Any, s: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
+    """g_1 and g_2 at a Gauss point."""
+    return c * dx + s * dy, c * dy - s * dx
+
+
+def _strain_rates(at: Any, ux: Any, uy: Any, omega: Any) -> tuple[Any, Any]:
+    """Rates of g_1 and g_2, from those of d and psi; at: c, s, g_1, g_2, ..."""
+    c, s, g1, g2, *_ = at
+    return (c * ux + s * uy) + g2 * omega, (c * uy - s * ux) - g1 * omega
 
 
 def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -> tuple[list[Any], Any, Any]:
@@ -124,15 +104,14 @@ def _momenta(sums: Sums, t: Tables, section: Any, nodes: list[Any], axis: int) -
     return rows, mean, sums([0.5 * (m[1, 1] - m[0, 1]), *m[1, 3::2]], odd, 1.0, unit)
 
 
-@traced(lambda p: 2 * AXES)
+@traced
 def momentum(lane, order, a, left, section, r):
     """Write the left vertex's and the interior rows of r = M a. `left`: x, y, psi of a there and r so far; returns the
     same of the right vertex."""
     p, sums = len(order), Sums()
     t = tables(p)
     ends, rest = [], []
-    for k in (X, Y, T):
-        nodes = [left[k], *[load(lane, a, _at(n, p) + k) for n in range(1, p + 1)]]
+    for k, nodes in enumerate(_nodes(lane, a, p, left)):
         rows, mean, half = _momenta(sums, t, section, nodes, k)
         store(r, k, left[AXES + k] + (mean - half))
         for n, row in enumerate(rows, 2):
@@ -142,58 +121,69 @@ def momentum(lane, order, a, left, section, r):
     return [*ends, *rest]
 
 
-@traced(lambda p: 0)
+def _bends(sums: Sums, t: Tables, bent: list[Any]) -> list[Any]:
+    """l kappa at the Gauss points where M is not EI kappa, from `unbent`; otherwise 0."""
+    return [0.0] * len(t.weights) if bending is None else [sums(column, bent) for column in t.slope.T]
+
+
+def _beyond(section: Any, t: Tables, bends: list[Any], part: Any) -> list[Any]:
+    """Where M is not EI kappa a `part` (l kappa, `Answer`) of its law, times kb and weight of each Gauss point."""
+    if bending is None:
+        return []
+    found = []
+    for w, e, (kb, own) in zip(t.weights, bends, bending_at(section, len(bends)), strict=True):
+        found.append(part(e, bending(e, length_of(section), own)) * (kb * float(w)))
+    return found
+
+
+@traced
 def directions(lane, order, q, psi, circle):
     """circle <- sine and cosine of psi at each Gauss point; `psi`: that at the left."""
     p, sums = len(order), Sums()
     t = tables(p)
-    nodes = [psi, *[load(lane, q, _at(n, p) + T) for n in range(1, p + 1)]]
-    for g, angle in enumerate(_values(sums, t, nodes, nodes[1] - nodes[0])):
+    nodes = _axis(lane, q, p, T, psi)
+    for g, angle in enumerate(values_at(sums, t, nodes, nodes[1] - nodes[0])):
         s, c = sincos(angle)
         store(circle, PAIR * g + SINE, s)
         store(circle, PAIR * g + COSINE, c)
 
 
-@traced(lambda p: VERTEX + POINT * p)
+@traced
 def forces(lane, order, gravity, state, left, section, r, circle):
     """Write the left vertex's and the interior rows of r; return the right `Vertex` and a `Point` for each point."""
     p, sums = len(order), Sums()
     t, tau = tables(p), section.tau
-    here, nodes = range(p), range(p + 1)
-    place = [[load(lane, state.q, _at(n, p) + k) for n in nodes[1:]] for k in (X, Y, T)]
-    place = [[left.place[k], *place[k]] for k in (X, Y, T)]
-    inertia = [[load(lane, state.a, _at(n, p) + k) for n in nodes[1:]] for k in (X, Y, T)]
-    inertia = [[left.acceleration[k], *inertia[k]] for k in (X, Y, T)]
+    place = _nodes(lane, state.q, p, left.place)
+    inertia = _nodes(lane, state.a, p, left.acceleration)
     if gravity is not None:
         for k in (X, Y):
             inertia[k][1] = inertia[k][1] - gravity[k]
-    zero = splat(lane, 0.0)
-    rate = [[zero] * (p + 1)] * 3
+    rate = [[splat(lane, 0.0)] * (p + 1)] * 3
     if tau is not None:
-        rate = [[left.rate[k], *[load(lane, state.v, _at(n, p) + k) for n in nodes[1:]]] for k in (X, Y, T)]
-        ux, uy = (_slopes(sums, t, rate[k])[1] for k in (X, Y))
+        rate = _nodes(lane, state.v, p, left.rate)
+        ux, uy = (slopes(sums, t, rate[k])[1] for k in (X, Y))
         turning = rate[T][1] - rate[T][0]
-        omega = _values(sums, t, rate[T], turning)
-    dx, dy = (_slopes(sums, t, place[k])[1] for k in (X, Y))
-    span = place[T][1] - place[T][0]
+        omega = values_at(sums, t, rate[T], turning)
+    dx, dy = (slopes(sums, t, place[k])[1] for k in (X, Y))
+    bent = unbent(section, [place[T][1] - place[T][0], *place[T][2:]])
     points, fx, fy, moment = [], [], [], []
-    length, stiffness = length_of(section), of_points(section, p)
-    for g in here:
-        s, c = load(lane, circle, PAIR * g + SINE), load(lane, circle, PAIR * g + COSINE)
-        g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
-        e1, e2 = g1 - length, g2
+    length, kappa = length_of(section), _bends(sums, t, bent)
+    for g, (k1, k2, own) in enumerate(materials(section, p)):
+        c, s = load(lane, circle, PAIR * g + COSINE), load(lane, circle, PAIR * g + SINE)
+        g1, g2 = _strains(c, s, dx[g], dy[g])
+        e1, e2 = normal(g1 - length, length, own).force, shear(g2, length, own).force
         if tau is not None:
-            e1 = e1 + tau * ((c * ux[g] + s * uy[g]) + g2 * omega[g])
-            e2 = e2 + tau * ((c * uy[g] - s * ux[g]) - g1 * omega[g])
+            r1, r2 = _strain_rates((c, s, g1, g2), ux[g], uy[g], omega[g])
+            e1, e2 = viscoelastic(e1, r1, tau), viscoelastic(e2, r2, tau)
         w = float(t.weights[g])
-        n1, n2 = e1 * _times(stiffness[g][0], w), e2 * _times(stiffness[g][1], w)
+        n1, n2 = e1 * times(k1, w), e2 * times(k2, w)
         fx.append(c * n1 - s * n2)
         fy.append(s * n1 + c * n2)
         moment.append(n1 * g2 - n2 * g1)
-        points += Point(c, s, g1, g2, n1, n2)
-    bent = unbent(section, [span, *place[T][2:]])
+        points += Point(c, s, g1, g2, n1, n2, kappa[g])
+    beyond = _beyond(section, t, kappa, lambda e, of: of.force - e)
     if tau is not None:
-        bent = [x + tau * y for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
+        bent = [viscoelastic(x, y, tau) for x, y in zip(bent, [turning, *rate[T][2:]], strict=True)]
     force = []
     for k in (X, Y, T):
         rows, mean, half = _momenta(sums, t, section, inertia[k], k)
@@ -201,6 +191,8 @@ def forces(lane, order, gravity, state, left, section, r, circle):
             pull = [sums(row, fx if k == X else fy) for row in t.slope]
         else:
             pull = moments_of(section, t, bent)
+            if bending is not None:
+                pull = [x + sums(row, beyond) for x, row in zip(pull, t.slope, strict=True)]
             mean = mean + sums([0.5] * p, moment)
             half = half + sums(0.5 * (t.value[1] - t.value[0]), moment) if p > 1 else half
             rows = [row + sums(t.value[n], moment) for n, row in enumerate(rows, 2)]
@@ -208,12 +200,12 @@ def forces(lane, order, gravity, state, left, section, r, circle):
         force.append([mean - half, mean + half, *[row + x for row, x in zip(rows, pull[1:], strict=True)]])
     for k in (X, Y, T):
         store(r, k, left.force[k] + force[k][0])
-        for n in nodes[2:]:
+        for n in range(2, p + 1):
             store(r, _at(n, p) + k, force[k][n])
     return [x[k][1] for x in (place, rate, inertia, force) for k in (X, Y, T)] + points
 
 
-@traced(lambda p: 0)
+@traced
 def tangent(lane, order, points, section, weights, S):
     """S <- factors of the interior with their couplings to both vertices, then the matrix condensed to these.
 
@@ -222,16 +214,17 @@ def tangent(lane, order, points, section, weights, S):
     """
     p, sums = len(order), Sums()
     t = tables(p)
-    ck, tau = weights.stiffness, section.tau
-    share = ck if tau is None else tau * weights.damping + ck
-    stiffness = [(k1 * share, k2 * share) for k1, k2 in of_points(section, p)]
+    ck, tau, length = weights.stiffness, section.tau, length_of(section)
+    share = viscoelastic_slope(None, tau, weights.damping, ck)
     h = [[] for _ in range(6)]  # by d_x, d_y, psi: xx xy yy xt yt tt
-    for g in range(p):
-        c, s, g1, g2, n1, n2 = Point(*points[POINT * g : POINT * (g + 1)])
+    for g, (k1, k2, own) in enumerate(materials(section, p)):
+        c, s, g1, g2, n1, n2, _ = points[POINT * g : POINT * (g + 1)]
         w = float(t.weights[g])
-        k1, k2 = stiffness[g]
-        j1, j2, both = _times(k1, w), _times(k2, w), _times(k1 + k2, w)
-        part = c * _times(k1 - k2, w)
+        answers = normal(g1 - length, length, own), shear(g2, length, own)
+        c1, c2 = (viscoelastic_slope(answer.slope, tau, weights.damping, ck) for answer in answers)
+        k1, k2 = k1 * c1, k2 * c2
+        j1, j2, both = times(k1, w), times(k2, w), times(k1 + k2, w)
+        part = c * times(k1 - k2, w)
         hxx = part * c + j2
         across, along = g2 * j1 - n2 * ck, g1 * j2 - n1 * ck
         entries = (
@@ -239,7 +232,8 @@ def tangent(lane, order, points, section, weights, S):
         )  # fmt: skip
         for kind, entry in zip(h, entries, strict=True):
             kind.append(entry)
-    bending, inertia = bending_entries(section, t, share), inertia_entries(section, t, weights.mass)
+    bends, inertia = bending_entries(section, t, share), inertia_entries(section, t, weights.mass)
+    beyond = _beyond(section, t, [points[POINT * g + POINT - 1] for g in range(p)], lambda e, of: (of.slope - 1.0) * ck)
 
     def slope(node: int) -> Any:
         return -t.slope[0] if node == 0 else t.slope[max(node - 1, 0)]
@@ -254,7 +248,9 @@ def tangent(lane, order, points, section, weights, S):
         if a1 != T:
             return sums(slope(n1) * t.value[n2], h[3 + a1])
         value = sums(t.value[n1] * t.value[n2], h[5])
-        bend, mass = bending(n1, n2), inertia(n1, n2, T)
+        bend, mass = bends(n1, n2), inertia(n1, n2, T)
+        if bending is not None:
+            value = value + sums(slope(n1) * slope(n2), beyond)
         both = mass if bend is None else bend if mass is None else bend + mass
         return value if both is None else value + both
 
@@ -301,7 +297,7 @@ def _starts(order: int) -> tuple[int, int, list[int]]:
     return inner, at.interior, starts
 
 
-@traced(lambda p: 2 * AXES)
+@traced
 def forward(lane, order, S, x):
     """Reduce the interior entries of x; return what they take from those of the left and the right vertex."""
     n, first, starts = _starts(len(order))
@@ -317,7 +313,7 @@ def forward(lane, order, S, x):
     return [splat(lane, 0.0) for _ in taken] if n == 0 else taken
 
 
-@traced(lambda p: 0)
+@traced
 def backward(lane, order, S, x, left, right):
     """Interior entries of x from the reduced ones and those of the vertices."""
     n, first, starts = _starts(len(order))
@@ -332,31 +328,28 @@ def backward(lane, order, S, x, left, right):
         store(x, first + m, value)
 
 
-@traced(lambda p: 4)
+@traced
 def measure(lane, order, q, v, psi, spin, left, section):
     """(kinetic, strain energy, mass moments x, y); `psi`, `spin`: that at the left, its rate. `left`: None, or x, y and
     their rates there where they are not in q and v."""
     p, sums = len(order), Sums()
     t = tables(p)
-    place, rate = ([_axis(lane, x, p, k) for k in (X, Y, T)] for x in (q, v))
-    place[T][0], rate[T][0] = psi, spin
-    if left is not None:
-        place[X][0], place[Y][0], rate[X][0], rate[Y][0] = left
-    (_, dx), (_, dy), (turned, bend) = (_slopes(sums, t, nodes) for nodes in place)
-    angle = _values(sums, t, place[T], turned)
+    x, y, vx, vy = (None,) * 4 if left is None else left
+    place, rate = _nodes(lane, q, p, (x, y, psi)), _nodes(lane, v, p, (vx, vy, spin))
+    (_, dx), (_, dy), (turned, bend) = (slopes(sums, t, nodes) for nodes in place)
+    angle = values_at(sums, t, place[T], turned)
     strain, uniform = splat(lane, 0.0), hasattr(section, "kb")
-    length, stiffness = length_of(section), of_points(section, p)
-    for g in range(p):
+    length, bent = length_of(section), unbent(section, [turned, *place[T][2:]])
+    for g, (k1, k2, own) in enumerate(materials(section, p)):
         s, c = sincos(angle[g])
-        g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
-        e1, w = g1 - length, float(t.weights[g])
-        k1, k2 = stiffness[g]
-        stretch = (e1 * e1) * k1
-        both = stretch + (g2 * g2) * k2
-        strain = strain + (both + (bend[g] * bend[g]) * section.kb if uniform else both) * (0.5 * w)
+        g1, g2 = _strains(c, s, dx[g], dy[g])
+        both = normal(g1 - length, length, own).energy * k1 + shear(g2, length, own).energy * k2
+        weight = 0.5 * float(t.weights[g])
+        strain = strain + (both + (bend[g] * bend[g]) * section.kb if uniform else both) * weight
+    for more in _beyond(section, t, _bends(sums, t, bent), lambda e, of: (of.energy - e * e) * 0.5):
+        strain = strain + more
     squares, moments = [], []
     if not uniform:
-        bent = unbent(section, [turned, *place[T][2:]])
         strain = strain + dot(moments_of(section, t, bent), bent) * 0.5
         for k in (X, Y, T):
             rows = [inertia_row(section, p, k, n) for n in range(p + 1)]
@@ -373,34 +366,31 @@ def measure(lane, order, q, v, psi, spin, left, section):
     return [kinetic, strain, moments[X] * section.ml, moments[Y] * section.ml]
 
 
-@traced(lambda p: 1)
+@traced
 def damp(lane, order, q, v, x, psi, left, section):
     """Work of the damping forces of rates v over rates x, per tau_d; `psi`: the left one in q, v and x; `left`: as in
     `measure`, a pair: in q and v, in q and x."""
     p, sums = len(order), Sums()
     t = tables(p)
-    place, *rates = ([_axis(lane, y, p, k) for k in (X, Y, T)] for y in (q, v, x))
-    place[T][0], rates[0][T][0], rates[1][T][0] = psi
-    for rate, at in zip(rates, left, strict=True):
-        if at is not None:
-            place[X][0], place[Y][0], rate[X][0], rate[Y][0] = at
-    (_, dx), (_, dy), (turned, _) = (_slopes(sums, t, nodes) for nodes in place)
-    angle = _values(sums, t, place[T], turned)
+    one, two = ((None,) * 4 if at is None else at for at in left)
+    place = _nodes(lane, q, p, (*one[:T], psi[0]))
+    rates = _nodes(lane, v, p, (*one[T:], psi[1])), _nodes(lane, x, p, (*two[T:], psi[2]))
+    (_, dx), (_, dy), (turned, _) = (slopes(sums, t, nodes) for nodes in place)
+    angle = values_at(sums, t, place[T], turned)
     circle = [sincos(w) for w in angle]
     strains, bends = [], []
     for rate in rates:
-        (_, ux), (_, uy), (turning, bending) = (_slopes(sums, t, nodes) for nodes in rate)
+        (_, ux), (_, uy), (turning, bend) = (slopes(sums, t, nodes) for nodes in rate)
         bends.append([turning, *rate[T][2:]])
-        omega = _values(sums, t, rate[T], turning)
+        omega = values_at(sums, t, rate[T], turning)
         rows = []
         for g, (s, c) in enumerate(circle):
-            g1, g2 = c * dx[g] + s * dy[g], c * dy[g] - s * dx[g]
-            r1, r2 = (c * ux[g] + s * uy[g]) + g2 * omega[g], (c * uy[g] - s * ux[g]) - g1 * omega[g]
-            rows.append((r1, r2, bending[g]))
+            at = c, s, *_strains(c, s, dx[g], dy[g])
+            rows.append((*_strain_rates(at, ux[g], uy[g], omega[g]), bend[g]))
         strains.append(rows)
     total = splat(lane, 0.0)
     uniform = hasattr(section, "kb")
-    for w, one, two, (k1, k2) in zip(t.weights, *strains, of_points(section, p), strict=True):
+    for w, one, two, (k1, k2, _) in zip(t.weights, *strains, materials(section, p), strict=True):
         parts = one[0] * two[0] * k1 + one[1] * two[1] * k2
         total = total + (parts + one[2] * two[2] * section.kb if uniform else parts) * float(w)
     return [total if uniform else total + dot(moments_of(section, t, bends[0]), bends[1])]
@@ -412,7 +402,7 @@ def _small_rotation(w: Any) -> tuple[Any, Any]:
     return w + w * (z * (z * (1.0 / 120.0) - 1.0 / 6.0)), z * (z * (1.0 / 24.0 - z * (1.0 / 720.0)) - 0.5) + 1.0
 
 
-@traced(lambda p: 0)
+@traced
 def rotate_pair(lane, order, x, w):
     """Rotate the vector at the beginning of x by a small angle w."""
     s, c = _small_rotation(w)
@@ -421,7 +411,7 @@ def rotate_pair(lane, order, x, w):
     store(x, Y, s * ahead + c * aside)
 
 
-@traced(lambda p: 2)
+@traced
 def carry(lane, order, start, q, psi, new_psi, x, y):
     """Interior and right positions in q from the left one (x, y) and the angles in q, with the strains of `start`.
 
@@ -432,8 +422,8 @@ def carry(lane, order, start, q, psi, new_psi, x, y):
     t = tables(p)
     old, new = ([load(lane, z, _at(n, p) + T) for n in range(1, p + 1)] for z in (start, q))
     change = [b - a for a, b in zip([psi, *old], [new_psi, *new], strict=True)]
-    angle = _values(sums, t, change, change[1] - change[0])
-    dx, dy = (_slopes(sums, t, _axis(lane, start, p, k))[1] for k in (X, Y))
+    angle = values_at(sums, t, change, change[1] - change[0])
+    dx, dy = (slopes(sums, t, _axis(lane, start, p, k))[1] for k in (X, Y))
     moved = ([], [])
     for g in range(p):
         s, c = _small_rotation(angle[g])

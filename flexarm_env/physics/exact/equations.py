@@ -1,6 +1,6 @@
 """Chains of geometrically exact beams: residual, tangent and its factors (model: `physics.model.ExactBeam`).
 
-Elements (`element`) hand what they know of a vertex to the next one, so that each row is written once. A link
+An element (`element`) passes what it has of its right vertex to the next one, so that each row is written once. A link
 hinged to the tip before it shares that vertex's position; its root's angle there is psi + delta, hence a force on that
 angle acts on psi and on delta. The interior of each element is condensed as soon as its tangent is known; the vertices
 are eliminated from the tip to the root, without pivoting (the matrix is symmetric, and cm M outweighs what is not
@@ -11,13 +11,12 @@ Where all that is in coordinates and in S is told in `layout`: CHAIN and FACTORS
 
 from __future__ import annotations
 
-from ...compiler import aligned_frame, kernel, load, splat, store
+from ...compiler import kernel, load, sincos, splat, store
 from ..arithmetic import add
 from ..layout import OF_LOAD
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
 from ..protocol import State, register
 from .element import backward, directions, forces, forward, handed_on, tangent
-from .hinge import passed_on, turn_free, turned_behind
 from .inertia import inertia, rotate
 from .layout import (
     AXES,
@@ -41,56 +40,41 @@ from .layout import (
     elbow_of,
     element_factors_at,
     factors_of,
+    lever_at,
     next_section,
     put_three,
+    root_angle,
     rows_of,
     section_of,
     three,
 )
-from .output import damping_work, energy, link_poses, out_of_range, ports, predict, shape
-from .rigid import ROOT_END, TIP_END, about_root, about_tip, begin, carried, end, last, less_moments, near, with_payload
+from .output import damping_work, energy, link_poses, ports, predict, shape
+from .rigid import ROOT_END, TIP_END, about_root, about_tip, begin, carried, end, last, near, with_payload
 
 
 @kernel
-def _falling(lane, gravity, a, i):
-    """Acceleration less gravity of the vertex at row i."""
-    if gravity is None:
-        return three(lane, a, i)
-    return load(lane, a, i + X) - gravity[0], load(lane, a, i + Y) - gravity[1], load(lane, a, i + T)
-
-
-@kernel
-def _rates(lane, damped, v, i):
-    """Rates of the vertex at row i where anything depends on them."""
-    if damped is None:
-        return splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
-    return three(lane, v, i)
-
-
-@kernel
-def _rate(lane, damped, v, k):
-    if damped is None:
-        return splat(lane, 0.0)
-    return load(lane, v, k)
-
-
-@kernel
-def _loaded(lane, loads, links, u, r):
-    """r less the point loads."""
-    if loads is not None:
+def _less_loads(lane, model, u, q, r):
+    """r less the point loads; those on rigid ends have moments about the vertex before."""
+    loads = model.loads
+    for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
+        at, k = ROWS_OF_LOAD.end * f, model.links + OF_LOAD.end * f
+        add(lane, r, loads[at + ROWS_OF_LOAD.x], -load(lane, u, k + OF_LOAD.x))
+        add(lane, r, loads[at + ROWS_OF_LOAD.y], -load(lane, u, k + OF_LOAD.y))
+        add(lane, r, loads[at + ROWS_OF_LOAD.psi], -load(lane, u, k + OF_LOAD.torque))
+        if loads[at + ROWS_OF_LOAD.hinge] >= 0:
+            add(lane, r, loads[at + ROWS_OF_LOAD.hinge], -load(lane, u, k + OF_LOAD.torque))
+    if model.rigid is not None:
         for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
-            at, k = ROWS_OF_LOAD.end * f, links + OF_LOAD.end * f
-            add(lane, r, loads[at + ROWS_OF_LOAD.x], -load(lane, u, k + OF_LOAD.x))
-            add(lane, r, loads[at + ROWS_OF_LOAD.y], -load(lane, u, k + OF_LOAD.y))
-            add(lane, r, loads[at + ROWS_OF_LOAD.psi], -load(lane, u, k + OF_LOAD.torque))
-            if loads[at + ROWS_OF_LOAD.hinge] >= 0:
-                add(lane, r, loads[at + ROWS_OF_LOAD.hinge], -load(lane, u, k + OF_LOAD.torque))
+            row, k = loads[ROWS_OF_LOAD.end * f + ROWS_OF_LOAD.psi], model.links + OF_LOAD.end * f
+            sine, cosine = sincos(load(lane, q, row))
+            moment = cosine * load(lane, u, k + OF_LOAD.y) - sine * load(lane, u, k + OF_LOAD.x)
+            add(lane, r, row, -(moment * model.rigid[lever_at(model.links, 0) + f]))
 
 
 @kernel
-def _at_vertex(lane, rigid, S, o, mass):
+def _at_vertex(lane, model, S, o, mass):
     """A mass at a vertex; where there are levers it is at the far end of one (`rigid`)."""
-    if rigid is None:
+    if model.rigid is None:
         add(lane, S, o + XX, mass)
         add(lane, S, o + YY, mass)
 
@@ -109,23 +93,21 @@ def _lumps(lane, model, par, cm, S):
             elbow = elbow_of(model, k)
             after = factors.elements + own.end * model.elements * k + own.condensed
             before = after - own.end
-            _at_vertex(lane, model.rigid, S, before + RR, splat(lane, cm * elbow.mass))
+            _at_vertex(lane, model, S, before + RR, splat(lane, cm * elbow.mass))
             add(lane, S, before + RR + TT, splat(lane, cm * elbow.left))
             add(lane, S, after + LL + TT, splat(lane, cm * elbow.right))
         last = factors.end - own.end + own.condensed
-        _at_vertex(lane, model.rigid, S, last + RR, cm * load(lane, par, PAYLOAD_MASS))
+        _at_vertex(lane, model, S, last + RR, cm * load(lane, par, PAYLOAD_MASS))
         add(lane, S, last + RR + TT, cm * load(lane, par, PAYLOAD_INERTIA))
 
 
 @kernel
 def _directions(lane, model, q, S):
     """Sines and cosines at all Gauss points, ahead of the elements: long chains, but none waits for another."""
-    rows, own = rows_of(model), element_factors_at(0, len(model.order))
-    i, o = rows.elements, factors_of(model).elements + own.circle
+    own = element_factors_at(0, len(model.order))
+    i, o = rows_of(model).elements, factors_of(model).elements + own.circle
     for k in range(model.links):
-        psi = load(lane, q, i + T)
-        if k > 0:
-            psi = psi + load(lane, q, rows.hinges + k - 1)
+        psi = root_angle(lane, model, q, k)
         for _ in range(model.elements):
             directions(lane, model.order, q[i * len(lane) :], psi, S[o * len(lane) :])
             i += AXES * len(model.order)
@@ -139,83 +121,65 @@ def _behind_hinge(lane, model, state, k, left):
     (x, y, psi), (vx, vy, spin), (ax, ay, alpha), (fx, fy, _) = left.place, left.rate, left.acceleration, left.force
     elbow, d = elbow_of(model, k), rows_of(model).hinges + k - 1
     alpha = alpha + load(lane, state.a, d)
-    place = x, y, psi + load(lane, state.q, d)
-    rate = vx, vy, spin + _rate(lane, model.damped, state.v, d)
-    return Vertex(place, rate, (ax, ay, alpha), (fx + ax * elbow.mass, fy + ay * elbow.mass, alpha * elbow.right))
-
-
-@kernel
-def _begun(lane, rigid, model, state, k, left, i):
-    """The vertex where the beam of link k begins, from the one before it, at row i."""
-    if rigid is not None:
-        return begin(lane, rigid, model, state, k, left, i)
-    if k > 0:
-        return _behind_hinge(lane, model, state, k, left)
-    return left
-
-
-@kernel
-def _ended(lane, rigid, model, state, u, k, left, i, r, weights, S):
-    """The rows of the vertex before link k (`left`, at row i) and of its hinge, from those where its beam begins."""
-    if rigid is not None:
-        end(lane, rigid, model, state, u, k, left, i, r, weights, S)
-    elif k > 0:
-        moment = load(lane, r, i + T)
-        store(r, i + T, (left.force[T] + left.acceleration[T] * elbow_of(model, k).left) + moment)
-        store(r, rows_of(model).hinges + k - 1, moment - load(lane, u, k))
-
-
-@kernel
-def _at_tip(lane, rigid, model, par, state, left, i, weights, S):
-    """Force and moment on the last vertex, with the payload's."""
-    if rigid is not None:
-        fx, fy, moment = last(lane, rigid, model, par, state, left, i, weights, S)
-        return fx, fy, moment
-    (fx, fy, moment), (ax, ay, _) = left.force, left.acceleration
-    mass = load(lane, par, PAYLOAD_MASS)
-    return fx + ax * mass, fy + ay * mass, moment
+    if model.damped is not None:
+        spin = spin + load(lane, state.v, d)
+    return Vertex(
+        (x, y, psi + load(lane, state.q, d)),
+        (vx, vy, spin),
+        (ax, ay, alpha),
+        (fx + ax * elbow.mass, fy + ay * elbow.mass, alpha * elbow.right),
+    )
 
 
 @kernel
 def assemble(lane, model, par, state, u, weights, r, S):
     """r and, where the weight of M is not 0, the tangent condensed to the vertices."""
-    aligned_frame(lane)
     q, v, a = state
     p, rows, own = len(model.order), rows_of(model), element_factors_at(0, len(model.order))
     zero = splat(lane, 0.0)
     torque = load(lane, a, T) * model.hub_inertia - load(lane, u, 0)
-    left = Vertex(
-        three(lane, q, 0), _rates(lane, model.damped, v, 0), _falling(lane, model.gravity, a, 0), (zero, zero, torque)
-    )
+    ax, ay, alpha = three(lane, a, 0)
+    rate = zero, zero, zero
+    if model.gravity is not None:
+        ax, ay = ax - model.gravity[0], ay - model.gravity[1]
+    if model.damped is not None:
+        rate = three(lane, v, 0)
+    left = Vertex(three(lane, q, 0), rate, (ax, ay, alpha), (zero, zero, torque))
     i, o = rows.elements, factors_of(model).elements
     _directions(lane, model, q, S)
     for k in range(model.links):
         first, before = i, left
-        left = _begun(lane, model.rigid, model, state, k, left, i)
+        if model.rigid is not None:
+            left = begin(lane, model, state, k, left, i)
+        elif k > 0:
+            left = _behind_hinge(lane, model, state, k, left)
         section = section_of(lane, model, par, k)
         for _ in range(model.elements):
             j = i * len(lane)
             here = State(q[j:], v[j:], a[j:])
-            out = forces(
-                lane, model.order, model.gravity, here, left, section, r[j:], S[(o + own.circle) * len(lane) :]
-            )
-            left, points = handed_on(out)
+            circle = S[(o + own.circle) * len(lane) :]
+            left, points = handed_on(forces(lane, model.order, model.gravity, here, left, section, r[j:], circle))
             if weights.mass != 0.0:
                 tangent(lane, model.order, points, section, weights, S[o * len(lane) :])
             i += AXES * p
             o += own.end
             section = next_section(model, section)
-        _ended(lane, model.rigid, model, state, u, k, before, first, r, weights, S)
-    fx, fy, moment = _at_tip(lane, model.rigid, model, par, state, left, i, weights, S)
+        if model.rigid is not None:
+            end(lane, model, state, u, k, before, first, r, weights, S)
+        elif k > 0:
+            moment = load(lane, r, first + T)
+            store(r, first + T, (before.force[T] + before.acceleration[T] * elbow_of(model, k).left) + moment)
+            store(r, rows.hinges + k - 1, moment - load(lane, u, k))
+    if model.rigid is not None:
+        fx, fy, moment = last(lane, model, par, state, left, i, weights, S)
+    else:
+        (fx, fy, moment), (ax, ay, _) = left.force, left.acceleration
+        mass = load(lane, par, PAYLOAD_MASS)
+        fx, fy = fx + ax * mass, fy + ay * mass
     put_three(r, i, fx, fy, moment + left.acceleration[T] * load(lane, par, PAYLOAD_INERTIA))
-    _loaded(lane, model.loads, model.links, u, r)
-    less_moments(lane, model.rigid, model, model.loads, u, q, r)
+    if model.loads is not None:
+        _less_loads(lane, model, u, q, r)
     _lumps(lane, model, par, weights.mass, S)
-
-
-@kernel
-def constrain(lane, model, psi, state, level, scale, r):
-    """No constraint is left: joints are coordinates."""
 
 
 @kernel
@@ -298,24 +262,45 @@ def stiffen(lane, model, S, k, x):
 
 
 @kernel
+def _turn_free(lane, model, S, h, tail):
+    """Eliminate psi behind the hinge at h, with what a jointed arm adds to its row; what remains at the vertex."""
+    xx, xy, xt, yy, yt, tt = tail
+    zero = splat(lane, 0.0)
+    if model.jointed is None:
+        inverse = 1.0 / tt
+        zx, zy = xt * inverse, yt * inverse
+        store(S, h + OF_HINGE.x, zx)
+        store(S, h + OF_HINGE.y, zy)
+        store(S, h + OF_HINGE.inverse, inverse)
+        return xx - zx * xt, xy - zx * yt, zero, yy - zy * yt, zero, zero
+    own = load(lane, S, h + OF_HINGE.own)
+    inverse = 1.0 / (tt + own)
+    zx, zy, zt = xt * inverse, yt * inverse, own * inverse
+    store(S, h + OF_HINGE.x, zx)
+    store(S, h + OF_HINGE.y, zy)
+    store(S, h + OF_HINGE.inverse, inverse)
+    store(S, h + OF_HINGE.own, zt)
+    return xx - zx * xt, xy - zx * yt, xt * zt, yy - zy * yt, yt * zt, tt * zt
+
+
+@kernel
 def factor(lane, model, S):
     """L D L' over the vertices from tip to root; inverse pivots are kept."""
-    aligned_frame(lane)
     factors, own = factors_of(model), element_factors_at(0, len(model.order))
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
-    tail = with_payload(lane, model.eccentric, model.rigid, model, S, (zero, zero, zero, zero, zero, zero))
-    tail = near(lane, model.rigid, model, S, model.links - 1, TIP_END, tail)
+    tail = with_payload(lane, model, S, (zero, zero, zero, zero, zero, zero))
+    tail = near(lane, model, S, model.links - 1, TIP_END, tail)
     o = factors.end
     for k in range(model.links - 1, -1, -1):
         for _ in range(model.elements):
             o -= own.end
             tail = _eliminate(lane, S, o + own.condensed, tail)
-        tail = near(lane, model.rigid, model, S, k, ROOT_END, tail)
+        tail = near(lane, model, S, k, ROOT_END, tail)
         if k > 0:
             h = factors.hinges + OF_HINGE.end * (k - 1)
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
-                tail = turn_free(lane, model.jointed, S, h, tail)
-            tail = near(lane, model.rigid, model, S, k - 1, TIP_END, tail)
+                tail = _turn_free(lane, model, S, h, tail)
+            tail = near(lane, model, S, k - 1, TIP_END, tail)
     xx, xy, xt, yy, yt, tt = tail
     pinned = factors.pinned
     if S[(pinned + X) * len(lane)] != 0.0:
@@ -367,7 +352,6 @@ def _restore(lane, S, o, right, left):
 @kernel
 def solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `factor`."""
-    aligned_frame(lane)
     rows, factors, own = rows_of(model), factors_of(model), element_factors_at(0, len(model.order))
     span = AXES * len(model.order)
     i, o, taken = rows.tip, factors.end, splat(lane, 0.0)
@@ -382,16 +366,18 @@ def solve(lane, model, S, x):
             taken = lt + ut
             tx, ty, tt = three(lane, x, i)
             tx, ty, tt = (tx - lx) - ux, (ty - ly) - uy, tt - taken
-        taken, tt = about_root(lane, model.rigid, model, S, k, x, i, tx, ty, taken, tt)
+        taken, tt = about_root(lane, model, S, k, x, i, tx, ty, taken, tt)
         if k > 0:
             h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 own_side = load(lane, x, d)
                 both = own_side - taken
-                tt = passed_on(lane, model.jointed, S, h, load(lane, x, i + T) - own_side, both)
+                tt = load(lane, x, i + T) - own_side
+                if model.jointed is not None:  # with its part of the moment behind
+                    tt = tt + load(lane, S, h + OF_HINGE.own) * both
                 tx, ty = tx - load(lane, S, h + OF_HINGE.x) * both, ty - load(lane, S, h + OF_HINGE.y) * both
                 store(x, d, both)
-            tt = about_tip(lane, model.rigid, model, S, k - 1, x, i, tx, ty, tt)
+            tt = about_tip(lane, model, S, k - 1, x, i, tx, ty, tt)
     pinned, root = factors.pinned, factors.root
     if S[(pinned + X) * len(lane)] != 0.0:
         tx = load(lane, x, X)
@@ -406,14 +392,16 @@ def solve(lane, model, S, x):
     for k in range(model.links):
         if k > 0:
             h, d = factors.hinges + OF_HINGE.end * (k - 1), rows.hinges + k - 1
-            tx, ty = carried(lane, model.rigid, model, S, k - 1, TIP_END, tx, ty, tt)
+            tx, ty = carried(lane, model, S, k - 1, TIP_END, tx, ty, tt)
             psi = tt
             if S[(h + OF_HINGE.pinned) * len(lane)] == 0.0:
                 psi = load(lane, x, d) * load(lane, S, h + OF_HINGE.inverse) - load(lane, S, h + OF_HINGE.x) * tx
-                psi = turned_behind(lane, model.jointed, S, h, psi - load(lane, S, h + OF_HINGE.y) * ty, tt)
+                psi = psi - load(lane, S, h + OF_HINGE.y) * ty
+                if model.jointed is not None:  # with the part that psi before it carries along
+                    psi = psi + load(lane, S, h + OF_HINGE.own) * tt
             store(x, d, psi - tt)
             tt = psi
-        tx, ty = carried(lane, model.rigid, model, S, k, ROOT_END, tx, ty, tt)
+        tx, ty = carried(lane, model, S, k, ROOT_END, tx, ty, tt)
         for _ in range(model.elements):
             left = tx, ty, tt
             tx, ty, tt = _restore(lane, S, o + own.condensed, three(lane, x, i + span), left)
@@ -429,7 +417,6 @@ register(
     assemble=assemble,
     inertia=inertia,
     rotate=rotate,
-    constrain=constrain,
     pin=pin,
     stiffen=stiffen,
     factor=factor,
@@ -438,6 +425,5 @@ register(
     damping_work=damping_work,
     energy=energy,
     link_poses=link_poses,
-    out_of_range=out_of_range,
     shape=shape,
 )

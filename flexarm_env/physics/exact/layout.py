@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import NONE, by_kind, kernel, load, store
+from ...compiler import kernel, load, store
 from ...layout import Field, Layout
 from ..arithmetic import share_of
+from ..layout import LEVER
+from ..materials import BENDING, NORMAL_AND_SHEAR
 from ..model import STIFFNESS_FACTOR, TAU_D
 
 NODE = Layout(
@@ -33,6 +35,7 @@ CHAIN = Layout(
 )  # fmt: skip
 """Rows of the system."""
 
+OWN = len(NORMAL_AND_SHEAR) + len(BENDING)
 SECTION = Layout(
     "Section", "",
     Field("k1", (), "N/m", "EA / 2l"),
@@ -41,6 +44,7 @@ SECTION = Layout(
     Field("length", (), "m", "l of an element"),
     Field("ml", (), "kg", "m l / 2"),
     Field("jl", (), "kg m^2", "J l / 2"),
+    Field("own", (OWN,), "", "what its laws have besides (`materials`)"),
 )  # fmt: skip
 VARYING = Layout(
     "Varying", "order",
@@ -50,6 +54,8 @@ VARYING = Layout(
     Field("bend", ("order", "order"), "N m", "int EI of products of the slopes (`Tables`), over l^2"),
     Field("mass", ("order + 1", "order + 1"), "kg", "int m of products of the functions"),
     Field("rotary", ("order + 1", "order + 1"), "kg m^2", "int J of them"),
+    Field("bending", ("order",), "N m", "EI / 2l at the Gauss points"),
+    Field("own", ("order", OWN), "", "what the laws have besides there (`materials`)"),
 )  # fmt: skip
 """What stands for a `SECTION` in each element of an arm whose sections vary."""
 
@@ -58,12 +64,6 @@ ELBOW = Layout(
     Field("mass", (), "kg", ""),
     Field("left", (), "kg m^2", "inertia that turns with the tip before it"),
     Field("right", (), "kg m^2", "inertia that turns with the root behind it"),
-)  # fmt: skip
-LEVER = Layout(
-    "Lever", "",
-    Field("length", (), "m", "of a link's rigid end"),
-    Field("mass", (), "kg", "in its middle"),
-    Field("inertia", (), "kg m^2", "about there"),
 )  # fmt: skip
 LEVERS = Layout(
     "Levers", "links, loads",
@@ -158,6 +158,21 @@ def rows_of(model):
 
 
 @kernel
+def vertex_of(model, k):
+    """Row of the vertex that link k begins at; of the last one for k = links."""
+    return rows_of(model).elements + AXES * len(model.order) * model.elements * k
+
+
+@kernel
+def root_angle(lane, model, x, k):
+    """psi, or its rate, of the section at the root of link k."""
+    i = vertex_of(model, k)
+    if k > 0:
+        return load(lane, x, i + T) + load(lane, x, rows_of(model).hinges + k - 1)
+    return load(lane, x, i + T)
+
+
+@kernel
 def factors_of(model):
     """Where the parts of FACTORS begin."""
     return _factors_at(0, model.links, model.elements, len(model.order))
@@ -172,6 +187,7 @@ class Section(NamedTuple):
     length: float
     ml: float
     jl: float
+    own: Any
     tau: Any
 
 
@@ -186,84 +202,34 @@ class Varying(NamedTuple):
 
 
 @kernel
-def _none(lane, damped, par, k):
-    return None
-
-
-@kernel
-def _own(lane, damped, par, k):
-    return share_of(damped, k, load(lane, par, TAU_D))
-
-
-@by_kind("damped", "lane, damped, par, k")
-def _tau(kind: str) -> Any:
-    """tau_d of a damped arm, otherwise None."""
-    return _none if kind == NONE else _own
-
-
-@kernel
-def _uniform(lane, varying, model, par, k):
+def section_of(lane, model, par, k):
+    """The `Section` of link k, or the `Varying` of its first element."""
+    if model.damped is None:
+        tau = None
+    else:
+        tau = share_of(model.damped, k, load(lane, par, TAU_D))
+    if model.varying is not None:
+        numbers = model.sections[_varying_at(0, len(model.order)).end * model.elements * k :]
+        factor = load(lane, par, STIFFNESS_FACTOR)
+        if model.rest is None:
+            return Varying(numbers, factor, tau, None)
+        return Varying(numbers, factor, tau, model.rest[len(model.order) * model.elements * k :])
     at, of = _OF_SECTION.end * k, model.sections
     return Section(
         of[at + _OF_SECTION.k1], of[at + _OF_SECTION.k2], load(lane, par, STIFFNESS_FACTOR) * of[at + _OF_SECTION.kb],
-        of[at + _OF_SECTION.length], of[at + _OF_SECTION.ml], of[at + _OF_SECTION.jl], _tau(lane, model.damped, par, k),
+        of[at + _OF_SECTION.length], of[at + _OF_SECTION.ml], of[at + _OF_SECTION.jl], of[at + _OF_SECTION.own :], tau,
     )  # fmt: skip
-
-
-@kernel
-def _no_rest(rest, first):
-    return None
-
-
-@kernel
-def _rest_from(rest, first):
-    return rest[first:]
-
-
-@by_kind("rest", "rest, first")
-def _rest(kind: str) -> Any:
-    """The part of an array from a place on; None where there is none."""
-    return _no_rest if kind == NONE else _rest_from
-
-
-@kernel
-def _first_of(lane, varying, model, par, k):
-    numbers = _varying_at(0, len(model.order)).end * model.elements * k
-    rest = _rest(model.rest, len(model.order) * model.elements * k)
-    return Varying(model.sections[numbers:], load(lane, par, STIFFNESS_FACTOR), _tau(lane, model.damped, par, k), rest)
-
-
-@by_kind("varying", "lane, varying, model, par, k")
-def _section(kind: str) -> Any:
-    return _uniform if kind == NONE else _first_of
-
-
-@kernel
-def section_of(lane, model, par, k):
-    """The `Section` of link k, or the `Varying` of its first element."""
-    return _section(lane, model.varying, model, par, k)
-
-
-@kernel
-def _same(varying, model, section):
-    return section
-
-
-@kernel
-def _following(varying, model, section):
-    numbers = section.numbers[_varying_at(0, len(model.order)).end :]
-    return Varying(numbers, section.factor, section.tau, _rest(section.rest, len(model.order)))
-
-
-@by_kind("varying", "varying, model, section")
-def _next(kind: str) -> Any:
-    return _same if kind == NONE else _following
 
 
 @kernel
 def next_section(model, section):
     """That of the link's next element."""
-    return _next(model.varying, model, section)
+    if model.varying is None:
+        return section
+    numbers = section.numbers[_varying_at(0, len(model.order)).end :]
+    if model.rest is None:
+        return Varying(numbers, section.factor, section.tau, None)
+    return Varying(numbers, section.factor, section.tau, section.rest[len(model.order) :])
 
 
 class ElbowInertia(NamedTuple):

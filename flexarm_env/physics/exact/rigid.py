@@ -9,48 +9,46 @@ inertia). A payload whose centre is not at the tip is at the far point of one mo
 
 from __future__ import annotations
 
-from typing import Any
-
-from ...compiler import NONE, by_kind, kernel, load, sincos, splat, store
-from ..layout import OF_LOAD
+from ...compiler import kernel, load, sincos, splat, store
+from ..layout import LEVER
 from ..model import PAYLOAD_MASS
-from .layout import AXES, LEVER, LEVER_FACTORS, ROWS_OF_LOAD, T, Vertex, X, Y, elbow_of, factors_of, lever_at, rows_of
+from .layout import LEVER_FACTORS, T, Vertex, X, Y, elbow_of, factors_of, lever_at, root_angle, rows_of, vertex_of
 
 OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
 ROOT_END, TIP_END = range(2)
 
 
 @kernel
-def arm(lane, rigid, k, end, angle):
+def arm(lane, model, k, end, angle):
     """The lever of an end of link k as a vector along its beam's tangent."""
     sine, cosine = sincos(angle)
-    length = rigid[lever_at(k, end) + OF_LEVER.length]
+    length = model.rigid[lever_at(k, end) + OF_LEVER.length]
     return cosine * length, sine * length
 
 
 @kernel
-def to_payload(lane, eccentric, angle):
+def to_payload(lane, model, angle):
     """The lever from the tip to the payload's centre."""
     sine, cosine = sincos(angle)
-    along, across = eccentric[0], eccentric[1]
+    along, across = model.eccentric[0], model.eccentric[1]
     return cosine * along - sine * across, sine * along + cosine * across
 
 
 @kernel
-def payload_place(lane, eccentric, psi, spin, x, y, vx, vy):
+def payload_place(lane, model, psi, spin, x, y, vx, vy):
     """Place and velocity of the payload's centre, from those of the tip."""
-    if eccentric is None:
+    if model.eccentric is None:
         return x, y, vx, vy
-    return swung(lane, to_payload(lane, eccentric, psi), spin, x, y, vx, vy)
+    return swung(lane, to_payload(lane, model, psi), spin, x, y, vx, vy)
 
 
 @kernel
-def _payload_force(lane, eccentric, model, psi, motion, mass, weights, S):
+def _payload_force(lane, model, psi, motion, mass, weights, S):
     """Force and moment of the payload's mass at the tip, whose motion is as in `_through`; mass there in the matrix."""
     rate, second, ax, ay = motion
-    if eccentric is None:
+    if model.eccentric is None:
         return ax * mass, ay * mass, splat(lane, 0.0), mass
-    ex, ey = to_payload(lane, eccentric, psi)
+    ex, ey = to_payload(lane, model, psi)
     px, py = _accelerated((ex, ey), rate, second, ax, ay, 1.0)
     fx, fy, zero = px * mass, py * mass, splat(lane, 0.0)
     if weights.mass != 0.0:
@@ -79,7 +77,7 @@ def _accelerated(vector, rate, second, ax, ay, share):
 
 
 @kernel
-def begin(lane, rigid, model, state, k, tip, i):
+def begin(lane, model, state, k, tip, i):
     """The vertex where the beam of link k begins, from that before it at row i (`tip`): its force is what turns with
     it, no more."""
     (x, y, psi), (vx, vy, turning), (ax, ay, alpha), (_, _, moment) = tip.place, tip.rate, tip.acceleration, tip.force
@@ -87,27 +85,27 @@ def begin(lane, rigid, model, state, k, tip, i):
     zero = splat(lane, 0.0)
     if k > 0:
         d = rows_of(model).hinges + k - 1
-        vector = arm(lane, rigid, k - 1, TIP_END, psi)
+        vector = arm(lane, model, k - 1, TIP_END, psi)
         x, y, vx, vy = swung(lane, vector, turning, x, y, vx, vy)
         ax, ay = _accelerated(vector, omega, alpha, ax, ay, 1.0)
         psi, spin, alpha = psi + load(lane, state.q, d), load(lane, state.v, d), alpha + load(lane, state.a, d)
         omega, turning = omega + spin, turning + spin
         moment = alpha * elbow_of(model, k).right
-    vector = arm(lane, rigid, k, ROOT_END, psi)
+    vector = arm(lane, model, k, ROOT_END, psi)
     x, y, vx, vy = swung(lane, vector, turning, x, y, vx, vy)
     ax, ay = _accelerated(vector, omega, alpha, ax, ay, 1.0)
     return Vertex((x, y, psi), (vx, vy, turning), (ax, ay, alpha), (zero, zero, moment))
 
 
 @kernel
-def _through(lane, rigid, k, end, vector, motion, force, moment, far, weights, at, S):
+def _through(lane, model, k, end, vector, motion, force, moment, far, weights, at, S):
     """Force and moment at the near point of a lever, from those at its far one; its factors, where S is wanted.
 
     motion: rate, second rate, acceleration (x, y) of the near point. far: mass there, that of the matrix."""
     rate, second, ax, ay = motion
     ex, ey = vector
     own = lever_at(k, end)
-    mass, inertia = rigid[own + OF_LEVER.mass], rigid[own + OF_LEVER.inertia]
+    mass, inertia = model.rigid[own + OF_LEVER.mass], model.rigid[own + OF_LEVER.inertia]
     mx, my = _accelerated(vector, rate, second, ax, ay, 0.5)
     mx, my = mx * mass, my * mass
     fx, fy = force
@@ -123,32 +121,30 @@ def _through(lane, rigid, k, end, vector, motion, force, moment, far, weights, a
 
 
 @kernel
-def end(lane, rigid, model, state, u, k, tip, i, r, weights, S):
+def end(lane, model, state, u, k, tip, i, r, weights, S):
     """The rows of the vertex before link k and of its hinge, from what the beam asks for where it begins."""
     _, _, psi = tip.place
     (ax, ay, alpha), (gx, gy, moment) = tip.acceleration, tip.force
     omega, at = load(lane, state.v, i + T), factors_of(model).end
     fx, fy, turn = load(lane, r, i + X), load(lane, r, i + Y), load(lane, r, i + T)
     if k == 0:
-        vector = arm(lane, rigid, 0, ROOT_END, psi)
+        vector = arm(lane, model, 0, ROOT_END, psi)
         motion = omega, alpha, ax, ay
-        fx, fy, turn = _through(
-            lane, rigid, 0, ROOT_END, vector, motion, (fx, fy), turn, splat(lane, 0.0), weights, at, S
-        )
+        zero = splat(lane, 0.0)
+        fx, fy, turn = _through(lane, model, 0, ROOT_END, vector, motion, (fx, fy), turn, zero, weights, at, S)
     else:
         d, elbow = rows_of(model).hinges + k - 1, elbow_of(model, k)
-        before = arm(lane, rigid, k - 1, TIP_END, psi)
+        before = arm(lane, model, k - 1, TIP_END, psi)
         jx, jy = _accelerated(before, omega, alpha, ax, ay, 1.0)
         motion = omega + load(lane, state.v, d), alpha + load(lane, state.a, d), jx, jy
-        vector = arm(lane, rigid, k, ROOT_END, psi + load(lane, state.q, d))
+        vector = arm(lane, model, k, ROOT_END, psi + load(lane, state.q, d))
         at = at + OF_FACTORS.end * 2 * k
-        fx, fy, turn = _through(
-            lane, rigid, k, ROOT_END, vector, motion, (fx, fy), turn, splat(lane, 0.0), weights, at, S
-        )
+        zero = splat(lane, 0.0)
+        fx, fy, turn = _through(lane, model, k, ROOT_END, vector, motion, (fx, fy), turn, zero, weights, at, S)
         store(r, d, turn - load(lane, u, k))
         fx, fy = fx + jx * elbow.mass, fy + jy * elbow.mass
         fx, fy, turn = _through(
-            lane, rigid, k - 1, TIP_END, before, (omega, alpha, ax, ay), (fx, fy),
+            lane, model, k - 1, TIP_END, before, (omega, alpha, ax, ay), (fx, fy),
             turn + moment + alpha * elbow.left, splat(lane, elbow.mass), weights, at - OF_FACTORS.end, S,
         )  # fmt: skip
         fx, fy = fx + gx, fy + gy
@@ -158,19 +154,17 @@ def end(lane, rigid, model, state, u, k, tip, i, r, weights, S):
 
 
 @kernel
-def last(lane, rigid, model, par, state, tip, i, weights, S):
+def last(lane, model, par, state, tip, i, weights, S):
     """Force and moment on the last vertex with those of the payload and the rigid end that carries it."""
     (fx, fy, moment), (ax, ay, alpha) = tip.force, tip.acceleration
     omega, mass, k = load(lane, state.v, i + T), load(lane, par, PAYLOAD_MASS), model.links - 1
-    vector = arm(lane, rigid, k, TIP_END, tip.place[T])
+    vector = arm(lane, model, k, TIP_END, tip.place[T])
     px, py = _accelerated(vector, omega, alpha, ax, ay, 1.0)
     at = factors_of(model).end + OF_FACTORS.end * (2 * k + 1)
-    px, py, turned, there = _payload_force(
-        lane, model.eccentric, model, tip.place[T], (omega, alpha, px, py), mass, weights, S
-    )
-    gx, gy, turn = _through(
-        lane, rigid, k, TIP_END, vector, (omega, alpha, ax, ay), (px, py), moment + turned, there, weights, at, S
-    )
+    motion = omega, alpha, px, py
+    px, py, turned, there = _payload_force(lane, model, tip.place[T], motion, mass, weights, S)
+    motion, moment = (omega, alpha, ax, ay), moment + turned
+    gx, gy, turn = _through(lane, model, k, TIP_END, vector, motion, (px, py), moment, there, weights, at, S)
     return fx + gx, fy + gy, turn
 
 
@@ -178,9 +172,9 @@ def last(lane, rigid, model, par, state, tip, i, weights, S):
 
 
 @kernel
-def near(lane, rigid, model, S, k, end, tail):
+def near(lane, model, S, k, end, tail):
     """The matrix of x, y, psi at the near point of a lever from that at its far one."""
-    if rigid is None:
+    if model.rigid is None:
         return tail
     at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
     nx, ny = load(lane, S, at + OF_FACTORS.x), load(lane, S, at + OF_FACTORS.y)
@@ -194,129 +188,102 @@ def near(lane, rigid, model, S, k, end, tail):
 
 
 @kernel
-def with_payload(lane, eccentric, rigid, model, S, tail):
+def with_payload(lane, model, S, tail):
     """The matrix of x, y, psi at the tip, with that of the payload behind it."""
-    if eccentric is None:
+    if model.eccentric is None:
         return tail
-    return near(lane, rigid, model, S, model.links, ROOT_END, tail)
+    return near(lane, model, S, model.links, ROOT_END, tail)
 
 
 @kernel
-def moment_about(lane, rigid, model, S, k, end, x, y):
+def moment_about(lane, model, S, k, end, x, y):
     """Moment about a lever's near point of a force at its far one."""
-    if rigid is None:
+    if model.rigid is None:
         return splat(lane, 0.0)
     at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
     return load(lane, S, at + OF_FACTORS.x) * x + load(lane, S, at + OF_FACTORS.y) * y
 
 
 @kernel
-def carried(lane, rigid, model, S, k, end, x, y, turn):
+def carried(lane, model, S, k, end, x, y, turn):
     """How a lever's far point moves where its near one moves by x, y and turns."""
-    if rigid is None:
+    if model.rigid is None:
         return x, y
     at = factors_of(model).end + OF_FACTORS.end * (2 * k + end)
     return x + load(lane, S, at + OF_FACTORS.x) * turn, y + load(lane, S, at + OF_FACTORS.y) * turn
 
 
 @kernel
-def less_moments(lane, rigid, model, loads, u, q, r):
-    """r less the moments of point loads on levers."""
-    if rigid is not None and loads is not None:
-        for f in range(loads.shape[0] // ROWS_OF_LOAD.end):
-            row, k = loads[ROWS_OF_LOAD.end * f + ROWS_OF_LOAD.psi], model.links + OF_LOAD.end * f
-            length = rigid[lever_at(model.links, 0) + f]
-            sine, cosine = sincos(load(lane, q, row))
-            moment = cosine * load(lane, u, k + OF_LOAD.y) - sine * load(lane, u, k + OF_LOAD.x)
-            store(r, row, load(lane, r, row) - moment * length)
-
-
-@kernel
-def about_root(lane, rigid, model, S, k, x, i, tx, ty, taken, tt):
+def about_root(lane, model, S, k, x, i, tx, ty, taken, tt):
     """What is taken from the angle at a joint, and what is left of row i's, with moments on the lever behind it."""
-    if rigid is None:
+    if model.rigid is None:
         return taken, tt
-    moment = moment_about(lane, rigid, model, S, k, ROOT_END, load(lane, x, i + X) - tx, load(lane, x, i + Y) - ty)
+    moment = moment_about(lane, model, S, k, ROOT_END, load(lane, x, i + X) - tx, load(lane, x, i + Y) - ty)
     return taken + moment, tt - moment
 
 
 @kernel
-def about_tip(lane, rigid, model, S, k, x, i, tx, ty, tt):
+def about_tip(lane, model, S, k, x, i, tx, ty, tt):
     """What is left of row i's angle, with moments on the lever before the joint."""
-    if rigid is None:
+    if model.rigid is None:
         return tt
-    return tt - moment_about(lane, rigid, model, S, k, TIP_END, load(lane, x, i + X) - tx, load(lane, x, i + Y) - ty)
+    return tt - moment_about(lane, model, S, k, TIP_END, load(lane, x, i + X) - tx, load(lane, x, i + Y) - ty)
 
 
 # --- what is read off --------------------------------------------------------------------------------
 
 
 @kernel
-def joint(lane, rigid, model, q, v, k):
-    """Place and velocity of joint k (of the arm's tip: k = links)."""
-    i = rows_of(model).elements + AXES * len(model.order) * model.elements * k
-    x, y, vx, vy = load(lane, q, i + X), load(lane, q, i + Y), load(lane, v, i + X), load(lane, v, i + Y)
-    if rigid is None:
-        return x, y, vx, vy
-    if k == 0:
-        return x, y, vx, vy
-    return swung(lane, arm(lane, rigid, k - 1, TIP_END, load(lane, q, i + T)), load(lane, v, i + T), x, y, vx, vy)
-
-
-@kernel
-def _nothing(lane, rigid, model, q, v, k):
-    return None
-
-
-@kernel
-def _beginning(lane, rigid, model, q, v, k):
-    i = rows_of(model).elements + AXES * len(model.order) * model.elements * k
-    x, y, vx, vy = joint(lane, rigid, model, q, v, k)
-    psi, spin = load(lane, q, i + T), load(lane, v, i + T)
-    if k > 0:
-        d = rows_of(model).hinges + k - 1
-        psi, spin = psi + load(lane, q, d), spin + load(lane, v, d)
-    return swung(lane, arm(lane, rigid, k, ROOT_END, psi), spin, x, y, vx, vy)
-
-
-@by_kind("rigid", "lane, rigid, model, q, v, k")
-def beginning(kind: str) -> Any:
-    """Place and velocity of where the beam of link k begins; None without rigid ends."""
-    return _nothing if kind == NONE else _beginning
-
-
-@kernel
-def _following(lane, rigid, model, q, v, i):
+def vertex(lane, q, v, i):
+    """Place and velocity of the vertex at row i."""
     return load(lane, q, i + X), load(lane, q, i + Y), load(lane, v, i + X), load(lane, v, i + Y)
 
 
-@by_kind("rigid", "lane, rigid, model, q, v, i")
-def following(kind: str) -> Any:
-    """Those of the vertex at row i, where the next element of a beam begins."""
-    return _nothing if kind == NONE else _following
+@kernel
+def joint(lane, model, q, v, k):
+    """Place and velocity of joint k (of the arm's tip: k = links)."""
+    i = vertex_of(model, k)
+    x, y, vx, vy = vertex(lane, q, v, i)
+    if model.rigid is None:
+        return x, y, vx, vy
+    if k == 0:
+        return x, y, vx, vy
+    return swung(lane, arm(lane, model, k - 1, TIP_END, load(lane, q, i + T)), load(lane, v, i + T), x, y, vx, vy)
 
 
 @kernel
-def ends_of(lane, rigid, model, q, v, k):
+def beginning(lane, model, q, v, k):
+    """Place and velocity of where the beam of link k begins; None without rigid ends."""
+    if model.rigid is None:
+        return None
+    x, y, vx, vy = joint(lane, model, q, v, k)
+    psi, spin = root_angle(lane, model, q, k), root_angle(lane, model, v, k)
+    return swung(lane, arm(lane, model, k, ROOT_END, psi), spin, x, y, vx, vy)
+
+
+@kernel
+def following(lane, model, q, v, i):
+    """Those of the vertex at row i, where the next element of a beam begins."""
+    if model.rigid is None:
+        return None
+    return vertex(lane, q, v, i)
+
+
+@kernel
+def ends_of(lane, model, q, v, k):
     """(kinetic energy, first moments x, y) of the rigid ends of link k."""
     zero = splat(lane, 0.0)
     kinetic, mx, my = zero, zero, zero
-    if rigid is None:
-        return kinetic, mx, my
-    span = AXES * len(model.order) * model.elements
     for side in range(2):
-        at = lever_at(k, side)
-        mass, inertia = rigid[at + OF_LEVER.mass], rigid[at + OF_LEVER.inertia]
-        i = rows_of(model).elements + span * (k + side)
-        psi, spin = load(lane, q, i + T), load(lane, v, i + T)
+        at, i = lever_at(k, side), vertex_of(model, k + side)
+        mass, inertia = model.rigid[at + OF_LEVER.mass], model.rigid[at + OF_LEVER.inertia]
         if side == 0:
-            x, y, vx, vy = joint(lane, rigid, model, q, v, k)
-            if k > 0:
-                d = rows_of(model).hinges + k - 1
-                psi, spin = psi + load(lane, q, d), spin + load(lane, v, d)
+            x, y, vx, vy = joint(lane, model, q, v, k)
+            psi, spin = root_angle(lane, model, q, k), root_angle(lane, model, v, k)
         else:
-            x, y, vx, vy = load(lane, q, i + X), load(lane, q, i + Y), load(lane, v, i + X), load(lane, v, i + Y)
-        ax, ay = arm(lane, rigid, k, side, psi)
+            x, y, vx, vy = vertex(lane, q, v, i)
+            psi, spin = load(lane, q, i + T), load(lane, v, i + T)
+        ax, ay = arm(lane, model, k, side, psi)
         x, y, vx, vy = swung(lane, (ax * 0.5, ay * 0.5), spin, x, y, vx, vy)
         kinetic = kinetic + ((vx * vx + vy * vy) * mass + (spin * spin) * inertia) * 0.5
         mx, my = mx + x * mass, my + y * mass

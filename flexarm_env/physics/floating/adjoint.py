@@ -8,13 +8,13 @@ place and angle move at the rates that y gives them. Each one's share is written
 
 from __future__ import annotations
 
-from ...compiler import aligned_frame, kernel, load, pulled, size, splat, stack, store, unrolled
-from ..arithmetic import add
+from ...compiler import kernel, load, pulled, size, splat, stack, store, unrolled
+from ..arithmetic import add, fall
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingChain
 from ..protocol import register
 from .body import carry, constants, forces, product, tip, turn_of_root
-from .chain_output import fall, place
+from .chain_output import place
 from .layout import KNOWN, NOW, PASSED, elastic_row, elbow_row
 from .rigid import OF_FACTORS, ROOT_END, TIP_END, lever, move, moved, reach, resist
 
@@ -229,9 +229,8 @@ def _turn_back(lane, section_bar, bar, i):
 
 
 @kernel
-def pull_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
+def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """See `protocol`."""
-    aligned_frame(lane)
     section, section_bar = stack(lane, SECTION), stack(lane, SECTION)
     _go_out(lane, model, state, r_bar, section, S)
     _payload(lane, par, par_bar, section, section_bar)
@@ -269,9 +268,8 @@ def _take(lane, bars, pose_bar):
 
 
 @kernel
-def pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
+def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
     """See `protocol`."""
-    aligned_frame(lane)
     L = len(lane)
     pose, pose_bar, frame = stack(lane, SIX), stack(lane, SIX), stack(lane, SIX)
     for i in range(len(SIX)):
@@ -300,4 +298,4 @@ def pull_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
         add(lane, v_bar, i, load(lane, pose_bar, POSE.vx + i))
 
 
-register(FloatingChain, pull_residual=pull_residual, pull_poses=pull_poses)
+register(FloatingChain, vjp_residual=vjp_residual, vjp_poses=vjp_poses)

@@ -10,10 +10,7 @@ E = [[0, -1], [1, 0]] turns a quarter; d/dt of R y is R (y' + w E y).
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, sincos, splat, store
-from ...compiler.trace import unrolled
+from ...compiler import kernel, load, sincos, size, splat, store, unrolled
 from ..model import STIFFNESS_FACTOR, TAU_D
 from .layout import KNOWN, NOW, PASSED, body_at, factors_at, span_at, strain_at, vectors_at, window
 
@@ -27,13 +24,9 @@ def constants(model):
 @kernel
 def damping_time(lane, model, D, par):
     """tau_d of the body, s."""
-    return _own_time(model.damped, model, D, load(lane, par, TAU_D))
-
-
-@kernel
-def _own_time(damped, model, D, tau):
-    if damped is not None:
-        if len(damped) > 1:
+    tau = load(lane, par, TAU_D)
+    if model.damped is not None:
+        if len(model.damped) > 1:
             tau = tau * D[constants(model).damped]
     return tau
 

@@ -16,7 +16,7 @@ from ...compiler import WIDEST
 from ...parameters import Arm, Link, Payload
 from ...scene import PointLoad, Scene
 from ...settings import MODAL_BOUND, Settings
-from ..model import FloatingChain, FloatingFrame, Mesh, System
+from ..model import BEAM, FloatingChain, FloatingFrame, Mesh, System, fixed_rows, levers
 from .beam_element import BENDING
 from .constants import Body, finite_element_body, free_coordinates
 from .layout import (
@@ -25,7 +25,6 @@ from .layout import (
     ELASTIC,
     FACTORS,
     JOINT,
-    LEVER,
     LEVER_FACTORS,
     ROOT,
     ROW,
@@ -36,6 +35,9 @@ from .layout import (
     window,
 )
 from .reduction import inertia_margins, modal_body
+
+HONOURS = {**BEAM, Arm: (*BEAM[Arm], "mass_damping")}
+"""What of an arm this formulation takes into account; `assembly` refuses the rest."""
 
 WRITTEN_OUT = 8
 """Elastic coordinates of a body up to which its kernels are written out, every index a constant."""
@@ -74,16 +76,6 @@ def carried(arm: Arm, link: int, rest: float = 0.0) -> tuple[float, float]:
 def _rigid(arm: Arm) -> bool:
     """Whether links have rigid ends."""
     return any(link.rigid_ends for link in arm.links)
-
-
-def _levers(arm: Arm) -> NDArray[np.float64]:
-    """A `LEVER` for each link's root and tip."""
-    found = []
-    for k, link in enumerate(arm.links):
-        far = arm.elbow(k + 1).mass if k + 1 < arm.n_links else 0.0
-        found += [LEVER.pack({}, length=link.root_offset, mass=link.root_mass, inertia=link.root_inertia, far=0.0)]
-        found += [LEVER.pack({}, length=link.tip_offset, mass=link.tip_mass, inertia=link.tip_inertia, far=far)]
-    return np.concatenate(found)
 
 
 def _cut(link: Link, segments: int) -> list[Link]:
@@ -233,9 +225,6 @@ def _chain(scene: Scene, settings: Settings) -> System:
     names += [f"link{k}.body{b % segments}.q{i}" for b, k in enumerate(links) for i in range(n)]
     names += [f"joint{k}" for k in range(1, arm.n_links)]
     coordinates = {name: names.index(name) for name in ["root_x", "root_y", *[f"joint{k}" for k in range(arm.n_links)]]}
-    fixed = [coordinates[f"joint{k}"] for k in scene.rigid_joints]
-    if scene.root == "pinned":
-        fixed += [coordinates[name] for name in ("root_x", "root_y") if scene.motion_of(name) is None]
     q0, weight = np.zeros(len(names)), np.ones(len(names))
     q0[:2], q0[2] = scene.position, scene.angles[0]
     for k in range(1, arm.n_links):
@@ -252,19 +241,18 @@ def _chain(scene: Scene, settings: Settings) -> System:
         + count * FACTORS.offsets(0, n).end
         + (2 * arm.n_links if _rigid(arm) or arm.payload.eccentric else 0) * LEVER_FACTORS.places.end
         + arm.payload.eccentric * LEVER_FACTORS.places.end,
-        fixed=np.array(fixed, np.int64),
+        fixed=fixed_rows(scene, coordinates),
         algebraic=None,
         weight=weight,
         # with stretch, what Newton leaves is small in length but not in force: nothing is trusted
         predictor=1.0 if settings.modes is None else (1.0, 10.0),
-        rigid=_levers(arm) if _rigid(arm) else None,
+        rigid=levers(arm) if _rigid(arm) else None,
         table=None,
         jointed=(0,) if arm.jointed else None,
         eccentric=np.array(arm.payload.offset) if arm.payload.eccentric else None,
         **_shared(scene, settings, bodies, links, np.zeros(count)),
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
-    return System(model, par, q0, np.zeros(len(names)), coordinates, tuple(names), {})
+    return System.of(arm, model, q0, coordinates, names, ((0, 1),), (ANGLE,))
 
 
 def _sizes(body: Body, settings: Settings, arm: Arm) -> NDArray[np.float64]:
@@ -338,5 +326,5 @@ def _joined(scene: Scene, settings: Settings) -> System:
         table=table,
         **_shared(scene, settings, bodies, links, offset),
     )
-    par = np.array([arm.payload.mass, arm.payload.inertia, 1.0, arm.damping[0]])
-    return System(model, par, q0, np.zeros(n), coordinates, tuple(names), {})
+    vectors = tuple((int(row), int(row) + 1) for row in start[:-1])
+    return System.of(arm, model, q0, coordinates, names, vectors, [int(row) + ANGLE for row in start[:-1]])

@@ -5,21 +5,18 @@ rigid joints between segments need no rows. One sweep from root to tip gives eve
 the matrix is never formed, its blocks are eliminated body by body from the tip (an articulated body's inertia, but of
 the whole tangent): the cost is linear in the number of bodies.
 
-S holds the root's part (`ROOT`), a `JOINT` an elbow, and a body's `FACTORS` each.
+S holds `ROOT`, then a `JOINT` for each elbow and `FACTORS` for each body, then `LEVER_FACTORS` of rigid ends.
 """
 
 from __future__ import annotations
 
-from ...compiler.arrays import stack
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
-from ...compiler.trace import aligned_frame
+from ...compiler import kernel, load, size, splat, stack, store
+from ..arithmetic import fall
 from ..layout import OF_LOAD
 from ..model import FloatingChain
 from ..protocol import register
 from .body import carry, forces
-from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports, shape
+from .chain_output import damping_work, energy, link_poses, out_of_range, ports, shape
 from .layout import JOINT, KNOWN, LOADED, PASSED, ROOT, acts_at, cell, elastic_row, elbow_row, factors_at
 from .matrix import condense, reduce, reduce_transposed, restore, restore_transposed, tangent
 from .rigid import (
@@ -66,11 +63,11 @@ def _joint_at(k):
 
 
 @kernel
-def less_loads(lane, loads, model, link, end, u, force):
+def less_loads(lane, model, link, end, u, force):
     """force (x, y, moment) less the point loads at an end of a link."""
-    if loads is not None:
-        for f in range(loads.shape[0] // LOADED.end):
-            if acts_at(loads, f, link, end):
+    if model.loads is not None:
+        for f in range(model.loads.shape[0] // LOADED.end):
+            if acts_at(model.loads, f, link, end):
                 for i in range(3):
                     store(force, i, load(lane, force, i) - load(lane, u, model.links + OF_LOAD.end * f + i))
 
@@ -78,7 +75,6 @@ def less_loads(lane, loads, model, link, end, u, force):
 @kernel
 def assemble(lane, model, par, state, u, weights, r, S):
     """r and, unless only that is asked for, the bodies' matrices."""
-    aligned_frame(lane)
     (q, v, a), (cm, cc, ck) = state, weights
     mesh, L = model.mesh, len(lane)
     pose, force, carried = stack(lane, FIVE), stack(lane, THREE), stack(lane, THREE)
@@ -109,7 +105,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
     store(carried, 1, inertia)
     from_payload(lane, model.eccentric, model, force, cm, cc, ck, S, levers)
     for k in range(model.links - 1, -1, -1):
-        less_loads(lane, model.loads, model, k, 1, u, force)
+        less_loads(lane, model, k, 1, u, force)
         inward(lane, model.rigid, k, TIP_END, force, cm, cc, ck, S, levers)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             e, D, own = elastic_row(model, b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
@@ -123,7 +119,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
             store(carried, 0, splat(lane, 0.0))
             store(carried, 1, splat(lane, 0.0))
         inward(lane, model.rigid, k, ROOT_END, force, cm, cc, ck, S, levers)
-        less_loads(lane, model.loads, model, k, 0, u, force)
+        less_loads(lane, model, k, 0, u, force)
         if k > 0:
             store(r, elbow_row(model, k), load(lane, force, OF_LOAD.torque) - load(lane, u, k))
     store(r, 0, load(lane, force, 0))
@@ -138,11 +134,6 @@ def assemble(lane, model, par, state, u, weights, r, S):
         store(S, ROOT.scale + 1, splat(lane, 1.0 / cm))
         store(S, ROOT.tail, inertia * cm)
         store(S, ROOT.tail + 1, mass)
-
-
-@kernel
-def constrain(lane, model, psi, state, level, scale, r):
-    """No constraint is left: joints are coordinates."""
 
 
 @kernel
@@ -164,50 +155,16 @@ def stiffen(lane, model, S, k, x):
 
 
 @kernel
-def _pivot(lane, jointed, S, at, pivot):
-    """A joint's pivot with what stands at S[at]."""
-    if jointed is None:
-        return pivot
-    return pivot + load(lane, S, at)
-
-
-@kernel
-def _let_go(lane, jointed, S, o, inverse, tail):
-    """What is left of the angle behind an elbow, once eliminated, for that before it: nothing where it turns freely."""
-    if jointed is None:
-        zero = splat(lane, 0.0)
-        for i in range(3):
-            store(tail, cell(i, 2), zero)
-            store(tail, cell(2, i), zero)
-    else:
-        share = load(lane, S, o + JOINT.own) * inverse
-        store(S, o + JOINT.own, share)
-        for i in range(2):
-            store(tail, cell(i, 2), load(lane, tail, cell(i, 2)) * share)
-            store(tail, cell(2, i), load(lane, tail, cell(2, i)) * share)
-        store(tail, cell(2, 2), load(lane, tail, cell(2, 2)) * share)
-
-
-@kernel
-def _passed_on(lane, jointed, S, o, wanted, left):
-    """The moment on the angle before an elbow that goes with what is left behind it."""
-    if jointed is None:
-        return wanted
-    return wanted - load(lane, S, o + JOINT.own) * left
-
-
-@kernel
-def _carried(lane, jointed, S, o, turn, before):
-    """The angle behind an elbow, with the part that the angle before it carries along."""
-    if jointed is None:
-        return turn
-    return turn + load(lane, S, o + JOINT.own) * before
+def _with_own(lane, model, S, at, x, y):
+    """x and, in a jointed arm, what stands at S[at] for a joint, times y."""
+    if model.jointed is None:
+        return x
+    return x + load(lane, S, at) * y
 
 
 @kernel
 def factor(lane, model, S):
     """Bodies condensed from tip to root, and the root's three rows factored; inverse pivots are kept."""
-    aligned_frame(lane)
     L, stride, first = len(lane), _stride(model), _bodies_at(model)
     tail = stack(lane, NINE)
     zero, one = splat(lane, 0.0), splat(lane, 1.0)
@@ -226,7 +183,7 @@ def factor(lane, model, S):
         if k > 0:
             o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
-                inverse = one / _pivot(lane, model.jointed, S, o + JOINT.own, load(lane, tail, cell(2, 2)))
+                inverse = one / _with_own(lane, model, S, o + JOINT.own, load(lane, tail, cell(2, 2)), 1.0)
                 store(S, o + JOINT.inverse, inverse)
                 for i in range(2):
                     store(S, o + JOINT.column + i, load(lane, tail, cell(i, 2)) * inverse)
@@ -235,8 +192,18 @@ def factor(lane, model, S):
                     for j in range(2):
                         part = load(lane, S, o + JOINT.column + i) * load(lane, tail, cell(2, j))
                         store(tail, cell(i, j), load(lane, tail, cell(i, j)) - part)
-                _let_go(lane, model.jointed, S, o, inverse, tail)
-    store(tail, cell(2, 2), _pivot(lane, model.jointed, S, ROOT.own, load(lane, tail, cell(2, 2))))
+                if model.jointed is None:  # nothing of the angle behind is left for that before
+                    for i in range(3):
+                        store(tail, cell(i, 2), zero)
+                        store(tail, cell(2, i), zero)
+                else:
+                    share = load(lane, S, o + JOINT.own) * inverse
+                    store(S, o + JOINT.own, share)
+                    for i in range(2):
+                        store(tail, cell(i, 2), load(lane, tail, cell(i, 2)) * share)
+                        store(tail, cell(2, i), load(lane, tail, cell(2, i)) * share)
+                    store(tail, cell(2, 2), load(lane, tail, cell(2, 2)) * share)
+    store(tail, cell(2, 2), _with_own(lane, model, S, ROOT.own, load(lane, tail, cell(2, 2)), 1.0))
     for i in range(3):
         for j in range(3):
             entry = load(lane, tail, cell(i, j))
@@ -258,7 +225,6 @@ def factor(lane, model, S):
 @kernel
 def solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `factor`."""
-    aligned_frame(lane)
     mesh, L, stride, first = model.mesh, len(lane), _stride(model), _bodies_at(model)
     flow = stack(lane, THREE)
     for i in range(3):
@@ -277,8 +243,8 @@ def solve(lane, model, S, x):
                 left = wanted - load(lane, flow, 2)
                 for i in range(2):
                     store(flow, i, load(lane, flow, i) + load(lane, S, o + JOINT.column + i) * left)
-                store(flow, 2, _passed_on(lane, model.jointed, S, o, wanted, left))
                 store(x, elbow_row(model, k), left)
+                store(flow, 2, _with_own(lane, model, S, o + JOINT.own, wanted, -left))
     for i in range(3):
         right = load(lane, x, i)
         if S[(ROOT.pinned + i) * L] == 0.0:
@@ -308,7 +274,7 @@ def solve(lane, model, S, x):
                 turn = load(lane, x, elbow_row(model, k)) * load(lane, S, o + JOINT.inverse)
                 for i in range(2):
                     turn = turn - load(lane, S, o + JOINT.row + i) * load(lane, flow, i)
-                turn = _carried(lane, model.jointed, S, o, turn, before)
+                turn = _with_own(lane, model, S, o + JOINT.own, turn, before)
             store(x, elbow_row(model, k), turn - before)
             store(flow, 2, turn)
         swept(lane, model.rigid, k, ROOT_END, S, levers, SWEPT, flow)
@@ -321,7 +287,6 @@ def solve(lane, model, S, x):
 @kernel
 def solve_transposed(lane, model, S, x):
     """x <- S^-T x with the same factors: the steps of `solve` in turn backwards, each transposed."""
-    aligned_frame(lane)
     mesh, L, stride, first, levers = model.mesh, len(lane), _stride(model), _bodies_at(model), _levers_at(model)
     flow = stack(lane, THREE)
     for i in range(3):
@@ -339,7 +304,7 @@ def solve_transposed(lane, model, S, x):
                 turn = load(lane, flow, 2) + wanted
                 for i in range(2):
                     store(flow, i, load(lane, flow, i) - load(lane, S, o + JOINT.row + i) * turn)
-                store(flow, 2, _carried(lane, model.jointed, S, o, -wanted, turn))
+                store(flow, 2, _with_own(lane, model, S, o + JOINT.own, -wanted, turn))
                 store(x, elbow_row(model, k), turn * load(lane, S, o + JOINT.inverse))
     F = ROOT.factors
     for i in range(3):
@@ -369,7 +334,7 @@ def solve_transposed(lane, model, S, x):
                 left = load(lane, x, elbow_row(model, k))
                 for i in range(2):
                     left = left + load(lane, S, o + JOINT.column + i) * load(lane, flow, i)
-                left = _passed_on(lane, model.jointed, S, o, left, turn)
+                left = _with_own(lane, model, S, o + JOINT.own, left, -turn)
                 store(x, elbow_row(model, k), turn + left)
                 store(flow, 2, -left)
         swept(lane, model.rigid, k, ROOT_END, S, levers, ACROSS, flow)
@@ -382,7 +347,6 @@ def solve_transposed(lane, model, S, x):
 register(
     FloatingChain,
     assemble=assemble,
-    constrain=constrain,
     pin=pin,
     stiffen=stiffen,
     factor=factor,

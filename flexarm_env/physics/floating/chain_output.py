@@ -5,11 +5,8 @@ model: `physics.model.FloatingChain`, whose table is None, or `FloatingFrame`, w
 
 from __future__ import annotations
 
-from ...compiler.arrays import stack
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import WIDEST, absolute, load, select_lt, sincos, splat, store
-from ...compiler.trace import unrolled
+from ...compiler import WIDEST, absolute, kernel, load, select_lt, sincos, size, splat, stack, store, unrolled
+from ..arithmetic import fall
 from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE
 from .body import along, constants, damping_time, dot, in_window, product, tip, turn_of_root
@@ -20,21 +17,15 @@ SIX, FOUR = (0,) * 6, (0,) * 4
 
 
 @kernel
-def _begin(lane, q, v, pose):
-    """pose <- x, y, angle of a section and their rates."""
-    for i in range(3):
-        store(pose, POSE.x + i, load(lane, q, i))
-        store(pose, POSE.vx + i, load(lane, v, i))
-
-
-@kernel
-def _enter(lane, model, table, q, v, k, b, pose):
+def _enter(lane, model, q, v, k, b, pose):
     """To the root section of body b, of link k: from the tip section before it, or to where its own frame stands."""
-    if table is not None:
-        at = table[b, START] * len(lane)
-        _begin(lane, q[at:], v[at:], pose)
-    elif b == 0:
-        _begin(lane, q, v, pose)
+    at = 0
+    if model.table is not None:
+        at = model.table[b, START]
+    if model.table is not None or b == 0:
+        for i in range(3):
+            store(pose, POSE.x + i, load(lane, q, at + i))
+            store(pose, POSE.vx + i, load(lane, v, at + i))
     elif b == k * model.segments:
         i = elbow_row(model, k)
         store(pose, POSE.angle, load(lane, pose, POSE.angle) + load(lane, q, i))
@@ -42,11 +33,11 @@ def _enter(lane, model, table, q, v, k, b, pose):
 
 
 @kernel
-def _elastic(model, table, b):
+def _elastic(model, b):
     """Row of body b's first elastic coordinate."""
-    if table is None:
+    if model.table is None:
         return elastic_row(model, b)
-    return table[b, START] + ELASTIC
+    return model.table[b, START] + ELASTIC
 
 
 @unrolled
@@ -80,11 +71,11 @@ def place(lane, model, D, q, v, pose, frame):
 
 
 @kernel
-def _note(lane, loads, model, link, end, pose, y):
-    """The place and angle of the point loads at an end of a link; how many there are."""
+def _at_loads(lane, model, link, end, pose, y):
+    """y <- place and angle of the point loads at an end of a link; how many there are."""
     found = 0
-    for f in range(loads.shape[0] // LOADED.end):
-        if acts_at(loads, f, link, end):
+    for f in range(model.loads.shape[0] // LOADED.end):
+        if acts_at(model.loads, f, link, end):
             found += 1
             for i in range(3):
                 store(y, model.links + OF_LOAD.end * f + i, load(lane, pose, POSE.x + i))
@@ -97,26 +88,26 @@ def ports(lane, model, par, q, y):
     store(y, 0, load(lane, q, 2))
     for k in range(1, model.links):
         store(y, k, load(lane, q, elbow_row(model, k)))
-    ports_of_loads(lane, model, model.loads, q, y)
+    ports_of_loads(lane, model, q, y)
 
 
 @kernel
-def ports_of_loads(lane, model, loads, q, y):
+def ports_of_loads(lane, model, q, y):
     """Those of the point loads alone."""
-    if loads is not None:
-        pose, frame, left = stack(lane, SIX), stack(lane, SIX), loads.shape[0] // LOADED.end
+    if model.loads is not None:
+        pose, frame, left = stack(lane, SIX), stack(lane, SIX), model.loads.shape[0] // LOADED.end
         for k in range(model.links):
             for b in range(k * model.segments, (k + 1) * model.segments):
-                _enter(lane, model, model.table, q, q, k, b, pose)
+                _enter(lane, model, q, q, k, b, pose)
                 if b == k * model.segments:
-                    left -= _note(lane, loads, model, k, 0, pose, y)
+                    left -= _at_loads(lane, model, k, 0, pose, y)
                     if left == 0:
                         return
                     moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
-                own = q[_elastic(model, model.table, b) * len(lane) :]
+                own = q[_elastic(model, b) * len(lane) :]
                 place(lane, model.mesh, model.data[model.block * b :], own, own, pose, frame)
             moved(lane, model.rigid, k, TIP_END, pose, 1.0)
-            left -= _note(lane, loads, model, k, 1, pose, y)
+            left -= _at_loads(lane, model, k, 1, pose, y)
             if left == 0:
                 return
 
@@ -170,9 +161,9 @@ def damping_work(lane, model, par, q, v, x):
     store(total, 0, splat(lane, 0.0))
     bodies = model.links * model.segments
     for b in range(bodies):
-        e = _elastic(model, model.table, b) * len(lane)
+        e = _elastic(model, b) * len(lane)
         _damping(lane, model.mesh, model.data[model.block * b :], par, q[e:], v[e:], x[e:], total)
-    e = _elastic(model, model.table, bodies - 1) * len(lane)
+    e = _elastic(model, bodies - 1) * len(lane)
     _payload_drag(lane, model.mesh, model.data[model.block * (bodies - 1) :], par, q[e:], v[e:], x[e:], total)
     return load(lane, total, 0)
 
@@ -223,14 +214,6 @@ def _energies(lane, model, D, par, q, v, frame, totals):
 
 
 @kernel
-def fall(gravity, k):
-    """Gravity along axis k, m/s^2."""
-    if gravity is None:
-        return 0.0
-    return gravity[k]
-
-
-@kernel
 def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity) energy, J."""
     L = len(lane)
@@ -244,10 +227,10 @@ def energy(lane, model, par, q, v):
     gravity = splat(lane, 0.0)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, model.table, q, v, k, b, pose)
+            _enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
                 passed(lane, model.rigid, k, ROOT_END, pose, ends)
-            e, D = _elastic(model, model.table, b) * L, model.data[model.block * b :]
+            e, D = _elastic(model, b) * L, model.data[model.block * b :]
             x, y, mass = load(lane, pose, POSE.x), load(lane, pose, POSE.y), D[constants(model.mesh).mass]
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             _energies(lane, model.mesh, D, par, q[e:], v[e:], frame, totals)
@@ -258,22 +241,10 @@ def energy(lane, model, par, q, v):
     mass = load(lane, par, 0)
     kinetic = load(lane, totals, 0) + ((vx * vx + vy * vy) * mass + (w * w) * load(lane, par, 1)) * 0.5
     gravity = gravity - mass * (load(lane, pose, POSE.x) * gx + load(lane, pose, POSE.y) * gy)
-    return _with_ends(lane, model.rigid, ends, kinetic, load(lane, totals, 1), gravity, gx, gy)
-
-
-@kernel
-def _with_ends(lane, rigid, ends, kinetic, strain, gravity, gx, gy):
-    """Energies with those of rigid ends."""
-    if rigid is None:
-        return kinetic, strain, gravity
-    less = load(lane, ends, 1) * gx + load(lane, ends, 2) * gy
-    return kinetic + load(lane, ends, 0), strain, gravity - less
-
-
-@kernel
-def _write(lane, pose, out, k):
-    for i in range(6):
-        store(out, k + i, load(lane, pose, i))
+    if model.rigid is not None:
+        kinetic = kinetic + load(lane, ends, 0)
+        gravity = gravity - (load(lane, ends, 1) * gx + load(lane, ends, 2) * gy)
+    return kinetic, load(lane, totals, 1), gravity
 
 
 @kernel
@@ -283,14 +254,16 @@ def link_poses(lane, model, par, q, v, out):
     pose, frame = stack(lane, SIX), stack(lane, SIX)
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, model.table, q, v, k, b, pose)
+            _enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
-                _write(lane, pose, out, POSE.end * k)
+                for i in range(6):
+                    store(out, POSE.end * k + i, load(lane, pose, i))
                 moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
-            e = _elastic(model, model.table, b) * L
+            e = _elastic(model, b) * L
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
         moved(lane, model.rigid, k, TIP_END, pose, 1.0)
-        _write(lane, pose, out, POSE.end * k + POSE.tip_x)
+        for i in range(6):
+            store(out, POSE.end * k + POSE.tip_x + i, load(lane, pose, i))
 
 
 @unrolled
@@ -323,7 +296,7 @@ def out_of_range(lane, model, par, q):
     bodies = model.links * model.segments
     store(payload, 0, load(lane, par, 0))
     for b in range(bodies - 1, -1, -1):
-        own = q[_elastic(model, model.table, b) * L :]
+        own = q[_elastic(model, b) * L :]
         _ranges(lane, model.mesh, model.data[model.block * b :], payload, own, out)
         store(payload, 0, splat(lane, 0.0))
         deflection = load(lane, out, 0)
@@ -372,10 +345,10 @@ def shape(model, q, points):
     length = station_at(0, n).end * many
     for k in range(model.links):
         for b in range(k * model.segments, (k + 1) * model.segments):
-            _enter(lane, model, model.table, q, q, k, b, pose)
+            _enter(lane, model, q, q, k, b, pose)
             if b == k * model.segments:
                 moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
-            D, e = model.data[model.block * b :], q[_elastic(model, model.table, b) :]
+            D, e = model.data[model.block * b :], q[_elastic(model, b) :]
             x0, y0 = pose[POSE.x], pose[POSE.y]
             place(lane, mesh, D, e, e, pose, frame)
             for group in range((model.block - stations) // length):
@@ -386,12 +359,6 @@ def shape(model, q, points):
                     points[count, 0], points[count, 1] = line[i], line[many + i]
                     count += 1
         moved(lane, model.rigid, k, TIP_END, pose, 1.0)
-        _at_joint(model.rigid, pose, points, count - 1)
+        if model.rigid is not None:  # a link's last point is where its rigid end ends
+            points[count - 1, 0], points[count - 1, 1] = pose[POSE.x], pose[POSE.y]
     return count
-
-
-@kernel
-def _at_joint(rigid, pose, points, i):
-    """A link's last point is where its rigid end ends."""
-    if rigid is not None:
-        points[i, 0], points[i, 1] = pose[POSE.x], pose[POSE.y]

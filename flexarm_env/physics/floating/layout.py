@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
+from ...compiler import kernel, size
 from ...layout import Field, Layout
 
 ROW = Layout(
@@ -19,14 +18,6 @@ START, SIZE, LINK, MULTIPLIERS, MOTION, _ = ROW.places
 ANGLE, ELASTIC = 2, 3
 """Behind x and y of a frame comes its angle, behind that its elastic coordinates."""
 
-LEVER = Layout(
-    "Lever", "",
-    Field("length", (), "m", "of a link's rigid end"),
-    Field("mass", (), "kg", "in its middle"),
-    Field("inertia", (), "kg m^2", "about there"),
-    Field("far", (), "kg", "mass at its far point, an elbow's"),
-)  # fmt: skip
-"""Of each link's root and tip, where links have rigid ends."""
 LEVER_FACTORS = Layout(
     "LeverFactors", "",
     *(Field(name, (), "m", "along the beam's tangent") for name in ("ex", "ey")),

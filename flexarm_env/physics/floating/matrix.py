@@ -5,10 +5,7 @@ Rows and columns: the body's n elastic coordinates, then x, y of the acceleratio
 
 from __future__ import annotations
 
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
-from ...compiler.trace import unrolled
+from ...compiler import kernel, load, size, splat, store, unrolled
 from ..model import STIFFNESS_FACTOR
 from .body import constants, damping_time, dot, turn_of_root
 from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at, window

@@ -10,17 +10,15 @@ S holds the band, the pivots of its factors, and room for one body's `FACTORS`. 
 
 from __future__ import annotations
 
-from ...compiler.arrays import stack
-from ...compiler.decorator import kernel
-from ...compiler.dispatch import size
-from ...compiler.lanes import load, splat, store
+from ...compiler import kernel, load, size, splat, stack, store
+from ..arithmetic import fall
 from ..layout import OF_MOTION
 from ..linalg import band_lu, band_lu_solve
 from ..model import FloatingFrame
 from ..protocol import register
 from .body import carry, constants, forces, tip
 from .chain import less_loads
-from .chain_output import damping_work, energy, fall, link_poses, out_of_range, ports_of_loads, shape
+from .chain_output import damping_work, energy, link_poses, out_of_range, ports_of_loads, shape
 from .layout import ANGLE, ELASTIC, KNOWN, MOTION, MULTIPLIERS, NOW, PASSED, START, cell, factors_at
 from .matrix import take_in, tangent
 
@@ -70,7 +68,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
         for i in range(3):  # the joint before it and loads, at the root
             store(force, i, -load(lane, held, i))
         if b % segments == 0:
-            less_loads(lane, model.loads, model, link, 0, u, force)
+            less_loads(lane, model, link, 0, u, force)
         for i in range(3):  # the joint behind it, payload and loads, at the tip
             store(r, at + i, load(lane, force, i))
             store(held, i, zero)
@@ -89,7 +87,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
             store(carried, 0, mass)
             store(carried, 1, inertia)
         if (b + 1) % segments == 0:
-            less_loads(lane, model.loads, model, link, 1, u, force)
+            less_loads(lane, model, link, 1, u, force)
         forces(lane, mesh, D, par, carried, q[e:], v[e:], a[e:], force, known, vectors, strains, own, r[e:])
         for i in range(3):
             store(r, at + i, load(lane, r, at + i) + load(lane, force, i))
@@ -230,7 +228,7 @@ def ports(lane, model, par, q, y):
         turned = tip(lane, model.mesh, model.data[model.block * b :], q[(before + ELASTIC) * len(lane) :])[2]
         turned = load(lane, q, before + ANGLE) + turned
         store(y, k, load(lane, q, model.table[b + 1, START] + ANGLE) - turned)
-    ports_of_loads(lane, model, model.loads, q, y)
+    ports_of_loads(lane, model, q, y)
 
 
 register(

@@ -1,4 +1,4 @@
-"""Rigid ends of links in a chain of floating frames: levers that what a body hands on passes on its way.
+"""Rigid ends of links in a chain of floating frames: levers between a joint and the link's first or last body.
 
 At the near point of a lever a section has an acceleration a (less gravity), an angle, its rate w and second rate; at
 its far point, l e away, a + l (alpha n - w^2 e), n = E e. A force there is a moment here besides. A lever has
@@ -8,8 +8,8 @@ a mass in its middle, and an elbow's mass at its far point.
 from __future__ import annotations
 
 from ...compiler import kernel, load, sincos, splat, store
-from ..layout import OF_LOAD, POSE
-from .layout import LEVER, LEVER_FACTORS, PASSED, cell
+from ..layout import LEVER, OF_LOAD, POSE
+from .layout import LEVER_FACTORS, PASSED, cell
 
 OF_LEVER, OF_FACTORS = LEVER.places, LEVER_FACTORS.places
 ROOT_END, TIP_END = range(2)
@@ -71,7 +71,10 @@ def to_payload(lane, eccentric, model, pose, S, first):
 
 @kernel
 def resist(lane, mass, inertia, far, force, cm, cc, ck, S, at):
-    """force <- what all from the near point of a lever on asks for, from that of its far point; its factors."""
+    """force <- force and moment that a lever and all behind it need at its near point, from those at its far point.
+
+    cm, cc, ck: weights of M, C and K; where cm is not 0 the lever's part of the matrix is kept at S[at:].
+    """
     ex, ey = load(lane, S, at + OF_FACTORS.ex), load(lane, S, at + OF_FACTORS.ey)
     w, alpha = load(lane, S, at + OF_FACTORS.rate), load(lane, S, at + OF_FACTORS.second)
     ax, ay = load(lane, S, at + OF_FACTORS.ax), load(lane, S, at + OF_FACTORS.ay)
@@ -95,7 +98,7 @@ def resist(lane, mass, inertia, far, force, cm, cc, ck, S, at):
 
 @kernel
 def inward(lane, rigid, k, end, force, cm, cc, ck, S, first):
-    """force <- what all from the near point of a lever on asks for, from that of its far point; its factors."""
+    """`resist` of an end of link k, where links have rigid ends."""
     if rigid is not None:
         _, mass, inertia, far = lever(rigid, k, end)
         resist(lane, mass, inertia, far, force, cm, cc, ck, S, first + OF_FACTORS.end * (2 * k + end))
@@ -103,7 +106,7 @@ def inward(lane, rigid, k, end, force, cm, cc, ck, S, first):
 
 @kernel
 def from_payload(lane, eccentric, model, force, cm, cc, ck, S, first):
-    """force <- what the payload asks for at the tip, from that at its centre."""
+    """force <- force and moment that the payload needs at the tip, from those at its centre."""
     if eccentric is not None:
         resist(lane, 0.0, 0.0, 0.0, force, cm, cc, ck, S, payload_at(model, first))
 

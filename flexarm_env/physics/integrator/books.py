@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ...compiler import kernel, load, size, store
+from ..joints.friction import book_friction, note_friction
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
-from ..protocol import book_friction, damping_work, note_friction, ports
+from ..protocol import damping_work, ports
 from .work import copy_rows, state_of
 
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...compiler import (
-    NONE,
-    NUMBER,
-    TUPLE,
     absolute,
     arms,
-    by_kind,
     change,
     inlined,
     kernel,
@@ -24,8 +20,9 @@ from ...compiler import (
     splat,
     store,
 )
+from ..joints.friction import apply_friction
 from ..layout import FACTORISATIONS, ITERATIONS
-from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, rub, solve, update
+from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
 from .period import correct_period
 from .work import state_of, take_out_known
 
@@ -47,24 +44,13 @@ def slopes_of(scheme, h):
 
 
 @kernel
-def _second(predictor):
-    return predictor[1]
-
-
-@kernel
-def _zero(predictor):
-    return 0.0
-
-
-@kernel
-def _ten(predictor):
-    return 10.0
-
-
-@by_kind("predictor", "predictor")
-def _trust(kind: str) -> Any:
+def _trust(predictor):
     """How many times its square the first increment leaves as error; 0: not known."""
-    return {TUPLE: _second, NONE: _ten, NUMBER: _zero}[kind]
+    if predictor is None:
+        return 10.0
+    if isinstance(predictor, tuple):
+        return predictor[1]
+    return 0.0
 
 
 @kernel
@@ -147,7 +133,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
             factor(lane, model, w.S)
             w.counts[FACTORISATIONS] += 1.0
         solve(lane, model, w.S, w.r)
-        rub(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
+        apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
         increment = _move(lane, model, w, active, slopes)
         w.counts[ITERATIONS] += 1.0
@@ -175,7 +161,7 @@ def _sharpen(lane, model, drive, par, w, slopes):
     take_out_known(lane, model, drive, w.r, w.S, True)
     factor(lane, model, w.S)
     solve(lane, model, w.S, w.r)
-    rub(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
+    apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
     _sharpen_multipliers(lane, model.algebraic, w, slopes.a)
     for k in range(size(model.n)):
         d = change(-load(lane, w.r, k))

@@ -15,8 +15,9 @@ from __future__ import annotations
 import math
 
 from ...compiler import absolute, kernel, largest, load, maximum, select_lt, size, splat, store
+from ..joints.friction import keep_sticking
 from ..model import TAU_D
-from ..protocol import hold, inertia, rotate, solve
+from ..protocol import inertia, rotate, solve
 from .work import take_out_known
 
 NEAR, FAR = 0.01, 0.03
@@ -32,7 +33,7 @@ def _filtered(lane, model, drive, par, w, c_m, x, y):
         store(y, k, load(lane, y, k) * c_m)
     take_out_known(lane, model, drive, y, w.S, False)
     solve(lane, model, w.S, y)
-    hold(lane, model, w.S, y)
+    keep_sticking(lane, model, w.S, y)
 
 
 @kernel

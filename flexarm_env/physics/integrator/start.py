@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ...compiler import alone, apart, bare, kernel, load, size, splat, store
+from ...compiler import alone, apart, kernel, load, size, splat, store
+from ..joints.friction import apply_friction, note_friction
 from ..layout import DISSIPATED, FACTORISATIONS, OF_MOTION, WORK_DONE
 from ..protocol import (
     MASS_ALONE,
@@ -12,8 +13,6 @@ from ..protocol import (
     constrain,
     damping_work,
     factor,
-    note_friction,
-    rub,
     solve,
 )
 from .drive import set_inputs, set_motions
@@ -27,18 +26,19 @@ SMALL = 1e-3
 def restart(lane, model, drive, par, flat, n_motions, t, h, fresh):
     """Consistent velocities, accelerations and multipliers at t+, where a load or motion may have jumped.
 
-    Velocities jump by M dv + Phi_q^T Lambda = 0 with the prescribed part known; what damping ends of that before a step
-    could see it is taken out (`_pass_layer`), and its forces' part of the accelerations is in those kept; work and loss
-    of the impulses go to the books. A fresh start then has M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink
-    within a run (not fresh, with a drive) what the residual at t+ asks for is added to accelerations and multipliers,
+    First velocities: they jump by dv, M dv + Phi_q^T Lambda = 0, with the prescribed part known. The part of dv that
+    damping ends within much less than a step is taken out again (`_pass_layer`), and accelerations that are kept get
+    what its forces do to them. Work and loss of the impulses go to the books.
 
-        (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,    three times,
+    Then accelerations. A fresh start solves M a + Phi_q^T lambda = Q - h(q, v), and b = a. At a kink within a run (not
+    fresh, with a drive) accelerations and multipliers are kept and corrected three times by the residual r at t+,
+
+        (M + h/2 C + h^2/4 K) da + Phi_q^T dlambda = -r,
 
     and b keeps its distance from a. Where the step resolves the motion that is M da = -r, to third order; solved with M
     alone, the stress of strains and strain rates too stiff for the step would make accelerations large. h: a step.
     """
-    w = unpack(lane, model, bare(flat), n_motions)
-    restart_bare(lane, bare(model), bare(drive), bare(par), w, t, h, fresh)
+    restart_within(lane, model, drive, par, unpack(lane, model, flat, n_motions), t, h, fresh)
 
 
 @kernel
@@ -242,8 +242,8 @@ def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
 
 
 @apart
-def restart_bare(lane, model, drive, par, w, t, h, fresh):
-    """`restart` on bare arrays."""
+def restart_within(lane, model, drive, par, w, t, h, fresh):
+    """`restart` of a work array that has been unpacked."""
     n = size(model.n)
     times, half = 1, 0.0
     if drive is not None:
@@ -274,7 +274,7 @@ def restart_bare(lane, model, drive, par, w, t, h, fresh):
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
         _solve(lane, model, drive, w, matrix)
-        rub(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
+        apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))
         _take_multipliers(lane, drive, model.algebraic, w, fresh)

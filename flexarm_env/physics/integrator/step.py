@@ -10,25 +10,7 @@ others go on, so a batch and a single arm give the same bits.
 
 from __future__ import annotations
 
-from typing import Any
-
-from ...compiler import (
-    NONE,
-    NUMBER,
-    TUPLE,
-    apart,
-    arms,
-    bare,
-    by_kind,
-    inlined,
-    kernel,
-    largest,
-    load,
-    select_lt,
-    size,
-    splat,
-    store,
-)
+from ...compiler import apart, arms, inlined, kernel, largest, load, select_lt, size, splat, store
 from ..layout import FACTORISATIONS, HALVINGS, STEPS
 from ..model import NEWTON_FAILED
 from ..protocol import MASS_ALONE, RESIDUAL_ALONE, assemble, constrain, factor, out_of_range, predict, solve, update
@@ -39,24 +21,13 @@ from .work import note_reactions, set_known, state_of, take_out_known, unpack
 
 
 @kernel
-def _first(predictor):
-    return predictor[0]
-
-
-@kernel
-def _itself(predictor):
-    return predictor
-
-
-@kernel
-def _zero(predictor):
-    return 0.0
-
-
-@by_kind("predictor", "predictor")
-def _share(kind: str) -> Any:
+def _share(predictor):
     """Share of the last acceleration to start from."""
-    return {TUPLE: _first, NONE: _zero, NUMBER: _itself}[kind]
+    if predictor is None:
+        return 0.0
+    if isinstance(predictor, tuple):
+        return predictor[0]
+    return predictor
 
 
 @inlined
@@ -190,13 +161,13 @@ def advance(lane, model, drive, par, flat, n_motions, t, h, n_steps, scheme, boo
     state. In lanes a failed arm is flagged and its neighbours go on; the caller repeats it alone from where the stretch
     began. `books`: a tag, (0,), where work and dissipation are kept account of; None: compiled out.
     """
-    w = unpack(lane, model, bare(flat), n_motions)
-    return advance_bare(lane, bare(model), bare(drive), bare(par), w, t, h, n_steps, scheme, books)
+    w = unpack(lane, model, flat, n_motions)
+    return advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books)
 
 
 @inlined
-def advance_bare(lane, model, drive, par, w, t, h, n_steps, scheme, books):
-    """`advance` on bare arrays."""
+def advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books):
+    """`advance` of a work array that has been unpacked."""
     if books is not None:
         open_books(lane, model, drive, par, w)
     done, left, part, again = 0, h, h, False  # of the step under way: what is left, the part tried now, once more

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from ...compiler import bare, kernel, load, size, splat, store
+from ...compiler import kernel, load, size, splat, store
+from ..joints.friction import apply_friction, note_friction
 from ..layout import FACTORISATIONS
-from ..protocol import MASS_ALONE, RESIDUAL_ALONE, assemble, factor, note_friction, rub, solve
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, assemble, factor, solve
 from .work import state_of, take_out_known, unpack
 
 
@@ -16,13 +17,7 @@ def switch(lane, model, par, flat, n_motions, h):
     the step, accelerations solved afresh from round-off in the strains are large, and Newton would start far away.
     h: a step.
     """
-    _switch(lane, bare(model), bare(par), unpack(lane, model, bare(flat), n_motions), h)
-
-
-@kernel
-def _switch(lane, model, par, w, h):
-    """`switch` on bare arrays; q0 is scratch."""
-    n = size(model.n)
+    w, n = unpack(lane, model, flat, n_motions), size(model.n)  # q0 is scratch
     assemble(lane, model, par, state_of(w), w.u0, RESIDUAL_ALONE, w.r, w.S)
     note_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     for k in range(n):
@@ -34,7 +29,7 @@ def _switch(lane, model, par, w, h):
     factor(lane, model, w.S)
     w.counts[FACTORISATIONS] += 1.0
     solve(lane, model, w.S, w.r)
-    rub(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
+    apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
     jump_multipliers(lane, model.algebraic, w.q, w.r)
     for k in range(n):
         store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))

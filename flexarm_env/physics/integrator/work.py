@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...compiler import kernel, load, size, splat, store
+from ...compiler import inlined, kernel, load, size, splat, store
 from ...layout import Field, Layout
 from ..layout import BOOKS, COUNTS, MOTION, OF_MOTION
 from ..protocol import State, pin
@@ -43,7 +43,7 @@ Work = Any
 """A named tuple of one-dimensional views: the fields of WORK."""
 
 _work_at = kernel(WORK.offsets)
-_views = kernel(WORK.views)
+_views = inlined(WORK.views)
 
 
 @kernel
@@ -58,7 +58,7 @@ def work_size(lanes, model, n_motions):
     return _work_at(0, lanes, n, shift, size(model.n_factor), size(model.n_inputs), n_motions).end
 
 
-@kernel
+@inlined
 def unpack(lane, model, flat, n_motions):
     """`Work` as views of `flat`."""
     n, shift = size(model.n), _rows_of_shift(model.correction, size(model.n))

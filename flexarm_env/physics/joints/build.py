@@ -34,9 +34,9 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     count = len(motors)
     rows = [system.coordinates[f"joint{k}"] for k in joints]
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
-    rough = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
+    friction = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
     play = any(joint.backlash > 0.0 for joint in arm.joints)
-    more = GEAR.end + (first + count + len(joints) + 1 if rough else 0)
+    more = GEAR.end + (first + count + len(joints) + 1 if friction else 0)
     model = Jointed(
         n=_longer(inner.n, count),
         n_factor=_longer(inner.n_factor, more * len(joints)),
@@ -50,7 +50,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         arm=inner,
         table=np.array([place for place, _ in laws], np.int64).ravel(),
         data=np.concatenate([law for _, law in laws]),
-        rough=(0,) if rough else None,
+        friction=(0,) if friction else None,
         play=(0,) if play else None,
         own=None,
     )
@@ -62,6 +62,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         v0=np.concatenate([system.v0, np.zeros(count)]),
         coordinates={**system.coordinates, **{f"motor{k}": row for k, row in motors.items()}},
         names=(*system.names, *(f"motor{k}" for k in elastic)),
+        absolute=(*system.absolute, *(motors[k] for k in elastic if k == 0)),
     )
 
 

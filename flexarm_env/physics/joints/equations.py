@@ -16,53 +16,32 @@ contact would begin with a jump of the torque and end with a pull.
 
 from __future__ import annotations
 
-from typing import Any
-
-from ...compiler import NONE, absolute, by_kind, kernel, load, select_lt, size, splat, store
+from ...compiler import absolute, kernel, load, select_lt, size, splat, store
 from .. import protocol
 from ..arithmetic import clip
-from ..layout import DISSIPATED
 from ..model import Jointed
-from ..protocol import RESIDUAL_ALONE, register
-from .friction import bound_along, column_at, count, gear_at, hold, law, note_slip, rub, rub_along, view
+from ..protocol import register
+from .friction import count, direction, gear_at, law, note_columns
 from .layout import GEAR, PLACE, PLACES
-
-_SLIPS = 0.99
-"""Share of T_C from which a joint that moves slips."""
-
-
-@kernel
-def _known_friction(lane, coulomb, rate):
-    """T_C against a rate that is prescribed."""
-    zero = splat(lane, 0.0)
-    return select_lt(zero, rate, coulomb, select_lt(rate, zero, -coulomb, zero))
 
 
 @kernel
 def _rest(lane, model, i, own, state, total):
     """The residual of the row that friction acts on, with viscous friction, and Coulomb's where the rate is known."""
-    rate = load(lane, state.v, model.table[PLACES * i + PLACE.rubs])
+    rate = load(lane, state.v, model.table[PLACES * i + PLACE.friction])
     total = total + rate * own.viscous
     if model.table[PLACES * i + PLACE.known] != 0:
-        total = total + _known_friction(lane, own.coulomb, rate)
+        total = total + own.coulomb * direction(lane, rate)
     return total
 
 
 @kernel
-def _tight(lane, play, stiffness, half, wound):
-    return wound * stiffness, stiffness
-
-
-@kernel
-def _loose(lane, play, stiffness, half, wound):
+def spring(lane, play, stiffness, half, wound):
+    """The torque of a gear's spring and its slope: a number, with backlash one in each lane."""
+    if play is None:
+        return wound * stiffness, stiffness
     beyond = wound - clip(wound, half)
     return beyond * stiffness, select_lt(0.0, absolute(beyond), stiffness, splat(lane, 0.0))
-
-
-@by_kind("play", "lane, play, stiffness, half, wound")
-def spring(kind: str) -> Any:
-    """The torque of a gear's spring and its slope: a number, with backlash one in each lane."""
-    return _tight if kind == NONE else _loose
 
 
 @kernel
@@ -80,7 +59,7 @@ def _through_gear(lane, model, i, one, state, u, weights, r, S):
     slope = steep * weights.stiffness + damping * weights.damping
     pivot = rotor * weights.mass + slope
     own = second * rotor + torque - asked
-    if model.table[at + PLACE.rubs] == motor:
+    if model.table[at + PLACE.friction] == motor:
         pivot = pivot + one.viscous * weights.damping
         own = _rest(lane, model, i, one, state, own)
     store(r, motor, own)
@@ -97,7 +76,7 @@ def _at_joint(lane, model, i, one, state, weights, r, S):
     total, own = load(lane, r, row), splat(lane, 0.0)
     if model.table[at + PLACE.motor] < 0:
         total, own = total + load(lane, state.a, row) * one.rotor, own + one.rotor * weights.mass
-    if model.table[at + PLACE.rubs] == row:
+    if model.table[at + PLACE.friction] == row:
         total, own = _rest(lane, model, i, one, state, total), own + one.viscous * weights.damping
     store(r, row, total)
     if weights.mass != 0.0:
@@ -151,20 +130,7 @@ def factor(lane, model, S):
         if S[(g + GEAR.held) * len(lane)] == 0.0:
             protocol.stiffen(lane, model.arm, S, row, own)
     protocol.factor(lane, model.arm, S)
-    _note_columns(lane, model.rough, model, S)
-
-
-@kernel
-def _note_columns(lane, rough, model, S):
-    """The columns of S^-1 of the rows that friction acts on; zero where that angle is prescribed."""
-    if rough is not None:
-        for i in range(count(model)):
-            column = view(lane, S, column_at(model, i), size(model.n))
-            for k in range(size(model.n)):
-                store(column, k, splat(lane, 0.0))
-            if model.table[PLACES * i + PLACE.known] == 0:
-                store(column, model.table[PLACES * i + PLACE.rubs], splat(lane, 1.0))
-                solve(lane, model, S, column)
+    note_columns(lane, model, S)
 
 
 @kernel
@@ -249,6 +215,12 @@ def ports(lane, model, par, q, y):
 
 
 @kernel
+def friction(model):
+    """See `protocol`."""
+    return model.friction
+
+
+@kernel
 def damping_work(lane, model, par, q, v, x):
     """The arm's own, the gears' damping and viscous friction."""
     total = protocol.damping_work(lane, model.arm, par, q, v, x)
@@ -258,8 +230,8 @@ def damping_work(lane, model, par, q, v, x):
         if motor >= 0:
             over = load(lane, x, motor) - load(lane, x, row)
             total = total + (load(lane, v, motor) - load(lane, v, row)) * over * one.damping
-        rubs = model.table[at + PLACE.rubs]
-        total = total + load(lane, v, rubs) * load(lane, x, rubs) * one.viscous
+        own = model.table[at + PLACE.friction]
+        total = total + load(lane, v, own) * load(lane, x, own) * one.viscous
     return total
 
 
@@ -285,54 +257,6 @@ def energy(lane, model, par, q, v):
         rate = load(lane, v, turns)
         kinetic = kinetic + rate * rate * (one.rotor * 0.5)
     return kinetic, strain, gravity
-
-
-@kernel
-def note_friction(lane, model, par, state, u, r, S):
-    """See `protocol`."""
-    _note(lane, model.rough, model, par, state, u, r, S)
-
-
-@kernel
-def _note(lane, rough, model, par, state, u, r, S):
-    """Friction is what the other forces of its row leave over."""
-    if rough is not None:
-        assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
-        for i in range(count(model)):
-            g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-            coulomb, rate, rest = law(lane, model, par, i).coulomb, load(lane, state.v, row), load(lane, r, row)
-            zero, one, torque = splat(lane, 0.0), splat(lane, 1.0), clip(-rest, coulomb)
-            free = select_lt(coulomb, absolute(rest), zero, one)
-            if model.table[PLACES * i + PLACE.known] != 0:
-                torque, free = _known_friction(lane, coulomb, rate), zero
-            else:
-                store(r, row, rest + torque)
-            store(S, g + GEAR.before, torque)
-            store(S, g + GEAR.free, free)
-            slides = select_lt(zero, torque * rate, one, zero)
-            store(S, g + GEAR.slides, select_lt(absolute(torque), _SLIPS * coulomb, zero, slides))
-
-
-@kernel
-def book_friction(lane, model, par, state, u, r, S, start, books):
-    """See `protocol`."""
-    _book(lane, model.rough, model, par, state, u, r, S, start, books)
-
-
-@kernel
-def _book(lane, rough, model, par, state, u, r, S, start, books):
-    if rough is not None:
-        total = load(lane, books, DISSIPATED)
-        for i in range(count(model)):
-            g, k = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-            moved = load(lane, state.q, k) - load(lane, start, k)
-            total = total + load(lane, S, g + GEAR.before) * moved * 0.5
-        _note(lane, rough, model, par, state, u, r, S)
-        for i in range(count(model)):
-            g, k = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-            moved = load(lane, state.q, k) - load(lane, start, k)
-            total = total + load(lane, S, g + GEAR.before) * moved * 0.5
-        store(books, DISSIPATED, total)
 
 
 @kernel
@@ -366,15 +290,9 @@ register(
     inertia=inertia,
     rotate=rotate,
     ports=ports,
+    friction=friction,
     damping_work=damping_work,
     energy=energy,
-    note_friction=note_friction,
-    rub=rub,
-    hold=hold,
-    note_slip=note_slip,
-    bound_along=bound_along,
-    rub_along=rub_along,
-    book_friction=book_friction,
     link_poses=link_poses,
     out_of_range=out_of_range,
     shape=shape,

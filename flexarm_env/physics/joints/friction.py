@@ -7,16 +7,25 @@ resolved, hence no limit on the step.
 
 The rate that counts is v + ahead a, half a step ahead, so that what is stopped by friction is at rest two steps later:
 with v = 0 alone trapezoidal steps would leave it an acceleration that alternates for ever.
+
+The integrator calls these functions for any Model; where joints have no Coulomb friction they are nothing at all.
 """
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import NONE, absolute, by_kind, kernel, load, select_lt, size, splat, store
-from ..arithmetic import clip
+from ...compiler import absolute, kernel, load, select_lt, size, splat, store
+from .. import protocol
+from ..arithmetic import add, clip
+from ..layout import DISSIPATED
 from ..model import JOINT_LAWS
+from ..protocol import RESIDUAL_ALONE
 from .layout import GEAR, LAWS, PLACE, PLACES
+
+_SLIDES, _TURNS = 0.99, 1e-12
+"""A joint slides where the other forces leave over this share of T_C, which stands for what the solver leaves of T_C,
+and where it turns, rad/s: a rate below that is round-off."""
 
 
 class Law(NamedTuple):
@@ -37,32 +46,24 @@ def count(model):
 
 
 @kernel
-def _shared(lane, own, model, par, k):
-    return model.data[k]
-
-
-@kernel
-def _each(lane, own, model, par, k):
-    return load(lane, par, JOINT_LAWS + k)
-
-
-@by_kind("own", "lane, own, model, par, k")
-def _number(kind: str) -> Any:
+def _number(lane, model, par, k):
     """Number k of the laws: one for all arms, or each arm's."""
-    return _shared if kind == NONE else _each
+    if model.own is None:
+        return model.data[k]
+    return load(lane, par, JOINT_LAWS + k)
 
 
 @kernel
 def law(lane, model, par, i):
     """The `LAW` of joint i."""
-    own, o = model.own, LAWS.end * i
+    o = LAWS.end * i
     return Law(
-        _number(lane, own, model, par, o + LAWS.stiffness),
-        _number(lane, own, model, par, o + LAWS.damping),
-        _number(lane, own, model, par, o + LAWS.rotor),
-        _number(lane, own, model, par, o + LAWS.viscous),
-        _number(lane, own, model, par, o + LAWS.coulomb),
-        _number(lane, own, model, par, o + LAWS.play),
+        _number(lane, model, par, o + LAWS.stiffness),
+        _number(lane, model, par, o + LAWS.damping),
+        _number(lane, model, par, o + LAWS.rotor),
+        _number(lane, model, par, o + LAWS.viscous),
+        _number(lane, model, par, o + LAWS.coulomb),
+        _number(lane, model, par, o + LAWS.play),
     )
 
 
@@ -91,33 +92,98 @@ def view(lane, S, at, n):
 
 
 @kernel
-def rub(lane, model, par, state, weights, ahead, S, x):
-    """See `protocol`."""
-    _rub(lane, model.rough, model, par, state, weights, ahead, S, x)
+def direction(lane, rate):
+    """1, -1 or 0: which way a joint turns."""
+    zero, one = splat(lane, 0.0), splat(lane, 1.0)
+    return select_lt(zero, rate, one, select_lt(rate, zero, -one, zero))
 
 
 @kernel
-def _rub(lane, rough, model, par, state, weights, ahead, S, x):
-    """Which joints stick is guessed, the torques are solved for, and the guess is mended: right at once for one joint;
+def note_columns(lane, model, S):
+    """The columns of S^-1 of the rows that friction acts on; zero where that angle is prescribed."""
+    if model.friction is not None:
+        for i in range(count(model)):
+            column = view(lane, S, column_at(model, i), size(model.n))
+            for k in range(size(model.n)):
+                store(column, k, splat(lane, 0.0))
+            if model.table[PLACES * i + PLACE.known] == 0:
+                store(column, model.table[PLACES * i + PLACE.friction], splat(lane, 1.0))
+                protocol.solve(lane, model, S, column)
+
+
+@kernel
+def note_friction(lane, model, par, state, u, r, S):
+    """Remember in S friction as it is, and which joints slide; r <- the residual with it.
+
+    That of a joint that slides is T_C against its rate, and does not change with what the other forces of its row leave
+    over: they have a small margin, so that it slides still where the state is a little different. What sticks takes
+    what they leave over.
+    """
+    if protocol.friction(model) is not None:
+        protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
+        for i in range(count(model)):
+            g, row = gear_at(model, i), model.table[PLACES * i + PLACE.friction]
+            coulomb, rate, rest = law(lane, model, par, i).coulomb, load(lane, state.v, row), load(lane, r, row)
+            zero, one, torque = splat(lane, 0.0), splat(lane, 1.0), clip(-rest, coulomb)
+            way = direction(lane, rate)
+            moves = select_lt(_TURNS, absolute(rate), torque * way, zero)
+            slides = select_lt(_SLIDES * coulomb, moves, one, zero)
+            torque = select_lt(0.5, slides, coulomb * way, torque)
+            free = select_lt(coulomb, absolute(rest), zero, one - slides)
+            if model.table[PLACES * i + PLACE.known] != 0:
+                torque, slides, free = coulomb * way, zero, zero
+            else:
+                store(r, row, rest + torque)
+            store(S, g + GEAR.before, torque)
+            store(S, g + GEAR.free, free)
+            store(S, g + GEAR.slides, slides)
+
+
+@kernel
+def book_friction(lane, model, par, state, u, r, S, start, books):
+    """Add what friction has taken since the coordinates were `start`, by the mean of what it was when last noted and is
+    now, and note it; r is free."""
+    if protocol.friction(model) is not None:
+        _book_half(lane, model, state, S, start, books)
+        note_friction(lane, model, par, state, u, r, S)
+        _book_half(lane, model, state, S, start, books)
+
+
+@kernel
+def _book_half(lane, model, state, S, start, books):
+    total = load(lane, books, DISSIPATED)
+    for i in range(count(model)):
+        k = model.table[PLACES * i + PLACE.friction]
+        moved = load(lane, state.q, k) - load(lane, start, k)
+        total = total + load(lane, S, gear_at(model, i) + GEAR.before) * moved * 0.5
+    store(books, DISSIPATED, total)
+
+
+@kernel
+def apply_friction(lane, model, par, state, weights, ahead, S, x):
+    """Correct x = S^-1 r, to be taken from the state by `weights` (of a by mass, of v by damping), so that friction's
+    law holds for the rates v + ahead a after that. Where v stays (damping 0), joints that slid when last noted go on.
+
+    Which joints stick is guessed, the torques are solved for, and the guess is mended: right at once for one joint;
     what is wrong of several after these passes is mended by Newton's next iteration."""
-    if rough is not None:
+    if protocol.friction(model) is not None:
         joints = count(model)
-        _leave(lane, model, state, weights, ahead, S, x)
+        _find_gaps(lane, model, state, weights, ahead, S, x)
         for i in range(joints):
             store(S, gear_at(model, i) + GEAR.torque, splat(lane, 0.0))
         for _ in range(2 * joints - 1):
             for i in range(joints):
                 _choose(lane, model, par, weights, i, S)
-            solve_torques(lane, model, S, False)
-        _apply(lane, model, S, x)
+            _solve_torques(lane, model, S, False)
+        _add_torques(lane, model, S, x)
 
 
 @kernel
-def _leave(lane, model, state, weights, ahead, S, x):
+def _find_gaps(lane, model, state, weights, ahead, S, x):
     """What would have to be taken from x to leave each joint at rest."""
     share = 1.0 / (weights.damping + ahead * weights.mass)
     for i in range(count(model)):
-        row = model.table[PLACES * i + PLACE.rubs]
+        row = model.table[PLACES * i + PLACE.friction]
         rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
         store(S, gear_at(model, i) + GEAR.gap, rate * share - load(lane, x, row))
 
@@ -125,7 +191,7 @@ def _leave(lane, model, state, weights, ahead, S, x):
 @kernel
 def _choose(lane, model, par, weights, i, S):
     """Whether joint i sticks, and the torque if it does not."""
-    g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
+    g, row = gear_at(model, i), model.table[PLACES * i + PLACE.friction]
     coulomb, zero, one = law(lane, model, par, i).coulomb, splat(lane, 0.0), splat(lane, 1.0)
     left = load(lane, S, g + GEAR.gap)
     for j in range(count(model)):
@@ -143,17 +209,17 @@ def _choose(lane, model, par, weights, i, S):
 
 
 @kernel
-def solve_torques(lane, model, S, transposed):
+def _solve_torques(lane, model, S, transposed):
     """The torques with which the rates that stick have no gap left; `bound` elsewhere. transposed: of the transposed
     system, where all bounds are 0."""
     joints, one, zero = count(model), splat(lane, 1.0), splat(lane, 0.0)
     for i in range(joints):
         g, row = gear_at(model, i), view(lane, S, _row_at(model, i), joints + 1)
-        sticks, rubs = load(lane, S, g + GEAR.sticks), model.table[PLACES * i + PLACE.rubs]
+        sticks, own = load(lane, S, g + GEAR.sticks), model.table[PLACES * i + PLACE.friction]
         for j in range(joints):
-            at = column_at(model, j) + rubs
+            at = column_at(model, j) + own
             if transposed:
-                at = column_at(model, i) + model.table[PLACES * j + PLACE.rubs]
+                at = column_at(model, i) + model.table[PLACES * j + PLACE.friction]
             store(row, j, select_lt(0.5, sticks, load(lane, S, at), one if i == j else zero))
         store(row, joints, select_lt(0.5, sticks, load(lane, S, g + GEAR.gap), load(lane, S, g + GEAR.bound)))
         for j in range(i):  # the minors that stick are those of S^-1: no pivot is zero
@@ -170,75 +236,52 @@ def solve_torques(lane, model, S, transposed):
 
 
 @kernel
-def _apply(lane, model, S, x):
+def _add_torques(lane, model, S, x):
     """x <- x + W T; what sticks to the last bit as it must."""
     n = size(model.n)
     for i in range(count(model)):
         g = gear_at(model, i)
-        store(S, g + GEAR.gap, load(lane, x, model.table[PLACES * i + PLACE.rubs]) + load(lane, S, g + GEAR.gap))
+        store(S, g + GEAR.gap, load(lane, x, model.table[PLACES * i + PLACE.friction]) + load(lane, S, g + GEAR.gap))
     for i in range(count(model)):
         torque, column = load(lane, S, gear_at(model, i) + GEAR.torque), column_at(model, i)
         for k in range(n):
             store(x, k, load(lane, x, k) + load(lane, S, column + k) * torque)
     for i in range(count(model)):
-        g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
+        g, row = gear_at(model, i), model.table[PLACES * i + PLACE.friction]
         store(x, row, select_lt(0.5, load(lane, S, g + GEAR.sticks), load(lane, S, g + GEAR.gap), load(lane, x, row)))
 
 
 @kernel
-def hold(lane, model, S, x):
-    """See `protocol`."""
-    _hold(lane, model.rough, model, S, x)
-
-
-@kernel
-def _hold(lane, rough, model, S, x):
-    if rough is not None:
+def keep_sticking(lane, model, S, x):
+    """x <- S^-1 y from S^-1 y without friction: joints that stuck when it was last applied stay where they are."""
+    if protocol.friction(model) is not None:
         for i in range(count(model)):
             g = gear_at(model, i)
-            store(S, g + GEAR.gap, -load(lane, x, model.table[PLACES * i + PLACE.rubs]))
+            store(S, g + GEAR.gap, -load(lane, x, model.table[PLACES * i + PLACE.friction]))
             store(S, g + GEAR.bound, splat(lane, 0.0))
-        solve_torques(lane, model, S, False)
-        _apply(lane, model, S, x)
+        _solve_torques(lane, model, S, False)
+        _add_torques(lane, model, S, x)
 
 
-# --- of tangents ------------------------------------------------------------------------------------
-_STICKS = 1.0 - 1e-6
-"""Share of T_C below which the torque of a joint at a step's end is that of one that sticks."""
-
-
+# --- derivatives, of joints that stick or slide as they did -------------------------------------------
 @kernel
-def note_slip(lane, model, par, state, ahead, r, S):
-    """See `protocol`."""
-    _note_slip(lane, model.rough, model, par, state, ahead, r, S)
-
-
-@kernel
-def _note_slip(lane, rough, model, par, state, ahead, r, S):
-    if rough is not None:
-        zero, one = splat(lane, 0.0), splat(lane, 1.0)
+def note_branch(lane, model, par, state, weights, ahead, r, S):
+    """Note which joints stick and which slide, and which way, at a step's end: as friction's law has it there, S being
+    its matrix, factored, and r the residual, which is lost."""
+    if protocol.friction(model) is not None:
+        protocol.solve(lane, model, S, r)
+        apply_friction(lane, model, par, state, weights, ahead, S, r)
         for i in range(count(model)):
-            g, row = gear_at(model, i), model.table[PLACES * i + PLACE.rubs]
-            bound = law(lane, model, par, i).coulomb * _STICKS
-            rate = load(lane, state.v, row) + load(lane, state.a, row) * ahead
-            sticks = select_lt(absolute(load(lane, r, row)), bound, one, zero)
-            slides = select_lt(zero, rate, one, select_lt(rate, zero, -one, zero))
-            if model.table[PLACES * i + PLACE.known] != 0:
-                sticks, slides = zero, zero
-            store(S, g + GEAR.sticks, sticks)
-            store(S, g + GEAR.slides, slides)
+            g, zero = gear_at(model, i), splat(lane, 0.0)
+            slides = direction(lane, load(lane, S, g + GEAR.bound))
+            store(S, g + GEAR.slides, select_lt(0.5, load(lane, S, g + GEAR.sticks), zero, slides))
             store(S, g + GEAR.bound, zero)
 
 
 @kernel
-def bound_along(lane, model, par, weight, S):
-    """See `protocol`."""
-    _bound_along(lane, model.rough, model, par, weight, S)
-
-
-@kernel
-def _bound_along(lane, rough, model, par, weight, S):
-    if rough is not None:
+def change_friction(lane, model, par, weight, S):
+    """The friction of joints that slide changes by `weight` times this model's own."""
+    if protocol.friction(model) is not None:
         for i in range(count(model)):
             g = gear_at(model, i)
             more = load(lane, S, g + GEAR.slides) * (law(lane, model, par, i).coulomb * weight)
@@ -246,16 +289,45 @@ def _bound_along(lane, rough, model, par, weight, S):
 
 
 @kernel
-def rub_along(lane, model, par, change, weights, ahead, S, x):
-    """See `protocol`."""
-    _rub_along(lane, model.rough, model, change, weights, ahead, S, x)
+def friction_tangents(lane, model, change, weights, ahead, S, x):
+    """`apply_friction` of tangents x, `change` being those of the state."""
+    if protocol.friction(model) is not None:
+        _find_gaps(lane, model, change, weights, ahead, S, x)
+        _solve_torques(lane, model, S, False)
+        _add_torques(lane, model, S, x)
+        for i in range(count(model)):
+            store(S, gear_at(model, i) + GEAR.bound, splat(lane, 0.0))
 
 
 @kernel
-def _rub_along(lane, rough, model, change, weights, ahead, S, x):
-    if rough is not None:
-        _leave(lane, model, change, weights, ahead, S, x)
-        solve_torques(lane, model, S, False)
-        _apply(lane, model, S, x)
+def friction_cotangents(lane, model, weights, ahead, S, x, v_bar, a_bar):
+    """`friction_tangents` backwards: of cotangents x of what is solved for, those before friction is applied; to v_bar
+    and a_bar is added what the rates v + ahead a come to.
+
+    The torques' own cotangents W' x are made to vanish for joints that stick by what their rates are given, a system
+    with the transposed minors of W; the torques of the others are constant."""
+    if protocol.friction(model) is not None:
         for i in range(count(model)):
-            store(S, gear_at(model, i) + GEAR.bound, splat(lane, 0.0))
+            g, column, total = gear_at(model, i), column_at(model, i), splat(lane, 0.0)
+            for k in range(size(model.n)):
+                total = total + load(lane, S, column + k) * load(lane, x, k)
+            store(S, g + GEAR.gap, total)
+            store(S, g + GEAR.bound, splat(lane, 0.0))
+        _solve_torques(lane, model, S, True)
+        share = 1.0 / (weights.damping + ahead * weights.mass)
+        for i in range(count(model)):
+            row, given = model.table[PLACES * i + PLACE.friction], load(lane, S, gear_at(model, i) + GEAR.torque)
+            add(lane, x, row, -given)
+            add(lane, v_bar, row, given * -share)
+            add(lane, a_bar, row, given * (-share * ahead))
+
+
+@kernel
+def note_cotangents(lane, model, S, r_bar):
+    """`note_friction` backwards: from cotangents of the residual with friction to those of that without. Where friction
+    is what the other forces leave over, the residual is 0 whatever they are."""
+    if protocol.friction(model) is not None:
+        for i in range(count(model)):
+            row = model.table[PLACES * i + PLACE.friction]
+            given = load(lane, r_bar, row)
+            store(r_bar, row, given - load(lane, S, gear_at(model, i) + GEAR.free) * given)

@@ -9,7 +9,7 @@ PLACE = Layout(
     Field("joint", (), "", "its number, and that of its torque among the inputs"),
     Field("row", (), "", "of the joint's angle"),
     Field("motor", (), "", "row of the motor's angle; -1: the gear does not give"),
-    Field("rubs", (), "", "row of the angle that friction acts on: one of these two"),
+    Field("friction", (), "", "row of the angle that friction acts on: one of these two"),
     Field("known", (), "", "1: that angle is prescribed"),
 ).places  # fmt: skip
 PLACES = PLACE.end
@@ -33,11 +33,11 @@ GEAR = Layout(
     Field("slope", (), "", "of the gear's torque"),
     Field("own", (), "", "what is added to the joint's row in its own column"),
     Field("gap", (), "", "of the unknown that is solved for, what would leave the joint at rest without friction"),
-    Field("bound", (), "N m", "Coulomb friction where it slips"),
+    Field("bound", (), "N m", "Coulomb friction where it slides"),
     Field("sticks", (), "", "1: friction holds the joint"),
     Field("torque", (), "N m", "Coulomb friction"),
     Field("before", (), "N m", "Coulomb friction at the step's start, or before inputs jump"),
-    Field("slides", (), "", "1: it slips there"),
-    Field("free", (), "", "1: `before` is not at its bound but what the other forces there leave over"),
+    Field("slides", (), "", "1: it slides there; at a step's end, for derivatives, 1 or -1: and which way"),
+    Field("free", (), "", "1: `before` is what the other forces there leave over"),
 ).places  # fmt: skip
 """One a joint, behind the arm's own part of S; with friction, a column of S^-1 and `count` + 1 places each follow."""
