@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..parameters import Arm
 from ..sensors import Sensors
-from .kinematics import goal_angles, rigid_inertia, target_in_hub_frame, wrapped
+from .kinematics import goal_angles, rigid_inertia, tip_in_hub_frame, wrapped
 
 Array = NDArray[np.float64]
+
+
+RESIDUAL_SHARE = 0.7
+"""Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,7 @@ class Setup:
         history: how many of these stand in an observation, the oldest first.
         sensors: that read the entries; None: ideal ones, or not known. noise: that all entries have beside it, in their
             units; (): none.
+        action_mode: what an action stands for; "": not known. residual_share: of action_mode="residual_pd".
     """
 
     task: str
@@ -42,6 +47,8 @@ class Setup:
     history: int = 1
     sensors: Sensors | None = None
     noise: tuple[float, ...] = ()
+    action_mode: str = ""
+    residual_share: float | None = None
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -56,7 +63,11 @@ class Setup:
         if extras.sensors is not None and extras.sensors.noise.any():
             chosen = slice(None) if extras.selection is None else extras.selection.chosen
             noise = tuple((extras.sensors.noise[chosen] * plan.scales).tolist())
-        return cls(plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise)
+        share = None if extras.controller is None else float(extras.controller.share)
+        return cls(
+            plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise,
+            plan.action_mode, share,
+        )  # fmt: skip
 
     @property
     def n_joints(self) -> int:
@@ -94,6 +105,10 @@ class Signals:
     error: Array
     gauges: Array
     to_go: Array | None = None
+
+    def outputs(self, angles: Array) -> Array:
+        """Outputs (n, 4 N) of an arm's model with its joints at these angles: they, their rates, deflections, rates."""
+        return np.concatenate([angles, self.rates, self.bends, self.bend_rates], axis=1)
 
 
 class Reader:
@@ -147,8 +162,8 @@ class Reader:
 class Controller(ABC):
     """Observations in, actions out, for any number of environments that start their episodes together.
 
-    A subclass answers :meth:`torques`; what it remembers is set in :meth:`begin`. `reset` takes the first observation
-    of the episodes, and every later one goes to `act` in turn, the first included.
+    A subclass answers :meth:`torques`; what it remembers is set in :meth:`initialise`. `reset` takes the first
+    observation of the episodes, and every later one goes to `act` in turn, the first included.
     """
 
     action_mode = "torque"
@@ -170,7 +185,7 @@ class Controller(ABC):
         self.step = 0
         self._angles = signals.angles.copy()
         self.goal = self._goal(signals)
-        self.begin(signals, self.goal - self._angles)
+        self.initialise(signals, self.goal - self._angles)
 
     def act(self, observation: NDArray[np.floating]) -> NDArray[np.float32]:
         """Actions in [-1, 1], (n, N), or (N,) for a single observation.
@@ -179,8 +194,11 @@ class Controller(ABC):
         remembered then is as before), and RuntimeError before any.
         """
         signals = self.read(observation)
-        if len(signals.angles) != len(self.goal):
-            raise self._not_begun(len(signals.angles))
+        count, begun = len(signals.angles), len(self.goal)
+        if not begun:
+            raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
+        if count != begun:
+            raise check.InvalidValue("rows of observation", count, f"must be {begun}, as reset had")
         if signals.to_go is not None:
             to_go = signals.to_go
         elif self.setup.task == "slew":
@@ -189,26 +207,20 @@ class Controller(ABC):
             self._angles += wrapped(signals.angles - self._angles)
             to_go = self.goal - self._angles
         torques = np.clip(self.torques(signals, to_go), -self.limits, self.limits)
-        self.applied(torques)
+        self.predict(torques)
         self.step += 1
         actions: NDArray[np.float32] = (torques / self.limits).astype(np.float32)
         return actions if np.ndim(observation) == 2 else actions.reshape(-1)
 
-    def _not_begun(self, count: int) -> Exception:
-        begun = len(self.goal)
-        if not begun:
-            return RuntimeError("No episode has begun: call the controller's reset(observation) first")
-        return check.InvalidValue("rows of observation", count, f"must be {begun}, as reset had")
-
-    def begin(self, signals: Signals, to_go: Array) -> None:  # noqa: B027
-        """Start of an episode; to_go (n, N): goal minus joint angles, rad."""
+    def initialise(self, signals: Signals, to_go: Array) -> None:  # noqa: B027
+        """Set what is remembered, at the start of episodes; to_go (n, N): goal minus joint angles, rad."""
 
     @abstractmethod
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        """Joint torques (n, N) in N m, before the limit; to_go as in :meth:`begin`."""
+        """Joint torques (n, N) in N m, before the limit; to_go as in :meth:`initialise`."""
 
-    def applied(self, torques: Array) -> None:  # noqa: B027
-        """Told the torques (n, N) that were applied."""
+    def predict(self, torques: Array) -> None:  # noqa: B027
+        """Take what is estimated one period on, under the torques (n, N) that are applied in it."""
 
     def _goal(self, signals: Signals) -> Array:
         if signals.to_go is not None:
@@ -216,7 +228,7 @@ class Controller(ABC):
         if self.setup.task == "slew":
             return self._angles + _hub_error(signals)
         arm = self.setup.arm
-        target = target_in_hub_frame(arm, signals.angles, signals.bends, signals.error)
+        target = tip_in_hub_frame(arm, signals.angles[:, 1:], signals.bends) + signals.error
         inertia = rigid_inertia(arm, signals.angles[:, 1:])
         rates = np.sqrt(self.limits / np.diagonal(inertia, axis1=1, axis2=2))
         return goal_angles(arm, signals.angles, target, rates)

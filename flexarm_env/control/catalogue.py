@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tomllib
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -55,17 +54,8 @@ def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
 def gains_from(name: str, values: Mapping[str, Any]) -> Any:
     """Gains of the controller `name` from values by key; an unknown key is a ValueError that says which there are."""
     kind, _ = _KINDS[name]
-    fields = [field.name for field in dataclasses.fields(kind)]
-    check.known_keys(name, values, fields)
+    check.known_keys(name, values, check.names_of(kind))
     return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
-
-
-def _check(plan: Any) -> None:
-    """Only a fixed target, and an action that is the torque."""
-    if plan.task != plan.kind.task:
-        raise check.InvalidValue("task", plan.task, f'must be "{plan.kind.task}" (controllers steer to a target)')
-    if plan.extras.controller is not None:
-        raise check.InvalidValue("action_mode", "residual_pd", 'must be "torque": controllers set torques themselves')
 
 
 def make(name: str, env: Any, gains: Any = None) -> Controller:
@@ -81,7 +71,12 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
     check.choice("controller", name, NAMES)
     setup = env if isinstance(env, Setup) else Setup.of(env)
     if not isinstance(env, Setup):
-        _check(env.unwrapped.plan)
+        plan = env.unwrapped.plan
+        if plan.task != plan.kind.task:
+            raise check.InvalidValue("task", plan.task, f'must be "{plan.kind.task}" (controllers steer to a target)')
+        if plan.extras.controller is not None:
+            what = 'must be "torque": controllers set torques themselves'
+            raise check.InvalidValue("action_mode", "residual_pd", what)
     kind, made = _KINDS[name]
     own = tuned_gains(name, setup.task, setup.n_joints) if gains is None else check.instance("gains", gains, kind)
     return made(setup, own)

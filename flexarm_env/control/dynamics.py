@@ -106,9 +106,8 @@ class Dynamics:
         """States (m, S) of the straight arm at rest at joint angles (m, N)."""
         angles = np.asarray(angles, np.float64)
         if angles.ndim != 2 or angles.shape[1] != self.n_inputs:
-            raise check.InvalidValue(
-                "shape of joint angles", angles.shape, f"must be (m, {self.n_inputs}), a row an arm"
-            )
+            what = f"must be (m, {self.n_inputs}), a row an arm"
+            raise check.InvalidValue("shape of joint angles", angles.shape, what)
         x = np.zeros((len(angles), self.size))
         for k, joint in enumerate(self.joints):
             x[:, joint : joint + self.nodes] = angles[:, k : k + 1] if k == 0 else 0.0
@@ -200,8 +199,10 @@ class Dynamics:
         while size < m:
             size *= 2
         if size not in self._batches:
-            made = Batch(self.arm, self.settings, size, _task(self.arm), _standing(self.arm), period=self.period)
-            made.begin(range(size), [0] * size, limit=10**9)
+            arm, reach = self.arm, self.arm.total_length
+            standing = Starts(start=[(0.0, 0.0)] * arm.n_links, target=[(reach, reach), (0.0, 0.0)])
+            made = Batch(arm, self.settings, size, _task(arm), standing, period=self.period)
+            made.start(range(size), [0] * size, limit=10**9)
             self._batches[size] = made
         return self._batches[size]
 
@@ -236,10 +237,6 @@ def dynamics(arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4) -
 @lru_cache(maxsize=16)
 def _one_for_all(arm: Arm, period: float, nodes: int) -> Dynamics:
     return Dynamics(arm, period, nodes)
-
-
-def _standing(arm: Arm) -> Starts:
-    return Starts(start=[(0.0, 0.0)] * arm.n_links, target=[(arm.total_length, arm.total_length), (0.0, 0.0)])
 
 
 def _task(arm: Arm) -> Task:

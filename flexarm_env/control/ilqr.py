@@ -218,8 +218,7 @@ def backward(
     periods, _, count = controls.shape
     A, B = system.linear(states[:-1], controls)
     slopes = [cost.slopes(states) for cost in costs]
-    gradient = np.sum([s[0] for s in slopes], axis=0) if len(slopes) > 1 else slopes[0][0]
-    curvature = np.sum([s[1] for s in slopes], axis=0) if len(slopes) > 1 else slopes[0][1]
+    gradient, curvature = (np.sum(part, axis=0) if len(part) > 1 else part[0] for part in zip(*slopes, strict=True))
     value, bend = gradient[-1], curvature[-1]
     feed, gains = np.empty(controls.shape), np.empty((*controls.shape, system.size))
     low, high = -bound - controls, bound - controls
@@ -231,8 +230,7 @@ def backward(
         Qu = pull[k] + (BT @ value[:, :, None])[:, :, 0]
         PA = bend @ Ak
         Quu, Qux = own + BT @ (bend @ Bk), BT @ PA
-        step, gain = _within(Quu, Qu, Qux, low[k], high[k])
-        feed[k], gains[k] = step, gain
+        feed[k], gains[k] = step, gain = _within(Quu, Qu, Qux, low[k], high[k])
         GT = gain.swapaxes(1, 2)
         value = (
             gradient[k] + (AT @ value[:, :, None])[:, :, 0]
@@ -315,8 +313,7 @@ def _forward(
         for k in range(periods):
             off = found[k] - states[k]
             u = ahead[k] + (gains[k] @ off[..., None])[..., 0]
-            u = np.minimum(np.maximum(u, -bound), bound)
-            moved[k] = u
+            moved[k] = u = np.minimum(np.maximum(u, -bound), bound)
             found[k + 1] = system.stage(k, found[k].reshape(-1, size), u.reshape(-1, count)).reshape(tried, n, size)
     value = np.array([total(costs, effort, found[:, i], moved[:, i]) for i in range(tried)])
     return found, moved, value

@@ -32,9 +32,14 @@ def tip_in_hub_frame(arm: Arm, elbows: Array, bends: Array) -> Array:
     return tip
 
 
-def target_in_hub_frame(arm: Arm, angles: Array, bends: Array, error: Array) -> Array:
-    """Target (n, 2) in m, in the frame of the hub, from what an observation holds (see `base.Signals`)."""
-    return tip_in_hub_frame(arm, angles[:, 1:], bends) + error
+def rigid_times(arm: Arm, goal: Array, to_go: Array, limits: Array) -> Array:
+    """Times (n,), s, that the rigid arm in its posture at the goal (n, N) takes from rest to rest, its joints in step.
+
+    to_go (n, N): angles that the joints turn by, rad. limits (N,): largest torques, N m.
+    """
+    load = np.abs(np.einsum("nij,nj->ni", rigid_inertia(arm, goal[:, 1:]), to_go)) / limits
+    times: Array = 2.0 * np.sqrt(load.max(axis=1))
+    return times
 
 
 def goal_of(lengths: Array, rates: Array, limits: Array, x: float, y: float, angles: Array) -> Array:
@@ -72,5 +77,6 @@ def goal_angles(arm: Arm, angles: Array, target: Array, rates: Array) -> Array:
 
 
 __all__ = [
-    "coriolis", "goal_angles", "goal_of", "rigid_inertia", "target_in_hub_frame", "tip_in_hub_frame", "wrapped",
+    "coriolis", "goal_angles", "goal_of", "rigid_inertia", "rigid_times", "tip_in_hub_frame",
+    "wrapped",
 ]  # fmt: skip

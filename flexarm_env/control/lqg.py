@@ -23,6 +23,7 @@ from ..sensors import Encoder, Sensors, StrainGauge
 from .arm_model import NODES, postures
 from .base import Controller, Setup, Signals
 from .kinematics import rigid_inertia
+from .lqr import StateWeights, riccati
 
 Array = NDArray[np.float64]
 
@@ -44,21 +45,15 @@ UNREST, LEARNING = 10, 150
 
 
 @dataclass(frozen=True)
-class LQGGains:
-    """Dimensionless weights, beside a weight of 1 on each torque over its limit.
+class LQGGains(StateWeights):
+    """`StateWeights`, and the filter's.
 
     Args:
-        angle: on joint angles (1/rad). rate: on joint rates over the first flexible frequency.
-        bend: on tip deflections over length. bend_rate: on their rates over that frequency.
         noise, push: what the filter allows for, over the limit: of the torques; and of what moves the links beside
             them, as the rest of a large motion does (without it the filter would believe its modes for ever).
         drift: change of the lasting torque in a control period that it looks for, over the limit.
     """
 
-    angle: float
-    rate: float
-    bend: float
-    bend_rate: float
     noise: float = 0.02
     push: float = 0.01
     drift: float = 2e-4
@@ -160,19 +155,15 @@ def design(setup: Setup, gains: LQGGains, posture: tuple[float, ...] = ()) -> De
 
 
 def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
-    """K (N, 2n) of the discrete Riccati equation."""
-    from scipy.linalg import solve_discrete_are
-
+    """K (N, 2n)."""
     weighed = []
     for k, link in enumerate(setup.arm.links):
         weighed += [gains.angle * own.rows[f"joint{k}"], gains.rate / own.first * own.rows[f"joint{k}_rate"]]
         weighed += [gains.bend / link.span * own.rows[f"deflection{k}"]]
         weighed += [gains.bend_rate / (own.first * link.span) * own.rows[f"deflection{k}_rate"]]
-    A, B, Q = own.A, own.B, np.array(weighed)
+    Q = np.array(weighed)
     R = np.diag(1.0 / np.asarray(setup.torque_limits) ** 2)
-    P = solve_discrete_are(A, B, Q.T @ Q + 1e-9 * np.eye(len(A)), R)
-    gain: Array = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-    return gain
+    return riccati(own.A, own.B, Q.T @ Q + 1e-9 * np.eye(len(own.A)), R)[0]
 
 
 def gauges_of(setup: Setup) -> dict[int, StrainGauge]:
@@ -213,7 +204,7 @@ class LQG(Controller):
         self.friction = np.array([setup.arm.joint(k).friction_coulomb for k in range(setup.n_joints)])
         self.centres = np.array([np.mean(gauge.biases) for gauge in gauges_of(setup).values()])
 
-    def begin(self, signals: Signals, to_go: Array) -> None:
+    def initialise(self, signals: Signals, to_go: Array) -> None:
         self.parts = self._parts(self.goal)
         self.z = np.zeros((len(to_go), self.parts[0][0].A.shape[0]))
         for d, rows in self.parts:
@@ -235,15 +226,15 @@ class LQG(Controller):
             z = self.z[rows]
             z = z + (y[rows] - z @ d.C.T) @ d.L[min(self.step, LEARNING - 1)].T
             u = -z @ d.K.T
-            self.z[rows], torques[rows] = z, u + self._rubbing(d, z, u, SHARP)
+            self.z[rows], torques[rows] = z, u + self._friction(d, z, u, SHARP)
         return torques
 
-    def applied(self, torques: Array) -> None:
+    def predict(self, torques: Array) -> None:
         for d, rows in self.parts:
             z, u = self.z[rows], torques[rows]
-            self.z[rows] = z @ d.A.T + (u - self._rubbing(d, z, u)) @ d.B.T
+            self.z[rows] = z @ d.A.T + (u - self._friction(d, z, u)) @ d.B.T
 
-    def _rubbing(self, d: Design, z: Array, torques: Array, sharp: float = 1.0) -> Array:
+    def _friction(self, d: Design, z: Array, torques: Array, sharp: float = 1.0) -> Array:
         """Coulomb friction (n, N) over the next period: what stops the motors by its end, if it can."""
         rates = z @ (d.stopping @ d.A).T + torques @ (d.stopping @ d.B).T
         stops = sharp * rates / np.diagonal(d.stopping @ d.B)

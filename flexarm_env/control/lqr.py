@@ -17,20 +17,33 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class LQRGains:
+class StateWeights:
     """Dimensionless weights, beside a weight of 1 on each torque over its limit.
 
     Args:
         angle: on joint angles (1/rad). rate: on joint rates over the first flexible frequency.
         bend: on tip deflections over length. bend_rate: on their rates over that frequency.
-        noise: of the torque that the observer allows for, over the limit.
-        flexible: bending modes in the model; None: one more than joints.
     """
 
     angle: float
     rate: float
     bend: float
     bend_rate: float
+
+    def of_outputs(self, first: float, joints: int) -> Array:
+        """On the outputs (4 N,) of an arm's model; first: its first flexible frequency, rad/s."""
+        return np.repeat([self.angle, self.rate / first, self.bend, self.bend_rate / first], joints)
+
+
+@dataclass(frozen=True)
+class LQRGains(StateWeights):
+    """`StateWeights`, and the observer's.
+
+    Args:
+        noise: of the torque that the observer allows for, over the limit.
+        flexible: bending modes in the model; None: one more than joints.
+    """
+
     noise: float = 0.05
     flexible: int | None = None
 
@@ -51,6 +64,14 @@ SENSOR = 1e-3
 rates over the first flexible frequency."""
 
 
+def riccati(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
+    """K and P of the discrete Riccati equation: u = -K x costs x' P x."""
+    from scipy.linalg import solve_discrete_are
+
+    P = solve_discrete_are(A, B, Q, R)
+    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), P
+
+
 @lru_cache(maxsize=1024)
 def design(arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRGains, posture: tuple[float, ...] = ()) -> Design:
     """Regulator and observer gains from the discrete Riccati equations, the elbows at a posture in rad."""
@@ -61,11 +82,8 @@ def design(arm: Arm, limits: tuple[float, ...], dt: float, gains: LQRGains, post
     A, B = model.discrete(dt)
     C = model.C
     first = model.frequencies[0]
-    weights = np.repeat([gains.angle, gains.rate / first, gains.bend, gains.bend_rate / first], n)
-    Q = C.T @ np.diag(weights**2) @ C + 1e-6 * np.eye(len(A))
-    R = np.diag(1.0 / np.asarray(limits) ** 2)
-    P = solve_discrete_are(A, B, Q, R)
-    K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    Q = C.T @ np.diag(gains.of_outputs(first, n) ** 2) @ C + 1e-6 * np.eye(len(A))
+    K, _ = riccati(A, B, Q, np.diag(1.0 / np.asarray(limits) ** 2))
     W = B @ np.diag((gains.noise * np.asarray(limits)) ** 2) @ B.T + 1e-10 * np.eye(len(A))
     V = np.diag(np.repeat([SENSOR, SENSOR * first, SENSOR, SENSOR * first], n) ** 2)
     S = solve_discrete_are(A.T, C.T, W, V)
@@ -77,30 +95,23 @@ class Observer:
     """States of many arms, each about its own goal, from their outputs; one design an arm."""
 
     def __init__(self, designs: list[Design], outputs: Array) -> None:
-        self.A = np.stack([d.A for d in designs])
-        self.B = np.stack([d.B for d in designs])
-        self.C = np.stack([d.C for d in designs])
-        self.K = np.stack([d.K for d in designs])
-        self.L = np.stack([d.L for d in designs])
+        matrices = zip(*(d[:5] for d in designs), strict=True)
+        self.A, self.B, self.C, self.K, self.L = (np.stack(one) for one in matrices)
         self.x = np.stack([d.model.state_of(y) for d, y in zip(designs, outputs, strict=True)])
 
     def update(self, outputs: Array) -> None:
         """Take in the outputs (n, 4 N) measured now."""
-        self.x = self.x + _times(self.L, outputs - _times(self.C, self.x))
+        self.x = self.x + times(self.L, outputs - times(self.C, self.x))
 
     def predict(self, torques: Array) -> None:
         """One period on, under these torques (n, N)."""
-        self.x = _times(self.A, self.x) + _times(self.B, torques)
+        self.x = times(self.A, self.x) + times(self.B, torques)
 
 
-def _times(matrices: Array, vectors: Array) -> Array:
+def times(matrices: Array, vectors: Array) -> Array:
+    """Products (n, i) of matrices (n, i, j) and vectors (n, j)."""
     product: Array = (matrices @ vectors[:, :, None])[:, :, 0]
     return product
-
-
-def outputs_about_goal(signals: Signals, to_go: Array) -> Array:
-    """Outputs (n, 4 N) of the linear model about the goal."""
-    return np.concatenate([-to_go, signals.rates, signals.bends, signals.bend_rates], axis=1)
 
 
 class LQR(Controller):
@@ -120,12 +131,12 @@ class LQR(Controller):
             for posture in postures(self.goal)
         ]
 
-    def begin(self, signals: Signals, to_go: Array) -> None:
-        self.observer = Observer(self.designs(), outputs_about_goal(signals, to_go))
+    def initialise(self, signals: Signals, to_go: Array) -> None:
+        self.observer = Observer(self.designs(), signals.outputs(-to_go))
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        self.observer.update(outputs_about_goal(signals, to_go))
-        return -_times(self.observer.K, self.observer.x)
+        self.observer.update(signals.outputs(-to_go))
+        return -times(self.observer.K, self.observer.x)
 
-    def applied(self, torques: Array) -> None:
+    def predict(self, torques: Array) -> None:
         self.observer.predict(torques)

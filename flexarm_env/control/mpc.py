@@ -26,7 +26,8 @@ from . import ilqr
 from .arm_model import GRID, arm_model
 from .base import Controller, Setup, Signals
 from .dynamics import Grid, dynamics
-from .kinematics import rigid_inertia
+from .kinematics import rigid_times
+from .lqr import StateWeights, riccati
 
 Array = NDArray[np.float64]
 
@@ -43,22 +44,16 @@ MOST = 60
 
 
 @dataclass(frozen=True)
-class MPCGains:
-    """Dimensionless weights, beside a weight of 1 on each torque over its limit.
+class MPCGains(StateWeights):
+    """`StateWeights`, and how plans are made.
 
     Args:
-        angle: on joint angles (1/rad). rate: on joint rates over the first flexible frequency.
-        bend: on tip deflections over length. bend_rate: on their rates over that frequency.
         memory: share of the prediction that is kept in a period, of what is not read.
         allowed: cost of the distance from the goal at which a plan has arrived.
         block: control periods over which planned torques are held. horizon: such blocks that are planned.
         iterations: of a decision. first: of an episode's first plan.
     """
 
-    angle: float
-    rate: float
-    bend: float
-    bend_rate: float
     memory: float = 1.0
     allowed: float = 10.0
     block: int = 2
@@ -84,21 +79,17 @@ def stage_weight(arm: Arm, period: float, gains: MPCGains) -> Array:
     outputs = np.zeros((4 * n, plant.size))
     outputs[np.arange(n), plant.joints] = outputs[n + np.arange(n), half + plant.joints] = 1.0
     outputs[2 * n : 3 * n, :half] = outputs[3 * n :, half:] = plant.bends(np.zeros(plant.size))[1][:, :half]
-    weights = np.repeat([gains.angle, gains.rate / first, gains.bend, gains.bend_rate / first], n)
-    weight: Array = outputs.T @ np.diag(weights**2) @ outputs + 1e-6 * np.eye(plant.size)
+    weight: Array = outputs.T @ np.diag(gains.of_outputs(first, n) ** 2) @ outputs + 1e-6 * np.eye(plant.size)
     return weight
 
 
 @lru_cache(maxsize=512)
 def regulator(arm: Arm, period: float, gains: MPCGains, posture: tuple[float, ...]) -> Regulator:
     """The regulator at a posture (elbow angles, rad)."""
-    from scipy.linalg import solve_discrete_are
-
     plant = dynamics(arm, period)
     n = arm.n_links
     A, B = (part[0] for part in plant.jacobians(plant.rest(np.array([(0.0, *posture)])), np.zeros((1, n))))
-    P = solve_discrete_are(A, B, stage_weight(arm, period, gains), np.eye(n))
-    K = np.linalg.solve(np.eye(n) + B.T @ P @ B, B.T @ P @ A)
+    K, P = riccati(A, B, stage_weight(arm, period, gains), np.eye(n))
     return Regulator(K, P, 1.0 / float(np.max(np.einsum("is,is->i", K, np.linalg.solve(P, K.T).T))))
 
 
@@ -120,7 +111,7 @@ class MPC(Controller):
         self.stage = stage_weight(setup.arm, setup.control_dt, gains)
         self.effort = np.full(setup.n_joints, float(gains.block))
 
-    def begin(self, signals: Signals, to_go: Array) -> None:
+    def initialise(self, signals: Signals, to_go: Array) -> None:
         n, gains, setup = len(to_go), self.gains, self.setup
         postures = np.round(self.goal[:, 1:] / GRID) * GRID
         owned = [regulator(setup.arm, setup.control_dt, gains, tuple((0.0 + row).tolist())) for row in postures]
@@ -130,9 +121,7 @@ class MPC(Controller):
         shape, self.left = (gains.horizon, n, setup.n_joints), gains.block
         states = np.zeros((gains.horizon + 1, *self.x.shape))
         self.plan = ilqr.Solution(np.zeros(shape), states, np.zeros(n), np.zeros((*shape, self.plant.size)))
-        inertia = rigid_inertia(setup.arm, self.goal[:, 1:])
-        load = (np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / self.limits).max(axis=1)
-        self.arrival = np.ceil(2.0 * np.sqrt(load) / setup.control_dt)
+        self.arrival = np.ceil(rigid_times(setup.arm, self.goal, to_go, self.limits) / setup.control_dt)
         late, iterations, missed = np.ones(n, np.bool_), gains.first, np.zeros(n)
         for _ in range(MOST):
             missed[late] = self._improve(late, iterations)
@@ -146,7 +135,7 @@ class MPC(Controller):
     def torques(self, signals: Signals, to_go: Array) -> Array:
         kept, self.plan.states[0] = self.gains.memory, self.x
         guess = kept * self.x + (1.0 - kept) * self._standing(signals, to_go)
-        self.x = self.plant.corrected(guess, self._outputs(signals, to_go))
+        self.x = self.plant.corrected(guess, signals.outputs(self.goal - to_go))
         off = self.x - self.home
         shares = -(self.K @ off[:, :, None])[:, :, 0]
         far = np.einsum("ni,nij,nj->n", off, self.P, off) > self.reach
@@ -156,7 +145,7 @@ class MPC(Controller):
             self.arrival[far] += (missed > self.gains.allowed) & (self.arrival[far] < self.latest[far])
         return np.asarray(shares * self.limits)
 
-    def applied(self, torques: Array) -> None:
+    def predict(self, torques: Array) -> None:
         self.x = self.plant.advance(self.x, torques / self.limits)
         lost = ~np.isfinite(self.x).all(axis=1)
         self.x[lost] = self.home[lost]
@@ -194,7 +183,4 @@ class MPC(Controller):
 
     def _standing(self, signals: Signals, to_go: Array) -> Array:
         """States (n, S) with what is read, the links bent by forces at their tips."""
-        return self.plant.corrected(self.plant.rest(self.goal - to_go), self._outputs(signals, to_go))
-
-    def _outputs(self, signals: Signals, to_go: Array) -> Array:
-        return np.concatenate([self.goal - to_go, signals.rates, signals.bends, signals.bend_rates], axis=1)
+        return self.plant.corrected(self.plant.rest(self.goal - to_go), signals.outputs(self.goal - to_go))

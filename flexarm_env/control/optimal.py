@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import validation as check
 from . import ilqr
 from .dynamics import Dynamics
-from .kinematics import rigid_inertia
+from .kinematics import rigid_inertia, rigid_times
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -100,11 +100,9 @@ def rates_of(plant: Dynamics) -> float:
 
 def rigid_periods(plant: Dynamics, start: Array, goal: Array) -> Counts:
     """Control periods (n,) that the rigid arm at the goal's posture takes from rest to rest, joints (n, N) in step."""
-    arm = plant.arm
-    assert arm.torque_limits is not None
-    inertia = rigid_inertia(arm, goal[:, 1:])
-    load = np.abs(np.einsum("nij,nj->ni", inertia, goal - start)) / np.asarray(arm.torque_limits)
-    return np.asarray(np.maximum(1, np.ceil(2.0 * np.sqrt(load.max(axis=1)) / plant.period)), np.int64)
+    assert plant.arm.torque_limits is not None
+    times = rigid_times(plant.arm, goal, goal - start, np.asarray(plant.arm.torque_limits))
+    return np.asarray(np.maximum(1, np.ceil(times / plant.period)), np.int64)
 
 
 def optimise(

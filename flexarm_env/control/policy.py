@@ -9,10 +9,7 @@ pickle (a model.zip, a checkpoint) may.
 
 from __future__ import annotations
 
-import json
 import os
-import zipfile
-import zlib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -22,13 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from .base import Setup
+from ..files import from_json, read_npz
+from .base import RESIDUAL_SHARE, Setup
 
 Array32 = NDArray[np.float32]
 
 FORMAT = 1
 ACTIVATIONS = ("tanh", "relu")
 MOST_LAYERS = 100
+HOME = resources.files("flexarm_env") / "data" / "policies"
 
 
 class NumpyPolicy:
@@ -79,6 +78,7 @@ class NumpyPolicy:
 
         Entries of the same names in other scales, those of another arm, are brought to the policy's own from here on.
         """
+        self._check_action(setup)
         self.ratio = self._ratio(setup)
         if setup.layout != self.meta["layout"] and self.ratio is None:
             raise ValueError(
@@ -91,6 +91,21 @@ class NumpyPolicy:
                 f"the policy makes {given} actions of {taken} entries of an observation; this environment's are "
                 f"{setup.n_joints} and {setup.size}"
             )
+
+    def _check_action(self, setup: Setup) -> None:
+        """An action stands for what it stood for in training."""
+        kwargs = {"action_mode": "torque", **self.meta.get("env_kwargs", {})}
+        own: dict[str, Any] = {"action_mode": kwargs["action_mode"]}
+        if own["action_mode"] == "residual_pd":
+            share = kwargs.get("residual_share")
+            own["residual_share"] = RESIDUAL_SHARE if share is None else share
+        for name, value in own.items():
+            given = getattr(setup, name)
+            if setup.action_mode and value != given:
+                raise ValueError(
+                    f"the policy was trained with {name} = {value!r}; this environment's is {given!r}, in which its "
+                    f"actions are other torques: make the environment with {name}={value!r}"
+                )
 
     def _ratio(self, setup: Setup) -> NDArray[np.float64] | None:
         """The environment's scales over those of the arm that the policy was trained on; None where they are alike, and
@@ -112,20 +127,20 @@ def load_policy(source: str | os.PathLike[str]) -> NumpyPolicy:
     if path.is_dir():
         path = path / "policy.npz"
     elif not path.exists() and str(source) in names():
-        path = Path(str(_home() / str(source) / "policy.npz"))
+        path = Path(str(HOME / str(source) / "policy.npz"))
     if not path.is_file():
         known = ", ".join(names())
         raise ValueError(
             f"{source}: no policy.npz there" + (f"; policies that come with the package: {known}" if known else "")
         )
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files}
-        meta = json.loads(str(arrays["meta"]))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path}: damaged, or no policy of this package ({type(error).__name__})") from error
+    if path.suffix == ".zip":
+        what = "a model of Stable-Baselines3 is a pickle, which is not read"
+        raise ValueError(f"{path}: {what}; give its run folder or the policy.npz there, which flexarm train writes")
+    arrays = read_npz(path, "policy")
     with check.in_file(path):
-        return _policy(check.table_of("meta", meta), arrays)
+        check.needed("", arrays, "meta", "this is no policy of this package")
+        text = str(check.arrays(arrays, {"meta": ("text", ())}, {})["meta"])
+        return _policy(check.table_of("meta", from_json(text, "meta")), arrays)
 
 
 def _policy(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> NumpyPolicy:
@@ -141,45 +156,31 @@ def _policy(meta: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> NumpyPo
     check.flag("meta.squash", meta["squash"])
     for name, scale in check.table_of("meta.scales", meta.get("scales", {})).items():
         check.number(f"meta.scales.{name}", scale, above=0.0)
-    weights: list[tuple[Array32, Array32]] = []
-    for k in range(check.integer("meta.layers", meta["layers"], minimum=1, maximum=MOST_LAYERS)):
-        rows = weights[-1][0].shape[1] if weights else None
-        w = _numbers(arrays, f"w{k}", (rows, None))
-        weights.append((w, _numbers(arrays, f"b{k}", (w.shape[1],))))
+    limits = check.sequence("meta.torque_limits", meta.get("torque_limits", ()), "numbers (N m)")
+    for k, limit in enumerate(limits):
+        check.number(f"meta.torque_limits[{k}]", limit, "N m", above=0.0)
+    layers = check.integer("meta.layers", meta["layers"], minimum=1, maximum=MOST_LAYERS)
+    table: dict[str, tuple[str, check.Shape]] = {}
+    widths = ["entries", *(f"units {k}" for k in range(layers - 1)), "actions"]
+    for k in range(layers):
+        table |= {f"w{k}": ("finite", (widths[k], widths[k + 1])), f"b{k}": ("finite", (widths[k + 1],))}
+    if "mean" in arrays:
+        table |= {"mean": ("finite", ("entries",)), "variance": ("finite", ("entries",))}
+        table |= {"clip": ("finite", ()), "epsilon": ("finite", ())}
+    known = check.arrays(arrays, table, {})
+    weights = [(known[f"w{k}"], known[f"b{k}"]) for k in range(layers)]
     if "mean" not in arrays:
         return NumpyPolicy(meta, weights)
-    size = weights[0][0].shape[:1]
-    shapes: dict[str, tuple[int, ...]] = {"mean": size, "variance": size, "clip": (), "epsilon": ()}
-    normaliser = {name: _numbers(arrays, name, shape) for name, shape in shapes.items()}
+    normaliser = {name: known[name] for name in ("mean", "variance", "clip", "epsilon")}
     for name in ("variance", "clip", "epsilon"):
         if not (normaliser[name] >= 0.0).all():
             raise check.InvalidValue(name, normaliser[name], "must not be negative")
+    if not (normaliser["variance"] + normaliser["epsilon"] > 0.0).all():
+        raise check.InvalidValue("variance", normaliser["variance"], "must be positive where epsilon is 0")
     return NumpyPolicy(meta, weights, normaliser)
-
-
-def _numbers(arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
-    """An array of finite numbers of this shape (None: any length from 1 on)."""
-    values: NDArray[Any] = check.needed("", arrays, name, "an array of the network")
-    words = ", ".join("n" if length is None else str(length) for length in shape)
-    fits = values.ndim == len(shape) and all(
-        length == (wanted or length) and length > 0 for length, wanted in zip(values.shape, shape, strict=True)
-    )
-    if not fits:
-        raise check.InvalidValue(f"shape of {name}", values.shape, f"must be ({words}), to fit the other arrays")
-    if values.dtype.kind not in "fiu":
-        raise check.InvalidValue(f"dtype of {name}", str(values.dtype), "must be that of numbers")
-    if not np.isfinite(values).all():
-        raise check.InvalidValue(name, values, "must be finite throughout")
-    return values
 
 
 def names() -> tuple[str, ...]:
     """Names of the policies that come with the package."""
-    home = _home()
-    if not home.is_dir():
-        return ()
-    return tuple(sorted(entry.name for entry in home.iterdir() if (entry / "policy.npz").is_file()))
-
-
-def _home() -> Any:
-    return resources.files("flexarm_env") / "data" / "policies"
+    entries = HOME.iterdir() if HOME.is_dir() else ()
+    return tuple(sorted(entry.name for entry in entries if (entry / "policy.npz").is_file()))

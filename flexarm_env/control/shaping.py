@@ -6,7 +6,7 @@ reference has ended is what the PD alone has to damp.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..parameters import Arm
 from .arm_model import arm_model, postures
 from .base import Controller, Setup, Signals
-from .kinematics import coriolis, rigid_inertia
+from .kinematics import coriolis, rigid_inertia, rigid_times
 from .pd import PDGains
 
 Array = NDArray[np.float64]
@@ -62,17 +62,10 @@ SHAPERS = {"zv": zv, "zvd": zvd}
 
 
 @dataclass(frozen=True)
-class ShapedGains:
-    """Dimensionless: those of the PD (see `PDGains`), and `effort`: share of the torque limit for the reference."""
+class ShapedGains(PDGains):
+    """Dimensionless: those of the PD, and `effort`: share of the torque limit for the reference."""
 
-    bandwidth: tuple[float, ...]
-    ratio: tuple[float, ...]
     effort: float
-
-    @property
-    def pd(self) -> PDGains:
-        """The PD's own."""
-        return PDGains(self.bandwidth, self.ratio)
 
 
 @lru_cache(maxsize=1024)
@@ -102,22 +95,19 @@ class ShapedPD(Controller):
     def __init__(self, setup: Setup, gains: ShapedGains, kind: str) -> None:
         super().__init__(setup)
         self.gains, self.kind = gains, kind
-        self.kp, self.kd = gains.pd.of(setup.arm)
+        self.kp, self.kd = gains.of(setup.arm)
 
-    def begin(self, signals: Signals, to_go: Array) -> None:
+    def initialise(self, signals: Signals, to_go: Array) -> None:
         arm = self.setup.arm
         self.move = to_go
-        shapers = [closed_loop_shaper(arm, self.gains.pd, self.kind, posture) for posture in postures(self.goal)]
+        shapers = [closed_loop_shaper(arm, self.gains, self.kind, posture) for posture in postures(self.goal)]
         most = max(len(s.delays) for s in shapers)
-        padded = [
-            replace(s, amplitudes=s.amplitudes + (0.0,) * (most - len(s.delays)),
-                    delays=s.delays + (0.0,) * (most - len(s.delays))) for s in shapers
-        ]  # fmt: skip
-        self.amplitudes = np.array([s.amplitudes for s in padded])
-        self.delays = np.array([s.delays for s in padded])
-        inertia = rigid_inertia(arm, self.goal[:, 1:])
-        load = np.abs(np.einsum("nij,nj->ni", inertia, to_go)) / (self.gains.effort * self.limits)
-        self.period = np.maximum(2.0 * np.sqrt(load.max(axis=1)), 2.0 * self.setup.control_dt)
+        self.amplitudes, self.delays = np.zeros((2, len(shapers), most))
+        for i, shaper in enumerate(shapers):
+            count = len(shaper.delays)
+            self.amplitudes[i, :count], self.delays[i, :count] = shaper.amplitudes, shaper.delays
+        quickest = rigid_times(arm, self.goal, to_go, self.gains.effort * self.limits)
+        self.period = np.maximum(quickest, 2.0 * self.setup.control_dt)
 
     def _reference(self, t: float) -> tuple[Array, Array]:
         """Share of the move done and its rate in 1/s, (n,) each, at time t in s."""

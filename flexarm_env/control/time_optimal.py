@@ -7,14 +7,14 @@ linear programmes (HiGHS, through SciPy).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .arm_model import arm_model
 from .base import Setup, Signals
-from .lqr import LQR, LQRGains, _times, outputs_about_goal
+from .lqr import LQR, LQRGains, times
 
 Array = NDArray[np.float64]
 
@@ -100,21 +100,10 @@ def plan_periods(setup: Setup, angle: float, effort: float = 1.0) -> int:
 
 
 @dataclass(frozen=True)
-class TimeOptimalGains:
-    """`effort`: share of the torque limit that plans take; the rest of the fields as in `lqr.LQRGains`."""
+class TimeOptimalGains(LQRGains):
+    """Those of the LQR that keeps the arm on its plan, and `effort`: share of the torque limit that plans take."""
 
-    effort: float
-    angle: float
-    rate: float
-    bend: float
-    bend_rate: float
-    noise: float = 0.05
-    flexible: int | None = None
-
-    @property
-    def lqr(self) -> LQRGains:
-        """Of the regulator that keeps the arm on its plan."""
-        return LQRGains(self.angle, self.rate, self.bend, self.bend_rate, self.noise, self.flexible)
+    effort: float = field(kw_only=True)
 
 
 class TimeOptimal(LQR):
@@ -123,17 +112,16 @@ class TimeOptimal(LQR):
     def __init__(self, setup: Setup, gains: TimeOptimalGains) -> None:
         if setup.n_joints != 1:
             raise ValueError(f"time_optimal plans for one link; this arm has {setup.n_joints}")
-        super().__init__(setup, gains.lqr)
+        super().__init__(setup, gains)
         self.effort = gains.effort
 
-    def begin(self, signals: Signals, to_go: Array) -> None:
-        super().begin(signals, to_go)
-        limits = self.effort * self.limits
-        observer = self.observer
-        plans = [
-            plan(observer.A[i], observer.B[i], x, limits, self._least(float(to_go[i, 0])))
-            for i, x in enumerate(observer.x)
-        ]
+    def initialise(self, signals: Signals, to_go: Array) -> None:
+        super().initialise(signals, to_go)
+        limits, observer = self.effort * self.limits, self.observer
+        inertia = float(self.designs()[0].model.inertia[0, 0])
+        rigid = [rigid_time(inertia, float(angle), float(self.limits[0])) for angle in to_go[:, 0]]
+        least = [max(1, int(seconds / self.setup.control_dt)) for seconds in rigid]
+        plans = [plan(observer.A[i], observer.B[i], x, limits, least[i]) for i, x in enumerate(observer.x)]
         self.periods = np.array([p.periods for p in plans])
         longest = int(self.periods.max())
         self.plan_torques = np.zeros((longest + 1, len(plans), self.setup.n_joints))
@@ -142,16 +130,8 @@ class TimeOptimal(LQR):
             self.plan_torques[: p.periods, i] = p.torques
             self.plan_states[: p.periods, i] = p.states[:-1]
 
-    def _least(self, angle: float) -> int:
-        inertia = float(self.observer_inertia())
-        return max(1, int(rigid_time(inertia, angle, float(self.limits[0])) / self.setup.control_dt))
-
-    def observer_inertia(self) -> float:
-        """Rigid inertia about the hub, kg m^2."""
-        return float(self.designs()[0].model.inertia[0, 0])
-
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        self.observer.update(outputs_about_goal(signals, to_go))
+        self.observer.update(signals.outputs(-to_go))
         k = min(self.step, len(self.plan_torques) - 1)
-        torques: Array = self.plan_torques[k] - _times(self.observer.K, self.observer.x - self.plan_states[k])
+        torques: Array = self.plan_torques[k] - times(self.observer.K, self.observer.x - self.plan_states[k])
         return torques

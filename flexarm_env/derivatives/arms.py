@@ -11,6 +11,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from .. import validation as check
 from .period import Array, Jacobians, Periods, checked
+from .rollouts import Rollout, rollout
 
 
 class Part(NamedTuple):
@@ -166,8 +167,12 @@ class Arms(Periods):
         """State (n, S), observation (n, O) and reward (n,) a period later, under an action (n, A), clipped to +-1."""
         return self._each("step", state=state, action=action) if self._parts else super().step(state, action)
 
+    def rollout(self, state: Array, actions: Array) -> Rollout:
+        """The periods from states (n, S) under actions (T, n, A), and derivatives through them: see `Rollout`."""
+        return rollout(self, state, actions)
+
     def jacobians(self, state: Array, action: Array) -> Jacobians:
-        """The same, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
+        """The same as `step`, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
         return self._each("jacobians", state=state, action=action) if self._parts else super().jacobians(state, action)
 
     def pull(

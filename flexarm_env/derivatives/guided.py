@@ -24,11 +24,11 @@ def program_of(program: Any, guide: Any) -> Any:
 
 def guided(guide: Any, model: Any, lanes: int) -> Guided:
     """What the arm has beside its model, and room to work in for so many lanes."""
-    own, loaded = guide.simulation, {getattr(load, "joint", None) for load in guide.scene.loads}
+    own = guide.simulation
     return Guided(
         drive=own.drive, motions=own.n_motions, kinks=np.array(guide.scene.kinks, np.float64),
         duration=float(guide.scene.duration), longest=float(own.dt), chunk=int(own._chunk),
-        free=np.array([float(free and k not in loaded) for k, free in enumerate(guide.free)]),
+        free=guide.free.astype(np.float64),
         takes=float(guide.free.any() and not guide.scene.loads),
         room=np.zeros(int(uncompiled(work_size)(lanes, model, own.n_motions))),
     )  # fmt: skip

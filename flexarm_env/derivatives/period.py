@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import Batch
 from ..compiler import SINGLE, WIDEST, Crew, Placed, dual, entry, native, uncompiled
+from ..physics import precision
 from ..physics.model import OK, Elastica, ExactBeam, FloatingChain, Jointed
 from ..runtime import derivative
 from ..runtime.adjoint import adjoint, room_of
@@ -18,7 +19,6 @@ from ..runtime.layout import aligned, layout_of
 from .guided import guided as guidance
 from .guided import program_of, state_of
 from .places import laws_of, places_of
-from .rollouts import Rollout, rollout
 from .sights import Sights
 
 Array = NDArray[np.float64]
@@ -147,13 +147,17 @@ class Periods:
         lane = SINGLE if joined or guided else WIDEST
         lanes, columns = len(lane), core + self.action_size
         decided = model.correction is None and not (fitted or joined or kept)  # by a step's equations, but for friction
-        implied = decided and getattr(model, "rough", None) is None
+        implied = decided and getattr(model, "friction", None) is None
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined or guided else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(lane, at_once)
         layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
         seen, rows, size = self._sights.entries, core + self._sights.entries + 1, len(names)
         self.observation_size = self._sights.size
+        self._stiff = [
+            k for k, name in enumerate(self.names) if name in ("EI_factor", "tau_d") or name[:10] == "stiffness["
+        ]
+        self._last_stiff: tuple[float, ...] = ()
         self._laws = None
         if parameters and isinstance(model, Jointed):
             self._laws = laws_of(model, names)
@@ -223,10 +227,6 @@ class Periods:
         self._run(derivative.step)
         return self._outcome()
 
-    def rollout(self, state: Array, actions: Array) -> Rollout:
-        """The periods from states (n, S) under actions (T, n, A), and derivatives through them: see `Rollout`."""
-        return rollout(self, state, actions)
-
     # --- derivatives -----------------------------------------------------------------------------
     def jacobians(self, state: Array, action: Array) -> Jacobians:
         """The same, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
@@ -287,9 +287,10 @@ class Periods:
     # --- inside ----------------------------------------------------------------------------------
     def _put(self, state: Array, action: Any) -> Array:
         d = self._program
-        d.state.reshape(self.n, -1)[:], self._past = self._sights.parts(
-            checked("state", state, (self.n, self.state_size))
-        )
+        rows = checked("state", state, (self.n, self.state_size))
+        if self.parameters:
+            self._carried(rows)
+        d.state.reshape(self.n, -1)[:], self._past = self._sights.parts(rows)
         given = np.zeros((self.n, self.action_size))
         if action is not None:
             given = checked("action", action, (self.n, self.action_size))
@@ -297,6 +298,14 @@ class Periods:
         np.clip(given, -1.0, 1.0, out=taken)
         taken[np.isinf(given)] = np.nan  # fails, as in the environment
         return given
+
+    def _carried(self, rows: Array) -> None:
+        """Arms whose parameters are too stiff for double precision are a ValueError."""
+        bending, damping, *springs = np.fmax.reduce(rows[:, self._stiff], axis=0).tolist()
+        if (bending, damping, *springs) != self._last_stiff:
+            arm, settings = self._batch.arm, self._batch.settings
+            precision.check_parameters(arm, settings, bending, damping, max(springs, default=0.0), "state")
+            self._last_stiff = (bending, damping, *springs)
 
     def _rows(self, name: str, size: int) -> Array:
         return np.array(getattr(self._program, name).reshape(self.n, size))
@@ -345,6 +354,6 @@ def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
     if isinstance(model, FloatingChain):
         return isinstance(model.mesh.n, tuple) and model.loads is None
     if isinstance(model, Jointed):
-        rubs = model.rough is not None and isinstance(model.arm, FloatingChain)
-        return not parameters and not rubs and _goes_back(model.arm, controls, parameters)
+        dry = model.friction is not None and isinstance(model.arm, FloatingChain)
+        return not parameters and not dry and _goes_back(model.arm, controls, parameters)
     return isinstance(model, ExactBeam) and not parameters and model.rigid is None and model.loads is None

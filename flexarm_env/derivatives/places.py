@@ -49,7 +49,8 @@ def places_of(
     rows, links = int(size(model.n)), len(task.links)
     fixed = set(model.fixed.tolist())
     work = uncompiled(unpack)((0,) * stride, model, np.arange(layout.par, dtype=np.float64), 0)
-    afresh = not kept and isinstance(model.predictor, tuple) and getattr(model, "rough", None) is None
+    afresh = not kept and isinstance(model.predictor, tuple)
+    friction = getattr(model, "friction", None) is not None
     free = [k for k in range(rows) if k not in fixed]
     moving: list[_Place] = []
     forces = set() if model.algebraic is None else set(model.algebraic.tolist())
@@ -83,7 +84,10 @@ def places_of(
         given += recorded("push", PUSHED, PUSH.places.end)
     if extras.payload_change is not None:
         given += recorded("change", CHANGE, 2)
-    if not afresh or extras.payload_change is not None:  # what acted last: of it a jump is told, or its last bits
+    if afresh and friction:  # with the last torques they say which joints slide, and nothing else
+        given += [_Place(f"a[{k}]", int(work.a[0]) + k * stride) for k in free]
+    # of what acted last a jump is told, or its last bits
+    if not afresh or friction or extras.payload_change is not None:
         last = [_Place(f"torque[{k}]", int(work.u[0]) + k * stride) for k in range(len(work.u) // stride)]
         given += last if afresh else last[links:]
     if extras.reference is not None:
@@ -128,7 +132,7 @@ def _of_sensors(instruments: Any, first: int, recorded: Any) -> tuple[list[_Plac
         late = int(law[_LAW.late]) + (law[_LAW.share] > 0.0)
         parts = {
             "filter": ((at.input, 3), law[_LAW.own : _LAW.after].any()),
-            "speed": ((at.speed, 1), encoders <= c < encoders + shaken),
+            "tip": ((at.place, 3), encoders <= c < encoders + shaken),
             "reading": ((at.reading, 1), c < encoders or law[_LAW.every] > 1.0),
             "rate": ((at.rate, 1), c < encoders and law[_LAW.kept] > 0.0),
             "past": ((at.past, late), late > 0),

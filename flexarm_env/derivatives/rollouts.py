@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-
-if TYPE_CHECKING:
-    from .period import Periods
-
-Array = NDArray[np.float64]
+from .period import Array, Periods, checked
 
 
 class Outcome(NamedTuple):
@@ -88,6 +84,10 @@ def rollout(arms: Periods, state: Any, actions: Any) -> Rollout:
     given = np.asarray(actions, np.float64)
     if given.ndim != 3 or given.shape[1:] != (arms.n, arms.action_size):
         raise check.InvalidValue("actions.shape", given.shape, f"must be (T, {arms.n}, {arms.action_size})")
+    wrong = np.argwhere(~np.isfinite(given))
+    if len(wrong):
+        at = ", ".join(map(str, wrong[0]))
+        raise check.InvalidValue(f"actions[{at}]", given[tuple(wrong[0])], "must be finite")
     count = len(given)
     states = np.zeros((count + 1, *start.shape))
     seen, paid = np.zeros((count, arms.n, arms.observation_size)), np.zeros((count, arms.n))
@@ -100,9 +100,4 @@ def rollout(arms: Periods, state: Any, actions: Any) -> Rollout:
 
 
 def _given(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    if value is None:
-        return np.zeros(shape)
-    rows = np.asarray(value, np.float64)
-    if rows.shape != shape:
-        raise check.InvalidValue(f"{name}.shape", rows.shape, f"must be {shape}")
-    return rows
+    return np.zeros(shape) if value is None else checked(name, value, shape)

@@ -2,7 +2,8 @@
 
 from .config import Channel, Config, Parameter, read_config
 from .log import BadLog, Run, read_run
-from .result import Identification, identify, randomization
+from .report import Identification
+from .result import identify, randomization
 from .signals import Ringing, free_decay, nrmse, vaf
 from .uncertainty import Direction, Uncertainty
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from flexarm_env import validation as check
-from flexarm_env.arms import read_toml
+from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm
 from flexarm_env.sensors import Sensors, from_table
 
@@ -141,19 +141,11 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
         evaluations=check.integer("evaluations", table.get("evaluations", 60), minimum=1), good=good,
         seed=check.integer("seed", table.get("seed", 0), minimum=0),
     )  # fmt: skip
-    known = readings_of(carried, arm)
+    known = carried.readings(arm)
     for channel in config.outputs:
         if channel.name not in known:
             raise check.UnknownKey(f"outputs.{channel.name}", known, "sensor")
     return config
-
-
-def readings_of(sensors: Sensors, arm: Arm) -> tuple[str, ...]:
-    """Names of what sensors read, as `Trajectory.measured` has them."""
-    names = [f"{joint}_{of}" for joint in arm.joint_names for of in ("angle", "rate")] if sensors.encoders else []
-    names += ["tip_acceleration_x", "tip_acceleration_y"] if sensors.accelerometer else []
-    names += ["camera_x", "camera_y"] if sensors.camera else []
-    return (*names, *(f"strain_gauge_{i + 1}" for i in range(len(sensors.strain_gauges))))
 
 
 def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Channel, ...]:
@@ -172,8 +164,9 @@ def _channel(path: str, name: str, entry: Any, offsets: bool) -> Channel:
     offset, low_pass = table.get("offset", "fit" if offsets else 0.0), table.get("low_pass")
     fitted = offsets and offset == "fit"
     return Channel(
-        name=name, column=column, factor=unit * check.number(f"{path}.gain", table.get("gain", 1.0)),
-        offset=None if fitted else check.number(f"{path}.offset", offset),
+        name=name, column=column,
+        factor=unit * check.number(f"{path}.gain", table.get("gain", 1.0), "SI over the unit"),
+        offset=None if fitted else check.number(f"{path}.offset", offset, "of the column"),
         shift=check.number(f"{path}.shift", table.get("shift", 0.0), "s"),
         low_pass=None if low_pass is None else check.number(f"{path}.low_pass", low_pass, "Hz", above=0.0),
     )  # fmt: skip
@@ -201,4 +194,4 @@ def _parameter(path: str, entry: Any) -> Parameter:
     )  # fmt: skip
 
 
-__all__ = ["Channel", "Config", "Parameter", "read_config", "readings_of"]
+__all__ = ["Channel", "Config", "Parameter", "read_config"]

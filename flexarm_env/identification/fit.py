@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexarm_env.trajectory import write_whole
+from flexarm_env.files import write_whole
 
 from .log import Run
 from .model import Experiment

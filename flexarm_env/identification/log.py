@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexarm_env.csv_files import csv_lines
+from flexarm_env.files import csv_lines, listed
+from flexarm_env.validation import LARGEST, shown
 
 from .config import Channel, Config
 
@@ -59,7 +60,7 @@ def read_run(path: str | os.PathLike[str], config: Config) -> Run:
     channels = (config.time, *config.inputs, *config.outputs)
     for channel in channels:
         if header.count(channel.column) != 1:
-            have = ", ".join(header) or "none"
+            have = listed(header)
             raise BadLog(f"{where}: column {channel.column!r} ({channel.name}) must be there once; columns: {have}")
     if len(lines) < 20:
         raise BadLog(f"{where}: {len(lines)} rows of numbers are too few (at least 20)")
@@ -85,8 +86,9 @@ def _numbers(where: str, k: int, channel: Channel, lines: list[list[str]]) -> Ar
             values[i] = float(cell)
         except ValueError:
             values[i] = np.nan
-        if not np.isfinite(values[i]):
-            raise BadLog(f"{where}: column {channel.column!r}, row {i + 2}: {cell!r} is no finite number")
+        if not abs(values[i]) <= LARGEST:
+            what = f"is no finite number of at most {LARGEST:g}"
+            raise BadLog(f"{where}: column {channel.column!r}, row {i + 2}: {shown(cell)} {what}")
     return values
 
 
@@ -99,6 +101,9 @@ def _even(where: str, column: str, t: Array) -> float:
         what = "repeats" if steps[i] == 0.0 else "lies before"
         raise BadLog(f"{where}: column {column!r}, row {i + 3}: the time {t[i + 1]:g} s {what} that of the row before")
     period = float(np.median(steps))
+    if period < 1.0 / LARGEST:
+        what = f"samples are {period:g} s apart, which must be at least {1.0 / LARGEST:g} s"
+        raise BadLog(f"{where}: column {column!r}: {what}")
     bad = np.flatnonzero(steps > 1.5 * period)
     if len(bad):
         i = int(bad[0])

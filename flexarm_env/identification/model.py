@@ -24,7 +24,7 @@ from flexarm_env.simulation import Simulation
 from flexarm_env.time_functions import TimeFunction, constant, linear_table, spline_table
 from flexarm_env.trajectory import Trajectory
 
-from .config import Channel, Config, Parameter, readings_of
+from .config import Channel, Config, Parameter
 from .log import Run
 
 Array = NDArray[np.float64]
@@ -63,6 +63,10 @@ class Experiment:
             "outputs": {c.name: {"gain": 1.0, "shift": 0.0} for c in config.outputs},
         }  # fmt: skip
         self._places = [_place(parameter.path, self._sensor_names(), arm) for parameter in self.parameters]
+        whole = {**self._table, **_whole(arm, config)}
+        for parameter, place in self._pairs():
+            if not isinstance(_got(self._table, place), int | float):
+                _check_place(parameter.path, place, whole)
         for word, count in (("elbows", arm.n_links - 1), ("joints", arm.n_links)):
             if any(place[0] == word for place in self._places):
                 self._table.setdefault(word, [{} for _ in range(count)])
@@ -76,6 +80,18 @@ class Experiment:
                 check.number("start", value, minimum=p.low, maximum=p.high)
         self.start = np.array(begins)
         self.arm_of(self.start)
+        for k, p in enumerate(self.parameters):
+            for end in ("low", "high"):
+                self._check_bound(k, f'parameters."{p.path}".{end}', getattr(p, end))
+
+    def _check_bound(self, k: int, path: str, bound: float) -> None:
+        """ValueError where there is no such arm as a fit may come to."""
+        values = self.start.copy()
+        values[k] = bound
+        try:
+            self.arm_of(values)
+        except ValueError as error:
+            raise check.InvalidValue(path, bound, f"must be a value that the arm can have ({error})") from None
 
     def _pairs(self) -> Any:
         return zip(self.parameters, self._places, strict=True)
@@ -97,8 +113,9 @@ class Experiment:
         value = _got(self._table, place)
         if value is None:
             value = _got(_whole(self.arm, self.config), place)
-        with check.under(f'parameters."{parameter.path}"'):
-            return check.number("value", value)
+        if value is None:
+            raise check.MissingKey(f'parameters."{parameter.path}".start', "the arm has no value of its own there")
+        return float(value)
 
     def table(self, values: Array) -> dict[str, Any]:
         """The experiment's table with the parameters at these values."""
@@ -340,6 +357,28 @@ def _place(path: str, sensors: Mapping[str, tuple[Any, ...]], arm: Arm) -> tuple
     return tuple(words)
 
 
+def _check_place(path: str, place: Sequence[Any], table: Any) -> None:
+    """ValueError unless the table has such a place; what is optional, and not there, may come to be."""
+    where = ""
+    for word in place:
+        if table is None:
+            return
+        if isinstance(word, int) and isinstance(table, list | tuple):
+            if word >= len(table):
+                most = f"must be {where}[0] to {where}[{len(table) - 1}]" if table else f"there are no {where}"
+                raise check.InvalidValue("parameters", path, f"{most}: so many has the arm with its experiment")
+            where = f"{where}[{word}]"
+        elif isinstance(word, str) and isinstance(table, Mapping):
+            if word not in table:
+                raise check.UnknownKey(f'parameters."{path}"', sorted(table), f"key {word!r} of {where}")
+            where = f"{where}.{word}" if where else word
+        else:
+            raise check.InvalidValue("parameters", path, f"must be a key path: there is no [{word}] in {where}")
+        table = table[word]
+    if table is not None and (isinstance(table, bool) or not isinstance(table, int | float)):
+        raise check.InvalidValue("parameters", path, f"must be the key path of a number, which {where} is not")
+
+
 def _got(table: Any, place: Sequence[Any]) -> Any:
     for word in place:
         try:
@@ -365,4 +404,4 @@ def _whole(arm: Arm, config: Config) -> dict[str, Any]:
     return {**table, "joints": joints, "elbows": elbows}
 
 
-__all__ = ["Experiment", "readings_of"]
+__all__ = ["Experiment"]

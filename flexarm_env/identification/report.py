@@ -1,50 +1,128 @@
-"""What an Identification leaves behind: lines, a page, an arm's file, figures."""
+"""What comes of an identification, and what it leaves behind: lines, a page, an arm's file, figures."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexarm_env import arms
-from flexarm_env.trajectory import write_whole
+from flexarm_env.files import write_whole
+from flexarm_env.parameters import Arm
 
-if TYPE_CHECKING:
-    from .result import Identification, Prediction
-    from .uncertainty import Direction
+from .config import Config, Parameter
+from .fit import Fit
+from .log import Run
+from .model import Experiment
+from .signals import Ringing
+from .uncertainty import Direction, Uncertainty
+
+Array = NDArray[np.float64]
 
 
-def lines(result: Identification) -> dict[str, Any]:
-    """`name: value`, held-out runs plainly, all else under prefixes."""
-    worth = result.uncertainty
-    told: dict[str, Any] = {"verdict": result.verdict}
-    for p, value, half in zip(result.parameters, result.values, worth.half, strict=True):
-        told[f"parameter.{p.name}"] = (
-            f"{value:.6g} +- {half:.2g}" if np.isfinite(half) else f"{value:.6g} (at its bound)"
-        )
-    told["condition"] = worth.condition
-    told["untold"] = ", ".join(worth.untold) or "none"
-    for i, (blind, known) in enumerate(_pairs(result)):
-        told[f"untold.{i + 1}"] = f"{direction(blind)}; told: {direction(known) if known else 'nothing of it'}"
-    told["evaluations"], told["runs"] = result.fit.evaluations, result.fit.runs
-    told["by_differences"] = ", ".join(result.fit.by_differences) or "none"
-    told["frequencies_hz"] = [round(float(f), 4) for f in result.frequencies]
-    told["damping"] = [round(float(z), 5) for z in result.damping]
-    n = len(result.train)
-    for prefix, rows in (
-        ("train.", result.train), ("unfitted.train.", result.unfitted[:n]), ("baseline.train.", result.baseline[:n]),
-        ("unfitted.", result.unfitted[n:]), ("baseline.", result.baseline[n:]),
-        ("", result.held_out),
-    ):  # fmt: skip
-        for row in rows:
-            told |= {f"{prefix}vaf.{row.run.stem}.{name}": round(value, 3) for name, value in row.vaf.items()}
-            if prefix in ("train.", ""):
-                told |= {f"{prefix}nrmse.{row.run.stem}.{name}": round(v, 3) for name, v in row.nrmse.items()}
-    return told
+@dataclass(frozen=True)
+class Prediction:
+    """Of one run by one model: readings by output; VAF and NRMSE, %, by output."""
+
+    run: Run
+    readings: Mapping[str, Array]
+    vaf: Mapping[str, float]
+    nrmse: Mapping[str, float]
+
+
+@dataclass(frozen=True, repr=False)
+class Identification:
+    """What came of it.
+
+    Attributes:
+        arm: as fitted, its sensors those of the arm that was given. given: that arm.
+        parameters, values (p,), start (p,): what was fitted, what came out, what the arm had. uncertainty: of values.
+        verdict: "good", or a sentence on why the fit is not to be trusted.
+        train, held_out: Predictions by the fitted arm, of runs held out without nuisances. unfitted, baseline: of the
+            same runs, training first, by the arm that was given and by one oscillator an output. oscillators: those:
+            frequency (Hz) and damping ratio, by output.
+        frequencies, damping: of the fitted arm with the prescribed joints held, Hz and ratios; seen: ringing read off
+            the runs, by output.
+        fit: how the fit went. ranges: factors for `randomization`. experiment: what was fitted. files: of the runs.
+    """
+
+    arm: Arm
+    given: Arm
+    config: Config
+    parameters: tuple[Parameter, ...]
+    values: Array
+    start: Array
+    uncertainty: Uncertainty
+    verdict: str
+    train: tuple[Prediction, ...]
+    held_out: tuple[Prediction, ...]
+    unfitted: tuple[Prediction, ...]
+    baseline: tuple[Prediction, ...]
+    oscillators: Mapping[str, tuple[float, float]]
+    frequencies: Array
+    damping: Array
+    seen: Mapping[str, Sequence[Ringing]]
+    fit: Fit
+    ranges: Mapping[str, tuple[float, float]]
+    experiment: Experiment
+    files: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{p.name} {value:.4g}" for p, value in zip(self.parameters, self.values, strict=True))
+        return f"<Identification of {self.given.name}: {self.verdict}; {values}>"
+
+    @property
+    def good(self) -> bool:
+        """Whether the fit is to be trusted."""
+        return self.verdict == "good"
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write arm.toml, report.md, result.json and a figure of each run into a folder."""
+        from flexarm_env.plotting import styled_figure
+
+        home = Path(folder)
+        write_whole(home / "arm.toml", arm_text(self).encode())
+        write_whole(home / "report.md", page(self).encode())
+        write_whole(home / "result.json", (json.dumps(self.lines(), indent=2) + "\n").encode())
+        for row in (*self.train, *self.held_out):
+            names = list(row.readings)
+            with styled_figure(home / f"{row.run.stem}.png", 9.0, 2.6 * len(names)) as figure:
+                draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
+
+    def lines(self) -> dict[str, Any]:
+        """What the command prints, `name: value`: held-out runs plainly, all else under prefixes."""
+        worth = self.uncertainty
+        told: dict[str, Any] = {"verdict": self.verdict}
+        for p, value, half in zip(self.parameters, self.values, worth.half, strict=True):
+            told[f"parameter.{p.name}"] = (
+                f"{value:.6g} +- {half:.2g}" if np.isfinite(half) else f"{value:.6g} (at its bound)"
+            )
+        told["condition"] = worth.condition
+        told["untold"] = ", ".join(worth.untold) or "none"
+        for i, (blind, known) in enumerate(_pairs(self)):
+            told[f"untold.{i + 1}"] = f"{direction(blind)}; told: {direction(known) if known else 'nothing of it'}"
+        told["evaluations"], told["runs"] = self.fit.evaluations, self.fit.runs
+        told["by_differences"] = ", ".join(self.fit.by_differences) or "none"
+        told["frequencies_hz"] = [round(float(f), 4) for f in self.frequencies]
+        told["damping"] = [round(float(z), 5) for z in self.damping]
+        n = len(self.train)
+        for prefix, rows in (
+            ("train.", self.train), ("unfitted.train.", self.unfitted[:n]), ("baseline.train.", self.baseline[:n]),
+            ("unfitted.", self.unfitted[n:]), ("baseline.", self.baseline[n:]),
+            ("", self.held_out),
+        ):  # fmt: skip
+            for row in rows:
+                told |= {f"{prefix}vaf.{row.run.stem}.{name}": round(value, 3) for name, value in row.vaf.items()}
+                if prefix in ("train.", ""):
+                    told |= {f"{prefix}nrmse.{row.run.stem}.{name}": round(v, 3) for name, v in row.nrmse.items()}
+        return told
 
 
 def _pairs(result: Identification) -> list[tuple[Direction, Direction | None]]:
@@ -58,19 +136,6 @@ def direction(of: Direction) -> str:
     """ "EI_1 +1.00, elbow +0.97 (95 %: +-0.004)": relative changes that go together, or are weighed together."""
     parts = ", ".join(f"{name} {share:+.2f}" for name, share in of.shares.items())
     return f"{parts} (+-{of.deviation:.2g})"
-
-
-def save(result: Identification, folder: Path) -> None:
-    """Write all files."""
-    from flexarm_env.plotting import styled_figure
-
-    write_whole(folder / "arm.toml", arm_text(result).encode())
-    write_whole(folder / "report.md", page(result).encode())
-    write_whole(folder / "result.json", (json.dumps(lines(result), indent=2) + "\n").encode())
-    for row in (*result.train, *result.held_out):
-        names = list(row.readings)
-        with styled_figure(folder / f"{row.run.stem}.png", 9.0, 2.6 * len(names)) as figure:
-            draw(row, figure.subplots(2 * len(names), 1, sharex=True, height_ratios=[2, 1] * len(names)))
 
 
 def draw(row: Prediction, axes: Any) -> None:
@@ -178,4 +243,4 @@ def _vibration(result: Identification) -> str:
     return table_of(("", "Hz", "damping ratio", "amplitude"), rows)
 
 
-__all__ = ["arm_text", "draw", "lines", "page", "save"]
+__all__ = ["Identification", "Prediction", "arm_text", "direction", "draw", "page"]

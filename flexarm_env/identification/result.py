@@ -1,20 +1,19 @@
-"""The whole of it: logs in, a fit, what it is worth, and how well it predicts."""
+"""The whole of it: logs in, a fit, what it is worth, and how well it predicts (`report.Identification`)."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import arms
 from flexarm_env import validation as check
+from flexarm_env.files import read_toml
 from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
@@ -23,82 +22,14 @@ from .config import Config, Parameter, read_config
 from .fit import Fit, Problem, Solver
 from .log import BadLog, Run, read_run
 from .model import Experiment
-from .signals import Ringing, nrmse, oscillator, read_off, vaf
+from .report import Identification, Prediction
+from .signals import nrmse, oscillator, read_off, vaf
 from .uncertainty import Uncertainty, uncertainty
 
 Array = NDArray[np.float64]
 
 FAR_OFF = 100.0
 """A log whose readings or the arm's are so many times the other's is in another unit."""
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Of one run by one model: readings by output; VAF and NRMSE, %, by output."""
-
-    run: Run
-    readings: Mapping[str, Array]
-    vaf: Mapping[str, float]
-    nrmse: Mapping[str, float]
-
-
-@dataclass(frozen=True, repr=False)
-class Identification:
-    """What came of it.
-
-    Attributes:
-        arm: as fitted, its sensors those of the arm that was given. given: that arm.
-        parameters, values (p,), start (p,): what was fitted, what came out, what the arm had. uncertainty: of values.
-        verdict: "good", or a sentence on why the fit is not to be trusted.
-        train, held_out: Predictions by the fitted arm, of runs held out without nuisances. unfitted, baseline: of the
-            same runs, training first, by the arm that was given and by one oscillator an output. oscillators: those:
-            frequency (Hz) and damping ratio, by output.
-        frequencies, damping: of the fitted arm with the prescribed joints held, Hz and ratios; seen: ringing read off
-            the runs, by output.
-        fit: how the fit went. ranges: factors for `randomization`. experiment: what was fitted. files: of the runs.
-    """
-
-    arm: Arm
-    given: Arm
-    config: Config
-    parameters: tuple[Parameter, ...]
-    values: Array
-    start: Array
-    uncertainty: Uncertainty
-    verdict: str
-    train: tuple[Prediction, ...]
-    held_out: tuple[Prediction, ...]
-    unfitted: tuple[Prediction, ...]
-    baseline: tuple[Prediction, ...]
-    oscillators: Mapping[str, tuple[float, float]]
-    frequencies: Array
-    damping: Array
-    seen: Mapping[str, Sequence[Ringing]]
-    fit: Fit
-    ranges: Mapping[str, tuple[float, float]]
-    experiment: Experiment
-    files: Mapping[str, str]
-
-    def __repr__(self) -> str:
-        values = ", ".join(f"{p.name} {value:.4g}" for p, value in zip(self.parameters, self.values, strict=True))
-        return f"<Identification of {self.given.name}: {self.verdict}; {values}>"
-
-    @property
-    def good(self) -> bool:
-        """Whether the fit is to be trusted."""
-        return self.verdict == "good"
-
-    def save(self, folder: str | os.PathLike[str]) -> None:
-        """arm.toml, report.md, result.json and a figure of each run, into a folder."""
-        from .report import save
-
-        save(self, Path(folder))
-
-    def lines(self) -> dict[str, Any]:
-        """What the command prints, `name: value`."""
-        from .report import lines
-
-        return lines(self)
 
 
 def identify(
@@ -147,8 +78,9 @@ def identify(
     held = tuple(_judged(run, experiment.predict(experiment.elsewhere(values), run), setup) for run in others)
     before = Experiment(given, setup, ())
     unfitted = tuple(_judged(run, before.predict(np.zeros(0), run), setup) for run in everything)
-    sought = _laws(experiment)
-    simple = {c.name: oscillator(runs, c.name, sought[c.name]) for c in setup.outputs}
+    assert setup.sensors is not None
+    laws = {name: law for name, (_, law) in setup.sensors.readings(given).items()}
+    simple = {c.name: oscillator(runs, c.name, laws[c.name]) for c in setup.outputs}
     baseline = tuple(_judged(run, {n: o.predict(run) for n, o in simple.items()}, setup) for run in everything)
     found = experiment.arm_of(values)
     frequencies, damping = _modes(found, setup)
@@ -193,17 +125,6 @@ def _judged(run: Run, readings: Mapping[str, Array], config: Config) -> Predicti
         explained[channel.name] = vaf(y[run.kept], own[run.kept])
         error[channel.name] = nrmse(y[run.kept], own[run.kept], False)
     return Prediction(run, shown, explained, error)
-
-
-def _laws(experiment: Experiment) -> dict[str, Any]:
-    """The law of each output's sensor."""
-    own, arm = experiment.config.sensors, experiment.arm
-    assert own is not None
-    laws: dict[str, Any] = {f"strain_gauge_{i + 1}": gauge for i, gauge in enumerate(own.strain_gauges)}
-    for k, joint in enumerate(arm.joint_names if own.encoders else ()):
-        laws |= {f"{joint}_angle": own.encoder(k), f"{joint}_rate": own.encoder(k)}
-    laws |= {f"tip_acceleration_{axis}": own.accelerometer for axis in "xy"}
-    return laws | {f"camera_{axis}": own.camera for axis in "xy"}
 
 
 def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
@@ -284,10 +205,10 @@ def _ranges(
 
 def randomization(path: str | os.PathLike[str]) -> dict[str, tuple[float, float]]:
     """The ranges in an arm.toml that `identify` wrote, for an environment's `randomization`. Raises ValueError."""
-    table, _ = arms.read_toml(path)
+    table, _ = read_toml(path)
     with check.in_file(path):
         ranges = check.table_of("randomization", check.needed("", table, "randomization", "must be a table of ranges"))
-    return {key: (float(low), float(high)) for key, (low, high) in ranges.items()}
+        return {key: check.limits(f"randomization.{key}", limits) for key, limits in ranges.items()}
 
 
 __all__ = ["Identification", "Prediction", "identify", "randomization"]

@@ -141,31 +141,22 @@ class Oscillator:
         return np.asarray(_through(run, self.frequency, self.damping, self.law) @ np.array(self.gains))
 
 
-def _pushes(run: Run) -> list[Array]:
-    found = []
-    for name, values in run.inputs.items():
-        angle = name.startswith(("joint", "motor"))
-        found.append(spline_table(run.t, values)(run.t, derivative=2) if angle else values)
-    return found
-
-
 def _through(run: Run, frequency: float, damping: float, law: Law) -> Array:
     """What the oscillator makes of each input, (n, inputs)."""
     from scipy.signal import cont2discrete, lfilter, ss2tf
 
-    w = 2.0 * np.pi * frequency
-    A, B = np.array([[0.0, 1.0], [-w * w, -2.0 * damping * w]]), np.array([[0.0], [1.0]])
-    filters = [(A, B)]
+    def second(w: float, damping: float, gain: float) -> tuple[Array, Array]:
+        return np.array([[0.0, 1.0], [-w * w, -2.0 * damping * w]]), np.array([[0.0], [gain]])
+
+    filters = [second(2.0 * np.pi * frequency, damping, 1.0)]
     if law.low_pass is not None:
-        v, zeta = 2.0 * np.pi * law.low_pass.frequency, law.low_pass.damping
-        first = law.low_pass.order == 1
-        filters.append(
-            (np.array([[-v]]), np.array([[v]]))
-            if first
-            else (np.array([[0.0, 1.0], [-v * v, -2.0 * zeta * v]]), np.array([[0.0], [v * v]]))
-        )
+        v, first = 2.0 * np.pi * law.low_pass.frequency, law.low_pass.order == 1
+        own = (np.array([[-v]]), np.array([[v]])) if first else second(v, law.low_pass.damping, v * v)
+        filters.append(own)
     columns = []
-    for u in _pushes(run):
+    for name, u in run.inputs.items():
+        if name.startswith(("joint", "motor")):  # an angle, whose acceleration is felt
+            u = spline_table(run.t, u)(run.t, derivative=2)
         for A, B in filters:
             C = np.zeros((1, len(A)))
             C[0, 0] = 1.0

@@ -8,7 +8,6 @@ q are of sixth order with a step of 0.5 % of what matters of a coordinate (trunc
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
@@ -167,7 +166,7 @@ class Equations:
         }
         moving = [int(self.free[i]) for i in self.independent]
         self.names = tuple(given.get(row, system.names[row]) for row in moving)
-        self.pairs, self.angles = _kinds(system.names)
+        self.pairs, self.angles = system.vectors, list(system.absolute)
         self.in_pairs = [(order[x], order[y]) for x, y in self.pairs if x in order and y in order]
         grounded = simulation.scene.root == "pinned"
         turning = [k for k, i in self.turned.items() if moving[i] not in prescribed and (k > 0 or grounded)]
@@ -367,13 +366,3 @@ def _motor_rows(simulation: Simulation) -> dict[int, int]:
     """Row of each motor behind an elastic gear."""
     found = {k: simulation.system.coordinates.get(f"motor{k}") for k in range(simulation.scene.arm.n_links)}
     return {k: row for k, row in found.items() if row is not None}
-
-
-_X = re.compile(r"root_x|centre_x|body\d+\.x|link\d+\.x[\d.]+")
-_ANGLE = re.compile(r"joint0|motor0|body\d+\.theta|link\d+\.psi\d+|phi\d+_\d+")
-
-
-def _kinds(names: tuple[str, ...]) -> tuple[list[tuple[int, int]], list[int]]:
-    """Rows of positions or vectors in global axes (x, y), and rows of absolute angles; the rest does not turn."""
-    pairs = [(i, i + 1) for i, name in enumerate(names) if _X.fullmatch(name)]
-    return pairs, [i for i, name in enumerate(names) if _ANGLE.fullmatch(name)]

@@ -2,10 +2,11 @@
 
 Where no joint can turn, the loads (and the square of the spin) are raised in steps. From each rest the next is
 foretold by the tangent of the path and found by Newton's iteration; a step whose rest lies far from what was foretold,
-or is unstable, is halved, so that the path keeps to its branch. Where it ends, and where joints can turn, implicit
-steps go downhill: each minimises the potential plus s/2 |q - q_before|^2 in the norm of the mass matrix, by Newton; s
-falls as the steps succeed, so that the last ones are Newton's own. They end in a stable rest, but for a start on a
-ridge, which is kept.
+or is unstable, is halved, so that the path keeps to its branch; but where the loads push an unstable rest to neither
+side, as they do a straight column, to round-off, the path goes on along the ridge. Where it ends, and where joints can
+turn, implicit steps go downhill: each minimises the potential plus s/2 |q - q_before|^2 in the norm of the mass matrix,
+by Newton; s falls as the steps succeed, so that the last ones are Newton's own. They end in a stable rest, but for a
+start on a ridge, which is kept.
 """
 
 from __future__ import annotations
@@ -41,6 +42,10 @@ what the next step aims at."""
 
 _SHORTEST = 1e-6
 """Step of the loads, as a share of those reached, below which the path has ended."""
+
+_LEAN = 1e-7
+"""Lean (rad or lengths of the arm) of an unstable rest up to which its loads count as pushing to neither side:
+cos(pi/2) is 6e-17, and how an arm stands in the plane must not decide what becomes of it."""
 
 _TURNS = 16
 """An arm wound up further than this many turns counts as one without equilibrium."""
@@ -227,7 +232,8 @@ class _Search:
                 ahead = self.moved(point, step * toward)
                 found = self.newton(ahead, 0.0, max(move, 1e-6))
                 astray = np.inf if found is None else self.size((found.point.q - ahead.q)[self.e.free]) - 1e-7
-                if found is not None and found.stable and astray <= _ASTRAY * move:
+                good = astray <= _ASTRAY * move
+                if found is not None and good and (found.stable or self.on_a_ridge(found)):
                     break
                 self.check(point, start, share)
                 if found is not None and not found.stable:  # the end of the path is near
@@ -342,16 +348,27 @@ class _Search:
 
     def tangent(self, found: _Found) -> Array:
         """Move of coordinates, multipliers and holding torques by the share of the loads; r is linear in the share."""
-        here, share = found.point, self.share
-        before = self.residual(here)
-        self.take(1.0)
-        change = (self.residual(here) - before) / (1.0 - share)
+        change = self.change(found.point, 1.0)
         return self.solve(
-            found.A,
-            found.G,
-            found.B,
-            -np.concatenate([change[self.e.free], np.zeros(self.e.algebraic.size + len(self.held))]),
+            found.A, found.G, found.B, -np.concatenate([change, np.zeros(self.e.algebraic.size + len(self.held))])
         )
+
+    def change(self, point: Point, other: float) -> Array:
+        """Of the residual of rows that can move by the share of the loads (f,): from the present share to another."""
+        share, before = self.share, self.residual(point)
+        self.take(other)
+        change = (self.residual(point) - before) / (other - share)
+        self.take(share)
+        return np.asarray(change[self.e.free], np.float64)
+
+    def on_a_ridge(self, found: _Found) -> bool:
+        """Whether loads push an unstable rest to neither side of it: by `_LEAN` at most in its unstable directions."""
+        within = self.within(found.G)
+        inner = within.T @ found.A @ within
+        squares, shapes = np.linalg.eigh(0.5 * (inner + inner.T))
+        away = within @ shapes[:, squares <= 0.0]
+        lean = away @ ((away.T @ self.change(found.point, 0.0)) / np.minimum(squares[squares <= 0.0], -1e-300))
+        return self.size(lean) <= _LEAN
 
     def newton(self, start: Point, s: float, reach: float) -> _Found | None:
         """Rest at s = 0, otherwise a step downhill from the start; None where none is found within reach of it."""
@@ -376,10 +393,14 @@ class _Search:
             last = size
         return None
 
+    def within(self, G: Array) -> Array:
+        """What constraints and held joints leave: an orthonormal basis, (f, .)."""
+        walls = np.vstack([G, self.angles])
+        return np.asarray(np.linalg.qr(walls.T, mode="complete")[0][:, len(walls) :], np.float64)
+
     def convex(self, A: Array, G: Array) -> bool:
         """Whether A is positive definite on what constraints and held joints leave."""
-        walls = np.vstack([G, self.angles])
-        within = np.linalg.qr(walls.T, mode="complete")[0][:, len(walls) :]
+        within = self.within(G)
         inner = within.T @ A @ within
         scale = np.sqrt(np.abs(inner.diagonal())) + 1e-300
         try:

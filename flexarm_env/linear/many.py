@@ -81,7 +81,8 @@ class Linearizer:
         chunks, room = -(-columns // AT_ONCE), uncompiled(linearized.room)
         self._shape = (n, 2 * rows + shown, columns)
         self._rows = linearized.Linearization(
-            lane=WIDEST, dual=wide, model=model, scheme=assembly.scheme_of(settings), links=(0,) * links,
+            lane=WIDEST, dual=wide, model=model, scheme=assembly.scheme_of(settings, settings.tolerance),
+            links=(0,) * links,
             h=settings.dt if discrete is None else discrete / steps, n_steps=steps, n=n, work=work,
             z=np.zeros(n * columns), par=np.zeros(n * PARAMETERS), after=np.zeros(n * 2 * rows),
             outputs=np.zeros(n * shown), slopes=np.zeros(math.prod(self._shape)),

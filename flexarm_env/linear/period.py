@@ -117,7 +117,7 @@ def _by_differences(
         w.v[e.free] += reduced.lift @ v + reduced.drift @ x
         w.u[e.inputs] += u
         drive = _offset(simulation.drive, e.inputs, u)
-        simulation.begin(simulation.model, drive, flat)
+        simulation.make_consistent(simulation.model, drive, flat)
         _advance(simulation, drive, flat, w, simulation.t, h, steps)
         return np.concatenate(e.state(w.q, w.v))
 

@@ -187,7 +187,7 @@ def at_start(simulation: Simulation, model: Any) -> tuple[Array, Work]:
     flat: Array = np.zeros(sum(view.size for view in work))
     w: Work = uncompiled(unpack)(SINGLE, model, flat, n_motions)
     w.q[:], w.v[:], w.u[:], w.psi[:] = work.q, work.v, work.u, work.psi
-    simulation.begin(model, simulation.drive, flat)
+    simulation.make_consistent(model, simulation.drive, flat)
     return flat, w
 
 

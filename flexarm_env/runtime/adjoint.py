@@ -7,15 +7,13 @@ Accelerations start afresh with each period (elasticas) or jump with the torques
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..compiler import (
-    TUPLE,
     absolute,
     arms,
-    by_kind,
     follow,
     kernel,
     largest,
@@ -27,7 +25,7 @@ from ..compiler import (
     stack,
     store,
 )
-from ..physics.integrator.adjoint import pull_restart, pull_step, pull_switch
+from ..physics.integrator.adjoint import vjp_restart, vjp_step, vjp_switch
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
@@ -35,12 +33,12 @@ from ..physics.integrator.switching import switch
 from ..physics.integrator.tangents import prepare
 from ..physics.integrator.work import unpack
 from ..physics.layout import POSE
-from ..physics.protocol import link_poses, pull_poses
+from ..physics.protocol import link_poses, vjp_poses
 from ..tasks.program import PERIODS, record_at, saved_at
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
 from .keeping import keep
-from .motors import begin_stiff, command, tell_motors, turn_motors
+from .motors import command, record_commands, start_stiff, turn_motors
 
 
 class Asked(NamedTuple):
@@ -94,17 +92,18 @@ def _period(lane, d, g, block, bars, tape):
     action_bar, seen_bar = bars[layout.action : layout.seen], bars[layout.seen : layout.info]
     reward_bar = bars[layout.info : layout.saved]
     fill(lane, d, d.places, layout, g, block)
-    keep(lane, size(model.n), w, record, saved)
+    keep(w, record, saved)
     for k in range(size(model.n_inputs)):
         store(w.u0, k, load(lane, w.u, k))
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
-    _tell(lane, p.task, p.actuator, record, w)
+    if p.actuator is not None:
+        record_commands(lane, p.task, p.actuator, record, w)
     length = _length(model, p.task) * len(lane)
     start = tape[(p.n_steps + 1) * length :]
     for s in range(p.n_steps):
         _turn(lane, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
         if s == 0:
-            _begin(lane, model.predictor, p, par, record, saved, block, w)
+            _begin(lane, p, par, record, saved, block, w)
             _keep(lane, model, p.task, w, tape)
             _keep_start(lane, model, w, start)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
@@ -117,16 +116,16 @@ def _period(lane, d, g, block, bars, tape):
     _pull_sight(
         lane, p.task, poses, record, action, seen, info, poses_bar, record_bar, action_bar, seen_bar, reward_bar
     )
-    pull_poses(lane, model, par, par_bar, w.q, w.v, poses, bar.q, bar.v, poses_bar)
+    vjp_poses(lane, model, par, par_bar, w.q, w.v, poses, bar.q, bar.v, poses_bar)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
         _recall(lane, model, p.task, w, tape[(s + 1) * length :])
         prepare(lane, model, par, w, slopes)
-        pull_step(lane, model, par, par_bar, w, bar, slopes, p.scheme, d.passes)
+        vjp_step(lane, model, par, par_bar, w, bar, slopes, p.scheme, d.passes)
         if s == 0:
             _recall(lane, model, p.task, w, tape)
             _recall_start(lane, model, w, start)
-            _begin_back(lane, model.predictor, p, par, par_bar, record, saved, block, w, bar)
+            _begin_back(lane, p, par, par_bar, record, saved, block, w, bar)
         _turn_back(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
     _tell_back(lane, p.task, p.actuator, record_bar, bar)
     _pull_command(
@@ -140,36 +139,33 @@ def _period(lane, d, g, block, bars, tape):
 
 # --- where torques jump -------------------------------------------------------------------------------
 @kernel
-def _afresh(lane, predictor, p, par, record, saved, block, w):
-    for k in range(size(p.model.n)):
-        store(w.a0, k, load(lane, w.a, k))
-    restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
-
-
-@kernel
-def _stiff(lane, predictor, p, par, record, saved, block, w):
-    begin_stiff(lane, p, p.model, par, record, saved, block, w)
-    for k in range(size(p.model.n)):
-        store(w.a0, k, load(lane, w.a, k))
-    switch(lane, p.model, par, block, 0, p.h)
-
-
-@by_kind("predictor", "lane, predictor, p, par, record, saved, block, w")
-def _begin(kind: str) -> Any:
+def _begin(lane, p, par, record, saved, block, w):
     """`motors._jump`; accelerations before it in a0."""
-    return _afresh if kind == TUPLE else _stiff
+    afresh = isinstance(p.model.predictor, tuple)
+    if not afresh:
+        start_stiff(lane, p, p.model, par, record, saved, block, w)
+    for k in range(size(p.model.n)):
+        store(w.a0, k, load(lane, w.a, k))
+    if afresh:
+        restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
+    else:
+        switch(lane, p.model, par, block, 0, p.h)
 
 
 @kernel
-def _afresh_back(lane, predictor, p, par, par_bar, record, saved, block, w, bar):
-    pull_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
+def _begin_back(lane, p, par, par_bar, record, saved, block, w, bar):
+    """`_begin` backwards."""
+    if isinstance(p.model.predictor, tuple):
+        vjp_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
+    else:
+        _stiff_back(lane, p, par, par_bar, record, saved, block, w, bar)
 
 
 @kernel
-def _stiff_back(lane, predictor, p, par, par_bar, record, saved, block, w, bar):
+def _stiff_back(lane, p, par, par_bar, record, saved, block, w, bar):
     one, zero = splat(lane, 1.0), splat(lane, 0.0)
     n, inputs = size(p.model.n), size(p.model.n_inputs)
-    pull_switch(lane, p.model, par, par_bar, w, bar, p.h)
+    vjp_switch(lane, p.model, par, par_bar, w, bar, p.h)
     first = select_lt(load(lane, record, PERIODS), 0.5, one, zero)
     if largest(first) > 0.5:  # whose torques did not jump: u0 is u
         at = saved_at(0, n, inputs, 0, 0)
@@ -180,15 +176,8 @@ def _stiff_back(lane, predictor, p, par, par_bar, record, saved, block, w, bar):
             store(w.u0, k, load(lane, saved, at.inputs + k))
         for k in range(n):
             store(w.a, k, load(lane, saved, at.a + k))
-            store(w.a0, k, load(lane, saved, at.a + k))
         restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
-        pull_restart(lane, p.model, par, par_bar, w, bar, first, p.h)
-
-
-@by_kind("predictor", "lane, predictor, p, par, par_bar, record, saved, block, w, bar")
-def _begin_back(kind: str) -> Any:
-    """`_begin` backwards."""
-    return _afresh_back if kind == TUPLE else _stiff_back
+        vjp_restart(lane, p.model, par, par_bar, w, bar, first, p.h)
 
 
 # --- what is kept of each step ----------------------------------------------------------------------
@@ -251,12 +240,6 @@ def _recall_start(lane, model, w, start):
 
 # --- motors -----------------------------------------------------------------------------------------
 @kernel
-def _tell(lane, task, actuator, record, w):
-    if actuator is not None:
-        tell_motors(lane, task, actuator, record, w)
-
-
-@kernel
 def _turn(lane, task, actuator, s, record, w, tape):
     """The motors' torques in step s; what they were before is kept last in the tape's numbers of that step."""
     if actuator is not None:
@@ -287,7 +270,7 @@ def _turn_back(lane, task, actuator, s, record, record_bar, bar, tape):
 
 @kernel
 def _tell_back(lane, task, actuator, record_bar, bar):
-    """`tell_motors`, backwards."""
+    """`record_commands`, backwards."""
     if actuator is not None:
         n = size(task.links)
         at = record_at(0, n, 1, actuator.age + 2, 0, 0)

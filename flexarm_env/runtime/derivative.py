@@ -23,13 +23,13 @@ from ..physics.protocol import link_poses
 from ..tasks.program import PERIODS, Block, Program
 from ..tasks.task import info_of, judge
 from ..tasks.track import move_targets
-from .episode import look as look_at
-from .events import change
+from .episode import observe_material, observe_state
+from .events import change_payloads
 from .fitted import FITS, TAKEN, move
-from .guided import lead
+from .guided import follow_motions
 from .keeping import keep
 from .motors import take_steps
-from .sensors import consult, read_gauges, see_motors
+from .sensors import measure
 
 
 class Derivative(NamedTuple):
@@ -107,7 +107,7 @@ def _values_of(d, first, g, moves):
     fill(d.lane, d, d.places, d.plain, g, block)
     _go(d.lane, p, d.guide, p.models, p.model, 1, d.plain, block, unpack(d.lane, p.model, block, 0), moves, False)
     _note_levels(d, p.models, g, block)
-    tell(d.lane, d, d.places, d.plain, g, block)
+    write_outcome(d.lane, d, d.places, d.plain, g, block)
 
 
 @kernel
@@ -132,10 +132,10 @@ def _columns_of(d, models, first, g, moves):
     block = d.scratch[first * d.both.row : (first + 1) * d.both.row]
     if models is None:
         _all_columns(d, d.program.model, 1, -1, g, block, moves)
-        tell(d.dual, d, d.twice, d.both, g, block)
+        write_outcome(d.dual, d, d.twice, d.both, g, block)
     elif moves is None:
         _all_columns(d, d.program.model, 1, -1, g, block, moves)
-        tell(d.dual, d, d.twice, d.both, g, block)
+        write_outcome(d.dual, d, d.twice, d.both, g, block)
     else:
         _values_of(d, first, g, moves)
         for k in range(FITS):
@@ -213,20 +213,20 @@ def seed(lane, d, first, last, block):
 @kernel
 def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
     """One control period of the arms in a block, where `moves` is a tag; and what is to be seen then. anew: see
-    `guided.lead`."""
+    `guided.follow_motions`."""
     if moves is not None:
         par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
         record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
         if guide is None:
             saved = block[layout.saved : layout.end]
-            change(lane, p, p.payload_change, par, record, w)
-            keep(lane, size(p.model.n), w, record, saved)
+            change_payloads(lane, p, par, record, w)
+            keep(w, record, saved)
             if models is None:
                 take_steps(lane, p, model, parts, p.controller, p.actuator, par, poses, record, action, saved, block, w)
             else:
                 move(lane, p, models, par, poses, record, action, saved, block[layout.end : layout.row], block, w)
         else:
-            lead(lane, guide, p, model, par, record, action, w, anew)
+            follow_motions(lane, guide, p, model, par, record, action, w, anew)
         close(lane, p, layout, block, w)
     else:
         see(lane, p, layout, block, w)
@@ -239,9 +239,8 @@ def close(lane, p, layout, block, w):
     move_targets(lane, p.reference, p.task, p.period, record)
     store(record, PERIODS, load(lane, record, PERIODS) + 1.0)
     see(lane, p, layout, block, w)
-    see_motors(lane, p.instruments, p.model, block[layout.par : layout.poses], record, w)
     for i in range(arms(lane)):
-        consult(lane, p, p.instruments, None, i, poses, record, block[layout.seen : layout.info], False)
+        measure(lane, p, None, i, poses, record, block[layout.seen : layout.info], False)
 
 
 @kernel
@@ -251,16 +250,16 @@ def see(lane, p, layout, block, w):
     record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
     seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
     link_poses(lane, p.model, par, w.q, w.v, poses)
-    look_at(lane, p, True, poses, record, seen)
-    read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
+    observe_state(lane, p, True, poses, record, seen)
+    observe_material(lane, p, par, record, w, seen)
     reward, past = judge(lane, p.task, poses, action, record, splat(lane, 1.0), info)
     store(info, info_of(p.task).reward, reward)
     store(info, info_of(p.task).truncated, past)
 
 
 @kernel
-def tell(lane, d, places, layout, g, block):
-    """What came of group g into the rows."""
+def write_outcome(lane, d, places, layout, g, block):
+    """The outcome of group g into the rows."""
     count, entries, at = places.shape[0], d.chosen.shape[0], info_of(d.program.task)
     flag = unpack(lane, d.program.model, block, 0).flag
     for i in range(arms(lane)):

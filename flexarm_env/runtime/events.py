@@ -1,4 +1,4 @@
-"""What befalls an arm in an episode: pushes at its tip, a payload that changes, and what it costs to go beyond limits.
+"""Events of an episode: pushes at the tip, a payload that changes, and what it costs to go beyond limits.
 
 Pushes and changes come at the start of a control period. What is drawn and what changes there is done before the arm is
 kept to be gone back to, and is not done again where a period is repeated: which push holds, and whether the change is
@@ -14,49 +14,34 @@ from ..physics.arithmetic import put
 from ..physics.integrator.impact import change_payload
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..tasks.program import CHANGE, COST, DEFLECTION, FURTHER, PERIODS, PUSH, PUSHED
-from ..tasks.stream import uniform
-from ..tasks.task import info_of
+from ..tasks.stream import draw, uniform
+from ..tasks.task import info_of, put_info
+from .sensors import weighted_sum
 
 _PUSH = PUSH.places
 _ONE, _BOTH = (0,), (0, 0)
 
 
-@kernel
-def _between(stream, arm, ranges):
-    return ranges[0] + (ranges[1] - ranges[0]) * uniform(stream, arm)
-
-
 # --- at the start of an episode ------------------------------------------------------------------------
 @kernel
 def draw_events(lanes, p, arm, par, record, info):
-    """When the payload changes and to what; the first push; what is told before anything has happened."""
+    """When the payload changes and to what; the first push; the info of this before anything has happened."""
     i = arm % lanes
-    _draw_change(p.payload_change, p.stream, arm, record, lanes)
-    _first_push(p.pushes, p.stream, arm, record, lanes)
+    if p.payload_change is not None:
+        record[CHANGE * lanes + i] = math.floor(draw(p.stream, arm, p.payload_change.time, 0) + 0.5)
+        record[(CHANGE + 1) * lanes + i] = draw(p.stream, arm, p.payload_change.factor, 0)
+    if p.pushes is not None:
+        _draw_push(p.pushes, p.stream, arm, record, lanes)
     if size(p.task.further) > 0:
         info[(info_of(p.task).further + FURTHER.payload) * lanes + i] = par[PAYLOAD_MASS * lanes + i]
-
-
-@kernel
-def _draw_change(change, stream, arm, record, lanes):
-    if change is not None:
-        i = arm % lanes
-        record[CHANGE * lanes + i] = math.floor(_between(stream, arm, change.time) + 0.5)
-        record[(CHANGE + 1) * lanes + i] = _between(stream, arm, change.factor)
-
-
-@kernel
-def _first_push(pushes, stream, arm, record, lanes):
-    if pushes is not None:
-        _draw_push(pushes, stream, arm, record, lanes)
 
 
 @kernel
 def _draw_push(pushes, stream, arm, record, lanes):
     """The push after the present period's start: when, how strong, which way."""
     i = arm % lanes
-    first = record[PERIODS * lanes + i] + math.floor(_between(stream, arm, pushes.wait) + 0.5)
-    force, angle = _between(stream, arm, pushes.force), 2.0 * math.pi * uniform(stream, arm)
+    first = record[PERIODS * lanes + i] + math.floor(draw(stream, arm, pushes.wait, 0) + 0.5)
+    force, angle = draw(stream, arm, pushes.force, 0), 2.0 * math.pi * uniform(stream, arm)
     if first > pushes.until:
         first = math.inf
     record[(PUSHED + _PUSH.first) * lanes + i] = first
@@ -67,16 +52,19 @@ def _draw_push(pushes, stream, arm, record, lanes):
 
 # --- at the start of a control period ------------------------------------------------------------------
 @kernel
-def befall(lane, p, g, par, record, w):
-    """What comes to the arms of group g that are to be moved, before they are kept."""
-    change(lane, p, p.payload_change, par, record, w)
-    _next_pushes(lane, p, p.pushes, g, record, w)
+def apply_events(lane, p, g, par, record, w):
+    """Events at the period's start of the arms of group g that are to be moved, before they are kept."""
+    change_payloads(lane, p, par, record, w)
+    if p.pushes is not None:
+        for i in range(len(lane)):
+            if w.flag[i] == OK and record[(PUSHED + _PUSH.over) * len(lane) + i] <= record[PERIODS * len(lane) + i]:
+                _draw_push(p.pushes, p.stream, g * len(lane) + i, record, len(lane))
 
 
 @kernel
-def change(lane, p, what, par, record, w):
-    """Payloads that change now; in lanes the others stay as they are, to the last bit. what: `p.payload_change`."""
-    if what is not None:
+def change_payloads(lane, p, par, record, w):
+    """Payloads that change now; in lanes the others stay as they are, to the last bit."""
+    if p.payload_change is not None:
         lanes, due = len(lane), False
         live, new = stack(lane, _ONE), stack(lane, _BOTH)
         store(live, 0, splat(lane, 0.0))
@@ -90,86 +78,47 @@ def change(lane, p, what, par, record, w):
                 live[i], due = 1.0, True
                 record[CHANGE * lanes + i] = -1.0
         if due:
-            change_payload(lane, p.model, what.resting, par, new, live, w, p.h, p.books)
+            change_payload(lane, p.model, p.payload_change.resting, par, new, live, w, p.h, p.books)
 
 
 @kernel
-def _next_pushes(lane, p, pushes, g, record, w):
-    """The next push of each arm whose last one is over."""
-    if pushes is not None:
-        lanes = len(lane)
-        for i in range(lanes):
-            if w.flag[i] == OK and record[(PUSHED + _PUSH.over) * lanes + i] <= record[PERIODS * lanes + i]:
-                _draw_push(pushes, p.stream, g * lanes + i, record, lanes)
-
-
-@kernel
-def push(lane, pushes, first, record, w):
-    """Entries of w.u from `first` on: the force on the tip in this period."""
-    if pushes is not None:
-        lanes = len(lane)
+def set_pushes(lane, p, record, w):
+    """The force on the tip in this period, the inputs behind the joints' torques."""
+    if p.pushes is not None:
+        lanes, first = len(lane), size(p.task.links)
         for i in range(arms(lane)):
+            now = record[PERIODS * lanes + i]
+            on = record[(PUSHED + _PUSH.first) * lanes + i] <= now and now < record[(PUSHED + _PUSH.over) * lanes + i]
             for d in range(2):
-                w.u[(first + d) * lanes + i] = _force(record, lanes, i, d)
-
-
-@kernel
-def _force(record, lanes, i, d):
-    now = record[PERIODS * lanes + i]
-    if record[(PUSHED + _PUSH.first) * lanes + i] <= now and now < record[(PUSHED + _PUSH.over) * lanes + i]:
-        return record[(PUSHED + _PUSH.x + d) * lanes + i]
-    return 0.0
+                w.u[(first + d) * lanes + i] = record[(PUSHED + _PUSH.x + d) * lanes + i] if on else 0.0
 
 
 # --- at its end ----------------------------------------------------------------------------------------
 @kernel
-def tell(lane, p, par, record, w, live, info):
+def record_events(lane, p, par, record, w, live, info):
     """Cost, payload and push of the period into info; the episode's cost grows."""
     if size(p.task.further) > 0:
-        at = info_of(p.task).further
+        at, first = info_of(p.task).further, size(p.task.links)
         cost = select_lt(0.5, live, _cost(lane, p.cost, size(p.model.n), w.q, info), splat(lane, 0.0))
         before = load(lane, record, COST)
         put(live, record, COST, before + cost, before)
         store(info, at + FURTHER.cost, cost)
-        put(live, info, at + FURTHER.episode_cost, before + cost, load(lane, info, at + FURTHER.episode_cost))
-        put(live, info, at + FURTHER.payload, load(lane, par, PAYLOAD_MASS), load(lane, info, at + FURTHER.payload))
-        _tell_push(lane, p.pushes, size(p.task.links), at + FURTHER.push, w, live, info)
-
-
-@kernel
-def _tell_push(lane, pushes, first, at, w, live, info):
-    if pushes is not None:
-        for d in range(2):
-            put(live, info, at + d, load(lane, w.u, first + d), load(lane, info, at + d))
+        put_info(lane, live, info, at + FURTHER.episode_cost, before + cost)
+        put_info(lane, live, info, at + FURTHER.payload, load(lane, par, PAYLOAD_MASS))
+        if p.pushes is not None:
+            for d in range(2):
+                put_info(lane, live, info, at + FURTHER.push + d, load(lane, w.u, first + d))
 
 
 @kernel
 def _cost(lane, cost, n, q, info):
-    """1 where a limit is passed, 0 elsewhere."""
+    """1 where a limit is passed, by a link's tip deflection or by the strain at a station; 0 elsewhere."""
+    most = splat(lane, 0.0)
     if cost is not None:
-        most = maximum(_bend(lane, cost.deflection, info), _strain(lane, cost.strain, n, q))
-        return select_lt(1.0, most, splat(lane, 1.0), splat(lane, 0.0))
-    return splat(lane, 0.0)
-
-
-@kernel
-def _bend(lane, limits, info):
-    """Largest tip deflection, over its limit."""
-    most = splat(lane, 0.0)
-    if limits is not None:
-        for k in range(limits.shape[0]):
-            most = maximum(most, absolute(load(lane, info, DEFLECTION + k)) / limits[k])
-    return most
-
-
-@kernel
-def _strain(lane, rows, n, q):
-    """Largest strain at the stations, over its limit."""
-    most = splat(lane, 0.0)
-    if rows is not None:
-        for g in range(rows.shape[0] // n):
-            total = splat(lane, 0.0)
-            for k in range(n):
-                total = total + load(lane, q, k) * rows[g * n + k]
-            most = maximum(most, absolute(total))
-    return most
+        if cost.deflection is not None:
+            for k in range(cost.deflection.shape[0]):
+                most = maximum(most, absolute(load(lane, info, DEFLECTION + k)) / cost.deflection[k])
+        if cost.strain is not None:
+            for g in range(cost.strain.shape[0] // n):
+                most = maximum(most, absolute(weighted_sum(lane, q, cost.strain[g * n : (g + 1) * n])))
+    return select_lt(1.0, most, splat(lane, 1.0), splat(lane, 0.0))

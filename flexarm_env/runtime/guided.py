@@ -1,21 +1,25 @@
-"""One control period of an arm that follows prescribed motions, in plain lanes or dual ones: what `envs.motion.Guide`
-has a `Simulation` do, which lands on every kink of its motions and starts there anew."""
+"""A control period of an arm that follows prescribed motions, in plain lanes or dual ones, for its derivatives.
+
+It is what `envs.motion.Guide.advance` has a `Simulation` do, by the same kernel, `sampling.sample_rows`: on from kink
+to kink, each of them a consistent start.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import alone, bare, kernel, load, size, splat, store
+from ..compiler import alone, kernel, load, size, splat, stack, store
 from ..physics.integrator.drive import set_motions
-from ..physics.integrator.start import restart_bare
-from ..physics.integrator.step import advance_bare
 from ..physics.integrator.work import copy_rows, unpack
-from ..physics.model import NOT_FINITE, OK
+from ..physics.model import OK
 from ..tasks.program import GUIDED, MODE, PERIODS
-from .sampling import NEAR
+from .sampling import AT_KINK, NEAR, STRETCH, sample_rows, start_consistently
+
+_AT = STRETCH.places
+_ONE, _STRETCH = (0,), (0,) * _AT.end
+_ALL = 2**62
 
 
 class Guided(NamedTuple):
@@ -33,40 +37,40 @@ class Guided(NamedTuple):
 
 
 @kernel
-def lead(lane, guide, p, model, par, record, action, w, anew):
-    """The steps of a period under an action, of which what does not count is made 0.
+def follow_motions(lane, guide, p, model, par, record, action, w, anew):
+    """The steps of a period under an action; entries of the action that do not count are made 0.
 
-    anew: with a start anew also where the torques are what they were; where they are not, there is one.
+    Torques that differ from the last ones are a kink, and the arm starts consistently there; anew: it does so whatever
+    the torques are, as derivatives by the action need it.
     """
-    arm, drive, own = bare(model), bare(guide.drive), bare(par)
-    x, periods = unpack(lane, model, bare(guide.room), guide.motions), record[PERIODS * len(lane)]
-    _take_over(lane, arm, w, x)
-    copy_rows(lane, size(arm.n_inputs), x.u, x.u0)
-    _know(lane, drive, x)
+    drive, periods = guide.drive, record[PERIODS * len(lane)]
+    x, stretch, end = unpack(lane, model, guide.room, guide.motions), stack(_ONE, _STRETCH), stack(_ONE, _ONE)
+    _copy_state(lane, model, w, x)
+    copy_rows(lane, size(model.n_inputs), x.u, x.u0)
+    _drop_known_tangents(lane, drive, x)
     store(x.flag, 0, splat(lane, float(OK)))
-    t = _landed(guide.kinks, min(periods * p.period, guide.duration))
+    t, kinked = _landed(guide.kinks, min(periods * p.period, guide.duration))
     side = 1e-6 * guide.longest
     set_motions(lane, drive, x.psi, t, t - side if periods > 0.5 else t + side)
-    if periods > 0.5:
-        if _kinked(guide.kinks, t):
-            restart_bare(lane, arm, drive, own, x, t, guide.longest, False)
-    if _turn(lane, guide, p.task, arm, action, x, anew):
-        restart_bare(lane, arm, drive, own, x, t, guide.longest, False)
-    stop = min((periods + 1.0) * p.period, guide.duration)
-    while t < stop - NEAR * max(1.0, stop):
-        before, t = t, _next_stop(guide.kinks, t, stop)
-        _run(lane, arm, drive, own, x, before, t, guide.longest, guide.chunk, p.scheme)
-        if x.flag[0] != OK:
-            t = stop
-        elif t < stop - NEAR * max(1.0, stop):
-            restart_bare(lane, arm, drive, own, x, t, guide.longest, False)
-    _take_over(lane, arm, x, w)
+    for k in range(_AT.end):
+        stretch[k] = 0.0
+    stretch[_AT.time], stretch[_AT.longest], end[0] = t, guide.longest, min((periods + 1.0) * p.period, guide.duration)
+    if kinked and periods > 0.5:
+        stretch[_AT.starts] = AT_KINK
+        start_consistently(lane, model, drive, par, x, stretch)
+    if _set_torques(lane, guide, p.task, model, action, x, anew):
+        stretch[_AT.starts] = AT_KINK
+    sample_rows(
+        lane, model, drive, par, guide.room, guide.motions, size(p.task.links), stretch, end, guide.kinks, guide.chunk,
+        _ALL, p.scheme, (0,), None, None,
+    )  # fmt: skip
+    _copy_state(lane, model, x, w)
     store(w.flag, 0, load(lane, x.flag, 0))
     store(record, MODE, splat(lane, float(GUIDED)))  # whose targets stay where they are
 
 
 @kernel
-def _take_over(lane, model, w, x):
+def _copy_state(lane, model, w, x):
     """The state and the inputs of w into x."""
     n = size(model.n)
     copy_rows(lane, n, w.q, x.q)
@@ -77,20 +81,18 @@ def _take_over(lane, model, w, x):
 
 
 @kernel
-def _know(lane, drive, x):
-    """Nothing is differentiated by where a prescribed coordinate is: its motion says so."""
+def _drop_known_tangents(lane, drive, x):
+    """Prescribed coordinates without tangents: their motions, not the state that is given, say where they are."""
     for i in range(drive.known.shape[0]):
         k = drive.known[i]
         if k >= 0:
-            store(x.q, k, splat(lane, alone(load(lane, x.q, k))))
-            store(x.v, k, splat(lane, alone(load(lane, x.v, k))))
-            store(x.a, k, splat(lane, alone(load(lane, x.a, k))))
-            store(x.b, k, splat(lane, alone(load(lane, x.b, k))))
+            for rows in (x.q, x.v, x.a, x.b):
+                store(rows, k, splat(lane, alone(load(lane, rows, k))))
 
 
 @kernel
-def _turn(lane, guide, task, model, action, x, anew):
-    """x.u <- the torques that an action asks for, where they act; returns whether that is a kink."""
+def _set_torques(lane, guide, task, model, action, x, anew):
+    """x.u <- the torques that an action asks for, where they act; returns whether they are others than before."""
     changed = False
     for k in range(size(task.links)):
         if guide.free[k] < 0.5:
@@ -105,45 +107,8 @@ def _turn(lane, guide, task, model, action, x, anew):
 
 @kernel
 def _landed(kinks, t):
-    """The kink that is met at t, or t."""
+    """The kink that is met at t, or t; whether there is one."""
     for k in range(kinks.shape[0]):
         if abs(kinks[k] - t) <= NEAR * max(1.0, t):
-            return kinks[k]
-    return t
-
-
-@kernel
-def _kinked(kinks, t):
-    """Whether there is a kink at t."""
-    for k in range(kinks.shape[0]):
-        if abs(kinks[k] - t) <= NEAR * max(1.0, kinks[k]):
-            return True
-    return False
-
-
-@kernel
-def _next_stop(kinks, t, stop):
-    """The next kink on the way from t, or `stop`."""
-    for k in range(kinks.shape[0]):
-        if kinks[k] > t + NEAR * max(1.0, kinks[k]):
-            if kinks[k] <= stop + NEAR * max(1.0, stop):
-                return kinks[k]
-            return stop
-    return stop
-
-
-@kernel
-def _run(lane, model, drive, par, x, start, stop, longest, chunk, scheme):
-    """Equal steps of at most `longest` within a smooth stretch."""
-    if start < stop - NEAR * max(1.0, stop):
-        n_steps, done = max(1, math.ceil((stop - start) / longest * (1.0 - 1e-9))), 0
-        h = (stop - start) / n_steps
-        while done < n_steps:
-            steps = min(chunk, n_steps - done)
-            advance_bare(lane, model, drive, par, x, start + done * h, h, steps, scheme, (0,))
-            for k in range(size(model.n)):
-                if not math.isfinite(x.q[k * len(lane)]):
-                    x.flag[0] = float(NOT_FINITE)
-            done += steps
-            if x.flag[0] != OK:
-                done = n_steps
+            return kinks[k], True
+    return t, False

@@ -7,9 +7,7 @@ carries some of the columns (`physics.integrator.tangents`).
 
 from __future__ import annotations
 
-from typing import Any
-
-from ..compiler import TUPLE, by_kind, follow, kernel, largest, load, select_lt, size, splat, store
+from ..compiler import follow, kernel, largest, load, select_lt, size, splat, store
 from ..physics.arithmetic import put
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
@@ -25,10 +23,10 @@ from ..physics.integrator.tangents import (
 )
 from ..physics.integrator.work import unpack
 from ..tasks.program import PERIODS
-from .derivative import at_once, close, fill, seed, take_columns, tell
-from .events import change, push
+from .derivative import at_once, close, fill, seed, take_columns, write_outcome
+from .events import change_payloads, set_pushes
 from .keeping import keep
-from .motors import begin_stiff, command, tell_motors, turn_motors
+from .motors import command, record_commands, start_stiff, turn_motors
 
 
 @kernel
@@ -66,20 +64,21 @@ def _period(lane, d, g, chunks, block, scratch, w):
     record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
     saved = block[layout.saved : layout.end]
     fill(lane, d, d.places, layout, g, block)
-    change(lane, p, p.payload_change, par, record, w)
-    keep(lane, size(model.n), w, record, saved)
+    change_payloads(lane, p, par, record, w)
+    keep(w, record, saved)
     for k in range(size(model.n_inputs)):
         store(w.u0, k, load(lane, w.u, k))
-    push(lane, p.pushes, size(p.task.links), record, w)
+    set_pushes(lane, p, record, w)
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
     for c in range(chunks):
         _open(d, g, c, _chunk(d, c, scratch))
-    _tell(lane, p.task, p.actuator, record, w)
+    if p.actuator is not None:
+        record_commands(lane, p.task, p.actuator, record, w)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps):
         _turn(lane, d, p.actuator, s, chunks, record, scratch, w)
         if s == 0:
-            _jump(lane, model.predictor, d, chunks, par, record, saved, block, scratch, w)
+            _jump(lane, d, chunks, par, record, saved, block, scratch, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
         prepare(lane, model, par, w, slopes)
         for c in range(chunks):
@@ -89,13 +88,7 @@ def _period(lane, d, g, chunks, block, scratch, w):
     for c in range(chunks):
         _close(lane, d, g, c, _chunk(d, c, scratch), w)
     close(lane, p, layout, block, w)
-    tell(lane, d, d.places, layout, g, block)
-
-
-@kernel
-def _tell(lane, task, actuator, record, w):
-    if actuator is not None:
-        tell_motors(lane, task, actuator, record, w)
+    write_outcome(lane, d, d.places, layout, g, block)
 
 
 @kernel
@@ -116,12 +109,13 @@ def _open(d, g, c, both):
     poses, action = both[d.both.poses : d.both.record], both[d.both.action : d.both.seen]
     fill(lane, d, d.twice, d.both, g, both)
     seed(lane, d, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
-    change(lane, p, p.payload_change, _parameters(d, both), _record(d, both), x)
+    change_payloads(lane, p, _parameters(d, both), _record(d, both), x)
     for k in range(size(p.model.n_inputs)):
         store(x.u0, k, load(lane, x.u, k))
-    push(lane, p.pushes, size(p.task.links), _record(d, both), x)
+    set_pushes(lane, p, _record(d, both), x)
     command(lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x)
-    _tell(lane, p.task, p.actuator, _record(d, both), x)
+    if p.actuator is not None:
+        record_commands(lane, p.task, p.actuator, _record(d, both), x)
 
 
 @kernel
@@ -134,7 +128,16 @@ def _close(lane, d, g, c, both, w):
 
 
 @kernel
-def _afresh(lane, predictor, d, chunks, par, record, saved, block, scratch, w):
+def _jump(lane, d, chunks, par, record, saved, block, scratch, w):
+    """`motors._jump` with its tangents."""
+    if isinstance(d.program.model.predictor, tuple):
+        _afresh(lane, d, chunks, par, block, scratch, w)
+    else:
+        _stiff(lane, d, chunks, par, record, saved, block, scratch, w)
+
+
+@kernel
+def _afresh(lane, d, chunks, par, block, scratch, w):
     model = d.program.model
     restart(lane, model, None, par, block, 0, 0.0, d.program.h, True)
     for c in range(chunks):
@@ -147,9 +150,9 @@ def _afresh(lane, predictor, d, chunks, par, record, saved, block, scratch, w):
 
 
 @kernel
-def _stiff(lane, predictor, d, chunks, par, record, saved, block, scratch, w):
+def _stiff(lane, d, chunks, par, record, saved, block, scratch, w):
     p, model = d.program, d.program.model
-    first = begin_stiff(lane, p, model, par, record, saved, block, w)
+    first = start_stiff(lane, p, model, par, record, saved, block, w)
     for c in range(chunks):
         both = _chunk(d, c, scratch)
         x = unpack(d.dual, model, both, 0)
@@ -175,9 +178,3 @@ def _begin(lane, d, model, p, both, w, x):
         put(first, x.b, k, load(wide, x.r, k), load(wide, x.b, k))
     for k in range(size(model.n_inputs)):
         put(first, x.u0, k, load(wide, x.u, k), load(wide, x.u0, k))
-
-
-@by_kind("predictor", "lane, predictor, d, chunks, par, record, saved, block, scratch, w")
-def _jump(kind: str) -> Any:
-    """`motors._jump` with its tangents."""
-    return _afresh if kind == TUPLE else _stiff

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..compiler import SINGLE, alone, arms, kernel, pick, place, sincos, with_slope
 from ..tasks.program import CHANNEL, LAW, channel_at
-from ..tasks.stream import uniform
+from ..tasks.stream import draw, uniform
 
 _LAW = LAW.places
 LAW_SIZE = _LAW.end
@@ -103,8 +103,10 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
         place(lane, memory, at.past, i, pick(lane, memory, at.output, i))
     if since > laws[o + _LAW.every] - 0.5:
         here = here * memory[at.gain * len(lane) + i] + memory[at.bias * len(lane) + i]
-        here = _noisy(laws[o + _LAW.noise], stream, arm, here)
-        quantum = laws[o + _LAW.quantum]
+        noise, quantum = laws[o + _LAW.noise], laws[o + _LAW.quantum]
+        if stream is not None:
+            if noise > 0.0:
+                here = here + noise * normal(stream, arm)
         if quantum > 0.0:
             here = with_slope(quantum * math.floor(alone(here) / quantum + 0.5), here, 1.0)
         place(lane, memory, at.reading, i, here)
@@ -118,22 +120,12 @@ def _remember(lane, laws, room, o, at, memory, stream, arm, value):
     """A channel at an episode's start."""
     if stream is not None:
         i = arm % arms(lane)
-        low, high = laws[o + _LAW.gain], laws[o + _LAW.gain + 1]
-        memory[at.gain * len(lane) + i] = low + (high - low) * uniform(stream, arm)
-        low, high = laws[o + _LAW.bias], laws[o + _LAW.bias + 1]
-        memory[at.bias * len(lane) + i] = low + (high - low) * uniform(stream, arm)
+        memory[at.gain * len(lane) + i] = draw(stream, arm, laws[o + _LAW.gain :], 0)
+        memory[at.bias * len(lane) + i] = draw(stream, arm, laws[o + _LAW.bias :], 0)
         place(lane, memory, at.output, i, value)
         place(lane, memory, at.slope, i, 0.0)
         for k in range(room):
             place(lane, memory, at.past + k, i, value)
-
-
-@kernel
-def _noisy(noise, stream, arm, value):
-    if stream is not None:
-        if noise > 0.0:
-            return value + noise * normal(stream, arm)
-    return value
 
 
 @kernel
@@ -150,28 +142,57 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
     return now, pick(lane, memory, at.rate, i)
 
 
+GAUSS = math.sqrt(0.6)
+"""The outer two of three Gauss points between -1 and 1; their weights are 5/18, that of the middle 8/18."""
+
+
 @kernel
-def tip_acceleration(lane, memory, base, room, c, i, vx, vy, angle, period, gravity_x, gravity_y, first):
-    """Mean over a period of what accelerates the tip, less gravity, along its tangent and across it, m/s^2."""
-    x = channel_at(base + c * channel_at(0, room).end, room).speed
-    y = channel_at(base + (c + 1) * channel_at(0, room).end, room).speed
+def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, period, gravity_x, gravity_y, first):
+    """Mean over the last period of the tip's specific force f (acceleration less gravity) along its tangent and across,
+    m/s^2: f = f0 + f1 s, s from -1 to 1, in the tip's own axes, so that what it turns into in fixed ones brings the tip
+    from its place and velocity a period ago to those of now. The angle psi(s) is the cubic of angles and rates at both
+    ends; integrals are those of three Gauss points. With s^j e^(i psi) averaged, a_j, and the changes of velocity and
+    place, M0 = mean f e^(i psi) = a_0 f0 + a_1 f1 and M1 = mean s f e^(i psi) = a_1 f0 + a_2 f1, complex, f0 is wanted.
+
+    first: there is no time before; what it is at the instant if the velocity in the tip's own axes stays as it is.
+    """
+    a = channel_at(base + c * channel_at(0, room).end, room)
+    b = channel_at(base + (c + 1) * channel_at(0, room).end, room)
     if first:
-        place(lane, memory, x, i, vx)
-        place(lane, memory, y, i, vy)
-    ax = (vx - pick(lane, memory, x, i)) / period - gravity_x
-    ay = (vy - pick(lane, memory, y, i)) / period - gravity_y
-    place(lane, memory, x, i, vx)
-    place(lane, memory, y, i, vy)
-    sine, cosine = sincos(angle)
-    return cosine * ax + sine * ay, cosine * ay - sine * ax
+        fx, fy, turn = -rate * vy - gravity_x, rate * vx - gravity_y, angle
+    else:
+        vx0, vy0 = pick(lane, memory, a.speed, i), pick(lane, memory, b.speed, i)
+        dx, dy = x - pick(lane, memory, a.place, i), y - pick(lane, memory, b.place, i)
+        angle0, rate0 = pick(lane, memory, a.turn, i), pick(lane, memory, b.turn, i)
+        M0x, M0y = (vx - vx0) / period - gravity_x, (vy - vy0) / period - gravity_y
+        M1x = (vx + vx0 - dx * (2.0 / period)) / period
+        M1y = (vy + vy0 - dy * (2.0 / period)) / period
+        half, bow = (angle - angle0) * 0.5, (rate - rate0) * (0.125 * period)
+        cube = ((rate + rate0) * (0.25 * period) - half) * 0.5
+        sine, cosine = sincos((half - cube) * GAUSS + cube * (0.6 * GAUSS))  # of psi's odd part at the Gauss points
+        tilt, level = sincos(bow * 0.6)  # and of its even part
+        sine = sine * (GAUSS / 0.6)
+        X, Y = cosine * M0x + sine * M1y, cosine * M0y - sine * M1x
+        re, im = cosine * (4.0 / 9.0) + level * (5.0 / 9.0), tilt * (5.0 / 9.0)
+        norm = re * re + im * im
+        fx, fy = (X * re + Y * im) / norm, (Y * re - X * im) / norm
+        turn = angle - half - bow
+    place(lane, memory, a.place, i, x)
+    place(lane, memory, b.place, i, y)
+    place(lane, memory, a.speed, i, vx)
+    place(lane, memory, b.speed, i, vy)
+    place(lane, memory, a.turn, i, angle)
+    place(lane, memory, b.turn, i, rate)
+    sine, cosine = sincos(turn)
+    return cosine * fx + sine * fy, cosine * fy - sine * fx
 
 
 @kernel
 def read_rows(laws, room, memory, stream, period, gravity_x, gravity_y, encoders, accelerometers, inputs, out):
     """Readings at instants `period` apart, an instant a row of `out`; all in SI, not in scales.
 
-    Columns of inputs: an angle for each encoder; tip velocity x, y and angle for each accelerometer; then what is
-    read as it stands. Columns of out: angle and rate for each encoder, then one for each channel.
+    Columns of inputs: an angle for each encoder; the tip's x, y, angle and their rates for each accelerometer; then
+    what is read as it stands. Columns of out: angle and rate for each encoder, then one for each channel.
     """
     for k in range(inputs.shape[0]):
         first, c, column, put = k == 0, 0, 0, 0
@@ -180,13 +201,14 @@ def read_rows(laws, room, memory, stream, period, gravity_x, gravity_y, encoders
             out[k, put], out[k, put + 1] = angle, rate
             c, column, put = c + 1, column + 1, put + 2
         for _ in range(accelerometers):
-            vx, vy, angle = inputs[k, column], inputs[k, column + 1], inputs[k, column + 2]
+            x, y, angle = inputs[k, column], inputs[k, column + 1], inputs[k, column + 2]
+            vx, vy, rate = inputs[k, column + 3], inputs[k, column + 4], inputs[k, column + 5]
             along, across = tip_acceleration(
-                SINGLE, memory, 0, room, c, 0, vx, vy, angle, period, gravity_x, gravity_y, first
+                SINGLE, memory, 0, room, c, 0, x, y, angle, vx, vy, rate, period, gravity_x, gravity_y, first
             )
             out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, along, first)
             out[k, put + 1] = read(SINGLE, laws, room, c + 1, memory, 0, stream, 0, across, first)
-            c, column, put = c + 2, column + 3, put + 2
+            c, column, put = c + 2, column + 6, put + 2
         while put < out.shape[1]:
             out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
             c, column, put = c + 1, column + 1, put + 1

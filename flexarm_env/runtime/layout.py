@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,14 @@ def fit_rooms(rows: int, inputs: int, motions: int, links: int) -> tuple[np.ndar
 
 
 def aligned(rows: int, columns: int) -> np.ndarray:
-    """Zeros that begin on a cache line, so that eight lanes are one, and not parts of two."""
+    """Zeros that begin on a cache line, so that eight lanes are one, and not parts of two.
+
+    ValueError for more than this machine's memory: a system that promises more ends whoever fills it.
+    """
+    have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**46
+    if 8 * rows * columns > have:
+        most = f"{have // 10**9} GB, this machine's memory: take fewer (num_envs)"
+        raise ValueError(f"states of all arms: {8 * rows * columns // 10**9} GB must be at most {most}")
     numbers = np.zeros(rows * columns + 7)
     first = -(numbers.ctypes.data // 8) % 8
     return numbers[first : first + rows * columns].reshape(rows, columns)

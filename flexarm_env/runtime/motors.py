@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from ..compiler import TUPLE, by_kind, kernel, largest, load, select_lt, size, splat, store
+from ..compiler import kernel, largest, load, select_lt, size, splat, store
 from ..physics.arithmetic import clip, put
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
@@ -12,7 +10,7 @@ from ..physics.integrator.switching import switch
 from ..physics.layout import POSE
 from ..physics.protocol import link_poses, ports
 from ..tasks.program import GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
-from .events import push
+from .events import set_pushes
 
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
@@ -27,41 +25,22 @@ def _joint(lane, poses, k, rates):
 
 
 @kernel
-def _control(lane, motors, task, controller, model, par, poses, record, w):
-    """w.u <- what the controllers make of the action's torques in it."""
-    link_poses(lane, model, par, w.q, w.v, poses)
+def _control(lane, task, controller, model, par, poses, record, w):
+    """w.u <- what the controllers make of the action's torques in it, by encoders on the links' side of the gears, or
+    on motors that have angles of their own."""
+    if controller.motors is None:
+        link_poses(lane, model, par, w.q, w.v, poses)
+    else:
+        ports(lane, model, par, w.q, w.y)
     for k in range(size(task.links)):
-        limit = task.torque_limits[k]
-        error = load(lane, record, GOAL + k) - _joint(lane, poses, k, _ANGLE)
-        torque = load(lane, w.u, k) * controller.share + error * controller.stiffness[k]
-        store(w.u, k, clip(torque - _joint(lane, poses, k, _RATE) * controller.damping[k], limit))
-
-
-@kernel
-def _control_motors(lane, motors, task, controller, model, par, poses, record, w):
-    """`_control` where the motors have angles of their own, which encoders on them see."""
-    for rates in range(2):
-        ports(lane, model, par, w.v if rates else w.q, w.y)
-        for k in range(size(task.links)):
-            torque, limit = load(lane, w.u, k), task.torque_limits[k]
-            if rates == 0:
-                error = load(lane, record, GOAL + k) - load(lane, w.y, k)
-                store(w.u, k, torque * controller.share + error * controller.stiffness[k])
-            else:
-                store(w.u, k, clip(torque - load(lane, w.y, k) * controller.damping[k], limit))
-
-
-@kernel
-def _ask(lane, task, controller, model, par, poses, record, w):
-    """The controllers' part of a command, where there are any."""
-    if controller is not None:
-        _choose(lane, controller.motors, task, controller, model, par, poses, record, w)
-
-
-@by_kind("motors", "lane, motors, task, controller, model, par, poses, record, w")
-def _choose(kind: str) -> Any:
-    """Which side of the gears the controllers look at."""
-    return _control_motors if kind == TUPLE else _control
+        angle = _joint(lane, poses, k, _ANGLE) if controller.motors is None else load(lane, w.y, k)
+        error = load(lane, record, GOAL + k) - angle
+        store(w.u, k, load(lane, w.u, k) * controller.share + error * controller.stiffness[k])
+    if controller.motors is not None:
+        ports(lane, model, par, w.v, w.y)
+    for k in range(size(task.links)):
+        rate = _joint(lane, poses, k, _RATE) if controller.motors is None else load(lane, w.y, k)
+        store(w.u, k, clip(load(lane, w.u, k) - rate * controller.damping[k], task.torque_limits[k]))
 
 
 @kernel
@@ -71,12 +50,11 @@ def _amplify(lane, task, amplifier, model, par, action, w):
     A voltage makes u = gain a less emf times the rate, which is viscous friction to the equations of motion, so that it
     holds throughout the period and for steps of any length; limits of current and torque are looked at at its start.
     """
-    if amplifier is not None:
-        ports(lane, model, par, w.v, w.y)
-        for k in range(size(task.links)):
-            held = load(lane, w.y, k) * amplifier.emf[k]
-            torque = clip(load(lane, action, k) * amplifier.gain[k] - held, amplifier.limits[k])
-            store(w.u, k, torque + held)
+    ports(lane, model, par, w.v, w.y)
+    for k in range(size(task.links)):
+        held = load(lane, w.y, k) * amplifier.emf[k]
+        torque = clip(load(lane, action, k) * amplifier.gain[k] - held, amplifier.limits[k])
+        store(w.u, k, torque + held)
 
 
 @kernel
@@ -86,8 +64,10 @@ def command(lane, task, controller, amplifier, model, par, action, poses, record
     factor = load(lane, record, TORQUE_FACTOR)
     for k in range(size(task.links)):
         store(w.u, k, load(lane, action, k) * task.torque_limits[k])
-    _amplify(lane, task, amplifier, model, par, action, w)
-    _ask(lane, task, controller, model, par, poses, record, w)
+    if amplifier is not None:
+        _amplify(lane, task, amplifier, model, par, action, w)
+    if controller is not None:
+        _control(lane, task, controller, model, par, poses, record, w)
     for k in range(size(task.links)):
         store(w.u, k, load(lane, w.u, k) * factor)
 
@@ -97,22 +77,17 @@ def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, 
     """The steps of one period under an action, each in so many parts."""
     for k in range(size(model.n_inputs)):
         store(w.u0, k, load(lane, w.u, k))
-    push(lane, p.pushes, size(p.task.links), record, w)
+    set_pushes(lane, p, record, w)
     command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
     if actuator is None:
-        _jump(lane, model.predictor, p, model, par, record, saved, block, w)
+        _jump(lane, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, p.n_steps * parts, p.scheme, p.books)
     else:
         _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w)
 
 
 @kernel
-def _jump_afresh(lane, predictor, p, model, par, record, saved, block, w):
-    restart(lane, model, None, par, block, 0, 0.0, p.h, True)
-
-
-@kernel
-def begin_stiff(lane, p, model, par, record, saved, block, w):
+def start_stiff(lane, p, model, par, record, saved, block, w):
     """1 in lanes where an episode begins, whose accelerations are solved for; elsewhere they stay."""
     n, zero = size(model.n), splat(lane, 0.0)
     first = select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), zero)
@@ -128,39 +103,37 @@ def begin_stiff(lane, p, model, par, record, saved, block, w):
 
 
 @kernel
-def _jump_stiff(lane, predictor, p, model, par, record, saved, block, w):
-    begin_stiff(lane, p, model, par, record, saved, block, w)
-    switch(lane, model, par, block, 0, p.h)
-
-
-@by_kind("predictor", "lane, predictor, p, model, par, record, saved, block, w")
-def _jump(kind: str) -> Any:
+def _jump(lane, p, model, par, record, saved, block, w):
     """Accelerations jump with the torques, from w.u0 to w.u.
 
     They are solved afresh where nothing is stiff, the elastica (a pair as predictor); elsewhere in an episode's first
     period only (`switching.switch` says why).
     """
-    return _jump_afresh if kind == TUPLE else _jump_stiff
+    if isinstance(model.predictor, tuple):
+        restart(lane, model, None, par, block, 0, 0.0, p.h, True)
+    else:
+        start_stiff(lane, p, model, par, record, saved, block, w)
+        switch(lane, model, par, block, 0, p.h)
 
 
 @kernel
 def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
     """The motors' torques followed through each step."""
-    tell_motors(lane, p.task, actuator, record, w)
+    record_commands(lane, p.task, actuator, record, w)
     for s in range(p.n_steps):
         turn_motors(lane, p.task, actuator, s, record, w)
         if s == 0:
-            _jump(lane, model.predictor, p, model, par, record, saved, block, w)
+            _jump(lane, p, model, par, record, saved, block, w)
         advance(lane, model, None, par, block, 0, 0.0, p.h / parts, parts, p.scheme, p.books)
 
 
 @kernel
-def tell_motors(lane, task, actuator, record, w):
+def record_commands(lane, task, actuator, record, w):
     """Remember what the motors are asked for, w.u."""
     n = size(task.links)
     at = record_at(0, n, 1, actuator.age + 2, 0, 0)
     for k in range(n):
-        _remember(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
+        _shift_in(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
 
 
 @kernel
@@ -178,7 +151,7 @@ def turn_motors(lane, task, actuator, s, record, w):
 
 
 @kernel
-def _remember(lane, record, first, stride, count, value):
+def _shift_in(lane, record, first, stride, count, value):
     """Push a value into a memory of count + 1 entries, the newest first."""
     for k in range(count, 0, -1):
         store(record, first + k * stride, load(lane, record, first + (k - 1) * stride))

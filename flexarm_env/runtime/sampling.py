@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from ..compiler import bare, inlined, kernel, size
+from ..compiler import inlined, kernel, size
 from ..layout import Field, Layout
-from ..physics.integrator.start import restart_bare
-from ..physics.integrator.step import advance_bare
+from ..physics.integrator.start import restart_within
+from ..physics.integrator.step import advance_within
 from ..physics.integrator.work import unpack
 from ..physics.layout import DISSIPATED, POSES, WORK_DONE
 from ..physics.model import DIVERGED, NOT_FINITE, OK
@@ -58,12 +58,11 @@ def observe_arm(lane, model, par, q, v, poses, energies, points):
 
     Returns how many points were written; none where `points` is empty.
     """
-    m, p, x, y = bare(model), bare(par), bare(q), bare(v)  # the types that the step has compiled much of this for
-    link_poses(lane, m, p, x, y, bare(poses))
-    energies[0], energies[1], energies[2] = energy(lane, m, p, x, y)
+    link_poses(lane, model, par, q, v, poses)
+    energies[0], energies[1], energies[2] = energy(lane, model, par, q, v)
     if points.shape[0] == 0:
         return 0
-    return shape(m, x, points)
+    return shape(model, q, points)
 
 
 @kernel
@@ -88,15 +87,15 @@ def _go(lane, arm, drive, p, w, stretch, stop, chunk, most, scheme, books):
             if most <= 0:
                 stretch[_AT.begun], stretch[_AT.done] = start, done
                 return -1
-            before = w.books[WORK_DONE]
+            before = w.books[WORK_DONE * len(lane)]
             steps = min(chunk, n_steps - done)
             most -= steps
-            stretch[_AT.time] = advance_bare(lane, arm, drive, p, w, start + done * h, h, steps, scheme, books)
-            stretch[_AT.gross] += abs(w.books[WORK_DONE] - before)
+            stretch[_AT.time] = advance_within(lane, arm, drive, p, w, start + done * h, h, steps, scheme, books)
+            stretch[_AT.gross] += abs(w.books[WORK_DONE * len(lane)] - before)
             if w.flag[0] != OK:
                 return -1
             for k in range(size(arm.n)):
-                if not math.isfinite(w.q[k]):
+                if not math.isfinite(w.q[k * len(lane)]):
                     w.flag[0] = NOT_FINITE
                     return -1
             done += steps
@@ -123,12 +122,13 @@ def _write(lane, model, par, w, t, links, row):
 
 
 @kernel
-def _begin(lane, model, drive, par, w, stretch):
-    """A consistent start at t+, its impulses in the books."""
-    before, fresh = w.books[WORK_DONE], stretch[_AT.starts] == ANEW
-    restart_bare(lane, model, drive, par, w, stretch[_AT.time], stretch[_AT.longest], fresh)
-    stretch[_AT.gross] += abs(w.books[WORK_DONE] - before)
-    stretch[_AT.starts] = GOES_ON
+def start_consistently(lane, model, drive, par, w, stretch):
+    """A consistent start at t+ where the stretch asks for one, its impulses in the books."""
+    if stretch[_AT.starts] != GOES_ON:
+        before, fresh = w.books[WORK_DONE * len(lane)], stretch[_AT.starts] == ANEW
+        restart_within(lane, model, drive, par, w, stretch[_AT.time], stretch[_AT.longest], fresh)
+        stretch[_AT.gross] += abs(w.books[WORK_DONE * len(lane)] - before)
+        stretch[_AT.starts] = GOES_ON
 
 
 @kernel
@@ -142,15 +142,14 @@ def sample_rows(
     AT_KINK; None: there are none, and what begins here GOES_ON. `chunk`: steps after which the work done is looked at.
     books: a tag, (0,), where books are kept, or None. Returns how many rows were written; fewer than there are instants
     where the arm has failed (its flag says why; a row of a diverged arm is written), or after `most` steps: called
-    again with the instants that are left, it goes on with the same steps. No points where P = 0. SINGLE only.
+    again with the instants that are left, it goes on with the same steps. No points where P = 0. table None: nothing is
+    written, and the lane may be a dual one of one arm; otherwise SINGLE only.
     """
-    arm, driven, p = bare(model), bare(drive), bare(par)
-    w = unpack(lane, model, bare(flat), n_motions)
+    w = unpack(lane, model, flat, n_motions)
     i, k = 0, 0
     while True:
         if kinks is not None:
-            if stretch[_AT.starts] != GOES_ON:
-                _begin(lane, arm, driven, p, w, stretch)
+            start_consistently(lane, model, drive, par, w, stretch)
         if i == instants.shape[0]:
             return i
         stop, wanted, kinked = instants[i], True, False
@@ -162,19 +161,20 @@ def sample_rows(
                 wanted = stop <= kinks[k] + NEAR * max(1.0, stop)
                 stop = kinks[k]
         moving = stretch[_AT.time] < stop or stretch[_AT.done] > 0.0
-        most = _go(lane, arm, driven, p, w, stretch, stop, chunk, most, scheme, books)
+        most = _go(lane, model, drive, par, w, stretch, stop, chunk, most, scheme, books)
         if most < 0:
             return i
         if wanted:
-            kinetic, strain, gravity = _write(lane, arm, p, w, stretch[_AT.time], links, bare(table[i]))
-            if points.shape[1] > 0:
-                stretch[_AT.points] = shape(arm, w.q, points[i])
             i += 1
-            if not moving:
-                stretch[_AT.start_energy] = kinetic + strain + gravity
-            start, gross, gain = stretch[_AT.start_energy], stretch[_AT.gross], stretch[_AT.gain]
-            if moving and gained(kinetic, strain, gravity, start, gross, w.books[DISSIPATED], gain):
-                w.flag[0] = DIVERGED
-                return i
+            if table is not None:
+                kinetic, strain, gravity = _write(lane, model, par, w, stretch[_AT.time], links, table[i - 1])
+                if points.shape[1] > 0:
+                    stretch[_AT.points] = shape(model, w.q, points[i - 1])
+                if not moving:
+                    stretch[_AT.start_energy] = kinetic + strain + gravity
+                start, gross, gain = stretch[_AT.start_energy], stretch[_AT.gross], stretch[_AT.gain]
+                if moving and gained(kinetic, strain, gravity, start, gross, w.books[DISSIPATED], gain):
+                    w.flag[0] = DIVERGED
+                    return i
         if kinked and i < instants.shape[0]:
             stretch[_AT.starts] = AT_KINK

@@ -21,63 +21,50 @@ def read_gauges(lane, sensors, entries, model, q, seen):
         n = size(model.n)
         count = sensors.gauges.shape[0] // n
         for g in range(count):
-            total = splat(lane, 0.0)
-            for k in range(n):
-                total = total + load(lane, q, k) * sensors.gauges[g * n + k]
-            store(seen, entries - count + g, clip(total, CLIP))
+            row = weighted_sum(lane, q, sensors.gauges[g * n : (g + 1) * n])
+            store(seen, entries - count + g, clip(row, CLIP))
 
 
 @kernel
-def see_motors(lane, instruments, model, par, record, w):
+def weighted_sum(lane, q, weights):
+    """Sum of coordinates, each times its weight."""
+    total = splat(lane, 0.0)
+    for k in range(weights.shape[0]):
+        total = total + load(lane, q, k) * weights[k]
+    return total
+
+
+@kernel
+def record_motor_angles(lane, instruments, model, par, record, w):
     """Motors' angles to where their encoders will find them."""
     if instruments is not None:
-        _see_motors(lane, instruments, instruments.motors, model, par, record, w)
+        if instruments.motors is not None:
+            base = record.shape[0] // len(lane) - readings_size(instruments)
+            ports(lane, model, par, w.q, w.y)
+            for k in range(instruments.motors.shape[0]):
+                store(record, _channel(instruments, base, k).motor, load(lane, w.y, k))
 
 
 @kernel
-def _see_motors(lane, instruments, motors, model, par, record, w):
-    if motors is not None:
-        base, room = record.shape[0] // len(lane) - _readings(instruments), instruments.room
-        ports(lane, model, par, w.q, w.y)
-        for k in range(motors.shape[0]):
-            store(record, channel_at(base + k * channel_at(0, room).end, room).motor, load(lane, w.y, k))
+def write_observation(lane, p, arm, poses, record, seen, first):
+    """The observation of one arm, as it is measured; first: of an episode, nothing to remember."""
+    measure(lane, p, p.stream, arm, poses, record, seen, first)
+    _select(len(lane), p, arm, record, seen, first)
 
 
 @kernel
-def hear_motors(lanes, instruments, i, report, record):
-    """The same of an arm that is moved elsewhere, from what is told of it."""
+def measure(lane, p, stream, arm, poses, record, seen, first):
+    """Entries as sensors read them, in the place of the true ones; stream: see `read`."""
+    instruments = p.instruments
     if instruments is not None:
-        base, room = record.shape[0] // lanes - _readings(instruments), instruments.room
-        for k in range(_size(instruments.motors)):
-            record[channel_at(base + k * channel_at(0, room).end, room).motor * lanes + i] = report[k]
-
-
-@kernel
-def _size(motors):
-    if motors is not None:
-        return motors.shape[0]
-    return 0
-
-
-@kernel
-def sense(lane, p, arm, poses, record, seen, first):
-    """The observation of one arm from what is there to be seen; first: of an episode, nothing to remember."""
-    consult(lane, p, p.instruments, p.stream, arm, poses, record, seen, first)
-    _show(len(lane), p, p.selection, arm, record, seen, p.observation, first)
-
-
-@kernel
-def consult(lane, p, instruments, stream, arm, poses, record, seen, first):
-    """Entries as sensors read them, in the place of what is there to be seen; stream: see `read`."""
-    if instruments is not None:
-        base, at = record.shape[0] // len(lane) - _readings(instruments), _further(p.task, p.reference)
+        base, at = record.shape[0] // len(lane) - readings_size(instruments), _further(p.task, p.reference)
         who = Who(stream, arm, arm % arms(lane), base, first)
-        c = _encoders(lane, p, instruments, instruments.encoders, who, poses, record, seen)
-        _turned(lane, p, instruments, instruments.encoders, p.reference, who, poses, record, seen)
-        at = _goals(lane, p, instruments, instruments.goals, instruments.encoders, who, at, poses, record, seen)
-        at, c = _accelerometer(lane, p, instruments, instruments.accelerometer, who, at, c, poses, record, seen)
-        at, c = _camera(lane, p, instruments, instruments.camera, who, at, c, poses, record, seen)
-        _gauges(lane, p, instruments, instruments.gauges, who, c, record, seen)
+        c = _encoders(lane, p, instruments, who, poses, record, seen)
+        _turned(lane, p, instruments, who, poses, record, seen)
+        at = _goals(lane, p, instruments, who, at, poses, record, seen)
+        at, c = _accelerometer(lane, p, instruments, who, at, c, poses, record, seen)
+        at, c = _camera(lane, p, instruments, who, at, c, poses, record, seen)
+        _gauges(lane, p, instruments, who, c, record, seen)
 
 
 class Who(NamedTuple):
@@ -97,11 +84,17 @@ def _law(lane, instruments, who, c, record, value):
 
 
 @kernel
-def _readings(instruments):
+def readings_size(instruments):
     """Numbers that sensors remember, the last of a record."""
     if instruments is not None:
         return (instruments.laws.shape[0] // LAW_SIZE) * channel_at(0, instruments.room).end
     return 0
+
+
+@kernel
+def _channel(instruments, base, c):
+    """Where the numbers of channel c are."""
+    return channel_at(base + c * channel_at(0, instruments.room).end, instruments.room)
 
 
 @kernel
@@ -113,11 +106,8 @@ def _further(task, reference):
 
 
 @kernel
-def _angle(lane, instruments, encoders, i, k, base, poses, record):
-    """Angle of joint k, as its encoder reads it, or as it is where there is none."""
-    if encoders is not None:
-        room = instruments.room
-        return pick(lane, record, channel_at(base + k * channel_at(0, room).end, room).reading, i)
+def _true_angle(lane, i, k, poses):
+    """Angle of joint k."""
     angle = pick(lane, poses, POSE.end * k + POSE.angle, i)
     if k > 0:
         angle = angle - pick(lane, poses, POSE.end * (k - 1) + POSE.tip_angle, i)
@@ -125,23 +115,23 @@ def _angle(lane, instruments, encoders, i, k, base, poses, record):
 
 
 @kernel
-def _at_motor(lane, instruments, motors, i, k, base, record, angle):
-    """What the encoder of joint k turns with: the joint, or its motor."""
-    if motors is not None:
-        if motors[k] == 1:
-            room = instruments.room
-            return pick(lane, record, channel_at(base + k * channel_at(0, room).end, room).motor, i)
-    return angle
+def _angle(lane, instruments, who, k, poses, record):
+    """Angle of joint k as its encoder reads it, or as it is where there is none."""
+    if instruments.encoders is not None:
+        return pick(lane, record, _channel(instruments, who.base, k).reading, who.i)
+    return _true_angle(lane, who.i, k, poses)
 
 
 @kernel
-def _encoders(lane, p, instruments, encoders, who, poses, record, seen):
+def _encoders(lane, p, instruments, who, poses, record, seen):
     """Sine, cosine and rate of each joint; returns the next channel."""
-    if encoders is not None:
-        i, n = who.i, size(p.task.links)
+    if instruments.encoders is not None:
+        i, n, encoders = who.i, size(p.task.links), instruments.encoders
         for k in range(n):
-            true = _angle(lane, instruments, None, i, k, who.base, poses, record)
-            true = _at_motor(lane, instruments, instruments.motors, i, k, who.base, record, true)
+            true = _true_angle(lane, i, k, poses)
+            if instruments.motors is not None:
+                if instruments.motors[k] == 1:  # it turns with the motor
+                    true = pick(lane, record, _channel(instruments, who.base, k).motor, i)
             angle, rate = read_encoder(
                 lane, instruments.laws, instruments.room, k, record, who.base, who.stream, who.arm, true, who.first
             )
@@ -154,13 +144,13 @@ def _encoders(lane, p, instruments, encoders, who, poses, record, seen):
 
 
 @kernel
-def _turned(lane, p, instruments, encoders, reference, who, poses, record, seen):
+def _turned(lane, p, instruments, who, poses, record, seen):
     """What is shown of a moving point, from the frame of the hub's angle into that of its encoder's."""
-    if encoders is not None:
-        if reference is not None:
-            i, first, count = who.i, size(p.task.entries), reference.scales.shape[0]
+    if instruments.encoders is not None:
+        if p.reference is not None:
+            i, first, count = who.i, size(p.task.entries), p.reference.scales.shape[0]
             if size(p.task.targets) == 2:
-                off = _angle(lane, instruments, encoders, i, 0, who.base, poses, record)
+                off = _angle(lane, instruments, who, 0, poses, record)
                 sine, cosine = sincos(off - pick(lane, poses, POSE.angle, i))
                 for k in range(first, first + count, 2):
                     x, y = pick(lane, seen, k, i), pick(lane, seen, k + 1, i)
@@ -169,12 +159,12 @@ def _turned(lane, p, instruments, encoders, reference, who, poses, record, seen)
 
 
 @kernel
-def _goals(lane, p, instruments, goals, encoders, who, at, poses, record, seen):
+def _goals(lane, p, instruments, who, at, poses, record, seen):
     """Joint angles at the goal less encoder angles, rad, and a point, over the arm's length; returns the next entry."""
-    if goals is not None:
+    if instruments.goals is not None:
         i, n, targets = who.i, size(p.task.links), size(p.task.targets)
         for k in range(n):
-            angle = _angle(lane, instruments, encoders, i, k, who.base, poses, record)
+            angle = _angle(lane, instruments, who, k, poses, record)
             place(lane, seen, at + k, i, clip(pick(lane, record, GOAL + k, i) - angle, CLIP))
         if targets == 1:
             return at + n
@@ -185,14 +175,17 @@ def _goals(lane, p, instruments, goals, encoders, who, at, poses, record, seen):
 
 
 @kernel
-def _accelerometer(lane, p, instruments, accelerometer, who, at, c, poses, record, seen):
+def _accelerometer(lane, p, instruments, who, at, c, poses, record, seen):
     """Along the tip's tangent and across it; returns the next entry and channel."""
+    accelerometer = instruments.accelerometer
     if accelerometer is not None:
         i, o, room = who.i, POSE.end * (size(p.task.links) - 1), instruments.room
-        vx, vy = pick(lane, poses, o + POSE.tip_vx, i), pick(lane, poses, o + POSE.tip_vy, i)
+        x, vx = pick(lane, poses, o + POSE.tip_x, i), pick(lane, poses, o + POSE.tip_vx, i)
+        y, vy = pick(lane, poses, o + POSE.tip_y, i), pick(lane, poses, o + POSE.tip_vy, i)
+        angle, rate = pick(lane, poses, o + POSE.tip_angle, i), pick(lane, poses, o + POSE.tip_rate, i)
         along, across = tip_acceleration(
-            lane, record, who.base, room, c, i, vx, vy, pick(lane, poses, o + POSE.tip_angle, i), instruments.period,
-            accelerometer[0], accelerometer[1], who.first,
+            lane, record, who.base, room, c, i, x, y, angle, vx, vy, rate, instruments.period, accelerometer[0],
+            accelerometer[1], who.first,
         )  # fmt: skip
         along = _law(lane, instruments, who, c, record, along / accelerometer[2])
         across = _law(lane, instruments, who, c + 1, record, across / accelerometer[2])
@@ -203,67 +196,61 @@ def _accelerometer(lane, p, instruments, accelerometer, who, at, c, poses, recor
 
 
 @kernel
-def _camera(lane, p, instruments, camera, who, at, c, poses, record, seen):
+def _camera(lane, p, instruments, who, at, c, poses, record, seen):
     """The tip's position; returns the next entry and channel."""
-    if camera is not None:
+    if instruments.camera is not None:
         i, o = who.i, POSE.end * (size(p.task.links) - 1) + POSE.tip_x
         for d in range(2):
-            value = _law(lane, instruments, who, c + d, record, pick(lane, poses, o + d, i) / camera)
+            value = _law(lane, instruments, who, c + d, record, pick(lane, poses, o + d, i) / instruments.camera)
             place(lane, seen, at + d, i, clip(value, CLIP))
         return at + 2, c + 2
     return at, c
 
 
 @kernel
-def _gauges(lane, p, instruments, gauges, who, c, record, seen):
-    if gauges is not None:
-        count = size(gauges)
+def _gauges(lane, p, instruments, who, c, record, seen):
+    if instruments.gauges is not None:
+        count = size(instruments.gauges)
         for g in range(count):
             k = p.entries - count + g
             value = _law(lane, instruments, who, c + g, record, pick(lane, seen, k, who.i))
             place(lane, seen, k, who.i, clip(value, CLIP))
 
 
-# --- what is told --------------------------------------------------------------------------------------
+# --- the observation -----------------------------------------------------------------------------------
 @kernel
-def _show(lanes, p, selection, arm, record, seen, observation, first):
+def _select(lanes, p, arm, record, seen, first):
     """All entries, or those that are chosen, behind the observations before."""
+    selection, observation = p.selection, p.observation
     if selection is not None:
         count, older = selection.chosen.shape[0], selection.chosen.shape[0] * (selection.frames - 1)
         out = arm * (count + older)
         for j in range(older):
             observation[out + j] = observation[out + j + count]
         for j in range(count):
-            observation[out + older + j] = _entry(lanes, p, p.sensors, arm, selection.chosen[j], record, seen, first)
+            observation[out + older + j] = _entry(lanes, p, arm, selection.chosen[j], record, seen, first)
         if first:
             for j in range(older):
                 observation[out + j] = observation[out + older + j % count]
     else:
         out = arm * p.entries
         for k in range(p.entries):
-            observation[out + k] = _entry(lanes, p, p.sensors, arm, k, record, seen, first)
+            observation[out + k] = _entry(lanes, p, arm, k, record, seen, first)
 
 
 @kernel
-def _entry(lanes, p, sensors, arm, k, record, seen, first):
-    """Entry k of what is there to be seen, as it arrives."""
-    value = seen[k * lanes + arm % lanes]
-    if sensors is not None:
-        value = _measured(lanes, sensors, p.entries, p.stream, arm, k, value, record, _readings(p.instruments), first)
-    return np.float32(value)
-
-
-@kernel
-def _measured(lanes, sensors, entries, stream, arm, k, value, record, after, first):
+def _entry(lanes, p, arm, k, record, seen, first):
     """Entry k of the observation with its noise, as it arrives."""
-    if sensors.noise[k] > 0.0:
-        value = min(CLIP, max(-CLIP, value + sensors.noise[k] * normal(stream, arm)))
-    memory = record.shape[0] // lanes - after - entries * sensors.age  # `RECORD.seen`; `after` it: readings
-    for j in range(sensors.age):
-        at = (memory + j * entries + k) * lanes + arm % lanes
-        if first:
+    value, sensors = seen[k * lanes + arm % lanes], p.sensors
+    if sensors is not None:
+        if sensors.noise[k] > 0.0:
+            value = min(CLIP, max(-CLIP, value + sensors.noise[k] * normal(p.stream, arm)))
+        past = record.shape[0] // lanes - readings_size(p.instruments) - p.entries * sensors.age  # `RECORD.seen`
+        for j in range(sensors.age):
+            at = (past + j * p.entries + k) * lanes + arm % lanes
+            if first:
+                record[at] = value
+            older = record[at]
             record[at] = value
-        older = record[at]
-        record[at] = value
-        value = older
-    return value
+            value = older
+    return np.float32(value)

@@ -1,4 +1,4 @@
-"""Fresh starts: an arm drawn from its stream, put in its place, and looked at; and arms that are moved elsewhere."""
+"""Starts of episodes: an arm drawn from its stream, put in its place and observed; and arms moved elsewhere."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from ..compiler import apart, follow, kernel, load, size, splat, stack, store
 from ..physics.integrator.work import unpack
-from ..physics.layout import POSE
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from ..physics.protocol import link_poses
 from ..tasks.program import (
@@ -22,23 +21,23 @@ from ..tasks.program import (
     TARGET,
     TORQUE_FACTOR,
     basis_at,
-    report_at,
     request_at,
+    sections,
     start_at,
 )
-from ..tasks.stream import uniform
+from ..tasks.stream import draw, uniform
 from ..tasks.task import aim, info_of, judge, target_from
 from ..tasks.track import start_path
-from .episode import OUTCOME, look, note_energies, settle, show, weigh
+from .episode import OUTCOME, copy_info, finish_arm, observe_material, observe_state, record_energies, reward
 from .events import draw_events
-from .sensors import hear_motors, read_gauges, see_motors, sense
+from .sensors import write_observation
 
 _SHAKE = SHAKE.places
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
 @kernel
-def begin(address, mode, count):
+def start_episodes(address, mode, count):
     """Fresh starts of the arms p.queue[:count], drawn from their streams, in a mode."""
     p = follow(address)
     for k in range(count):
@@ -50,11 +49,8 @@ def begin(address, mode, count):
 
 @apart
 def _start(lane, p, arm, mode, block, w):
-    task, layout, lanes = p.task, p.layout, len(lane)
-    i, n_joints = arm % lanes, size(task.links)
-    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
-    record, info = block[layout.record : layout.action], block[layout.info : layout.saved]
-    seen, action = block[layout.seen : layout.info], block[layout.action : layout.seen]
+    task, lanes, i, n_joints = p.task, len(lane), arm % len(lane), size(p.task.links)
+    par, poses, record, action, seen, info, _, _ = sections(p.layout, block)
     own, at = stack(_ONE, task.links + _START), start_at(0, n_joints)
     _draw(task, p.ranges, p.stream, p.request, arm, own)
     limit = record[PERIODS_ALLOWED * lanes + i]
@@ -73,16 +69,16 @@ def _start(lane, p, arm, mode, block, w):
         record[(GOAL + k) * lanes + i] = own[at.angles + k]
     for k in range(w.books.shape[0] // lanes):
         w.books[k * lanes + i] = 0.0
-    start_path(p.reference, task, p.stream, arm, record, lanes)
+    if p.reference is not None:
+        start_path(p.reference, task, p.stream, arm, record, lanes)
     link_poses(lane, p.model, par, w.q, w.v, poses)
-    read_gauges(lane, p.sensors, p.entries, p.model, w.q, seen)
-    see_motors(lane, p.instruments, p.model, par, record, w)
+    observe_material(lane, p, par, record, w, seen)
     live = _only(lane, i)
-    _open(lanes, p, arm, block, 1.0)
+    _start_info(lanes, p, arm, record, info)
     draw_events(lanes, p, arm, par, record, info)
-    note_energies(lane, p.books, task, p.model, par, record, w, live, info)
-    _first_sight(lane, p, arm, live, record, action, poses, seen, info)
-    show(lane, arm // lanes, p.block.shape[0] // p.layout.row, info, p.table)
+    record_energies(lane, p, par, w, live, info)
+    _first_observation(lane, p, arm, live, record, action, poses, seen, info)
+    copy_info(lane, p, arm // lanes, info)
 
 
 @kernel
@@ -101,28 +97,20 @@ def _draw(task, ranges, stream, request, arm, own):
     at, asked = start_at(0, n), request_at(0, n)
     straight = uniform(stream, arm) < ranges.straight
     for k in range(n):
-        angle = _between(stream, arm, ranges.start, k)
+        angle = draw(stream, arm, ranges.start, k)
         own[at.angles + k] = _given(request[asked.angles + k], 0.0 if straight else angle)
-    first, second = _between(stream, arm, ranges.target, 0), _between(stream, arm, ranges.target, 1)
+    first, second = draw(stream, arm, ranges.target, 0), draw(stream, arm, ranges.target, 1)
     first, second = target_from(task, own[at.angles : at.end], first, second)
     own[at.target] = _given(request[asked.target], first)
     own[at.target + 1] = _given(request[asked.target + 1], second)
     vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
     own[at.vibration] = _given(request[asked.vibration], vibration)
-    payload = _between(stream, arm, ranges.factors, 0)
-    stiffness = _between(stream, arm, ranges.factors, 1)
-    damping = _between(stream, arm, ranges.factors, 2)
-    own[at.torque_factor] = _between(stream, arm, ranges.factors, 3)
+    payload, stiffness = draw(stream, arm, ranges.factors, 0), draw(stream, arm, ranges.factors, 1)
+    damping, own[at.torque_factor] = draw(stream, arm, ranges.factors, 2), draw(stream, arm, ranges.factors, 3)
     own[at.parameters + PAYLOAD_MASS] = ranges.nominal[PAYLOAD_MASS] * payload
     own[at.parameters + PAYLOAD_INERTIA] = ranges.nominal[PAYLOAD_INERTIA] * payload
     own[at.parameters + STIFFNESS_FACTOR] = ranges.nominal[STIFFNESS_FACTOR] * stiffness
     own[at.parameters + TAU_D] = ranges.nominal[TAU_D] * damping
-
-
-@kernel
-def _between(stream, arm, ranges, k):
-    """The next number of an arm's stream, within row k of `ranges`."""
-    return ranges[2 * k] + (ranges[2 * k + 1] - ranges[2 * k]) * uniform(stream, arm)
 
 
 @kernel
@@ -154,74 +142,55 @@ def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
 
 
 @kernel
-def _open(lanes, p, arm, block, in_range):
+def _start_info(lanes, p, arm, record, info):
     """The info of an arm before anything has happened: zeros; the joint angles that reach its target."""
-    task, layout = p.task, p.layout
-    i, at = arm % lanes, info_of(task)
-    for k in range(layout.info, layout.saved, lanes):
-        block[k + i] = 0.0
-    block[layout.info + at.in_range * lanes + i] = in_range
-    block[layout.info + at.error * lanes + i] = p.estimate
+    task, i, at = p.task, arm % lanes, info_of(p.task)
+    for k in range(i, info.shape[0], lanes):
+        info[k] = 0.0
+    info[at.in_range * lanes + i], info[at.error * lanes + i] = 1.0, p.estimate
     mine = stack(_ONE, task.links + _RECORD)
     for k in range(GOAL + size(task.links)):
-        mine[k] = block[layout.record + k * lanes + i]
+        mine[k] = record[k * lanes + i]
     aim(task, mine)
     for k in range(GOAL, GOAL + size(task.links)):
-        block[layout.record + k * lanes + i] = mine[k]
-    block[layout.record + HOLD * lanes + i] = 0.0
+        record[k * lanes + i] = mine[k]
+    record[HOLD * lanes + i] = 0.0
 
 
 @kernel
-def _first_sight(lane, p, arm, live, record, action, poses, seen, info):
+def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
     """The first observation of an episode; no reward yet."""
     lanes, i, at = len(lane), arm % len(lane), info_of(p.task)
-    look(lane, p, True, poses, record, seen)
+    observe_state(lane, p, True, poses, record, seen)
     judge(lane, p.task, poses, action, record, live, info)
     for k in range(at.terms, at.terms + size(p.task.terms)):
         info[k * lanes + i] = 0.0
-    sense(lane, p, arm, poses, record, seen, True)
+    write_observation(lane, p, arm, poses, record, seen, True)
     p.reward[arm], p.terminated[arm], p.truncated[arm] = 0.0, np.uint8(0), np.uint8(0)
 
 
 @kernel
-def take_report(address, arm, code):
-    """The outcome of a period of a guided arm, from `p.report`; code: its status, or -1 for an episode's start."""
+def finish_guided(address, arm, code):
+    """The outcome of a period of an arm that is moved elsewhere, whose poses, action and gauges stand in its block.
+
+    code: status of the period, or -1 for an episode's start.
+    """
     p = follow(address)
     g = arm // len(p.lane)
-    _take_report(p.lane, p, arm, code, p.block[g * p.layout.row : (g + 1) * p.layout.row])
+    _finish_guided(p.lane, p, arm, code, p.block[g * p.layout.row : (g + 1) * p.layout.row])
 
 
 @kernel
-def _take_report(lane, p, arm, code, block):
-    task, layout, lanes, report = p.task, p.layout, len(lane), p.report
-    i, n, at = arm % lanes, size(task.links), info_of(task)
-    told = report_at(0, n, report.shape[0] - report_at(0, n, 0).end)
-    poses, seen = block[layout.poses : layout.record], block[layout.seen : layout.info]
-    record, info = block[layout.record : layout.action], block[layout.info : layout.saved]
-    action = block[layout.action : layout.seen]
-    live, outcome = _only(lane, i), stack(lane, OUTCOME)
+def _finish_guided(lane, p, arm, code, block):
+    _, poses, record, action, seen, info, _, _ = sections(p.layout, block)
+    live, outcome = _only(lane, arm % len(lane)), stack(lane, OUTCOME)
     store(outcome, 0, splat(lane, 0.0))
     store(outcome, 1, splat(lane, 0.0))
-    if code <= OK:
-        for k in range(POSE.end * n):
-            poses[k * lanes + i] = report[told.poses + k]
-        for k in range(n):
-            action[k * lanes + i] = report[told.action + k]
-        for k in range(told.gauges, told.end):
-            seen[(p.entries - (told.end - k)) * lanes + i] = report[k]
-        hear_motors(lanes, p.instruments, i, report[told.motors : told.gauges], record)
-        if code < OK:
-            _open(lanes, p, arm, block, report[told.in_range])
-            _first_sight(lane, p, arm, live, record, action, poses, seen, info)
-        else:
-            look(lane, p, False, poses, record, seen)
-            weigh(lane, p, live, poses, action, record, info, outcome)
-        for k in range(n):
-            info[(at.torque + k) * lanes + i] = report[told.torque + k]
-        info[at.in_range * lanes + i] = report[told.in_range]
-        info[at.error * lanes + i] = p.estimate
-        for k in range(at.reward - at.energies):
-            info[(at.energies + k) * lanes + i] = report[told.energies + k]
-    if code >= OK:
-        settle(lane, p, arm, outcome, float(code), poses, record, seen, info)
-    show(lane, arm // lanes, p.block.shape[0] // p.layout.row, info, p.table)
+    if code < OK:
+        _start_info(len(lane), p, arm, record, info)
+        _first_observation(lane, p, arm, live, record, action, poses, seen, info)
+        return
+    if code == OK:
+        observe_state(lane, p, False, poses, record, seen)
+        reward(lane, p, live, poses, action, record, info, outcome)
+    finish_arm(lane, p, arm, outcome, float(code), poses, record, seen, info)
