@@ -70,6 +70,17 @@ class Estimate:
         )
 
 
+def missed(settings: Settings, step_error: float) -> str:
+    """Why steps fitted to a tolerance are inaccurate; "" where they kept it. step_error: the largest of a stretch."""
+    if settings.step_tolerance is None or step_error <= settings.step_tolerance:
+        return ""
+    return (
+        f"step_tolerance = {settings.step_tolerance:g} is not kept: with dt = {settings.dt:g} s halved five times a "
+        f"stretch between samples and kinks adds {step_error:.2g} of the arm's length; take a smaller dt, or a larger "
+        "step_tolerance"
+    )
+
+
 REMEDY = {
     "time_step": "take a smaller dt",
     "mesh": "take more segments, elements or nodes",
@@ -268,6 +279,24 @@ def estimate(
     elif (root := clamped(scene, doubled)) is not None:
         mesh = max(mesh, distance(base, run(bare, root, wide)))
     return {"time_step": time_step / length, "mesh": mesh / length}, _why(time_step, mesh)
+
+
+def followed(
+    scene: Scene,
+    settings: Settings,
+    mine: Probe,
+    sample: float,
+    run: Callable[..., Probe],
+    levels: Sequence[int],
+    notes: Mapping[str, float],
+) -> dict[str, float]:
+    """The elastica's note on stretch and shear where motion is gross: a linear estimate, or how far a run whose links
+    are as much softer as stretch and shear make them (`Notes.softer`) comes out, if that is more; {} for others."""
+    stiffness = getattr(notes, "softer", None)
+    if stiffness is None:
+        return {}
+    apart = distance(mine, run(scene, settings, sample, levels, stiffness)) / scene.arm.total_length
+    return {"stretch_and_shear": max(notes["stretch_and_shear"], min(1.0, apart))}
 
 
 def _why(time_step: float, mesh: float) -> str:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-import tomllib
 from collections.abc import Mapping
-from dataclasses import fields
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from flexarm_env import sensors
 from flexarm_env import validation as check
+from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm, Elbow, Joint, Link, Motor, Payload, Points, Section, Taper
 from flexarm_env.sections import ENDS
 
@@ -20,24 +20,6 @@ _SECTION = ("EI", "EA", "C", "m", "J")
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
 _OF_LINK = ("tau_d", "curvature", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
-_JOINT = tuple(field.name for field in fields(Joint))
-_MOTOR = tuple(field.name for field in fields(Motor))
-_ELBOW = ("mass", "inertia_left", "inertia_right")
-_PAYLOAD = tuple(field.name for field in fields(Payload))
-_ARM = (
-    "name",
-    "links",
-    "hub_inertia",
-    "elbows",
-    "joints",
-    "payload",
-    "tau_d",
-    "mass_damping",
-    "torque_limits",
-    "joint_limits",
-    "source",
-    "sensors",
-)
 
 _BESIDE = ("randomization", "identification")
 """Tables beside [arm] in a file that `flexarm identify` wrote."""
@@ -74,24 +56,6 @@ def resolve(arm: Arm | str | os.PathLike[str], directory: str | os.PathLike[str]
     return from_toml(path)
 
 
-def read_toml(source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path | None]:
-    """The table of a TOML file, or of a text, and the file's path (None for a text).
-
-    A string with a line break is a text, and so is one with an equals sign that does not end in ``.toml``.
-    Raises OSError for a file that cannot be read and ValueError for what is no TOML.
-    """
-    path = None
-    try:
-        if isinstance(source, str) and ("\n" in source or ("=" in source and not source.endswith(".toml"))):
-            content = source
-        else:
-            path = Path(source)
-            content = path.read_text(encoding="utf-8")
-        return tomllib.loads(content.removeprefix("\ufeff")), path  # some editors put a byte order mark before a text
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path or 'text'}: not a TOML file: {error}") from None
-
-
 def from_toml(source: str | os.PathLike[str]) -> Arm:
     """The arm in a TOML file or text: the keys of :class:`Arm`, at the top level or in a table ``[arm]``.
 
@@ -117,32 +81,24 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
 
     Raises ValueError that names the key path, the value and what is allowed.
     """
-    check.known_keys("", table, _ARM)
+    check.known_keys("", table, check.names_of(Arm))
     values = dict(table)
     if default_name is not None:
         values.setdefault("name", default_name)
     check.needed("", values, "name", "must be a text")
-    links = check.needed("", values, "links", "must be a sequence of tables with length and section")
-    values["links"] = tuple(
-        _link(f"links[{i}]", entry) for i, entry in enumerate(check.sequence("links", links, "tables"))
-    )
-    values["elbows"] = tuple(
-        _part(f"elbows[{i}]", Elbow, entry, _ELBOW)
-        for i, entry in enumerate(check.sequence("elbows", values.get("elbows", ()), "tables"))
-    )
-    values["joints"] = tuple(
-        _joint(f"joints[{i}]", entry)
-        for i, entry in enumerate(check.sequence("joints", values.get("joints", ()), "tables"))
-    )
+    check.needed("", values, "links", "must be a sequence of tables with length and section")
+    for key, read in (("links", _link), ("elbows", partial(check.made, kind=Elbow)), ("joints", _joint)):
+        entries = check.sequence(key, values.get(key, ()), "tables")
+        values[key] = tuple(read(f"{key}[{i}]", value=entry) for i, entry in enumerate(entries))
     if "payload" in values:
-        values["payload"] = _part("payload", Payload, values["payload"], _PAYLOAD)
+        values["payload"] = check.made("payload", Payload, values["payload"], prefix="")
     if "sensors" in values:
         values["sensors"] = sensors.from_table(check.table_of("sensors", values["sensors"]))
     return Arm(**values)
 
 
-def _link(path: str, entry: object) -> Link:
-    table = check.table_of(path, entry)
+def _link(path: str, value: object) -> Link:
+    table = check.table_of(path, value)
     check.known_keys(path, table, ("length", "section", *_OF_LINK))
     own = {key: table[key] for key in _OF_LINK if key in table}
     length = check.needed(path, table, "length", "must be a positive number (m)")
@@ -192,25 +148,14 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
         return Section.rectangle(**section) if rectangle else Section(**section)
 
 
-def _joint(path: str, entry: object) -> Joint:
-    table = check.table_of(path, entry)
-    check.known_keys(path, table, _JOINT)
-    with check.under(path):
-        if "motor" in table:
-            motor = check.table_of("motor", table["motor"])
-            check.known_keys("motor", motor, _MOTOR)
-            check.needed("motor", motor, "torque_constant", "must be a positive number (N m/A)")
-            table["motor"] = Motor(**motor)
-        return Joint(**table)
-
-
-def _part(path: str, kind: type[Any], entry: object, keys: tuple[str, ...]) -> Any:
-    table = check.table_of(path, entry)
-    check.known_keys(path, table, keys)
-    if kind is Payload:  # names its own key path
-        return kind(**table)
-    with check.under(path):
-        return kind(**table)
+def _joint(path: str, value: object) -> Joint:
+    table = check.table_of(path, value)
+    if "motor" in table:
+        check.known_keys(path, table, check.names_of(Joint))
+        with check.under(path):
+            constant = "must be a positive number (N m/A)"
+            table["motor"] = check.made("motor", Motor, table["motor"], prefix="", torque_constant=constant)
+    return check.made(path, Joint, table)
 
 
 def _link_table(link: Link) -> dict[str, Any]:
@@ -239,20 +184,22 @@ def to_table(arm: Arm) -> dict[str, Any]:
     if arm.joint_limits is not None:
         table["joint_limits"] = tuple(() if limits is None else limits for limits in arm.joint_limits)
     if arm.payload != Payload():
-        table["payload"] = {key: getattr(arm.payload, key) for key in _PAYLOAD[: 2 + any(arm.payload.offset)]}
+        table["payload"] = dataclasses.asdict(arm.payload)
+        if not any(arm.payload.offset):
+            del table["payload"]["offset"]
     table["links"] = [_link_table(link) for link in arm.links]
     if arm.elbows:
-        table["elbows"] = [{key: getattr(elbow, key) for key in _ELBOW} for elbow in arm.elbows]
+        table["elbows"] = [dataclasses.asdict(elbow) for elbow in arm.elbows]
     if arm.sensors is not None:
         table["sensors"] = sensors.to_table(arm.sensors)
     if arm.joints:
-        table["joints"] = [_changed(joint, Joint()) for joint in arm.joints]
+        table["joints"] = [_joint_table(joint) for joint in arm.joints]
     return table
 
 
-def _changed(item: Joint, usual: Joint) -> dict[str, Any]:
+def _joint_table(joint: Joint) -> dict[str, Any]:
     """The fields of a joint that are not as usual; of its motor, those that are given."""
-    table = {key: getattr(item, key) for key in _JOINT if key != "motor" and getattr(item, key) != getattr(usual, key)}
-    if item.motor is not None:
-        table["motor"] = {key: getattr(item.motor, key) for key in _MOTOR if getattr(item.motor, key) is not None}
+    table = check.changed(joint)
+    if joint.motor is not None:
+        table["motor"] = {key: value for key, value in vars(joint.motor).items() if value is not None}
     return table

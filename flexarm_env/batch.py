@@ -7,7 +7,7 @@ batch, on any number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,20 +17,21 @@ from numpy.typing import NDArray
 from . import physics  # noqa: F401  (registers the formulations)
 from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, native, one_at_a_time, uncompiled
 from .parameters import Arm
-from .physics import assembly, gauges
+from .physics import assembly, gauges, precision
 from .physics.integrator.work import unpack, work_size
 from .physics.layout import COUNTS, POSE
-from .physics.model import System
+from .physics.model import OK, STIFFNESS_FACTOR, TAU_D, System
 from .runtime import episode as environment
 from .runtime import starts
 from .runtime.laws import LAW_SIZE, law_of, room_of
-from .runtime.layout import aligned, layout_of
+from .runtime.layout import aligned, layout_of, readings_size
 from .runtime.sampling import observe_arm
 from .scene import standing_scene
 from .settings import Settings
 from .simulation import fitted_systems
 from .tasks.program import (
     ACTION_NOT_FINITE,
+    CHANNEL,
     CLIP,
     FRESH,
     FURTHER,
@@ -42,7 +43,6 @@ from .tasks.program import (
     PERIODS,
     PERIODS_ALLOWED,
     REASONS,
-    REPORT,
     REQUEST,
     RETRY,
     RUNNING,
@@ -169,6 +169,8 @@ class Batch:
         assert settings.dt is not None
         self.arm, self.settings, self.n, self.task, self.starts = arm, settings, n, task, starts
         self.period, self.gravity, self.books, self.extras = period, gravity, books, extras or Extras()
+        _, (_, bending), (_, damping), _ = starts.factors
+        self.tolerance = precision.of_torques(arm, settings, bending, damping)
         pushed = self.extras.pushes is not None
         self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, pushed=pushed), settings)
         self.system: System = self.systems[-1]
@@ -203,11 +205,9 @@ class Batch:
         self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.stream = np.zeros(count, np.uint64)
         self.request = np.full(REQUEST.offsets(0, links).end, np.nan)
-        self.report = np.zeros(REPORT.offsets(0, links, gauges).end)
-        self._gauges = gauges
         n_steps = round(self.period / settings.dt)
         self.program = Program(
-            lane=self.lane, model=model, scheme=assembly.scheme_of(settings), task=task,
+            lane=self.lane, model=model, scheme=assembly.scheme_of(settings, self.tolerance), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
             ranges=self._ranges(), **vars(self.extras), layout=self.layout, entries=self.entries,
@@ -216,13 +216,13 @@ class Batch:
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
             observation=self.observation.reshape(-1), table=self.table.reshape(-1), reward=self.reward,
             terminated=self.terminated.view(np.uint8), truncated=self.truncated.view(np.uint8),
-            stream=self.stream, request=self.request, report=self.report,
+            stream=self.stream, request=self.request,
         )  # fmt: skip
         self._placed = Placed(self.program)
         self.address = self._placed.address
         self.compiled_step = entry(environment.step, self._placed, 0, 0)
-        self._begin = entry(starts.begin, self._placed, 0, 0)
-        self._take_report: Any = None
+        self._start = entry(starts.start_episodes, self._placed, 0, 0)
+        self._finish_guided: Any = None
         self._native = native(environment.step, self._placed, 0, 0) if self.threads > 1 else 0
         self._crew = Crew(self.threads - 1)
         self._alone: Batch | None = None
@@ -233,7 +233,8 @@ class Batch:
 
     @property
     def estimate(self) -> float:
-        """What leaving out stretch and shear costs the elastica, over the arm's length; infinite for others: not known.
+        """What leaving out stretch and shear costs the elastica, over the arm's length, by a linear estimate that
+        links that whip round are beyond (docs: theory, section 5); infinite for others: not known.
 
         Infinite and not nan, which no checker of an environment's determinism takes to be equal to itself.
         """
@@ -241,16 +242,12 @@ class Batch:
 
     def _ranges(self) -> Ranges:
         starts = self.starts
+        shake = np.zeros(3 * len(self.system.q0)) if starts.shake is None else starts.shake.ravel()
+        ranges = {name: np.array(getattr(starts, name), np.float64).ravel() for name in ("start", "target", "factors")}
         return Ranges(
-            pose=self.pose.ravel(),
-            shake=np.zeros(3 * len(self.system.q0)) if starts.shake is None else starts.shake.ravel(),
-            nominal=self.system.par.copy(),
-            start=np.array(starts.start, np.float64).ravel(),
-            target=np.array(starts.target, np.float64).ravel(),
-            straight=float(starts.straight),
-            vibration=float(starts.vibration),
-            factors=np.array(starts.factors, np.float64).ravel(),
-        )
+            pose=self.pose.ravel(), shake=shake, nominal=self.system.par.copy(), straight=float(starts.straight),
+            vibration=float(starts.vibration), **ranges,
+        )  # fmt: skip
 
     # --- one arm's entries -----------------------------------------------------------------------
     def _mine(self, first: int, last: int, i: int) -> Array:
@@ -291,28 +288,36 @@ class Batch:
         asked = {"angles": angles, "target": target, "vibration": vibration}
         self.request[:] = REQUEST.pack({"joints": self.arm.n_links}, **asked)
 
-    def begin(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
-        """Fresh starts; keys: 64 random bits for each arm that its draws and noise follow from."""
+    def start(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
+        """Start episodes; keys: 64 random bits for each arm that its draws and noise follow from."""
         lanes, at = len(self.lane), self.layout.record + PERIODS_ALLOWED * len(self.lane)
         for k, i in enumerate(arms):
             self.queue[k], self.stream[i], self.block[i // lanes, at + i % lanes] = i, keys[k], limit
-        self._begin(self.address, mode, len(arms))
+        self._start(self.address, mode, len(arms))
 
-    def take_report(
-        self, i: int, poses: Array, torques: Array, action: Array, energies: Array, code: int, gauges: Any, motors: Any
-    ) -> None:
+    def take_report(self, i: int, code: int, action: Array, report: Mapping[str, Array]) -> None:
         """The outcome of a period of arm i, which is guided: moved elsewhere.
 
-        poses (N, 12), torques (N,) N m, action (N,), energies (5,) J: kinetic, strain, gravity, dissipated, work;
-        gauges (G,), scaled; motors (N,): their angles, rad; code: status, or -1 for the start of its episode.
+        code: status, or -1 for the start of its episode. action (N,). report: poses (N, 12), torque (N,), N m, energies
+        (5,), J (`tasks.program.ENERGIES`), gauges (G,), scaled, motors (N,): their angles over the ratio, rad.
         """
-        self.report[:] = REPORT.pack(
-            {"links": self.arm.n_links, "gauges": self._gauges}, poses=poses, torque=torques, action=action,
-            energies=energies, in_range=1.0, gauges=gauges, motors=motors,
-        )  # fmt: skip
-        if self._take_report is None:
-            self._take_report = entry(starts.take_report, self._placed, 0, 0)
-        self._take_report(self.address, i, code)
+        at, layout, instruments = self.info_at, self.layout, self.extras.instruments
+        info, record = self._mine(layout.info, layout.saved, i), self.record(i)
+        if code <= OK:
+            self._mine(layout.poses, layout.record, i)[:] = report["poses"].ravel()
+            self._mine(layout.action, layout.seen, i)[:] = action
+            self._mine(layout.seen, layout.info, i)[self.entries - len(report["gauges"]) :] = report["gauges"]
+            if instruments is not None and instruments.motors is not None:
+                channel = CHANNEL.offsets(len(record) - readings_size(instruments), instruments.room)
+                record[channel.motor :: channel.end - channel.gain][: self.arm.n_links] = report["motors"]
+        if self._finish_guided is None:
+            self._finish_guided = entry(starts.finish_guided, self._placed, 0, 0)
+        self._finish_guided(self.address, i, code)
+        if code <= OK:
+            info[at.torque : at.torque + self.arm.n_links] = report["torque"]
+            info[at.in_range], info[at.error] = 1.0, self.estimate
+            info[at.energies : at.reward] = report["energies"]
+        self.table[:, i] = info
 
     def step(self) -> int:
         """One control period of all arms with `action`; returns how many want attention (ended, or guided)."""
@@ -377,6 +382,11 @@ class Batch:
         self.terminated[i], self.truncated[i] = state["terminated"], state["truncated"]
         self.table[:, i] = self._mine(self.layout.info, self.layout.saved, i)
 
+    def check_stiffness(self, block: Array) -> None:
+        """An arm's `block` of `give` whose own EI or tau_d is too stiff for double precision is a ValueError."""
+        own = block[self._work :][: len(self.system.par)]
+        precision.check_parameters(self.arm, self.settings, own[STIFFNESS_FACTOR], own[TAU_D], 0.0, "state.arm")
+
     @property
     def counts(self) -> Array:
         """(groups, 4): Newton iterations, factorisations, halvings and steps of each lane group up to now."""
@@ -384,7 +394,7 @@ class Batch:
         return self.block[:, first : first + 4].copy()
 
     @property
-    def begun(self) -> bool:
+    def started(self) -> bool:
         """Whether every arm has been started."""
         at = self.layout.record + PERIODS_ALLOWED * len(self.lane)
         return bool((self.block[:, at : at + len(self.lane)].ravel()[: self.n] > 0.0).all())
@@ -395,13 +405,11 @@ class Batch:
 
     def view(self, i: int) -> View:
         """Where arm i is."""
-        lanes, rows, links = len(self.lane), len(self.system.q0), self.arm.n_links
-        q, v = self._mine(0, rows * lanes, i).copy(), self._mine(rows * lanes, 2 * rows * lanes, i).copy()
+        links, (q, v) = self.arm.n_links, (rows[i] for rows in self.motions()[:2])
         poses, points = np.zeros(POSE.end * links), np.full((assembly.room_for_points(self.settings, links), 2), np.nan)
         count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
-        record, targets = self.record(i), len(self.task.targets)
+        record, targets, at = self.record(i), len(self.task.targets), self.info_at
         info = self._mine(self.layout.info, self.layout.saved, i)
-        at = self.info_at
         return View(
             points=points[:count].copy(),
             poses=poses.reshape(-1, POSE.end),
@@ -418,7 +426,7 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         skipped = (
-            "program", "_placed", "address", "compiled_step", "_begin", "_take_report", "info_at", "_crew", "_alone",
+            "program", "_placed", "address", "compiled_step", "_start", "_finish_guided", "info_at", "_crew", "_alone",
             "_native",
         )  # fmt: skip
         return {k: v for k, v in vars(self).items() if k not in skipped}

@@ -20,6 +20,7 @@ is compiled in.
 
 from __future__ import annotations
 
+import linecache
 import math
 from collections import namedtuple
 from collections.abc import Mapping
@@ -131,8 +132,9 @@ def _part(k: int, field: Field) -> str:
 
 def _function(name: str, arguments: list[str], lines: list[str], result: str, scope: dict[str, Any]) -> Any:
     """A function from its lines, in a shape that a kernel can be made of."""
-    text = "".join(f"    {line}\n" for line in [*lines, f"return {result}"])
-    code = compile(f"def {name}({', '.join(arguments)}):\n{text}", __file__, "exec")
+    body = "".join(f"    {line}\n" for line in [*lines, f"return {result}"])
+    text, file = f"def {name}({', '.join(arguments)}):\n{body}", f"<layout {name} {len(linecache.cache)}>"
+    linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file  # where a kernel's text is looked for
     scope = {**scope, "__name__": __name__, "__file__": __file__}
-    exec(code, scope)
+    exec(compile(text, file, "exec"), scope)
     return scope[name]

@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,12 +61,14 @@ _STYLE: Any = {
 
 
 @contextmanager
-def styled_figure(path: str | os.PathLike[str], width: float, height: float) -> Iterator[Figure]:
+def styled_figure(path: str | os.PathLike[str], width: float, height: float, title: str = "") -> Iterator[Figure]:
     """A figure, width by height inches, in the house's style, for `with`; written whole to `path` at its end."""
     file = Path(path)
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
+        if title:
+            figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, color=INK)
         yield figure
         file.parent.mkdir(parents=True, exist_ok=True)
         part = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
@@ -101,8 +103,7 @@ def plot_trajectory(
     factors = [1.0, *(_larger(trajectory, chosen) for chosen in stages[1:])]
     extents = [_extent(trajectory.shapes[chosen]) for chosen in stages]
     widths = [float(np.clip(4.4 * w / h, 2.8, 8.5 if len(stages) == 1 else 4.8)) for w, h in extents]
-    with styled_figure(path, sum(widths) + 4.4, 4.8) as figure:
-        figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
+    with styled_figure(path, sum(widths) + 4.4, 4.8, _title(trajectory, title)) as figure:
         grid = figure.add_gridspec(2, len(stages) + 1, width_ratios=[*widths, 4.2])
         for i, chosen in enumerate(stages):
             axes = figure.add_subplot(grid[:, i])
@@ -141,16 +142,15 @@ def plot_comparison(
     labels = list(trajectories)
     table: Columns = trajectories[labels[0]].columns() if reference is None else reference
     name = labels[0] if reference is None else "reference"
-    with styled_figure(path, 10.5, 5.0) as figure:
-        figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, color=INK)
+    with styled_figure(path, 10.5, 5.0, title) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=[4.6, 5.4])
         paths = figure.add_subplot(grid[:, 0])
         deflection = figure.add_subplot(grid[0, 1])
         error = figure.add_subplot(grid[1, 1], sharex=deflection)
         if reference is not None:
             paths.plot(table["tip_x"], table["tip_y"], ".", color=INK, ms=2.5, label="reference")
-        for k, (color, label) in enumerate(zip(_cycle(len(labels)), labels, strict=True)):
-            run = trajectories[label]
+        for k, (label, run) in enumerate(trajectories.items()):
+            color = COLORS[k % len(COLORS)]
             first: Any = {"lw": 2.8, "alpha": 0.55} if len(labels) > 1 else {"lw": 1.1}
             style = first if k == 0 else {"lw": 1.3, "ls": (5 * k, (5, 5 * (len(labels) - 2) + 4))}
             paths.plot(run.tip[:, 0], run.tip[:, 1], color=color, label=label, **style)
@@ -169,15 +169,8 @@ def plot_comparison(
 
 
 def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: str | None = None) -> Path:
-    """Energies, and below them the balance: energy that appeared from nowhere (J).
-
-    Args:
-        trajectory: a run. path: the file to write. title: default, scene and formulation.
-    Returns:
-        The path.
-    """
-    with styled_figure(path, 7.0, 5.0) as figure:
-        figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
+    """Energies, and below them the balance: energy that appeared from nowhere (J); as `plot_trajectory`."""
+    with styled_figure(path, 7.0, 5.0, _title(trajectory, title)) as figure:
         energy, balance = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 1.0]})
         _draw_energies(energy, trajectory)
         energy.set_xlabel("")
@@ -207,7 +200,7 @@ def plot_spectrum(
     """Amplitude spectrum of each link's tip deflection (fraction of its length), the highest peaks labelled.
 
     Args:
-        trajectory: a run. path: the file to write. title: default, scene and formulation.
+        trajectory, path, title: as for `plot_trajectory`.
         since: s; the part before it is left out. Default: the last instant at which a drive jumps or ends.
     Raises:
         ValueError: too few samples are left.
@@ -215,9 +208,8 @@ def plot_spectrum(
     start = _last_drive(trajectory) if since is None else since
     chosen = trajectory.t >= start - 1e-9
     t = trajectory.t[chosen]
-    with styled_figure(path, 7.0, 3.8) as figure:
+    with styled_figure(path, 7.0, 3.8, _title(trajectory, title)) as figure:
         axes = figure.add_subplot()
-        figure.suptitle(_title(trajectory) if title is None else title, x=0.01, ha="left", fontsize=10.5, color=INK)
         highest, last = 0.0, 0.0
         for k in range(trajectory.tip_deflection.shape[1]):
             frequency, amplitude = spectrum(t, trajectory.tip_deflection[chosen, k])
@@ -264,16 +256,15 @@ def plot_all(
 
 
 # ------------------------------------------------------------------ parts
-def _title(trajectory: Trajectory) -> str:
+def _title(trajectory: Trajectory, given: str | None) -> str:
+    """What is given, or scene, formulation and options."""
+    if given is not None:
+        return given
     settings = trajectory.settings
     keys = ("segments", "elements", "coupling", "modes", "order", "nodes")
-    given = ", ".join(f"{k} {getattr(settings, k)}" for k in keys if getattr(settings, k) is not None)
+    own = ", ".join(f"{k} {getattr(settings, k)}" for k in keys if getattr(settings, k) is not None)
     ended = "" if trajectory.finished else f"   [{trajectory.status} after {trajectory.t[-1]:g} s]"
-    return f"{trajectory.scene.name}   ({settings.formulation}: {given}, dt {settings.dt:g} s){ended}"
-
-
-def _cycle(n: int) -> list[str]:
-    return [COLORS[i % len(COLORS)] for i in range(n)]
+    return f"{trajectory.scene.name}   ({settings.formulation}: {own}, dt {settings.dt:g} s){ended}"
 
 
 def _last_drive(trajectory: Trajectory) -> float:
@@ -332,16 +323,12 @@ def _draw_shapes(
         axes.plot(*shapes[i].T, color=color, lw=1.7, solid_capstyle="round", zorder=3 + i)
         for hinge in shapes[i, list(cuts[1:-1])]:
             axes.plot(*hinge, "o", color="white", mec=color, mew=1.1, ms=4.0, zorder=4 + i)
-    _mark_root(axes, trajectory, frames)
+    if trajectory.scene.root == "pinned":
+        for color, size_of in ((INK, 6), ("white", 2.2)):
+            axes.plot(*trajectory.start[frames[0], :2], "o", color=color, ms=size_of, zorder=40)
     _label_times(axes, shapes, trajectory.t[frames], trajectory.scene.root == "free", size)
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal", adjustable="datalim")
     axes.margins(0.09)
-
-
-def _mark_root(axes: Any, trajectory: Trajectory, frames: Sequence[int]) -> None:
-    if trajectory.scene.root == "pinned":
-        axes.plot(*trajectory.start[frames[0], :2], "o", color=INK, ms=6, zorder=40)
-        axes.plot(*trajectory.start[frames[0], :2], "o", color="white", ms=2.2, zorder=41)
 
 
 def _label_times(axes: Any, shapes: Array, times: Array, free: bool, size: tuple[float, float]) -> None:
@@ -395,8 +382,8 @@ def _mark_kinks(axes: Any, trajectory: Trajectory) -> None:
 
 def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
     n_links = trajectory.tip_deflection.shape[1]
-    for k in range(n_links):
-        axes.plot(trajectory.t, trajectory.tip_deflection[:, k], color=COLORS[k % len(COLORS)], label=f"link {k + 1}")
+    for k, bend in enumerate(trajectory.tip_deflection.T):
+        axes.plot(trajectory.t, bend, color=COLORS[k % len(COLORS)], label=f"link {k + 1}")
     axes.axhline(0.0, color=FAINT, lw=0.7, zorder=0)
     axes.set(title="tip deflection / link length")
     _mark_kinks(axes, trajectory)

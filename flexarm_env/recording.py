@@ -13,12 +13,10 @@ the other: `lengths` (n,), `observations` (sum(T + 1), O), `actions` (sum(T), N)
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import os
-import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -35,10 +33,10 @@ from flexarm_env import arms, sensors
 from flexarm_env import validation as check
 from flexarm_env.batch import gauge_table, scene_gauges
 from flexarm_env.envs.ids import permitted
+from flexarm_env.files import from_json, read_npz, write_npz
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 from flexarm_env.sensors import Sensors
-from flexarm_env.trajectory import write_whole
 from flexarm_env.view import Clip, Player
 from flexarm_env.view.sources import of_episode
 
@@ -98,16 +96,11 @@ class Episode:
             label: what it is called beside others; default the environment's id. env_id: as `replay` takes it.
         """
         with closing(_made(self, env_id, info_level="full")) as env:
-            _begin(env, self)
+            played = [(observation, info, env.unwrapped.snapshot()) for observation, info in _played(env, self)]
             plan, guide = env.unwrapped.plan, env.unwrapped.guide
-            views, infos, seen = [env.unwrapped.snapshot()], [], [self.observations[0]]
-            for action in self.actions:
-                observation, _, _, _, info = env.step(action)
-                views.append(env.unwrapped.snapshot())
-                infos.append(info)
-                seen.append(observation)
+        seen, infos, views = zip(*played, strict=True)
         rows = {
-            name: np.array([math.nan] + [float(info[name]) for info in infos])
+            name: np.array([math.nan] + [float(info[name]) for info in infos[1:]])
             for name in infos[0] if name.startswith(("reward_", "energy_")) or name == "work"
         }  # fmt: skip
         last = np.array(seen)[:, -len(plan.names) :]
@@ -221,7 +214,8 @@ def replay(episode: Episode, env_id: str | None = None) -> Episode:
         ValueError: an episode of another environment that is not named.
     """
     env = EpisodeRecorder(_made(episode, env_id))
-    _play(env, episode)
+    for _ in _played(env, episode):
+        pass
     env.close()
     return env.episodes[0]
 
@@ -232,10 +226,7 @@ def frames(episode: Episode, env_id: str | None = None) -> Iterator[NDArray[np.u
     env_id: as `replay` takes it.
     """
     with closing(_made(episode, env_id, render_mode="rgb_array")) as env:
-        _begin(env, episode)
-        yield np.asarray(env.render())
-        for action in episode.actions:
-            env.step(action)
+        for _ in _played(env, episode):
             yield np.asarray(env.render())
 
 
@@ -244,17 +235,15 @@ def _made(episode: Episode, named: str | None, **more: Any) -> Any:
     return gym.make(env_id, **{"max_episode_steps": episode.max_episode_steps, **_given(keywords), **more})
 
 
-def _begin(env: Any, episode: Episode) -> None:
+def _played(env: Any, episode: Episode) -> Iterator[tuple[Array32, dict[str, Any]]]:
+    """Observation and info at the start of an episode that is played again, and after each of its steps."""
     options = _given(episode.options)
     if episode.generator is not None:
         env.unwrapped.np_random.bit_generator.state = dict(episode.generator)
-    env.reset(seed=episode.seed, options=options)
-
-
-def _play(env: Any, episode: Episode) -> None:
-    _begin(env, episode)
+    yield env.reset(seed=episode.seed, options=options)
     for action in episode.actions:
-        env.step(action)
+        observation, _, _, _, info = env.step(action)
+        yield observation, info
 
 
 # --------------------------------------------------------------------- files
@@ -268,23 +257,18 @@ def save_episodes(path: str | os.PathLike[str], episodes: Sequence[Episode]) -> 
     """
     if not episodes:
         raise ValueError("episodes = []: must hold at least one")
-    names = list(episodes[0].infos)
-    about = ("env_id", "env_kwargs", "max_episode_steps", "seed", "generator", "options")
     meta = {
         "format": FORMAT,
         "flexarm_env": _version(),
-        "episodes": [{key: getattr(episode, key) for key in about} for episode in episodes],
+        "episodes": [{key: getattr(episode, key) for key in ABOUT} for episode in episodes],
     }
     arrays: dict[str, Any] = {"meta": json.dumps(meta), "lengths": np.array([len(e) for e in episodes])}
     for name in ("observations", *STEPS):
         arrays[name] = np.concatenate([getattr(e, name) for e in episodes])
-    for name in names:
+    for name in episodes[0].infos:
         arrays[f"info_{name}"] = np.concatenate([e.infos[name] for e in episodes])
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    target = Path(path)
-    write_whole(target, buffer.getvalue())
-    return target
+    write_npz(Path(path), arrays)
+    return Path(path)
 
 
 def _version() -> str:
@@ -296,34 +280,76 @@ def _version() -> str:
 
 def load_episodes(path: str | os.PathLike[str]) -> list[Episode]:
     """The episodes in a file that `save_episodes` has written. ValueError for a file that is none, or damaged."""
+    arrays = read_npz(path, "episodes")
+    with check.in_file(path):
+        for name in ("meta", "lengths", "observations", *STEPS):
+            check.needed("", arrays, name, "these are no episodes of this package")
+        text = str(check.arrays(arrays, {"meta": ("text", ())}, {})["meta"])
+        meta = check.table_of("meta", from_json(text, "meta"))
+        if meta.get("format") != FORMAT:
+            raise check.InvalidValue("meta.format", meta.get("format"), f"must be {FORMAT}, which this version reads")
+        given = check.sequence("meta.episodes", meta.get("episodes"), "tables")
+        about = [_about(f"meta.episodes[{k}]", entry) for k, entry in enumerate(given)]
+        return list(_cut(arrays, about))
+
+
+def _about(path: str, entry: object) -> dict[str, Any]:
+    """What a file says an episode was made with, checked; its environment's arguments are, when it is made."""
+    table = check.table_of(path, entry)
+    check.known_keys(path, table, ABOUT)
+    for name, read in ABOUT.items():
+        value = check.needed(path, table, name, "every episode says it")
+        if value is not None or name in ("env_id", "env_kwargs"):
+            read(f"{path}.{name}", value)
+    return table
+
+
+def _state(path: str, value: object) -> None:
+    """InvalidValue for what is no state of a generator."""
+    generator: Any = np.random.PCG64()
     try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files}
-        meta = json.loads(str(arrays["meta"]))
-        if meta["format"] != FORMAT:
-            raise ValueError(f"format {meta['format']!r} instead of {FORMAT}")
-        return list(_cut(arrays, meta["episodes"]))
-    except FileNotFoundError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{os.fspath(path)}: damaged, or no episodes of this package ({error})") from error
+        generator.state = check.table_of(path, value)
+    except (ValueError, KeyError, TypeError, OverflowError):
+        raise check.InvalidValue(path, value, "must be the state of a generator, PCG64") from None
+
+
+ABOUT: Mapping[str, Callable[[str, Any], Any]] = {
+    "env_id": check.text, "env_kwargs": check.table_of, "max_episode_steps": partial(check.integer, minimum=1),
+    "seed": partial(check.integer, minimum=0), "generator": _state, "options": check.table_of,
+}  # fmt: skip
+"""Of an episode, what a file says beside its arrays, and how it is read."""
 
 
 def _cut(arrays: Mapping[str, Any], about: Sequence[Mapping[str, Any]]) -> Iterator[Episode]:
-    lengths = arrays["lengths"].tolist()
-    if len(lengths) != len(about) or len(arrays["observations"]) != sum(lengths) + len(lengths):
-        raise ValueError("its arrays do not fit together")
+    sizes = {"episodes": len(about)}
+    lengths = check.arrays(arrays, {"lengths": ("whole", ("episodes",))}, sizes)["lengths"].tolist()
+    for k, length in enumerate(lengths):
+        check.integer(f"lengths[{k}]", length, minimum=1)
+    sizes |= {"sum of lengths": sum(lengths), "instants": sum(lengths) + len(lengths)}
+    infos = {name: ("any", ("instants", "...")) for name in arrays if name.startswith("info_")}
+    known = check.arrays(arrays, {**SERIES, **infos}, sizes)
     steps, instants = 0, 0
     for length, made in zip(lengths, about, strict=True):
         inner, outer = slice(steps, steps + length), slice(instants, instants + length + 1)
-        infos = {key.removeprefix("info_"): value[outer] for key, value in arrays.items() if key.startswith("info_")}
-        series = {name: arrays[name][inner] for name in STEPS}
-        yield Episode(**made, observations=arrays["observations"][outer], infos=infos, **series)
+        yield Episode(
+            **made, observations=known["observations"][outer], **{name: known[name][inner] for name in STEPS},
+            infos={name.removeprefix("info_"): known[name][outer] for name in infos},
+        )  # fmt: skip
         steps, instants = steps + length, instants + length + 1
+
+
+SERIES: Mapping[str, tuple[str, check.Shape]] = {
+    "observations": ("finite", ("instants", "entries")),
+    "actions": ("number", ("sum of lengths", "joints")),  # one that is not finite is an action too: it ends an episode
+    "rewards": ("finite", ("sum of lengths",)),
+    **dict.fromkeys(("terminations", "truncations"), ("flag", ("sum of lengths",))),
+}
 
 
 def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None = None, **about: Any) -> Any:
     """A Minari data set of episodes of one environment, in Minari's folder (MINARI_DATASETS_PATH). `data` extra.
+
+    Needs no JAX; Minari's own `DataCollector` does (`pip install "minari[create]"`).
 
     Args:
         episodes: of one environment. dataset_id: for example "flexarm/slew/pd-v0". env_id: as `replay` takes it.
@@ -356,11 +382,8 @@ def to_minari(episodes: Sequence[Episode], dataset_id: str, env_id: str | None =
                 infos={name: value for name, value in episode.infos.items() if value.dtype.kind in "fiub"},
             )
         )  # fmt: skip
-    env = _made(first, env_id)
-    try:
+    with closing(_made(first, env_id)) as env:
         return minari.create_dataset_from_buffers(dataset_id, buffers, env=env, **about)
-    finally:
-        env.close()
 
 
 # ------------------------------------------------------ what JSON can hold

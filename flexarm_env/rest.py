@@ -1,7 +1,7 @@
-"""Scenes that start at rest under their loads: the state that implicit steps downhill lead to.
+"""Scenes that start at rest under their loads: the equilibrium, by pseudo-transient continuation.
 
-Each step of the integrator begins at rest, M c (q - q_before) + f(q) = 0, with c falling as the step grows: a few short
-ones follow the arm, the last and long ones are Newton's own iteration for f = 0.
+Each step of the integrator begins without velocity, M c (q - q_before) + f(q) = 0, where c falls as the step grows:
+first short steps downhill, at last long ones, which are Newton's iteration for f = 0.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _at_start(load: Load) -> Load:
 
 
 def resting_settings(settings: Settings) -> Settings:
-    """Those of steps that are all alike."""
+    """The settings with steps of one size and an uncorrected period."""
     plain: dict[str, Any] = {"step_tolerance": None}
     if settings.period_correction:
         plain["period_correction"] = False

@@ -18,6 +18,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
+from flexarm_env.envs.vector import SINGLE_NAMES
 
 try:
     from stable_baselines3.common.env_util import is_wrapped
@@ -27,9 +28,6 @@ except ImportError as error:
 
 Indices = None | int | Iterable[int]
 Infos = list[dict[str, Any]]
-
-PER_ENVIRONMENT = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
-"""Attributes that a vector environment has for all together, and what each of its environments has instead."""
 
 
 def make_sb3_vec(
@@ -71,10 +69,8 @@ def make_sb3_vec(
     except TypeError as error:
         if "'autoreset_mode'" not in str(error):
             raise
-        raise ValueError(
-            f"vectorization_mode = {vectorization_mode!r}: must be 'sync' or 'async' for {env_id}, whose own vector "
-            "environment has no same-step autoreset"
-        ) from error
+        what = f"must be 'sync' or 'async' for {env_id}, whose own vector environment has no same-step autoreset"
+        raise check.InvalidValue("vectorization_mode", vectorization_mode, what) from error
     adapter = GymnasiumVecEnv(native, info_keys)
     if seed is not None:
         adapter.seed(seed)
@@ -120,16 +116,12 @@ class GymnasiumVecEnv(VecEnv):
             seed = None
         elif seeds == list(range(seeds[0], seeds[0] + self.num_envs)):  # what an int means to every VectorEnv
             seed = int(seeds[0])
-        groups = _alike(options)
-        if len(groups) == 1:
-            observations, infos = self.env.reset(seed=seed, options=options[0] or None)
-            self.reset_infos = [_info_of(infos, i) for i in range(self.num_envs)]
-            return observations
-        observations, infos = self.env.reset(seed=seed)
+        alike = all(_equal(options[0], own) for own in options)
+        observations, infos = self.env.reset(seed=seed, options=(options[0] or None) if alike else None)
         self.reset_infos = [_info_of(infos, i) for i in range(self.num_envs)]
-        for group in groups:
-            if options[group[0]]:
-                observations = self._reset_some(group, seed, options[group[0]])[0]
+        for i, own in enumerate(options):
+            if own and not alike:
+                observations = self._reset_some([i], seed, own)[0]
         return observations
 
     def _reset_some(self, indices: Sequence[int], seed: Any, options: Mapping[str, Any]) -> tuple[Any, Infos]:
@@ -182,7 +174,7 @@ class GymnasiumVecEnv(VecEnv):
         Where the vector environment has one value for all, that value; of an array with one row an environment
         (or a list or tuple as long), the rows.
         """
-        name = PER_ENVIRONMENT.get(attr_name, attr_name)
+        name = SINGLE_NAMES.get(attr_name, attr_name)
         if hasattr(self.env, "get_attr") and name == attr_name and not hasattr(VectorEnv, name):
             values: Any = self.env.get_attr(name)
         else:
@@ -207,12 +199,9 @@ class GymnasiumVecEnv(VecEnv):
             rows = present.copy()
             rows[chosen] = value
             setattr(self.env, attr_name, rows)
-        elif len(set(chosen)) == self.num_envs:
-            setattr(self.env, attr_name, value)
-        else:
-            raise ValueError(
-                f"indices = {chosen}: must be all {self.num_envs} environments, which share one '{attr_name}'"
-            )
+            return
+        self._check_all(chosen, attr_name)
+        setattr(self.env, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
@@ -243,10 +232,7 @@ class GymnasiumVecEnv(VecEnv):
         if "indices" in inspect.signature(method).parameters:
             values = method(*method_args, indices=chosen, **method_kwargs)
             return list(_spread(values, len(chosen)))
-        if len(set(chosen)) < self.num_envs:
-            raise ValueError(
-                f"indices = {chosen}: must be all {self.num_envs} environments, which share one '{method_name}'"
-            )
+        self._check_all(chosen, method_name)
         values = _spread(method(*method_args, **method_kwargs), self.num_envs)
         return [values[i] for i in chosen]
 
@@ -259,6 +245,11 @@ class GymnasiumVecEnv(VecEnv):
         if not isinstance(singles, list):
             return [False] * len(chosen)
         return [is_wrapped(singles[i], wrapper_class) for i in chosen]
+
+    def _check_all(self, chosen: list[int], name: str) -> None:
+        if len(set(chosen)) < self.num_envs:
+            what = f"must be all {self.num_envs} environments, which share one '{name}'"
+            raise check.InvalidValue("indices", chosen, what)
 
     def _indices(self, indices: Indices) -> list[int]:
         return [int(i) for i in self._get_indices(indices)]
@@ -305,19 +296,6 @@ def _spread(values: Any, n: int) -> Any:
     if isinstance(values, np.ndarray) and values.shape[:1] == (n,):
         return values
     return [values] * n
-
-
-def _alike(options: Sequence[dict[str, Any]]) -> list[list[int]]:
-    """Indices of equal options, group by group."""
-    groups: list[list[int]] = []
-    for i, option in enumerate(options):
-        for group in groups:
-            if _equal(options[group[0]], option):
-                group.append(i)
-                break
-        else:
-            groups.append([i])
-    return groups
 
 
 def _equal(a: dict[str, Any], b: dict[str, Any]) -> bool:

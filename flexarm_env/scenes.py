@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from flexarm_env import arms
 from flexarm_env import validation as check
-from flexarm_env.csv_files import csv_lines
+from flexarm_env.files import csv_lines, read_toml
 from flexarm_env.scene import Scene, toml
 
 ORDER = (
@@ -175,4 +174,4 @@ def _columns(header: tuple[str, ...], lines: list[list[str]]) -> dict[str, np.nd
 @cache
 def _references() -> dict[str, Any]:
     text = (resources.files("flexarm_env") / "data" / "references" / "references.toml").read_text("utf-8")
-    return arms.read_toml(text)[0]
+    return read_toml(text)[0]

@@ -298,27 +298,26 @@ class Link:
         root = self.root_mass, 0.5 * self.root_offset, self.root_inertia
         return root, (self.tip_mass, self.span - 0.5 * self.tip_offset, self.tip_inertia)
 
+    def integral(self, what: str, power: int = 0) -> float:
+        """int `what` s^power ds along the beam from its root; `what`: a field of :class:`Section`."""
+        if isinstance(self.section, Section):
+            return float(getattr(self.section, what) * self.length ** (power + 1) / (power + 1))
+        s, weights = self.quadrature()
+        return float(weights @ (getattr(self.along(s), what) * s**power))
+
     @property
     def mass(self) -> float:
         """Mass of the beam, kg, without rigid ends."""
-        if isinstance(self.section, Section):
-            return self.length * self.section.m
-        return self.moment(0)
+        return self.integral("m")
 
     def moment(self, power: int) -> float:
         """int m s^power ds from the root, kg m^power."""
-        if isinstance(self.section, Section):
-            return self.section.m * self.length ** (power + 1) / (power + 1)
-        s, weights = self.quadrature()
-        return float(weights @ (self.along(s).m * s**power))
+        return self.integral("m", power)
 
     @property
     def rotary(self) -> float:
         """int J ds, kg m^2."""
-        if isinstance(self.section, Section):
-            return self.section.J * self.length
-        s, weights = self.quadrature()
-        return float(weights @ self.along(s).J)
+        return self.integral("J")
 
     def series(self, what: str) -> float:
         """The stiffness `what` of springs in series: length over int ds / stiffness."""
@@ -332,8 +331,7 @@ class Link:
         """The section, or the mean of what vary."""
         if isinstance(self.section, Section):
             return self.section
-        s, weights = self.quadrature()
-        return Section(*(float(weights @ values) / self.length for values in self.along(s)))
+        return Section(*(self.integral(name) / self.length for name in Properties._fields))
 
     @property
     def slenderness(self) -> float:

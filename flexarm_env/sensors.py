@@ -13,7 +13,7 @@ the quantity is taken to have been what it is for ever.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, TypeVar
 
@@ -72,8 +72,7 @@ class Law:
     def __post_init__(self) -> None:
         check.store(
             self,
-            gain=_constant_or_range("gain", self.gain),
-            bias=_constant_or_range("bias", self.bias),
+            **{name: _constant_or_range(name, getattr(self, name)) for name in ("gain", "bias")},
             noise=check.number("noise", self.noise, minimum=0.0),
             quantum=check.number("quantum", self.quantum, minimum=0.0),
             delay=check.number("delay", self.delay, "s", minimum=0.0),
@@ -190,9 +189,11 @@ def surface(m: float, J: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer(Law):
-    """Acceleration of the arm's tip less gravity, m/s^2, along the tip's tangent (x) and across it (y).
+    """Specific force of the arm's tip, m/s^2: its acceleration less gravity along its tangent (x) and across it (y).
 
-    u is the mean over the time since the last instant: the change of the tip's velocity over it. The first is at rest.
+    u is the mean over the time since the last instant of what it is in the tip's own axes at each of these times. In a
+    steady spin it is -w^2 r along the tangent and 0 across, in free fall 0, however long that time. The first has no
+    time before it: it is that of a tip whose velocity in its own axes stays as it is, at rest -g.
     """
 
 
@@ -247,6 +248,21 @@ class Sensors:
         """The encoder of a joint."""
         return self.encoders[joint if len(self.encoders) > 1 else 0]
 
+    def readings(self, arm: Any) -> dict[str, tuple[str, Law]]:
+        """What they read on an arm, in order, as `Trajectory.measured` names it: of each reading the key path of its
+        sensor below "sensors", and the sensor, an encoder as it reads behind the joint's gear."""
+        found: dict[str, tuple[str, Law]] = {}
+        for k, joint in enumerate(arm.joint_names if self.encoders else ()):
+            own = self.encoder(k).behind(arm.joint(k).gear_ratio)
+            found |= {f"{joint}_{of}": (f"encoders[{k}]", own) for of in ("angle", "rate")}
+        for name, place, law in (
+            ("tip_acceleration", "accelerometer", self.accelerometer), ("camera", "camera", self.camera),
+        ):  # fmt: skip
+            if law is not None:
+                found |= {f"{name}_{axis}": (place, law) for axis in "xy"}
+        gauges = enumerate(self.strain_gauges)
+        return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
+
     def check_for(self, n_links: int) -> None:
         """ValueError unless an arm of so many links can carry them."""
         if len(self.encoders) not in (0, 1, n_links):
@@ -269,10 +285,11 @@ def from_table(table: Mapping[str, Any], path: str = "sensors") -> Sensors:
     check.known_keys(path, table, KEYS)
     values: dict[str, Any] = {}
     encoders = table.get("encoders", ())
-    if isinstance(encoders, Mapping):
-        values["encoders"] = (_read(f"{path}.encoders", Encoder, encoders),)
+    if not isinstance(encoders, Mapping):
+        encoders = check.sequence(f"{path}.encoders", encoders, "a table for each joint, or one table for all")
+        values["encoders"] = tuple(_read(f"{path}.encoders[{i}]", Encoder, one) for i, one in enumerate(encoders))
     else:
-        values["encoders"] = tuple(_each(f"{path}.encoders", Encoder, encoders))
+        values["encoders"] = (_read(f"{path}.encoders", Encoder, encoders),)
     places = check.sequence(f"{path}.strain_gauges", table.get("strain_gauges", ()), "places")
     values["strain_gauges"] = tuple(_gauge(f"{path}.strain_gauges[{i}]", entry) for i, entry in enumerate(places))
     for name, kind in (("accelerometer", Accelerometer), ("camera", Camera)):
@@ -285,16 +302,15 @@ def from_table(table: Mapping[str, Any], path: str = "sensors") -> Sensors:
 def to_table(sensors: Sensors) -> dict[str, Any]:
     """The table that `from_table` reads back; what is at its default is left out."""
     table: dict[str, Any] = {}
-    for name in ("encoders", "strain_gauges"):
-        if getattr(sensors, name):
-            table[name] = [_changed(part) for part in getattr(sensors, name)]
-    for name in ("accelerometer", "camera"):
-        if getattr(sensors, name) is not None:
-            table[name] = _changed(getattr(sensors, name))
+    for name, own in vars(sensors).items():
+        if isinstance(own, tuple) and own:
+            table[name] = [_changed(part) for part in own]
+        elif isinstance(own, Law):
+            table[name] = _changed(own)
     return table
 
 
-KEYS = tuple(f.name for f in fields(Sensors))
+KEYS = check.names_of(Sensors)
 """Keys of a table of sensors."""
 
 S = TypeVar("S", bound=Law)
@@ -303,16 +319,7 @@ S = TypeVar("S", bound=Law)
 def _constant_or_range(path: str, value: Any) -> float | Range:
     if not isinstance(value, list | tuple):
         return check.number(path, value)
-    low, high = check.sequence(path, value, "a number, or two: (low, high)", 2)
-    low, high = check.number(f"{path}[0]", low), check.number(f"{path}[1]", high)
-    if low > high:
-        raise check.InvalidValue(path, (low, high), "must be (low, high) with low at most high")
-    return low, high
-
-
-def _each(path: str, kind: type[S], entries: Any) -> Iterable[S]:
-    for i, entry in enumerate(check.sequence(path, entries, "a table for each joint, or one table for all")):
-        yield _read(f"{path}[{i}]", kind, entry)
+    return check.limits(path, check.sequence(path, value, "a number, or two: (low, high)", 2))
 
 
 def _gauge(path: str, entry: Any) -> StrainGauge:
@@ -327,23 +334,14 @@ def _read(path: str, kind: type[S], entry: Any) -> S:
     if isinstance(entry, kind):
         return entry
     table = check.table_of(path, entry)
-    check.known_keys(path, table, [f.name for f in fields(kind)])
-    with check.under(path):
-        if isinstance(table.get("low_pass"), Mapping):
-            low_pass = table["low_pass"]
-            check.known_keys("low_pass", low_pass, [f.name for f in fields(LowPass)])
-            check.needed("low_pass", low_pass, "frequency", "must be a positive number (Hz)")
-            table = {**table, "low_pass": LowPass(**low_pass)}
-        return kind(**table)
+    if isinstance(table.get("low_pass"), Mapping):
+        with check.under(path):
+            check.known_keys("", table, check.names_of(kind))
+            frequency = "must be a positive number (Hz)"
+            table["low_pass"] = check.made("low_pass", LowPass, table["low_pass"], prefix="", frequency=frequency)
+    return check.made(path, kind, table)
 
 
-def _changed(part: Any) -> dict[str, Any]:
-    """A sensor's fields that are not at their defaults."""
-    whole = asdict(part)
-    return {f.name: whole[f.name] for f in fields(part) if getattr(part, f.name) != f.default}
-
-
-__all__ = [
-    "Accelerometer", "Camera", "Encoder", "KEYS", "Law", "LowPass", "Sensors", "StrainGauge", "from_table", "surface",
-    "to_table",
-]  # fmt: skip
+def _changed(part: Law) -> dict[str, Any]:
+    """A sensor's fields that are not at their defaults, as a file has them."""
+    return {name: asdict(value) if name == "low_pass" else value for name, value in check.changed(part).items()}

@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from flexarm_env import validation as check
@@ -109,7 +110,8 @@ class Settings:
         max_halvings: of a step whose Newton fails, default 8.
         step_tolerance: error of the tip, a fraction of the arm's length, that a control period of an environment, or of
             a scene the time between two samples or kinks, may add: dt is then the longest step, and is halved, up to
-            five times, where the motion asks for it. None (default): steps of dt.
+            five times, where the motion asks for it; where that does not suffice, `Trajectory.step_error` and info say
+            so. At least `tolerance`. None (default): steps of dt.
     """
 
     formulation: str
@@ -161,6 +163,9 @@ class Settings:
         )
         if self.step_tolerance is not None:
             allowed = check.number("step_tolerance", self.step_tolerance, above=0.0, maximum=1.0)
+            if allowed < self.tolerance:
+                what = f"must be at least tolerance = {self.tolerance:g}, to which Newton solves each step"
+                raise check.InvalidValue("step_tolerance", allowed, what)
             check.store(self, step_tolerance=allowed)
         self._check_integrator()
 
@@ -189,17 +194,11 @@ class Settings:
         An option given as None takes its default. Raises ValueError for an option the formulation lacks, a value
         out of range, ``modes`` together with ``elements`` or ``coupling``, ``newmark`` with ``rho_inf``.
         """
-        values = default_options(formulation)
         check_options(formulation, options)
-        given = {name: value for name, value in options.items() if value is not None}
-        if "modes" in given:
-            for name in _MESH:
-                values[name] = None
-        if given.get("multipliers"):
-            values["frame"] = "root"
-        if "newmark" in given:
-            values["rho_inf"] = None
-        return cls(formulation=formulation, **{**values, **given})
+        values = merged(default_options(formulation), options)
+        if values.get("multipliers"):
+            values.setdefault("frame", "root")
+        return cls(formulation=formulation, **values)
 
     @property
     def deflection_bound(self) -> float:
@@ -241,29 +240,24 @@ def merged(base: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
     """``base`` overridden by ``options``: modes drops the mesh of ``base`` (and a mesh option drops its modes),
     multipliers its frame, newmark drops rho_inf and the other way about. None overrides nothing."""
     given = {name: value for name, value in options.items() if value is not None}
-    kept = dict(base)
+    dropped = {"frame"} if given.get("multipliers") else set()
     if "modes" in given:
-        for name in _MESH:
-            kept.pop(name, None)
+        dropped.update(_MESH)
     elif any(name in given for name in _MESH):
-        kept.pop("modes", None)
-    if given.get("multipliers"):
-        kept.pop("frame", None)
-    if "newmark" in given:
-        kept.pop("rho_inf", None)
-    if "rho_inf" in given:
-        kept.pop("newmark", None)
-    return {**kept, **given}
+        dropped.add("modes")
+    dropped.update(other for name, other in (("newmark", "rho_inf"), ("rho_inf", "newmark")) if name in given)
+    return {name: value for name, value in base.items() if name not in dropped} | given
 
 
+_count = partial(check.integer, minimum=1)
 _CHECKS: dict[str, Any] = {
-    "segments": lambda name, value: check.integer(name, value, minimum=1, maximum=MOST_ELEMENTS),
-    "elements": lambda name, value: check.integer(name, value, minimum=1, maximum=MOST_ELEMENTS),
-    "coupling": lambda name, value: check.choice(name, value, COUPLINGS),
-    "modes": lambda name, value: check.integer(name, value, minimum=1, maximum=8),
-    "frame": lambda name, value: check.choice(name, value, FRAMES),
-    "multipliers": lambda name, value: check.flag(name, value),
-    "order": lambda name, value: check.integer(name, value, minimum=1, maximum=3),
-    "period_correction": lambda name, value: check.flag(name, value),
-    "nodes": lambda name, value: check.integer(name, value, minimum=3, maximum=12),
+    "segments": partial(_count, maximum=MOST_ELEMENTS),
+    "elements": partial(_count, maximum=MOST_ELEMENTS),
+    "coupling": partial(check.choice, allowed=COUPLINGS),
+    "modes": partial(_count, maximum=8),
+    "frame": partial(check.choice, allowed=FRAMES),
+    "multipliers": check.flag,
+    "order": partial(_count, maximum=3),
+    "period_correction": check.flag,
+    "nodes": partial(check.integer, minimum=3, maximum=12),
 }

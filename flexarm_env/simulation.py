@@ -8,6 +8,7 @@ import time
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from copy import copy
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,13 @@ from numpy.typing import NDArray
 from . import accuracy, physics  # noqa: F401  (importing physics registers the formulations)
 from . import validation as check
 from .compiler import SINGLE, uncompiled
-from .physics import assembly
+from .physics import assembly, precision
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
-from .physics.model import MESSAGE, OK, STATUS, TIMED_OUT, Drive, System
+from .physics.model import MESSAGE, OK, STATUS, STIFFNESS_FACTOR, TIMED_OUT, Drive, System
 from .rest import rested
-from .runtime.fitted import FITS, begin_run, close_fit, end_run, open_fit
+from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import keep
 from .runtime.layout import fit_rooms
 from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, gained, observe_arm, sample_rows
@@ -64,7 +65,7 @@ class Simulation:
     Attributes:
         t: time reached, s. status: a code of `flexarm_env.physics.model`. work: views of the state (`Work`).
         gross: work of the drives, J, what they gave and what they took both counted as positive.
-        levels: with a step_tolerance, the halvings of dt in each stretch up to now.
+        levels: with a step_tolerance, the halvings of dt in each stretch up to now. step_error: see `Trajectory`.
         follow: halvings to take instead of those that the tolerance asks for.
         deadline: `time.perf_counter()` beyond which `advance_to` gives up with status "timed_out"; None: never.
     """
@@ -77,7 +78,7 @@ class Simulation:
         self.system = rested(self._systems[-1], scene, settings, Simulation)
         self.drive = assembly.drive(scene, self.system)
         self.n_motions = len(scene.motions)
-        self.scheme = assembly.scheme_of(settings)
+        self.scheme = assembly.scheme_of(settings, precision.of_scene(scene, settings))
         self.model, self.par = self.system.model, self.system.par.copy()
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
         self.work: Work = uncompiled(unpack)(SINGLE, self.model, self._flat, self.n_motions)
@@ -95,7 +96,7 @@ class Simulation:
         """Back to t = 0, consistent at 0+."""
         self._flat[:] = 0.0
         self.work.q[:], self.work.v[:] = self.system.q0, self.system.v0
-        self.t = self.gross = 0.0
+        self.t = self.gross = self.step_error = 0.0
         self.levels: list[int] = []
         self._level = 1
         self._restart(fresh=False)  # at rest before 0: loads and motions that begin there do so as at any kink
@@ -131,25 +132,26 @@ class Simulation:
 
         run: makes the stretch; poses of the links at its end, flat, of no meaning where the arm has failed.
         """
-        n, links, w, start = len(self.work.q), self.scene.arm.n_links, self.work, self._start()
+        links, w, start = self.scene.arm.n_links, self.work, self._start()
         level, nothing = np.array([float(self._level)]), np.zeros(0)
         if len(self.levels) < len(self.follow):
             level[0] = k = self.follow[len(self.levels)]
             self._halved(k, start, run)
         else:
-            saved, scratch = fit_rooms(n, len(w.u), self.n_motions, links)
+            saved, scratch = fit_rooms(len(w.q), len(w.u), self.n_motions, links)
             allowed = (self.settings.step_tolerance or 0.0) * self.scene.arm.total_length
-            keep(SINGLE, n, w, nothing, saved)
-            open_fit(SINGLE, n, links, level, nothing, saved, scratch, w)
+            keep(w, nothing, saved)
+            open_fit(SINGLE, links, level, nothing, saved, scratch, w)
             for k in range(FITS):
-                if begin_run(SINGLE, k, n, saved, scratch, nothing, w):
+                if start_run(SINGLE, k, saved, scratch, nothing, w):
                     poses = self._halved(k, start, run)
                     if self.status == TIMED_OUT:
                         break
-                    if not end_run(SINGLE, k, n, links, allowed, period, poses, nothing, saved, scratch, level, w):
+                    if not end_run(SINGLE, k, links, allowed, period, poses, nothing, saved, scratch, level, w):
                         break
             if self.status != TIMED_OUT:
-                close_fit(SINGLE, n, links, nothing, saved, scratch, w)
+                close_fit(SINGLE, links, nothing, saved, scratch, w)
+                self.step_error = max(self.step_error, float(scratch[APART]) / self.scene.arm.total_length)
         self.levels.append(k)
         self._level = int(level[0])
         self.model, self.dt = self.system.model, float(self.settings.dt or 0.0)
@@ -177,30 +179,30 @@ class Simulation:
         return stops if stops and stops[-1] >= instant - near else [*stops, instant]
 
     def record(
-        self, end: float, interval: float, tell: Callable[[float], None] | None = None
+        self, end: float, interval: float, progress: Callable[[float], None] | None = None
     ) -> tuple[dict[str, Array], Array]:
         """Advance to `end`, recording the start and every `interval`, landing on every kink; ends where the arm fails.
 
-        What is recorded at a kink is the state just before it. tell: called with the share done. Returns the fields of
-        m samples (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2).
+        What is recorded at a kink is the state just before it. progress: called with the share done. Returns the fields
+        of m samples (`runtime.sampling.SAMPLE`), an instant a row, and points along the chain (m, P, 2).
         """
         count = max(1, math.ceil(end / interval * (1.0 - 1e-9)))
         instants = np.arange(count + 1.0) * interval
         instants[0], instants[-1] = self.t, min(count * interval, end)
-        return self._samples(self._stretch(ENERGY_LIMIT), instants, tell)
+        return self._samples(self._stretch(ENERGY_LIMIT), instants, progress)
 
     def sample(self) -> tuple[dict[str, Array], Array]:
         """What `record` makes of the present state: m = 1."""
         return self._samples(self._stretch(), np.array([self.t]), None)
 
     def _samples(
-        self, stretch: Array, instants: Array, tell: Callable[[float], None] | None
+        self, stretch: Array, instants: Array, progress: Callable[[float], None] | None
     ) -> tuple[dict[str, Array], Array]:
         """Fields and points of samples at instants, as far as the arm gets."""
         m, split, points = len(instants), len(instants) * self._sample, self._count()
         room = np.empty(split + m * points * 2)
         table, shapes = room[:split].reshape(m, self._sample), room[split:].reshape(m, points, 2)
-        made = self._go(stretch, instants, table, shapes, True, tell)
+        made = self._go(stretch, instants, table, shapes, True, progress)
         return SAMPLE.unpack(table[:made], **self._sizes), shapes[:made]
 
     def _stretch(self, gain: float = math.inf, starts: float = GOES_ON) -> Array:
@@ -212,12 +214,12 @@ class Simulation:
 
     def _go(
         self, stretch: Array, instants: Array, table: Array, shapes: Array, books: bool,
-        tell: Callable[[float], None] | None = None,
+        progress: Callable[[float], None] | None = None,
     ) -> int:  # fmt: skip
         """Advance to instants, landing on every kink between them; a row of `table` and of `shapes` each. Returns how
         many are made: fewer where the arm fails."""
         if self.settings.step_tolerance is None:
-            return self._rows(stretch, instants, table, shapes, books, tell)
+            return self._rows(stretch, instants, table, shapes, books, progress)
         moved = False
         for i, instant in enumerate(instants.tolist()):
             for stop in self._stops(instant):
@@ -227,8 +229,8 @@ class Simulation:
                 made = self._fitted(stretch, stop, table[i : i + 1], shapes[i : i + 1], books)
                 if self.status != OK:
                     return i + made
-            if tell is not None:
-                tell((i + 1) / len(instants))
+            if progress is not None:
+                progress((i + 1) / len(instants))
         return len(instants)
 
     def _fitted(self, stretch: Array, stop: float, table: Array, shapes: Array, books: bool) -> int:
@@ -252,14 +254,14 @@ class Simulation:
 
     def _rows(
         self, stretch: Array, instants: Array, table: Array, shapes: Array, books: bool,
-        tell: Callable[[float], None] | None = None,
+        progress: Callable[[float], None] | None = None,
     ) -> int:  # fmt: skip
         """Calls of `runtime.sampling.sample_rows` until all rows are made, or the arm has failed; how many are made."""
         made = 0
         while True:
             made += self._call(stretch, instants[made:], table[made:], shapes[made:], books)
-            if tell is not None:
-                tell(made / len(instants))
+            if progress is not None:
+                progress(made / len(instants))
             if self.status != OK:
                 break
             if self.deadline is not None and time.perf_counter() > self.deadline:
@@ -284,24 +286,24 @@ class Simulation:
         """Compile what `record` needs (or load it), without moving."""
         self._count()
         if self.settings.step_tolerance is not None:
-            flat, gross, level, restarted = self._flat.copy(), self.gross, self._level, self._restarted
+            flat, numbers, restarted = self._flat.copy(), (self.gross, self._level, self.step_error), self._restarted
             self._fit(1.0, lambda: self._poses)
             self.levels.pop()
-            self._flat[:], self.gross, self._level, self._restarted = flat, gross, level, restarted
+            self._flat[:], (self.gross, self._level, self.step_error), self._restarted = flat, numbers, restarted
 
     def _restart(self, fresh: bool = True) -> None:
         """Consistent at t+: a fresh start, or a kink within a run, where the integrator keeps what it has filtered."""
         kept, gross = self._flat.copy(), self.gross
-        self._begin(fresh)
+        self._make_consistent(fresh)
         self._restarted = (kept, self._flat.copy(), gross) if fresh else None
 
-    def begin(self, model: Any, drive: Drive, flat: Array) -> None:
+    def make_consistent(self, model: Any, drive: Drive, flat: Array) -> None:
         """Make another work array consistent at t+ by a model and a drive: a fresh start."""
         other = copy(self)
         other.model, other.drive, other._flat = model, drive, flat
-        other._begin(fresh=True)
+        other._make_consistent(fresh=True)
 
-    def _begin(self, fresh: bool) -> None:
+    def _make_consistent(self, fresh: bool) -> None:
         """`restart`, by itself: what makes an arm linear takes no samples. With kinks `sample_rows` has it."""
         if self._kinks.size:
             self._call(self._stretch(starts=ANEW if fresh else AT_KINK), *_NOTHING)
@@ -376,12 +378,11 @@ def simulate(
         error_limit: largest `error_estimate` (fraction of the arm's length) of a run whose status is "ok".
         time_limit: s by the wall clock, compilation left out; a run that takes longer fails with status "timed_out".
             The runs behind the estimate, usually two of half the steps, may each take as long again.
-        estimate_error: False leaves those out; `error_estimate` is then nan, and the status is judged by energy and the
-            formulation's notes alone (`error_parts`).
+        estimate_error: False leaves those out: `error_estimate` is nan, energy and notes alone judge (`error_parts`).
         options: flat keywords of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01.
     Returns:
-        The Trajectory. Its status is "ok"; "inaccurate" where the estimated error is above error_limit; or names a
-        failure that ended the run early. `message` says it in a sentence.
+        The Trajectory. Its status is "ok"; "inaccurate" where the estimated error is above error_limit or the
+        step_tolerance is not kept; or names a failure that ended the run early. `message` says it in a sentence.
     Raises:
         ValueError: an option the formulation lacks, or a value that is not allowed; more than `trajectory.MOST_STEPS`
             steps or `MOST_SAMPLES` samples.
@@ -419,27 +420,26 @@ def judge(
     scene, settings, end = trajectory.scene, trajectory.settings, float(trajectory.t[-1])
     parts, why = {"energy": accuracy.energy_part(trajectory.balance, trajectory.turned_over), **trajectory.notes}, ""
     if companions:
-
-        def companion(its: Scene, own: Settings, its_interval: float, levels: Sequence[int] = ()) -> accuracy.Probe:
-            return _probe(its, own, end, its_interval, time_limit, levels)
-
+        companion = partial(_probe, end=end, allowed=time_limit)
         mine = accuracy.Probe(trajectory.t, trajectory.tip[:, :2], True)
         found, why = accuracy.estimate(scene, settings, mine, end, interval, companion, trajectory.step_levels)
-        parts |= found
+        more = accuracy.followed(scene, settings, mine, interval, companion, trajectory.step_levels, trajectory.notes)
+        parts |= found | more
     total = accuracy.total(parts)
     changes: dict[str, Any] = {"error_estimate": total if companions else math.nan, "error_parts": parts}
-    if not total <= error_limit:
-        message = accuracy.Estimate(total, parts, why).message(error_limit)
+    if (message := accuracy.missed(settings, trajectory.step_error)) or not total <= error_limit:
+        message = message or accuracy.Estimate(total, parts, why).message(error_limit)
         changes |= {"status": accuracy.INACCURATE, "message": message}
     return dataclasses.replace(trajectory, **changes)
 
 
 def _probe(
-    scene: Scene, settings: Settings, end: float, interval: float, allowed: float | None, levels: Sequence[int]
-) -> accuracy.Probe:
-    """A companion run: its tips alone."""
+    scene: Scene, settings: Settings, interval: float, levels: Sequence[int] = (), stiffness: float = 1.0, *,
+    end: float, allowed: float | None,
+) -> accuracy.Probe:  # fmt: skip
+    """A companion run: its tips alone. stiffness: times EI."""
     simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
-    simulation.follow = levels
+    simulation.follow, simulation.par[STIFFNESS_FACTOR] = levels, simulation.par[STIFFNESS_FACTOR] * stiffness
     simulation.compile()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     fields, _ = simulation.record(end, interval)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexarm_env import validation as check
-from flexarm_env.csv_files import csv_lines, numbers
+from flexarm_env.files import csv_lines, listed, numbers
 
 Array = npt.NDArray[np.float64]
 Side = Literal["right", "left"]
@@ -49,7 +49,7 @@ class TimeFunction:
     def __post_init__(self) -> None:
         try:
             pieces = np.array(self.pieces, dtype=np.float64, order="C")
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise check.InvalidValue("pieces", self.pieces, "must be rows of 8 numbers") from None
         if pieces.ndim != 2 or pieces.shape[1] != 8 or not len(pieces):
             raise check.InvalidValue("pieces", self.pieces, "must be rows of 8 numbers, at least one row")
@@ -251,6 +251,8 @@ def sine(
 
 def _motion(rise: object, duration: object, offset: object) -> tuple[float, float, float]:
     T = check.number("duration", duration, "s", above=0.0)
+    if not 1.0 / check.LARGEST <= T <= check.LARGEST:
+        raise check.InvalidValue("duration", T, f"must be from {1.0 / check.LARGEST:g} to {check.LARGEST:g} s")
     return check.number("rise", rise), T, check.number("offset", offset)
 
 
@@ -265,11 +267,17 @@ def _columns(t: object, least: int, **values: object) -> tuple[Array, ...]:
     if times[0] < 0.0:
         raise check.InvalidValue("t[0]", times[0], "must be a time from 0 on (s)")
     _increasing("t", times)
+    if len(times) > 1 and np.diff(times).min() < 1.0 / check.LARGEST:
+        raise check.InvalidValue("t", times, f"must be at least {1.0 / check.LARGEST:g} s apart")
     columns = [times]
     for name, value in values.items():
         columns.append(check.column(name, value))
         if len(columns[-1]) != len(times):
             raise check.InvalidValue(name, value, f"must hold {len(times)} rows as t does, not {len(columns[-1])}")
+    for name, column in zip(("t", *values), columns, strict=True):
+        at = int(np.argmax(np.abs(column)))
+        if abs(column[at]) > check.LARGEST:
+            raise check.InvalidValue(f"{name}[{at}]", column[at], f"must be at most {check.LARGEST:g} in size")
     return tuple(columns)
 
 
@@ -315,6 +323,9 @@ def spline_table(
 
     time, value = _columns(t, 2, psi=psi)
     check.choice("boundary", boundary, ("not-a-knot", "natural", "clamped"))
+    steps = np.diff(time)
+    if steps.max() > 1e9 * steps.min():
+        raise check.InvalidValue("t", t, "must have no distance above 1e9 times the least, for a spline")
     spline = CubicSpline(time, value, bc_type=boundary)
     rows = [_row(t0, *c[::-1]) for t0, c in zip(time[:-1], spline.c.T, strict=True)]
     return _made("spline_table", _held(time, value, rows), t=time, psi=value, boundary=boundary)
@@ -429,7 +440,7 @@ def from_csv(
             wanted = {word: name for word, name in zip(COLUMNS, chosen.values(), strict=True) if name is not None}
             for key, value in chosen.items():
                 if value is not None and header.count(value) != 1:
-                    what = f"must name one column; the file has {', '.join(header) or 'none'}"
+                    what = f"must name one column; the file has {listed(header)}"
                     raise check.InvalidValue(key, value, what)
         values = {word: numbers(header.index(name), name, lines, len(header)) for word, name in wanted.items()}
         if not lines:

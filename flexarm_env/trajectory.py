@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import ast
-import io
 import json
 import os
-import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,28 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import validation as check
+from .files import from_json, read_npz, write_npz, write_whole
+from .physics.assembly import assemble
 from .physics.gauges import curvatures
-from .physics.layout import (
-    FACTORISATIONS,
-    HALVINGS,
-    ITERATIONS,
-    POSE,
-    ROOT,
-    STEPS,
-    TIP,
-    TIP_RATES,
-)
+from .physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
 from .physics.model import STATUS
 from .scene import Scene
-from .sensors import Law, Sensors, StrainGauge, from_table
+from .scenes import COLUMNS
+from .sensors import Sensors, StrainGauge, from_table
 from .settings import Settings
 from .view import Clip, Player
-from .view.sources import check_shapes, of_trajectory
+from .view.sources import of_trajectory
 
 Array = NDArray[np.float64]
-
-COLUMNS = ("t", "energy", "start_x", "start_y", "start_angle", "tip_x", "tip_y", "tip_angle")
-
 
 MOST_STEPS, MOST_SAMPLES = 10**9, 10**6
 """Steps of a run (half an hour of the quickest), and its recorded instants (some GB)."""
@@ -106,6 +95,7 @@ class Trajectory:
         deflection_bound: tip_deflection beyond which the formulation stops; infinite but for whole links reduced to
             modes.
         step_levels: with a step_tolerance, how often dt was halved in each stretch between samples and kinks.
+        step_error: the largest error (a fraction of L) that one of these was left with; 0 where steps are not fitted.
         gross_work: J, the work of the drives, what they gave and what they took both counted as positive.
         link_angles (n, N, 2): of the tangents at each link's root and tip, rad.
     """
@@ -143,6 +133,7 @@ class Trajectory:
     deflection_bound: float = float("inf")
     gross_work: float = 0.0
     step_levels: tuple[int, ...] = ()
+    step_error: float = 0.0
     motor_angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
     motor_rates: Array = field(default_factory=lambda: np.zeros((0, 0)))
     link_angles: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
@@ -198,8 +189,13 @@ class Trajectory:
 
     # --- to be looked at ---------------------------------------------------------------------------
     def clip(self, label: str | None = None) -> Clip:
-        """What a player shows of the run; label: what it is called beside others, default the scene's name."""
-        check_shapes(self)
+        """What a player shows of the run; label: what it is called beside others, default the scene's name.
+
+        ValueError for a run of no instant, or whose arrays do not fit together.
+        """
+        self.check_arrays()
+        if not len(self.t):
+            raise check.InvalidValue("t", self.t, "must hold one instant at least to be shown")
         return of_trajectory(self, label, self._curvature)
 
     def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Player:
@@ -226,8 +222,10 @@ class Trajectory:
             By name, (n,) each, SI: `hub_angle`, `hub_rate`, `elbow_angle`, ... (rad, rad/s), `tip_acceleration_x`, `_y`
             (m/s^2), `camera_x`, `_y` (m), `strain_gauge_1`, ... (1/m, or strain).
         Raises:
-            ValueError: a run of fewer than two samples, or of samples that are not evenly spaced.
+            ValueError: a run of fewer than two samples, of samples that are not evenly spaced, or whose arrays do not
+                fit together.
         """
+        self.check_arrays()
         arm = self.scene.arm
         own = arm.sensors if sensors is None else sensors
         own = Sensors.ideal(arm.n_links) if own is None else own
@@ -245,36 +243,25 @@ class Trajectory:
     def _read(self, own: Sensors, period: float, seed: int) -> dict[str, Array]:
         from .runtime.laws import law_of, memory_of, read_rows, room_of
 
-        joints = self.scene.arm.joint_names if own.encoders else ()
-        named: list[tuple[str, Law]] = [
-            (f"encoders[{k}]", own.encoder(k).behind(self.scene.arm.joint(k).gear_ratio)) for k in range(len(joints))
-        ]
-        names = [f"{joint}_{of}" for joint in joints for of in ("angle", "rate")]
-        at_motor = [own.encoder(k).side == "motor" for k in range(len(joints))]
-        inputs = [np.where(at_motor, self.motor_angles, self.joint_angles)] if joints else []
-        if own.accelerometer is not None:
-            named += [("accelerometer", own.accelerometer)] * 2
-            names += ["tip_acceleration_x", "tip_acceleration_y"]
-            inputs += [self.tip_velocity[:, :2], self.tip[:, 2:]]
-        if own.camera is not None:
-            named += [("camera", own.camera)] * 2
-            names += ["camera_x", "camera_y"]
-            inputs += [self.tip[:, :2]]
-        if own.strain_gauges:
-            named += [(f"strain_gauges[{i}]", gauge) for i, gauge in enumerate(own.strain_gauges)]
-            names += [f"strain_gauge_{i + 1}" for i in range(len(own.strain_gauges))]
-            inputs += [self._bending(own.strain_gauges)]
-        if not named:
+        arm, readings = self.scene.arm, own.readings(self.scene.arm)
+        if not readings:
             return {}
-        laws = np.array([law_of(law, 1.0, period, f"sensors.{name}") for name, law in named])
-        room, out = room_of(laws), np.empty((len(self.t), len(names)))
+        joints = range(arm.n_links if own.encoders else 0)
+        at_motor = [own.encoder(k).side == "motor" for k in joints]
+        inputs = [np.where(at_motor, self.motor_angles, self.joint_angles)] if joints else []
+        inputs += [self.tip, self.tip_velocity] if own.accelerometer is not None else []
+        inputs += [self.tip[:, :2]] if own.camera is not None else []
+        inputs += [self._bending(own.strain_gauges)] if own.strain_gauges else []
+        channels = [place for name, place in readings.items() if not name.endswith("_rate")]  # made of the angle
+        laws = np.array([law_of(law, 1.0, period, f"sensors.{place}") for place, law in channels])
+        room, out = room_of(laws), np.empty((len(self.t), len(readings)))
         gravity = self.scene.gravity or (0.0, 0.0)
         stream = np.array(np.random.SeedSequence(seed).generate_state(1, np.uint64))
         read_rows(
             laws.ravel(), room, memory_of(len(laws), room), stream, period, float(gravity[0]), float(gravity[1]),
             len(joints), int(own.accelerometer is not None), np.ascontiguousarray(np.hstack(inputs)), out,
         )  # fmt: skip
-        return dict(zip(names, out.T.copy(), strict=True))
+        return dict(zip(readings, out.T.copy(), strict=True))
 
     def columns(self) -> dict[str, Array]:
         """The table that `to_csv` writes."""
@@ -294,58 +281,92 @@ class Trajectory:
         text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]
         write_whole(Path(path), ("\n".join(text) + "\n").encode())
 
+    # --- files --------------------------------------------------------------------------------------
+    def check_arrays(self) -> None:
+        """ValueError for arrays that do not fit each other or the arm or are not finite; for times that do not rise."""
+        links = self.scene.arm.n_links
+        sizes = {"links": links, "joints - 1": links - 1, "rows": len(self.names), "n": np.size(self.t)}
+        check.arrays(vars(self), {name: ("finite", shape) for name, shape in ARRAYS.items()}, sizes)
+        if (np.diff(self.t) <= 0.0).any():
+            at = int(np.argmax(np.diff(self.t) <= 0.0)) + 1
+            raise check.InvalidValue(f"t[{at}]", self.t[at], "must be later than the instant before")
+
     def to_npz(self, path: str | os.PathLike[str]) -> None:
         """Write every array, status, settings and the scene's TOML as text, whole or not at all. Raises OSError."""
-        arrays: dict[str, Any] = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        arrays |= {"error_estimate": self.error_estimate}
-        arrays |= {"status": self.status, "scene": self.scene.to_toml(), "names": np.array(self.names)}
-        arrays |= {"formulation": self.settings.formulation, "options": repr(self.settings.options())}
-        arrays |= {"about": json.dumps({name: getattr(self, name) for name in ABOUT}, default=dict)}
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, **arrays)
-        write_whole(Path(path), buffer.getvalue())
+        known: dict[str, Any] = {name: getattr(self, name) for name in (*ARRAYS, "error_estimate", "status")}
+        known |= {"scene": self.scene.to_toml(), "names": np.array(self.names)}
+        known |= {"formulation": self.settings.formulation, "options": json.dumps(self.settings.options())}
+        known |= {"about": json.dumps({name: getattr(self, name) for name in ABOUT}, default=dict)}
+        write_npz(Path(path), known)
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str]) -> Trajectory:
         """The run that `to_npz` has written. ValueError for a file that is none, damaged, or of version 0.1."""
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                known = {key: data[key] for key in data.files}
-            options = ast.literal_eval(str(known["options"]))
-            own = json.loads(str(known["about"])) | {"error_estimate": float(known["error_estimate"])}
-            own |= {"status": str(known["status"]), "names": tuple(known["names"].tolist())}
-            own |= {"scene": Scene.from_toml(str(known["scene"])), "step_levels": tuple(own["step_levels"])}
-            own |= {"settings": Settings.make(str(known["formulation"]), **options)}
-            return cls(**{f.name: own[f.name] if f.name in own else known[f.name] for f in fields(cls)})
-        except FileNotFoundError:
-            raise
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            what = f"damaged, of a version before 0.2, or no trajectory of this package ({error})"
-            raise ValueError(f"{os.fspath(path)}: {what}") from error
+        known = read_npz(path, "trajectory")
+        with check.in_file(path):
+            for name in (*ARRAYS, *SINGLE):
+                check.needed("", known, name, "this is no trajectory, or one of a version before 0.2")
+            single = {name: array.tolist() for name, array in check.arrays(known, SINGLE, {}).items()}
+            about = check.table_of("about", from_json(single.pop("about"), "about"))
+            own = {name: read(f"about.{name}", check.needed("about", about, name, "")) for name, read in ABOUT.items()}
+            with check.under("scene"):
+                scene = Scene.from_toml(single.pop("scene") + "\n")
+            options = check.table_of("options", from_json(single.pop("options"), "options"))
+            settings = Settings.make(single.pop("formulation"), **options)
+            names = tuple(single.pop("names"))
+            if settings.dt is None or names != assemble(scene, settings).names:
+                raise check.InvalidValue("names", names, "must be the rows of the scene's state under its options")
+            run = cls(scene, settings, **{name: known[name] for name in ARRAYS}, names=names, **single, **own)
+            run.check_arrays()
+        return run
 
 
-ABOUT = (
-    "message", "steps", "iterations", "factorizations", "halvings", "cpu_seconds", "notes", "error_parts",
-    "deflection_bound", "gross_work", "step_levels",
-)  # fmt: skip
-"""Of a trajectory, what `to_npz` writes as JSON."""
+Reader = Callable[[str, Any], Any]
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` to `path`, completely or not at all; its folder is made. OSError where that cannot be done."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")  # of this process alone
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
-    finally:
-        part.unlink(missing_ok=True)
+def _share(path: str, value: object) -> float:
+    """A number that may be infinite, or not be known."""
+    return value if isinstance(value, float) else check.number(path, value)
+
+
+def _shares(path: str, value: object) -> dict[str, float]:
+    return {name: _share(f"{path}.{name}", share) for name, share in check.table_of(path, value).items()}
+
+
+def _levels(path: str, value: object) -> tuple[int, ...]:
+    return tuple(_count(f"{path}[{k}]", level) for k, level in enumerate(check.sequence(path, value, "whole numbers")))
+
+
+_count: Reader = partial(check.integer, minimum=0)
+
+ARRAYS: dict[str, check.Shape] = {
+    "t": ("n",), "start": ("n", 3), "tip": ("n", 3), "tip_velocity": ("n", 3), "hinges": ("n", "joints - 1", 2),
+    **dict.fromkeys(("joint_angles", "joint_rates", "motor_angles", "motor_rates", "joint_torque"), ("n", "links")),
+    "tip_deflection": ("n", "links"), "link_angles": ("n", "links", 2), "shapes": ("n", "points", 2),
+    **dict.fromkeys(("kinetic", "strain_energy", "gravity", "dissipated", "work"), ("n",)),
+    "q": ("n", "rows"), "v": ("n", "rows"),
+}  # fmt: skip
+"""Arrays of a trajectory, finite numbers."""
+
+SINGLE: dict[str, tuple[str, check.Shape]] = {
+    "names": ("text", ("rows",)), "error_estimate": ("number", ()),
+    **dict.fromkeys(("status", "scene", "formulation", "options", "about"), ("text", ())),
+}  # fmt: skip
+"""What `to_npz` writes beside them."""
+
+ABOUT: dict[str, Reader] = {
+    "message": check.text, "steps": _count, "iterations": _count, "factorizations": _count, "halvings": _count,
+    "cpu_seconds": partial(check.number, minimum=0.0), "notes": _shares, "error_parts": _shares,
+    "deflection_bound": _share, "gross_work": check.number, "step_levels": _levels,
+    "step_error": _share,
+}  # fmt: skip
+"""What of a trajectory `to_npz` writes as JSON, and how it is read."""
 
 
 def check_work(end: float, interval: float, dt: float | None) -> None:
-    """ValueError for a run of `end` s that no machine comes to the end of, or that no memory holds."""
+    """ValueError for a run of `end` s that no machine comes to the end of, that no memory holds, or that is none."""
+    if end < 1e-9:
+        raise check.InvalidValue("duration", end, "must be at least 1e-9 s: instants 1e-12 s apart are taken for one")
     if dt is not None and not end / dt <= MOST_STEPS:
         what = f"must be at least {end / MOST_STEPS:.2g} s: a run of {end:g} s may take {MOST_STEPS:.0e} steps"
         raise check.InvalidValue("dt", dt, what)
@@ -372,14 +393,12 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         hinges=poses[:, 1:, POSE.x : POSE.angle],
         joint_torque=torque,
         tip_deflection=(link_deflection(poses) - bows) / lengths,
-        kinetic=energies[:, 0],
-        strain_energy=energies[:, 1],
-        gravity=energies[:, 2],
+        **dict(zip(("kinetic", "strain_energy", "gravity"), energies.T, strict=True)),
         dissipated=fields["dissipated"],
         work=fields["work"],
-        shapes=shapes,
         q=fields["q"],
         v=fields["v"],
+        shapes=shapes,
         names=system.names,
         status=STATUS[simulation.status],
         message=simulation.message,
@@ -391,6 +410,7 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         notes=system.notes,
         gross_work=simulation.gross,
         step_levels=tuple(simulation.levels),
+        step_error=simulation.step_error,
         deflection_bound=simulation.settings.deflection_bound,
         **placed(system.coordinates, poses, fields["q"], fields["v"]),
         link_angles=poses[..., [POSE.angle, POSE.tip_angle]],

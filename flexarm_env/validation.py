@@ -7,6 +7,7 @@ Every message reads ``key.path = value: what is allowed``, e.g.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import difflib
 import math
 import numbers
@@ -19,32 +20,31 @@ import numpy as np
 T = TypeVar("T")
 
 
-class InvalidValue(ValueError):
-    """A value that is not allowed: ``path`` (key path), ``value``, ``allowed`` (a sentence).
+class BadKey(ValueError):
+    """Something wrong at a key path, ``path``; an outer reader may put its own key in front with :func:`under`."""
 
-    It is a ``ValueError``; an outer reader may put its own key in front with :func:`under`.
-    """
+    def __init__(self, path: str, *more: object) -> None:
+        super().__init__(path, *more)
+        self.path = path
+
+
+class InvalidValue(BadKey):
+    """A value that is not allowed: ``path`` (key path), ``value``, ``allowed`` (a sentence)."""
 
     def __init__(self, path: str, value: object, allowed: str) -> None:
         super().__init__(path, value, allowed)
-        self.path = path
-        self.value = value
-        self.allowed = allowed
+        self.value, self.allowed = value, allowed
 
     def __str__(self) -> str:
         return f"{self.path} = {shown(self.value)}: {self.allowed}"
 
 
-class UnknownKey(ValueError):
+class UnknownKey(BadKey):
     """A key that does not exist: ``path`` (its key path) and ``allowed`` (the keys that do)."""
 
     def __init__(self, path: str, allowed: Iterable[str], what: str = "key", hint: str = "") -> None:
-        allowed = tuple(allowed)
-        super().__init__(path, allowed, what, hint)
-        self.path = path
-        self.allowed = allowed
-        self.what = what
-        self.hint = hint
+        self.allowed, self.what, self.hint = tuple(allowed), what, hint
+        super().__init__(path, self.allowed, what, hint)
 
     def __str__(self) -> str:
         last = self.path.rsplit(": ", 1)[-1].rsplit(".", 1)[-1]
@@ -67,12 +67,11 @@ class UnknownArgument(UnknownKey, TypeError):
         return f"{super().__str__()}; got an unexpected keyword argument {self.path!r}" if self.allowed else self.path
 
 
-class MissingKey(ValueError):
+class MissingKey(BadKey):
     """A key that must be given: ``path`` (its key path) and ``allowed`` (what belongs there)."""
 
     def __init__(self, path: str, allowed: str) -> None:
         super().__init__(path, allowed)
-        self.path = path
         self.allowed = allowed
 
     def __str__(self) -> str:
@@ -90,7 +89,10 @@ def shown(value: object) -> str:
         value = value.item()
     if isinstance(value, np.ndarray):
         value = value.tolist()
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no number of more than some thousand digits
+        text = f"a {type(value).__name__} of too many digits"
     return text if len(text) <= 100 else text[:97] + "..."
 
 
@@ -106,12 +108,8 @@ def under(prefix: str) -> Iterator[None]:
     """Put ``prefix`` in front of the key path of an error raised inside the block."""
     try:
         yield
-    except InvalidValue as error:
-        raise InvalidValue(joined(prefix, error.path), error.value, error.allowed) from None
-    except UnknownKey as error:
-        raise UnknownKey(joined(prefix, error.path), error.allowed, error.what, error.hint) from None
-    except MissingKey as error:
-        raise MissingKey(joined(prefix, error.path), error.allowed) from None
+    except BadKey as error:
+        raise type(error)(joined(prefix, error.path), *error.args[1:]) from None
 
 
 def in_file(path: str | os.PathLike[str] | None) -> contextlib.AbstractContextManager[None]:
@@ -154,7 +152,10 @@ def number(
         allowed += f" ({unit})"
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
         raise InvalidValue(path, value, allowed)
-    result = float(value)
+    try:
+        result = float(value)
+    except OverflowError:  # a whole number may be larger than any float
+        result = math.inf
     if (
         not math.isfinite(result)
         or (minimum is not None and result < minimum)
@@ -162,7 +163,18 @@ def number(
         or (maximum is not None and result > maximum)
     ):
         raise InvalidValue(path, value, allowed)
+    small, large = SIZES.get(unit, (1.0 / LARGEST, LARGEST))
+    if unit and (abs(result) > large or (above == 0.0 and result < small)):
+        least = f"at least {small:g} and " if above == 0.0 else ""
+        raise InvalidValue(path, value, f"must be {least}at most {large:g} in size ({unit}), or powers of it overflow")
     return result
+
+
+LARGEST = 1e30
+"""Of numbers that have a unit, and of those in files, in size; one over it: the least of those that must be positive.
+Beyond, products of a few of them are no floats any more, nor they float32."""
+SIZES = {"m": (1e-9, 1e9), "s": (0.0, math.inf)}
+"""The same, least and largest: high powers are taken of lengths, and how long a run may be is told by its steps."""
 
 
 def limits(path: str, value: object, unit: str = "", **bounds: float) -> tuple[float, float]:
@@ -240,24 +252,64 @@ def column(path: str, values: object, unit: str = "") -> np.ndarray[Any, np.dtyp
     return np.array(values, dtype=np.float64)
 
 
-def array(
-    path: str, values: object, shape: tuple[int | str, ...], what: str = ""
-) -> np.ndarray[Any, np.dtype[np.float64]]:
+Shape = tuple[int | str, ...]
+"""Lengths; a word: any from 1 on, the same wherever the word stands."""
+
+
+def array(path: str, values: object, shape: Shape, what: str = "") -> np.ndarray[Any, np.dtype[np.float64]]:
     """``values`` as a float64 array of finite numbers; a word in ``shape``: any length from 1 on."""
-    words = f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)}){what and ', '}{what}"
     try:
         result = np.asarray(values, np.float64)
-    except (TypeError, ValueError):
-        raise InvalidValue(path, values, f"must be numbers of shape {words}") from None
-    given = result.shape
-    if len(given) != len(shape) or any(
-        one != wanted if isinstance(wanted, int) else one < 1 for one, wanted in zip(given, shape, strict=True)
-    ):
-        raise InvalidValue(f"shape of {path}", given, f"must be {words}")
-    if not np.isfinite(result).all():
-        at = tuple(int(k) for k in np.argwhere(~np.isfinite(result))[0])
-        raise InvalidValue(f"{path}{list(at)}", float(result[at]), "must be a finite number")
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidValue(path, values, f"must be numbers of shape {_words(shape, {})}{what and ', '}{what}") from None
+    _fits(path, result, "finite", shape, {}, what)
     return result
+
+
+KINDS = {"finite": "fiu", "number": "fiu", "whole": "iu", "flag": "b", "text": "U", "any": "fiubU"}
+"""What an array holds, by NumPy's kinds of dtype."""
+
+
+def arrays(
+    given: Mapping[str, np.ndarray[Any, Any]], table: Mapping[str, tuple[str, Shape]], sizes: dict[str, int]
+) -> dict[str, Any]:
+    """The arrays that a table declares, each held against the others: ValueError for the first that does not fit.
+
+    Args:
+        given: by name. table: of each the word of :data:`KINDS` and the shape; a shape that ends in "...": any further.
+        sizes: lengths by the words in shapes, as far as they are known; those found are added.
+    """
+    for name, (kind, shape) in table.items():
+        _fits(name, needed("", given, name, f"must be an array of shape {_words(shape, sizes)}"), kind, shape, sizes)
+    return {name: given[name] for name in table}
+
+
+def _words(shape: Shape, sizes: Mapping[str, int]) -> str:
+    return f"({', '.join(str(sizes.get(str(k), k)) for k in shape)}{',' * (len(shape) == 1)})"
+
+
+def _fits(
+    path: str, values: np.ndarray[Any, Any], kind: str, shape: Shape, sizes: dict[str, int],
+    what: str = "to fit the other arrays",
+) -> None:  # fmt: skip
+    """InvalidValue for an array of another kind or shape, or with an entry that is not finite."""
+    if values.dtype.kind not in KINDS[kind]:
+        raise InvalidValue(f"dtype of {path}", str(values.dtype), f"must be that of {_HELD.get(kind, 'numbers')}")
+    wanted = (*shape[:-1], *values.shape[len(shape) - 1 :]) if shape[-1:] == ("...",) else shape
+    bound = tuple(sizes.get(k, 0) if isinstance(k, str) else k for k in wanted)
+    known = tuple(not isinstance(k, str) or k in sizes for k in wanted)
+    if values.ndim != len(bound) or not all(
+        one == length if fixed else one > 0 for one, length, fixed in zip(values.shape, bound, known, strict=True)
+    ):
+        raise InvalidValue(f"shape of {path}", values.shape, f"must be {_words(shape, sizes)}{what and ', '}{what}")
+    sizes.update((k, n) for k, n in zip(wanted, values.shape, strict=True) if isinstance(k, str))
+    if kind == "finite" and not (fine := np.abs(np.asarray(values, np.float64)) <= LARGEST).all():
+        at = tuple(int(k) for k in np.argwhere(~fine)[0])
+        size = f", at most {LARGEST:g} in size" if np.isfinite(values[at]) else ""
+        raise InvalidValue(f"{path}{list(at) if at else ''}", float(values[at]), f"must be a finite number{size}")
+
+
+_HELD = {"whole": "whole numbers", "flag": "bools", "text": "texts", "any": "numbers, bools or texts"}
 
 
 def table_of(path: str, value: object) -> dict[str, Any]:
@@ -280,3 +332,27 @@ def needed(path: str, table: Mapping[str, Any], key: str, allowed: str) -> Any:
     if key not in table:
         raise MissingKey(joined(path, key), allowed)
     return table[key]
+
+
+def made(path: str, kind: type[T], value: object, *, prefix: str | None = None, **must: str) -> T:
+    """A dataclass of the class ``kind`` from a table of its fields.
+
+    prefix: of what the class itself refuses, ``path`` unless given. must: what belongs in fields that must be given.
+    """
+    table = table_of(path, value)
+    known_keys(path, table, names_of(kind))
+    for key, allowed in must.items():
+        needed(path, table, key, allowed)
+    with under(path if prefix is None else prefix):
+        return kind(**table)
+
+
+def names_of(kind: Any) -> tuple[str, ...]:
+    """Names of a dataclass's fields."""
+    return tuple(field.name for field in dataclasses.fields(kind))
+
+
+def changed(item: Any) -> dict[str, Any]:
+    """The fields of a dataclass that are not at their defaults, by name."""
+    own = {field.name: (getattr(item, field.name), field.default) for field in dataclasses.fields(item)}
+    return {name: value for name, (value, default) in own.items() if value != default}

@@ -18,7 +18,10 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from flexarm_env.cli.parser import BAD_INPUT, DONE, SCRIPTS
+from flexarm_env.cli.codes import BAD_INPUT, DONE
+
+SCRIPTS = {"train": "agents.train_ppo", "evaluate": "agents.evaluate", "bench": ""}
+"""Commands that run what a checkout brings, and their scripts."""
 
 
 def run(args: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import logging
 import sys
@@ -12,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from flexarm_env.cli.parser import DONE, FAILED
+from flexarm_env.cli.codes import DONE, FAILED
 from flexarm_env.cli.progress import show
 
 ENVIRONMENTS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
@@ -29,13 +30,15 @@ def run(args: argparse.Namespace) -> int:
     logging.getLogger("flexarm_env").setLevel(logging.ERROR)  # who asks for it need not be told
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
+        uses: list[Use] = []
         for formulation in (None, *FORMULATIONS) if args.all else (None,):
             word = "" if formulation is None else f" ({formulation})"
-            for name, use in (*environments(formulation), *_scenes(formulation)):
-                start = time.perf_counter()
-                sys.stderr.write(f"{name}{word} ...\n")
-                use()
-                values[f"{name}{word}"] = f"{time.perf_counter() - start:.1f} s"
+            uses += [(f"{name}{word}", use) for name, use in (*environments(formulation), *_scenes(formulation))]
+        for k, (name, use) in enumerate(uses):
+            start = time.perf_counter()
+            sys.stderr.write(f"{k + 1} of {len(uses)}: {name} ...\n")
+            use()
+            values[name] = f"{time.perf_counter() - start:.1f} s"
     values |= cache_report([str(warning.message) for warning in said])
     show(values, args.json)
     return DONE if values["cache_writable"] else FAILED
@@ -96,26 +99,30 @@ def _scenes(formulation: str | None) -> Iterator[Use]:
 
 def cache_report(said: list[str]) -> dict[str, Any]:
     """The folder of compiled code, whether it can be written to, and a sentence where it cannot; said: warnings."""
-    from flexarm_env import simulation
-    from flexarm_env.compiler import MODE
+    from flexarm_env.compiler import UNCOMPILED, objects
 
-    path = getattr(getattr(vars(simulation)["sample_rows"], "stats", None), "cache_path", None)
-    if path is None:
-        why = "compilation is switched off" if MODE == "whole" else "the plain compiler keeps nothing"
-        return {"cache_folder": f"none ({why})", "cache_writable": False}
-    trouble = next((text for text in said if "compiled code cannot be kept" in text), "") or _trouble(Path(path))
-    values: dict[str, Any] = {"cache_folder": path, "cache_writable": not trouble}
+    if UNCOMPILED:
+        return {"cache_folder": "none (compilation is switched off)", "cache_writable": False}
+    folder = objects.folders()[0]
+    trouble = next((text for text in said if "compiled code cannot be kept" in text), "") or _trouble(folder)
+    values: dict[str, Any] = {"cache_folder": str(folder), "cache_writable": not trouble}
     return values | ({"cache": trouble.removeprefix("flexarm_env: ")} if trouble else {})
 
 
 def _trouble(folder: Path) -> str:
-    """Why nothing can be written to a folder; "" where it can."""
+    """Why nothing can be kept in a folder; "" where it can."""
+    from flexarm_env.compiler import objects
+
     probe = folder / f".flexarm-{time.time_ns()}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        objects.prepare(folder)
         probe.write_bytes(bytes(2**16))
         probe.unlink()
     except OSError as error:
-        probe.unlink(missing_ok=True)
-        return f"nothing new can be kept ({error}); set NUMBA_CACHE_DIR to a folder that can be written to and has room"
+        with contextlib.suppress(OSError):
+            probe.unlink()
+        return (
+            f"nothing new can be kept ({folder}: {error.strerror or error}); set {objects.VARIABLE} to a folder of "
+            "your own that has room"
+        )
     return ""

@@ -12,12 +12,15 @@ from importlib import metadata
 from typing import Any
 
 from flexarm_env import __version__
+from flexarm_env.cli.codes import DONE, FAILED
 from flexarm_env.cli.compile import cache_report, environments
-from flexarm_env.cli.parser import DONE, FAILED
-from flexarm_env.cli.progress import show
+from flexarm_env.cli.progress import ProgressBar, show
 
-NEEDED = ("numpy", "scipy", "numba", "llvmlite", "gymnasium")
+NEEDED = ("numpy", "scipy", "llvmlite", "gymnasium")
 OPTIONAL = ("matplotlib", "pygame-ce", "moviepy", "stable-baselines3", "torch", "minari")
+
+VARIABLES = ("FLEXARM_COMPILER", "FLEXARM_CACHE_DIR", "OMP_NUM_THREADS")
+"""Told where they are set."""
 
 SELF_TEST = "robot_arm_motion"
 SELF_TEST_SETTINGS: dict[str, Any] = {"formulation": "geometrically_exact", "elements": 5, "dt": 0.005}
@@ -32,15 +35,15 @@ def run(args: argparse.Namespace) -> int:
     values |= {name: _version(name) for name in NEEDED}
     values |= {name: _version(name) or "not installed" for name in OPTIONAL}
     values |= {"platform": platform.platform(), "processors": _processors(), "executable": sys.executable}
-    values |= {name: os.environ[name] for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS") if name in os.environ}
+    values |= {name: os.environ[name] for name in VARIABLES if name in os.environ}
     missing = [name for name in NEEDED if _version(name) is None]
     if missing:
         values |= {"self_test": f"not run: {', '.join(missing)} missing"}
         show(values, args.json)
         return FAILED
-    from flexarm_env.compiler import WHY
+    from flexarm_env.compiler import MODE
 
-    values |= {"compiler": WHY}
+    values |= {"compiler": MODE}
     tested, good = _self_test()
     show(values | tested, args.json)
     return DONE if good else FAILED
@@ -71,8 +74,11 @@ def _self_test() -> tuple[dict[str, Any], bool]:
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         simulation.simulate(scene, duration=scene.dt, sample=scene.dt, **options)
-        for _, use in environments(None):
+        uses, bar = list(environments(None)), ProgressBar("self-test")
+        for k, (_, use) in enumerate(uses):
             use()
+            bar((k + 1) / len(uses))
+        bar.close()
     ready = time.perf_counter() - start
     trajectory = simulation.simulate(scene, **options)
     error = tip_error(trajectory.t, trajectory.tip, scenes.reference(SELF_TEST).columns).max_tip_error

@@ -8,12 +8,12 @@ from pathlib import Path
 import gymnasium as gym
 
 from flexarm_env import validation as check
-from flexarm_env.cli.parser import DONE
+from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.progress import show
 from flexarm_env.control import NumpyPolicy, Setup, load_policy
 from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
 from flexarm_env.envs.ids import permitted
-from flexarm_env.trajectory import write_whole
+from flexarm_env.files import write_whole
 
 FORMS = {"onnx": ".onnx", "c": ".c"}
 """What --to takes, and how such a file's name ends."""

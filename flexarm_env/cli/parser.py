@@ -1,8 +1,4 @@
-"""Arguments, help texts and exit codes of `flexarm`; nothing heavy is imported here.
-
-Exit codes: 0 done; 1 the run ended early (its status is in the output) or a check failed; 2 the input is wrong or
-something is missing; 130 interrupted. An error is one sentence on standard error.
-"""
+"""Arguments and help texts of `flexarm`; nothing heavy is imported here."""
 
 from __future__ import annotations
 
@@ -11,36 +7,10 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from functools import partial
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-
-
-class Parser(argparse.ArgumentParser):
-    """An ArgumentParser whose errors are one sentence, and whose help keeps its line breaks.
-
-    script: of a checkout, whose flags the help shows as well; "" for none.
-    """
-
-    script = ""
-
-    def __init__(self, **options: Any) -> None:
-        options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
-        super().__init__(allow_abbrev=False, **options)
-
-    def format_help(self) -> str:
-        """The help, with the flags of the script."""
-        if not self.script:
-            return super().format_help()
-        from flexarm_env.cli.checkout import flags
-
-        return f"{super().format_help()}\n{flags(self.script)}".rstrip() + "\n"
-
-    def error(self, message: str) -> NoReturn:
-        """Leave with code 2 and a sentence that says where help is."""
-        sys.stderr.write(f"{self.prog}: {message} (see {self.prog} --help)\n")
-        sys.exit(BAD_INPUT)
-
+from flexarm_env.cli.checkout import SCRIPTS, flags
+from flexarm_env.cli.codes import BAD_INPUT, DONE, INTERRUPTED, Parser, sentence
 
 OVERVIEW = """\
 Planar flexible robot arms: replay scenes, compare with references, play, train, judge.
@@ -88,6 +58,7 @@ Run a scene from a TOML file (or a named one) without comparing it with anything
   flexarm simulate my_scene.toml
   flexarm simulate my_scene.toml --formulation elastica --nodes 8 --out run.npz --plot run.png
   flexarm simulate configs/scenes/strip_slew.toml@hasty       (in a checkout)
+  flexarm simulate my_scene.toml --strict --error-limit 0.01 || echo "not within 1 %"
 """
 
 SOLVER_NOTE = """\
@@ -95,7 +66,8 @@ The scene's own defaults hold for what is not given. An option that the formulat
 """
 
 OUTPUT_NOTE = """\
-exit code: 0 done, 1 the run ended early (see status), 2 wrong input
+exit code: 0 done, also where the status is inaccurate; 1 the run ended early (see status); 2 wrong input;
+3 with --strict: the status is inaccurate
 """
 
 VIEW = """\
@@ -126,10 +98,10 @@ other environment than FlexibleArm-v0 and TwoLinkFlexArm-v0, unless ENV names it
 TRAIN = """\
 Train a policy with Stable-Baselines3 from a checkout (agents/train_ppo.py); all flags go there.
 
-  flexarm train --env FlexibleArm-v0                          a minute; results in runs/ppo-FlexibleArm-v0-0/
+  flexarm train --env FlexibleArm-v0                          results in runs/ppo-FlexibleArm-v0-0/
   flexarm train --env TwoLinkFlexArm-v0 --seed 1 --out runs/mine
   flexarm train --env FlexibleArm-v0 --algo sac
-  flexarm train --env FlexibleArm-v0 --algo gradient          by gradients through the arms; seconds of CPU
+  flexarm train --env FlexibleArm-v0 --algo gradient          by gradients through the arms
   flexarm train --out runs/mine --resume                      go on where it stopped
 
 --resume reads checkpoints, which are pickles and can run any code: resume your own runs alone.
@@ -154,12 +126,9 @@ Judge policies on the suite's tasks (suite), make a page of the results (page), 
   flexarm bench
   flexarm bench suite --policy pd,lqg
   flexarm bench suite --help
-  flexarm bench agreement
-  flexarm bench agreement --help
+  flexarm bench throughput
+  flexarm bench throughput --help
 """
-
-SCRIPTS = {"train": "agents.train_ppo", "evaluate": "agents.evaluate", "bench": ""}
-"""Commands that run what a checkout brings, and their scripts."""
 
 CODES_NOTE = """\
 exit code: 0 done, 2 wrong input, or something is missing
@@ -194,50 +163,50 @@ POLICY is a run folder, a policy.npz or the name of a policy that comes with the
 
 COMPILE = """\
 Compile what environments (single and vector), simulate, replay and linearize need in their default settings, and keep
-it, for every process on this machine; a minute or two, seconds where it is done. Elements, nodes and modes of your own
-are compiled on their first use. What can be kept nowhere is an error: NUMBA_CACHE_DIR says where.
+it, for every process on this machine; says which of how many it is at, and what is there is not compiled again.
+Elements, nodes and modes of your own are compiled on their first use. What can be kept nowhere is an error:
+FLEXARM_CACHE_DIR says where.
 
   flexarm compile
   flexarm compile --all                            every formulation
-  NUMBA_CACHE_DIR=/shared/cache flexarm compile    for all machines with like processors
+  FLEXARM_CACHE_DIR=/shared/cache flexarm compile    for all machines with like processors
 """
 
 DOCTOR = """\
-Versions, processors and threads, the folder of compiled code, and a self-test that takes seconds (a minute the first
-time, when it compiles): a scene, and a step of both environments and their vectors. The exit code is 1 where it fails.
+Versions, processors and threads, the folder of compiled code, and a self-test, which the first time compiles and says
+so: a scene, and a step of both environments and their vectors. The exit code is 1 where it fails.
 """
+
+
+SOLVER: tuple[tuple[str, type, str, str], ...] = (
+    ("segments", int, "N", "bodies a link is cut into (floating_frame)"),
+    ("elements", int, "N", "per segment (floating_frame), per link (geometrically_exact)"),
+    ("frame", str, "NAME", "chord or root: where the frame floats (floating_frame)"),
+    ("coupling", str, "NAME", "von_karman, paper or linear (floating_frame)"),
+    ("modes", int, "N", "bending modes per link, per segment with --segments (floating_frame)"),
+    ("multipliers", bool, "", "bodies joined by Lagrange multipliers, the paper's own form (floating_frame)"),
+    ("order", int, "P", "of the elements, 1 to 3 (geometrically_exact)"),
+    ("nodes", int, "N", "per link, 3 to 12 (elastica)"),
+    ("dt", float, "H", "step, s"),
+    ("rho_inf", float, "R", "numerical damping: 1 none, 0 most"),
+    ("tolerance", float, "T", "of the Newton iteration"),
+    ("step_tolerance", float, "E",
+     "halve dt where a stretch between samples would add more error than this, a fraction of the length"),
+    ("period_correction", bool, "", "take the integrator's error of the period out of each step of the exact beam"),
+)  # fmt: skip
+"""Options of `flexarm_env.settings` that `replay` and `simulate` take: name, kind, what stands for it, help."""
 
 
 def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     """Flags of `replay` and `simulate`; their names are the options' names everywhere."""
     solver = parser.add_argument_group("how it is computed", SOLVER_NOTE)
     solver.add_argument("--formulation", metavar="NAME", help="floating_frame, geometrically_exact or elastica")
-    solver.add_argument("--segments", type=int, metavar="N", help="bodies a link is cut into (floating_frame)")
-    solver.add_argument(
-        "--elements", type=int, metavar="N", help="per segment (floating_frame), per link (geometrically_exact)"
-    )
-    solver.add_argument("--frame", metavar="NAME", help="chord or root: where the frame floats (floating_frame)")
-    solver.add_argument("--coupling", metavar="NAME", help="von_karman, paper or linear (floating_frame)")
-    solver.add_argument(
-        "--modes", type=int, metavar="N", help="bending modes per link, per segment with --segments (floating_frame)"
-    )
-    solver.add_argument(
-        "--multipliers", action=argparse.BooleanOptionalAction, default=None,
-        help="bodies joined by Lagrange multipliers, the paper's own form (floating_frame)",
-    )  # fmt: skip
-    solver.add_argument("--order", type=int, metavar="P", help="of the elements, 1 to 3 (geometrically_exact)")
-    solver.add_argument("--nodes", type=int, metavar="N", help="per link, 3 to 12 (elastica)")
-    solver.add_argument("--dt", type=float, metavar="H", help="step, s")
-    solver.add_argument("--rho-inf", type=float, metavar="R", help="numerical damping: 1 none, 0 most")
-    solver.add_argument("--tolerance", type=float, metavar="T", help="of the Newton iteration")
-    solver.add_argument(
-        "--step-tolerance", type=float, metavar="E",
-        help="halve dt where a stretch between samples would add more error than this, a fraction of the length",
-    )  # fmt: skip
-    solver.add_argument(
-        "--period-correction", action=argparse.BooleanOptionalAction, default=None,
-        help="take the integrator's error of the period out of each step of the exact beam",
-    )  # fmt: skip
+    for name, kind, metavar, text in SOLVER:
+        flag = "--" + name.replace("_", "-")
+        if kind is bool:
+            solver.add_argument(flag, action=argparse.BooleanOptionalAction, default=None, help=text)
+        else:
+            solver.add_argument(flag, type=kind, metavar=metavar, help=text)
     run = parser.add_argument_group("what is run and compared")
     run.add_argument("--duration", type=float, metavar="T", help="how long to run, s")
     run.add_argument("--sample", type=float, metavar="DT", help="sampling interval of the output, s")
@@ -245,6 +214,7 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
         "--error-limit", type=float, metavar="E", default=0.05,
         help="status inaccurate where error_estimate (fraction of the arm's length) is above this (0.05)",
     )  # fmt: skip
+    run.add_argument("--strict", action="store_true", help="exit code 3 where the status is inaccurate")
     run.add_argument("--time-limit", type=float, metavar="T", help="s by the clock, then the run fails (timed_out)")
     if reference:
         run.add_argument(
@@ -258,19 +228,6 @@ def _add_run(parser: argparse.ArgumentParser, reference: bool) -> None:
     output.add_argument("--plots", metavar="FOLDER", help="all figures of the run: shapes, energies, spectrum")
     output.add_argument("--video", metavar="FILE", help="film of the run: .mp4, .gif, .webm, .mkv or .mov")
     output.add_argument("--speed", type=float, default=1.0, metavar="S", help="seconds of the run a second of film")
-    output.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
-
-
-def _add_play(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("env", nargs="?", metavar="ENV", help="FlexibleArm-v0 (default) or TwoLinkFlexArm-v0")
-    parser.add_argument("--policy", default="keyboard", metavar="WHO", help="keyboard (default), controller or policy")
-    parser.add_argument("--episodes", type=int, default=1, metavar="N", help="how many (1)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the first; the others follow (0)")
-    parser.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment: '{\"duration\": 8}'")
-    parser.add_argument("--video", metavar="FILE", help="a film instead of a window: .mp4, .gif, .webm, .mkv or .mov")
-    parser.add_argument("--headless", action="store_true", help="no window; only print what came of the episodes")
-    parser.add_argument("--record", metavar="FILE.npz", help="keep the episodes (flexarm_env.recording.load_episodes)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
 
 def build_parser() -> Parser:
@@ -284,11 +241,12 @@ def build_parser() -> Parser:
     def add(name: str, summary: str, description: str, module: str, epilog: str = CODES_NOTE) -> Parser:
         command: Parser = commands.add_parser(name, help=summary, description=description, epilog=epilog)
         command.set_defaults(module=module)
+        if module != "checkout":
+            command.add_argument("--json", action="store_true", help="print one JSON object instead of text")
         return command
 
     scenes = add("scenes", "list the scenes that come with the package", SCENES, "scenes")
     scenes.add_argument("name", nargs="?", metavar="NAME", help="print this scene's TOML file")
-    scenes.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
 
     replay = add("replay", "run a scene and compare it with its reference", REPLAY, "replay", OUTPUT_NOTE)
     replay.add_argument("scene", metavar="SCENE", help="a name, NAME@as_printed, or a TOML file (FILE.toml@SET)")
@@ -309,13 +267,22 @@ def build_parser() -> Parser:
     view.add_argument("--formulation", metavar="NAME", help="of scenes: floating_frame, geometrically_exact, elastica")
     view.add_argument("--duration", type=float, metavar="T", help="of scenes: how long to run, s")
     view.add_argument("--sample", type=float, metavar="DT", help="of scenes: s from instant to instant")
-    view.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
-    _add_play(add("play", "fly an arm, or watch a controller or a policy", PLAY, "play"))
+    play = add("play", "fly an arm, or watch a controller or a policy", PLAY, "play")
+    play.add_argument("env", nargs="?", metavar="ENV", help="FlexibleArm-v0 (default) or TwoLinkFlexArm-v0")
+    play.add_argument("--policy", default="keyboard", metavar="WHO", help="keyboard (default), controller or policy")
+    play.add_argument("--episodes", type=int, default=1, metavar="N", help="how many (1)")
+    play.add_argument("--seed", type=int, default=0, metavar="S", help="of the first; the others follow (0)")
+    play.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment: '{\"duration\": 8}'")
+    play.add_argument("--video", metavar="FILE", help="a film instead of a window: .mp4, .gif, .webm, .mkv or .mov")
+    play.add_argument("--headless", action="store_true", help="no window; only print what came of the episodes")
+    play.add_argument("--record", metavar="FILE.npz", help="keep the episodes (flexarm_env.recording.load_episodes)")
+
     train = add("train", "train a policy (from a checkout)", TRAIN, "checkout", "")
     evaluate = add("evaluate", "judge policies and controllers (from a checkout)", EVALUATE, "checkout", "")
     bench = add("bench", "judge policies on the suite, or run a benchmark", BENCH, "checkout", "")
-    train.script, evaluate.script = SCRIPTS["train"], SCRIPTS["evaluate"]
+    for command, name in ((train, "train"), (evaluate, "evaluate")):
+        command.more = partial(flags, SCRIPTS[name])  # type: ignore[method-assign]
     train.usage, evaluate.usage, bench.usage = "%(prog)s [FLAGS]", "%(prog)s [FLAGS]", "%(prog)s [NAME [FLAGS]]"
 
     identify = add("identify", "fit an arm to measured logs", IDENTIFY, "identify", IDENTIFY_CODES)
@@ -325,20 +292,16 @@ def build_parser() -> Parser:
     identify.add_argument("--fit", metavar="NAME[,NAME...]", help="parameters to fit; default: the config's")
     identify.add_argument("--hold-out", metavar="B.csv[,...]", help="logs to judge by")
     identify.add_argument("--out", metavar="FOLDER", help="for arm.toml, report.md, figures; an old fit there goes on")
-    identify.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
     export = add("export", "a trained policy as ONNX or C", EXPORT, "export")
     export.add_argument("policy", metavar="POLICY", help="run folder, policy.npz, or the name of a packaged policy")
     export.add_argument("--to", required=True, choices=("onnx", "c"), help="the form")
     export.add_argument("--out", required=True, metavar="FILE", help="the file: .onnx or .c")
-    export.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
     compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")
-    compile_.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
 
-    doctor = add("doctor", "versions, threads, cache and a self-test", DOCTOR, "doctor", "")
-    doctor.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
+    add("doctor", "versions, threads, cache and a self-test", DOCTOR, "doctor", "")
     return parser
 
 
@@ -361,17 +324,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader has seen enough (`flexarm scenes | head`)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
-    except (ValueError, OSError, ImportError, DependencyNotInstalled) as error:
+    except (ValueError, OSError, ImportError, MemoryError, DependencyNotInstalled) as error:
         sys.stderr.write(f"flexarm {args.command}: {sentence(error)}\n")
         return BAD_INPUT
     except KeyboardInterrupt:
         sys.stderr.write(f"flexarm {args.command}: interrupted\n")
         return INTERRUPTED
     return code
-
-
-def sentence(error: BaseException) -> str:
-    """An error in one line."""
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
-    return " ".join(str(error).split()) or type(error).__name__

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexarm_env import control
 from flexarm_env import validation as check
-from flexarm_env.cli.parser import DONE
+from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.progress import show
 from flexarm_env.control import Setup, load_policy
 from flexarm_env.envs.ids import own_ids, permitted
@@ -88,7 +88,13 @@ def run(args: argparse.Namespace) -> int:
         env.close()
     if args.record is not None:
         values["record"] = str(save_episodes(args.record, env.episodes))
-    _print(values | {"episodes": outcomes}, args.json)
+    show(values | ({"episodes": outcomes} if args.json else {}), args.json)
+    for outcome in () if args.json else outcomes:
+        word = "success" if outcome["success"] else "no success"
+        print(
+            f"episode: seed {outcome['seed']}, {word}, return {outcome['return']:.2f}, "
+            f"{outcome['seconds']:.2f} s, ended by {outcome['ended']}"
+        )
     return DONE
 
 
@@ -165,16 +171,3 @@ def _keyboard(env: Any) -> Keyboard:
         raise check.InvalidValue("--policy", KEYBOARD, "must be a controller or a policy here: there is no window")
     sys.stderr.write("keys: left and right turn the hub, up and down the elbow, shift is gentle, Esc ends\n")
     return Keyboard(env.action_space.shape[0], renderer.held)
-
-
-def _print(values: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        show(values, True)
-        return
-    show({k: v for k, v in values.items() if k != "episodes"}, False)
-    for outcome in values["episodes"]:
-        word = "success" if outcome["success"] else "no success"
-        print(
-            f"episode: seed {outcome['seed']}, {word}, return {outcome['return']:.2f}, "
-            f"{outcome['seconds']:.2f} s, ended by {outcome['ended']}"
-        )

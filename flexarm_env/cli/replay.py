@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,16 +16,14 @@ from numpy.typing import NDArray
 
 from flexarm_env import scenes
 from flexarm_env import validation as check
-from flexarm_env.cli.parser import DONE, FAILED
+from flexarm_env.accuracy import INACCURATE
+from flexarm_env.cli.codes import DONE, FAILED, NOT_ACCURATE
+from flexarm_env.cli.parser import SOLVER
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.comparison import tip_error
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 
-OPTIONS = (
-    "segments", "elements", "frame", "multipliers", "coupling", "modes", "order", "nodes", "dt", "rho_inf", "tolerance",
-    "step_tolerance", "period_correction",
-)  # fmt: skip
 TABLES, FIGURES, FILMS = (".csv", ".npz"), (".png", ".pdf", ".svg"), (".mp4", ".gif", ".webm", ".mkv", ".mov")
 NEEDED = {"plot": ("matplotlib", "plot"), "video": ("pygame", "render")}
 """Output -> module that makes it, and the extra that brings it."""
@@ -33,9 +32,9 @@ Columns = Mapping[str, NDArray[np.float64]]
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the scene and print the report; 1 where the run ended early."""
+    """Run the scene and print the report; 1 where the run ended early, 3 where it is inaccurate and --strict asks."""
     scene = scenes.resolve(args.scene)
-    options = {name: getattr(args, name) for name in OPTIONS if getattr(args, name) is not None}
+    options = {name: getattr(args, name) for name, *_ in SOLVER if getattr(args, name) is not None}
     settings = scene.settings(args.formulation, **options)
     reference, origin = _reference(args)
     outputs = {"out": (args.out, TABLES), "plot": (args.plot, FIGURES), "video": (args.video, FILMS)}
@@ -67,7 +66,9 @@ def run(args: argparse.Namespace) -> int:
     if "video" in paths:
         values["video"] = str(_film(trajectory, paths["video"], speed))
     show(values, args.json)
-    return DONE if trajectory.finished else FAILED
+    if not trajectory.finished:
+        return FAILED
+    return NOT_ACCURATE if args.strict and trajectory.status == INACCURATE else DONE
 
 
 def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
@@ -77,13 +78,11 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
         "scene": trajectory.scene.name,
         "formulation": trajectory.settings.formulation,
         "options": trajectory.settings.options(),
-        "status": trajectory.status,
-        "message": trajectory.message,
+        **{name: getattr(trajectory, name) for name in ("status", "message")},
         "simulated_seconds": simulated,
         "steps": trajectory.steps,
         "newton_iterations": trajectory.iterations,
-        "factorizations": trajectory.factorizations,
-        "halvings": trajectory.halvings,
+        **{name: getattr(trajectory, name) for name in ("factorizations", "halvings")},
         "cpu_seconds_per_simulated_second": trajectory.cpu_seconds / simulated if simulated > 0.0 else float("nan"),
         "compile_seconds": compile_seconds,
         "max_energy_balance_residual": float(np.abs(trajectory.balance).max()),
@@ -122,11 +121,8 @@ def _trajectory(scene: Scene, settings: Settings, args: argparse.Namespace) -> t
     first = min(scene.dt, settings.dt or scene.dt, args.duration or scene.duration)
     run(scene, settings, argparse.Namespace(**vars(args) | {"duration": first, "sample": first}), None)
     compiling = time.perf_counter() - start
-    bar = ProgressBar(scene.name)
-    try:
+    with closing(ProgressBar(scene.name)) as bar:
         return run(scene, settings, args, bar), compiling
-    finally:
-        bar.close()
 
 
 def _directly(scene: Scene, settings: Settings, args: argparse.Namespace, bar: ProgressBar | None) -> Any:

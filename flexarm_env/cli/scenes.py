@@ -6,7 +6,7 @@ import argparse
 import json
 
 from flexarm_env import scenes
-from flexarm_env.cli.parser import DONE
+from flexarm_env.cli.codes import DONE
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,12 +39,8 @@ def _entry(name: str) -> dict[str, object]:
     return {
         "name": name,
         "links": scene.arm.n_links,
-        "root": scene.root,
-        "duration": scene.duration,
-        "dt": scene.dt,
-        "sample": scene.sample,
+        **{key: getattr(scene, key) for key in ("root", "duration", "dt", "sample")},
         "reference": name in scenes.reference_names(),
-        "description": scene.description,
-        "source": scene.source,
+        **{key: getattr(scene, key) for key in ("description", "source")},
         "note": " ".join(scene.note.split()),
     }

@@ -9,14 +9,14 @@ from typing import Any
 
 from flexarm_env import suite
 from flexarm_env import validation as check
-from flexarm_env.cli.parser import DONE, FAILED, Parser
+from flexarm_env.cli.codes import DONE, FAILED, Parser
 from flexarm_env.cli.progress import show
+from flexarm_env.files import write_whole
 from flexarm_env.suite.data import Task
 from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import PLACE
 from flexarm_env.suite.results import Results, chosen_tasks, folder_of, frozen, judged, listed, summary
 from flexarm_env.suite.score import EPISODES, FIRST, references
-from flexarm_env.trajectory import write_whole
 
 COMMANDS = {
     "suite": "Judge policies on the suite's tasks; works without a checkout",
@@ -34,7 +34,7 @@ that comes with the package, an .onnx file, or MODULE:NAME of your own: a functi
 actions (n, joints), or of one to one, or an object with `reset` and `act`, or its class; `reset` is called with the
 first observations. The word {PLACE} in it stands for the task's id, where each task has a policy of its own.
 
-  flexarm bench suite --list
+  flexarm bench suite --list            with --json: id, for --task, and env_id, for gymnasium.make
   flexarm bench suite --policy pd,lqg --out runs/suite
   flexarm bench suite --policy 'runs/{PLACE}-0' --name ppo --run 0 --out runs/suite
   flexarm bench suite --policy mine:act --task slew-measured-v1
@@ -130,6 +130,7 @@ def _list(as_json: bool) -> int:
     width = max(len(str(entry["id"])) for entry in entries)
     for entry in entries:
         print(f"{entry['id']:{width}}  {entry['title']}; {entry['budget']:,} control periods of training")
+    print(f'A task is made by gymnasium.make("{suite.task(str(entries[0]["id"])).env_id}"), and so on.')
     return DONE
 
 

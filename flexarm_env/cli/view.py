@@ -5,18 +5,20 @@ from __future__ import annotations
 import argparse
 import math
 import webbrowser
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 
 from flexarm_env import control, scenes
 from flexarm_env import validation as check
-from flexarm_env.cli.parser import DONE
+from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.play import DEFAULT_ENV, NOT_PLAYED, Player, choose, play
 from flexarm_env.cli.progress import ProgressBar, show
 from flexarm_env.envs.ids import PACKAGE, own_ids
+from flexarm_env.files import npz_names
 from flexarm_env.recording import EpisodeRecorder, load_episodes
 from flexarm_env.scene import Scene
 from flexarm_env.trajectory import MOST_SAMPLES, MOST_STEPS, Trajectory
@@ -39,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         raise check.InvalidValue("--out", args.out, "must end in .html")
     seed = check.integer("--seed", args.seed, minimum=0)
     kinds = _checked(args)
-    shared = _shared(args)
+    shared = _shared(args, kinds)
     clips = [_clip(word, kind, seed, args, shared) for word, kind in zip(args.runs, kinds, strict=True)]
     page = Page(clips, args.title)
     path = page.save(target)
@@ -64,8 +66,11 @@ def _kind(word: str) -> str:
     """What a word stands for: "episodes", "trajectory", "scene" or "player"."""
     path = Path(word)
     if path.suffix == ".npz" and path.is_file():
-        with np.load(path, allow_pickle=False) as data:
-            return "episodes" if "lengths" in data.files else "player" if "meta" in data.files else "trajectory"
+        held = npz_names(path, "trajectory, episodes or policy")
+        return "episodes" if "lengths" in held else "player" if "meta" in held else "trajectory"
+    if path.suffix in (".csv", ".gz", ".json", ".html") and path.is_file():
+        what = f"must be a run as .npz: a {path.suffix} file has not all that a page shows (simulate --out RUN.npz has)"
+        raise check.InvalidValue("RUN", word, what)
     if word in scenes.names(parameter_sets=True) or path.suffix == ".toml" or ".toml@" in word:
         return "scene"
     if word in (*control.NAMES, *control.policy_names()) or path.exists():
@@ -90,7 +95,8 @@ def _of_episodes(path: Path, args: argparse.Namespace) -> Clip:
     """The first episode of a recording, or that of --episode."""
     kept = load_episodes(path)
     k = 0 if args.episode is None else check.integer("--episode", args.episode, minimum=0, maximum=len(kept) - 1)
-    return kept[k].clip(f"{path.stem}, episode {k}" if len(kept) > 1 else path.stem, args.env)
+    with check.in_file(path):
+        return kept[k].clip(f"{path.stem}, episode {k}" if len(kept) > 1 else path.stem, args.env)
 
 
 def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
@@ -102,17 +108,14 @@ def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
         length = check.number("--duration", args.duration, "s", above=0.0, maximum=most)
     finer = max(1, math.ceil(min(usual * PICTURES / length, usual / scene.dt) - 1e-9))
     sample = usual / finer if args.sample is None else args.sample
-    bar = ProgressBar(word)
-    try:
+    with closing(ProgressBar(word)) as bar:
         return simulate(scene, args.formulation, duration=length, sample=sample, progress=bar, estimate_error=False)
-    finally:
-        bar.close()
 
 
-def _shared(args: argparse.Namespace) -> dict[str, Any]:
+def _shared(args: argparse.Namespace, kinds: Sequence[str]) -> dict[str, Any]:
     """The environment that controllers play in: that of the first policy named, or --env."""
-    for word in args.runs:
-        if word in control.policy_names() or (Path(word).is_dir()) or word.endswith("policy.npz"):
+    for word, kind in zip(args.runs, kinds, strict=True):
+        if kind == "player" and word not in control.NAMES:
             player = choose(word)
             kwargs = {k: v for k, v in player.env_kwargs.items() if k not in OF_THE_POLICY}
             return {"env": _registered(args.env or player.env_id), "kwargs": kwargs}

@@ -14,7 +14,7 @@ from ..batch import FURTHER, Cost, Extras, PayloadChange, Pushes, Starts, gauge_
 from ..parameters import Arm
 from ..rigid import reach
 from ..sensors import surface
-from .features import Frame
+from .features import Frame, for_each, table_of
 from .task import Kind
 
 Array = NDArray[np.float64]
@@ -25,24 +25,20 @@ STATIONS = (0.0, 0.25, 0.5, 0.75)
 
 TURNS = ("exact", "any")
 GRIPPED = ("resting", "moving")
-TOLD = ("cost", "pushes", "payload_change")
-"""Keywords, and fields of `Extras`, that add to what the caller is told."""
+EVENTS = ("cost", "pushes", "payload_change")
+"""Keywords, and fields of `Extras`, that add to info."""
 
 
 def cost(frame: Frame, given: Any) -> Cost | None:
     """Limits on tip deflections (over their link's length) and strains (of the links' surfaces)."""
     if given is None:
         return None
-    table = check.table_of("cost", given)
-    check.known_keys("cost", table, ("deflection", "strain"))
+    table = table_of("cost", given, ("deflection", "strain"))
     if not table:
         raise check.MissingKey("cost.deflection", "a cost needs a limit: deflection (over a link's length) or strain")
-    n, limits, rows = frame.arm.n_links, None, None
+    limits = rows = None
     if "deflection" in table:
-        value = table["deflection"]
-        each = check.sequence("cost.deflection", value, f"{n} numbers", n) if np.ndim(value) else (value,) * n
-        names = [f"cost.deflection[{k}]" if np.ndim(value) else "cost.deflection" for k in range(n)]
-        limits = np.array([check.number(name, v, above=0.0) for name, v in zip(names, each, strict=True)])
+        limits = for_each("cost.deflection", table["deflection"], frame.arm.n_links, above=0.0)
     if "strain" in table:
         limit = check.number("cost.strain", table["strain"], above=0.0)
         rows = (_strains(frame) / limit).ravel()
@@ -67,47 +63,41 @@ def pushes(frame: Frame, given: Any) -> Pushes | None:
     """Forces on the tip at random times."""
     if given is None:
         return None
-    table = check.table_of("pushes", given)
-    check.known_keys("pushes", table, ("wait", "force", "lasting", "until"))
-    for key in ("wait", "force"):
-        check.needed("pushes", table, key, f"must be two numbers ({'s' if key == 'wait' else 'N'}), (low, high)")
-    wait = check.limits("pushes.wait", table["wait"], "s", minimum=0.0)
+    table = table_of("pushes", given, ("wait", "force", "lasting", "until"))
+    wait, force = _range("pushes", table, "wait", "s"), _range("pushes", table, "force", "N")
     lasting = check.number("pushes.lasting", table.get("lasting", frame.period), "s", above=0.0)
     periods = round(lasting / frame.period)
     if periods < 1 or abs(lasting / frame.period - periods) > 1e-6 * periods:
         what = f"must be a whole number of control_dt = {frame.period:g} s"
         raise check.InvalidValue("pushes.lasting", lasting, what)
     until = math.inf if "until" not in table else check.number("pushes.until", table["until"], "s", minimum=0.0)
-    force = check.limits("pushes.force", table["force"], "N", minimum=0.0)
-    return Pushes(
-        wait=np.array(wait) / frame.period, force=np.array(force), lasting=float(periods), until=until / frame.period
-    )
+    return Pushes(wait=wait / frame.period, force=force, lasting=float(periods), until=until / frame.period)
+
+
+def _range(path: str, table: dict[str, Any], key: str, unit: str, minimum: float = 0.0) -> Array:
+    """A table's range (low, high), which it must have."""
+    value = check.needed(path, table, key, f"must be two numbers{f' ({unit})' if unit else ''}, (low, high)")
+    return np.array(check.limits(f"{path}.{key}", value, unit, minimum=minimum))
 
 
 def payload_change(frame: Frame, given: Any) -> PayloadChange | None:
     """A payload that is gripped or let go once in an episode."""
     if given is None:
         return None
-    table = check.table_of("payload_change", given)
-    check.known_keys("payload_change", table, ("time", "factor", "gripped"))
-    for key in ("time", "factor"):
-        check.needed("payload_change", table, key, f"must be two numbers{' (s)' * (key == 'time')}, (low, high)")
+    table = table_of("payload_change", given, ("time", "factor", "gripped"))
+    time = _range("payload_change", table, "time", "s", frame.period)
+    factor = _range("payload_change", table, "factor", "")
     if frame.arm.payload.mass <= 0.0:
         what = "must be positive for payload_change, whose factors are on this payload"
         raise check.InvalidValue("arm.payload.mass", frame.arm.payload.mass, what)
-    time = check.limits("payload_change.time", table["time"], "s", minimum=frame.period)
-    factor = check.limits("payload_change.factor", table["factor"], minimum=0.0)
     gripped = check.choice("payload_change.gripped", table.get("gripped", GRIPPED[0]), GRIPPED)
-    return PayloadChange(
-        time=np.array(time) / frame.period, factor=np.array(factor), resting=(0,) if gripped == GRIPPED[0] else None
-    )
+    return PayloadChange(time=time / frame.period, factor=factor, resting=(0,) if gripped == GRIPPED[0] else None)
 
 
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool) -> dict[str, Any]:
     """Fields of the task's record that say what is asked for, where it is not the usual."""
     kind = frame.kind
-    table = {} if success is None else check.table_of("success", success)
-    check.known_keys("success", table, (*kind.bands, "hold", "once"))
+    table = table_of("success", success, (*kind.bands, "hold", "once"))
     bands = [
         check.number(f"success.{name}", table[name], unit, above=0.0) if name in table else usual
         for name, (usual, unit) in kind.bands.items()
@@ -128,7 +118,7 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool)
         changes["turns"] = (0,)
     if absolute:
         changes["relative"] = 0.0
-    if any(getattr(extras, name) is not None for name in TOLD):
+    if frame.settings.step_tolerance is not None or any(getattr(extras, name) is not None for name in EVENTS):
         changes["further"] = (0,) * FURTHER.end
     return changes
 
@@ -139,8 +129,7 @@ def starts(kind: Kind, arm: Arm, given: Any) -> tuple[Starts, bool]:
     usual = kind.starts(arm)
     if given is None:
         return usual, False
-    table, n = check.table_of("starts", given), arm.n_links
-    check.known_keys("starts", table, ("angles", "target", "straight", "absolute"))
+    table, n = table_of("starts", given, ("angles", "target", "straight", "absolute")), arm.n_links
     changes: dict[str, Any] = {}
     if "angles" in table:
         rows = check.sequence("starts.angles", table["angles"], f"{n} pairs (low, high), rad", n)
@@ -180,9 +169,6 @@ def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
 
 def unguided(extras: Extras, path: str, value: Any) -> None:
     """ValueError where a prescribed motion meets what only an arm that moves by itself can undergo."""
-    for name in TOLD:
+    for name in EVENTS:
         if getattr(extras, name) is not None:
             raise check.InvalidValue(path, value, f"must not be given in an environment with {name}")
-
-
-__all__ = ["aims", "cost", "payload_change", "pushes", "starts", "unguided"]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .. import sensors as description
 from .. import validation as check
 from ..batch import Actuator, Amplifier, Controller, Reference, Sensors, gauge_table
+from ..control.base import RESIDUAL_SHARE
 from ..parameters import Arm
 from ..settings import Settings
 from .targets import AHEAD
@@ -21,9 +22,6 @@ from .task import Kind, controller_gains
 Array = NDArray[np.float64]
 
 ACTION_MODES = ("torque", "current", "voltage", "residual_pd")
-RESIDUAL_SHARE = 0.7
-"""Share of the torque limit that the action adds in action_mode="residual_pd", where nothing is said."""
-
 LONGEST = 1000
 """Largest delay, in steps or periods: each of them is remembered."""
 
@@ -39,9 +37,33 @@ class Frame:
     gravity: tuple[float, float] | None
 
 
+def table_of(path: str, given: Any, keys: Sequence[str]) -> dict[str, Any]:
+    """A keyword's table, of these keys alone; an empty one for None."""
+    table = {} if given is None else check.table_of(path, given)
+    check.known_keys(path, table, keys)
+    return table
+
+
+def for_each(path: str, value: Any, n: int, unit: str = "", **bounds: float) -> Array:
+    """One number for all of n links or joints, or one each."""
+    many = np.ndim(value) > 0
+    values = check.sequence(path, value, f"{n} numbers{f' ({unit})' if unit else ''}", n) if many else (value,) * n
+    names = [f"{path}[{k}]" if many else path for k in range(n)]
+    return np.array([check.number(name, v, unit, **bounds) for name, v in zip(names, values, strict=True)])
+
+
+def whole(path: str, value: Any, step: float, name: str, **bounds: float) -> int:
+    """A time as a whole number of steps."""
+    time = check.number(path, value, "s", **bounds)
+    if not time / step < LONGEST + 0.5:
+        raise check.InvalidValue(path, value, f"must be at most {LONGEST} {name} = {LONGEST * step:g} s")
+    count = round(time / step)
+    if abs(time / step - count) > 1e-6 * max(1.0, time / step):
+        raise check.InvalidValue(path, value, f"must be a whole number of {name} = {step:g} s")
+    return count
+
+
 # --- controllers -------------------------------------------------------------------------------------
-
-
 def controller(frame: Frame, mode: Any, share: Any) -> Controller | None:
     """The joint controllers under the action, or None where the action is a torque, a current or a voltage."""
     if check.choice("action_mode", mode, ACTION_MODES) != "residual_pd":
@@ -84,36 +106,31 @@ def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
 
 
 # --- actuators ---------------------------------------------------------------------------------------
-
 _ACTUATOR = ("lag", "delay", "saturation", "viscous", "coulomb")
 
 
-def rubbed(arm: Arm, given: Any) -> Arm:
+def with_friction(arm: Arm, given: Any) -> Arm:
     """The arm with the friction that `actuator` gives its joints, beside what they have."""
-    table = {} if given is None else check.table_of("actuator", given)
-    n = arm.n_links
-    viscous = _each("actuator.viscous", table.get("viscous", 0.0), n, "N m s/rad")
-    coulomb = _each("actuator.coulomb", table.get("coulomb", 0.0), n, "N m")
-    if not viscous.any() and not coulomb.any():
-        return arm
-    joints = []
-    for k in range(n):
-        own = arm.joint(k)
-        more = {"friction_viscous": own.friction_viscous + viscous[k]}
-        joints.append(replace(own, **more, friction_coulomb=own.friction_coulomb + coulomb[k]))
-    return replace(arm, joints=tuple(joints))
+    table, joints = table_of("actuator", given, _ACTUATOR), [arm.joint(k) for k in range(arm.n_links)]
+    for name, unit in (("viscous", "N m s/rad"), ("coulomb", "N m")):
+        more = for_each(f"actuator.{name}", table.get(name, 0.0), arm.n_links, unit, minimum=0.0)
+        if more.any():
+            field = f"friction_{name}"
+            pairs = zip(joints, more, strict=True)
+            joints = [replace(joint, **{field: getattr(joint, field) + own}) for joint, own in pairs]
+            arm = replace(arm, joints=tuple(joints))
+    return arm
 
 
 def actuator(frame: Frame, given: Any) -> Actuator | None:
     """The motors, or None where they are ideal."""
     if given is None:
         return None
-    table = check.table_of("actuator", given)
-    check.known_keys("actuator", table, _ACTUATOR)
+    table = table_of("actuator", given, _ACTUATOR)
     arm, dt = frame.arm, frame.settings.dt
     assert dt is not None and arm.torque_limits is not None
     lag = check.number("actuator.lag", table.get("lag", 0.0), "s", minimum=0.0)
-    steps = _whole("actuator.delay", table.get("delay", 0.0), dt, "dt")
+    steps = whole("actuator.delay", table.get("delay", 0.0), dt, "dt", minimum=0.0)
     per_period = round(frame.period / dt)
     share = check.number("actuator.saturation", table.get("saturation", 1.0), above=0.0, maximum=1.0)
     if lag == 0.0 and steps == 0 and share == 1.0:
@@ -126,26 +143,7 @@ def actuator(frame: Frame, given: Any) -> Actuator | None:
     )
 
 
-def _each(path: str, value: Any, n: int, unit: str) -> Array:
-    """One number for all joints, or one each."""
-    values = check.sequence(path, value, f"{n} numbers ({unit})", n) if np.ndim(value) else (value,) * n
-    return np.array([check.number(path if not np.ndim(value) else f"{path}[{k}]", v, unit, minimum=0.0)
-                     for k, v in enumerate(values)])  # fmt: skip
-
-
-def _whole(path: str, value: Any, step: float, name: str) -> int:
-    """A time as a whole number of steps."""
-    time = check.number(path, value, "s", minimum=0.0)
-    if not time / step < LONGEST + 0.5:
-        raise check.InvalidValue(path, value, f"must be at most {LONGEST} {name} = {LONGEST * step:g} s")
-    count = round(time / step)
-    if abs(time / step - count) > 1e-6 * max(1.0, time / step):
-        raise check.InvalidValue(path, value, f"must be a whole number of {name} = {step:g} s")
-    return count
-
-
 # --- sensors -----------------------------------------------------------------------------------------
-
 _SENSORS = ("noise", "delay", *description.KEYS)
 
 
@@ -154,12 +152,11 @@ def sensors(
 ) -> Sensors | None:
     """Noise and delay of all entries, and the gauges; None where there is nothing of it. names, scales: of all entries,
     gauges last."""
-    table = {} if given is None or isinstance(given, description.Sensors) else check.table_of("sensors", given)
-    check.known_keys("sensors", table, _SENSORS)
+    table = table_of("sensors", None if isinstance(given, description.Sensors) else given, _SENSORS)
     places = [(gauge.link, gauge.place) for gauge in gauges]
     rows = gauge_table(frame.arm, frame.settings, frame.gravity, places)
     noise = _noise(table.get("noise", 0.0), names, scales)
-    age = _whole("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt")
+    age = whole("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt", minimum=0.0)
     if not places and age == 0 and not noise.any():
         return None
     own = np.array(gauge_scales(frame, gauges))
@@ -173,11 +170,10 @@ def gauge_names(count: int) -> tuple[str, ...]:
 
 def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> list[float]:
     """Scale of each gauge, 1/m: the curvature under the full torque of the link's joint."""
-    limits = frame.arm.torque_limits
+    limits, links = frame.arm.torque_limits, frame.arm.links
     assert limits is not None
-    links = frame.arm.links
-    curved = ((limits[gauge.link], links[gauge.link], gauge.place) for gauge in gauges)
-    return [limit / float(link.along(place * link.length).EI) for limit, link, place in curved]
+    there = (links[gauge.link].along(gauge.place * links[gauge.link].length) for gauge in gauges)
+    return [limits[gauge.link] / float(place.EI) for gauge, place in zip(gauges, there, strict=True)]
 
 
 def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
@@ -191,8 +187,6 @@ def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:
 
 
 # --- moving targets ----------------------------------------------------------------------------------
-
-
 def reference(frame: Frame, given: Any, periods: int) -> Reference:
     """The target's path: what is given, sampled at the control instants, or drawn anew each episode, within ranges that
     may be given."""
@@ -209,9 +203,3 @@ def reference(frame: Frame, given: Any, periods: int) -> Reference:
     scales = np.array([scale for _, scale in target.entries(arm)])
     line = (0,) if shape == "line" else None
     return Reference(line=line, table=table, ranges=np.array(ranges).ravel(), ahead=ahead, scales=scales)
-
-
-__all__ = [
-    "ACTION_MODES", "Frame", "actuator", "amplified", "controller", "gauge_names", "gauge_scales", "reference",
-    "rubbed", "sensors",
-]  # fmt: skip

@@ -103,8 +103,10 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     enforces it), `joint_torque` (1,) N m, `reward_<name>`, `in_range` (bool: the formulation holds), `deflection_bound`
     (over L, beyond which it does not: infinite but for `modes`), `error_estimate` (over L: what leaving out stretch and
     shear costs the elastica under the largest torques, mesh and step not in it; infinite for others: not known),
-    `solver_status` ("ok" or what failed), `termination_reason` ("" or why). With `info_level="full"` also
-    `energy_kinetic`, `energy_strain`, `energy_gravity`, `energy_dissipated` and `work` (of the motor), J.
+    `solver_status` ("ok" or what failed), `termination_reason` ("" or why). With `step_tolerance` also `step_error`
+    (over L: what the period added; above the tolerance where five halvings of `dt` were not enough). With
+    `info_level="full"` also `energy_kinetic`, `energy_strain`, `energy_gravity`, `energy_dissipated` and `work` (of the
+    motor), J.
 
     ## Arguments
 

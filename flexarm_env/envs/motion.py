@@ -22,12 +22,12 @@ from .. import validation as check
 from ..accuracy import in_steps
 from ..batch import CLIP, View, scene_gauges
 from ..physics.layout import DISSIPATED, WORK_DONE
-from ..physics.model import DIVERGED, OK
+from ..physics.model import DIVERGED
 from ..scene import Motion, Scene
 from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import TimeFunction
-from ..trajectory import joint_angles, link_deflection
+from ..trajectory import link_deflection, placed
 
 Array = NDArray[np.float64]
 
@@ -80,8 +80,7 @@ def _joint(path: str, key: Any, n_links: int) -> int:
 
 def _by_joint(entries: dict[int, Any], paths: tuple[str, ...], interpolation: str | None) -> Prescribed:
     """Each joint's function; a scene gives its hub's."""
-    functions: dict[int, TimeFunction] = {}
-    end = 0.0
+    functions, end = dict[int, TimeFunction](), 0.0
     for joint, entry in entries.items():
         if entry is None:
             continue
@@ -90,8 +89,7 @@ def _by_joint(entries: dict[int, Any], paths: tuple[str, ...], interpolation: st
             functions[joint] = dict(_joints(paths[joint], scene, 1))[0]
             end = max(end, scene.duration)
         else:
-            with check.under(paths[joint]):
-                functions[joint] = _function(entry, interpolation)
+            functions[joint] = function_of(paths[joint], entry, interpolation)
             end = max(end, functions[joint].end)
     return Prescribed(tuple(sorted(functions.items())), end)
 
@@ -131,10 +129,10 @@ def _joints(path: str, scene: Scene, n_links: int) -> tuple[tuple[int, TimeFunct
     return tuple(found)
 
 
-def function_of(path: str, entry: Any) -> TimeFunction:
+def function_of(path: str, entry: Any, interpolation: str | None = None) -> TimeFunction:
     """A function of time from a table, a file or a TimeFunction."""
     with check.under(path):
-        return _function(entry, None)
+        return _function(entry, interpolation)
 
 
 def _function(entry: Any, interpolation: str | None) -> TimeFunction:
@@ -171,7 +169,8 @@ class Guide:
         scene: arm, motions and loads. settings: with dt. period: control period, s. limits: torque limits, N m.
         gauges, gauge_scales: link and place of each strain gauge, 1/m.
     Attributes:
-        limit: control periods to the motion's end. moved: the last period was completed.
+        limit: control periods to the motion's end. moved: the last period was completed. free (N,): joints that neither
+            a motion nor a load of the scene turns.
     """
 
     def __init__(
@@ -183,7 +182,9 @@ class Guide:
         self.simulation = Simulation(scene, self.settings)
         rows = scene_gauges(scene, settings, self.simulation.system, gauges)
         self.gauges = rows / np.array(gauge_scales).reshape(-1, 1)
-        self.free = np.array([scene.motion_of(f"joint{k}") is None for k in range(scene.arm.n_links)])
+        loaded = {getattr(load, "joint", None) for load in scene.loads}
+        joints = range(scene.arm.n_links)
+        self.free = np.array([scene.motion_of(f"joint{k}") is None and k not in loaded for k in joints])
         self.limit = max(1, math.ceil(scene.duration / period * (1.0 - 1e-9)))
         self.steps, self.moved = 0, True
         self._start()
@@ -198,13 +199,11 @@ class Guide:
             self.simulation.par[:] = par
             self._start()
 
-    def ignores(self, action: Array) -> Array:
-        """The action with zeros for joints whose motion or torque the scene prescribes."""
-        loaded = {getattr(load, "joint", None) for load in self.scene.loads}
-        return np.array([a if self.free[k] and k not in loaded else 0.0 for k, a in enumerate(action)])
-
     def advance(self, torques: Array) -> int:
-        """One control period with these torques (N m) on the joints that are not prescribed; the status reached."""
+        """One control period with these torques (N m) on the joints that are free; the status reached.
+
+        `runtime.guided.follow_motions` is the same for derivatives.
+        """
         simulation = self.simulation
         if self.steps:
             simulation.restart_at_kink()
@@ -212,37 +211,28 @@ class Guide:
             simulation.set_torques(torques, fresh=False)
         self.steps += 1
         self.moved = simulation.advance_to(min(self.steps * self.period, self.scene.duration))
-        if not self.moved:
-            return simulation.status
-        if simulation.gained(self.start_energy):
+        if self.moved and simulation.gained(self.start_energy):
             simulation.work.flag[0] = DIVERGED
-            return DIVERGED
-        return OK
+        return simulation.status
 
-    def report(self) -> tuple[Array, Array, Array]:
-        """Poses (N, 12), torques (N,) and energies (5,): kinetic, strain, gravity, dissipated, work."""
-        poses, energies = self.simulation.observe()
-        books = self.simulation.work.books
-        return poses, self.simulation.joint_torques(), np.concatenate([energies, [books[DISSIPATED], books[WORK_DONE]]])
-
-    def strains(self) -> Array:
-        """What the strain gauges read, in their scales."""
-        return np.asarray(np.clip(self.gauges @ self.simulation.work.q, -CLIP, CLIP))
-
-    def motors(self) -> Array:
-        """Angles of the joints' motors, over the ratio: of the joints where the gears do not give."""
-        simulation = self.simulation
-        angles, places = joint_angles(simulation.observe()[0])[0], simulation.system.coordinates
-        rows = [places.get(f"motor{k}") for k in range(len(angles))]
-        return np.array([a if r is None else simulation.work.q[r] for a, r in zip(angles, rows, strict=True)])
+    def report(self) -> dict[str, Array]:
+        """Where the arm is, as `Batch.take_report` has it; motors: of the joints where the gears do not give."""
+        simulation, work = self.simulation, self.simulation.work
+        poses, energies = simulation.observe()
+        places = placed(simulation.system.coordinates, poses[None], work.q[None], work.v[None])
+        return {
+            "poses": poses, "torque": simulation.joint_torques(), "motors": places["motor_angles"][0],
+            "energies": np.array([*energies, work.books[DISSIPATED], work.books[WORK_DONE]]),
+            "gauges": np.clip(self.gauges @ work.q, -CLIP, CLIP),
+        }  # fmt: skip
 
     def view(self, target: Array) -> View:
         """Where the arm is."""
-        poses, torques, _ = self.report()
-        lengths = np.array([link.span for link in self.scene.arm.links])
+        simulation = self.simulation
+        poses, lengths = simulation.observe()[0], np.array([link.span for link in self.scene.arm.links])
         return View(
-            points=self.simulation.shape_points(), poses=poses, time=self.simulation.t, target=target, torques=torques,
-            deflection=link_deflection(poses) / lengths, q=self.simulation.work.q.copy(),
+            points=simulation.shape_points(), poses=poses, time=simulation.t, target=target,
+            torques=simulation.joint_torques(), deflection=link_deflection(poses) / lengths, q=simulation.work.q.copy(),
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:

@@ -181,6 +181,3 @@ def _instruments(
         camera=None if own.camera is None else length,
         gauges=(0,) * len(own.strain_gauges) if lawful else None,
     )
-
-
-__all__ = ["Sight", "asked", "goal_entries", "sensors_of", "sight"]

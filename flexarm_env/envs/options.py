@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,10 +17,11 @@ from .. import arms
 from .. import validation as check
 from ..batch import CLIP, Batch, Extras, Starts
 from ..parameters import Arm
+from ..physics import precision
 from ..sensors import Sensors
 from ..settings import Settings, check_options, default_options, merged
 from . import events
-from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, rubbed
+from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, table_of, with_friction
 from .features import actuator as make_actuator
 from .features import reference as make_reference
 from .features import sensors as make_sensors
@@ -67,6 +70,7 @@ class Plan:
     first. aims: those fields of the task's record that are not the usual. gauges, gauge_scales: link and place of each
     strain gauge, 1/m. limit: control periods to `duration` or max_episode_steps; max_steps: the latter. motion: of
     every episode of task="replay". entries: of info. full: energies in it; words: words in it.
+    action_mode: what an action stands for.
     """
 
     kind: Kind
@@ -93,6 +97,7 @@ class Plan:
     gauge_scales: tuple[float, ...]
     motion: Prescribed | None
     entries: tuple[Entry, ...]
+    action_mode: str
 
     def batch(self, n: int, threads: int = 1) -> Batch:
         """n arms of this environment."""
@@ -101,6 +106,11 @@ class Plan:
             self.arm, self.settings, n, task, self.starts,
             period=self.period, gravity=self.gravity, books=self.full, threads=threads, extras=self.extras,
         )  # fmt: skip
+
+    @cached_property
+    def farthest(self) -> float:
+        """Largest angle of a start, rad (`physics.precision`)."""
+        return precision.farthest(self.arm, self.settings, self.starts.factors[1][1])
 
     @property
     def deflection_bound(self) -> float:
@@ -148,7 +158,7 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
-    own = rubbed(_arm(kind, arm, joint_limits), actuator)
+    own = with_friction(_arm(kind, arm, joint_limits), actuator)
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", control_dt, "s", above=0.0)
     settings = _settings(formulation, period, options)
@@ -201,7 +211,10 @@ def plan(
         names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames, sensors=carried,
         gauges=tuple((gauge.link, gauge.place) for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
-        entries=info_entries(kind, built, full, full and own.jointed and word != "replay", extras),
+        entries=info_entries(
+            kind, built, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None
+        ),
+        action_mode=action_mode,
     )  # fmt: skip
 
 
@@ -273,9 +286,7 @@ def _gravity(given: Any) -> tuple[float, float] | None:
 
 
 def _factors(given: Any) -> tuple[tuple[float, float], ...]:
-    table = {} if given is None else check.table_of("randomization", given)
-    check.known_keys("randomization", table, FACTORS)
-    rows = []
+    table, rows = table_of("randomization", given, FACTORS), []
     for name in FACTORS:
         path = f"randomization.{name}"
         low, high = check.limits(path, table.get(name, (1.0, 1.0)), minimum=0.0)
@@ -286,9 +297,6 @@ def _factors(given: Any) -> tuple[tuple[float, float], ...]:
 
 
 ARGUMENTS = (
-    "arm", "formulation", "control_dt", "action_mode", "residual_share", "duration", "task", "reference", "motion",
-    "reward", "randomization", "observation", "history", "sensors", "actuator", "cost", "pushes", "payload_change",
-    "success", "turns", "starts", "initial_vibration", "joint_limits", "gravity", "info_level", "render_mode",
-    "max_episode_steps",
+    *list(inspect.signature(plan).parameters)[1:-1],
     *dict.fromkeys(name for f in DEFAULT_OPTIONS for name in default_options(f)),
-)  # fmt: skip
+)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import ACTION_NOT_FINITE, GUIDED, Batch
+from ..batch import ACTION_NOT_FINITE, FURTHER, GUIDED, Batch
 from ..trajectory import joint_angles
 from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
@@ -70,6 +70,10 @@ def _start(plan: Plan, value: Any) -> list[float]:
         value = [value]
     entries = check.sequence("options.start", value, f"{n} angles (rad)", n)
     angles = [check.number(f"options.start[{k}]", v, "rad", **ANGLE) for k, v in enumerate(entries)]
+    for k, angle in enumerate(angles):
+        if not abs(angle) <= plan.farthest:
+            what = f"must be within +-{plan.farthest:.3g} rad: double precision carries so stiff an arm no further"
+            raise check.InvalidValue(f"options.start[{k}]", angle, what)
     for k, limits in enumerate(plan.arm.joint_limits or ()):
         if limits is not None and not limits[0] <= angles[k] <= limits[1]:
             what = f"must be within the joint's limits, {limits[0]:g} to {limits[1]:g} rad"
@@ -82,8 +86,7 @@ def guide_of(plan: Plan, asked: Request) -> Guide | None:
     if asked.motion is None:
         return None
     own = guide(plan, asked.motion, asked.angles)
-    poses, _, _ = own.report()
-    starts = joint_angles(poses)[0].tolist()
+    starts = joint_angles(own.simulation.observe()[0])[0].tolist()
     for k, angle in enumerate(asked.angles.tolist()):
         if not math.isnan(angle) and abs(angle - starts[k]) > 1e-9:
             what = f"must be where the motion begins, {starts[k]:g} rad, or be left out"
@@ -103,27 +106,27 @@ def _end_of(plan: Plan, own: Guide) -> tuple[float, float]:
     return plan.kind.target.reached(plan.arm, angles)
 
 
-def begin(batch: Batch, i: int, key: int, plan: Plan, asked: Request, own: Guide | None, mode: int) -> None:
-    """Start arm i, in the batch or under its guide."""
+def start_episode(batch: Batch, i: int, key: int, plan: Plan, asked: Request, own: Guide | None, mode: int) -> None:
+    """Start an episode of arm i, in the batch or under its guide."""
     batch.ask(asked.angles, asked.target, asked.vibration)
     if own is None:
-        batch.begin((i,), (key,), limit=plan.limit, mode=mode)
+        batch.start((i,), (key,), limit=plan.limit, mode=mode)
         return
     limit = own.limit if plan.max_steps is None else min(own.limit, plan.max_steps)
-    batch.begin((i,), (key,), limit=limit, mode=GUIDED)
+    batch.start((i,), (key,), limit=limit, mode=GUIDED)
     own.set_parameters(batch.parameters(i))
-    poses, torques, energies = own.report()
-    batch.take_report(i, poses, torques, np.zeros(len(torques)), energies, -1, own.strains(), own.motors())
+    batch.take_report(i, -1, np.zeros(len(own.free)), own.report())
 
 
 def follow(batch: Batch, i: int, own: Guide) -> None:
     """One control period of arm i under its guide, with the action that stands in the batch."""
-    action = own.ignores(batch.action[i].astype(np.float64))
+    action = np.where(own.free, batch.action[i].astype(np.float64), 0.0)
     if not np.isfinite(action).all():
-        poses, torques, energies = own.report()
-        batch.take_report(i, poses, torques, action, energies, ACTION_NOT_FINITE, own.strains(), own.motors())
+        batch.take_report(i, ACTION_NOT_FINITE, action, own.report())
         return
     action = np.clip(action, -1.0, 1.0)
+    own.simulation.step_error = 0.0
     status = own.advance(action * own.limits)
-    poses, torques, energies = own.report()
-    batch.take_report(i, poses, torques, action, energies, status, own.strains(), own.motors())
+    batch.take_report(i, status, action, own.report())
+    if batch.settings.step_tolerance is not None:
+        batch.table[batch.info_at.further + FURTHER.step_error, i] = own.simulation.step_error

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from .. import validation as check
 from ..batch import MODE, OVER, REASONS, RUNNING, STATUS_WORDS, SUCCESS, View
 from .motion import Guide
-from .options import Plan, plan
-from .resets import begin, follow, guide_of, request_of
+from .resets import follow, guide_of, request_of, start_episode
 from .spec import Specified
 from .states import LinearModel, check_state, linear_model, put_state, state_of
-from .task import Kind
 
 Array32 = NDArray[np.float32]
 F32 = np.dtype(np.float32)
@@ -30,18 +27,9 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
     them, that tell an environment by its class's own bases.
     """
 
-    kind: ClassVar[Kind]
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
-
     def __init__(self, **arguments: Any) -> None:
-        self.plan: Plan = plan(self.kind, **arguments)
-        self.render_mode = self.plan.render_mode
-        self.metadata = self.metadata | {"render_fps": max(1, round(1.0 / self.plan.period))}
+        self.action_space, self.observation_space = self._prepare(arguments)
         self.batch = self.plan.batch(1)
-        joints = self.plan.arm.n_links
-        self.action_space = Box(-1.0, 1.0, (joints,), np.float32)
-        bounds = self.plan.observation_bounds
-        self.observation_space = Box(-bounds, bounds, dtype=np.float32)
         self._renderer: Any = None
         self.guide: Guide | None = None
         self._over = True
@@ -72,7 +60,7 @@ class SingleArmEnv(Specified, gym.Env[Array32, Array32]):
         super().reset(seed=seed)
         self.guide = own
         key = int(self.np_random.bit_generator.random_raw())
-        begin(self.batch, 0, key, self.plan, asked, own, RUNNING)
+        start_episode(self.batch, 0, key, self.plan, asked, own, RUNNING)
         if self.render_mode == "human":
             self.render()
         self._over = False

@@ -5,10 +5,15 @@ from __future__ import annotations
 import dataclasses
 import sys
 import warnings
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.envs.registration import EnvSpec, registry
+from gymnasium.spaces import Box
+
+from .options import Plan, plan
+from .task import Kind
 
 MAKERS = (gym.make.__code__, gym.make_vec.__code__)
 FROZEN = "flexarm"
@@ -71,10 +76,20 @@ warned: set[tuple[str, ...]] = set()
 
 
 class Specified:
-    """What single and vector environments have in common: their spec."""
+    """What single and vector environments have in common: plan, spaces of one arm, spec."""
 
-    plan: Any
+    kind: ClassVar[Kind]
+    plan: Plan
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
     _spec: ArmSpec | None = None
+
+    def _prepare(self, arguments: dict[str, Any]) -> tuple[Any, Any]:
+        """The plan of these arguments; spaces of one arm's actions and observations."""
+        self.plan = plan(self.kind, **arguments)
+        self.render_mode = self.plan.render_mode
+        self.metadata = self.metadata | {"render_fps": max(1, round(1.0 / self.plan.period))}
+        bounds = self.plan.observation_bounds
+        return Box(-1.0, 1.0, (self.plan.arm.n_links,), np.float32), Box(-bounds, bounds, dtype=np.float32)
 
     @property
     def spec(self) -> Any:

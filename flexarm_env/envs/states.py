@@ -50,6 +50,7 @@ def check_state(batch: Batch, state: Any) -> None:
         if np.shape(given) != np.shape(value):
             what = f"must be the state of an environment made alike ({np.size(value)} numbers)"
             raise check.InvalidValue(f"state.arm.{name}", f"{np.size(given)} numbers", what)
+    batch.check_stiffness(table["arm"]["block"])
     check.instance("state.generator", table["generator"], np.random.Generator)
     if table["guide"] is not None:
         check.instance("state.guide", table["guide"], Guide)
@@ -70,9 +71,7 @@ def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete
     assert plan.settings.dt is not None
     settings = plan.settings.dividing(discrete)
     simulation = Simulation(standing_scene(plan.arm, plan.settings.dt, plan.gravity), settings)
-    q, v, u = batch.motion(i)
-    simulation.par[:] = batch.parameters(i)
-    simulation.work.q[:], simulation.work.v[:] = q, v
+    simulation.work.q[:], simulation.work.v[:], u, simulation.par[:] = (rows[i] for rows in batch.motions())
     simulation.set_torques(u)
     return linearize(simulation, discrete=discrete)
 

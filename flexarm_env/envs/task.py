@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import FURTHER, SUCCESS, Chain, Extras, Reach, Slew, Starts, Task, info_places
+from ..batch import FURTHER, Chain, Extras, Reach, Slew, Starts, Task, info_places
 from ..parameters import Arm
 from ..rigid import inertia_beyond, rate_scale
 from .targets import ANGLE_OF_TIP, POINT, Target
@@ -171,11 +171,12 @@ class Entry:
 
 
 def info_entries(
-    kind: Kind, task: Task, full: bool, motors: bool = False, extras: Extras | None = None
+    kind: Kind, task: Task, full: bool, motors: bool = False, extras: Extras | None = None, fitted: bool = False
 ) -> tuple[Entry, ...]:
     """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them.
 
     motors: with their angles and rates, where joints are not ideal. extras: what more there is to be told of.
+    fitted: steps are, to a tolerance.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -199,21 +200,16 @@ def info_entries(
         entries.append(Entry("payload_mass", first + FURTHER.payload, None))
     if told.pushes is not None:
         entries.append(Entry("push", first + FURTHER.push, 2))
+    if fitted:
+        entries.append(Entry("step_error", first + FURTHER.step_error, None))
     return tuple(entries)
 
 
 def reward_weights(kind: Kind, given: Mapping[str, float] | None) -> Array:
     """Weights of the reward's terms: the kind's, with what is given in their place."""
     weights = dict(kind.rewards)
-    if given is not None:
-        table = check.table_of("reward", given)
-        check.known_keys("reward", table, tuple(kind.rewards), "reward term")
-        for name, value in table.items():
-            weights[name] = check.number(f"reward.{name}", value, minimum=0.0)
+    table = {} if given is None else check.table_of("reward", given)
+    check.known_keys("reward", table, tuple(kind.rewards), "reward term")
+    for name, value in table.items():
+        weights[name] = check.number(f"reward.{name}", value, minimum=0.0)
     return np.array([weights[name] for name in kind.rewards])
-
-
-__all__ = [
-    "CHAIN", "Entry", "Kind", "REACH", "REWARDS", "SLEW", "SUCCESS", "controller_gains", "inertia_beyond",
-    "info_entries", "rate_scale", "reward_weights",
-]  # fmt: skip

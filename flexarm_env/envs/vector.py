@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, overload
+from typing import Any, overload
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -18,12 +17,10 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..batch import FRESH, REASONS, RUNNING, STATUS_WORDS, SUCCESS, OneAtATime, View, one_at_a_time
 from .motion import Guide, is_table
-from .options import Plan, plan
-from .resets import Request, begin, follow, guide_of, request_of
+from .resets import Request, follow, guide_of, request_of, start_episode
 from .single import F32, checked_action
 from .spec import Specified
 from .states import LinearModel, LinearModels, check_state, linear_model, linear_models, put_state, state_of
-from .task import Kind
 
 Array32 = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -47,8 +44,6 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
     One thread at a time may reset it, step it, or read and set its states; another gets a RuntimeError.
     """
 
-    kind: ClassVar[Kind]
-
     def __init__(
         self,
         num_envs: int = 1,
@@ -63,18 +58,10 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
             words = [mode.value for mode in AutoresetMode]
             autoreset_mode = AutoresetMode(check.choice("autoreset_mode", autoreset_mode, words))
         self.autoreset_mode = autoreset_mode
-        self.plan: Plan = plan(self.kind, **arguments)
-        self.render_mode = self.plan.render_mode
+        self.single_action_space, self.single_observation_space = self._prepare(arguments)
         wanted = default_threads(num_envs) if threads is None else check.integer("threads", threads, minimum=1)
         self.batch = self.plan.batch(self.num_envs, wanted)
-        self.metadata = {
-            "render_modes": ["human", "rgb_array"],
-            "render_fps": max(1, round(1.0 / self.plan.period)),
-            "autoreset_mode": autoreset_mode,
-        }
-        bounds = self.plan.observation_bounds
-        self.single_action_space = Box(-1.0, 1.0, (self.plan.arm.n_links,), np.float32)
-        self.single_observation_space = Box(-bounds, bounds, dtype=np.float32)
+        self.metadata = self.metadata | {"autoreset_mode": autoreset_mode}
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
@@ -82,7 +69,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         self._renderers: list[Any] = []
         self._linear: dict[float | None, Any] = {}
         self._wall: Any = None
-        self._begun = False
+        self._started = False
         self._ended: list[int] = []
         self._guides: dict[int, Guide] = {}
         self._everywhere = _constant(True, np.bool_, self.num_envs)
@@ -113,15 +100,14 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         """
         seeds = self._checked_seeds(seed)
         chosen, rest = self._checked_mask(options)
-        each = None if rest is None and self.plan.motion is None else self._each_request(chosen, rest)
-        guides = {i: own for i, asked in (each or {}).items() if (own := guide_of(self.plan, asked)) is not None}
+        asked, guides = self._requests(chosen, rest)
         for i in chosen:
             if seeds[i] is not None:
                 self._seed(i, seeds[i])
         self.batch.renew()
-        self._start(chosen, RUNNING, each, guides)
+        self._start(chosen, RUNNING, asked, guides)
         self._ended = [i for i in self._ended if i not in set(chosen)]
-        self._begun = self._begun or self.batch.begun
+        self._started = self._started or self.batch.started
         if self.render_mode == "human":
             self.render()
         return self.batch.observation.copy(), self._infos(self._mask(chosen))
@@ -132,14 +118,14 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         batch = self.batch
         if type(actions) is not np.ndarray or actions.dtype is not F32 or actions.shape != batch.action.shape:
             actions = checked_action(actions, batch.action.shape)
-        if not self._begun:
+        if not self._started:
             raise ResetNeeded("No episodes have begun: call reset() first")
         guided = [(i, own) for i, own in self._guides.items() if i not in self._ended]
         if self._ended and self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(f"Arms {self._ended} have ended: reset them with options['reset_mask']")
         batch.renew(keep=False)
         if self._ended and self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            self._start_again(FRESH)
+            self._start(self._ended, FRESH, *self._requests(self._ended))
         batch.action[:] = actions
         attention = batch.step()
         for i, own in guided:
@@ -163,7 +149,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         for i in ended:
             last[i] = batch.observation[i].copy()
         final = self._infos(mask)
-        self._start_again(RUNNING)
+        self._start(self._ended, RUNNING, *self._requests(self._ended))
         self._ended = []
         infos = {"final_obs": last, "_final_obs": mask.copy(), "final_info": final, "_final_info": mask} | self._infos()
         return batch.observation.copy(), reward, terminated, truncated, infos
@@ -221,49 +207,40 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
         return generator
 
     def _start(
-        self,
-        arms: Sequence[int],
-        mode: int,
-        asked: dict[int, Request] | None = None,
-        guides: dict[int, Guide] | None = None,
+        self, arms: Sequence[int], mode: int, asked: dict[int, Request] | None, guides: dict[int, Guide]
     ) -> None:
-        """Start episodes of these arms, with what is asked for and the guides of those whose motion is prescribed."""
+        """Start episodes of these arms as `_requests` says."""
         made = self._generators
         keys = [int((made[i] or self._generator(i)).bit_generator.random_raw()) for i in arms]
         if self._guides:
             self._guides = {i: own for i, own in self._guides.items() if i not in set(arms)}
         if asked is None:
             self.batch.request[:] = np.nan
-            self.batch.begin(arms, keys, limit=self.plan.limit, mode=mode)
+            self.batch.start(arms, keys, limit=self.plan.limit, mode=mode)
             return
         for i, key in zip(arms, keys, strict=True):
-            own = None if guides is None else guides.get(i)
-            if own is not None:
-                self._guides[i] = own
-            begin(self.batch, i, key, self.plan, asked[i], own, mode)
+            if i in guides:
+                self._guides[i] = guides[i]
+            start_episode(self.batch, i, key, self.plan, asked[i], guides.get(i), mode)
 
-    def _start_again(self, mode: int) -> None:
-        """New episodes of the arms whose episodes have ended, without options."""
-        if self.plan.motion is None:
-            self._start(self._ended, mode)
-            return
-        asked = {i: request_of(self.plan, None) for i in self._ended}
-        guides = {i: own for i in self._ended if (own := guide_of(self.plan, asked[i])) is not None}
-        self._start(self._ended, mode, asked, guides)
+    def _requests(
+        self, arms: Sequence[int], options: dict[str, Any] | None = None
+    ) -> tuple[dict[int, Request] | None, dict[int, Guide]]:
+        """Checked options of each arm, None where there are none; and the guides of those whose motion is prescribed.
 
-    def _each_request(self, arms: Sequence[int], options: dict[str, Any] | None) -> dict[int, Request]:
-        """Checked options of each arm: a list of num_envs motions (not rows of a table) holds one each; all else is for
-        all."""
-        if not options:
-            return {i: request_of(self.plan, None) for i in arms}
-        motion = options.get("motion")
-        counts = self.num_envs, self.plan.arm.n_links
-        if isinstance(motion, list) and not is_table(motion) and len(motion) not in counts:
-            what = f"must be one motion for all arms, or a list of {self.num_envs}, one for each"
-            raise check.InvalidValue("options.motion", motion, what)
-        if isinstance(motion, list) and len(motion) == self.num_envs > 1 and not is_table(motion):
-            return {i: request_of(self.plan, options | {"motion": motion[i]}) for i in arms}
-        return {i: request_of(self.plan, options) for i in arms}
+        A list of num_envs motions (not rows of a table) holds one each; all else is for all.
+        """
+        if options is None and self.plan.motion is None:
+            return None, {}
+        motion, counts = (options or {}).get("motion"), (self.num_envs, self.plan.arm.n_links)
+        own: dict[int, Any] = {}
+        if isinstance(motion, list) and not is_table(motion):
+            if len(motion) not in counts:
+                what = f"must be one motion for all arms, or a list of {self.num_envs}, one for each"
+                raise check.InvalidValue("options.motion", motion, what)
+            own = dict(enumerate(motion)) if len(motion) == self.num_envs > 1 else {}
+        asked = {i: request_of(self.plan, {**(options or {}), "motion": own[i]} if own else options) for i in arms}
+        return asked, {i: made for i in arms if (made := guide_of(self.plan, asked[i])) is not None}
 
     def _checked_seeds(self, seed: Any) -> Sequence[int | None]:
         n = self.num_envs
@@ -310,7 +287,7 @@ class VectorArmEnv(Specified, VectorEnv[Array32, Array32, NDArray[Any]]):
             if own is not None:
                 self._guides[i] = own
         self._ended = np.flatnonzero(self.batch.terminated | self.batch.truncated).tolist()
-        self._begun = self.batch.begun
+        self._started = self.batch.started
 
     def _chosen(self, indices: Sequence[int] | int | None) -> list[int]:
         if indices is None:

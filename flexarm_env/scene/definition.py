@@ -95,8 +95,7 @@ class Scene:
                 raise check.InvalidValue(name, values[name], f"must not exceed the duration, {values['duration']:g} s")
         for name in ("description", "source", "note"):
             check.text(name, getattr(self, name))
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        check.store(self, **values)
         self._check_rates()
         self._check_motions()
         self._check_joints()
@@ -198,22 +197,16 @@ class Scene:
             changed = {k: f.with_times(joined) for k, f in functions.items() if isinstance(f, TimeFunction)}
             return dataclasses.replace(item, **changed)
 
-        object.__setattr__(self, "motions", tuple(moved(motion) for motion in self.motions))
-        object.__setattr__(self, "loads", tuple(moved(load) for load in self.loads))
+        check.store(self, motions=tuple(map(moved, self.motions)), loads=tuple(map(moved, self.loads)))
 
     def _can_join(self, joined: dict[float, float]) -> bool:
         """No function has two pieces that would begin at one instant (a table finer than round-off)."""
-        for function in self._functions():
-            starts = [joined.get(t, t) for t in function.pieces[:, 0].tolist()]
-            if len(set(starts)) < len(starts):
-                return False
-        return True
+        starts = [[joined.get(t, t) for t in f.pieces[:, 0].tolist()] for f in self._functions()]
+        return all(len(set(own)) == len(own) for own in starts)
 
     def _functions(self) -> Iterator[TimeFunction]:
-        for motion in self.motions:
-            yield motion.function
-        for load in self.loads:
-            yield from load.functions
+        yield from (motion.function for motion in self.motions)
+        yield from (function for load in self.loads for function in load.functions)
 
     def initial_value(self, coordinate: str) -> float:
         """Value at t = 0 of "joint0", ... (rad), of "motor0", ... (the same: at rest), "root_x", "root_y" (m)."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import inspect
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
 from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
+from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm
 from flexarm_env.scene.drives import COORDINATES, JointTorque, Load, Motion, PointLoad
 from flexarm_env.time_functions import TimeFunction
@@ -26,7 +26,7 @@ def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: 
 
     kind: what is made of the file's keys, which are its fields: ``Scene``.
     """
-    table, path = arms.read_toml(source)
+    table, path = read_toml(source)
     with check.in_file(path):
         return _read(kind, table, path, parameter_set)
 
@@ -41,7 +41,7 @@ def _read(kind: Callable[..., T], table: dict[str, Any], path: Path | None, para
     for name, changes in sets.items():
         prefix = f"parameter_sets.{name}"
         changed = check.table_of(prefix, changes)
-        check.known_keys(prefix, changed, [key for key in _keys(kind) if key != "name"])
+        check.known_keys(prefix, changed, [key for key in check.names_of(kind) if key != "name"])
         with check.under(prefix):
             variants[name] = _scene(kind, {**table, **changed, "name": f"{table['name']}@{name}"}, directory)
     if parameter_set is None:
@@ -54,25 +54,21 @@ def _read(kind: Callable[..., T], table: dict[str, Any], path: Path | None, para
 
 def parameter_sets(source: str | os.PathLike[str]) -> tuple[str, ...]:
     """Names of the parameter sets in a TOML file or text."""
-    table, _ = arms.read_toml(source)
+    table, _ = read_toml(source)
     return tuple(check.table_of("parameter_sets", table.get("parameter_sets", {})))
 
 
-def _keys(kind: Any) -> tuple[str, ...]:
-    return tuple(f.name for f in fields(kind))
-
-
 def _scene(kind: Callable[..., T], table: Mapping[str, Any], directory: Path) -> T:
-    check.known_keys("", table, (*_keys(kind), "parameter_sets"))
+    check.known_keys("", table, (*check.names_of(kind), "parameter_sets"))
     values = dict(table)
     name = check.text("name", check.needed("", values, "name", "must be a text"), empty=False)
     check.needed("", values, "duration", "must be a positive number (s)")
     check.needed("", values, "dt", "must be a positive number (s)")
     values["arm"] = _arm(check.needed("", values, "arm", "must be a name, a .toml file or a table"), name, directory)
-    values["motions"] = tuple(
-        _motion(f"motions[{i}]", entry, directory) for i, entry in enumerate(_tables("motions", values))
-    )
-    values["loads"] = tuple(_load(f"loads[{i}]", entry, directory) for i, entry in enumerate(_tables("loads", values)))
+    for key, read_one in (("motions", _motion), ("loads", _load)):
+        entries = enumerate(check.sequence(key, values.get(key, ()), f"tables, [[{key}]]"))
+        tables = {f"{key}[{i}]": check.table_of(f"{key}[{i}]", entry) for i, entry in entries}
+        values[key] = tuple(read_one(path, entry, directory) for path, entry in tables.items())
     for key in ("position", "angles", "velocity", "rates", "gravity", "rigid_joints"):
         if key in values:
             values[key] = check.sequence(key, values[key], "numbers")
@@ -87,33 +83,25 @@ def _arm(value: object, name: str, directory: Path) -> Arm:
     return arms.resolve(check.text("arm", value), directory)
 
 
-def _tables(key: str, values: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
-    entries = check.sequence(key, values.get(key, ()), f"tables, [[{key}]]")
-    return tuple(check.table_of(f"{key}[{i}]", entry) for i, entry in enumerate(entries))
-
-
 def _motion(path: str, entry: dict[str, Any], directory: Path) -> Motion:
     with check.under(path):
-        coordinate = check.needed("", entry, "coordinate", f"must be {COORDINATES}")
-        rest = {key: value for key, value in entry.items() if key != "coordinate"}
-        return Motion(coordinate, function_from_table(rest, directory))
+        check.needed("", entry, "coordinate", f"must be {COORDINATES}")
+        return Motion(entry.pop("coordinate"), function_from_table(entry, directory))
 
 
 def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
     with check.under(path):
         if "joint" in entry:
-            rest = {key: value for key, value in entry.items() if key != "joint"}
-            return JointTorque(entry["joint"], function_from_table(rest, directory))
+            return JointTorque(entry.pop("joint"), function_from_table(entry, directory))
         if "link" not in entry:
             raise check.MissingKey("joint", "a load has joint and kind, or link, end and force_x, force_y or torque")
         check.known_keys("", entry, ("link", "end", *_FORCES))
         end = check.needed("", entry, "end", 'must be "root" or "tip"')
         forces = {}
-        for key in _FORCES:
-            if key in entry:
-                function = check.table_of(key, entry[key])
-                with check.under(key):
-                    forces[key] = function_from_table(function, directory)
+        for key in (key for key in _FORCES if key in entry):
+            function = check.table_of(key, entry[key])
+            with check.under(key):
+                forces[key] = function_from_table(function, directory)
         return PointLoad(entry["link"], end, **forces)
 
 
@@ -150,19 +138,13 @@ def _load_table(load: Load) -> dict[str, Any]:
 
 
 KINDS: dict[str, Callable[..., TimeFunction]] = {
-    "constant": time_functions.constant,
-    "pulse": time_functions.pulse,
-    "ramp": time_functions.ramp,
-    "cycloid": time_functions.cycloid,
-    "spin_up": time_functions.spin_up,
-    "sine": time_functions.sine,
-    "steps": time_functions.steps,
-    "linear_table": time_functions.linear_table,
-    "spline_table": time_functions.spline_table,
-    "hermite_table": time_functions.hermite_table,
-    "table": time_functions.table,
-    "pieces": lambda pieces: TimeFunction(pieces),
-}
+    name: getattr(time_functions, name)
+    for name in (
+        "constant", "pulse", "ramp", "cycloid", "spin_up", "sine", "steps", "linear_table", "spline_table",
+        "hermite_table", "table",
+    )
+}  # fmt: skip
+KINDS["pieces"] = lambda pieces: TimeFunction(pieces)
 """The words that a TOML file uses for ``kind``; "csv" (with file and what `from_csv` takes) is one more."""
 _CSV = ("interpolation", "column", "time", "rate", "acceleration", "scale")
 

@@ -6,14 +6,15 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .. import arms
 from ..envs.options import Plan, plan
 from ..envs.task import CHAIN, REACH, SLEW
-from .data import Task
+from .data import Task, task
 
 KINDS = {kind.id: kind for kind in (SLEW, REACH, CHAIN)}
 
@@ -21,6 +22,25 @@ KINDS = {kind.id: kind for kind in (SLEW, REACH, CHAIN)}
 def resolved(one: Task) -> Plan:
     """The checked environment of a task, without making it."""
     return plan(KINDS[one.environment], **one.keywords)
+
+
+class Possible(NamedTuple):
+    """What can come of an episode of a task: its most control periods, and between what its return lies."""
+
+    periods: int
+    least: float
+    most: float
+
+
+@cache
+def possible(task_id: str) -> Possible:
+    """Of a task by its id, from the bounds of the reward's terms (docs/suite.md): accuracy and settle pay 1 at most,
+    distance and vibration take 1 and effort 1 a joint, each times its weight; a failure is once."""
+    made = resolved(task(task_id))
+    weight = dict(zip(made.kind.rewards, made.rewards, strict=True))
+    paid = weight["accuracy"] + weight["settle"]
+    taken = weight["distance"] + weight["effort"] * made.arm.n_links + weight["vibration"]
+    return Possible(made.limit, -made.limit * taken - weight["failure"], made.limit * paid)
 
 
 def digest_of(one: Task) -> str:

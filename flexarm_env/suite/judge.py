@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from .score import EPISODES, FIRST
+from .score import FIRST
 
 
 class Policy(Protocol):
     """What acts in n episodes that begin together: `reset` takes their first observations, `act` every one in turn."""
 
     def reset(self, observation: NDArray[np.float32]) -> Any:
-        """Begin episodes."""
+        """Begin episodes; unless said otherwise, nothing is remembered."""
+        return
 
     def act(self, observation: NDArray[np.float32]) -> Any:
         """Actions (n, joints) of observations (n, entries)."""
@@ -86,6 +87,3 @@ def checked(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     if not np.isfinite(values).all():
         raise check.InvalidValue("action", values[~np.isfinite(values).all(axis=1)][0], "must be finite numbers")
     return np.clip(values, np.float32(-1.0), np.float32(1.0))
-
-
-__all__ = ["EPISODES", "FIRST", "Judged", "Policy", "judge"]

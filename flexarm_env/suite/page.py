@@ -120,19 +120,9 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
     if reference is not None and reference.digest == task.digest:
         yield f"J_PD = {reference.pd:.1f}; J_best = {reference.best:.1f}, by {reference.by}."
         yield ""
-    heads = (
-        "runs",
-        "J",
-        "worst, best run",
-        "score",
-        "success",
-        "cost",
-        "training, share of the budget",
-        "CPU s",
-        "decision, µs",
-    )
-    yield "| method | " + " | ".join(heads) + " |"
-    yield "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
+    heads = "runs | J | worst, best run | score | success | cost | training, share of the budget | CPU s | decision, µs"
+    yield f"| method | {heads} |"
+    yield "|---|" + "---:|" * 9
     for line in lines:
         values = [one["value"] for one in line.summaries]
         score, rate, runs = line.mean("score"), line.mean("success_rate"), len(values)

@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from .. import control
 from .. import validation as check
+from ..files import read_json
 from .data import Task
 from .judge import Policy
 
@@ -52,7 +54,8 @@ def choose(word: str, task: Task) -> Chosen:
     source = word.replace(PLACE, task.id)
     path = Path(source)
     if source in control.NAMES:
-        return Chosen("controller", source, f"{source} {_version()}", lambda env: controller(source, env))
+        version = metadata.version("flexarm_env")
+        return Chosen("controller", source, f"{source} {version}", lambda env: controller(source, env))
     if path.suffix.lower() == ".onnx":
         if not path.is_file():
             raise check.InvalidValue("--policy", source, "no such file")
@@ -67,30 +70,24 @@ def choose(word: str, task: Task) -> Chosen:
         raise check.InvalidValue("--policy", source, f"no such file or folder, no module:name, and none of {known}")
     policy = control.load_policy(source)
     content = b"".join([json.dumps(policy.meta).encode(), *(a.tobytes() for pair in policy.weights for a in pair)])
-    return Chosen(
-        "policy", source, _hash(content), lambda env: _fitting(policy, source, env), _seed(policy.meta), _training(path)
-    )
+    seed = policy.meta.get("seed", 0)
+    run = seed if isinstance(seed, int) and seed >= 0 else 0
+    return Chosen("policy", source, _hash(content), lambda env: _fitting(policy, source, env), run, _training(path))
 
 
 def default_name(word: str) -> str:
     """What results are called after: the controller, the file, its folder, the function."""
     path = Path(word.rpartition(":")[2] if ":" in word and not Path(word).exists() else word)
-    stem = (
-        path.parent.name if path.name == "policy.npz" else path.stem if path.suffix in (".npz", ".onnx") else path.name
-    )
-    name = stem.replace(PLACE, "").strip("-_.")
-    return name or "policy"
+    stem = path.parent.name if path.name == "policy.npz" else path.name
+    return stem.removesuffix(".npz").removesuffix(".onnx").replace(PLACE, "").strip("-_.") or "policy"
 
 
 # ------------------------------------------------------------------ controllers
-class Following:
+class Following(Policy):
     """A controller that remembers nothing, told the target anew in every period: it may move."""
 
     def __init__(self, controller: control.Controller) -> None:
         self.controller = controller
-
-    def reset(self, observation: Array32) -> None:
-        """Nothing to remember."""
 
     def act(self, observation: Array32) -> Array32:
         """Actions, as if the episode began now."""
@@ -108,34 +105,27 @@ def controller(name: str, env: Any) -> Policy:
 # ------------------------------------------------------------------ files
 def _fitting(policy: control.NumpyPolicy, source: str, env: Any) -> Policy:
     setup = control.Setup.of(env)
-    with check.under(f"--policy {source}: "):
-        mode = policy.meta["env_kwargs"].get("action_mode", "torque")
-        own = "torque" if env.unwrapped.plan.extras.controller is None else "residual_pd"
-        if mode != own:
-            raise check.InvalidValue("action_mode", mode, f'must be "{own}", as the task has it')
-        try:
-            policy.check(setup)
-        except ValueError as error:
-            raise ValueError(f"--policy {source}: {error}") from None
+    try:
+        policy.check(setup)
+    except ValueError as error:
+        raise ValueError(f"--policy {source}: {error}") from None
     return policy
-
-
-def _seed(meta: Mapping[str, Any]) -> int:
-    seed = meta.get("seed", 0)
-    return seed if isinstance(seed, int) and seed >= 0 else 0
 
 
 def _training(path: Path) -> dict[str, Any] | None:
     """Of the run folder that a policy lies in: algorithm, steps, seconds."""
     record = (path if path.is_dir() else path.parent) / "run.json"
     try:
-        content = json.loads(record.read_text("utf-8"))
+        content = check.table_of("", read_json(record))
+        check.text("algorithm", content.get("algorithm"))
+        for key in ("steps", "wall_s", "cpu_s"):
+            check.number(key, content.get(key), minimum=0.0)
         return {key: content[key] for key in ("algorithm", "steps", "wall_s", "cpu_s")}
-    except (OSError, ValueError, KeyError, TypeError):
+    except ValueError:
         return None
 
 
-class OnnxPolicy:
+class OnnxPolicy(Policy):
     """An ONNX model: its first input takes observations (n, entries), its first output gives actions (n, joints)."""
 
     def __init__(self, path: Path, env: Any) -> None:
@@ -163,17 +153,12 @@ class OnnxPolicy:
             raise ValueError(f"{path}: takes {given[0].type}; a policy takes {' or '.join(KINDS)}")
         self.kind = KINDS[given[0].type]
 
-    def reset(self, observation: Array32) -> None:
-        """Nothing to remember."""
-
     def act(self, observation: Array32) -> Any:
         """What the model gives."""
         rows = observation.astype(self.kind)
         try:
             if self.one_by_one:
-                return np.concatenate(
-                    [self.session.run(None, {self.name: rows[k : k + 1]})[0] for k in range(len(rows))]
-                )
+                return np.concatenate([self.session.run(None, {self.name: row[None]})[0] for row in rows])
             return self.session.run(None, {self.name: rows})[0]
         except Exception as error:
             raise ValueError(f"{self.path}: the model failed ({' '.join(str(error).split())[:200]})") from None
@@ -277,9 +262,3 @@ def _text_of(function: Any) -> bytes:
 
 def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
-
-
-def _version() -> str:
-    from importlib import metadata
-
-    return metadata.version("flexarm_env")

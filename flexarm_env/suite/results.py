@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 import re
@@ -17,17 +16,18 @@ from typing import Any
 import numpy as np
 
 from .. import validation as check
-from ..trajectory import write_whole
+from ..files import read_json, write_whole
 from . import digest, make_vec
 from .data import Task, tasks
+from .frozen import Possible, possible
 from .judge import judge
 from .policies import PLACE, Chosen, choose, default_name
 from .score import EPISODES, FIRST, score
 
 FORMAT = 1
 PACKAGES = (
-    "flexarm_env", "numpy", "scipy", "numba", "gymnasium", "stable_baselines3", "sb3_contrib", "torch", "onnxruntime",
-    "ray",
+    "flexarm_env", "numpy", "scipy", "llvmlite", "gymnasium", "stable_baselines3", "sb3_contrib", "torch",
+    "onnxruntime", "ray",
 )  # fmt: skip
 
 _NUMBERS = ("returns", "successes", "costs", "lengths")
@@ -193,14 +193,13 @@ def frozen(task: Task) -> Task:
 
 
 # ------------------------------------------------------------------ reading
-def read(path: Path) -> Results:
-    """A results file. ValueError names the file, the key, its value and what would be right."""
-    try:
-        content = json.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: damaged, not JSON ({error})") from None
+def read(path: Path, *, earlier: bool = False) -> Results:
+    """A results file. ValueError names the file, the key, its value and what would be right.
+
+    Args:
+        earlier: whether entries of what a task was before are kept, too; otherwise another digest is refused.
+    """
+    content = read_json(path)
     with check.in_file(path):
         table = check.table_of("results", content)
         for key in ("format", "name", "run", "tasks"):
@@ -208,24 +207,33 @@ def read(path: Path) -> Results:
         if table["format"] != FORMAT:
             raise check.InvalidValue("format", table["format"], f"must be {FORMAT}, which this version reads")
         entries = check.table_of("tasks", table["tasks"])
+        known = {task.id: task for task in tasks()}
         for name, entry in entries.items():
-            _check_entry(f"tasks.{name}", entry)
+            _check_entry(f"tasks.{name}", entry, known.get(name), earlier)
         refused = check.table_of("refused", table.get("refused", {}))
         return Results(named(table["name"]), check.integer("run", table["run"], minimum=0), entries, refused)
 
 
-def _check_entry(path: str, entry: Any) -> None:
+def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> None:
+    """What cannot have come of the task is refused; task: None where this version knows none of that name."""
     table = check.table_of(path, entry)
     for key in ("digest", "first_seed", "episodes", *_NUMBERS, "wall_s", "cpu_s", "decision_us", "policy", "training"):
         check.needed(path, table, key, "every task's entry says it")
-    check.text(f"{path}.digest", table["digest"])
+    found = check.text(f"{path}.digest", table["digest"])
+    if task is not None and found != task.digest:
+        if not earlier:
+            raise check.InvalidValue(f"{path}.digest", found, f"must be {task.digest}, which {task.id} has")
+        task = None
     check.integer(f"{path}.first_seed", table["first_seed"], minimum=0)
     count = check.integer(f"{path}.episodes", table["episodes"], minimum=1)
-    for key in _NUMBERS:
-        values = check.sequence(f"{path}.{key}", table[key], "numbers", count)
-        fine = (isinstance(v, bool | int | float) and math.isfinite(v) for v in values)
-        if not all(fine):
-            raise check.InvalidValue(f"{path}.{key}", table[key], "must be finite numbers")
+    numbers = {key: check.sequence(f"{path}.{key}", table[key], "numbers", count) for key in _NUMBERS}
+    can = Possible(int(check.LARGEST), -check.LARGEST, check.LARGEST) if task is None else possible(task.id)
+    for k in range(count):
+        if numbers["successes"][k] not in (0, 1):
+            raise check.InvalidValue(f"{path}.successes[{k}]", numbers["successes"][k], "must be true or false")
+        check.number(f"{path}.returns[{k}]", numbers["returns"][k], minimum=can.least, maximum=can.most)
+        check.number(f"{path}.costs[{k}]", numbers["costs"][k], minimum=0.0, maximum=check.LARGEST)
+        check.integer(f"{path}.lengths[{k}]", numbers["lengths"][k], minimum=1, maximum=can.periods)
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
     check.text(f"{path}.policy.fingerprint", check.table_of(f"{path}.policy", table["policy"]).get("fingerprint"))
@@ -236,18 +244,18 @@ def _check_entry(path: str, entry: Any) -> None:
 
 
 def begun(folder: Path, name: str, run: int) -> Results:
-    """The results of a run of a method in a folder, as far as they go."""
+    """The results of a run of a method in a folder, as far as they go; what is of another digest will be replaced."""
     fresh = Results(named(name), check.integer("--run", run, minimum=0))
     path = folder / fresh.file
-    return read(path) if path.exists() else fresh
+    return read(path, earlier=True) if path.exists() else fresh
 
 
-def folder_of(folder: Path) -> list[Results]:
-    """All results files of a folder. ValueError where one is damaged, or there is none."""
+def folder_of(folder: Path, *, earlier: bool = False) -> list[Results]:
+    """All results files of a folder, read as by `read`. ValueError where one is damaged, or there is none."""
     files = sorted(folder.glob("*.json")) if folder.is_dir() else []
     if not files:
         raise ValueError(f"{folder}: no results files (*.json) there; flexarm bench suite --out {folder} writes them")
-    return [read(path) for path in files]
+    return [read(path, earlier=earlier) for path in files]
 
 
 def named(name: Any) -> str:

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,14 +59,12 @@ def read_references(text: str, path: str) -> dict[str, Reference]:
         for name, entry in check.table_of("", json.loads(text)).items():
             with check.under(name):
                 table = check.table_of("", entry)
-                values: dict[str, Any] = {
-                    key: check.needed("", table, key, "must be given") for key in ("digest", "pd", "best", "by")
-                }
-                pd = check.number("pd", values["pd"])
-                best = check.number("best", values["best"], above=pd)
-                found[name] = Reference(
-                    check.text("digest", values["digest"]), pd, best, check.text("by", values["by"])
+                digest, pd, best, by = (
+                    check.needed("", table, key, "must be given") for key in ("digest", "pd", "best", "by")
                 )
+                pd = check.number("pd", pd)
+                best = check.number("best", best, above=pd)
+                found[name] = Reference(check.text("digest", digest), pd, best, check.text("by", by))
     return found
 
 

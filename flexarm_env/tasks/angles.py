@@ -85,7 +85,7 @@ def _force(lengths, limits, x, y, fx, fy):
         if off <= _CLOSE * length or determinant == 0.0:
             break
         step_x, step_y = (d * (x - px) - b * (y - py)) / determinant, (a * (y - py) - c * (x - px)) / determinant
-        share, better = 1.0, False
+        share, better, next_x, next_y, now = 1.0, False, fx, fy, off
         for _ in range(_HALVINGS):
             next_x, next_y = fx + share * step_x, fy + share * step_y
             px, py, a, b, c, d, total = _bent(lengths, limits, x, y, next_x, next_y)

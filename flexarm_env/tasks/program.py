@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import kernel
+from ..compiler import inlined, kernel
 from ..layout import Field, Layout
-from ..physics.layout import BOOKS, POSES
+from ..physics.layout import BOOKS
 from ..physics.model import STATUS
 
 PARAMETERS = 4
@@ -55,7 +55,8 @@ CHANNEL = Layout(
     Field("since", (), "", "periods since it was taken"),
     Field("rate", (), "1/s", "of an encoder"),
     Field("motor", (), "rad", "angle of the joint's motor, over the ratio"),
-    Field("speed", (), "m/s", "of the tip at the instant before, in fixed axes"),
+    Field("place", (), "m", "of the tip at the instant before, for an accelerometer's two channels x or y"),
+    Field("speed", (), "m/s", "its rate"), Field("turn", (), "rad, rad/s", "tip angle (first channel), rate (second)"),
     Field("past", ("room",), "", "outputs before the last, the newest first"),
 )  # fmt: skip
 """What a sensor remembers of a quantity that it reads."""
@@ -170,36 +171,20 @@ _FURTHER = Layout(
     Field("episode_cost", (), "", "of the episode so far"),
     Field("payload", (), "kg", "mass of the payload"),
     Field("push", (2,), "N", "force on the tip in the period"),
+    Field("step_error", (), "", "of the period over L, as fitted steps have it"),
 )  # fmt: skip
-"""What the caller is told of an arm where there is a cost, a payload that changes or a push."""
+"""What the caller is told of an arm where there is a cost, a payload that changes, a push, or fitted steps."""
 
 FURTHER = _FURTHER.places
 """Where these are; FURTHER.end: how many."""
 
-REPORT = Layout(
-    "Report", "links, gauges",
-    Field("poses", ("links", POSES.length), "m, rad", "of the links"),
-    Field("torque", ("links",), "N m", "of the joints"),
-    Field("action", ("links",), "", "as clipped"),
-    Field("energies", (ENERGIES.length,), "J", "as in `INFO`"),
-    Field("in_range", (), "", "1 or 0"),
-    Field("motors", ("links",), "rad", "angles of the motors, over the ratio"),
-    Field("gauges", ("gauges",), "", "strain gauges, scaled"),
-)  # fmt: skip
-"""What there is to be told of a guided arm's period, which is moved elsewhere."""
-
-_FIRST = RECORD.offsets(0, 0, 0, 0, 0, 0)
-PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE = (
-    _FIRST.periods, _FIRST.periods_allowed, _FIRST.mode, _FIRST.hold, _FIRST.target, _FIRST.target_rate,
-)  # fmt: skip
-TORQUE_FACTOR, LEVEL, PATH_AT, GOAL = (
-    _FIRST.torque_factor, _FIRST.level, _FIRST.path, _FIRST.goal,
-)  # fmt: skip
-COST, CHANGE, PUSHED = _FIRST.cost, _FIRST.change, _FIRST.push
+(
+    PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, LEVEL, COST, CHANGE, PUSHED, PATH_AT,
+    GOAL, *_,
+) = RECORD.offsets(0, 0, 0, 0, 0, 0)  # fmt: skip
 """Where the fields of a record are that no size moves."""
 
-_FIRST_OF_INFO = INFO.offsets(0, 0, 0, 0, 0)
-SUCCESS, TIP, DEFLECTION = _FIRST_OF_INFO.success, _FIRST_OF_INFO.tip, _FIRST_OF_INFO.deflection
+SUCCESS, TIP, DEFLECTION, *_ = INFO.offsets(0, 0, 0, 0, 0)
 """Likewise of info."""
 
 SAVED = Layout(
@@ -220,7 +205,7 @@ SCRATCH = Layout(
     "Scratch", "links, saved",
     Field("flag", (), "", "how the period came out"),
     Field("fine", (), "", "step size asked for, as halvings of h; -1: done"),
-    Field("taken", (), "", "halvings of the run that was kept"),
+    Field("taken", (), "", "halvings of the run that was kept"), Field("apart", (), "m", "its error"),
     Field("tips", ("links", 4), "m, m/s", "x and y of each link's tip in the coarser run, and their rates"),
     Field("result", ("saved",), "", "a `SAVED`, of the end of the period"),
 )  # fmt: skip
@@ -235,7 +220,6 @@ energies_at = kernel(ENERGIES.offsets)
 channel_at = kernel(CHANNEL.offsets)
 request_at = kernel(REQUEST.offsets)
 info_at = kernel(INFO.offsets)
-report_at = kernel(REPORT.offsets)
 
 RUNNING, OVER, FRESH, GUIDED = range(4)
 """Modes: stepped; over, waits for a reset; just reset, next step passes it over; motion prescribed, moved elsewhere."""
@@ -269,6 +253,16 @@ class Block(NamedTuple):
     saved: int  # a `SAVED`
     end: int  # of what an arm is; behind it a `SCRATCH`, where steps are fitted
     row: int  # length of a block, in whole cache lines
+
+
+@inlined
+def sections(layout, block):
+    """Views of a block's parts: par, poses, record, action, seen, info, saved, and the room behind."""
+    return (
+        block[layout.par : layout.poses], block[layout.poses : layout.record], block[layout.record : layout.action],
+        block[layout.action : layout.seen], block[layout.seen : layout.info], block[layout.info : layout.saved],
+        block[layout.saved : layout.end], block[layout.end : layout.row],
+    )  # fmt: skip
 
 
 class Ranges(NamedTuple):
@@ -445,4 +439,3 @@ class Program(NamedTuple):
     stream: np.ndarray  # (n,) uint64
     queue: np.ndarray  # (n,) int64: arms to be started
     request: np.ndarray  # a `REQUEST`
-    report: np.ndarray  # a `REPORT`

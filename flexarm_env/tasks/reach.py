@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from ..compiler import kernel, load, select_lt, sincos, size, splat, square_root
-from ..physics.arithmetic import decay, put, smaller
+from ..physics.arithmetic import decay, smaller
 from ..physics.layout import POSE
 from .angles import least_angles, next_angles, sooner_angles
 from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
-from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
+from .task import TASKS, Task, deflection, effort, hold, past_limits, pay, put_info, record_tip, show_scaled
 
 _PATH, _MOVING = PATH.places, MOVING.places
 
@@ -63,7 +63,7 @@ def reach_judge(lane, task, poses, action, record, live, info):
     shaking = splat(lane, 0.0)
     for k in range(n):
         normal, _, rate, _, _, _, _, _, _ = deflection(lane, poses, k)
-        put(live, info, DEFLECTION + k, normal / task.lengths[k], load(lane, info, DEFLECTION + k))
+        put_info(lane, live, info, DEFLECTION + k, normal / task.lengths[k])
         rate = rate / task.lengths[k]
         shaking = shaking + rate * rate
     o = POSE.end * (n - 1)
@@ -76,7 +76,7 @@ def reach_judge(lane, task, poses, action, record, live, info):
     good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
     good = select_lt(speed, task.bands[1], good, splat(lane, 0.0))
     hold(lane, task, good, record, live, info)
-    note_tip(lane, task, poses, record, live, info)
+    record_tip(lane, task, poses, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
     total = pay(lane, task, live, info, 0, decay(wide * wide))
     total = total + pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from ..compiler import absolute, kernel, load, select_lt, sincos, splat
-from ..physics.arithmetic import arctangent, decay, put, smaller
+from ..physics.arithmetic import arctangent, decay, smaller
 from ..physics.layout import POSE
 from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
-from .task import TASKS, Task, deflection, effort, hold, note_tip, past_limits, pay, show_scaled
+from .task import TASKS, Task, deflection, effort, hold, past_limits, pay, put_info, record_tip, show_scaled
 
 _PATH, _MOVING = PATH.places, MOVING.places
 
@@ -21,19 +21,12 @@ class Slew(Task):
 
 
 @kernel
-def _least(turns, error):
-    """The error to the nearest of a target's whole turns, where these are alike."""
-    if turns is not None:
+def _error(lane, task, poses, record, normal, along):
+    """Target less tip angle; to the nearest of the target's whole turns where these are alike."""
+    error = load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along))
+    if task.turns is not None:
         sine, cosine = sincos(error)
         return arctangent(sine, cosine)
-    return error
-
-
-@kernel
-def _way(turns, error):
-    """What is paid for: the error in rad, or in half turns where no way is longer than that."""
-    if turns is not None:
-        return error * (1.0 / math.pi)
     return error
 
 
@@ -46,29 +39,28 @@ def slew_observe(lane, task, poses, record, out):
     show_scaled(lane, task, out, 2, load(lane, poses, POSE.rate))
     show_scaled(lane, task, out, 3, normal / task.length)
     show_scaled(lane, task, out, 4, rate / task.length)
-    error = load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along))
-    show_scaled(lane, task, out, 5, _least(task.turns, error))
+    show_scaled(lane, task, out, 5, _error(lane, task, poses, record, normal, along))
 
 
 @kernel
 def slew_judge(lane, task, poses, action, record, live, info):
     """Terms: accuracy, settle, distance, effort, vibration."""
     normal, along, rate, dx, dy, dvx, dvy, _, _ = deflection(lane, poses, 0)
-    error = load(lane, record, TARGET) - (load(lane, poses, POSE.angle) + arctangent(normal, along))
-    error = absolute(_least(task.turns, error))
+    error = absolute(_error(lane, task, poses, record, normal, along))
+    way = error if task.turns is None else error * (1.0 / math.pi)  # in half turns, where no way is longer than that
     turning = (dx * dvy - dy * dvx) / (dx * dx + dy * dy)
     rate = absolute(rate / task.length)
-    put(live, info, DEFLECTION, normal / task.length, load(lane, info, DEFLECTION))
+    put_info(lane, live, info, DEFLECTION, normal / task.length)
     slip = turning - load(lane, record, TARGET_RATE)
     good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
     good = select_lt(absolute(slip), task.bands[1], good, splat(lane, 0.0))
     good = select_lt(rate, task.bands[2], good, splat(lane, 0.0))
     hold(lane, task, good, record, live, info)
-    note_tip(lane, task, poses, record, live, info)
+    record_tip(lane, task, poses, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, slip * 5.0
     total = pay(lane, task, live, info, 0, decay(wide * wide))
     total = total + pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))
-    total = total + pay(lane, task, live, info, 2, -smaller(_way(task.turns, error), 1.0))
+    total = total + pay(lane, task, live, info, 2, -smaller(way, 1.0))
     total = total + pay(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + pay(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
     return total, past_limits(lane, task, poses)

@@ -16,3 +16,9 @@ def uniform(stream, arm):
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     z = z ^ (z >> np.uint64(31))
     return float(z >> np.uint64(11)) * 1.1102230246251565e-16
+
+
+@kernel
+def draw(stream, arm, ranges, k):
+    """The next number of an arm's stream, within range k, (low, high), of `ranges`."""
+    return ranges[2 * k] + (ranges[2 * k + 1] - ranges[2 * k]) * uniform(stream, arm)

@@ -79,6 +79,12 @@ def info_of(task):
 
 
 @kernel
+def put_info(lane, live, info, k, value):
+    """Number k of info, where `live` > 1/2."""
+    put(live, info, k, value, load(lane, info, k))
+
+
+@kernel
 def deflection(lane, poses, k):
     """(normal, along, normal rate, dx, dy, dvx, dvy, sine, cosine) of link k: tip less root, in and out of the root's
     turning frame."""
@@ -112,21 +118,15 @@ def past_limits(lane, task, poses):
 
 
 @kernel
-def _stays(once, enough, before, held):
-    """Where a success stays one, the count that made it."""
-    if once is not None:
-        return select_lt(before, enough - 0.5, held, before)
-    return held
-
-
-@kernel
 def hold(lane, task, good, record, live, info):
     """Count the instants in the band; success is a count that reaches task.hold."""
     before = load(lane, record, HOLD)
-    held = _stays(task.once, task.hold, before, select_lt(0.5, good, before + 1.0, splat(lane, 0.0)))
+    held = select_lt(0.5, good, before + 1.0, splat(lane, 0.0))
+    if task.once is not None:  # a success stays one, by the count that made it
+        held = select_lt(before, task.hold - 0.5, held, before)
     put(live, record, HOLD, held, before)
     success = select_lt(held, task.hold - 0.5, splat(lane, 0.0), splat(lane, 1.0))
-    put(live, info, SUCCESS, success, load(lane, info, SUCCESS))
+    put_info(lane, live, info, SUCCESS, success)
 
 
 @kernel
@@ -141,17 +141,16 @@ def effort(lane, task, action):
 @kernel
 def pay(lane, task, live, info, k, value):
     """Reward term k, weighted, into info."""
-    at = info_of(task).terms + k
     weighted = value * task.weights[k]
-    put(live, info, at, weighted, load(lane, info, at))
+    put_info(lane, live, info, info_of(task).terms + k, weighted)
     return weighted
 
 
 @kernel
-def note_tip(lane, task, poses, record, live, info):
+def record_tip(lane, task, poses, record, live, info):
     """Tip position and target into info."""
     o, at = POSE.end * (size(task.links) - 1), info_of(task).target
-    put(live, info, TIP, load(lane, poses, o + POSE.tip_x), load(lane, info, TIP))
-    put(live, info, TIP + 1, load(lane, poses, o + POSE.tip_y), load(lane, info, TIP + 1))
+    put_info(lane, live, info, TIP, load(lane, poses, o + POSE.tip_x))
+    put_info(lane, live, info, TIP + 1, load(lane, poses, o + POSE.tip_y))
     for k in range(size(task.targets)):
-        put(live, info, at + k, load(lane, record, TARGET + k), load(lane, info, at + k))
+        put_info(lane, live, info, at + k, load(lane, record, TARGET + k))

@@ -6,7 +6,7 @@ from ..compiler import arms, kernel, load, sincos, size, splat, stack, store
 from ..physics.arithmetic import clip
 from ..physics.layout import POSE
 from .program import CLIP, GOAL, MODE, MOVING, PATH_AT, PERIODS, RUNNING, TARGET, TARGET_RATE
-from .stream import uniform
+from .stream import draw
 from .task import draw_line, draw_path, in_hub_frame, path_at, pursue
 
 _MOVING = MOVING.places
@@ -31,6 +31,15 @@ def _on_path(reference, task, record, lanes, i, t, k, out):
 
 
 @kernel
+def _set_target(reference, task, record, lanes, i, t, k, out):
+    """`_on_path`, into the record too."""
+    _on_path(reference, task, record, lanes, i, t, k, out)
+    for d in range(size(task.targets)):
+        record[(TARGET + d) * lanes + i] = out[_MOVING.x + d]
+        record[(TARGET_RATE + d) * lanes + i] = out[_MOVING.vx + d]
+
+
+@kernel
 def move_targets(lane, reference, task, period, record):
     """Targets of running arms at the end of the period, and the joint angles that reach them."""
     if reference is not None:
@@ -43,10 +52,7 @@ def move_targets(lane, reference, task, period, record):
 def _move_target(lanes, reference, task, period, record, i):
     out, mine = stack(_ONE, _PLACE), stack(_ONE, task.links + _RECORD)
     k = record[PERIODS * lanes + i] + 1.0
-    _on_path(reference, task, record, lanes, i, k * period, int(k), out)
-    for d in range(size(task.targets)):
-        record[(TARGET + d) * lanes + i] = out[_MOVING.x + d]
-        record[(TARGET_RATE + d) * lanes + i] = out[_MOVING.vx + d]
+    _set_target(reference, task, record, lanes, i, k * period, int(k), out)
     for j in range(GOAL, GOAL + size(task.links)):
         mine[j] = record[j * lanes + i]
     mine[TARGET], mine[TARGET + 1] = out[_MOVING.x], out[_MOVING.y]
@@ -97,31 +103,16 @@ def _look_ahead(lanes, reference, task, period, first, record, seen, i):
 @kernel
 def start_path(reference, task, stream, arm, record, lanes):
     """Draw an arm's path (as many draws in either case) and put its target at the start of it."""
-    if reference is not None:
-        _start_path(reference, task, stream, arm, record, lanes)
-
-
-@kernel
-def _draw(line, task, stream, arm, start, drawn, path):
-    if line is not None:
-        draw_line(task, stream, arm, start, drawn, path)
-    else:
-        draw_path(task, stream, arm, start, drawn, path)
-
-
-@kernel
-def _start_path(reference, task, stream, arm, record, lanes):
-    i, targets = arm % lanes, size(task.targets)
+    i = arm % lanes
     drawn, path, out = stack(_ONE, _DRAWN), stack(_ONE, _PATH), stack(_ONE, _PLACE)
     for k in range(len(_DRAWN)):
-        low, high = reference.ranges[2 * k], reference.ranges[2 * k + 1]
-        drawn[k] = low + (high - low) * uniform(stream, arm)
+        drawn[k] = draw(stream, arm, reference.ranges, k)
     for k in range(len(_PATH)):
         path[k] = 0.0
-    _draw(reference.line, task, stream, arm, record[GOAL * lanes + i], drawn, path)
+    if reference.line is not None:
+        draw_line(task, stream, arm, record[GOAL * lanes + i], drawn, path)
+    else:
+        draw_path(task, stream, arm, record[GOAL * lanes + i], drawn, path)
     for k in range(len(_PATH)):
         record[(PATH_AT + k) * lanes + i] = path[k]
-    _on_path(reference, task, record, lanes, i, 0.0, 0, out)
-    for d in range(targets):
-        record[(TARGET + d) * lanes + i] = out[_MOVING.x + d]
-        record[(TARGET_RATE + d) * lanes + i] = out[_MOVING.vx + d]
+    _set_target(reference, task, record, lanes, i, 0.0, 0, out)

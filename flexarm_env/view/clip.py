@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,18 +77,21 @@ class Clip:
         if step <= 1:
             return self
         i = np.unique(np.append(np.arange(0, len(self.t), step), len(self.t) - 1))
-        fields = {name: getattr(self, name)[i] for name in ("t", "points", "angles", "rigid", "curvature")}
-        fields["target"] = None if self.target is None else self.target[i]
-        pulls = [Pull(p.name, p.point, p.values[i], p.limit) for p in self.pulls]
+        names = ("t", "points", "angles", "rigid", "curvature", *(() if self.target is None else ("target",)))
+        fields: dict[str, Any] = {name: getattr(self, name)[i] for name in names}
+        pulls = [replace(p, values=p.values[i]) for p in self.pulls]
         charts = [Chart(c.title, {name: x[i] for name, x in c.series.items()}) for c in self.charts]
-        return Clip(**{**vars(self), **fields, "pulls": pulls, "charts": charts, "skipped": step * self.skipped})
+        return replace(self, **fields, pulls=pulls, charts=charts, skipped=step * self.skipped)
 
 
 def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:
     """Which points (n, P, 2) of a chain are its root, its hinges (n, N - 1, 2) and its tip: those that stay there."""
     gaps = np.abs(points[:, None] - hinges[:, :, None]).sum(axis=-1)  # (n, N - 1, P)
     inner = gaps.max(axis=0).argmin(axis=-1) if len(points) else ()
-    return (0, *(int(k) for k in inner), points.shape[1] - 1)
+    cuts = (0, *(int(k) for k in inner), points.shape[1] - 1)
+    if any(b < a for a, b in pairwise(cuts)):
+        raise check.InvalidValue("hinges", cuts[1:-1], "must be points of the chain, from root to tip")
+    return cuts
 
 
 def thinned(cuts: Sequence[int], most: int) -> tuple[NDArray[np.intp], tuple[int, ...]]:

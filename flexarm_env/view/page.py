@@ -9,6 +9,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..files import write_whole
 from .clip import Chart, Clip
 
 Array = NDArray[np.float64]
@@ -53,15 +55,9 @@ class Player:
         return page(self.data, self.title)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page to a file, whole or not at all; its folder is made."""
+        """Write the page to a file, whole or not at all; its folder is made. Raises OSError."""
         target = Path(path)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        part = target.with_name(f".{target.name}.{os.getpid()}.part")
-        try:
-            part.write_text(self.html, encoding="utf-8")
-            part.replace(target)
-        finally:
-            part.unlink(missing_ok=True)
+        write_whole(target, self.html.encode())
         return target
 
     def _repr_html_(self) -> str:
@@ -108,19 +104,13 @@ def _clip(clip: Clip) -> dict[str, Any]:
     return {
         "label": clip.label,
         "note": clip.note + (f", one instant of {clip.skipped}" if clip.skipped > 1 else ""),
-        "t": _exact(clip.t),
-        "root": _exact(roots[:, 0]),
-        "points": _single(clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
-        "cuts": list(clip.cuts),
-        "angles": _single(clip.angles),
-        "rigid": _single(clip.rigid),
-        "rest": _single(clip.rest),
+        "t": _packed("f8", clip.t),
+        "root": _packed("f8", roots[:, 0]),
+        "points": _packed("f4", clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
+        **{name: _packed("f4", getattr(clip, name)) for name in ("angles", "rigid", "rest")},
+        **{name: getattr(clip, name) for name in ("cuts", "surface", "polar", "pinned", "payload")},
         "curvature": _short(clip.curvature),
-        "surface": clip.surface,
-        "target": None if clip.target is None else _single(clip.target),
-        "polar": clip.polar,
-        "pinned": clip.pinned,
-        "payload": clip.payload,
+        "target": None if clip.target is None else _packed("f4", clip.target),
         "pulls": [
             {"name": p.name, "point": p.point, "values": _short(p.values), "most": _most(p.values, p.limit)}
             for p in clip.pulls
@@ -141,14 +131,6 @@ def _most(values: Array, limit: float | None) -> float:
 def _packed(kind: str, values: NDArray[Any]) -> dict[str, Any]:
     data = np.ascontiguousarray(values, dtype=f"<{kind}")
     return {"kind": kind, "shape": list(data.shape), "data": base64.b64encode(data.tobytes()).decode()}
-
-
-def _exact(values: Array) -> dict[str, Any]:
-    return _packed("f8", values)
-
-
-def _single(values: Array) -> dict[str, Any]:
-    return _packed("f4", values)
 
 
 def _short(values: Array) -> dict[str, Any]:
@@ -174,12 +156,12 @@ def _apart(clips: list[Clip]) -> list[Clip]:
     for clip in clips:
         seen[clip.label] = seen.get(clip.label, 0) + 1
         label = clip.label if seen[clip.label] == 1 else f"{clip.label} ({seen[clip.label]})"
-        own.append(Clip(**{**vars(clip), "label": label}))
+        own.append(replace(clip, label=label))
     if len(own) > 1 and not any(chart.title.startswith("tip error") for clip in own for chart in clip.charts):
         first = own[0]
         title = f"distance of the tip from that of {first.label} (m)"
         apart = [{}, *(_between(first, clip) for clip in own[1:])]
-        own = [Clip(**{**vars(c), "charts": [Chart(title, far), *c.charts]}) for c, far in zip(own, apart, strict=True)]
+        own = [replace(c, charts=[Chart(title, far), *c.charts]) for c, far in zip(own, apart, strict=True)]
     return own
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import scenes
-from .. import validation as check
 from ..parameters import Arm
 from ..physics.layout import POSE
 from ..scene import PointLoad, Scene
@@ -35,9 +34,7 @@ def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
     energies = {"kinetic": run.kinetic, "strain": run.strain_energy, "gravity": run.gravity}
     energies |= {"dissipated": run.dissipated, "work": run.work}
     charts = _reference_error(run)
-    charts.append(Chart("tip deflection / length", dict(zip(_links(arm), run.tip_deflection.T, strict=True))))
-    charts.append(Chart("joint torque (N m)", _moving(dict(zip(_joints(arm), run.joint_torque.T, strict=True)))))
-    charts.append(Chart("energy (J)", _moving(energies)))
+    charts += _common(arm, run.tip_deflection, run.joint_torque, energies, _moving)
     charts += _sensors(run)
     curved = curvature(_places(arm, points[0], cuts))
     return Clip(
@@ -58,8 +55,12 @@ def _note(settings: Settings, ended: str) -> str:
     return ", ".join(words)
 
 
-def _links(arm: Arm) -> list[str]:
-    return [f"link {k + 1}" for k in range(arm.n_links)] if arm.n_links > 1 else ["tip"]
+def _common(arm: Arm, bend: Array, torque: Array, energies: Mapping[str, Array], shown: Any) -> list[Chart]:
+    """Deflections, torques and energies; shown: which torques, `_moving` ones or all of a dict."""
+    links = [f"link {k + 1}" for k in range(arm.n_links)] if arm.n_links > 1 else ["tip"]
+    deflection = Chart("tip deflection / length", dict(zip(links, bend.T, strict=True)))
+    torques = Chart("joint torque (N m)", shown(dict(zip(_joints(arm), torque.T, strict=True))))
+    return [deflection, torques, Chart("energy (J)", _moving(energies))]
 
 
 def _joints(arm: Arm) -> list[str]:
@@ -207,10 +208,8 @@ def of_episode(
     bend = np.array([view.deflection for view in views])
     table = rate(_places(arm, shapes[0][kept], cuts))
     charts = [_miss(poses[:, -1], target, np.array([view.target for view in views]), polar)]
-    charts.append(Chart("tip deflection / length", dict(zip(_links(arm), bend.T, strict=True))))
-    charts.append(Chart("joint torque (N m)", dict(zip(_joints(arm), torque.T, strict=True))))
     energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
-    charts.append(Chart("energy (J)", _moving(energies)))
+    charts += _common(arm, bend, torque, energies, dict)
     terms = {k.removeprefix("reward_"): x for k, x in rows.items() if k.startswith("reward_")}
     total = np.concatenate([[math.nan], rewards])
     charts.append(Chart("reward a step", {"sum": total} | _moving(terms)))
@@ -233,10 +232,3 @@ def _miss(tip: Array, target: Array, angle: Array, polar: bool) -> Chart:
     now = np.arctan2(tip[:, POSE.tip_y], tip[:, POSE.tip_x])
     off = np.mod(angle[:, 0] - now + math.pi, 2.0 * math.pi) - math.pi
     return Chart("tip error: target less angle of the tip (rad)", {"tip": off})
-
-
-def check_shapes(run: Any) -> None:
-    """ValueError for a trajectory with nothing to be shown of."""
-    if not len(run.t) or run.link_angles.shape != (*run.joint_angles.shape, 2):
-        what = "must be recorded by `simulate`, with one instant at least: link_angles are missing"
-        raise check.InvalidValue("trajectory", f"{len(run.t)} instants", what)
