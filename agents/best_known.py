@@ -21,6 +21,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,12 +30,13 @@ from numpy.typing import NDArray
 
 from agents import episodes as fixed
 from agents import families
-from agents.arguments import parse
 from agents.evaluate import Arguments as Question
 from agents.evaluate import keywords as keywords_of
 from agents.families import ROOT
 from agents.policies import choose
-from agents.runs import fail, read_json, versions, write_json, write_text
+from agents.runs import command, read_json, versions, write_json
+from benchmarks.machine import table, told
+from benchmarks.pages import write_page
 from flexarm_env import control
 from flexarm_env.control import optimal
 from flexarm_env.control.dynamics import Dynamics, dynamics
@@ -335,102 +337,69 @@ def joined(lots: list[Mapping[str, Any]]) -> dict[str, Any]:
     return out
 
 
-HEAD = f"""# Best known settling
-
-The episodes on which policies and controllers are judged ([](control.md)), their torques optimised for the table's own
-measure: the fewest control periods after which the tip stays in its band to the end of the episode
-(`flexarm_env.control.optimal.least_settling`: iLQR with limits on the elastica, with multipliers, by bisection over
-whole control periods). A plan is torques alone, played without feedback: in the environment, and on the converged exact
-beam (4 cubic elements a link, 1 ms). First guesses are first plans of `mpc`, of two links two, the elbow bent as the
-environment chooses it at the goal, and the other way; and in each episode the torques of the quickest of the policies
-and controllers (a further one is followed up where it is there in less than {NEAR} times the settling found before;
-from where nothing better is found, these torques themselves count, so that none in the table is quicker than the best
-known); the last table says which were tried. These are local optima:
-they bound the best settling from above, and nothing says that there is none quicker. Feedback is not in it: how far a
-policy may come for arms that are not nominal, this does not say. Episodes are done in lots, and the tables say how many
-are in; the script goes on with those that are not.
-
-Written by `python -m agents.best_known`."""
-
-
-def page(content: Mapping[str, Any]) -> str:
-    """docs/results/optimal.md."""
-    made = " · ".join(f"{name}: {fact}" for name, fact in content["machine"].items())
-    lines = [HEAD, "", made, ""]
-    lines += [
-        "| environment | episodes | settling, median (s) | mean (s) | on the exact beam, median (s) | mean (s) "
-        "| success there | effort, median (s) | return, mean | CPU (s) |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    spread = [
-        "", "First guesses, and how far they come out apart:", "",
-        "| environment | first guess | followed up | median (s) | behind the best, mean (s) | at most (s) | best in |",
-        "|---|---|---:|---:|---:|---:|---:|",
-    ]  # fmt: skip
-    apart = [
-        "", "Settling of policies on the same episodes over that of the best plan known, episode by episode. Policies",
-        "are trained for a reward that asks for more than to be settled soon; `two_link` for one that pays three times",
-        "as much for it and has no price on torque (`configs/ppo/residual.yml`). Returns are by the environment's own.",
-        "",
-        f"| environment | policy | mean (s) | of the means | median | 90 % below | within {WANTED} in | return, mean |",
-        "|---|---|---:|---:|---:|---:|---:|---:|",
-    ]  # fmt: skip
+def blocks(content: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Tables of docs/results/optimal.md."""
+    rows, spread, apart = [], [], []
     for name, case in CASES.items():
         lots = list(content["lots"].get(name, {}).values())
         if not lots:
             continue
         found = joined(lots)
         best, exact = found["settling"], found["exact"]
-        lines.append(
-            f"| {case.env} | {len(best)} of {case.episodes} | {np.median(best):.2f} | {best.mean():.3f} "
-            f"| {np.median(exact):.2f} | {exact.mean():.3f} | {found['exact_success'].mean():.1%} "
-            f"| {np.median(found['effort']):.2f} | {found['returns'].mean():.1f} | {found['cpu_s']:.0f} |"
-        )
+        rows.append((
+            case.env, f"{len(best)} of {case.episodes}", f"{np.median(best):.2f}", f"{best.mean():.3f}",
+            f"{np.median(exact):.2f}", f"{exact.mean():.3f}", f"{found['exact_success'].mean():.1%}",
+            f"{np.median(found['effort']):.2f}", f"{found['returns'].mean():.1f}", f"{found['cpu_s']:.0f}",
+        ))  # fmt: skip
         for start, values in found["starts"].items():
             tried = ~np.isnan(values)
             behind = values[tried] - best[tried]
-            spread.append(
-                f"| {case.env} | {start} | {tried.sum()} | {np.median(values[tried]):.2f} | {behind.mean():.3f} "
-                f"| {behind.max():.2f} | {(behind < 1e-9).sum()} |"
-            )
+            times = f"{np.median(values[tried]):.2f}", f"{behind.mean():.3f}", f"{behind.max():.2f}"
+            spread.append((case.env, start, tried.sum(), *times, (behind < 1e-9).sum()))
         for policy, values in found["policies"].items():
             ratio = values / best
-            apart.append(
-                f"| {case.env} | {policy} | {values.mean():.3f} | {values.mean() / best.mean():.2f} "
-                f"| {np.median(ratio):.2f} | {np.quantile(ratio, 0.9):.2f} "
-                f"| {(ratio <= WANTED + 1e-9).mean():.0%} | {found['policies_returns'][policy].mean():.1f} |"
-            )
-    return "\n".join([*lines, *apart, *spread]) + "\n"
+            apart.append((
+                case.env, policy, f"{values.mean():.3f}", f"{values.mean() / best.mean():.2f}",
+                f"{np.median(ratio):.2f}", f"{np.quantile(ratio, 0.9):.2f}", f"{(ratio <= WANTED + 1e-9).mean():.0%}",
+                f"{found['policies_returns'][policy].mean():.1f}",
+            ))  # fmt: skip
+    heads = (
+        "environment | episodes | settling, median (s) | mean (s) | on the exact beam, median (s) | mean (s) | success "
+        "there | effort, median (s) | return, mean | CPU (s)",
+        f"environment | policy | mean (s) | of the means | median | 90 % below | within {WANTED} in | return, mean",
+        "environment | first guess | followed up | median (s) | behind the best, mean (s) | at most (s) | best in",
+    )
+    machine = {"machine": [told(content["machine"])]}
+    return machine | {
+        "best": table(heads[0], rows, True), "policies": table(heads[1], apart, True),
+        "guesses": [line.replace("---|---:", "---|---", 1) for line in table(heads[2], spread, True)],
+    }  # fmt: skip
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.best_known", __doc__)
+def find_all(arguments: Arguments) -> None:
+    """Find what is missing, write page and numbers."""
     path = arguments.results / "optimal.json"
-    try:
-        if arguments.only is not None and arguments.only not in CASES:
-            raise ValueError(f"--only {arguments.only}: must be one of {', '.join(CASES)}")
-        content = read_json(path) if path.exists() else {"lots": {}}
-        content["machine"] = {"date": date.today().isoformat(), **versions()}
-        for name in CASES if arguments.only is None else [arguments.only]:
-            case = CASES[name]
-            if arguments.episodes is not None:
-                lot = solve_lot(case, fixed.TEST, arguments.episodes)
-                print(page({**content, "lots": {name: {"0": lot}}}))
-                continue
-            lots = content["lots"].setdefault(name, {})
-            for first in range(0, case.episodes, case.lot):
-                key, seed = str(first), fixed.TEST + first
-                if key in lots:
-                    continue
-                lots[key] = solve_lot(case, seed, case.lot)
+    if arguments.only is not None and arguments.only not in CASES:
+        raise ValueError(f"--only {arguments.only}: must be one of {', '.join(CASES)}")
+    content = read_json(path) if path.exists() else {"lots": {}}
+    content["machine"] = {"date": date.today().isoformat(), **versions()}
+    for name in CASES if arguments.only is None else [arguments.only]:
+        case = CASES[name]
+        if arguments.episodes is not None:
+            lot = solve_lot(case, fixed.TEST, arguments.episodes)
+            found = blocks({**content, "lots": {name: {"0": lot}}})
+            print("\n\n".join("\n".join(lines) for lines in found.values()))
+            continue
+        lots = content["lots"].setdefault(name, {})
+        for first in range(0, case.episodes, case.lot):
+            if str(first) not in lots:
+                lots[str(first)] = solve_lot(case, fixed.TEST + first, case.lot)
                 print(f"{case.env}: {first + case.lot} of {case.episodes} episodes", flush=True)
                 write_json(path, content)
-                write_text(arguments.results / "optimal.md", page(content))
-    except ValueError as error:
-        return fail(error)
-    return 0
+                write_page(arguments.results, "optimal", blocks(content))
 
+
+main = partial(command, Arguments, "python -m agents.best_known", __doc__, find_all)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -12,13 +12,13 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from agents.arguments import parse
-from agents.runs import fail, own_folder, read_run, report
+from agents.runs import command, own_folder, report
 
 SCENES = ("robot_arm_motion", "robot_arm_motion_smooth")
 FORMULATIONS: tuple[tuple[str, str, dict[str, Any]], ...] = (
@@ -88,23 +88,15 @@ def replay(out: Path) -> list[str]:
     return lines
 
 
-def trained(trainer: Any, out: Path, **wanted: Any) -> str:
-    """Train by a program (or go on with, or keep) the run below a folder; what it came to."""
-    from agents.progress import describe
-
-    folder = out / "ppo"
-    begun = (folder / "run.json").exists()
-    if begun and read_run(folder).get("finished", False):
-        return f"kept from an earlier call ({folder})"
-    given = trainer.Arguments(env=ENV, out=folder, resume=begun, progress=sys.stderr.isatty(), **wanted)
-    return describe(trainer.train(given))
-
-
 def train(arguments: Arguments) -> list[str]:
     """Lines of the report."""
     from agents import train_ppo
+    from agents.progress import finished
 
-    note = trained(train_ppo, arguments.out, seed=arguments.seed, n_timesteps=arguments.steps, tensorboard=False)
+    note = finished(
+        train_ppo, arguments.out / "ppo", env=ENV, progress=sys.stderr.isatty(), seed=arguments.seed,
+        n_timesteps=arguments.steps, tensorboard=False,
+    )  # fmt: skip
     return ["## Training", "", f"PPO on {ENV}: {note}.", "", "![learning curve](ppo/learning_curve.png)", ""]
 
 
@@ -144,22 +136,18 @@ def judge(out: Path) -> list[str]:
     return ["## The policy beside classical control", "", *judged(out, CONTROLLERS, {"random actions": before})[1]]
 
 
-def main() -> int:
+def demonstrate(arguments: Arguments) -> None:
     """Run the demonstration."""
-    arguments = parse(Arguments, "python -m agents.demo", __doc__)
     out, clock = own_folder(arguments.out, arguments.fresh), time.perf_counter()
-    try:
-        say("1/3 replaying scenes (the first call compiles, which takes a minute or two; later ones do not)")
-        lines = replay(out)
-        say(f"2/3 training PPO on {ENV}, {arguments.steps} steps")
-        lines += train(arguments)
-        say("3/3 judging it beside classical controllers")
-        lines += judge(out)
-    except ValueError as error:
-        return fail(error)
-    report(out, "Demonstration", clock, lines)
-    return 0
+    say("1/3 replaying scenes (the first call compiles; later ones do not)")
+    lines = replay(out)
+    say(f"2/3 training PPO on {ENV}, {arguments.steps} steps")
+    lines += train(arguments)
+    say("3/3 judging it beside classical controllers")
+    report(out, "Demonstration", clock, lines + judge(out))
 
+
+main = partial(command, Arguments, "python -m agents.demo", __doc__, demonstrate)
 
 if __name__ == "__main__":
     sys.exit(main())

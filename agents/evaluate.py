@@ -22,15 +22,15 @@ import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from agents import episodes as fixed
-from agents.arguments import parse
 from agents.policies import Chosen, choose
-from agents.runs import fail, versions, write_json, write_text
+from agents.runs import command, versions, write_json, write_text
 from agents.statistics import markdown, summary
 from flexarm_env.control import Setup
 from flexarm_env.control.time_optimal import plan_periods, rigid_time
@@ -124,13 +124,9 @@ def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, f
     return {**head, "policies": dict(rows)}
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.evaluate", __doc__)
-    try:
-        rows, results, limits = evaluate(arguments)
-    except ValueError as error:
-        return fail(error)
+def judge(arguments: Arguments) -> None:
+    """Judge, print, and write what is asked for."""
+    rows, results, limits = evaluate(arguments)
     content = report(arguments, rows, limits)
     table = markdown(rows, limits)
     print(json.dumps(content, indent=2) if arguments.json else table, end="\n" if arguments.json else "")
@@ -147,7 +143,9 @@ def main() -> int:
                 chosen = choose(word, arguments.env)
                 path = arguments.out / f"{chosen.name}.mp4"
                 film(arguments.env, chosen, keywords(arguments, chosen), arguments.first, path)
-    return 0
+
+
+main = partial(command, Arguments, "python -m agents.evaluate", __doc__, judge)
 
 
 if __name__ == "__main__":

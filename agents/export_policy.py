@@ -9,13 +9,13 @@ import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from agents.arguments import parse
-from agents.runs import OF_POLICY, fail, load_model, read_run, versions, write_whole
+from agents.runs import OF_POLICY, command, load_model, read_run, versions, write_whole
 from flexarm_env.control import NumpyPolicy
 from flexarm_env.control.policy import FORMAT
 
@@ -98,15 +98,12 @@ def export(run: Path) -> float:
     return off
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.export_policy", __doc__)
-    try:
-        off = export(arguments.run)
-    except ValueError as error:
-        return fail(error)
-    print(f"{arguments.run / 'policy.npz'}: largest difference from the model {off:.1e}")
-    return 0
+def told(arguments: Arguments) -> None:
+    """Export, and say how well."""
+    print(f"{arguments.run / 'policy.npz'}: largest difference from the model {export(arguments.run):.1e}")
+
+
+main = partial(command, Arguments, "python -m agents.export_policy", __doc__, told)
 
 
 if __name__ == "__main__":

@@ -14,10 +14,10 @@ import os
 import shutil
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from agents.arguments import parse
-from agents.runs import fail, load_model, read_run, write_json, write_whole
+from agents.runs import command, load_model, read_run, write_json, write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 TRAINED = ROOT / "agents" / "trained"
@@ -98,21 +98,14 @@ class Arguments:
     progress: bool = True
 
 
-def train(family: Family, seed: int, home: Path, progress: bool) -> Path:
-    """The folder of a finished run: trained, gone on with, or kept."""
+def train(family: Family, seed: int, home: Path, progress: bool) -> None:
+    """See that a run has finished."""
     from agents import train_ppo
-    from agents.progress import describe
+    from agents.progress import finished
 
-    folder = home / f"{family.name}-{seed}"
-    started = (folder / "run.json").exists()
-    if not (started and read_run(folder).get("finished")):
-        config = Path(os.path.relpath(ROOT / "configs" / "ppo" / family.config))
-        wanted = train_ppo.Arguments(
-            env=family.env, config=config, seed=seed, out=folder, resume=started, tensorboard=False, progress=progress,
-            evaluate_every=family.every,
-        )  # fmt: skip
-        print(f"{folder}: {describe(train_ppo.train(wanted))}", flush=True)
-    return folder
+    folder, config = home / f"{family.name}-{seed}", Path(os.path.relpath(ROOT / "configs" / "ppo" / family.config))
+    given = {"env": family.env, "config": config, "seed": seed, "tensorboard": False, "progress": progress}
+    print(f"{folder}: {finished(train_ppo, folder, evaluate_every=family.every, **given)}", flush=True)
 
 
 def publish(folder: Path, with_model: bool = False) -> None:
@@ -143,19 +136,16 @@ def publish_family(family: Family, home: Path) -> None:
         write_whole(target, lambda part: shutil.copyfile(best / "policy.npz", part))
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.families", __doc__)
-    try:
-        chosen = FAMILIES if arguments.only is None else [named(name) for name in arguments.only.split(",")]
-        for family in chosen:
-            for seed in range(family.seeds):
-                train(family, seed, arguments.home, arguments.progress)
-            publish_family(family, arguments.home)
-    except ValueError as error:
-        return fail(error)
-    return 0
+def train_all(arguments: Arguments) -> None:
+    """Train what is missing, publish."""
+    chosen = FAMILIES if arguments.only is None else [named(name) for name in arguments.only.split(",")]
+    for family in chosen:
+        for seed in range(family.seeds):
+            train(family, seed, arguments.home, arguments.progress)
+        publish_family(family, arguments.home)
 
+
+main = partial(command, Arguments, "python -m agents.families", __doc__, train_all)
 
 if __name__ == "__main__":
     sys.exit(main())

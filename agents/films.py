@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.arguments import parse
 from agents.episodes import TEST, TRAINING_ONLY
 from agents.policies import Chosen, choose
-from agents.runs import fail
+from agents.runs import command
 from flexarm_env.envs.video import film_path, write_film
 
 Picture = NDArray[np.uint8]
@@ -133,14 +133,7 @@ def _some(pictures: Iterator[Picture], every: int, count: int | None) -> Iterato
             yield picture
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.films", __doc__)
-    try:
-        print(make(arguments))
-    except ValueError as error:
-        return fail(error)
-    return 0
+main = partial(command, Arguments, "python -m agents.films", __doc__, lambda arguments: print(make(arguments)))
 
 
 if __name__ == "__main__":

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents import episodes
-from agents.runs import broken_off, fail, write_text
+from agents.runs import broken_off, fail, read_run, write_rows
 
 COLUMNS = (
     "steps", "success_rate", "settling_mean", "settling_median", "return_mean", "train_return", "std", "learning_rate",
@@ -96,11 +94,7 @@ def after(steps: int, every: int) -> int:
 
 def write_curve(path: Path, rows: list[dict[str, float]]) -> None:
     """The learning curve as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({k: f"{v:.10g}" for k, v in row.items()} for row in rows)
-    write_text(path, text.getvalue())
+    write_rows(path, COLUMNS, ({k: f"{v:.10g}" for k, v in row.items()} for row in rows))
 
 
 def describe(progress: Progress) -> str:
@@ -131,3 +125,11 @@ def training_program(program: str, train: Callable[[Any], Any], arguments: Any) 
         return broken_off(arguments.folder, program, error)
     print(f"{arguments.folder}: {describe(progress)}")
     return 0
+
+
+def finished(trainer: Any, folder: Path, **given: Any) -> str:
+    """See that a run has finished: trained by a program, gone on with, or kept; what it came to."""
+    begun = (folder / "run.json").exists()
+    if begun and read_run(folder).get("finished"):
+        return f"kept from an earlier call ({folder})"
+    return describe(trainer.train(trainer.Arguments(out=folder, resume=begun, **given)))

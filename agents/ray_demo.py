@@ -11,11 +11,12 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from agents.arguments import parse
-from agents.demo import ENV, judged, trained
-from agents.runs import fail, own_folder, report
+from agents.demo import ENV, judged
+from agents.progress import finished
+from agents.runs import command, fail, own_folder, report
 
 SOLVED = 0.95
 
@@ -39,20 +40,18 @@ class Arguments:
     fresh: bool = False
 
 
-def main() -> int:
+def demonstrate(arguments: Arguments) -> int:
     """Run the demonstration."""
-    arguments = parse(Arguments, "python -m agents.ray_demo", __doc__)
     out, clock = own_folder(arguments.out, arguments.fresh), time.perf_counter()
-    try:
-        print(f"1/2 training PPO of RLlib on {ENV}, {arguments.runners} runners, {arguments.steps} steps", flush=True)
-        from agents import train_rllib
+    print(f"1/2 training PPO of RLlib on {ENV}, {arguments.runners} runners, {arguments.steps} steps", flush=True)
+    from agents import train_rllib
 
-        wanted = {"seed": arguments.seed, "n_timesteps": arguments.steps, "runners": arguments.runners}
-        note = trained(train_rllib, out, **wanted)
-        print("2/2 judging it beside classical controllers", flush=True)
-        rows, lines = judged(out, ("pd", "zvd", "lqr"))
-    except ValueError as error:
-        return fail(error)
+    note = finished(
+        train_rllib, out / "ppo", env=ENV, progress=sys.stderr.isatty(), seed=arguments.seed,
+        n_timesteps=arguments.steps, runners=arguments.runners,
+    )  # fmt: skip
+    print("2/2 judging it beside classical controllers", flush=True)
+    rows, lines = judged(out, ("pd", "zvd", "lqr"))
     report(out, "Training on Ray", clock, [
         f"PPO of RLlib on {ENV}, {arguments.runners} runners: {note}.", "",
         "![learning curve](ppo/learning_curve.png)", "", *lines,
@@ -62,6 +61,8 @@ def main() -> int:
         return fail(f"not solved: {success:.0%} of the episodes succeed, {SOLVED:.0%} are asked for") - 1
     return 0
 
+
+main = partial(command, Arguments, "python -m agents.ray_demo", __doc__, demonstrate)
 
 if __name__ == "__main__":
     sys.exit(main())

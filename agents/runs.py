@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import dataclasses
+import io
 import json
 import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from agents.arguments import parse
 from flexarm_env.suite.results import versions
 from flexarm_env.suite.score import FIRST
 
@@ -59,6 +62,15 @@ def write_json(path: Path, content: Any) -> None:
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
+def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write a CSV file, whole or not at all."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, heads, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(path, text.getvalue())
+
+
 def read_json(path: Path) -> Any:
     """A JSON file's content; ValueError with a sentence where it is missing or damaged."""
     try:
@@ -94,6 +106,15 @@ def own_folder(folder: Path, fresh: bool) -> Path:
         shutil.rmtree(folder)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+def command(kind: type[T], program: str, description: str | None, work: Callable[[T], int | None]) -> int:
+    """Parse a command line (`agents.arguments`) and do the work; the exit code, 2 with a sentence for a ValueError."""
+    arguments = parse(kind, program, description)
+    try:
+        return work(arguments) or 0
+    except ValueError as error:
+        return fail(error)
 
 
 def fail(sentence: object) -> int:

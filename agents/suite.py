@@ -15,16 +15,15 @@ made from.
 from __future__ import annotations
 
 import hashlib
-import json
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from agents.arguments import parse
-from agents.runs import fail, read_run, write_text
+from agents.runs import command, read_run, write_json, write_text
 from flexarm_env import suite
 from flexarm_env.control import NAMES
 from flexarm_env.suite.page import page
@@ -167,22 +166,19 @@ def refused(job: Job, arguments: Arguments, error: ValueError) -> str:
 def train(job: Job, arguments: Arguments) -> Path:
     """The folder of a finished run: trained, gone on with, or kept."""
     from agents import train_ppo
+    from agents.progress import finished
 
     folder = job.folder(arguments.home)
     if job.method.algorithm == "foresight":
         from agents import foresight
 
         return foresight.found(job.task, folder)
-    started = (folder / "run.json").exists()
-    if started and read_run(folder).get("finished"):
-        return folder
-    algorithm = job.method.algorithm
-    train_ppo.train(train_ppo.Arguments(
-        env=job.task.registered, algo=algorithm, config=ROOT / "configs" / algorithm / "suite.yml", seed=job.seed,
-        n_timesteps=round(job.task.budget * arguments.share), out=folder, resume=started, best_by="return",
-        evaluate_every=max(32_768, round(job.task.budget * arguments.share / 20)), tensorboard=False,
-        progress=arguments.progress,
-    ))  # fmt: skip
+    algorithm, steps = job.method.algorithm, round(job.task.budget * arguments.share)
+    finished(
+        train_ppo, folder, env=job.task.registered, algo=algorithm, seed=job.seed, n_timesteps=steps, best_by="return",
+        config=ROOT / "configs" / algorithm / "suite.yml", evaluate_every=max(32_768, round(steps / 20)),
+        tensorboard=False, progress=arguments.progress,
+    )  # fmt: skip
     return folder
 
 
@@ -235,23 +231,21 @@ def plan(todo: Sequence[Job], arguments: Arguments) -> list[str]:
 def made(arguments: Arguments) -> None:
     """The page, where there are results."""
     if any(arguments.results.glob("*.json")):
-        write_text(arguments.results.with_suffix(".md"), page(folder_of(arguments.results)))
+        write_text(arguments.results.with_suffix(".md"), page(folder_of(arguments.results, earlier=True)))
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.suite", __doc__)
-    began = time.monotonic()
+def work(arguments: Arguments) -> int:
+    """What is asked for: the plan, the references, or all that is missing."""
+    began, todo = time.monotonic(), list(jobs(arguments))
+    if arguments.plan:
+        print("\n".join(plan(todo, arguments)))
+        return 0
+    if arguments.freeze:
+        known = references(folder_of(arguments.results))
+        write_json(REFERENCES, known)
+        print("\n".join(f"{name}: {one['pd']} (PD), {one['best']} ({one['by']})" for name, one in known.items()))
+        return 0
     try:
-        todo = list(jobs(arguments))
-        if arguments.plan:
-            print("\n".join(plan(todo, arguments)))
-            return 0
-        if arguments.freeze:
-            known: Mapping[str, Any] = references(folder_of(arguments.results))
-            write_text(REFERENCES, json.dumps(known, indent=2) + "\n")
-            print("\n".join(f"{name}: {one['pd']} (PD), {one['best']} ({one['by']})" for name, one in known.items()))
-            return 0
         for job in todo:
             if job.done(arguments.results):
                 continue
@@ -261,12 +255,13 @@ def main() -> int:
             print(run(job, arguments), flush=True)
             made(arguments)
         made(arguments)
-    except ValueError as error:
-        return fail(error)
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; the same command goes on\n")
         return 130
     return 0
+
+
+main = partial(command, Arguments, "python -m agents.suite", __doc__, work)
 
 
 __all__ = ["EPISODES", "METHODS", "Arguments", "Job", "jobs", "main", "references", "run"]

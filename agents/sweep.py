@@ -13,21 +13,19 @@ the environment's own reward. A sweep that was broken off goes on with --resume,
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import itertools
 import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from agents import episodes
-from agents.arguments import parse
 from agents.rllib import cluster
-from agents.runs import INTERRUPTED, fail, read_json, read_run, write_json, write_text
+from agents.runs import INTERRUPTED, command, read_json, read_run, write_json, write_rows, write_text
 
 ARM = ("payload", "EI", "damping")
 SHOWN = {
@@ -238,11 +236,7 @@ def _resumed(arguments: Arguments) -> Arguments:
 # ------------------------------------------------------------------ results
 def write(out: Path, rows: list[dict[str, Any]], varied: list[str], env_id: str) -> None:
     """results.csv, results.md and results.png."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(out / "results.csv", text.getvalue())
+    write_rows(out / "results.csv", list(rows[0]), rows)
     heads = [*varied, "seed", *SHOWN.values()]
     lines = ["| " + " | ".join(heads) + " |", "|" + "---:|" * len(heads)]
     for row in rows:
@@ -256,13 +250,10 @@ def write(out: Path, rows: list[dict[str, Any]], varied: list[str], env_id: str)
     compared(rows, varied, drawn, out / "results.png", env_id)
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.sweep", __doc__)
+def run(arguments: Arguments) -> int:
+    """Run what is left, say where the results are."""
     try:
         rows = sweep(arguments)
-    except ValueError as error:
-        return fail(error)
     except KeyboardInterrupt:
         sys.stderr.write(f"interrupted; go on with: python -m agents.sweep --out {arguments.out} --resume\n")
         return INTERRUPTED
@@ -270,6 +261,8 @@ def main() -> int:
     print(f"{len(rows)} trials: {arguments.out / 'results.md'}, results.csv, results.png")
     return 0
 
+
+main = partial(command, Arguments, "python -m agents.sweep", __doc__, run)
 
 if __name__ == "__main__":
     sys.exit(main())

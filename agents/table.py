@@ -16,6 +16,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +24,15 @@ import numpy as np
 
 from agents import episodes as fixed
 from agents import families
-from agents.arguments import parse
 from agents.best_known import joined
 from agents.evaluate import Arguments as Judged
 from agents.evaluate import evaluate
 from agents.families import ROOT, TRAINED, Family
 from agents.figures import learning_curve, tip_errors
-from agents.runs import fail, read_json, read_run, versions, write_json, write_text
+from agents.runs import command, read_json, read_run, versions, write_json
 from agents.statistics import markdown
+from benchmarks.machine import table, told
+from benchmarks.pages import write_page
 from flexarm_env import control
 
 EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
@@ -166,31 +168,26 @@ def seeds(judge: Judge, family: Family) -> list[Row]:
 
 def seeds_table(rows: list[Row]) -> list[str]:
     """Markdown of `seeds`."""
-    lines = [
-        "| seed | steps | training, s wall (CPU) | solved after, s wall (CPU) | success | median settling, s |",
-        "|---|---:|---:|---:|---:|---:|",
-    ]
+    cells = []
     for row in rows:
         solved = row["solved"]
         when = "never" if solved is None else f"{solved['wall_s']:.0f} ({solved['cpu_s']:.0f})"
-        lines.append(
-            f"| {row['seed']} | {row['steps']:.0f} | {row['wall_s']:.0f} ({row['cpu_s']:.0f}) | {when} "
-            f"| {row['success_rate']:.1%} | {row['settling_time_median']:.2f} |"
-        )
-    return lines
+        times = f"{row['wall_s']:.0f} ({row['cpu_s']:.0f})", when
+        worth = f"{row['success_rate']:.1%}", f"{row['settling_time_median']:.2f}"
+        cells.append((row["seed"], f"{row['steps']:.0f}", *times, *worth))
+    heads = "seed | steps | training, s wall (CPU) | solved after, s wall (CPU) | success | median settling, s"
+    return table(heads, cells, True)
 
 
 def short_table(head: str, columns: Mapping[str, Rows]) -> list[str]:
     """Success and median settling of policies (rows) in several settings (columns)."""
-    names = dict.fromkeys(name for table in columns.values() for name in table)
-    lines = [f"| {head} | " + " | ".join(columns) + " |", "|---|" + "---:|" * len(columns)]
-    for name in names:
-        found = [table.get(name) for table in columns.values()]
-        cells = [
-            "" if row is None else f"{row['success_rate']:.1%}, {row['settling_time_median']:.2f} s" for row in found
-        ]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return lines
+
+    def cell(row: Row | None) -> str:
+        return "" if row is None else f"{row['success_rate']:.1%}, {row['settling_time_median']:.2f} s"
+
+    names = dict.fromkeys(name for found in columns.values() for name in found)
+    rows = [(name, *(cell(found.get(name)) for found in columns.values())) for name in names]
+    return table(" | ".join([head, *columns]), rows, True)
 
 
 def nominal(judge: Judge, family: Family, content: dict[str, Any]) -> None:
@@ -274,17 +271,15 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
     both = {"nominal": own.get("ordinary", own["nominal"]), "randomised": own["randomised"]}
     if best is not None:
         bounds["best known"] = float(np.median(best["settling"]))
-    lines = [f"## {TITLES[family.name]}", "", markdown(own["nominal"], bounds), ""]
+    lines = [markdown(own["nominal"], bounds), ""]
     if best is not None:
         lines += distance(own["nominal"], best)
     if own.get("decisions"):
-        lines += [
-            f"CPU time of a decision for one arm, in one thread, over {TIMED} episodes:", "",
-            "| controller | median (ms) | 99th percentile (ms) | most (ms) |", "|---|---:|---:|---:|",
-        ]  # fmt: skip
-        for name, row in own["decisions"].items():
-            lines.append(f"| {name} | {row['median']:.2f} | {row['p99']:.2f} | {row['most']:.2f} |")
-        lines += [""]
+        times = [
+            (name, *(f"{row[k]:.2f}" for k in ("median", "p99", "most"))) for name, row in own["decisions"].items()
+        ]
+        lines += [f"CPU time of a decision for one arm, in one thread, over {TIMED} episodes:", ""]
+        lines += [*table("controller | median (ms) | 99th percentile (ms) | most (ms)", times, True), ""]
     for name, found in own["seeds"].items():
         lines += [f"Seeds of `{name}`:", "", *seeds_table(found), ""]
     return lines + [
@@ -295,21 +290,19 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",
         "One thing at a time:", "",
-        *short_table("policy", own["shifted"]), "",
+        *short_table("policy", own["shifted"]),
     ]  # fmt: skip
 
 
 def distance(rows: Rows, best: Mapping[str, Any]) -> list[str]:
     """Settling of the policies over that of the best plans known."""
     median, mean = float(np.median(best["settling"])), float(np.mean(best["settling"]))
-    lines = [
-        f"Best known settling ([](optimal.md)): median {median:.2f} s, mean {mean:.3f} s. Settling over it:", "",
-        "| policy | medians | means |", "|---|---:|---:|",
-    ]  # fmt: skip
-    for name, row in rows.items():
-        ratios = row["settling_time_median"] / median, row["settling_time_mean"] / mean
-        lines.append(f"| {name} | {ratios[0]:.2f} | {ratios[1]:.2f} |")
-    return [*lines, ""]
+    ratios = [
+        (name, f"{row['settling_time_median'] / median:.2f}", f"{row['settling_time_mean'] / mean:.2f}")
+        for name, row in rows.items()
+    ]
+    known = f"Best known settling ([](optimal.md)): median {median:.2f} s, mean {mean:.3f} s. Settling over it:"
+    return [known, "", *table("policy | medians | means", ratios, True), ""]
 
 
 def best_known(results: Path, family: Family) -> dict[str, Any] | None:
@@ -339,88 +332,54 @@ def measured(judge: Judge, content: dict[str, Any]) -> None:
     content["measured"] = found
 
 
-HEAD = """# Policies beside classical control
-
-Trained policies (PPO) and classical controllers on the same fixed episodes that neither training nor tuning has seen.
-Settled: from then to the episode's end the tip stays within 2 % of the slew (at least 0.5 degrees), or within 2 cm of
-its target; never settled counts as the whole duration. Brackets hold 95 % bootstrap intervals over the episodes. Effort
-is the integral of the squared torque over its limit. The policies are those in `agents/trained`; which seed is shown
-was chosen on validation episodes. Controllers are tuned by `python -m agents.tune` on episodes of their own; PD gains
-(of `zv` and `zvd` too, PD with an input shaper) must leave a gain margin of 6 dB on the linear arm. What such a search
-finds without that rule stands under `no margin`: on two links `zv` then has a loop that is unstable, flips the elbow's
-torque in every period (see its effort), and is no quicker. `two_link` adds to joint controllers (action_mode
-`residual_pd`), which reach every target by themselves; what its training brings is speed, for which it was paid more
-than others (`configs/ppo/residual.yml`). `mpc` plans anew in every period on the nominal arm's nonlinear model.
-
-Training runs in one thread; where other work shared the machine, CPU times say what it takes on one of its own.
-
-Written by `python -m agents.table`; policies trained by `python -m agents.families`."""
+def blocks(content: Mapping[str, Any], best: Mapping[str, Any]) -> dict[str, list[str]]:
+    """What the page shows of each part. best: of `best_known`, by family."""
+    lines = {"machine": [told(content["machine"])]}
+    for name in (name for name in PARTS if name in content):
+        if name == "measured":
+            parts = [short_table(families.named(one).env, columns) for one, columns in content[name].items()]
+            lines[name] = [line for part in parts for line in (*part, "")][:-1]
+        else:
+            lines[name] = section(families.named(name), content[name], best.get(name))
+    return lines
 
 
-SENSED = f"""The geared arms rub (Coulomb), encoders of 4096 counts sit on their motors, their gauges have noise and a
-bias that is drawn. `full` are the environment's own entries, `measured` what sensors give. Gains of `pd`, `zv`, `zvd`
-and `lqr` are those of the ideal arms; `lqg` knows the arm's friction and sensors. Success asks for more than to be
-settled (the environments' pages say what): unless something pushes against friction, a motor that sticks lets the arm
-ring. {FEWER_EPISODES} episodes; success, median settling."""
-
-
-def page(content: Mapping[str, Any], best: Mapping[str, Any]) -> str:
-    """The whole page. best: of `best_known`, by family."""
-    made = " · ".join(f"{name}: {fact}" for name, fact in content["machine"].items())
-    lines = [HEAD, "", made]
-    for name, title in TITLES.items():
-        if name == "measured" and name in content:
-            lines += ["", f"## {title}", "", SENSED, ""]
-            for one, columns in content[name].items():
-                lines += [*short_table(families.named(one).env, columns), ""]
-        elif name in content:
-            lines += ["", *section(families.named(name), content[name], best.get(name))]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-TITLES = {
-    "flexible_arm": "One link slews (FlexibleArm-v0)",
-    "two_link": "Two links reach (TwoLinkFlexArm-v0)",
-    "measured": "Gears, friction, and what sensors measure",
-}
+PARTS = ("flexible_arm", "two_link", "measured")
 
 
 def save(arguments: Arguments, content: dict[str, Any]) -> None:
     """Write page and numbers."""
     best = {name: best_known(arguments.results, families.named(name)) for name in ("flexible_arm", "two_link")}
     write_json(arguments.results / "control.json", content)
-    write_text(arguments.results / "control.md", page(content, best))
+    write_page(arguments.results, "control", blocks(content, best))
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.table", __doc__)
-    path = arguments.results / "control.json"
-    try:
-        only, part = arguments.only, arguments.only is not None or arguments.policies is not None
-        if only is not None and only not in TITLES:
-            raise ValueError(f"--only {only}: must be one of {', '.join(TITLES)}")
-        if arguments.policies is not None and not path.exists():
-            raise ValueError(f"--policies: {path} is not there; judge all of them first")
-        content: dict[str, Any] = read_json(path) if part and path.exists() else {}
-        content = {k: v for k, v in content.items() if k in TITLES} | {"tables": content.get("tables", {})}
-        content["machine"] = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
-        judge = Judge(arguments)
-        for name in TITLES if only is None else [only]:
-            if name == "measured":
-                measured(judge, content)
-                continue
-            family = families.named(name)
-            content.setdefault(name, {})
-            nominal(judge, family, content)
-            decisions(judge, family, content)
-            robustness(judge, family, families.named(f"{name}_robust"), content)
-            save(arguments, content)
+def judge_all(arguments: Arguments) -> None:
+    """Judge what is asked for, write page and numbers."""
+    path, only = arguments.results / "control.json", arguments.only
+    if only is not None and only not in PARTS:
+        raise ValueError(f"--only {only}: must be one of {', '.join(PARTS)}")
+    if arguments.policies is not None and not path.exists():
+        raise ValueError(f"--policies: {path} is not there; judge all of them first")
+    part = only is not None or arguments.policies is not None
+    content: dict[str, Any] = read_json(path) if part and path.exists() else {}
+    content = {k: v for k, v in content.items() if k in PARTS} | {"tables": content.get("tables", {})}
+    content["machine"] = {"date": date.today().isoformat(), "cores": str(os.cpu_count()), **versions()}
+    judge = Judge(arguments)
+    for name in PARTS if only is None else [only]:
+        if name == "measured":
+            measured(judge, content)
+            continue
+        family = families.named(name)
+        content.setdefault(name, {})
+        nominal(judge, family, content)
+        decisions(judge, family, content)
+        robustness(judge, family, families.named(f"{name}_robust"), content)
         save(arguments, content)
-    except ValueError as error:
-        return fail(error)
-    return 0
+    save(arguments, content)
 
+
+main = partial(command, Arguments, "python -m agents.table", __doc__, judge_all)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -20,6 +20,7 @@ import time
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import episodes
-from agents.arguments import parse
-from agents.runs import fail, write_text
+from agents.runs import command, write_text
 from flexarm_env import control
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from
@@ -184,13 +184,12 @@ def text_of(tables: dict[str, Any], env_id: str, margin: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> int:
-    """Run the command."""
-    arguments = parse(Arguments, "python -m agents.tune", __doc__)
+def search_all(arguments: Arguments) -> None:
+    """Tune what is asked for, print and write it."""
     chosen = arguments.controllers.split(",")
     for name in chosen:
         if name not in control.NAMES:
-            return fail(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
+            raise ValueError(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
     env = episodes.make_episodes(arguments.env, arguments.episodes)
     measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured")
     task = control.Setup.of(env).task
@@ -208,7 +207,9 @@ def main() -> int:
         )
         if not arguments.dry:
             write_text(path, text_of(tables, arguments.env, arguments.margin))
-    return 0
+
+
+main = partial(command, Arguments, "python -m agents.tune", __doc__, search_all)
 
 
 if __name__ == "__main__":
