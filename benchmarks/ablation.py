@@ -1,6 +1,6 @@
-"""What each feature costs where it is present, and what it costs where it is absent: docs/results/ablation.{md,json}.
+"""What each feature costs where it is present, and what where it is absent: docs/results/cost_model.md.
 
-    python -m benchmarks.ablation [--rounds 7] [--out FOLDER]
+    python -m benchmarks.ablation [--rounds 7] [--page] [--out FOLDER]
 
 Present: a control period of 64 arms on one thread, and of a single environment, with and without the feature, in turn.
 Absent: features are compile-time tags. The step of an arm that has none of them is compiled twice, from the kernels
@@ -9,8 +9,10 @@ as they are and from a copy whose lines for these features are cut out, and call
 
 from __future__ import annotations
 
+import argparse
 import ast
 import dataclasses
+import itertools
 import json
 import os
 import shutil
@@ -25,7 +27,8 @@ from typing import Any
 import gymnasium as gym
 
 import flexarm_env
-from benchmarks.machine import command, describe_machine, publish, table, told
+from benchmarks import pages
+from benchmarks.machine import table
 from flexarm_env import arms, scenes, simulate
 from flexarm_env.parameters import Payload
 
@@ -104,11 +107,8 @@ def present(rounds: int) -> list[dict[str, Any]]:
         row: dict[str, Any] = {"feature": name}
         for n, label in ((1, "single"), (64, "vector")):
             runs = {"with": _period(wanted, n), "without": _period(without, n)}
-            times: dict[str, list[float]] = {"with": [], "without": []}
-            for _ in range(rounds + 1):
-                for key, run in runs.items():
-                    times[key].append(run(190))
-            row[label] = {key: 1e6 * min(values[1:]) for key, values in times.items()}
+            times = [{key: run(190) for key, run in runs.items()} for _ in range(rounds + 1)][1:]
+            row[label] = {key: 1e6 * min(each[key] for each in times) for key in runs}
         rows.append(row)
         print(json.dumps(row), flush=True)
     return rows
@@ -116,17 +116,18 @@ def present(rounds: int) -> list[dict[str, Any]]:
 
 def scenes_present() -> list[dict[str, Any]]:
     """CPU time of a replay with the floating frame under each coupling and with multipliers or without."""
-    rows = []
-    scene = scenes.named("robot_arm_motion")
-    for coupling in ("linear", "paper", "von_karman"):
-        options = {"segments": 5, "elements": 1, "coupling": coupling, "multipliers": True, "estimate_error": False}
-        cost = min(simulate(scene, "floating_frame", **options).cpu_seconds for _ in range(5))
-        rows.append({"feature": f"coupling {coupling} (5 segments, joints by multipliers)", "ms": 1e3 * cost})
-    for feature, options in (
-        ("5 segments without multipliers", {"segments": 5}),
-        ("one frame of 5 elements", {"segments": 1, "elements": 5}),
-    ):
-        cost = min(simulate(scene, "floating_frame", estimate_error=False, **options).cpu_seconds for _ in range(5))
+    joined = {"segments": 5, "elements": 1, "multipliers": True}
+    ways: dict[str, dict[str, Any]] = {
+        f"coupling {coupling} (5 segments, joints by multipliers)": {"coupling": coupling, **joined}
+        for coupling in ("linear", "paper", "von_karman")
+    }
+    ways |= {
+        "5 segments without multipliers": {"segments": 5},
+        "one frame of 5 elements": {"segments": 1, "elements": 5},
+    }
+    scene, rows = scenes.named("robot_arm_motion"), []
+    for feature, options in ways.items():
+        cost = min(simulate(scene, estimate_error=False, **options).cpu_seconds for _ in range(5))
         rows.append({"feature": feature, "ms": 1e3 * cost})
     return rows
 
@@ -155,14 +156,14 @@ class _Prune(ast.NodeTransformer):
 
 def _instructions(folder: Path) -> float:
     """Machine instructions executed in a control period of eight arms, by callgrind (which knows no AVX-512)."""
-    environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
-    environment |= {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "", "PYTHONHASHSEED": "0"}
+    environment = os.environ | {"PYTHONPATH": str(folder), "FLEXARM_CACHE_DIR": str(folder / "cache")}
+    environment["PYTHONHASHSEED"] = "0"
 
     def told(*prefix: str, count: int) -> subprocess.CompletedProcess[str]:
         command = [*prefix, sys.executable, "-c", PERIODS, str(count)]
         return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=True)
 
-    where = told(count=1).stdout.strip()  # compiles
+    where = told("valgrind", "--tool=none", count=1).stdout.strip()  # compiles, for the processor that valgrind shows
     assert Path(where).is_relative_to(folder), where
     executed = []
     for count in (FEW, MANY):
@@ -190,44 +191,33 @@ def absent() -> dict[str, float]:
     return counts
 
 
-def page(results: dict[str, Any]) -> str:
-    """The results as Markdown."""
-    lines = [
-        "# What features cost", "",
-        "What gravity, damping, sensors and the rest add to a control period.",
-        "A control period of `FlexibleArm-v0` at its defaults with and without a feature, us an arm (best of several",
-        "rounds in turn): a single environment through `gymnasium.make`, and 64 arms on one thread. Written by",
-        "`python -m benchmarks.ablation`.", "", told(results["machine"]), "",
-    ]  # fmt: skip
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
     rows = []
-    for row in results["present"]:
-        rows.append([row["feature"]])
-        for label in ("single", "vector"):
-            a, b = row[label]["without"], row[label]["with"]
-            rows[-1] += [f"{a:.2f}", f"{b:.2f}", f"{100 * (b / a - 1):+.0f} %"]
-    lines += table("feature | single: without | with | more | 64 arms: without | with | more", rows)
-    replays = [(row["feature"], f"{row['ms']:.1f}") for row in results["scenes"]]
-    lines += ["", *table("replay of robot_arm_motion, floating frame | CPU, ms", replays)]
-    if results["absent"]:
-        whole, cut = results["absent"]["whole"], results["absent"]["cut"]
-        lines += [
-            "",
-            "Absent features: a control period of eight arms in lanes without damping, payload, gravity, loads,",
-            "motions, controllers, actuators, sensors, references and books executes",
-            f"{whole:,.0f} machine instructions (callgrind); compiled from a copy of the kernels out of which the",
-            f"lines of these features were cut, {cut:,.0f}: {100 * (whole / cut - 1):+.2f} %.",
-        ]
-    return "\n".join(lines) + "\n"
+    for row in found["present"]:
+        pairs = [(row[label]["without"], row[label]["with"]) for label in ("single", "vector")]
+        cells = ((f"{a:.2f}", f"{b:.2f}", f"{100 * (b / a - 1):+.0f} %") for a, b in pairs)
+        rows.append([row["feature"], *itertools.chain(*cells)])
+    replays = [(row["feature"], f"{row['ms']:.1f}") for row in found["scenes"]]
+    lines = {
+        "present": table("feature | single: without | with | more | 64 arms: without | with | more", rows),
+        "scenes": table("replay of robot_arm_motion, floating frame | CPU, ms", replays),
+    }
+    if found["absent"]:
+        whole, cut = found["absent"]["whole"], found["absent"]["cut"]
+        lines["absent"] = [f"{whole:,.0f} instructions, without {cut:,.0f}: {100 * (whole / cut - 1):+.2f} %."]
+    return lines
 
 
-def main(arguments: list[str] | None = None) -> None:
+def measure(options: argparse.Namespace) -> pages.Found:
+    """All of it."""
+    return {"scenes": scenes_present(), "present": present(options.rounds), "absent": absent()}
+
+
+def main(arguments: list[str] | None = None) -> int:
     """Measure and write the results."""
-    options = command(__doc__, rounds=7).parse_args(arguments)
-    results: dict[str, Any] = {"machine": describe_machine(), "scenes": scenes_present()}
-    results["present"] = present(options.rounds)
-    results["absent"] = absent()
-    publish("ablation", options.out, results, page(results))
+    return pages.run("ablation", __doc__, measure, blocks, arguments, page="results/cost_model", rounds=7)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main())

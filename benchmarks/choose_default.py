@@ -1,6 +1,6 @@
 """Which formulation and step the environments use where nothing is said: docs/results/default_settings.{md,json}.
 
-python -m benchmarks.choose_default [--env ID] [--episodes 200] [--out FOLDER]
+python -m benchmarks.choose_default [--env ID] [--episodes 200] [--page] [--out FOLDER]
 
 Every candidate runs the same episodes as the converged exact beam: `episodes` under a random policy (a new torque in
 each control period) and as many under random bang-bang torque (full torque of either sign, switched after 0.1 to 0.6 s
@@ -8,23 +8,23 @@ at random); two links over the first 2 s only, since longer runs of theirs are c
 largest distance of the tip from the exact one's, over L. A candidate is good enough where that stays within 0.5 % for
 99 % of the episodes of either kind, and 0.1 % is aimed at. The default, one for both environments, is the cheapest
 candidate (sum of both costs in a vector) that reaches the aim in both, or else the cheapest that is good enough. The
-exit code is 1 where the package's defaults are not good enough. A few minutes of CPU time, and as many again for
-compilation the first time.
+exit code is 1 where the package's defaults are not good enough. A few minutes of CPU time.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
-from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-import flexarm_env
-from benchmarks.machine import command, describe_machine, publish, table, told
+import flexarm_env  # noqa: F401  (registers the environments)
+from benchmarks import pages
+from benchmarks.machine import table
 from flexarm_env.envs.options import plan
 
 Array = NDArray[np.float64]
@@ -32,9 +32,9 @@ Array = NDArray[np.float64]
 IDS = ("FlexibleArm-v0", "TwoLinkFlexArm-v0")
 HORIZON = {"FlexibleArm-v0": 4.0, "TwoLinkFlexArm-v0": 2.0}
 LIMIT, AIM, SHARE = 0.5, 0.1, 99.0
+"""Errors in % of L, and the percentile of the episodes that they are asked of."""
 WEAK = 0.25
 """Share of the torque under which links that are reduced to modes stay within their range."""
-"""Errors in % of L, and the percentile of the episodes that they are asked of."""
 
 EXACT: dict[str, Any] = {
     "formulation": "geometrically_exact", "elements": 6, "order": 3, "dt": 2.5e-4, "tolerance": 1e-10,
@@ -43,57 +43,31 @@ COARSER: dict[str, dict[str, Any]] = {"step": EXACT | {"dt": 5e-4}, "mesh": EXAC
 """Checks that EXACT is converged: twice the step, a coarser mesh."""
 
 PERCENTILES = (50.0, 95.0, SHARE, 100.0)
+KINDS = ("random", "bang_bang")
+Row = dict[str, Any]
+"""Of a candidate: its options, errors in % of L, CPU microseconds of an arm and control period."""
 
 
-@dataclass
-class Candidate:
-    """Settings and what was measured of them; errors (episodes,) in % of L, infinite where an episode failed."""
+def label(options: dict[str, Any]) -> str:
+    """Settings in a line."""
+    words = {
+        "formulation": "{}", "dt": "dt {:.4g} ms", "multipliers": "multipliers", "frame": "frame {}",
+        "period_correction": "period corrected",
+    }  # fmt: skip
+    told = {**options, "dt": 1e3 * options["dt"]}
+    parts = [words.get(name, name + " {:g}").format(value) for name, value in told.items()]
+    return ", ".join([*parts, f"{WEAK:g} of the torque"] if reduced(options) else parts)
 
-    options: dict[str, Any]
-    random: Array = field(default_factory=lambda: np.zeros(1))
-    bang_bang: Array = field(default_factory=lambda: np.zeros(1))
-    vector: float = float("nan")  # CPU microseconds of one arm and control period, in a batch on one thread
-    single: float = float("nan")  # the same of `step` of a single environment
-    failed: int = 0
-    default: bool = False
-    of_formulation: bool = False  # the default where its formulation, or modes, is asked for
 
-    @property
-    def worst(self) -> float:
-        """The larger of both kinds' percentiles."""
-        return max(percentile(self.random), percentile(self.bang_bang))
+def spread(errors: Array) -> dict[str, float | None]:
+    """Percentiles over the episodes, as they are kept; None where an episode at one failed."""
+    values = {f"{share:g}": percentile(errors, share) for share in PERCENTILES}
+    return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
-    @property
-    def label(self) -> str:
-        """The options in a line."""
-        parts = [str(self.options["formulation"])] if "formulation" in self.options else []
-        for name, value in self.options.items():
-            if name == "dt":
-                parts.append(f"dt {value * 1e3:.4g} ms")
-            elif name == "multipliers":
-                parts.append(name)
-            elif name == "frame":
-                parts.append(f"frame {value}")
-            elif name == "period_correction":
-                parts.append("period corrected")
-            elif name != "formulation":
-                parts.append(f"{name} {value:g}")
-        if reduced(self.options):
-            parts.append(f"{WEAK:g} of the torque")
-        return ", ".join(parts)
 
-    def table(self) -> dict[str, Any]:
-        """What goes into the JSON file."""
-
-        def spread(errors: Array) -> dict[str, float | None]:
-            values = {f"{share:g}": percentile(errors, share) for share in PERCENTILES}
-            return {name: value if np.isfinite(value) else None for name, value in values.items()}
-
-        return {
-            "options": self.options, "microseconds_vector": self.vector, "microseconds_single": self.single,
-            "failed": self.failed, "default": self.default,
-            "random": spread(self.random), "bang_bang": spread(self.bang_bang),
-        }  # fmt: skip
+def worst(row: Row) -> float:
+    """The larger of both kinds' errors, % of L."""
+    return max(np.inf if row[kind][f"{SHARE:g}"] is None else row[kind][f"{SHARE:g}"] for kind in KINDS)
 
 
 def percentile(errors: Array, share: float = SHARE) -> float:
@@ -188,15 +162,15 @@ class Stopwatch:
         return (time.process_time() - start) / len(moves) * 1e6
 
 
-def take_times(env_id: str, rows: list[Candidate], rounds: int = 7) -> None:
+def take_times(env_id: str, rows: list[Row], rounds: int = 7) -> None:
     """Fill in the costs: the least of some rounds through all candidates, so that a busy machine treats all alike."""
-    watches = [Stopwatch(env_id, row.options, row.options["formulation"] == "elastica") for row in rows]
+    watches = [Stopwatch(env_id, row["options"], row["options"]["formulation"] == "elastica") for row in rows]
     readings = np.array([[watch.read() for watch in watches] for _ in range(rounds)])
-    for row, (vector, single) in zip(rows, readings.min(axis=0), strict=True):
-        row.vector, row.single = float(vector), float(single)
+    for row, (vector, single) in zip(rows, readings.min(axis=0).tolist(), strict=True):
+        row |= {"microseconds_vector": vector, "microseconds_single": single}
 
 
-def measure(env_id: str, episodes: int) -> tuple[list[Candidate], dict[str, float]]:
+def measure(env_id: str, episodes: int) -> Row:
     """All candidates of an environment, its defaults among them; how far the reference is from coarser ones, % of L."""
     joints = 1 if env_id == IDS[0] else 2
     own = gym.make(env_id).unwrapped.plan
@@ -208,85 +182,87 @@ def measure(env_id: str, episodes: int) -> tuple[list[Candidate], dict[str, floa
         return np.asarray(np.where(np.isnan(distance).any(axis=0), np.inf, distance.max(axis=0)))
 
     weak, _ = tips(env_id, WEAK * actions, EXACT)
-    spread = {word: percentile(errors(tips(env_id, actions, options)[0], exact)) for word, options in COARSER.items()}
-    print(f"{env_id}: the reference differs from coarser ones by {spread} % of L", flush=True)
-    found = []
+    coarser = {word: percentile(errors(tips(env_id, actions, options)[0], exact)) for word, options in COARSER.items()}
+    print(f"{env_id}: the reference differs from coarser ones by {coarser} % of L", flush=True)
+    found: list[Row] = []
     for options in candidates():
         share, truth = (WEAK, weak) if reduced(options) else (1.0, exact)
         places, failed = tips(env_id, share * actions, options)
         error = errors(places, truth)
-        settings = plan(own.kind, **options).settings
-        own_too = settings == own.settings
-        formulation = {name: options[name] for name in ("formulation", "modes") if name in options}
-        of_formulation = settings == plan(own.kind, **formulation).settings
-        found.append(Candidate(options, error[:episodes], error[episodes:], failed=failed, default=own_too))
-        found[-1].of_formulation = of_formulation
-        print(f"  {found[-1].label:60s} {found[-1].worst:9.4f} %{' (default)' * own_too}", flush=True)
-    if not any(row.default for row in found):
+        default = plan(own.kind, **options).settings == own.settings
+        halves = {"random": spread(error[:episodes]), "bang_bang": spread(error[episodes:])}
+        found.append({"options": options, "failed": failed, "default": default, **halves})
+        print(f"  {label(options):60s} {worst(found[-1]):9.4f} %{' (default)' * default}", flush=True)
+    if not any(row["default"] for row in found):
         raise SystemExit(f"add the defaults of {env_id} to the candidates: {own.settings}")
     take_times(env_id, found)
-    return found, spread
+    return {"episodes": episodes, "reference_spread": coarser, "candidates": found}
 
 
-def table_of(env_id: str, rows: list[Candidate], spread: dict[str, float], episodes: int) -> str:
-    """One environment's Markdown table, cheapest first."""
-    lines = [
-        f"## {env_id}", "",
-        f"{episodes} episodes of {HORIZON[env_id]:g} s of each kind. Reference: {Candidate(EXACT).label}; twice its "
-        f"step moves the tip by {spread['step']:.4f} % of L, a mesh of {COARSER['mesh']['elements']} elements by "
-        f"{spread['mesh']:.4f} % ({SHARE:g} % of the episodes).", "",
-        *table(f"settings | random {SHARE:g} % | bang-bang {SHARE:g} % | failed | us, vector | us, single "
-               "| good enough"),
+def table_of(env_id: str, found: Row) -> list[str]:
+    """One environment's Markdown, cheapest first."""
+    kind = gym.make(env_id).unwrapped.plan.kind
+    rows = []
+    for row in sorted(found["candidates"], key=lambda row: row["microseconds_vector"]):
+        options, single = row["options"], row["microseconds_single"]
+        errors = ("-" if row[name][f"{SHARE:g}"] is None else f"{row[name][f'{SHARE:g}']:.3f} %" for name in KINDS)
+        mark = "aim" if worst(row) <= AIM else "yes" if worst(row) <= LIMIT else "no"
+        asked = {name: options[name] for name in ("formulation", "modes") if name in options}
+        name = f"**{label(options)}** (default)" if row["default"] else label(options)
+        if not row["default"] and plan(kind, **options).settings == plan(kind, **asked).settings:
+            name += " (default of the formulation)"
+        alone = "" if np.isnan(single) else f"{single:.2f}"
+        rows.append((name, *errors, row["failed"], f"{row['microseconds_vector']:.3f}", alone, mark))
+    coarser, heads = found["reference_spread"], f"settings | random {SHARE:g} % | bang-bang {SHARE:g} % | failed"
+    return [
+        f"{found['episodes']} episodes of {HORIZON[env_id]:g} s of each kind. Reference: {label(EXACT)}; twice its "
+        f"step moves the tip by {coarser['step']:.4f} % of L, a mesh of {COARSER['mesh']['elements']} elements by "
+        f"{coarser['mesh']:.4f} % ({SHARE:g} % of the episodes).", "",
+        *table(f"{heads} | us, vector | us, single | good enough", rows),
     ]  # fmt: skip
-    for row in sorted(rows, key=lambda r: r.vector):
-        parts = [f"{percentile(e):.3f} %" if np.isfinite(percentile(e)) else "-" for e in (row.random, row.bang_bang)]
-        mark = "aim" if row.worst <= AIM else "yes" if row.worst <= LIMIT else "no"
-        name = f"**{row.label}** (default)" if row.default else row.label
-        name += " (default of the formulation)" if row.of_formulation and not row.default else ""
-        alone = "" if np.isnan(row.single) else f"{row.single:.2f}"
-        lines.append(f"| {name} | {parts[0]} | {parts[1]} | {row.failed} | {row.vector:.3f} | {alone} | {mark} |")
-    return "\n".join([*lines, ""])
 
 
-def verdict(found: dict[str, list[Candidate]]) -> list[str]:
+def cheapest(environments: dict[str, Row]) -> list[str]:
     """Which candidates are the cheapest within the limit and within the aim: of each environment, and of all."""
     lines = []
     for limit in (LIMIT, AIM):
         every = []
-        for env_id, rows in found.items():
-            good = {row.label: row.vector for row in rows if row.worst <= limit and not reduced(row.options)}
+        for env_id, found in environments.items():
+            rows = [row for row in found["candidates"] if worst(row) <= limit and not reduced(row["options"])]
+            good = {label(row["options"]): row["microseconds_vector"] for row in rows}
             best = min(good, key=good.__getitem__, default="none")
             lines.append(f"- {env_id}, within {limit:g} %: {best} ({good.get(best, np.nan):.3f} us)")
             every.append(good)
         shared = set.intersection(*(set(good) for good in every))
         best = min(shared, key=lambda label: sum(good[label] for good in every), default="none")
         lines.append(f"- all of them, within {limit:g} %: {best}")
-    return ["## The cheapest", "", *lines, ""]
+    return lines
+
+
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
+    environments = found["environments"]
+    return {**{env_id: table_of(env_id, own) for env_id, own in environments.items()}, "best": cheapest(environments)}
+
+
+def measured(options: argparse.Namespace) -> pages.Found:
+    """The environments that are wanted."""
+    found = {env_id: measure(env_id, options.episodes) for env_id in options.env or IDS}
+    enough = {
+        f"{env_id}: the default is good enough": all(worst(r) <= LIMIT for r in own["candidates"] if r["default"])
+        for env_id, own in found.items()
+    }
+    return {"environments": found, "verdicts": enough}
+
+
+def flags(parser: argparse.ArgumentParser) -> None:
+    """Of the command line."""
+    parser.add_argument("--env", choices=IDS, action="append", help="only this environment")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure, write the table, return 0 where the defaults are good enough."""
-    parser = command(__doc__, episodes=200)
-    parser.add_argument("--env", choices=IDS, action="append", help="only this environment")
-    options = parser.parse_args(arguments)
-    machine = describe_machine()
-    text = [
-        "# Default formulation and step", "",
-        "Why the environments' defaults are what they are. "
-        "Made by `python -m benchmarks.choose_default`; see its docstring for the rule. Errors are the largest tip "
-        "distance from the converged exact beam in an episode, in % of L: the value that 99 % of the episodes do not "
-        "exceed. Costs are CPU microseconds of one arm and control period (20 ms): in a vector of 512 arms on one "
-        "thread, and of a single environment's `step`.", "", told(machine), "",
-    ]  # fmt: skip
-    data: dict[str, Any] = {"machine": machine, "version": flexarm_env.__version__, "environments": {}}
-    found: dict[str, list[Candidate]] = {}
-    for env_id in options.env or IDS:
-        rows, spread = measure(env_id, options.episodes)
-        found[env_id] = rows
-        text.append(table_of(env_id, rows, spread, options.episodes))
-        data["environments"][env_id] = {"reference_spread": spread, "candidates": [row.table() for row in rows]}
-    publish("default_settings", options.out, data, "\n".join([*text, *verdict(found)]))
-    return 0 if all(row.worst <= LIMIT for rows in found.values() for row in rows if row.default) else 1
+    """Measure, write, return 0 where the defaults are good enough."""
+    return pages.run("default_settings", __doc__, measured, blocks, arguments, more=flags, episodes=200)
 
 
 if __name__ == "__main__":

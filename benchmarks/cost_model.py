@@ -1,6 +1,6 @@
 """What a time step must cost, and what it does: docs/results/cost_model.{md,json}.
 
-    python -m benchmarks.cost_model [--out FOLDER]
+    python -m benchmarks.cost_model [--page] [--out FOLDER]
 
 Operations are counted (`benchmarks.operations`), the machine's ceiling is measured with chains of additions and
 multiplications that depend on nothing but themselves, and so are steps of 5 ms, of one arm and of eight in lanes.
@@ -8,6 +8,7 @@ multiplications that depend on nothing but themselves, and so are steps of 5 ms,
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
@@ -18,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import command, describe_machine, publish, table, told
+from benchmarks import pages
+from benchmarks.machine import table
 from benchmarks.operations import CASES, STEP, thrown
 from flexarm_env.compiler.decorator import kernel
 from flexarm_env.compiler.lanes import EIGHT, SINGLE, load, store
@@ -98,53 +100,43 @@ def step_time(arm_name: str, formulation: str, options: dict[str, Any], lane: tu
 
 def counted() -> dict[str, dict[str, float]]:
     """Operations of all cases, from a process in which nothing is compiled."""
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    environment = os.environ | {"FLEXARM_COMPILER": "python"}
     command = [sys.executable, "-m", "benchmarks.operations"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout))
 
 
-def page(results: dict[str, Any]) -> str:
-    """The results as Markdown."""
-    one, eight = results["ceiling"]["1"] / 1e9, results["ceiling"]["8"] / 1e9
-    lines = [
-        "# What a step costs",
-        "",
-        "How many operations a step takes, and how near the machine's ceiling it runs.",
-        "Operations (additions, multiplications, divisions of the state; counted by running the kernels on numbers",
-        "that count) of one step of 5 ms at tolerance 1e-6, the time they would take at the machine's ceiling of",
-        f"{one:.2f} and, in eight lanes, {eight:.1f} thousand million operations a second (measured: independent",
-        "chains of additions and multiplications), the time measured, and the ratio. A division counts as one",
-        "operation but takes longer than an addition; in lanes the state of eight arms passes through the",
-        "first-level cache (bytes an arm in the last column). Written by `python -m benchmarks.cost_model`.",
-        "", told(results["machine"]), "",
-        *table("case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio "
-               "| ceiling in lanes, us | an arm in lanes, us | ratio | bytes"),
-    ]  # fmt: skip
-    for r in results["rows"]:
-        scalar, lanes = r["operations"] / one / 1e3, r["operations"] / eight / 1e3
-        wide = "– | – | –"
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Table of the page."""
+    one, eight = found["ceiling"]["1"] / 1e9, found["ceiling"]["8"] / 1e9
+    rows = []
+    for r in found["rows"]:
+        scalar, lanes, wide = r["operations"] / one / 1e3, r["operations"] / eight / 1e3, ["–"] * 3
         if r["lane_us"] is not None:
-            wide = f"{lanes:.3f} | {r['lane_us']:.3f} | {r['lane_us'] / lanes:.1f}"
-        lines.append(
-            f"| {r['case']} | {r['iterations']:.1f} | {r['operations']:.0f} ({r['divide']:.0f}) | {scalar:.2f} "
-            f"| {r['single_us']:.2f} | {r['single_us'] / scalar:.1f} | {wide} | {r['state_bytes']:.0f} |"
-        )
-    return "\n".join(lines) + "\n"
+            wide = [f"{lanes:.3f}", f"{r['lane_us']:.3f}", f"{r['lane_us'] / lanes:.1f}"]
+        counts = f"{r['operations']:.0f} ({r['divide']:.0f})"
+        single = f"{scalar:.2f}", f"{r['single_us']:.2f}", f"{r['single_us'] / scalar:.1f}"
+        rows.append([r["case"], f"{r['iterations']:.1f}", counts, *single, *wide, f"{r['state_bytes']:.0f}"])
+    heads = "case | iterations | operations (of them divisions) | ceiling, us | one arm, us | ratio | "
+    ceilings = f"The ceiling: {one:.2f} and, in eight lanes, {eight:.1f} thousand million operations a second."
+    return {"steps": [ceilings, "", *table(heads + "ceiling in lanes, us | an arm in lanes, us | ratio | bytes", rows)]}
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Count, measure and write the results."""
-    options = command(__doc__).parse_args(arguments)
+def measure(options: argparse.Namespace) -> pages.Found:
+    """Count and measure."""
     counts, rows = counted(), []
     for name, case in CASES.items():
         laneless = case[1] == "floating_frame"
         row = {"case": name, **counts[name], "single_us": 1e6 * step_time(*case, SINGLE)}
         rows.append(row | {"lane_us": None if laneless else 1e6 * step_time(*case, EIGHT)})
         print(json.dumps(rows[-1]), flush=True)
-    results = {"machine": describe_machine(), "ceiling": {"1": ceiling(SINGLE), "8": ceiling(EIGHT)}, "rows": rows}
-    publish("cost_model", options.out, results, page(results))
+    return {"ceiling": {"1": ceiling(SINGLE), "8": ceiling(EIGHT)}, "rows": rows}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write the results."""
+    return pages.run("cost_model", __doc__, measure, blocks, arguments)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main())

@@ -1,6 +1,6 @@
 """What derivatives cost, for every kind of arm: docs/results/derivatives.md.
 
-    python -m benchmarks.derivatives [--arms 256] [--only WORDS ...] [--out FOLDER]
+    python -m benchmarks.derivatives [--arms 256] [--only WORDS ...] [--page] [--out FOLDER]
 
 Processor time on one thread, in microseconds an arm and control period, the least of many rounds in which what is
 compared takes turns: a rollout of 10 periods, the gradient of its rewards (which comes on top), the Jacobians of a
@@ -10,7 +10,9 @@ names have one of the words, while the rows of the others stay as they are in th
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
+import itertools
 import json
 import subprocess
 import sys
@@ -21,7 +23,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from benchmarks.machine import command, judged, table, told
+from benchmarks import pages
+from benchmarks.machine import table
 from flexarm_env import arms as arms_by_name
 from flexarm_env.derivatives import Arms
 
@@ -92,60 +95,52 @@ def measure(kind: str, links: int, n: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def page(found: dict[str, Any], machine: dict[str, str]) -> str:
-    """The page of the results."""
-    lines = [
-        "# What derivatives cost", "",
-        "What the gradient of a rollout and the Jacobians of a period cost, for every kind of arm. Written by "
-        "`python -m benchmarks.derivatives`, whose docstring says how; what is differentiated: "
-        "[](../derivatives.md).", "",
-        told(machine), "",
-        f"µs an arm and control period, {found['arms']} arms in lanes on one thread. `vjp` is the gradient of a "
-        f"rollout of {PERIODS} periods and comes on top of the rollout; backwards: with kernels of its own, elsewhere "
-        "through the Jacobians, a column for each number that moves.", "",
-        *table(
-            "arm | links | numbers that move | rollout | vjp | vjp / rollout | backwards | Jacobians | linear model"
-        ),
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Table of the page."""
+    rows = [
+        (row["kind"], row["links"], row["moving"], f"{row['rollout']:.2g}", f"{row['vjp']:.3g}",
+         f"{row['vjp'] / row['rollout']:.1f}", "yes" if row["backwards"] else "no", f"{row['jacobians']:.3g}",
+         f"{row['linearize']:.3g}" if "linearize" in row else "–")
+        for row in found["rows"]
     ]  # fmt: skip
-    for row in found["rows"]:
-        linear = f"{row['linearize']:.3g}" if "linearize" in row else "–"
-        lines.append(
-            f"| {row['kind']} | {row['links']} | {row['moving']} | {row['rollout']:.2g} | {row['vjp']:.3g} | "
-            f"{row['vjp'] / row['rollout']:.1f} | {'yes' if row['backwards'] else 'no'} | {row['jacobians']:.3g} | "
-            f"{linear} |"
-        )
-    lines += ["", "## What was to be shown", "", *table("what | holds")]
-    lines += [f"| {what} | {'yes' if holds else 'no'} |" for what, holds in found["verdicts"].items()]
-    return "\n".join(lines) + "\n"
+    heads = "arm | links | numbers that move | rollout | vjp | vjp / rollout | backwards | Jacobians | linear model"
+    return {"costs": [f"{found['arms']} arms.", "", *table(heads, rows)]}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write; 1 where something that was to be shown does not hold."""
-    parser = command(__doc__, arms=256)
-    parser.add_argument("--only", nargs="+", default=[""], help="words of the kinds' names")
-    parser.add_argument("--one", nargs=2, metavar=("KIND", "LINKS"), help="print one row, as JSON")
-    given = parser.parse_args(arguments)
-    if given.one:
-        print(json.dumps(measure(given.one[0], int(given.one[1]), given.arms)))
-        return 0
+def measured(given: argparse.Namespace) -> pages.Found:
+    """Every kind that is wanted, each in a process of its own; the others as they are in the record."""
     known = given.out / "derivatives.json"
     kept = json.loads(known.read_text(encoding="utf-8"))["rows"] if given.only != [""] and known.exists() else []
     rows = []
-    for kind in KINDS:
-        for links in IDS:
-            if not any(word in kind for word in given.only):
-                rows += [row for row in kept if (row["kind"], row["links"]) == (kind, links)]
-            else:
-                words = [sys.executable, "-m", "benchmarks.derivatives", "--arms", str(given.arms), "--one", kind]
-                out = subprocess.run([*words, str(links)], check=True, stdout=subprocess.PIPE, text=True).stdout
-                rows.append(json.loads(out.splitlines()[-1]))
-                print(out.splitlines()[-1], file=sys.stderr, flush=True)
+    for kind, links in itertools.product(KINDS, IDS):
+        if not any(word in kind for word in given.only):
+            rows += [row for row in kept if (row["kind"], row["links"]) == (kind, links)]
+        else:
+            words = [sys.executable, "-m", "benchmarks.derivatives", "--arms", str(given.arms), "--one", kind]
+            out = subprocess.run([*words, str(links)], check=True, stdout=subprocess.PIPE, text=True).stdout
+            rows.append(json.loads(out.splitlines()[-1]))
+            print(out.splitlines()[-1], file=sys.stderr, flush=True)
     verdicts = {
         f"{row['kind']}, {row['links']} link{'s' * (row['links'] > 1)}: the gradient of a rollout costs at most "
         f"{MOST:g} rollouts": row["vjp"] <= MOST * row["rollout"]
         for row in rows
     }
-    return judged("derivatives", given.out, {"arms": given.arms, "rows": rows, "verdicts": verdicts}, page)
+    return {"arms": given.arms, "rows": rows, "verdicts": verdicts}
+
+
+def flags(parser: argparse.ArgumentParser) -> None:
+    """Of the command line."""
+    parser.add_argument("--only", nargs="+", default=[""], help="words of the kinds' names")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write; 1 where something that was to be shown does not hold."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if "--one" in words:  # a row, as JSON, from a process of its own
+        kind, links = words[words.index("--one") + 1 :]
+        print(json.dumps(measure(kind, int(links), int(words[words.index("--arms") + 1]))))
+        return 0
+    return pages.run("derivatives", __doc__, measured, blocks, words, more=flags, arms=256)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Steps fitted to a tolerance against fixed ones: the error that a control period adds, and what it costs.
 
-    python -m benchmarks.fitted_steps [--periods 400] [--out FOLDER]
+    python -m benchmarks.fitted_steps [--periods 400] [--page] [--out FOLDER]
 
 `FlexibleArm-v0` in four kinds of motion. The error of a period is how far its tip ends from where steps 256 times
 shorter lead from the same state, on the same mesh. Steps: all that were taken, those of comparisons too. CPU: of the
@@ -9,7 +9,9 @@ compiled control period of one arm, the least of five rounds.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
+import itertools
 import json
 import sys
 import time
@@ -19,7 +21,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import command, describe_machine, publish, table, told
+from benchmarks import pages
+from benchmarks.machine import table
 from flexarm_env import arms
 from flexarm_env.batch import Batch, standing_scene
 from flexarm_env.envs.options import DEFAULT_OPTIONS
@@ -29,13 +32,8 @@ Array = NDArray[np.float64]
 
 PERIOD = 0.02
 FINE = 256
-MOTIONS = {
-    "calm": "torque of at most 2 % of the limit",
-    "random": "torque drawn anew each period",
-    "bang-bang, 3 times the limit": "the sign of the torque switched at random, 0.1 s on average",
-    "light payload": "random torque, a twentieth of the payload: quick vibrations",
-    "calm, then bang-bang": "the first and the third, half of the time each",
-}
+MOTIONS = ("calm", "random", "bang-bang, 3 times the limit", "light payload", "calm, then bang-bang")
+"""What they are says the page."""
 WAYS: dict[str, tuple[dict[str, Any], ...]] = {
     "elastica": (
         {"dt": 0.02}, {}, {"dt": 0.0025}, {"dt": 0.000625},
@@ -138,50 +136,39 @@ def saved(rows: list[dict[str, Any]], tolerance: float = 1e-4) -> list[str]:
     return lines
 
 
-def page(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
-    """The page of the results."""
-    lines = [
-        "# Steps fitted to a tolerance", "",
-        "When `step_tolerance` pays. "
-        "Written by `python -m benchmarks.fitted_steps`, whose docstring says how. `step_tolerance` makes of `dt` the "
-        "longest step, and each arm takes in each control period as short ones as it needs "
-        "([theory](../theory.md), section 6). Errors of a control period, and what is tolerated, in % of the arm's "
-        "length.", "",
-        told(machine), "", *saved(rows),
-    ]  # fmt: skip
-    for motion, what in MOTIONS.items():
-        lines += ["", f"## {motion[0].upper() + motion[1:]}", "", f"{what[0].upper() + what[1:]}.", "",
-                  *table("formulation | step, ms | tolerance | largest error | rms | steps a period "
-                         "| CPU, µs a period")]  # fmt: skip
-        for row in rows:
-            if row["motion"] != motion:
-                continue
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page, a motion each."""
+    lines = {"summary": saved(found["rows"])}
+    for motion in MOTIONS:
+        rows = []
+        for row in (row for row in found["rows"] if row["motion"] == motion):
             options = row["options"]
             dt = 1e3 * options.get("dt", DEFAULT_OPTIONS[row["formulation"]]["dt"])
             tolerance = options.get("step_tolerance")
             kind = f"at most {dt:.3g}" if tolerance else f"{dt:.3g}" + ("" if "dt" in options else " (default)")
             bound = f"{100 * tolerance:g}" if tolerance else "–"
-            lines.append(f"| {row['formulation']} | {kind} | {bound} | {100 * row['largest']:.2g} | "
-                         f"{100 * row['rms']:.2g} | {row['steps']:.1f} | {1e6 * row['cpu']:.2g} |")  # fmt: skip
-    return "\n".join(lines) + "\n"
+            errors = f"{100 * row['largest']:.2g}", f"{100 * row['rms']:.2g}"
+            rows.append((row["formulation"], kind, bound, *errors, f"{row['steps']:.1f}", f"{1e6 * row['cpu']:.2g}"))
+        heads = "formulation | step, ms | tolerance | largest error | rms | steps a period | CPU, µs a period"
+        lines[motion] = table(heads, rows)
+    return lines
+
+
+def measure(options: argparse.Namespace) -> pages.Found:
+    """Run all."""
+    rows = []
+    for motion, (formulation, ways) in itertools.product(MOTIONS, WAYS.items()):
+        for way in ways:
+            rows.append(run(motion, formulation, way, options.periods))
+            print(json.dumps(rows[-1]), flush=True)
+    within = all(row["largest"] <= row["options"].get("step_tolerance", np.inf) for row in rows)
+    return {"rows": rows, "verdicts": {"no fitted period adds more than it is allowed": within}}
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run all, write the results; 1 where a fitted period added more than it was allowed."""
-    options = command(__doc__, periods=400).parse_args(arguments)
-    rows = []
-    for motion in MOTIONS:
-        for formulation, ways in WAYS.items():
-            for way in ways:
-                rows.append(run(motion, formulation, way, options.periods))
-                print(json.dumps(rows[-1]), flush=True)
-    machine = describe_machine()
-    publish("fitted_steps", options.out, {"machine": machine, "rows": rows}, page(rows, machine))
-    above = [row for row in rows if row["largest"] > row["options"].get("step_tolerance", np.inf)]
-    for row in above:
-        print("above its tolerance:", json.dumps(row))
-    return 1 if above else 0
+    return pages.run("fitted_steps", __doc__, measure, blocks, arguments, page="results/default_settings", periods=400)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -71,7 +71,11 @@ def exact_orders(folder: Path) -> dict[str, Any]:
         mesh, time = figure.subplots(1, 2)
         for color, (order, elements) in zip(COLORS, counts.items(), strict=False):
             errors = [float(np.abs(tip(n, order, 0.01) - fine).max()) for n in elements]
-            found["mesh"][order] = {"elements": elements, "errors": errors, "order": -slope(list(elements), errors)}
+            found["mesh"][str(order)] = {
+                "elements": elements,
+                "errors": errors,
+                "order": -slope(list(elements), errors),
+            }
             mesh.loglog(elements, errors, "o-", color=color, ms=4, label=f"order {order}")
         # the reference's own error of second order is taken out
         errors = [float(np.abs(tip(5, 2, h) - best).max()) / (1 - (steps[-1] / 4 / h) ** 2) for h in steps]

@@ -1,16 +1,13 @@
-"""A policy for an arm that is known by its log alone: docs/results/from_a_log.md.
+"""A policy for an arm that is known by its log alone: docs/results/identification.md.
 
-python -m benchmarks.from_a_log [--steps N] [--episodes N] [--out FOLDER] [--runs FOLDER]
+python -m benchmarks.from_a_log [--steps N] [--episodes N] [--page] [--out FOLDER] [--runs FOLDER]
 
-A strip that is softer, carries more and is damped otherwise than the packaged one is driven by torques and logged
-by a coarse encoder and a filtered strain gauge with 1 % noise. `flexarm identify` fits the packaged strip to the
-log; a policy is trained on the fitted arm, under randomisation by its uncertainty, and judged on the true one,
-beside a policy trained on the true arm and one trained on the arm before the fit. The log was computed in steps of
-2.5 ms and is fitted in steps of 5 ms: intervals hold what noise does, not that difference.
+What is done, and why, says the page.
 """
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 import subprocess
@@ -20,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import command, describe_machine, publish, table, told
+from benchmarks import pages
+from benchmarks.machine import table
 from flexarm_env import Encoder, JointTorque, LowPass, Scene, Sensors, StrainGauge, arms, simulate
+from flexarm_env.files import write_whole
 from flexarm_env.identification import identify
 from flexarm_env.time_functions import linear_table
-from flexarm_env.trajectory import write_whole
 
 ENV = "FlexibleArm-v0"
 CONFIG = Path(__file__).resolve().parents[1] / "configs/identify/strip.toml"
@@ -63,13 +61,9 @@ def flexarm(*words: str) -> str:
     return subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def main(arguments: list[str] | None = None) -> None:
+def measure(options: argparse.Namespace) -> pages.Found:
     """Log, fit, train three policies, judge them on the true arm."""
-    parser = command(__doc__, steps=800_000, episodes=100)
-    parser.add_argument("--runs", type=Path, default=Path("runs/from_a_log"), help="folder of logs and policies")
-    options = parser.parse_args(arguments)
-    folder = options.runs
-    arm = true_arm()
+    folder, arm = options.runs, true_arm()
     write_whole(folder / "true.toml", arms.to_toml(arm).encode())
     write_log(arm, folder / "log.csv")
     found = identify("strip", CONFIG, [folder / "log.csv"], out=folder / "fit")
@@ -88,35 +82,42 @@ def main(arguments: list[str] | None = None) -> None:
                           "--env-kwargs", json.dumps({"arm": str(folder / "true.toml")}), "--json")  # fmt: skip
         rows.append({"policy": name, "judged": json.loads(told_of)})
         print(name, told_of, flush=True)
-    machine = describe_machine("stable-baselines3", "torch")
-    content = {"machine": machine, "lines": found.lines(), "ranges": found.ranges, "policies": rows}
-    publish("from_a_log", options.out, content, page(found, arm, rows, machine))
+    fitted = zip(found.parameters, found.start, found.values, found.uncertainty.half, strict=True)
+    parameters = [(p.name, float(a), float(x), float(half)) for p, a, x, half in fitted]
+    return {"lines": found.lines(), "parameters": parameters, "ranges": found.ranges, "policies": rows}
 
 
-def page(found: Any, arm: Any, rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
-    """Markdown of what was found."""
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
+    arm = true_arm()
     truth = {"EI": arm.links[0].section.EI, "payload": arm.payload.mass, "tau_d": arm.tau_d, "hub": arm.hub_inertia}
     fitted = [
-        (p.name, f"{a:.4g}", f"{x:.4g} ± {h:.1g}", f"{truth[p.name]:.4g}")
-        for p, a, x, h in zip(found.parameters, found.start, found.values, found.uncertainty.half, strict=True)
+        (name, f"{a:.4g}", f"{x:.4g} ± {half:.2g}", f"{truth[name]:.4g}") for name, a, x, half in found["parameters"]
     ]
-    assert __doc__ is not None
-    judged = [(row["policy"], *scores(row["judged"])) for row in rows]
-    lines = [
-        "# From a log to a policy", "", __doc__.split("\n\n", 2)[2].strip(), "",
-        "Written by `python -m benchmarks.from_a_log`.", "", told(machine), "",
-        *table("parameter | before | fitted | true", fitted), "",
-        f"Factors for `randomization`: {found.ranges}.", "",
-        *table("trained on the ... arm | success on the true one | settling time, s | residual vibration, mm", judged),
-    ]  # fmt: skip
-    return "\n".join(lines) + "\n"
+    judged = []
+    for one in found["policies"]:
+        row, success = one["judged"], f"{100 * one['judged']['success_rate']:.0f} %"
+        vibration = f"{1e3 * row['residual_vibration_median']:.2g}"
+        judged.append((one["policy"], success, f"{row['settling_time_median']:.3g}", vibration))
+    ranges = {name: tuple(bounds) for name, bounds in found["ranges"].items()}
+    heads = "trained on the ... arm | success on the true one | settling time, s | residual vibration, mm"
+    return {
+        "fit": table("parameter | before | fitted | true", fitted),
+        "ranges": [f"Factors for `randomization`: {ranges}."],
+        "policies": table(heads, judged),
+    }
 
 
-def scores(judged: dict[str, Any]) -> tuple[str, str, str]:
-    """Success, settling time and residual vibration out of what `flexarm evaluate --json` prints."""
-    vibration = 1e3 * judged["residual_vibration_median"]
-    return f"{100 * judged['success_rate']:.0f} %", f"{judged['settling_time_median']:.3g}", f"{vibration:.2g}"
+def flags(parser: argparse.ArgumentParser) -> None:
+    """Of the command line."""
+    parser.add_argument("--runs", type=Path, default=Path("runs/from_a_log"), help="folder of logs and policies")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Log, fit, train, judge, write."""
+    return pages.run("from_a_log", __doc__, measure, blocks, arguments, page="results/identification",
+                     packages=("stable-baselines3", "torch"), more=flags, steps=800_000, episodes=100)  # fmt: skip
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main())

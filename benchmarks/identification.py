@@ -1,6 +1,6 @@
 """Do the 95 % intervals of `flexarm identify` hold, is what cannot be told named: docs/results/identification.md.
 
-python -m benchmarks.identification [--cases N] [--out FOLDER]     stopped, it goes on where it was
+python -m benchmarks.identification [--cases N] [--page] [--out FOLDER]     stopped, it goes on where it was
 
 Each case draws a strip (EI, payload and tau_d within 8 % of the usual ones), a smooth hub motion of nine sines and 1 %
 of white noise on a filtered, offset strain gauge. Three parameters are fitted from the usual strip; then the mass per
@@ -9,6 +9,7 @@ length as well, of which with the hub's angle prescribed only ratios to stiffnes
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 import sys
@@ -17,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import command, describe_machine, publish, table, told, write_text
+from benchmarks import pages
+from benchmarks.machine import table, write_text
 from flexarm_env import arms
 from flexarm_env.identification.config import read_config
 from flexarm_env.identification.fit import Problem, Solver
@@ -77,39 +79,39 @@ def case(seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def page(rows: list[dict[str, Any]], machine: dict[str, str]) -> str:
+def blocks(found: pages.Found) -> pages.Blocks:
     """How many of the cases hold, for each parameter."""
-    count, summary = len(rows), []
+    rows, summary = found["cases"], []
     for name in TOLD:
         held = sum(row["holds"][name] for row in rows)
         width = float(np.median([row["width"][name] for row in rows]))
         error = float(np.median([abs(row["error"][name]) for row in rows]))
-        summary.append((f"`{name}`", f"{held} of {count}", f"{100 * width:.2g} %", f"{100 * error:.2g} %"))
+        summary.append((f"`{name}`", f"{held} of {len(rows)}", f"{100 * width:.2g} %", f"{100 * error:.2g} %"))
     right = sum(set(row["named"]) == set(RATIOS) for row in rows)
     rash = sum(bool(row["untold"]) for row in rows)
-    assert __doc__ is not None
-    lines = [
-        "# Identification: do the intervals hold?", "", __doc__.split("\n\n", 2)[2].strip(), "",
-        "Written by `python -m benchmarks.identification`.", "", told(machine), "",
-        *table("parameter | truth within its 95 % interval | half width, median | error, median", summary, True), "",
-        f"With the mass per length among them, EI, payload and mass, and these alone, are named as not told in {right}",
-        f"of {count} cases. Of the three parameters alone, which the log does tell, one is named in {rash}.",
-    ]  # fmt: skip
-    return "\n".join(lines) + "\n"
+    heads = "parameter | truth within its 95 % interval | half width, median | error, median"
+    return {
+        "intervals": table(heads, summary, True),
+        "untold": [f"All three in {right} of {len(rows)} cases; one of those that the log does tell in {rash}."],
+    }
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run all cases and publish."""
-    options = command(__doc__, cases=CASES).parse_args(arguments)
+def measure(options: argparse.Namespace) -> pages.Found:
+    """All cases that are not in the record."""
     kept = options.out / "identification.json"
     rows = json.loads(kept.read_text())["cases"] if kept.is_file() else []
-    machine, clock = describe_machine("scipy"), time.perf_counter()
+    clock = time.perf_counter()
     for seed in range(len(rows), options.cases):
         rows.append(case(seed))
-        write_text(kept, json.dumps({"machine": machine, "cases": rows}, indent=1) + "\n")
+        write_text(kept, json.dumps({"cases": rows}, indent=1) + "\n")
         print(f"case {seed + 1} of {options.cases}, {time.perf_counter() - clock:.0f} s", flush=True)
-    publish("identification", options.out, {"machine": machine, "cases": rows}, page(rows, machine))
+    return {"cases": rows}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run all cases and publish."""
+    return pages.run("identification", __doc__, measure, blocks, arguments, packages=("scipy",), cases=CASES)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main())

@@ -92,20 +92,12 @@ def long_run(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def table_of_long_runs(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Markdown lines."""
-    if not rows:
-        return []
+    """Of the page."""
     lines = [
-        "## A million steps", "",
-        "The strip under random bang-bang torque in pairs of zero net impulse (`benchmarks/long_runs.py`), at "
-        "the environments' default settings but for what is named. Energy over the gross work of the torque: what "
-        "appeared at most, and what the scheme took at most, dissipation by the material left out.", "",
-        *table("run | step, s | steps | failed steps | appeared | taken | largest deflection | ended | CPU, s"),
+        (row["case"]["label"], f"{row['dt']:g}", row["steps"], row["halvings"], f"{row['found']:.1e}",
+         f"{row['taken']:.1e}", f"{100 * row['deflection']:.0f} %", row["status"].split(";")[0],
+         f"{row['cpu_seconds']:.1f}")
+        for row in rows
     ]  # fmt: skip
-    for row in rows:
-        lines.append(
-            f"| {row['case']['label']} | {row['dt']:g} | {row['steps']} | {row['halvings']} | {row['found']:.1e} | "
-            f"{row['taken']:.1e} | {100 * row['deflection']:.0f} % | "
-            f"{'ok' if row['status'] == 'ok' else row['status'].split(';')[0]} | {row['cpu_seconds']:.1f} |"
-        )
-    return lines
+    heads = "run | step, s | steps | failed steps | appeared | taken | largest deflection | ended | CPU, s"
+    return table(heads, lines)

@@ -1,12 +1,11 @@
-"""One way to run a benchmark, to describe the machine, and to write a page and its numbers, whole or not at all."""
+"""One way to parse a benchmark's command line, to describe the machine, and to write a file, whole or not at all."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,10 +13,10 @@ from typing import Any
 
 import flexarm_env
 from benchmarks.running import cores
-from flexarm_env.trajectory import write_whole
+from flexarm_env.files import write_whole
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PACKAGES = ("numpy", "numba", "gymnasium")
+PACKAGES = ("numpy", "llvmlite", "gymnasium")
 
 
 def _processor() -> str:
@@ -75,22 +74,3 @@ def command(description: str | None, **numbers: int) -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=DOCS / "results", help="folder of the results")
     parser.add_argument("--figures", type=Path, default=DOCS / "figures", help="folder of the figures")
     return parser
-
-
-def publish(name: str, folder: Path, content: Mapping[str, Any], page: str) -> None:
-    """Write NAME.json and NAME.md, and print the page."""
-    write_text(folder / f"{name}.json", json.dumps(content, indent=1) + "\n")
-    write_text(folder / f"{name}.md", page)
-    print(page)
-
-
-def judged(
-    name: str, folder: Path, found: dict[str, Any], page: Callable[[dict[str, Any], dict[str, str]], str]
-) -> int:
-    """Publish (`page` of what was found and of the machine), and print what holds of found["verdicts"]; the exit code
-    is 1 where something does not."""
-    machine = describe_machine()
-    publish(name, folder, {"machine": machine, **found}, page(found, machine))
-    for what, holds in found["verdicts"].items():
-        print(f"{'ok ' if holds else 'NO '} {what}")
-    return 0 if all(found["verdicts"].values()) else 1

@@ -1,6 +1,6 @@
 """Floating-point operations of a time step, counted: the kernels run uncompiled on numbers that count themselves.
 
-    NUMBA_DISABLE_JIT=1 python -m benchmarks.operations      prints the counts as JSON
+    FLEXARM_COMPILER=python python -m benchmarks.operations      prints the counts as JSON
 
 Additions, multiplications and divisions of the state are counted, one each; loads, comparisons, integer work and
 products of the model's constants alone are not.
@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 import sys
 from typing import Any
 
 import numpy as np
-from numba import config
 
 from flexarm_env import arms
 from flexarm_env.batch import standing_scene
+from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.physics.model import scheme
 from flexarm_env.settings import Settings
@@ -59,21 +60,6 @@ class Counted:
     def __abs__(self) -> Counted:
         return Counted(abs(self.x))
 
-    def __lt__(self, other: Any) -> bool:
-        return self.x < float(other)
-
-    def __le__(self, other: Any) -> bool:
-        return self.x <= float(other)
-
-    def __gt__(self, other: Any) -> bool:
-        return self.x > float(other)
-
-    def __ge__(self, other: Any) -> bool:
-        return self.x >= float(other)
-
-    def __eq__(self, other: object) -> bool:
-        return self.x == float(other)
-
     __hash__ = None
 
     def cos(self) -> Counted:
@@ -84,8 +70,7 @@ class Counted:
 
     def sin(self) -> Counted:
         """What np.sin calls."""
-        COUNTS["multiply"] += 8
-        COUNTS["add"] += 8
+        self.cos()
         return Counted(math.sin(self.x))
 
     def sqrt(self) -> Counted:
@@ -94,31 +79,29 @@ class Counted:
         return Counted(math.sqrt(self.x))
 
 
-def _counting(name: str, operation: Any) -> None:
-    def forward(self: Counted, other: Any) -> Counted:
-        COUNTS[name] += 1
-        return Counted(operation(self.x, float(other)))
+def _counting(word: str, name: str, operation: Any) -> None:
+    """Python's operation `word`, which counts as `name`."""
 
-    def backward(self: Counted, other: Any) -> Counted:
+    def counted(a: Any, b: Any) -> Counted:
         COUNTS[name] += 1
-        return Counted(operation(float(other), self.x))
+        return Counted(operation(float(a), float(b)))
 
-    word = operation.__name__
-    setattr(Counted, f"__{word}__", forward)
-    setattr(Counted, f"__r{word}__", backward)
+    setattr(Counted, f"__{word}__", counted)
+    setattr(Counted, f"__r{word}__", lambda self, other: counted(other, self))
 
 
 def _prepare() -> None:
     """Let the kernels' few functions of Python's own floats, and their room on the stack, hold counting numbers."""
-    import operator
 
-    for name, operation in (("add", operator.add), ("add", operator.sub), ("multiply", operator.mul)):
-        _counting(name, operation)
-
-    def truediv(a: float, b: float) -> float:
+    def divided(a: float, b: float) -> float:
         return a / b if b else math.inf
 
-    _counting("divide", truediv)
+    _counting("add", "add", operator.add)
+    _counting("sub", "add", operator.sub)
+    _counting("mul", "multiply", operator.mul)
+    _counting("truediv", "divide", divided)
+    for test in (operator.lt, operator.le, operator.gt, operator.ge, operator.eq):
+        setattr(Counted, f"__{test.__name__}__", lambda a, b, test=test: test(a.x, float(b)))
 
     def square_root(x: Any) -> Counted:
         COUNTS["divide"] += 1
@@ -169,8 +152,8 @@ def count(arm_name: str, formulation: str, options: dict[str, Any]) -> dict[str,
 
 def main() -> None:
     """Print the counts of all cases."""
-    if not config.DISABLE_JIT:
-        raise SystemExit("Run with NUMBA_DISABLE_JIT=1: compiled kernels cannot be counted")
+    if not UNCOMPILED:
+        raise SystemExit("Run with FLEXARM_COMPILER=python: compiled kernels cannot be counted")
     _prepare()
     print(json.dumps({name: count(*case) for name, case in CASES.items()}))
 

@@ -1,6 +1,6 @@
 """Known answers of the floating frame, measured and drawn: docs/results/physics.{md,json} and docs/figures/.
 
-python -m benchmarks.physics_figures [--out FOLDER] [--figures FOLDER]
+python -m benchmarks.physics_figures [--page] [--out FOLDER] [--figures FOLDER]
 
 Spin-up past the first frequency; centre of mass and energy of free flight at rho_inf = 1 against the step; order of the
 integrator. The exit code is 1 where a figure is not what it should be.
@@ -8,6 +8,7 @@ integrator. The exit code is 1 where a figure is not what it should be.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,9 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
+from benchmarks import pages
 from benchmarks.formulation_runs import slope
-from benchmarks.machine import command, judged, table, told
+from benchmarks.machine import table
 from flexarm_env.plotting import COLORS, FAINT, plot_trajectory, styled_figure
 from flexarm_env.scenes import named, names, reference, reference_names
 from flexarm_env.simulation import Trajectory, simulate
@@ -193,51 +195,47 @@ def verdicts(found: dict[str, Any]) -> dict[str, bool]:
     }
 
 
-def page(found: dict[str, Any], machine: dict[str, str]) -> str:
-    """Markdown of what was found."""
-    spin = found["spin_up"]
-    lines = [
-        "# Known answers", "",
-        "Does the solver meet closed solutions and the paper's figures, and does it conserve what must be conserved? "
-        "Written by `python -m benchmarks.physics_figures`.", "",
-        told(machine), "",
-        *table("what | holds", [(k, "yes" if holds else "**no**") for k, holds in found["verdicts"].items()]), "",
-        "## Spin-up past the first frequency", "",
-        *table("coupling | deepest lag, m | at, s | steady stretch, m | status"),
-    ]  # fmt: skip
-    for coupling, row in spin.items():
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
+    spun = []
+    for coupling, row in found["spin_up"].items():
         stretch = "–" if row["steady_stretch"] is None else f"{row['steady_stretch']:.4g}"
-        lag = f"{row['deepest_lag']:.4f} | {row['at']:.2f}" if row["status"] == "ok" else "– | –"
-        lines.append(f"| `{coupling}` | {lag} | {stretch} | {row['status']}, {row['reached']:.3g} s |")
-    lines += ["", "![lag](../figures/spin_up_lag.png)", "", "## Free flight, undamped", ""]
+        lag = (f"{row['deepest_lag']:.4f}", f"{row['at']:.2f}") if row["status"] == "ok" else ("–", "–")
+        spun.append((f"`{coupling}`", *lag, stretch, f"{row['status']}, {row['reached']:.3g} s"))
+    halved = [(k, ", ".join(f"{o:.3f}" for o in v["orders"])) for k, v in found["order"].items()]
+    lines = {
+        "spin-up": table("coupling | deepest lag, m | at, s | steady stretch, m | status", spun),
+        "order": table("run | orders between halved steps", halved),
+    }
     for name, row in found["free_flight"].items():
-        lines += [f"{name}, {row['segments']} segments a link, energy {row['energy']:.3f} J:", ""]
         cells = zip(row["steps"], row["center_of_mass_error"], row["energy_wobble_rms"], strict=True)
-        found_rows = [(f"{h:.4g}", f"{com:.2e}", f"{rms:.2e}") for h, com, rms in cells]
-        lines += table("step, s | centre of mass: largest error, m | energy: rms wobble, J", found_rows)
-        lines += [f"| order | {row['center_of_mass_order']:.2f} | {row['energy_order']:.2f} |", ""]
+        rows = [(f"{h:.4g}", f"{com:.2e}", f"{rms:.2e}") for h, com, rms in cells]
+        rows.append(("order", f"{row['center_of_mass_order']:.2f}", f"{row['energy_order']:.2f}"))
         long = row["long_run"]
         eighths = ", ".join(f"{rms:.1e}" for rms in long["energy_wobble_rms_of_eighths"])
         length = f"{long['duration']:g} s, step {long['dt']:g} s"
-        lines += [f"Eight times as long ({length}), wobble in each eighth: {eighths} J.", ""]
-        lines += [f"![conservation](../figures/{name}_conservation.png)", ""]
-    halved = [(k, ", ".join(f"{o:.3f}" for o in v["orders"])) for k, v in found["order"].items()]
-    lines += ["## Order of the integrator", "", *table("run | orders between halved steps", halved)]
-    lines += ["", "![order](../figures/integrator_order.png)", ""]
-    return "\n".join(lines)
+        lines[name] = [
+            f"{name}, {row['segments']} segments a link, energy {row['energy']:.3f} J:", "",
+            *table("step, s | centre of mass: largest error, m | energy: rms wobble, J", rows), "",
+            f"Eight times as long ({length}), wobble in each eighth: {eighths} J.",
+        ]  # fmt: skip
+    return lines
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure, draw, write; 1 where something does not hold."""
-    options = command(__doc__).parse_args(arguments)
-    found: dict[str, Any] = {
+def measure(options: argparse.Namespace) -> pages.Found:
+    """Measure, draw."""
+    found: pages.Found = {
         "spin_up": spin_up(options.figures),
         "free_flight": {name: free_flight(name, options.figures) for name in FLIGHTS},
         "order": order_of_integrator(options.figures),
         "scenes": scenes(options.figures),
     }
-    found["verdicts"] = verdicts(found)
-    return judged("physics", options.out, found, page)
+    return {**found, "verdicts": verdicts(found)}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, draw, write; 1 where something does not hold."""
+    return pages.run("physics", __doc__, measure, blocks, arguments)
 
 
 if __name__ == "__main__":

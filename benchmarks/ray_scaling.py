@@ -1,6 +1,6 @@
 """What Ray costs and how training scales with its processes: docs/results/ray.{md,json}.
 
-    .venv-ray/bin/python -m benchmarks.ray_scaling [--iterations 8] [--rounds 2] [--out FOLDER]
+    .venv-ray/bin/python -m benchmarks.ray_scaling [--iterations 8] [--rounds 2] [--page] [--out FOLDER]
 
 PPO with the hyper-parameters of configs/ppo/default.yml on FlexibleArm-v0: rollouts of 8192 steps of 64 environments,
 10 epochs, minibatches of 1024, network [64, 64], one torch thread in each process. `plain` is the same training loop
@@ -11,6 +11,7 @@ learners likewise. They take turns; times are medians over iterations, the first
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import os
 import sys
@@ -20,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import command, describe_machine, publish, told
+from benchmarks import pages
+from benchmarks.machine import table
 
 ENV = "FlexibleArm-v0"
 WARM = 2
@@ -202,60 +204,43 @@ def medians(rows: list[Row]) -> Row:
     return out | {"steps_per_second": out["steps"] / out["iteration"]}
 
 
-def page(content: dict[str, Any]) -> str:
-    """docs/results/ray.md."""
-    found, machine = content["found"], content["machine"]
-    facts = told(machine)
-    lines = [
-        "# Training on Ray", "",
-        "Environment steps a second of PPO on FlexibleArm-v0, rollouts and updates together, and what an iteration's",
-        "time goes into. *plain* is the same training loop written out without Ray, on one core. The network is",
-        "updated in the training process, or by learners, while the runners wait. Written by",
-        "`python -m benchmarks.ray_scaling`; how to train so is in [](../ray.md).", "",
-        f"{facts} · load average at the start: {content['load_average']:.1f}", "",
-        "| runners | steps an iteration | steps/s | while sampling | iteration, ms | sampling, ms | learning, ms |",
-        "|---|---:|---:|---:|---:|---:|---:|",
-    ]  # fmt: skip
-    for name, row in found.items():
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
+    rows, shares = [], []
+    for name, row in found["found"].items():
         cells = (row["steps"], row["steps_per_second"], row["steps"] / row["sampling"])
         cells += tuple(1e3 * row[part] for part in ("iteration", "sampling", "learning"))
-        lines.append(f"| {name} | " + " | ".join(f"{cell:,.0f}" for cell in cells) + " |")
-    lines += [*_share(found, content["bare_us"])]
-    return "\n".join(lines) + "\n"
+        rows.append((name, *(f"{cell:,.0f}" for cell in cells)))
+        if name == PLAIN or name.startswith("native"):
+            carried = max(0.0, row["sampling"] - sum(row[part] for part in PARTS))
+            parts = (*(row[part] for part in PARTS), carried, row["learning"])
+            shares.append((name, *(f"{part / row['iteration']:.0%}" for part in parts)))
+    heads = "runners | steps an iteration | steps/s | while sampling | iteration, ms | sampling, ms | learning, ms"
+    parts_of = "environments | policy | episodes made | carried to the training process | learning"
+    return {
+        "load": [f"Load average at the start: {found['load_average']:.1f}."], "rates": table(heads, rows, True),
+        "cost": _cost(found["found"], found["bare_us"]), "shares": table(f"| {parts_of}", shares, True),
+    }  # fmt: skip
 
 
-def _share(found: dict[str, Row], bare_us: float) -> list[str]:
-    """What Ray costs, and where the time goes."""
+def _cost(found: dict[str, Row], bare_us: float) -> list[str]:
+    """What Ray costs."""
     without, alone = (found[name]["iteration"] / found[name]["steps"] * 1e6 for name in (PLAIN, ALONE))
     names = ("1 runner", "2 runners")
     ours = [found[f"native, {name}"] for name in names]
     times = [found[f"rllib, {name}"]["sampling"] / row["sampling"] for name, row in zip(names, ours, strict=True)]
     share = [1.0 - without / (row["iteration"] / row["steps"] * 1e6) for row in ours]
-    lines = [
-        "", "## What Ray itself costs", "",
+    return [
         f"On one core, with nothing sent anywhere, a step takes {without:.0f} µs without RLlib and {alone:.0f} with",
         f"it: {1.0 - without / alone:.0%} of the time is RLlib's. An iteration with one runner takes longer than the",
-        f"plain loop's on one core by {share[0]:.0%} of itself, with two runners by {share[1]:.0%}. Where its time",
-        "goes:", "",
-        "| | environments | policy | episodes made | carried to the training process | learning |",
-        "|---|---:|---:|---:|---:|---:|",
-    ]  # fmt: skip
-    for name in (PLAIN, *(n for n in found if n.startswith("native"))):
-        row = found[name]
-        carried = max(0.0, row["sampling"] - sum(row[part] for part in PARTS))
-        cells = [*(row[part] for part in PARTS), carried, row["learning"]]
-        lines.append(f"| {name} | " + " | ".join(f"{cell / row['iteration']:.0%}" for cell in cells) + " |")
-    return [
-        *lines, "", f"The environments alone take {bare_us:.2f} µs a step. RLlib's own runner, which loops over",
-        f"environments in Python and sends the info of every step, takes {times[0]:.1f} (1 runner) and {times[1]:.1f}",
-        "times (2 runners) as long to sample as the native one. Two runners share the 64 environments of one: what",
-        "a call of the network costs is then paid twice, and sampling gains nothing; with more environments it does.",
-    ]  # fmt: skip
+        f"plain loop's on one core by {share[0]:.0%} of itself, with two runners by {share[1]:.0%}. RLlib's own runner",
+        f"takes {times[0]:.1f} (1 runner) and {times[1]:.1f} times (2 runners) as long to sample as the native one.",
+        f"The environments alone take {bare_us:.2f} µs a step.",
+    ]
 
 
-def main() -> None:
-    """Run the command."""
-    arguments = command(__doc__, iterations=8, rounds=2).parse_args()
+def measure(arguments: argparse.Namespace) -> pages.Found:
+    """All arrangements in turn."""
     load = os.getloadavg()[0]
     from agents.rllib import cluster, setup
 
@@ -277,12 +262,13 @@ def main() -> None:
         for name, found in rows.items():
             print(f"round {k + 1}, {name}: {medians(found)['steps_per_second']:.0f} steps/s", flush=True)
     found = {name: medians(each) for name, each in rows.items()}
-    content = {
-        "machine": describe_machine("ray", "torch"), "load_average": load, "env": ENV, "bare_us": bare(config),
-        "found": found,
-    }  # fmt: skip
-    publish("ray", arguments.out, content, page(content))
+    return {"load_average": load, "env": ENV, "bare_us": bare(config), "found": found}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write the results."""
+    return pages.run("ray", __doc__, measure, blocks, arguments, packages=("ray", "torch"), iterations=8, rounds=2)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,6 +1,6 @@
 """Stability under stress: thousands of runs, sorted into ok, inaccurate, failed with a report, and silently wrong.
 
-    python -m benchmarks.stability [--full] [--limit N] [--workers N] [--fresh] [--out FOLDER] [--figures FOLDER]
+    python -m benchmarks.stability [--full] [--limit N] [--workers N] [--fresh] [--page] [--out FOLDER]
 
 The default size takes a quarter to half an hour of two cores; `--full` more than twice that. Results are kept in
 runs/benchmarks while it runs, so that a run that was stopped goes on where it was. Every case is bounded in time.
@@ -16,8 +16,8 @@ exit code is 1 where a run was silently wrong, returned a NaN, raised or took to
 
 from __future__ import annotations
 
-import csv
-import io
+import argparse
+import itertools
 import json
 import sys
 import time
@@ -30,10 +30,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import exudyn_peer
+from benchmarks import exudyn_peer, pages, stiff_arms
 from benchmarks.converged import tip_error
 from benchmarks.long_runs import LONG, long_run, table_of_long_runs
-from benchmarks.machine import command, cpu_seconds, describe_machine, publish, table, told, write_text
+from benchmarks.machine import table
 from benchmarks.running import cores, run_all
 from benchmarks.stability_cases import MAIN, Case, cases, reference_of, scene_of
 from benchmarks.stability_figures import maps
@@ -69,7 +69,10 @@ def measure(case: Case) -> dict[str, Any]:
 
 def _measure(case: Case, check: bool) -> dict[str, Any]:
     scene, formulation, options = scene_of(case)
-    run = simulate(scene, formulation, time_limit=TIME_LIMIT, **options)
+    try:
+        run = simulate(scene, formulation, time_limit=TIME_LIMIT, **options)
+    except ValueError as error:  # an arm that double precision does not carry
+        return {"status": "refused", "finite": True, "message": str(error)}
     row: dict[str, Any] = {"status": run.status, "reached": float(run.t[-1] / scene.duration), "steps": run.steps}
     arrays = (run.q, run.v, run.tip, run.energy, run.work, run.dissipated, run.shapes, run.joint_torque)
     row["finite"] = bool(all(np.isfinite(values).all() for values in arrays))
@@ -125,15 +128,14 @@ def outcome(row: dict[str, Any]) -> str:
 # ------------------------------------------------------------------- a peer
 def hard_cases() -> list[dict[str, Any]]:
     """The paper's first scenes at long steps under every formulation, and by Exudyn where it is installed."""
-    rows: list[dict[str, Any]] = []
-    for name in ("robot_arm_motion", "robot_arm_torque", "flying_rod"):
-        for dt in (0.1, 0.05, 0.02):
-            for elements in (5, 20):
-                common = {"scene": name, "dt": dt, "elements": elements}
-                rows += [{**common, "program": "flexarm_env", "method": method} for method in HARD]
-                if find_spec("exudyn"):
-                    rows += [{**common, "program": "Exudyn", "method": f"rho_inf {rho:g}"} for rho in (1.0, 0.7)]
-    return rows
+    programs = [("flexarm_env", method) for method in HARD]
+    programs += [("Exudyn", f"rho_inf {rho:g}") for rho in (1.0, 0.7)] if find_spec("exudyn") else []
+    runs = itertools.product(("robot_arm_motion", "robot_arm_torque", "flying_rod"), (0.1, 0.05, 0.02), (5, 20))
+    return [
+        {"scene": name, "dt": dt, "elements": elements, "program": program, "method": method}
+        for name, dt, elements in runs
+        for program, method in programs
+    ]
 
 
 def hard_step(case: dict[str, Any]) -> dict[str, Any]:
@@ -223,62 +225,34 @@ def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     return {f"{p} %": round(float(np.percentile(ratio, p)), 3) for p in (0, 1, 10, 50, 90, 99)}
 
 
-def markdown(found: dict[str, Any], hard: list[dict[str, Any]], machine: dict[str, str], seconds: float) -> str:
-    """The page of the results."""
-    lines = [
-        "# Stability under stress", "",
-        "What happens with coarse steps, soft arms and hard drives: a good end, a warning, or an error? "
-        "Written by `python -m benchmarks.stability`, whose docstring says what the words mean.", "",
-        told(machine) + f" · {seconds:.0f} s by the clock "
-        f"and {cpu_seconds():.0f} s of processor time for what was not kept from before; cases "
-        f"{found['case_seconds']:.0f} s in all", "",
-        f"{found['cases']} cases. Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; "
-        f"the tip (ii) of {found['tip_checked']} of those. The tips of the other ones are not known to be right "
-        f"({', '.join(f'{k}: {v}' for k, v in found['tip_not_asked'].items())}). Longest case: "
-        f"{found['longest_case']:.1f} s.", "",
-        *table(" | ".join(["", *OUTCOMES]),
-               [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]),
-    ]  # fmt: skip
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
+    reasons = ", ".join(f"{k}: {v}" for k, v in found["tip_not_asked"].items())
     ratios = ", ".join(f"{k}: {v:g}" for k, v in found["estimate_over_error"].items())
-    lines += [
-        "",
-        "`broken`: a value that is not finite, an exception, or a case that took too much processor time.",
-        f"Estimate over true error, percentiles over the cases with an error above 0.1 % of L: {ratios}. "
-        f"{found['needlessly_inaccurate']} runs were called inaccurate although their tip was within 1 % of L.", "",
-        f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.", "",
-        "![maps of outcomes](../figures/stability.png)", "",
-        "## Long steps on the paper's scenes", "",
-        "Steps of 0.1, 0.05 and 0.02 s, 5 and 20 elements (segments); Exudyn with its own beam element, undamped and "
-        "at rho_inf 0.7.", "",
-        *table("program | runs | failed | ended wrong by more than 5 % of L without a word",
-               [[program, *counts.values()] for program, counts in found["hard_steps"].items()]),
-        "", "`robot_arm_motion`, step 0.1 s, 5 elements or segments. The link bends by 48 % of its length, twice "
-        "what modes of the whole link are good for: that run has to stop.", "",
-        *table("program | method | status | error, % of L | estimate, % of L"),
+    counted = [[key, *(counts.get(name, 0) for name in OUTCOMES)] for key, counts in found["outcomes"].items()]
+    hard = [
+        (row["program"], row["method"], row["status"],
+         *("–" if row[key] is None else f"{100 * row[key]:.2g}" for key in ("error", "estimate")))
+        for row in found["hard_step_rows"]
+        if (row["scene"], row["dt"], row["elements"]) == ("robot_arm_motion", 0.1, 5)
     ]  # fmt: skip
-    for row in hard:
-        if (row["scene"], row["dt"], row["elements"]) == ("robot_arm_motion", 0.1, 5):
-            error, own = (f"{100 * row[key]:.2g}" if row[key] is not None else "–" for key in ("error", "estimate"))
-            lines.append(f"| {row['program']} | {row['method']} | {row['status']} | {error} | {own} |")
-    return "\n".join([*lines, "", *table_of_long_runs(found["long_runs"])]) + "\n"
-
-
-def table_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """One line a case."""
-    names = ["family", "method", "drive", "amplitude", "slender", "payload", "zeta", "links", "h", "rho", "seed"]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*names, "options", "outcome", "status", "estimate", "tip_error", "gain", "loss", "steps"])
-    for row in rows:
-        case = row["case"]
-        own = [_short(case[name]) for name in names] + [" ".join(f"{k}={v}" for k, v in case["options"].items())]
-        found = [_short(row.get(name)) for name in ("estimate", "tip_error", "gain", "loss", "steps")]
-        writer.writerow([*own, row["outcome"], row["status"], *found])
-    return text.getvalue()
-
-
-def _short(value: Any) -> Any:
-    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else value
+    lines = {
+        "cases": [
+            f"{found['cases']} cases, {found['case_seconds']:.0f} s in all, the longest {found['longest_case']:.1f} s. "
+            f"Energy (i) was asked of the {found['energy_checked']} that ended with status `ok`; the tip (ii) of "
+            f"{found['tip_checked']} of those. The tips of the other ones are not known to be right ({reasons}).",
+            "", *table(" | ".join(["", *OUTCOMES]), counted), "",
+            f"Estimate over true error, percentiles over the cases with an error above 0.1 % of L: {ratios}. "
+            f"{found['needlessly_inaccurate']} runs were called inaccurate although their tip was within 1 % of L.",
+            "", f"Statuses: {', '.join(f'{k} {v}' for k, v in sorted(found['statuses'].items()))}.",
+        ],
+        "long steps": table("program | runs | failed | ended wrong by more than 5 % of L without a word",
+                            [[program, *counts.values()] for program, counts in found["hard_steps"].items()]),
+        "hardest": table("program | method | status | error, % of L | estimate, % of L", hard),
+    }  # fmt: skip
+    if found["long_runs"]:
+        lines["a million steps"] = table_of_long_runs(found["long_runs"])
+    return lines | {"stiff arms": stiff_arms.table_of(found["stiff_arms"])}
 
 
 def chosen(full: bool, limit: int | None) -> list[Case]:
@@ -308,44 +282,48 @@ def warm_up() -> None:
                 simulate(again, formulation, duration=fine["dt"], sample=fine["dt"], estimate_error=False, **fine)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run all, write the results; 1 where something was silently wrong or broken."""
-    parser = command(__doc__, workers=cores())
+def measured(options: argparse.Namespace) -> pages.Found:
+    """Run all, draw."""
+    warm_up()
+    store, workers, fresh = STORE / "stability.jsonl", options.workers, options.fresh
+    rows = run_all("stability", chosen(options.full, options.limit), measure, store, workers, fresh)
+    for row in rows:
+        row["finite"] = row.get("finite", False)
+        row["outcome"] = outcome(row)
+    hard = run_all("long steps", hard_cases(), hard_step, STORE / "long_steps.jsonl", 1, fresh)
+    hard = [{**row.pop("case"), **row} for row in hard]
+    long = (
+        [] if options.no_long_runs else run_all("long runs", LONG, long_run, STORE / "long_runs.jsonl", workers, fresh)
+    )
+    stiff = run_all("stiff arms", stiff_arms.cases(), stiff_arms.measure, STORE / "stiff_arms.jsonl", workers, fresh)
+    names = ["family", "method", "drive", "amplitude", "slender", "payload", "zeta", "links", "h", "rho", "seed"]
+    ends = ["estimate", "tip_error", "gain", "loss", "steps"]
+    pages.write_csv(options.out / "stability.csv", [*names, "options", "outcome", "status", *ends], (
+        (*(row["case"][name] for name in names), pages.options_of(row["case"]), row["outcome"], row["status"],
+         *(row.get(name) for name in ends)) for row in rows
+    ))  # fmt: skip
+    maps(rows, options.figures / "stability.png", MAIN)
+    for row in [row for row in rows if row["outcome"] in ("silently wrong", "broken")][:40]:
+        print(json.dumps(row))
+    counts = Counter(row["outcome"] for row in (*rows, *stiff))
+    verdicts = {f"no run is {word}": counts[word] == 0 for word in ("silently wrong", "broken")}
+    found = {**report(rows, hard, long), "hard_step_rows": hard, "stiff_arms": stiff_arms.tallied(stiff)}
+    return found | {"verdicts": verdicts}
+
+
+def flags(parser: argparse.ArgumentParser) -> None:
+    """Of the command line."""
     parser.add_argument("--full", action="store_true", help="more than twice the cases, all of them against (ii)")
     parser.add_argument("--limit", type=int, help="only about this many cases")
     parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
     parser.add_argument("--no-long-runs", action="store_true", help="leave the runs of a million steps out")
-    options = parser.parse_args(arguments)
-    clock = time.monotonic()
-    warm_up()
-    print(f"compiled: {time.monotonic() - clock:.0f} s", flush=True)
-    rows = run_all("stability", chosen(options.full, options.limit), measure, STORE / "stability.jsonl",
-                   options.workers, options.fresh)  # fmt: skip
-    for row in rows:
-        row["finite"] = row.get("finite", False)
-        row["outcome"] = outcome(row)
-    hard = [
-        {**row["case"], **row}
-        for row in run_all("long steps", hard_cases(), hard_step, STORE / "long_steps.jsonl", 1, options.fresh)
-    ]
-    for row in hard:
-        del row["case"]
-    long = [] if options.no_long_runs else run_all(
-        "long runs", LONG, long_run, STORE / "long_runs.jsonl", options.workers, options.fresh
-    )  # fmt: skip
-    found = report(rows, hard, long)
-    machine = describe_machine("exudyn")
-    content = {"machine": machine, **found, "hard_step_rows": hard}
-    publish("stability", options.out, content, markdown(found, hard, machine, time.monotonic() - clock))
-    write_text(options.out / "stability.csv", table_csv(rows))
-    maps(rows, options.figures / "stability.png", MAIN)
-    bad = [row for row in rows if row["outcome"] in ("silently wrong", "broken")]
-    for row in bad[:40]:
-        print(json.dumps(row))
-    print(json.dumps(found["outcomes"]["all"]), f"{time.monotonic() - clock:.0f} s, "
-          f"{cpu_seconds():.0f} s of processor time")  # fmt: skip
-    return 1 if bad else 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run all, write the results; 1 where something was silently wrong or broken."""
+    return pages.run("stability", __doc__, measured, blocks, arguments, packages=("exudyn",), more=flags,
+                     workers=cores())  # fmt: skip
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -1,7 +1,6 @@
-"""What the suite's tasks cost: environment steps a second of each beside the plain environment that it is made of:
-docs/results/suite_speed.{md,json}.
+"""What the suite's tasks cost, steps a second of each beside its plain environment: docs/results/throughput.md.
 
-    python -m benchmarks.suite_speed [--rounds 5] [--out FOLDER]
+    python -m benchmarks.suite_speed [--rounds 4] [--page] [--out FOLDER]
 
 64 arms on one thread by random actions, in turns, by processor time, the best round of each (others may share the
 machine).
@@ -9,24 +8,19 @@ machine).
 
 from __future__ import annotations
 
+import argparse
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
 
-from benchmarks.machine import command, describe_machine, publish, table, told
+from benchmarks import pages
+from benchmarks.machine import table
 from flexarm_env import suite
 
 ARMS, PERIODS = 64, 190
-
-LEAST = 0.5
-"""Of the plain environment's rate that a task is to have."""
-
-WHY = {
-    "slew-geared-v1": "the rotor has an equation of its own, and whether the joint sticks is solved for at every step",
-}
-"""What the physics asks for where a task is slower than that."""
 
 
 def runner(env_id: str) -> Callable[[], float]:
@@ -45,48 +39,36 @@ def runner(env_id: str) -> Callable[[], float]:
     return run
 
 
-def measure(rounds: int) -> list[dict[str, Any]]:
+def measure(options: argparse.Namespace) -> pages.Found:
     """Rates of all tasks, 1/s, and of their environments as they come, from the same rounds."""
     rows = []
     for task in suite.tasks():
         pair = {"plain": runner(f"flexarm_env:{task.environment}"), "task": runner(task.env_id)}
         seconds: dict[str, list[float]] = {key: [] for key in pair}
-        for _ in range(rounds + 1):  # the first compiles
+        for _ in range(options.rounds + 1):  # the first compiles
             for key, run in pair.items():
                 seconds[key].append(run())
         plain, own = (1.0 / min(values[1:]) for values in seconds.values())
         row = {"task": task.id, "environment": task.environment, "plain_rate": plain, "task_rate": own}
         rows.append(row | {"ratio": own / plain})
         print(rows[-1], flush=True)
-    return rows
+    return {"rows": rows}
 
 
-def page(machine: dict[str, str], rows: list[dict[str, Any]], rounds: int) -> str:
-    """The results as Markdown."""
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Table of the page."""
     cells = [
-        [f"[{row['task']}](../suite/{row['task']}.md)", f"`{row['environment']}`", f"{row['plain_rate']:,.0f}",
-         f"{row['task_rate']:,.0f}", f"{row['ratio']:.2f}"]
-        for row in rows
+        (f"[{row['task']}](../suite/{row['task']}.md)", f"`{row['environment']}`", f"{row['plain_rate']:,.0f}",
+         f"{row['task_rate']:,.0f}", f"{row['ratio']:.2f}")
+        for row in found["rows"]
     ]  # fmt: skip
-    slow = [f"- `{row['task']}`: {WHY[row['task']]}." for row in rows if row["ratio"] < LEAST and row["task"] in WHY]
-    lines = [
-        "# How fast the suite's tasks run", "",
-        f"Environment steps a processor second of {ARMS} arms on one thread, random actions, autoreset counted, beside",
-        f"the plain environment as it comes; both in turn, the best of {rounds} rounds. Written by",
-        "`python -m benchmarks.suite_speed`.", "",
-        told(machine), "",
-        *table("task | environment | plain, 1/s | task, 1/s | ratio", cells), "",
-        *([f"Below {LEAST}, for which there is a reason:", "", *slow, ""] if slow else []),
-    ]  # fmt: skip
-    return "\n".join(lines).rstrip() + "\n"
+    return {"rates": table("task | environment | plain, 1/s | task, 1/s | ratio", cells)}
 
 
-def main() -> None:
-    """Measure and publish."""
-    arguments = command(__doc__, rounds=5).parse_args()
-    machine, rows = describe_machine(), measure(arguments.rounds)
-    publish("suite_speed", arguments.out, {"machine": machine, "rows": rows}, page(machine, rows, arguments.rounds))
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write the results."""
+    return pages.run("suite_speed", __doc__, measure, blocks, arguments, page="results/throughput", rounds=4)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

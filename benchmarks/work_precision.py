@@ -1,6 +1,6 @@
-"""Run time against error: every scene, formulation, mesh, step and numerical damping; Pareto fronts and advice.
+"""Run time against error: every scene, formulation, mesh, step and numerical damping: docs/results/work_precision.md.
 
-    python -m benchmarks.work_precision [--full] [--scene NAME ...] [--fresh] [--out FOLDER] [--figures FOLDER]
+    python -m benchmarks.work_precision [--full] [--scene NAME ...] [--fresh] [--page] [--out FOLDER] [--figures FOLDER]
 
 The eight validation scenes against their converged solutions, and the arms of both environments under random bang-bang
 torque against the exact beam on a fine mesh, made here. CPU time is that of the run itself, without compilation, on one
@@ -11,9 +11,8 @@ size takes about ten minutes; results are kept in runs/benchmarks while it runs,
 
 from __future__ import annotations
 
-import csv
+import argparse
 import dataclasses
-import io
 import itertools
 import json
 import sys
@@ -27,11 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import elastica_peer, exudyn_peer
+from benchmarks import elastica_peer, exudyn_peer, pages
 from benchmarks.converged import FOLDER as CONVERGED
 from benchmarks.converged import tip_error as converged_error
 from benchmarks.long_runs import torques
-from benchmarks.machine import command, cpu_seconds, describe_machine, table, told, write_text
+from benchmarks.machine import table
 from benchmarks.running import run_all
 from benchmarks.work_precision_figures import JOINED, PEERS, scene_figure, summary_figure
 from flexarm_env import arms
@@ -61,6 +60,37 @@ SAMPLE = {"spin_up": 0.1, "FlexibleArm-v0": 0.02, "TwoLinkFlexArm-v0": 0.02}
 TARGETS = (5.0, 1.0, 0.3, 0.1, 0.03)
 """Errors in % of L for which advice is given."""
 CHAINS = ("floating frame", "modes")
+FLOATING, EXACT = "floating_frame", "geometrically_exact"
+AT_ONE_STEP: dict[str, tuple[str, dict[str, Any]]] = {
+    "floating frame, 5 segments": (FLOATING, {"segments": 5, "rho_inf": 0.9}),
+    "floating frame, 16 segments": (FLOATING, {"segments": 16, "rho_inf": 0.9}),
+    "floating frame, 5 segments, clamped": (FLOATING, {"segments": 5, "rho_inf": 0.9, "frame": "root"}),
+    "floating frame, 16 segments, clamped": (FLOATING, {"segments": 16, "rho_inf": 0.9, "frame": "root"}),
+    "floating frame, 3 modes": (FLOATING, {"modes": 3}),
+    "floating frame, 3 clamped modes": (FLOATING, {"modes": 3, "frame": "root"}),
+    **{
+        f"geometrically exact, {n} quadratic elements": (EXACT, {"order": 2, "elements": n, "rho_inf": 0.7})
+        for n in (5, 8, 16)
+    },
+    "elastica, 8 nodes": ("elastica", {"nodes": 8, "rho_inf": 1.0}),
+    "Exudyn, 20 quadratic elements": ("Exudyn", {"elements": 20, "rho_inf": 1.0}),
+}
+"""The runs of the table of all formulations; a step of 5 ms but for AT_STEP."""
+AT_STEP = {"two_link_motion": 0.001, "spin_up": 0.01}
+MIDDLE = {"order": 2, "elements": 5, "rho_inf": 0.7, "dt": 0.005}
+FITTED = {"order": 2, "elements": 5, "step_tolerance": 0.002, "dt": 0.005}
+MORE: dict[str, dict[str, dict[str, Any]]] = {
+    "two_link_motion": {
+        "a longer step": MIDDLE,
+        "period corrected": {**MIDDLE, "period_correction": True},
+        "steps fitted to 0.2 %": FITTED,
+    }
+}
+CORRECTED = {
+    "robot_arm_motion_smooth": (8, 0.05), "robot_arm_torque": (8, 0.02), "flying_rod": (8, 0.05),
+    "two_link_motion": (5, 0.002), "two_link_free_flight": (8, 0.005),
+}  # fmt: skip
+"""Elements and a step that is the limit, for runs without and with the correction of the period."""
 
 
 # -------------------------------------------------------------------- scenes
@@ -134,6 +164,8 @@ def cases_of(name: str, full: bool) -> list[Case]:
     found: list[Case] = []
     for (label, formulation, options), dt in itertools.product(meshes(full), STEPS.get(name, LONG)):
         found.append({"scene": name, "label": label, "formulation": formulation, "options": {**options, "dt": dt}})
+    if name in MORE:
+        found.append({"scene": name, "label": "exact, steps fitted", "formulation": EXACT, "options": FITTED})
     for formulation in ("floating_frame", "geometrically_exact", "elastica"):
         own = DEFAULT_OPTIONS[formulation] if name in ENVIRONMENTS else {"dt": scene_named(name).dt}
         label = {"floating_frame": "floating frame", "geometrically_exact": "exact"}.get(formulation, formulation)
@@ -234,11 +266,7 @@ def advice(rows: Sequence[dict[str, Any]], target: float) -> dict[str, Any] | No
 
 def floating_frames(rows: Sequence[dict[str, Any]]) -> list[str]:
     """The front of chains of floating frames against that of the same formulation joined by multipliers."""
-    lines = ["## Floating frames in a chain and joined", "",
-             "The quickest of floating frames within an error (columns, % of L): as joined by multipliers, the paper's "
-             "own form (`multipliers=True`), over the chain without (ms per simulated second; times). Least and most: "
-             "over all errors that the joined front reaches.", "",
-             *table(" | ".join(["scene", *(f"{target:g} %" for target in TARGETS), "least", "most"]))]  # fmt: skip
+    found = []
     for name in dict.fromkeys(row["case"]["scene"] for row in rows):
         mine = [row for row in rows if row["case"]["scene"] == name and row["status"] == "ok"]
         joined, chain = (
@@ -247,101 +275,138 @@ def floating_frames(rows: Sequence[dict[str, Any]]) -> list[str]:
         cells = []
         for target in TARGETS:
             old, new = advice(joined, target), advice(chain, target)
-            known = old is not None and new is not None
-            cells.append(
-                f"{1e3 * old['cpu']:.2g} / {1e3 * new['cpu']:.2g} ({old['cpu'] / new['cpu']:.1f})"
-                if known and old and new else "–" if old is None else "lost"
-            )  # fmt: skip
+            cell = "–" if old is None else "lost"
+            if old is not None and new is not None:
+                cell = f"{1e3 * old['cpu']:.2g} / {1e3 * new['cpu']:.2g} ({old['cpu'] / new['cpu']:.1f})"
+            cells.append(cell)
         gains = [row["cpu"] / new["cpu"] if (new := advice(chain, row["max_error"])) else 0.0 for row in front(joined)]
-        lines.append(f"| {name} | " + " | ".join(cells) + f" | {min(gains):.1f} | {max(gains):.1f} |")
-    return [*lines, ""]
+        found.append((name, *cells, f"{min(gains):.1f}", f"{max(gains):.1f}"))
+    return table(" | ".join(["scene", *(f"{target:g} %" for target in TARGETS), "least", "most"]), found)
 
 
-def markdown(rows: Sequence[dict[str, Any]], machine: dict[str, str], seconds: float, cpu: float) -> str:
-    """The page of the results."""
-    scenes = list(dict.fromkeys(row["case"]["scene"] for row in rows))
-    lines = [
-        "# Run time against error", "",
-        "The quickest settings for an error that you allow, by kind of motion. "
-        "Written by `python -m benchmarks.work_precision`, whose docstring says how. Error: largest distance of the "
-        "tip from the converged solution, in % of the arm's length. CPU: ms per simulated second, one core, compiled.",
-        "", told(machine)
-        + f" · {len(rows)} runs, {seconds:.0f} s by the clock and {cpu:.0f} s of processor time, with compilation, for "
-        "what was not kept from before", "",
-        "![fronts of all scenes](../figures/work_precision.png)", "",
-        "## What to use", "",
-        "For an error (columns, % of L) in motion like that of a scene (rows, with its largest deflection): the "
-        "quickest settings found, and their CPU time.", "",
-        *table(" | ".join(["scene", "deflection", *(f"{target:g} %" for target in TARGETS)])),
-    ]  # fmt: skip
-    for name in scenes:
+def found_of(rows: Sequence[dict[str, Any]], scene: str, formulation: str, options: dict[str, Any]) -> Any:
+    """The run of these settings."""
+    for row in rows:
+        case = row["case"]
+        if case["scene"] == scene and case["formulation"] == formulation and case["options"] == options:
+            return row
+    return None
+
+
+def all_formulations(rows: Sequence[dict[str, Any]], known: dict[str, Any]) -> list[str]:
+    """Every formulation on every scene at one step; known: the converged solutions' own study."""
+    lines = []
+    for name in (name for name in known if name in {row["case"]["scene"] for row in rows}):
+        dt, mine = AT_STEP.get(name, 0.005), [row for row in rows if row["case"]["scene"] == name]
+        wanted = [(label, kind, {**options, "dt": dt}) for label, (kind, options) in AT_ONE_STEP.items()]
+        middle = "geometrically exact, 5 quadratic elements"
+        wanted += [(f"{middle}, {what}", EXACT, options) for what, options in MORE.get(name, {}).items()]
+        doubt = f"{100.0 * known[name]['tip_error_estimate'] / known[name]['length']:.2g}"
+        for label, kind, options in wanted:
+            row = found_of(mine, name, kind, options)
+            if row is None:  # a peer that does not run it
+                continue
+            cells = f"{row['status']} at {row.get('reached', 0.0):.3g} s", "–", "–"
+            if row["status"] == "ok":
+                energy = f"{row['energy']:.1e}" if "energy" in row else "–"
+                cells = f"{row['max_error']:.3g}", f"{1e3 * row['cpu'] * scene_named(name).duration:.1f}", energy
+            lines.append((name, label, f"{options['dt']:g}", *cells, doubt))
+    return table(
+        "scene | formulation | step, s | tip error, % of L | CPU, ms | energy | reference known to, % of L", lines
+    )
+
+
+def corrected(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """What the correction of the period brings where the step is the limit."""
+    lines = []
+    for name, (elements, dt) in CORRECTED.items():
+        mesh = {"order": 2, "elements": elements, "rho_inf": 0.7}
+        ways = ({**mesh, "dt": dt}, {**mesh, "period_correction": True, "dt": dt})
+        pair = [found_of(rows, name, EXACT, options) for options in ways]
+        if None not in pair:
+            errors, times = ([row[key] for row in pair] for key in ("max_error", "cpu"))
+            costs = [f"{1e3 * cpu * scene_named(name).duration:.2f}" for cpu in times]
+            lines.append((name, f"{elements}, {dt:g} s", *(f"{error:.3g}" for error in errors),
+                          f"{errors[0] / errors[1]:.1f}", *costs))  # fmt: skip
+    return table(
+        "scene | elements, step | tip error, % of L: plain | corrected | ratio | CPU, ms: plain | corrected", lines
+    )
+
+
+def checked(known: dict[str, Any]) -> list[str]:
+    """How the converged solutions were checked."""
+    lines = []
+    for name, entry in known.items():
+        share, check = 100.0 / entry["length"], entry.get("cross_check", {})
+        other, peer = "–", f"{share * check['exudyn']:.2g}" if "exudyn" in check else "–"
+        if "differences" in check:
+            other = f"{share * check['differences']:.2g} ({share * check['differences_doubt']:.2g})"
+        own = f"{share * entry['tip_error_estimate']:.2g}"
+        lines.append((name, entry["elements"], f"{entry['dt']:g}", own, other, peer))
+    return table("scene | elements | step, s | own study | finite differences | Exudyn", lines)
+
+
+def advised(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """The quickest settings for an error, by scene."""
+    found = []
+    for name in dict.fromkeys(row["case"]["scene"] for row in rows):
         good = [row for row in rows if row["case"]["scene"] == name and row["status"] == "ok"]
         best = min((row for row in good if row["case"]["label"] not in PEERS), key=lambda row: row["max_error"])
-        cells = []
-        for target in TARGETS:
-            row = advice(good, target)
-            cells.append("–" if row is None else f"{describe(row['case'])}: {1e3 * row['cpu']:.2g} ms")
-        lines.append(f"| {name} | {100 * best['deflection']:.0f} % | " + " | ".join(cells) + " |")
-    lines += ["", "## Defaults", "",
-              "What is used where nothing is said, over the front's CPU time at the same error.", "",
-              *table("scene | settings | error, % of L | CPU, ms per s | over the front")]  # fmt: skip
-    for name in scenes:
-        mine = [row for row in rows if row["case"]["scene"] == name]
-        best_of = front([row for row in mine if row["status"] == "ok"])
-        for row in mine:
-            if row["case"].get("default"):
-                if row["status"] != "ok":
-                    lines.append(f"| {name} | {describe(row['case'])} | {row['status']} | – | – |")
-                    continue
-                mark = "**" if name in ENVIRONMENTS and row["case"]["formulation"] == "elastica" else ""
-                lines.append(f"| {name} | {mark}{describe(row['case'])}{mark} | {row['max_error']:.3g} | "
-                             f"{1e3 * row['cpu']:.2g} | {behind(row, best_of):.1f} |")  # fmt: skip
-    lines += ["", "The environments' own default is in bold.", "", *floating_frames(rows), "## Pareto fronts"]
-    for name in scenes:
-        mine = [row for row in rows if row["case"]["scene"] == name]
-        good = [row for row in mine if row["status"] == "ok"]
-        lost = len(mine) - len(good)
-        lines += ["", f"### {name}", "", f"![{name}](../figures/work_precision_{name}.png)", "",
-                  f"{len(mine)} runs, {lost} ended early (with a status).", "",
-                  *table("settings | error, max | rms | energy | CPU, ms per s | iterations a step")]  # fmt: skip
-        for row in front(good):
-            rest = "– | – " if row["case"]["label"] in PEERS else f"{row['rms_error']:.2g} | {row['energy']:.1e} "
-            count = "–" if row["case"]["label"] in PEERS else f"{row['iterations']:.1f}"
-            lines.append(f"| {describe(row['case'])} | {row['max_error']:.3g} | {rest}| {1e3 * row['cpu']:.2g} "
-                         f"| {count} |")  # fmt: skip
-        peers = [row for peer in PEERS for row in front([row for row in good if row["case"]["label"] == peer])]
-        for row in peers:
-            ours = [other["cpu"] for other in good if other["case"]["label"] not in PEERS
-                    and other["max_error"] <= row["max_error"]]  # fmt: skip
-            ratio = f"{row['cpu'] / min(ours):.0f} times the front's time" if ours else "beyond our front"
-            lines.append(f"| {describe(row['case'])} | {row['max_error']:.3g} | – | – | {1e3 * row['cpu']:.3g} | "
-                         f"{ratio} |")  # fmt: skip
-    return "\n".join(lines) + "\n"
+        chosen = [advice(good, target) for target in TARGETS]
+        cells = ["–" if row is None else f"{describe(row['case'])}: {1e3 * row['cpu']:.2g} ms" for row in chosen]
+        found.append((name, f"{100 * best['deflection']:.0f} %", *cells))
+    return table(" | ".join(["scene", "deflection", *(f"{target:g} %" for target in TARGETS)]), found)
 
 
-def table_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """One line a run."""
-    keys = ["status", "max_error", "rms_error", "energy", "cpu", "iterations", "deflection"]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["scene", "label", "default", "options", *keys])
-    for row in rows:
-        case, options = row["case"], " ".join(f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}"
-                                              for k, v in row["case"]["options"].items())  # fmt: skip
-        values = [row.get(key, "") for key in keys]
-        short = [f"{value:.5g}" if isinstance(value, float) else value for value in values]
-        writer.writerow([case["scene"], case["label"], int(case.get("default", False)), options, *short])
-    return text.getvalue()
+def defaults(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """What is used where nothing is said, over the front's time."""
+    found = []
+    for row in (row for row in rows if row["case"].get("default")):
+        name = row["case"]["scene"]
+        mark = "**" if name in ENVIRONMENTS and row["case"]["formulation"] == "elastica" else ""
+        cells = row["status"], "–", "–"
+        if row["status"] == "ok":
+            best = front([r for r in rows if r["case"]["scene"] == name and r["status"] == "ok"])
+            cells = f"{row['max_error']:.3g}", f"{1e3 * row['cpu']:.2g}", f"{behind(row, best):.1f}"
+        found.append((name, f"{mark}{describe(row['case'])}{mark}", *cells))
+    return table("scene | settings | error, % of L | CPU, ms per s | over the front", found)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run all, write the results."""
-    parser = command(__doc__)
-    every = (*names(), *ENVIRONMENTS)
-    parser.add_argument("--full", action="store_true", help="more values of rho_inf")
-    parser.add_argument("--scene", nargs="*", choices=every, default=every, help="scenes to run (default: all)")
-    parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
-    options = parser.parse_args(arguments)
+def front_of(name: str, rows: Sequence[dict[str, Any]]) -> list[str]:
+    """A scene's front, and what the peers need."""
+    good, found = [row for row in rows if row["status"] == "ok"], []
+    for row in front(good):
+        rest = ("–", "–"), "–"
+        if row["case"]["label"] not in PEERS:
+            rest = (f"{row['rms_error']:.2g}", f"{row['energy']:.1e}"), f"{row['iterations']:.1f}"
+        cells = f"{row['max_error']:.3g}", *rest[0], f"{1e3 * row['cpu']:.2g}", rest[1]
+        found.append((describe(row["case"]), *cells))
+    for row in (row for peer in PEERS for row in front([row for row in good if row["case"]["label"] == peer])):
+        ours = [other["cpu"] for other in good if other["case"]["label"] not in PEERS
+                and other["max_error"] <= row["max_error"]]  # fmt: skip
+        ratio = f"{row['cpu'] / min(ours):.0f} times the front's time" if ours else "beyond our front"
+        found.append((describe(row["case"]), f"{row['max_error']:.3g}", "–", "–", f"{1e3 * row['cpu']:.3g}", ratio))
+    return [
+        f"{len(rows)} runs, {len(rows) - len(good)} ended early (with a status).", "",
+        *table("settings | error, max | rms | energy | CPU, ms per s | iterations a step", found),
+    ]  # fmt: skip
+
+
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
+    rows, known = found["rows"], json.loads((CONVERGED / "converged.json").read_text())
+    by_scene = {name: [row for row in rows if row["case"]["scene"] == name] for name in (*names(), *ENVIRONMENTS)}
+    return {
+        "runs": [f"{len(rows)} runs, {found['seconds']:.0f} s by the clock for what was not kept from before."],
+        "advice": advised(rows), "defaults": defaults(rows), "joined": floating_frames(rows),
+        "formulations": all_formulations(rows, {name: known[name] for name in names()}),
+        "corrected": corrected(rows), "converged": checked(known),
+        **{name: front_of(name, mine) for name, mine in by_scene.items() if mine},
+    }  # fmt: skip
+
+
+def measured(options: argparse.Namespace) -> pages.Found:
+    """Run all, draw."""
     clock = time.monotonic()
     for name in options.scene:
         if options.fresh and name in ENVIRONMENTS:
@@ -349,22 +414,35 @@ def main(arguments: list[str] | None = None) -> int:
         reference_of(name)
         for order in (1, 2, 3):
             scene = scene_named(name)
-            short = dataclasses.replace(scene, duration=2.0 * scene.dt, sample=scene.dt)
-            simulate(short, "geometrically_exact", order=order, estimate_error=False)
+            first = dataclasses.replace(scene, duration=2.0 * scene.dt, sample=scene.dt)
+            simulate(first, "geometrically_exact", order=order, estimate_error=False)
     cases = [case for name in options.scene for case in cases_of(name, options.full)]
     rows = run_all("work-precision", cases, measure, STORE / "work_precision.jsonl", 1, options.fresh)
-    seconds = time.monotonic() - clock
-    machine = describe_machine("exudyn", "pyelastica")
-    write_text(options.out / "work_precision.json",
-               json.dumps({"machine": machine, "seconds": seconds, "rows": rows}) + "\n")  # fmt: skip
-    write_text(options.out / "work_precision.csv", table_csv(rows))
-    write_text(options.out / "work_precision.md", markdown(rows, machine, seconds, cpu_seconds()))
+    keys = ["status", "max_error", "rms_error", "energy", "cpu", "iterations", "deflection"]
+    heads = ["scene", "label", "default", "options", *keys]
+    pages.write_csv(options.out / "work_precision.csv", heads, (
+        (row["case"]["scene"], row["case"]["label"], int(row["case"].get("default", False)),
+         pages.options_of(row["case"]), *(row.get(key) for key in keys)) for row in rows
+    ))  # fmt: skip
     for name in options.scene:
         scene_figure(name, [row for row in rows if row["case"]["scene"] == name], front, options.figures)
     summary_figure(options.scene, rows, front, options.figures / "work_precision.png")
-    print(f"{len(rows)} runs, {seconds:.0f} s, {cpu_seconds():.0f} s of processor time")
-    return 0
+    return {"seconds": time.monotonic() - clock, "rows": rows}
+
+
+def flags(parser: argparse.ArgumentParser) -> None:
+    """Of the command line."""
+    every = (*names(), *ENVIRONMENTS)
+    parser.add_argument("--full", action="store_true", help="more values of rho_inf")
+    parser.add_argument("--scene", nargs="*", choices=every, default=every, help="scenes to run (default: all)")
+    parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run all, write the results."""
+    return pages.run("work_precision", __doc__, measured, blocks, arguments, packages=("exudyn", "pyelastica"),
+                     indent=None, more=flags)  # fmt: skip
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

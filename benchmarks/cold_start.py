@@ -1,0 +1,226 @@
+"""What it takes from `python` to the first step, for every kind of arm: processor time, memory, room on the disk.
+
+    python -m benchmarks.cold_start FILE [--repeats 3] [--only WORDS ...]   adds to FILE (JSON), prints a table
+    python -m benchmarks.cold_start FILE --beside OTHER                     FILE's table with OTHER's figures beside
+
+Each case runs in a fresh process: first with an empty folder of compiled code, then again with what the first one left
+there; the least of the repeats counts. Processor time is that of all threads and child processes, from the start of
+the interpreter to the end of the first step (or derivative). The package is a copy, its bytecode made beforehand as an
+installer does, so that nothing compiled beside it is found. Beside each case stands what a fixed piece of plain Python
+takes in the same minutes, for a machine that others share is slower at times. "A further kind" is what a process that
+has one kind grows by with each other kind: memory in MB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import compileall
+import importlib.util
+import itertools
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+Work = Callable[[], Any]
+"""What a case does again and again, after the first time."""
+
+ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
+FLOATING, EXACT = {"formulation": "floating_frame"}, {"formulation": "geometrically_exact"}
+MODES: dict[str, Any] = {"modes": 2, "segments": 1, **FLOATING}
+RICH: dict[str, Any] = {
+    "gravity": (0.0, 0.0), "task": "track", "info_level": "full", "action_mode": "residual_pd",
+    "actuator": {"lag": 0.01, "delay": 0.04}, "initial_vibration": 0.02,
+    "sensors": {"noise": 0.01, "delay": 0.04, "strain_gauges": [0.0, 0.5]},
+    "randomization": {"payload": (0.5, 2.0), "EI": (0.7, 1.3), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1)},
+}  # fmt: skip
+"""All features at once."""
+KINDS: dict[str, tuple[str, dict[str, Any]]] = {
+    ONE: (ONE, {}), TWO: (TWO, {}), "exact beam": (ONE, EXACT), "floating frame": (ONE, FLOATING),
+    "floating frame, modes": (ONE, MODES), "gears and friction": (ONE, {"arm": "strip_geared"}),
+    "all features": (ONE, RICH), "all features, exact beam": (ONE, RICH | EXACT),
+    "all features, floating frame": (ONE, RICH | FLOATING),
+}  # fmt: skip
+SMOOTH = [name for name in KINDS if "features" not in name and "modes" not in name]
+"""Kinds that derivatives are taken of."""
+
+
+def environment(n: int, env_id: str, keywords: dict[str, Any]) -> Work:
+    """The first step of a single environment (n = 1) or of a vector."""
+    import gymnasium as gym
+
+    import flexarm_env  # noqa: F401  (registers the environments)
+
+    env: Any = gym.make(env_id, **keywords) if n == 1 else gym.make_vec(env_id, num_envs=n, **keywords)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    action = env.action_space.sample()
+    env.step(action)
+    return lambda: env.unwrapped.step(action)
+
+
+def scene(name: str, formulation: str) -> Work:
+    """The first samples of a scene."""
+    from flexarm_env import scenes, simulate
+
+    def work() -> Any:
+        return simulate(scenes.named(name), formulation, duration=0.1, estimate_error=False)
+
+    work()
+    return work
+
+
+def derivatives(back: bool, env_id: str, keywords: dict[str, Any]) -> Work:
+    """A period's Jacobians, or its cotangents."""
+    import numpy as np
+
+    from flexarm_env.derivatives import Arms
+
+    arms = Arms(env_id, 64, threads=1, **keywords)
+    state, actions = arms.reset(seed=0), np.zeros((1, 64, arms.action_size))
+    if back:
+        run = arms.rollout(state, actions)
+        work: Work = lambda: run.vjp(rewards=np.ones((1, 64)))  # noqa: E731
+    else:
+        work = lambda: arms.jacobians(state, actions[0])  # noqa: E731
+    work()
+    return work
+
+
+def further() -> Iterator[Work]:
+    """Kinds in one process; the first makes it ready."""
+    for name, n in ((ONE, 1), (ONE, 64), (TWO, 1), ("exact beam", 64), ("floating frame", 64)):
+        yield partial(environment, n, *KINDS[name])
+
+
+FURTHER = "a further kind"
+CASES: dict[str, Callable[[], Work]] = {
+    f"{name}, {how}": partial(environment, n, *kind)
+    for name, kind in KINDS.items()
+    for how, n in (("single", 1), ("vector 64", 64))
+}
+for how, back in (("Jacobians", False), ("cotangents", True)):
+    CASES |= {f"{how}, {name}": partial(derivatives, back, *KINDS[name]) for name in SMOOTH}
+for formulation in ("elastica", "geometrically_exact", "floating_frame"):
+    CASES[f"scene, {formulation}"] = partial(scene, "robot_arm_motion", formulation)
+CASES["scene, two links, elastica"] = partial(scene, "two_link_motion", "elastica")
+
+
+def _status(key: str) -> float:
+    """Of this process, MB: VmHWM the most memory it has had, VmRSS what it has."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith(f"{key}:"))
+
+
+def driver(name: str) -> dict[str, Any]:
+    """A case, in its own process."""
+    if name != FURTHER:
+        CASES[name]()
+        return {"cpu_s": sum(os.times()[:4]), "peak_mb": _status("VmHWM")}
+    sizes = []
+    for make in further():
+        make()
+        sizes.append(_status("VmRSS"))
+    return {"grows_mb": [after - before for before, after in itertools.pairwise(sizes)]}
+
+
+def _copied(room: Path) -> None:
+    """The package as it is after an installation."""
+    found = importlib.util.find_spec("flexarm_env")
+    assert found is not None and found.origin is not None
+    shutil.copytree(Path(found.origin).parent, room / "flexarm_env", ignore=shutil.ignore_patterns("__pycache__"))
+    compileall.compile_dir(room / "flexarm_env", quiet=1)
+
+
+def yardstick() -> float:
+    """Processor time of a fixed piece of Python, s, the least of three."""
+    times = []
+    for _ in range(3):
+        start = time.process_time()
+        sum(k * k % 7 for k in range(2_000_000))
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def measured(name: str, room: Path, repeats: int) -> dict[str, Any]:
+    """The case's first and second start."""
+    cache = room / "cache"
+    environment = os.environ | {"PYTHONPATH": str(room), "FLEXARM_CACHE_DIR": str(cache)}
+
+    def started() -> dict[str, Any]:
+        command = [sys.executable, "-P", str(Path(__file__)), "-", "--run", name]
+        done = subprocess.run(command, env=environment, cwd=room, check=True, stdout=subprocess.PIPE, text=True)
+        told: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+        return told
+
+    first, second, size, pace = [], [], 0.0, [yardstick()]
+    for _ in range(repeats):
+        shutil.rmtree(cache, ignore_errors=True)
+        cache.mkdir()
+        first.append(started())
+        pace.append(yardstick())
+        size = sum(path.stat().st_size for path in cache.rglob("*") if path.is_file()) / 2**20
+        second += [started() for _ in range(3)] if name != FURTHER else [first[-1]]
+    if name == FURTHER:
+        return first[0]
+    return {
+        "cold_cpu_s": min(one["cpu_s"] for one in first), "peak_mb": min(one["peak_mb"] for one in first),
+        "disk_mb": size, "warm_cpu_s": min(one["cpu_s"] for one in second),
+        "warm_peak_mb": min(one["peak_mb"] for one in second), "yardstick_s": min(pace),
+    }  # fmt: skip
+
+
+COLUMNS = {
+    "cold_cpu_s": "first start, CPU s", "peak_mb": "peak memory, MB", "disk_mb": "on disk, MB",
+    "warm_cpu_s": "second start, CPU s", "warm_peak_mb": "its peak, MB", "yardstick_s": "yardstick, s",
+}  # fmt: skip
+
+
+def page(found: dict[str, Any], beside: dict[str, Any]) -> str:
+    """The table, before -> now where there are figures of before."""
+    lines = [f"| kind | {' | '.join(COLUMNS.values())} |", "|---|" + "---:|" * len(COLUMNS)]
+    for name, row in found.items():
+        if name != FURTHER:
+            old = beside.get(name, {})
+            cells = [(f"{old[key]:.2f} → " if key in old else "") + f"{row[key]:.2f}" for key in COLUMNS]
+            lines.append(f"| {name} | {' | '.join(cells)} |")
+    for source in (beside, found):
+        if FURTHER in source:
+            lines.append(f"\nA further kind, MB: {', '.join(f'{one:.1f}' for one in source[FURTHER]['grows_mb'])}")
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
+    parser.add_argument("--beside", type=Path, help="figures made before")
+    parser.add_argument("--run", help=argparse.SUPPRESS)
+    given = parser.parse_args(arguments)
+    if given.run:
+        print(json.dumps(driver(given.run)))
+        return 0
+    found: dict[str, Any] = json.loads(given.file.read_text("utf-8")) if given.file.exists() else {}
+    if not given.beside:
+        with tempfile.TemporaryDirectory() as folder:
+            room = Path(folder).resolve()
+            _copied(room)
+            for name in (name for name in (*CASES, FURTHER) if any(word in name for word in given.only)):
+                found[name] = measured(name, room, given.repeats)
+                given.file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+                print(name, found[name], file=sys.stderr, flush=True)
+    print(page(found, json.loads(given.beside.read_text("utf-8")) if given.beside else {}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,137 @@
+"""Machine instructions that compiled code executes, program by program, as callgrind counts them.
+
+    python -m benchmarks.instructions FILE [--only WORDS ...]             counts, and adds what it finds to FILE (JSON)
+    python -m benchmarks.instructions FILE --compare OTHER [--only ...]   prints FILE's counts over those of OTHER
+
+Each case of `benchmarks.cold_start` runs in a process of its own under valgrind, which counts nothing while it starts,
+compiles and takes its first steps; then its work is done ten times and counted. What is executed outside of files, the
+machine code that was made in memory, is told apart from the rest, Python's interpreter for the most part. Counts are of
+one run: the same code gives the same number, to a few in a million.
+
+Valgrind shows programs a Haswell, without AVX-512: code of that kind is made beforehand, outside of valgrind, and kept
+in a folder that goes again (or --cache).
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import mmap
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.cold_start import CASES
+
+TIMES = 10
+"""How often the work is done and counted."""
+
+REQUEST = bytes.fromhex("4889f8 31d2 48c1c703 48c1c70d 48c1c73d 48c1c733 4887db 4889d0 c3")
+"""x86-64, f(request*): what valgrind knows a client's request by (valgrind.h); without valgrind it does nothing."""
+DUMP, ZERO, START, STOP = (0x43540000 + k for k in (0, 1, 4, 5))
+"""Callgrind's requests (callgrind.h)."""
+
+
+def asker() -> Callable[[int], None]:
+    """A function that puts a request to callgrind."""
+    room = mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
+    room.write(REQUEST)
+    code = ctypes.c_char.from_buffer(room)  # as long as this is there, so is the room
+    function = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p)(ctypes.addressof(code))
+
+    def ask(request: int) -> None:
+        assert code is not None
+        function(ctypes.cast((ctypes.c_uint64 * 6)(request), ctypes.c_void_p))
+
+    return ask
+
+
+def driver(name: str) -> None:
+    """A program, in the process that is watched."""
+    ask, work = asker(), CASES[name]()
+    work()
+    ask(START)
+    ask(ZERO)
+    for _ in range(TIMES):
+        work()
+    ask(DUMP)
+    ask(STOP)
+
+
+def counts(text: str) -> dict[str, int]:
+    """Instructions in a dump of callgrind's: in machine code that belongs to no file, and in all."""
+    names: dict[str, str] = {}
+    memory = total = 0
+    ours = called = False
+    for line in text.splitlines():
+        if line.startswith("ob="):
+            number, name = re.match(r"ob=(\(\d+\))?\s*(.*)", line).groups()  # type: ignore[union-attr]
+            name = names.setdefault(number, name) if name else names[number]
+            ours = name == "???"
+        elif line.startswith("cob="):
+            found = re.match(r"cob=(\(\d+\))\s+(.+)", line)
+            if found:
+                names.setdefault(*found.groups())
+        elif line.startswith("calls="):
+            called = True  # the next line is what the call came to, counted where it was executed
+        elif re.match(r"[+\-*\d]", line):
+            cost = 0 if called else int((line.split() + ["0"])[1])
+            called = False
+            total += cost
+            memory += cost if ours else 0
+    return {"compiled": memory, "all": total}
+
+
+def measured(name: str, cache: Path) -> dict[str, int]:
+    """A program's counts."""
+    environment = os.environ | {"FLEXARM_CPU": "haswell", "FLEXARM_CACHE_DIR": str(cache)}
+    environment |= {"PYTHONHASHSEED": "0", "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "benchmarks.instructions", "-", "--run", name]
+    subprocess.run(command, env=environment, check=True, stderr=subprocess.DEVNULL)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder, "out")
+        watched = ["valgrind", "--tool=callgrind", "--instr-atstart=no", f"--callgrind-out-file={out}", *command]
+        done = subprocess.run(watched, env=environment, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"{name}: {done.stderr[-2000:]}")
+        return counts(out.with_name("out.1").read_text(encoding="utf-8", errors="replace"))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Count or compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
+    parser.add_argument("--cache", type=Path, help="folder of compiled code; none: one that goes again")
+    parser.add_argument("--compare", type=Path, help="counts made before")
+    parser.add_argument("--run", help=argparse.SUPPRESS)
+    given = parser.parse_args(arguments)
+    if given.run:
+        driver(given.run)
+        return 0
+    chosen = [name for name in CASES if any(word in name for word in given.only)]
+    found: dict[str, Any] = json.loads(given.file.read_text("utf-8")) if given.file.exists() else {}
+    if given.compare:
+        before = json.loads(given.compare.read_text("utf-8"))
+        print("| program | compiled, before | now | ratio | all, ratio |\n|---|---:|---:|---:|---:|")
+        for name in (name for name in chosen if name in found and name in before):
+            old, new = before[name], found[name]
+            ratios = [new[key] / old[key] for key in ("compiled", "all")]
+            print(f"| {name} | {old['compiled']:,} | {new['compiled']:,} | {ratios[0]:.4f} | {ratios[1]:.4f} |")
+        return 0
+    with tempfile.TemporaryDirectory() as folder:
+        for name in chosen:
+            found[name] = measured(name, given.cache or Path(folder))
+            given.file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+            print(f"{name}: {found[name]['compiled']:,} of {found[name]['all']:,}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""Pages of results: prose stands in Markdown alone, and a script writes its numbers between marks of the page.
+
+    <!-- RECORD BLOCK -->
+    what the script RECORD.py, or one that is named on the page, makes of RECORD.json
+    <!-- end -->
+
+A script gives what it measures, and the lines of each block; `--page` writes the blocks anew from the record alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import DOCS, command, describe_machine, table, told, write_text
+
+Found = dict[str, Any]
+Blocks = Mapping[str, list[str]]
+
+
+def filled(text: str, name: str, blocks: Blocks) -> str:
+    """A page's text with these lines in its blocks of a record; ValueError where it has none of that name."""
+    for block, lines in blocks.items():
+        before, mark, rest = text.partition(f"<!-- {name} {block} -->\n")
+        if not mark:
+            raise ValueError(f"the page has no block {name} {block}")
+        text = "\n".join([before + mark, *lines, "", "<!-- end -->" + rest.partition("<!-- end -->")[2]])
+    return text
+
+
+def write_page(folder: Path, name: str, blocks: Blocks, page: str = "") -> None:
+    """Fill a page's blocks of a record, of the page in docs/ or of its copy in another folder.
+
+    page: below docs/, without .md; results/NAME where none is named.
+    """
+    source = DOCS / f"{page or 'results/' + name}.md"
+    target = source if folder.resolve() in (DOCS / "results", DOCS) else folder / source.name
+    write_text(target, filled((target if target.exists() else source).read_text(encoding="utf-8"), name, blocks))
+
+
+def short(value: Any) -> Any:
+    """A number in few digits; None as nothing."""
+    return f"{value:.5g}" if isinstance(value, float) else "" if value is None else value
+
+
+def options_of(case: Found) -> str:
+    """A case's options in a cell."""
+    return " ".join(f"{key}={short(value)}" for key, value in case["options"].items())
+
+
+def write_csv(path: Path, heads: list[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Rows below their heads."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([heads, *([short(value) for value in row] for row in rows)])
+    write_text(path, text.getvalue())
+
+
+def run(
+    name: str,
+    description: str | None,
+    measure: Callable[[argparse.Namespace], Found],
+    blocks: Callable[[Found], Blocks],
+    arguments: list[str] | None = None,
+    *,
+    page: str = "",
+    packages: tuple[str, ...] = (),
+    indent: int | None = 1,
+    more: Callable[[argparse.ArgumentParser], Any] = lambda parser: None,
+    **numbers: int,
+) -> int:
+    """The command of a benchmark: measure, keep NAME.json, write the page's blocks; 1 where a verdict does not hold.
+
+    Args:
+        name: of the record. page, packages: where the lines go (`write_page`), and versions that are told there.
+        indent: of the record.
+        measure: what was found. Where it has "verdicts" (what has to hold, whether it does) they are a block too.
+        more: adds flags. numbers: flags of whole numbers, with their defaults.
+    """
+    parser = command(description, **numbers)
+    parser.add_argument("--page", action="store_true", help="measure nothing: the page from the numbers that are kept")
+    more(parser)
+    options = parser.parse_args(arguments)
+    record: Path = options.out / f"{name}.json"
+    if options.page:
+        found: Found = json.loads(record.read_text(encoding="utf-8"))
+    else:
+        found = {"machine": describe_machine(*packages), **measure(options)}
+        write_text(record, json.dumps(found, indent=indent) + "\n")
+    verdicts: dict[str, bool] = found.get("verdicts", {})
+    lines = {"machine": [told(found["machine"])], **blocks(found)}
+    if verdicts:
+        lines["verdicts"] = table("what | holds", [(what, "yes" if ok else "**no**") for what, ok in verdicts.items()])
+    write_page(options.out, name, lines, page)
+    print("\n".join(f"{'ok ' if holds else 'NO '} {what}" for what, holds in verdicts.items()))
+    return 0 if all(verdicts.values()) else 1

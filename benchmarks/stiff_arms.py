@@ -1,0 +1,130 @@
+"""Arms of any stiffness over what torques ask for, in environments and as scenes: right, told, or silently wrong.
+
+The strip with EI, EA and C, with EI alone, and with EA and C alone times 10^0 ... 10^14 turns for a second under half
+of its torque. With EI it is as good as rigid, T t^2 / 2 I; with EA and C alone it moves as the strip does. Wrong: the
+tip's angle is more than 1 % off, or a kinetic energy is negative.
+A part of `benchmarks.stability`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections import Counter
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import flexarm_env  # noqa: F401  (registers the environments)
+from benchmarks.machine import table
+from flexarm_env import arms
+from flexarm_env.parameters import Arm
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.simulation import simulate
+from flexarm_env.time_functions import constant
+
+FACTORS = [10.0**k for k in range(15)]
+WHICH = {"EI, EA, C": (1, 1), "EI": (1, 0), "EA, C": (0, 1)}
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "elastica": ("elastica", {}),
+    "exact": ("geometrically_exact", {}),
+    "exact, long steps": ("geometrically_exact", {"dt": 0.02}),
+    "floating frame": ("floating_frame", {}),
+    "clamped frames": ("floating_frame", {"frame": "root"}),
+    "joined frames": ("floating_frame", {"multipliers": True}),
+    "modes in segments": ("floating_frame", {"modes": 2, "segments": 3}),
+}
+OUTCOMES = ("ok", "inaccurate", "refused", "failed", "silently wrong")
+OFF = 0.01
+SOFT = 1.4497
+"""rad: the strip itself."""
+
+
+def arm_of(which: str, factor: float) -> Arm:
+    """The strip with its stiffnesses times a factor."""
+    strip = arms.named("strip")
+    section = strip.links[0].uniform
+    assert section is not None
+    bend, along = (factor**power for power in WHICH[which])
+    own = dataclasses.replace(section, EI=section.EI * bend, EA=section.EA * along, C=section.C * along)
+    return dataclasses.replace(strip, links=(dataclasses.replace(strip.links[0], section=own),))
+
+
+def wanted(which: str, factor: float) -> float:
+    """Angle of the tip, rad; with little stiffness more, what the strip does between the two."""
+    strip = arms.named("strip")
+    inertia = strip.hub_inertia + strip.links[0].mass / 3.0 + strip.payload.mass + strip.links[0].rotary
+    return SOFT if which == "EA, C" or factor == 1.0 else 0.5 / inertia
+
+
+def outcome(status: str, angle: float, kinetic: float, right: float) -> str:
+    """One of OUTCOMES."""
+    if status == "ok":
+        return "ok" if abs(angle - right) <= OFF * right and kinetic >= 0.0 else "silently wrong"
+    return "inaccurate" if status == "inaccurate" else "failed"
+
+
+def in_environment(arm: Arm, formulation: str, options: dict[str, Any]) -> tuple[str, Any, float]:
+    """Status, tip and least kinetic energy of a second of FlexibleArm-v0."""
+    env = gym.make("FlexibleArm-v0", arm=arm, formulation=formulation, info_level="full", **options)
+    env.reset(seed=0, options={"start": 0.0})
+    least = math.inf
+    for _ in range(50):
+        *_, over, _, info = env.step(np.array([0.5], np.float32))
+        least = min(least, info["energy_kinetic"])
+        if over:
+            break
+    return info["solver_status"], info["tip_position"], least
+
+
+def as_scene(arm: Arm, formulation: str, options: dict[str, Any]) -> tuple[str, Any, float]:
+    """The same by `simulate`."""
+    load = JointTorque(0, constant(1.0))
+    scene = Scene("stiff", arm, duration=1.0, dt=0.005, sample=0.05, loads=(load,))
+    run = simulate(scene, formulation, time_limit=60.0, **options)
+    return run.status, run.tip[-1, :2], float(run.kinetic.min())
+
+
+WHERE = {"environment": in_environment, "scene": as_scene}
+
+
+def cases() -> list[dict[str, Any]]:
+    """Where, by which method, what is stiff, how much; the elastica has bending alone."""
+    return [
+        {"where": where, "method": method, "which": which, "factor": factor}
+        for where, method, which, factor in itertools.product(WHERE, METHODS, WHICH, FACTORS)
+        if (method, which) != ("elastica", "EA, C")
+    ]
+
+
+def measure(case: dict[str, Any]) -> dict[str, Any]:
+    """How a case ends."""
+    which, factor = case["which"], case["factor"]
+    try:
+        status, (x, y), least = WHERE[case["where"]](arm_of(which, factor), *METHODS[case["method"]])
+    except ValueError:
+        return {"outcome": "refused"}
+    return {"outcome": outcome(status, math.atan2(y, x), least, wanted(which, factor))}
+
+
+def tallied(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """How many of each line's factors end how, and the largest that is right."""
+    lines: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        lines.setdefault(tuple(row["case"][key] for key in ("where", "method", "which")), []).append(row)
+    return [
+        {"line": key, "outcomes": dict(Counter(row["outcome"] for row in mine)),
+         "right_up_to": max((row["case"]["factor"] for row in mine if row["outcome"] == "ok"), default=0.0)}
+        for key, mine in lines.items()
+    ]  # fmt: skip
+
+
+def table_of(lines: list[dict[str, Any]]) -> list[str]:
+    """Of the page."""
+    cells = [
+        (*line["line"], *(line["outcomes"].get(name, 0) for name in OUTCOMES), f"{line['right_up_to']:.0e}")
+        for line in lines
+    ]
+    return table(" | ".join(["", "method", "times", *OUTCOMES, "right up to"]), cells)
