@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import secrets
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
 
 # No window, no sound, no display: set before anything imports pygame or matplotlib.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -12,6 +17,7 @@ os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Small matrices, and a process for each core: threads of the linear algebra would wait for each other most of the time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
@@ -38,6 +44,41 @@ def pytest_report_header(config: pytest.Config) -> str | None:
     """How to draw again what this run draws."""
     seed = config.option.hypothesis_seed
     return None if seed is None else f"hypothesis draws by --hypothesis-seed={seed}"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A program that several processes of a run (xdist) need is compiled by one of them, and read by the others."""
+    if not os.environ.get("PYTEST_XDIST_WORKER") or sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    from flexarm_env.compiler import objects
+
+    folder, compiling = tmp_path_factory.getbasetemp().parent, contextlib.ExitStack()
+    load, save = objects.load, objects.save
+
+    def patient(key: Any) -> Any:
+        compiling.close()  # what was refused is never saved
+        found = load(key)
+        if found is None:
+            lock, until = compiling.enter_context((folder / f"{key.name}.lock").open("w")), time.monotonic() + 60.0
+            while time.monotonic() < until:
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                time.sleep(0.02)
+            found = load(key)
+        return found
+
+    def saved(*items: Any) -> None:
+        save(*items)
+        compiling.close()
+
+    objects.load, objects.save = patient, saved
+    yield
+    objects.load, objects.save = load, save
 
 
 @pytest.fixture

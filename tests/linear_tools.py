@@ -23,7 +23,8 @@ def names(choices: Any) -> list[str]:
 
 
 def every(choices: Any, slow: tuple[str, ...] = ()) -> Any:
-    """Each formulation with its options; those `slow`, by formulation or option, compile what no other test needs."""
+    """Each formulation with its options; those `slow`, by formulation or option, compile what no other test needs, or
+    take long."""
     sets = [
         pytest.param(f, o, id=name, marks=[pytest.mark.slow] if {f, *o} & set(slow) else [])
         for (f, o), name in zip(choices, names(choices), strict=True)

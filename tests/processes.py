@@ -29,5 +29,5 @@ def _path() -> str:
 def uncompiled_tests(file: str, mark: str = "not slow") -> None:
     """Run a file of tests on plain Python numbers, where all sizes and features come at no compile time."""
     path = Path(__file__).parent / file
-    done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", mark, path, NUMBA_DISABLE_JIT="1")
+    done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", mark, path, FLEXARM_COMPILER="python")
     assert "skipped" not in done.stdout

@@ -75,7 +75,7 @@ def faults_of(wheel: Path, sdist: Path) -> list[str]:
             {name.split("/")[0] for name in names} == {"flexarm_env", info},
         f"at most {MOST_BYTES} bytes, not {wheel.stat().st_size}": wheel.stat().st_size <= MOST_BYTES,
         "the licence in the wheel": f"{info}/licenses/LICENSE" in names,
-        "nothing compiled in the wheel": not [n for n in names if n.endswith((".pyc", ".so", ".nbi", ".nbc"))],
+        "nothing compiled in the wheel": not [n for n in names if n.endswith((".pyc", ".so", ".o"))],
         "the player in the wheel": "flexarm_env/view/player.js" in names and "flexarm_env/view/player.html" in names,
         "licence, citation, changes in the source": {"LICENSE", "CITATION.cff", "CHANGELOG.md"} <= source,
         f"version {version} in flexarm_env/__init__.py": f'__version__ = "{version}"' in inside,
@@ -124,7 +124,7 @@ def versions(python: Path) -> list[str]:
 
 def used(python: Path, folder: Path) -> None:
     """Let the package check itself and make both players."""
-    own = _plain() | {"NUMBA_CACHE_DIR": str(FOLDER / "cache")}
+    own = _plain() | {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}
     for words in (("doctor",), *(("view", *runs, "--out", f"{name}.html") for name, runs in VIEWS.items())):
         command = [python, "-m", "flexarm_env", *words]
         done = subprocess.run(command, cwd=folder, env=own, capture_output=True, text=True, check=False)

@@ -91,7 +91,7 @@ def test_kinks_in_every_step_are_no_way_round() -> None:
     arm = Arm("rod", (Link(1.0, Section(5.0, 1e3, 1e3, 0.4, 0.01)),), hub_inertia=0.05)
     signs = np.resize([1.0, -1.0, -1.0, 1.0, 1.0], 20)
     torque = JointTorque(0, stairs(np.arange(20) * 0.05, signs))
-    scene = Scene("bang", arm, duration=1.0, dt=0.05, loads=(torque,))
+    scene = everything(Scene("bang", arm, duration=1.0, dt=0.05, loads=(torque,)))
     coarse = simulate(scene)
     fine = simulate(scene, dt=0.05 / 16, sample=0.05)
     error = float(np.hypot(*(coarse.tip - fine.tip)[:, :2].T).max())

@@ -19,6 +19,7 @@ from agents.runs import read_run
 from flexarm_env import control
 from tests.agents_tools import ENV, SMALL, file_of, told
 from tests.processes import python
+from tests.refusals import refuses
 
 
 def arguments(folder: Path, **changes) -> train_ppo.Arguments:
@@ -115,10 +116,8 @@ def test_a_damaged_checkpoint_is_passed_over(tmp_path: Path):
 
 def test_a_run_is_never_overwritten(run: Path, tmp_path: Path):
     before = (run / "model.zip").read_bytes()
-    with pytest.raises(ValueError, match="holds a run already"):
-        train_ppo.train(arguments(tmp_path, out=run))
-    with pytest.raises(ValueError, match="finished"):
-        train_ppo.train(train_ppo.Arguments(out=run, resume=True))
+    refuses("holds a run already", lambda: train_ppo.train(arguments(tmp_path, out=run)))
+    refuses("finished", lambda: train_ppo.train(train_ppo.Arguments(out=run, resume=True)))
     assert (run / "model.zip").read_bytes() == before
 
 
@@ -203,22 +202,18 @@ def test_mistakes_are_told_in_a_sentence(words, sentence, monkeypatch, capsys):
 
 
 def test_files_that_cannot_be_used_are_named(run: Path, tmp_path: Path):
-    with pytest.raises(ValueError, match="not a run folder"):
-        policies.choose(str(tmp_path), ENV)
+    refuses("not a run folder", lambda: policies.choose(str(tmp_path), ENV))
     with pytest.raises(ValueError, match="trained on FlexibleArm-v0, not on TwoLinkFlexArm-v0"):
         policies.choose(str(run), "TwoLinkFlexArm-v0")
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
     (copy / "policy.npz").unlink()
     (copy / "model.zip").write_bytes(b"torn")
-    with pytest.raises(ValueError, match=r"model\.zip: damaged"):
-        policies.choose(str(copy), ENV)
+    refuses(r"model\.zip: damaged", lambda: policies.choose(str(copy), ENV))
     (copy / "model.zip").unlink()
-    with pytest.raises(ValueError, match="no such file"):
-        policies.choose(str(copy), ENV)
+    refuses("no such file", lambda: policies.choose(str(copy), ENV))
     (copy / "run.json").write_text("{")
-    with pytest.raises(ValueError, match="damaged, not JSON"):
-        policies.choose(str(copy), ENV)
+    refuses("damaged, not JSON", lambda: policies.choose(str(copy), ENV))
 
 
 def test_controllers_take_gains_from_a_file(tmp_path: Path):
@@ -228,16 +223,12 @@ def test_controllers_take_gains_from_a_file(tmp_path: Path):
     assert chosen.name == "pd@mine"
     controller = chosen.make(episodes.make_episodes(ENV, 1))
     assert controller.kp < control.make("pd", controller.setup).kp
-    with pytest.raises(ValueError, match=r"no table \[zv\]; it has pd"):
-        policies.choose(f"zv@{file}", ENV)
-    with pytest.raises(ValueError, match="No such file"):
-        policies.choose(f"pd@{tmp_path / 'none.toml'}", ENV)
+    refuses(r"no table \[zv\]; it has pd", lambda: policies.choose(f"zv@{file}", ENV))
+    refuses("No such file", lambda: policies.choose(f"pd@{tmp_path / 'none.toml'}", ENV))
     file.write_text("[pd]\nbandwith = [0.1]\n")
-    with pytest.raises(ValueError, match=r"pd\.bandwith"):
-        policies.choose(f"pd@{file}", ENV)
+    refuses(r"pd\.bandwith", lambda: policies.choose(f"pd@{file}", ENV))
     file.write_text("[pd")
-    with pytest.raises(ValueError, match="not TOML"):
-        policies.choose(f"pd@{file}", ENV)
+    refuses("not TOML", lambda: policies.choose(f"pd@{file}", ENV))
 
 
 def test_another_arm_has_another_layout(run: Path, tmp_path: Path):

@@ -16,6 +16,7 @@ from flexarm_env.parameters import Arm, Elbow, Joint, Link, Payload, Section
 from flexarm_env.scene import JointTorque, Motion, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, sine
+from tests.scene_tools import everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
 STIFF = Section(EI=2e5, EA=1e9, C=1e9, m=0.3)
@@ -43,7 +44,7 @@ def test_free_flight_across_the_gap(method: str) -> None:
     torque, inertia = 0.01, GEAR.rotor
     meets = np.sqrt(GEAR.backlash * inertia / torque)
     scene = Scene("s", stiff_arm(), duration=0.5, dt=1e-3, sample=0.01, loads=(JointTorque(0, constant(torque)),))
-    run = simulate(scene, formulation, estimate_error=False, **options)
+    run = simulate(everything(scene), formulation, estimate_error=False, **options)
     before = run.t < meets - 2e-3
     np.testing.assert_allclose(run.motor_angles[before, 0], 0.5 * torque / inertia * run.t[before] ** 2, atol=1e-12)
     assert np.abs(run.joint_angles[before]).max() < 1e-14 and before.sum() > 20
@@ -57,7 +58,7 @@ def oscillation(dt: float, rate: float = 0.5) -> tuple[float, float, Any]:
     scene = Scene(
         "s", stiff_arm(joint), duration=6.0, dt=dt, sample=dt, rates=(rate,), motions=(Motion("motor0", constant(0.0)),)
     )
-    run = simulate(scene, "elastica", nodes=3, rho_inf=1.0, estimate_error=False)
+    run = simulate(everything(scene), "elastica", nodes=3, rho_inf=1.0, estimate_error=False)
     angle, t = run.joint_angles[:, 0], run.t
     up = np.flatnonzero((angle[:-1] < 0.0) & (angle[1:] >= 0.0))
     passages = t[up] - angle[up] * (t[up + 1] - t[up]) / (angle[up + 1] - angle[up])

@@ -212,7 +212,7 @@ def ran(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[str]:
 def test_scripts_are_given_all_flags(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ran(monkeypatch, "train", "--env", "X", "--help") == ["-m", "agents.train_ppo", "--env", "X", "--help"]
     assert ran(monkeypatch, "evaluate", "--policy", "pd") == ["-m", "agents.evaluate", "--policy", "pd"]
-    assert ran(monkeypatch, "bench", "agreement", "--out", "x") == ["-m", "benchmarks.agreement", "--out", "x"]
+    assert ran(monkeypatch, "bench", "throughput", "--out", "x") == ["-m", "benchmarks.throughput", "--out", "x"]
     assert ran(monkeypatch, "bench", "work-precision", "--full") == ["-m", "benchmarks.work_precision", "--full"]
 
 
@@ -240,12 +240,12 @@ def test_helps_say_which_files_run_code(capsys: pytest.CaptureFixture[str]) -> N
 def test_benchmarks_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert any(line.startswith("agreement ") for line in lines)
+    assert any(line.startswith("throughput ") for line in lines)
     assert not any(line.startswith("machine") for line in lines)
     assert main(["bench", "--json"]) == 0
     assert {"name", "what"} == set(json.loads(capsys.readouterr().out)["benchmarks"][0])
     sentence = refused(capsys, "bench", "none")
-    assert "no benchmark 'none'; there are " in sentence and " agreement," in sentence
+    assert "no benchmark 'none'; there are " in sentence and " throughput," in sentence
 
 
 def test_without_a_checkout_a_sentence(
@@ -254,7 +254,7 @@ def test_without_a_checkout_a_sentence(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(checkout, "__file__", str(tmp_path / "site-packages" / "flexarm_env" / "cli" / "checkout.py"))
     assert "needs agents/ of a checkout" in refused(capsys, "train", "--env", "FlexibleArm-v0")
-    assert "needs benchmarks/ of a checkout" in refused(capsys, "bench", "agreement")
+    assert "needs benchmarks/ of a checkout" in refused(capsys, "bench", "throughput")
     assert main(["bench"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["suite", "page"]
     assert checkout.flags("agents.train_ppo") == ""

@@ -17,6 +17,7 @@ from flexarm_env.control import kinematics, lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from, tuned_gains
 from tests.env_tools import successes
+from tests.refusals import refuses
 
 STRIP, TWO = arms.named("strip"), arms.named("de_luca_siciliano")
 IDS = {"slew": "FlexibleArm-v0", "reach": "TwoLinkFlexArm-v0"}
@@ -195,20 +196,14 @@ def test_single_environments_are_known_too():
 
 # ------------------------------------------------------------------ what is refused
 def test_errors_say_what_is_allowed(reach):
-    with pytest.raises(ValueError, match=r"pid.*zvd"):
-        control.make("pid", reach)
-    with pytest.raises(ValueError, match=r"pd\.kp.*bandwidth"):
-        gains_from("pd", {"kp": 3.0})
-    with pytest.raises(ValueError, match="flexarm_env"):
-        control.make("pd", gym.make("Pendulum-v1"))
-    with pytest.raises(ValueError, match=r"^env = 3: must be an environment of flexarm_env"):
-        control.make("pd", 3)
-    with pytest.raises(ValueError, match=r"^gains = 3: must be a PDGains"):
-        control.make("pd", reach, 3)
+    refuses(r"pid.*zvd", lambda: control.make("pid", reach))
+    refuses(r"pd\.kp.*bandwidth", lambda: gains_from("pd", {"kp": 3.0}))
+    refuses("flexarm_env", lambda: control.make("pd", gym.make("Pendulum-v1")))
+    refuses(r"^env = 3: must be an environment of flexarm_env", lambda: control.make("pd", 3))
+    refuses(r"^gains = 3: must be a PDGains", lambda: control.make("pd", reach, 3))
     with pytest.raises(ValueError, match=r"^controller = 'time_optimal': must be one of \"pd\".* for task=\"reach\""):
         control.make("time_optimal", reach)
-    with pytest.raises(ValueError, match="one link"):
-        control.make("time_optimal", reach, tuned_gains("time_optimal", "slew"))
+    refuses("one link", lambda: control.make("time_optimal", reach, tuned_gains("time_optimal", "slew")))
 
 
 @pytest.mark.parametrize("name", control.NAMES)
@@ -217,10 +212,8 @@ def test_what_controllers_cannot_read_is_told(name):
     controller, again = (control.make(name, env) for _ in range(2))
     size = controller.setup.size
     observation = np.full(size, 0.1, np.float32)
-    with pytest.raises(RuntimeError, match=r"call the controller's reset\(observation\) first"):
-        controller.act(observation)
-    with pytest.raises(ValueError, match=rf"^shape of observation = \(3,\): must be \(n, {size}\)"):
-        controller.reset(observation[:3])
+    refuses(r"call the controller's reset\(observation\) first", lambda: controller.act(observation), RuntimeError)
+    refuses(rf"^shape of observation = \(3,\): must be \(n, {size}\)", lambda: controller.reset(observation[:3]))
     for value in (np.nan, np.inf):
         with pytest.raises(ValueError, match=r"^observation\[0\] = .*must be finite numbers"):
             controller.reset(np.where(np.arange(size) == size - 1, value, observation))
@@ -258,28 +251,22 @@ def test_a_policy_file_gives_the_same_actions(tmp_path: Path, slew):
     assert np.array_equal(again.act(observation), policy.act(observation))
     assert policy.act(observation[0]).shape == (1,)
     assert np.abs(policy.act(100.0 * observation)).max() <= 1.0
-    with pytest.raises(ValueError, match=r"^shape of observation = \(3,\): must be \(n, 6\)"):
-        policy.act(observation[0, :3])
+    refuses(r"^shape of observation = \(3,\): must be \(n, 6\)", lambda: policy.act(observation[0, :3]))
 
 
 def test_policies_that_do_not_fit_are_refused(tmp_path: Path, slew, reach):
     export = pytest.importorskip("agents.export_policy", exc_type=ImportError)
     path = tmp_path / "policy.npz"
-    with pytest.raises(ValueError, match=r"no policy\.npz there"):
-        control.load_policy(path)
+    refuses(r"no policy\.npz there", lambda: control.load_policy(path))
     path.write_bytes(b"PK nonsense")
-    with pytest.raises(ValueError, match="damaged"):
-        control.load_policy(path)
+    refuses("damaged", lambda: control.load_policy(path))
     export.save(small_policy(control.Setup.of(slew), format=99), path)
-    with pytest.raises(ValueError, match=r"meta\.format = 99: must be 1"):
-        control.load_policy(path)
+    refuses(r"meta\.format = 99: must be 1", lambda: control.load_policy(path))
     whole = small_policy(control.Setup.of(slew))
     export.save(whole, path)
     path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(ValueError, match="damaged"):
-        control.load_policy(path)
-    with pytest.raises(ValueError, match="observation layout"):
-        whole.check(control.Setup.of(reach))
+    refuses("damaged", lambda: control.load_policy(path))
+    refuses("observation layout", lambda: whole.check(control.Setup.of(reach)))
 
 
 def test_a_policy_reads_another_arms_entries_by_its_own_scales(slew):
@@ -292,8 +279,7 @@ def test_a_policy_reads_another_arms_entries_by_its_own_scales(slew):
     policy.check(setup)
     np.testing.assert_allclose(policy.act(observation), plain, rtol=1e-6)
     policy.meta["torque_limits"] = [9.0]
-    with pytest.raises(ValueError, match="observation layout"):
-        policy.check(setup)
+    refuses("observation layout", lambda: policy.check(setup))
 
 
 WRONG = {
@@ -302,14 +288,14 @@ WRONG = {
     "env_id": ({"env_id": 3}, {}, "meta.env_id = 3: must be a text that is not empty"),
     "squash": ({"squash": "no"}, {}, "meta.squash = 'no': must be True or False"),
     "layers": ({"layers": 0}, {}, "meta.layers = 0: must be a whole number, from 1 to 100"),
-    "too many layers": ({"layers": 3}, {}, "w2: missing; an array of the network"),
-    "a wrong matrix": ({}, {"w1": np.zeros((5, 1))}, "shape of w1 = (5, 1): must be (8, n), to fit the other arrays"),
-    "a wrong bias": ({}, {"b0": np.zeros(3)}, "shape of b0 = (3,): must be (8), to fit the other arrays"),
-    "not a matrix": ({}, {"w0": np.zeros(6)}, "shape of w0 = (6,): must be (n, n), to fit the other arrays"),
+    "too many layers": ({"layers": 3}, {}, "w2: missing; must be an array of shape (1, actions)"),
+    "a wrong matrix": ({}, {"w1": np.zeros((5, 1))}, "shape of w1 = (5, 1): must be (8, actions), to fit"),
+    "a wrong bias": ({}, {"b0": np.zeros(3)}, "shape of b0 = (3,): must be (8,), to fit the other arrays"),
+    "not a matrix": ({}, {"w0": np.zeros(6)}, "shape of w0 = (6,): must be (entries, units 0), to fit"),
     "text": ({}, {"b1": np.array(["x"])}, "dtype of b1 = '<U1': must be that of numbers"),
-    "nan": ({}, {"b1": np.array([np.nan])}, "b1 = [nan]: must be finite throughout"),
-    "mean": ({}, {"mean": np.zeros(4)}, "shape of mean = (4,): must be (6), to fit the other arrays"),
-    "no variance": ({}, {"mean": np.zeros(6)}, "variance: missing; an array of the network"),
+    "nan": ({}, {"b1": np.array([np.nan])}, "b1[0] = nan: must be a finite number"),
+    "mean": ({}, {"mean": np.zeros(4)}, "shape of mean = (4,): must be (6,), to fit the other arrays"),
+    "no variance": ({}, {"mean": np.zeros(6)}, "variance: missing; must be an array of shape (6,)"),
 }
 
 
@@ -323,7 +309,7 @@ def test_a_wrong_policy_file_is_told_in_a_sentence(tmp_path: Path, slew, name: s
     np.savez(tmp_path / "policy.npz", **{**content, **arrays})
     with pytest.raises(ValueError) as caught:
         control.load_policy(tmp_path / "policy.npz")
-    assert str(caught.value) == f"{tmp_path / 'policy.npz'}: {sentence}"
+    assert str(caught.value).startswith(f"{tmp_path / 'policy.npz'}: {sentence}")
 
 
 def test_a_policy_file_runs_no_code(tmp_path: Path):
@@ -336,8 +322,7 @@ def test_a_policy_file_runs_no_code(tmp_path: Path):
             return open, (str(tmp_path / "made"), "w")
 
     np.savez(tmp_path / "policy.npz", meta=np.array(Spy(), dtype=object))
-    with pytest.raises(ValueError, match="damaged, or no policy"):
-        control.load_policy(tmp_path)
+    refuses("damaged, or no policy", lambda: control.load_policy(tmp_path))
     assert not (tmp_path / "made").exists()
 
 
@@ -345,5 +330,4 @@ def test_a_policy_of_another_size_is_refused(slew):
     setup = control.Setup.of(slew)
     policy = small_policy(setup)
     policy.weights[0] = (np.zeros((5, 8), np.float32), policy.weights[0][1])
-    with pytest.raises(ValueError, match=r"makes 1 actions of 5 entries .* are 1 and 6"):
-        policy.check(setup)
+    refuses(r"makes 1 actions of 5 entries .* are 1 and 6", lambda: policy.check(setup))

@@ -238,8 +238,7 @@ def test_whole_matrices_say_what_push_and_pull_do() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "arm"), [(ONE, "strip_geared"), (TWO, "two_link_geared")])
 def test_friction_over_periods(env_id: str, arm: str) -> None:
-    """A sliding joint's friction, noted where torques jump, is at its bound: a kink for states that the motion does not
-    come to. Along a motion from its start, by its actions and by the joints' laws, there is none."""
+    """Along a motion from its start, by its actions and by the joints' laws."""
     arms = Arms(env_id, 9, tolerance=1e-12, arm=arm, parameters=True)
     rng, start = np.random.default_rng(4), arms.reset(seed=0)
     actions = 0.7 + rng.uniform(0.0, 0.2, (4, 9, arms.action_size))
@@ -259,6 +258,11 @@ def test_friction_over_periods(env_id: str, arm: str) -> None:
     arms.close()
 
 
+def rows_of_friction(arms: Arms) -> list[int]:
+    """Rows of the angles that friction acts on."""
+    return list(arms.environment.batch.program.model.table.reshape(-1, PLACES)[:, PLACE.friction])
+
+
 RUBS = [
     pytest.param(ONE, {"arm": rough()}, 1e-12, id="one link"),
     pytest.param(ONE, {"arm": rough(friction_side="link")}, 1e-12, id="link's side"),
@@ -269,6 +273,49 @@ RUBS = [
 ]
 
 
+SLIDES = [
+    pytest.param(ONE, {"arm": "strip_geared", "parameters": True}, id="one link"),
+    pytest.param(TWO, {"arm": rough(2)}, id="two links", marks=pytest.mark.slow),
+    pytest.param(ONE, {"arm": bare(rough()), "tolerance": 1e-15, **EXACT}, id="exact beam", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("env_id", "keywords"), SLIDES)
+def test_sliding_joints_from_both_sides(env_id: str, keywords: dict[str, Any]) -> None:
+    """Where joints slide a period is smooth: differences ahead alone and behind alone, of sixth order (of second where
+    accelerations are as fine as the solver's tolerance makes them), are both the Jacobian to 1e-6 of it; cotangents are
+    pulled back to what it gives."""
+    stiff = "formulation" in keywords
+    weights = (-90.0, 120.0, -30.0) if stiff else (-147.0, 360.0, -450.0, 400.0, -225.0, 72.0, -10.0)
+    arms, rng = Arms(env_id, 9, **{"tolerance": 1e-12, **keywords}), np.random.default_rng(4)
+    rates = [arms.names.index(f"v[{row}]") for row in rows_of_friction(arms)]
+    state, push = arms.reset(seed=0), 0.7 + rng.uniform(0.0, 0.2, (5, 9, arms.action_size))
+    for action in push[:4]:
+        state = arms.step(state, action)[0]
+    found = arms.jacobians(state, push[4])
+    assert abs(state[:, rates]).min() > 0.1 and abs(found.state[:, rates]).min() > 0.1
+    both, sides = np.concatenate([state, push[4]], axis=1), np.zeros((2, *found.moved.shape))
+    there = np.maximum(1e-2, np.abs(after(arms, state, push[4])).max(axis=0))
+    for j, k in enumerate([*range(arms.moving), *range(arms.state_size, both.shape[1])]):
+        e = 1e-4 / max(1e-3, (np.abs(found.moved[:, :, j]).max(axis=0) / there).max())
+        if stiff:
+            e = min(900.0 * e, 1e-6)
+        for side, way in zip(sides, (e, -e), strict=True):
+            for m, weight in enumerate(weights):
+                x = both.copy()
+                x[:, k] += m * way
+                moved = after(arms, x[:, : arms.state_size], x[:, arms.state_size :])
+                side[:, :, j] += weight / (60.0 * way) * moved
+    size = np.linalg.norm(found.moved, axis=(1, 2))
+    for side in sides:
+        assert (np.linalg.norm(found.moved - side, axis=(1, 2)) / size).max() < 1e-6
+    if arms.backwards:
+        bars = [rng.normal(size=values.shape) for values in found[:3]]
+        for one, other in zip(arms.pull(state, push[4], *bars), found.pull(*bars), strict=True):
+            assert abs(one - other).max() < (1e-9 if stiff else 1e-11) * abs(other).max()
+    arms.close()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "keywords", "most"), RUBS)
 def test_friction_backwards(env_id: str, keywords: dict[str, Any], most: float) -> None:
@@ -277,8 +324,7 @@ def test_friction_backwards(env_id: str, keywords: dict[str, Any], most: float) 
     from its start those of differences, whose steps are so small that no joint stops in another one."""
     arms, rng = Arms(env_id, 33, **{"tolerance": 1e-12, **keywords}), np.random.default_rng(0)
     assert arms.backwards
-    table = arms.environment.batch.program.model.table.reshape(-1, PLACES)
-    rates = [arms.names.index(f"v[{row}]") for row in table[:, PLACE.rubs]]
+    rates = [arms.names.index(f"v[{row}]") for row in rows_of_friction(arms)]
 
     def drawn(periods: int) -> Array:
         """Four of five, by chance, are hardly more than friction."""

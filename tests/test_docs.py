@@ -131,7 +131,7 @@ def test_every_public_name_has_a_docstring() -> None:
             bare.append(name)
         for node in public(tree.body):
             inner = public(node.body) if isinstance(node, ast.ClassDef) else []
-            overridden = {"torques", "begin", "applied"}  # of `control.Controller`, which describes them
+            overridden = {"torques", "initialise", "predict"}  # of `control.Controller`, which describes them
             overridden |= {"value", "slopes"}  # of a cost of `control.ilqr`
             overridden |= {
                 "read",

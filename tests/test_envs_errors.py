@@ -13,6 +13,7 @@ import pytest
 from flexarm_env import arms
 from flexarm_env.envs.flexible_arm import FlexibleArmVectorEnv
 from tests.env_tools import IDS, MULTI, assert_same, rich
+from tests.refusals import refuses
 
 ONE, TWO = IDS
 THREE = arms.named("three_strips")
@@ -78,10 +79,16 @@ def test_a_wrong_argument_is_named(env_id: str, kwargs: dict[str, Any], words: t
     assert all(word in str(error.value) for word in words), error.value
 
 
+@pytest.mark.parametrize("many", [10**9, 10**400])
+def test_more_arms_than_memory_holds_are_refused(many: int) -> None:
+    """Before any is made: a system that promises room ends whoever fills it."""
+    with pytest.raises(ValueError, match=r"must be at most \d+ GB, this machine's memory: take fewer \(num_envs\)"):
+        gym.make_vec(ONE, num_envs=many)
+
+
 @pytest.mark.parametrize("wrong", [{"num_envs": 0}, {"threads": 0}, {"autoreset_mode": "Never"}])
 def test_a_wrong_argument_of_a_vector_is_named(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        FlexibleArmVectorEnv(**{"num_envs": 2} | wrong)
+    refuses(next(iter(wrong)), lambda: FlexibleArmVectorEnv(**{"num_envs": 2} | wrong))
 
 
 # ---------------------------------------------------------------------------------------- nothing is changed
@@ -104,6 +111,8 @@ OPTIONS: list[tuple[str, int, Any, tuple[str, ...]]] = [
     (TWO, 0, {"colour": 1}, ("options.colour", "target", "motion")),
     (TWO, 0, {"target": [0.99, 0.99]}, ("options.target", "within reach")),
     (TWO, 0, {"target": [0.5, math.nan]}, ("options.target[1]", "finite")),
+    (ONE, 0, {"start": 10**400}, ("options.start", "finite")),
+    (TWO, 0, {"target": [0.5, 10**400]}, ("options.target[1]", "finite")),
     (TWO, 0, {"start": [0.0, 3.0]}, ("options.start[1] = 3.0", "limits")),
     (TWO, 0, {"start": 0.0}, ("options.start",)),
     (TWO, 0, {"motion": {"joint2": "robot_arm_motion"}}, ("options.motion.joint2", "joint1")),
@@ -134,16 +143,14 @@ def test_a_wrong_option_is_named_and_changes_nothing(env_id: str, n: int, option
 
 def test_a_target_is_the_reference_s_matter() -> None:
     env = gym.make(TWO, **rich(TWO))
-    with pytest.raises(ValueError, match=r"options\.target = .*track"):
-        env.reset(options={"target": [0.5, 0.0]})
+    refuses(r"options\.target = .*track", lambda: env.reset(options={"target": [0.5, 0.0]}))
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, [1, 2], [1, 2, "three"], [1, 2, -3]])
 def test_a_wrong_seed_changes_nothing(seed: Any) -> None:
     env = started(ONE, 3)
     before = remembered(env)
-    with pytest.raises(ValueError, match="seed"):
-        env.reset(seed=seed)
+    refuses("seed", lambda: env.reset(seed=seed))
     assert_same(before, remembered(env))
 
 
@@ -156,8 +163,7 @@ def test_a_wrong_seed_changes_nothing(seed: Any) -> None:
 def test_an_action_of_a_wrong_shape_or_kind_moves_nothing(env_id: str, n: int, action: Any) -> None:
     env = started(env_id, n)
     before = remembered(env)
-    with pytest.raises(ValueError, match="action"):
-        env.step(action)
+    refuses("action", lambda: env.step(action))
     assert_same(before, remembered(env))
 
 

@@ -15,6 +15,7 @@ from flexarm_env.parameters import Arm, Joint, Motor
 from flexarm_env.rigid import inertia_beyond
 from flexarm_env.time_functions import steps
 from tests.env_tools import assert_same
+from tests.scene_tools import everything
 
 ONE, TWO = "FlexibleArm-v0", "TwoLinkFlexArm-v0"
 MOTOR = Motor(torque_constant=0.05, resistance=2.0, current_limit=1.2, voltage_limit=12.0)
@@ -164,7 +165,6 @@ def test_friction_under_torques_that_jump_keeps_the_books(
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["elastica", "floating_frame"])
 def test_three_joints_stick_and_slip_together(formulation: str) -> None:
     """Torques below friction move none of them, to the last bit; above it, books close."""
@@ -190,7 +190,7 @@ def test_friction_under_torques_that_jump_is_that_of_short_steps(formulation: st
     arm, period = geared("strip", RUBBED[0][1]), 0.02
     torques = 2.0 * np.random.default_rng(1).choice([-1.0, 1.0], 60)
     pushes = JointTorque(0, steps(period * np.arange(60), torques))
-    scene = Scene("pushed", arm, duration=60 * period, dt=2.5e-4, sample=period, loads=(pushes,))
+    scene = everything(Scene("pushed", arm, duration=60 * period, dt=2.5e-4, sample=period, loads=(pushes,)))
     right = simulate(scene, "elastica", tolerance=1e-9, estimate_error=False)
     assert right.status == "ok"
     for dt, off in ((period / 8.0, 3e-3), (period / 32.0, 1e-3)):

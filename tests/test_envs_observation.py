@@ -204,7 +204,7 @@ def test_a_policy_is_held_to_its_observation() -> None:
     assert len({setup.layout for setup in setups}) == 5
     assert [setup.size for setup in setups] == [6, 18, 5, 15, 1]
     weights = [(np.ones((15, 1), np.float32), np.zeros(1, np.float32))]
-    meta = {"env_id": ONE, "layout": setups[3].layout, "activation": "tanh", "squash": True}
+    meta = {"env_id": ONE, "env_kwargs": {}, "layout": setups[3].layout, "activation": "tanh", "squash": True}
     policy = control.NumpyPolicy(meta, weights)
     policy.check(setups[3])
     with pytest.raises(ValueError, match="5 entries, other names or scales"):

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from flexarm_env.linear import NoEquilibrium, UnstableEquilibrium, linearize, modes, static_equilibrium
-from flexarm_env.parameters import Elbow, Payload, Section
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import JointTorque, PointLoad, Scene
 from flexarm_env.time_functions import constant
 from tests.linear_tools import EXACT, FULL, at_rest, every, one_link, two_links
@@ -98,7 +98,7 @@ def buckled(share: float) -> tuple[float, float, float]:
     return 2.0 * ellipe(k * k) / root - 1.0, 2.0 * k / root, 2.0 * np.arcsin(k)
 
 
-@every(COLUMN)
+@every(COLUMN, slow=("geometrically_exact", "floating_frame"))
 @pytest.mark.parametrize("side", [1e-6, 0.03, -0.03])
 def test_a_column_bends_to_the_side_of_its_side_load(side: float, formulation: str, options: dict[str, Any]) -> None:
     simulation = static_equilibrium(column(side), formulation, **options)
@@ -129,7 +129,39 @@ def test_an_unstable_column_says_so(formulation: str, options: dict[str, Any]) -
     assert modes(safe, 1, clamped=True).growing == 0
 
 
-@every([*COLUMN[:2], ("elastica", {"nodes": 12})])
+SOFT = Section(EI=1.0, EA=1e5, C=5e4, m=0.795)
+TURNED: dict[str, tuple[tuple[Link, ...], complex, complex]] = {
+    "overloaded column": ((Link(1.0, SOFT),), -10.0 + 0.0j, 0.0j),
+    "column beside its load": ((Link(1.0, SOFT),), -10.0 + 0.0j, 1e-5j),
+    "cantilever": ((Link(1.0, SOFT),), 0.0j, 3.0 - 4.0j),
+    "curved": ((Link(1.0, SOFT, curvature=0.8),), -6.0j, 1.0j),
+    "two links": ((Link(0.6, SOFT), Link(0.4, SOFT)), 2.0 - 5.0j, 0.5j),
+}
+"""Links, gravity (m/s^2) and a load at the tip (N) in the arm's own axes."""
+
+
+@every(COLUMN, slow=("geometrically_exact", "floating_frame"))
+@pytest.mark.parametrize("name", TURNED)
+def test_the_same_problem_turned_is_the_same_answer(name: str, formulation: str, options: dict[str, Any]) -> None:
+    """At seven angles: cos(pi/2) = 6e-17 is no side load."""
+    links, gravity, force = TURNED[name]
+    arm, found = Arm(name, links), []
+    for angle in (0.0, np.pi / 2, np.pi, -np.pi / 2, 0.7, -2.7, 1e-3):
+        way = np.exp(1j * angle) if angle else 1.0 + 0.0j
+        load, g = force * way, gravity * way
+        scene = Scene(
+            name, arm, duration=1.0, dt=0.01, angles=(angle,) * len(links), gravity=(g.real, g.imag),
+            loads=(PointLoad(len(links) - 1, "tip", constant(load.real), constant(load.imag)),),
+        )  # fmt: skip
+        rest = static_equilibrium(scene, formulation, require_stable=False, **options)
+        x, y, psi = rest.observe()[0][-1, 6:9]
+        tip = (x + 1j * y) * np.conj(way)
+        found.append([tip.real, tip.imag, psi - angle, *rest.joint_torques(), rest.stability.negative, rest.followed])
+    np.testing.assert_allclose(found, np.tile(found[0], (7, 1)), rtol=1e-5, atol=1e-6)
+    assert found[0][-2] == (1.0 if name == "overloaded column" else 0.0)
+
+
+@every([*COLUMN[:2], ("elastica", {"nodes": 12})], slow=("geometrically_exact", "floating_frame"))
 @pytest.mark.parametrize("circles", [1, 2])
 def test_an_end_moment_winds_the_arm_into_circles(circles: int, formulation: str, options: dict[str, Any]) -> None:
     moment = 2.0 * np.pi * circles  # EI = L = 1: the curvature
@@ -143,7 +175,7 @@ def test_an_end_moment_winds_the_arm_into_circles(circles: int, formulation: str
     assert simulation.followed == 1.0
 
 
-@every(COLUMN)
+@every(COLUMN, slow=("geometrically_exact", "floating_frame"))
 def test_a_start_near_a_ridge_sinks(formulation: str, options: dict[str, Any]) -> None:
     """From 1e-5 rad beside upright Newton's iteration alone ends upright, which is no place to rest."""
     scene = at_rest(one_link(), gravity=(0.0, -0.5), angles=(np.pi / 2 - 1e-5,))
@@ -152,13 +184,14 @@ def test_a_start_near_a_ridge_sinks(formulation: str, options: dict[str, Any]) -
     assert simulation.stability.stable
 
 
-@every(COLUMN)
+@every(COLUMN, slow=("geometrically_exact",))
 def test_loads_beyond_all_measure_end_in_a_sentence(formulation: str, options: dict[str, Any]) -> None:
     scene = at_rest(one_link(), loads=(PointLoad(0, "tip", torque=constant(1e9)),))
     with pytest.raises(NoEquilibrium, match=r"the loads are too large|larger than a floating body can have"):
         static_equilibrium(scene, formulation, **options)
 
 
+@pytest.mark.slow
 def test_two_links_held_bend_the_way_of_their_load() -> None:
     """A chain with held joints is one beam: the same stable rest, and the elbow's holding torque."""
     P = 1.152 * np.pi**2 / 16.0  # Euler's load of two lengths

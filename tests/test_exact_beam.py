@@ -11,6 +11,7 @@ from benchmarks import converged
 from flexarm_env import simulate
 from flexarm_env.arms import named as named_arm
 from flexarm_env.comparison import tip_error
+from flexarm_env.compiler import uncompiled
 from flexarm_env.compiler.lanes import EIGHT, SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.exact.build import build
@@ -31,7 +32,7 @@ from .oracle_exact import tips
 
 
 def exact(scene: Scene, **options: Any) -> Any:
-    run = simulate(scene, "geometrically_exact", **options)
+    run = simulate(everything(scene), "geometrically_exact", **options)
     assert run.status == "ok", run.message
     return run
 
@@ -59,7 +60,7 @@ def test_converged_solutions(name: str, elements: int, dt: float, bound: float, 
     two scenes need 8 elements (5: 0.023 and 0.037). `two_link_motion` turns stiff links (44 rad/s, then 279) by 1.5 rad
     in 0.5 s: no mesh, a smaller step is what it needs (0.005: 0.036), or steps that keep the period (0.005: 0.017)."""
     scene = named(name)
-    run = exact(everything(scene) if scene.loads else scene, dt=dt, elements=elements, **more)
+    run = exact(scene, dt=dt, elements=elements, **more)
     assert converged.tip_error(name, run.t, run.tip) <= bound
     if name in reference_names():
         assert tip_error(run.t, run.tip, reference(name).columns).max_tip_error <= bound
@@ -88,7 +89,7 @@ def test_energy_of_free_flight_over_many_steps() -> None:
 
 
 def test_centre_of_mass_of_the_flying_rod() -> None:
-    scene = everything(named("flying_rod"))
+    scene = named("flying_rod")
     run = exact(scene, dt=0.005, sample=0.5, elements=5)
     section = scene.arm.links[0].section
     p = 3 * 2  # rows of an element
@@ -150,6 +151,7 @@ def test_second_order_in_time() -> None:
     assert np.log2(errors[1] / errors[2] * (15 / 63) * 4) == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_two_links_against_finite_differences() -> None:
     """Hub and elbow torques, elbow mass and inertias, payload, large deflection; the other solution shares no code."""
     soft = Section(EI=400.0, EA=8e3, C=6e3, m=1.0, J=0.5)
@@ -182,9 +184,9 @@ def swing(
     scene = Scene("s", arm, duration=1.0, dt=dt)
     s = build(scene, Settings.make("geometrically_exact", elements=3, dt=dt))
     count, rule = len(lane), scheme(0.7, None, tolerance)
-    flat = aligned(getattr(work_size, "py_func", work_size)(count, s.model, 0))
+    flat = aligned(uncompiled(work_size)(count, s.model, 0))
     flat[:] = 0.0
-    w = getattr(unpack, "py_func", unpack)(lane, s.model, flat, 0)
+    w = uncompiled(unpack)(lane, s.model, flat, 0)
     w.q[:], par = np.repeat(s.q0, count), np.repeat(s.par, count)
     for k, torque in enumerate(torques):
         w.u0[:] = w.u
@@ -244,7 +246,7 @@ def test_a_torque_on_hardly_any_rotary_inertia_asks_for_no_halving() -> None:
     load = PointLoad(0, "root", pulse(0.1, 1.5), None, pulse(-0.06, 1.5))
     for dt in (0.036, 0.009):
         scene = Scene("thrown", arm, duration=2.0, dt=dt, sample=0.1, root="free", angles=(0.0, 0.0), loads=(load,))
-        run = exact(everything(scene), elements=4, rho_inf=0.9)
+        run = exact(scene, elements=4, rho_inf=0.9)
         assert run.halvings == 0 and run.iterations < 6 * run.steps
 
 

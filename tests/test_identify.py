@@ -99,6 +99,7 @@ def test_the_truth_lies_in_the_intervals(fitted: tuple[Any, Path]) -> None:
     assert found.baseline[1].vaf["strain_gauge_1"] > 80.0
 
 
+@pytest.mark.slow
 def test_what_is_a_nuisance_stays_with_the_fitted_log(fitted: tuple[Any, Path], tmp_path: Path) -> None:
     """A gauge that was read by another amplifier in the fitted run alone."""
     folder = fitted[1]
@@ -275,6 +276,7 @@ def test_a_bad_log_is_a_sentence(fitted: tuple[Any, Path], tmp_path: Path, how: 
     assert says in str(caught.value) and "bad.csv" in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_swapped_columns_are_no_good_fit(fitted: tuple[Any, Path], tmp_path: Path) -> None:
     table = np.genfromtxt(fitted[1] / "one.csv", delimiter=",", names=True)
     bad = write(tmp_path / "bad.csv", {"t": table["t"], "strain": table["hub"], "hub": table["strain"]})
@@ -313,6 +315,13 @@ def test_cells_of_other_columns_do_not_matter(fitted: tuple[Any, Path], tmp_path
         (("skip = 0.5", "skip = -1.0"), "skip = -1.0: must be"),
         (('"payload.mass"', '"payload.weight"'), 'parameters."payload.weight"'),
         (('"tau_d" =', '"tau d" ='), "must be a key path"),
+        (("low = 1.0, high", "low = -1.0, high"), '"links[0].section.EI".low = -1.0: must be a value that the arm can'),
+        (("low = 0.01, high", "low = -0.01, high"), "payload.mass = -0.01: must"),
+        (("links[0].section.EI", "links[9].section.EI"), "= 'links[9].section.EI': must be links[0] to links[0]"),
+        (('EI" = { name', 'EJ" = { start = 2.0, name'), "unknown key 'EJ' of links[0].section; allowed: C, EA, EI"),
+        (('links[0].section.EI"', 'links[0].section"'), "must be the key path of a number, which links[0].section is"),
+        (('"tau_d" = {', '"joints[0].motor.resistance" = {'), 'resistance".start: missing; the arm has no value'),
+        (('"tau_d" = {', '"elbows[0].mass" = { start = 0.01,'), "'elbows[0].mass': there are no elbows"),
         (("low = 1.0, high = 30.0", "low = 30.0, high = 1.0"), "must have low < high"),
         (("low = 1.0, high = 30.0", "low = 20.0, high = 30.0"), '"links[0].section.EI".start = '),
         (('column = "hub"', 'column = "hub", unit = "furlong"'), "inputs.joint0.unit = 'furlong'"),
@@ -322,7 +331,7 @@ def test_a_wrong_config_is_a_sentence(fitted: tuple[Any, Path], change: tuple[st
     assert change[0] in CONFIG
     with pytest.raises(ValueError) as caught:
         identify("strip", CONFIG.replace(*change), [fitted[1] / "one.csv"])
-    assert says in str(caught.value)
+    assert says in str(caught.value) and "None" not in str(caught.value)
 
 
 # ------------------------------------------------------------------------------------------------ drives, free decay

@@ -64,11 +64,22 @@ def strip(**changes: Any) -> Arm:
     return dataclasses.replace(arm, links=(link,), payload=payload, hub_inertia=0.01, tau_d=0.004, **changes)
 
 
+def low(path: str) -> float:
+    """A bound that an arm can have, far from where anything is looked at."""
+    signed = path.startswith(("gravity", "loads")) or path.endswith(("shift", "inputs.joint0.offset"))
+    return -99.0 if signed else 0.0 if path.endswith(("delay", "offset", "tau_d")) else 1e-6
+
+
+def high(path: str) -> float:
+    """The other bound."""
+    return {"place": 0.3, "delay": 0.1, "frequency": 60.0, "EA": 1e9, "C": 1e9}.get(path.rpartition(".")[2], 1e3)
+
+
 def experiment(
     paths: tuple[str, ...], drive: str, arm: Arm | None = None, solver: str = "nodes = 4", tolerance: str = "1e-12"
 ) -> Experiment:
     arm = strip() if arm is None else arm
-    entries = "".join(f'"{path}" = {{ low = -99.0, high = 1e9, size = 0.1 }}\n' for path in paths)
+    entries = "".join(f'"{path}" = {{ low = {low(path)}, high = {high(path)}, size = 0.1 }}\n' for path in paths)
     config = read_config(STRIP % (drive, tolerance, solver) + entries, arm)
     made = Experiment(arm, config, config.chosen())
     sized = tuple(dataclasses.replace(p, size=abs(x) or 0.5) for p, x in zip(made.parameters, made.start, strict=True))

@@ -19,6 +19,7 @@ from flexarm_env.physics.floating.constants import finite_element_body
 from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import simulate
+from tests.refusals import refuses, says
 from tests.scene_tools import everything
 
 THICK = Section(EI=2.0, EA=2e7, C=7e6, m=0.3)
@@ -223,9 +224,7 @@ section = [
     ],
 )
 def test_a_refusal_names_what_is_wrong(make: Any, message: str) -> None:
-    with pytest.raises(ValueError) as caught:
-        make()
-    assert message in str(caught.value)
+    says(message, make)
 
 
 KEPT = Link(0.6, THICK, tau_d=4e-3), Link(0.4, THICK, tau_d=4e-3)
@@ -264,8 +263,11 @@ ENDED = Link(
 
 
 def ritz_frequencies(arm: Arm, count: int, hinged: bool) -> Any:
-    """Of the straight arm's small motions across it, from its energies: each link a rigid turn and polynomials."""
-    degree, n = 9, arm.n_links
+    """Of the straight arm's small motions across it, from its energies: each link a rigid turn and polynomials.
+
+    Of a higher degree their masses are not told apart in double precision.
+    """
+    degree, n = 7, arm.n_links
     size = n * (degree + 1)
     M, K = np.zeros((size, size)), np.zeros((size, size))
 
@@ -376,8 +378,7 @@ def test_rigid_inertia_with_rigid_ends() -> None:
 
 
 def test_where_rigid_ends_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"^tip_offset = -0.1: must be a number, zero or positive \(m\)"):
-        Link(1.0, THICK, tip_offset=-0.1)
+    refuses(r"^tip_offset = -0.1: must be a number, zero or positive \(m\)", lambda: Link(1.0, THICK, tip_offset=-0.1))
     arm = Arm("a", (ENDED,))
     with pytest.raises(ValueError, match=r"^links\[0\]\.root_offset = 0.12: must be 0 with multipliers=True"):
         assemble(scene(arm), Settings.make(multipliers=True))

@@ -58,13 +58,13 @@ def test_the_estimate_becomes_the_state(geared):
         to_go = np.array([[goal - angle]])
         if k == 0:
             controller.goal, controller.step = np.array([[goal]]), 0
-            controller.begin(signals, to_go)
+            controller.initialise(signals, to_go)
         torque = np.clip(controller.torques(signals, to_go), -2.0, 2.0)
         about = x - goal * d.rigid[: len(x), 0]
         half = len(x) // 2
         off.append([np.abs(part).max() for part in np.split(controller.z[0, : len(x)] - about, [half])])
         wrong = controller.z[0, -1] - bias
-        controller.applied(torque)
+        controller.predict(torque)
         controller.step += 1
         simulation.set_torques(torque[0])
         assert simulation.advance_to((k + 1) * setup.control_dt)

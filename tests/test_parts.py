@@ -1,133 +1,231 @@
-"""A kernel is optimised once, as a whole; what it calls is a part of it until Python calls that too."""
+"""Kernels as their users meet them: called from Python and from kernels, from disk, beside others' functions."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numba import config
-from numba.core.caching import NullCache
-from numba.core.registry import CPUDispatcher
 
-from flexarm_env.compiler.decorator import kernel
-from flexarm_env.compiler.private import MODE
-from flexarm_env.compiler.whole import KernelDispatcher, PartMarker
+from flexarm_env.compiler import UNCOMPILED, kernel, uncompiled
 from tests.processes import python
 
-pytestmark = pytest.mark.skipif(
-    bool(config.DISABLE_JIT) or MODE == "plain", reason="nothing is compiled, or nothing in parts"
-)
+compiled_only = pytest.mark.skipif(UNCOMPILED, reason="nothing is compiled")
 
 
-def _square(x):
+@kernel
+def inner(x):
     return x * x + 1.0
 
 
-def _sum(x):
+@kernel
+def middle(x):
     total = 0.0
     for k in range(x.shape[0]):
-        total += _inner(x[k])
+        total += inner(x[k])
     return total
 
 
-def _both(x):
-    return _middle(x) + np.sum(x)
+@kernel
+def outer(x):
+    return middle(x) + x[0]
 
 
-_inner, _middle, _outer = kernel(_square), kernel(_sum), kernel(_both)
+class Pair(NamedTuple):
+    first: Any
+    second: Any
 
 
-def _whole(function: object) -> list[bool]:
-    """For each compiled form, whether it can be run (and was optimised)."""
-    forms = function.overloads.values()
-    return [not isinstance(form.entry_point, PartMarker) for form in forms]
+@kernel
+def swapped(pair, factor=2.0):
+    return Pair(pair.second * factor, pair.first)
 
 
-def test_whole_and_parts() -> None:
-    for function in (_inner, _middle, _outer):
-        function._cache = NullCache()  # whatever the disk holds
+def test_called_from_python_and_from_kernels() -> None:
     x = np.array([1.0, 2.0, 3.0])
-    assert _outer(x) == 17.0 + 6.0
-    assert _whole(_outer) == [True] and _whole(_middle) == [False] and _whole(_inner) == [False]
-    assert _middle(x) == 17.0  # compiled once more, now whole
-    assert _whole(_middle) == [True] and _whole(_inner) == [False]
-    assert _inner(2.0) == 5.0
-    assert _outer(x) == 23.0
+    assert outer(x) == 18.0 and middle(x) == 17.0 and inner(2.0) == 5.0 and outer(x) == 18.0
+    assert swapped(Pair(1.0, 3.0)) == Pair(6.0, 1.0) and type(swapped(Pair(1.0, 3.0))) is Pair
+    assert swapped(Pair(1.0, 3), factor=1.5) == Pair(4.5, 1.0)
+    assert uncompiled(outer)(x) == 18.0
 
 
+@compiled_only
+def test_one_program_for_each_kind_of_arguments() -> None:
+    before = dict(middle.forms)
+    for x in (np.ones(2), np.ones(5), np.ones(5)):
+        middle(x)
+    assert len(middle.forms) <= len(before) + 1
+    with pytest.raises(TypeError, match="C-contiguous"):
+        middle(np.ones(6)[::2])
+    with pytest.raises(TypeError, match="argument 1 of middle"):
+        middle(object())
+
+
+@compiled_only
 def test_from_the_disk(tmp_path: Path) -> None:
     """A second process runs what the first has compiled, and compiles nothing."""
-    lines = "import numpy as np; from tests import test_parts as t; x = np.arange(3.0)"
-    lines += "; print(t._outer(x), t._middle(x), t._inner(2.0), sum(t._outer._cache_hits.values()))"
-    told = [python("-c", lines, NUMBA_CACHE_DIR=str(tmp_path)).stdout.split() for _ in range(2)]
-    assert told == [["11.0", "8.0", "5.0", "0"], ["11.0", "8.0", "5.0", "1"]]
+    (tmp_path / "kept.py").write_text(
+        "from flexarm_env.compiler import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x[1]\n"
+    )
+    lines = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import numpy as np; from kept import twice"
+    lines += "; print(twice(np.arange(3.0)), *(form.made for form in twice.forms.values()))"
+    told = [python("-c", lines, FLEXARM_CACHE_DIR=str(tmp_path / "objects")).stdout.split() for _ in range(2)]
+    assert told == [["2.0", made] for made in ("True", "False")]
 
 
-FOREIGN = """
-import sys
-import numba
-from flexarm_env.compiler.decorator import kernel
+# ------------------------------------------------------------------------------ others' functions
+class Elsewhere:
+    """What other compilers make of a function: callable, with Python's own behind it."""
 
-@numba.njit
-def plain(x, y):
-    return x / y + 1.0
+    def __init__(self, function: Any) -> None:
+        self.py_func, self.__name__ = function, function.__name__
+
+    def __call__(self, *items: Any) -> Any:
+        return self.py_func(*items)
+
+
+@Elsewhere
+def foreign(x):
+    return x / 3.0
+
+
+def bare(x):
+    return x / 3.0
+
 
 @kernel
-def same(x):
+def calls_foreign(x):
+    return foreign(x) + 1.0
+
+
+@kernel
+def calls_bare(x):
+    return bare(x) + 1.0
+
+
+@compiled_only
+@pytest.mark.parametrize(
+    ("caller", "sentence"),
+    [
+        (calls_foreign, "foreign is compiled by another compiler: a kernel calls kernels, so write @kernel above it"),
+        (calls_bare, "bare is no kernel and no word of the language: write @kernel above it"),
+    ],
+)
+def test_functions_that_are_no_kernels_are_refused(caller: Any, sentence: str) -> None:
+    """With file, line and what to write; called from Python they stay what they are."""
+    line = caller.function.__code__.co_firstlineno + 2
+    with pytest.raises(TypeError, match="is") as told:
+        caller(1.0)
+    text = str(told.value)
+    assert sentence in text and f"test_parts.py:{line}, in {caller.__name__}" in text
+    assert text.splitlines()[-1].strip() == f"return {caller.__name__.replace('calls_', '')}(x) + 1.0"
+    assert foreign(6.0) == bare(6.0) == 2.0
+
+
+# -------------------------------------------------------------------------------------- two modes
+WORDS = """
+from typing import NamedTuple
+import numpy as np
+from flexarm_env.compiler import *
+
+class Left(NamedTuple):
+    n: object
+    x: np.ndarray
+
+class Right(NamedTuple):
+    n: object
+    x: np.ndarray
+
+class World(NamedTuple):
+    x: np.ndarray
+    y: np.ndarray
+    number: float
+    z: np.ndarray
+
+@kernel
+def left(lane, model):
+    return 2.0
+
+@kernel
+def right(lane, model):
+    return 3.0
+
+FAMILY = Family("model")
+FAMILY.register(Left, factor=left)
+FAMILY.register(Right, factor=right)
+factor = FAMILY.function("factor", "lane, model")
+
+@kernel
+def one(x):
+    if isinstance(x, tuple):
+        return x[0]
     return x
 
+@unrolled
 @kernel
-def half(x):
-    return 0.5 * same(x)
+def squares(lane, model, out):
+    w = stack(lane, (0, 0))
+    for k in range(size(model.n)):
+        store(w, 0, load(lane, model.x, k) * 1.1)
+        s, c = sincos(load(lane, w, 0))
+        store(out, k, load(lane, out, k) + select_lt(s, c, s / 3.0, square_root(absolute(c))) * size(model.n))
 
-@numba.njit(cache=True)
-def kept(x, y):
-    return plain(x, y) * half(4.0)
+@traced
+def both(lane, order, x):
+    return [helped(load(lane, x, k)) for k in (0, len(order))]
 
-@numba.njit(inline="always")
-def inlined(x, y):
-    return x / y + 3.0
+def helped(x):
+    return -x * 0.3 + round_even(x)
 
 @kernel
-def caller(x, y):
-    return plain(x, y) + kept(x, y) + inlined(x, y)
+def everything(lane, model, out):
+    squares(lane, model, out)
+    first, second = both(lane, (0,), out)
+    store(out, 0, first * factor(lane, model) - maximum(second, first))
+    out[out.shape[0] - 1] = largest(first) + one(2.5) + one((1.5, 0)) + len(out[1:3])
 
-@numba.njit
-def around(x, y):
-    return caller(x, y) + 1.0
+for lane, kind, n in ((SINGLE, Left, 2), (SINGLE, Right, (0, 0)), (WIDEST, Right, (0, 0))):
+    x, out = np.random.default_rng(1).normal(size=24), np.ones(24)
+    if lane != SINGLE:
+        wide, flat = np.repeat(x, 8), np.ones(24 * 8)
+        everything(lane, kind(n, wide), flat)
+        out[:-1] = flat[:-8:8]  # the last number was one of all lanes
+        out[-1] = flat[-1]
+    else:
+        everything(lane, kind(n, x), out)
+    print(out.tobytes().hex())
 
-def ask_helpers():
-    return [f(6.0, 2.0) for f in (plain, kept, inlined)]
+@kernel
+def step(address, first, last):
+    p = follow(address)
+    for i in range(first, last):
+        p.x[i] += p.number * p.z[i]
+    return last - first
 
-def ask_kernel():
-    return [caller(6.0, 2.0), around(6.0, 2.0)]
-
-steps = (ask_kernel, ask_helpers) if sys.argv[1] == "kernel" else (ask_helpers, ask_kernel)
-print(*[x for step in (*steps, *steps) for x in step()])
-for f in (plain, kept, inlined):
-    try:
-        f(1.0, 0.0)
-    except ZeroDivisionError:
-        print("raised")
+same = np.arange(100.0)
+placed = Placed(World(np.zeros(100), same, 2.0, same))
+other = np.arange(100.0) + 1.0
+placed.replace("z", other)
+compiled = entry(step, placed, 0, 0)
+print(compiled(placed.address, 0, 10), placed.value.x[:11])
+print(compiled(placed.address, 10, 100), placed.value.x)
 """
-"""Somebody's own compiled functions, called from a kernel and from Python."""
+"""Every word of the compiler; two fields of `Placed` share an array, of which one is then replaced."""
 
 
-@pytest.mark.parametrize("first", ["kernel", "helpers"])
-def test_foreign_functions_stay_what_they_are(first: str, tmp_path: Path) -> None:
-    """Whoever is called first, and whether it comes from the disk: a foreign function gives what it always did."""
-    script, kernel_says, helpers_say = tmp_path / "foreign.py", ["18.0", "19.0"], ["4.0", "8.0", "6.0"]
-    script.write_text(FOREIGN, encoding="utf-8")
-    said = kernel_says + helpers_say if first == "kernel" else helpers_say + kernel_says
-    for _ in range(2):
-        told = python(script, first, NUMBA_CACHE_DIR=str(tmp_path)).stdout.split()
-        assert told == said + said + ["raised"] * 3
+def test_every_word_gives_the_same_bits_uncompiled(tmp_path: Path) -> None:
+    script = tmp_path / "words.py"
+    script.write_text(WORDS, encoding="utf-8")
+    own = {"FLEXARM_CACHE_DIR": str(tmp_path)}
+    told = [python(script, FLEXARM_COMPILER=mode, **own).stdout for mode in ("llvm", "python")]
+    assert told[0] == told[1] and "[ 2.  4.  6." in told[0], "the array that was put in the place of z is read"
 
 
-def test_every_allowed_numba_takes_the_dispatcher(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Numba before 0.62 compiles with the locals that it is given, and None is none."""
-    given = []
-    monkeypatch.setattr(CPUDispatcher, "__init__", lambda self, function, *options, **_: given.extend(options))
-    KernelDispatcher(_square)
-    assert given == [{}, {}]
+def test_nothing_loads_another_compiler(tmp_path: Path) -> None:
+    """Numba least of all, by which earlier releases were compiled; `tests.versions` tries where it is not installed."""
+    lines = "import sys, gymnasium as gym, flexarm_env; from flexarm_env import linear, named, simulate"
+    lines += "; env = gym.make('FlexibleArm-v0'); env.reset(seed=0); env.step(env.action_space.sample())"
+    lines += "; simulate(named('robot_arm_motion'), duration=0.01)"
+    lines += "; print('llvmlite' in sys.modules, [m for m in sys.modules if m.split('.')[0] in ('numba', 'cffi')])"
+    assert python("-c", lines).stdout.strip() == "True []"

@@ -45,7 +45,7 @@ def corrected(name: str, **options: Any) -> tuple[float, float]:
     return errors[0], errors[1]
 
 
-@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("order", [2, *(pytest.param(order, marks=pytest.mark.slow) for order in (1, 3))])
 def test_inertia_is_what_the_residual_has(order: int) -> None:
     scene = Scene("chain", CHAIN, duration=1.0, dt=0.01, loads=(PointLoad(1, "tip", force_y=constant(1.0)),))
     simulation = Simulation(everything(scene), scene.settings(EXACT, elements=2, order=order, period_correction=True))
@@ -145,7 +145,7 @@ def test_spectral_radius(rho: float) -> None:
 @pytest.mark.parametrize(
     ("name", "options", "gain"),
     [
-        ("robot_arm_motion_smooth", {"elements": 8, "dt": 0.05}, 15.0),
+        pytest.param("robot_arm_motion_smooth", {"elements": 8, "dt": 0.05}, 15.0, marks=pytest.mark.slow),
         ("robot_arm_torque", {"elements": 16, "dt": 0.02}, 3.0),
         ("flying_rod", {"elements": 12, "dt": 0.05}, 3.0),
         ("two_link_free_flight", {"elements": 8, "dt": 0.005}, 5.0),
@@ -166,6 +166,7 @@ def test_it_costs_few_iterations() -> None:
         assert counts[1] <= 1.35 * counts[0]
 
 
+@pytest.mark.slow
 def test_energy_stays_near_over_many_steps() -> None:
     """flying_rod after its loads, undamped: the energy wobbles at second order and does not grow."""
     scene, wobble = everything(scenes.named("flying_rod")), []

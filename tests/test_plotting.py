@@ -14,6 +14,7 @@ from flexarm_env import plotting
 from flexarm_env.scenes import named, reference
 from flexarm_env.simulation import simulate
 from flexarm_env.trajectory import Trajectory
+from tests.refusals import refuses
 from tests.scene_tools import everything
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -96,8 +97,7 @@ def test_formats(ending: str, start: bytes, runs: dict[str, Trajectory], tmp_pat
 
 
 def test_wrong_format_leaves_nothing(runs: dict[str, Trajectory], tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="abc"):
-        plotting.plot_energies(runs["free"], tmp_path / "run.abc")
+    refuses("abc", lambda: plotting.plot_energies(runs["free"], tmp_path / "run.abc"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -109,8 +109,7 @@ def test_comparison(runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: 
     assert "distance of the tip from the reference (m)" in texts(drawn[0])
     assert len(drawn[0].axes[2].lines) == 2
     assert len(drawn[1].axes[2].lines) == 1  # the first run stands for the reference
-    with pytest.raises(ValueError, match="at least one run"):
-        plotting.plot_comparison({}, tmp_path / "c.png")
+    refuses("at least one run", lambda: plotting.plot_comparison({}, tmp_path / "c.png"))
 
 
 def test_runs_that_lie_on_each_other_are_all_seen(
@@ -159,8 +158,7 @@ def test_spectrum_of_a_sine() -> None:
     frequency, amplitude = plotting.spectrum(t, 3.0 + 0.7 * np.sin(2 * np.pi * 4.0 * t))
     assert frequency[amplitude.argmax()] == pytest.approx(4.0, abs=0.05)
     assert amplitude.max() == pytest.approx(0.7, rel=0.01)
-    with pytest.raises(ValueError, match="evenly spaced"):
-        plotting.spectrum(t**2, t)
+    refuses("evenly spaced", lambda: plotting.spectrum(t**2, t))
 
 
 def test_spectrum_finds_the_arms_frequency(runs: dict[str, Trajectory], drawn: list[Figure], tmp_path: Path) -> None:

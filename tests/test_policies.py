@@ -43,3 +43,27 @@ def test_packaged_policies_equal_their_models(name):
     assert (best / "policy.npz").read_bytes() == (families.PACKAGED / name / "policy.npz").read_bytes()
     model, normaliser = load_model(best, read_run(best)["algorithm"])
     assert export_policy.difference(control.load_policy(name), model, normaliser) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "keywords", "says"),
+    [
+        ("two_link_robust", {"action_mode": "residual_pd"}, r"residual_share = 1\.5; .* is 0\.7"),
+        ("two_link_robust", {}, "action_mode = 'residual_pd'; .* is 'torque'"),
+        ("two_link_torque", {"action_mode": "residual_pd"}, "action_mode = 'torque'; .* is 'residual_pd'"),
+    ],
+)
+def test_a_policy_whose_actions_mean_other_torques_is_refused(name, keywords, says):
+    """Observations are the same in all of these."""
+    policy = control.load_policy(name)
+    setup = control.Setup.of(gym.make("TwoLinkFlexArm-v0", **keywords))
+    with pytest.raises(ValueError, match=says):
+        policy.check(setup)
+
+
+def test_a_policy_that_names_no_share_was_trained_with_the_usual_one():
+    policy = control.load_policy("two_link_robust")
+    del policy.meta["env_kwargs"]["residual_share"]
+    policy.check(control.Setup.of(gym.make("TwoLinkFlexArm-v0", action_mode="residual_pd")))
+    with pytest.raises(ValueError, match=r"residual_share = 0\.7; .* is 1\.5"):
+        policy.check(control.Setup.of(gym.make("TwoLinkFlexArm-v0", action_mode="residual_pd", residual_share=1.5)))

@@ -20,6 +20,7 @@ import pygame
 from flexarm_env.envs import drawing, rendering
 from flexarm_env.envs.rendering import Renderer, rigid_arm
 from tests.processes import python
+from tests.refusals import refuses
 
 Picture = NDArray[np.uint8]
 
@@ -148,8 +149,7 @@ def test_copies_draw_alike() -> None:
     [("ascii", 1.0, "render_mode = 'ascii': must be one of human, rgb_array"), ("human", 0.0, "reach = 0.0: must be")],
 )
 def test_wrong_arguments(mode: str, reach: float, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        Renderer(mode, reach)
+    refuses(words, lambda: Renderer(mode, reach))
 
 
 # -------------------------------------------------------------------- geometry
@@ -260,18 +260,15 @@ def test_films(ending: str, tmp_path: Path) -> None:
 def test_a_film_is_whole_or_absent(tmp_path: Path) -> None:
     from flexarm_env.envs.video import write_film
 
-    with pytest.raises(ValueError, match=r"must end with one of \.mp4"):
-        write_film(tmp_path / "film.txt", moving(1))
-    with pytest.raises(ValueError, match="must hold one picture or more"):
-        write_film(tmp_path / "film.mp4", [])
+    refuses(r"must end with one of \.mp4", lambda: write_film(tmp_path / "film.txt", moving(1)))
+    refuses("must hold one picture or more", lambda: write_film(tmp_path / "film.mp4", []))
     (tmp_path / "film.gif").write_text("old")
 
     def broken() -> Any:
         yield from moving(2)
         raise RuntimeError("the run broke")
 
-    with pytest.raises(RuntimeError, match="the run broke"):
-        write_film(tmp_path / "film.gif", broken())
+    refuses("the run broke", lambda: write_film(tmp_path / "film.gif", broken()), RuntimeError)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("film.gif", "old")]
 
 
@@ -284,8 +281,7 @@ def test_pictures_of_a_run() -> None:
     film = list(pictures(run, fps=25, speed=0.5, size=(160, 160)))
     assert len(film) == 21 and all(frame.shape == (160, 160, 3) for frame in film)
     assert len(list(pictures(run, fps=25, speed=2.0, size=(160, 160)))) == 6
-    with pytest.raises(ValueError, match="speed = 0: must be a positive number"):
-        next(pictures(run, speed=0))
+    refuses("speed = 0: must be a positive number", lambda: next(pictures(run, speed=0)))
 
 
 def test_bars_keep_their_scale_and_hold_what_they_say() -> None:
@@ -341,6 +337,7 @@ def test_a_film_that_finds_no_room_is_a_sentence(ending: str, tmp_path: Path) ->
     pytest.importorskip("imageio_ffmpeg")
     film = tmp_path / f"film{ending}"
     done = python("-c", CROWDED, film, code=2)
-    assert done.stderr.startswith(f"flexarm play: {film}: the film could not be written: ")
-    assert done.stderr.count("\n") == 1
+    said = [line for line in done.stderr.splitlines() if line.startswith("flexarm play")]
+    assert len(said) == 1 and said[0].startswith(f"flexarm play: {film}: the film could not be written: ")
+    assert "Traceback" not in done.stderr
     assert not list(tmp_path.iterdir())

@@ -95,11 +95,17 @@ def test_wrong_shapes_are_told(arms: Arms) -> None:
     run = gone(arms, 3)
     with pytest.raises(ValueError, match=r"actions.shape = \(9, 1\): must be \(T, 9, 1\)"):
         arms.rollout(run.states[0], run.actions[0])
+    for value in (np.nan, np.inf):
+        actions = run.actions.copy()
+        actions[2, 1, 0] = value
+        with pytest.raises(ValueError, match=rf"actions\[2, 1, 0\] = {value}: must be finite"):
+            arms.rollout(run.states[0], actions)
+        arms.step(run.states[2], actions[2])
+        assert arms.failed.tolist() == [k == 1 for k in range(arms.n)]  # as in the environment
     with pytest.raises(ValueError, match=r"rewards.shape = \(3, 1\): must be \(3, 9\)"):
         run.vjp(rewards=np.zeros((3, 1)))
 
 
-@pytest.mark.slow
 def test_parameters_over_a_rollout() -> None:
     """Payload, EI factor, damping and torque constant of each arm against differences. Found: 3e-10."""
     many = Arms(

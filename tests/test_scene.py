@@ -6,15 +6,19 @@ import dataclasses
 import math
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from flexarm_env import scenes
 from flexarm_env import time_functions as tf
-from flexarm_env.parameters import Link, Section
+from flexarm_env.parameters import Arm, Joint, Link, Payload, Section
+from flexarm_env.physics.assembly import assemble
+from flexarm_env.physics.exact import build as exact
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.settings import Settings
+from tests.refusals import refuses, says
 from tests.scene_tools import TWO, scene
 
 # ------------------------------------------------------------------- named scenes
@@ -108,12 +112,9 @@ def test_an_unknown_scene_is_refused() -> None:
     for name in ("robot_arm", "spin_up@as_printed", "flying_rod@"):
         with pytest.raises(ValueError, match=r"unknown scene.*allowed: robot_arm_motion, "):
             scenes.resolve(name)
-    with pytest.raises(ValueError, match=r"did you mean flying_rod\?"):
-        scenes.named("flyingrod")
-    with pytest.raises(ValueError, match=r"must be a name or a .toml file that exists"):
-        scenes.resolve("nowhere.toml")
-    with pytest.raises(ValueError, match=r"scene = 3: must be a name"):
-        scenes.resolve(3)
+    refuses(r"did you mean flying_rod\?", lambda: scenes.named("flyingrod"))
+    refuses(r"must be a name or a .toml file that exists", lambda: scenes.resolve("nowhere.toml"))
+    refuses(r"scene = 3: must be a name", lambda: scenes.resolve(3))
 
 
 def test_resolve_takes_scenes_names_and_files(tmp_path: Path) -> None:
@@ -185,9 +186,7 @@ def test_resolve_takes_scenes_names_and_files(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_scene_is_refused(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(ValueError) as caught:
-        scene(**changes)
-    assert message in str(caught.value)
+    says(message, lambda: scene(**changes))
 
 
 def test_joints_that_are_rigid() -> None:
@@ -204,21 +203,15 @@ def test_joints_that_are_rigid() -> None:
 
 @pytest.mark.parametrize("name", ["joint", "joint-1", "joint01", "root", "tip", 0, "joint1 "])
 def test_a_coordinate_must_exist(name: object) -> None:
-    with pytest.raises(ValueError, match=r'^coordinate = .*must be "joint0", "joint1"'):
-        Motion(name, tf.constant(0.0))
+    refuses(r'^coordinate = .*must be "joint0", "joint1"', lambda: Motion(name, tf.constant(0.0)))
 
 
 def test_parts_refuse_what_they_must() -> None:
-    with pytest.raises(ValueError, match=r"^t\[1\] = 1.0: a motion must not jump"):
-        Motion("joint0", tf.pulse(1.0, 1.0))
-    with pytest.raises(ValueError, match=r"force_x: missing; a point load needs"):
-        PointLoad(0, "tip")
-    with pytest.raises(ValueError, match=r'end = .middle.: must be one of "root", "tip"'):
-        PointLoad(0, "middle", tf.constant(1.0))
-    with pytest.raises(ValueError, match=r"joint = -1: must be a whole number, at least 0"):
-        JointTorque(-1, tf.constant(1.0))
-    with pytest.raises(ValueError, match=r"function = 3.0: must be a TimeFunction"):
-        JointTorque(0, 3.0)
+    refuses(r"^t\[1\] = 1.0: a motion must not jump", lambda: Motion("joint0", tf.pulse(1.0, 1.0)))
+    refuses(r"force_x: missing; a point load needs", lambda: PointLoad(0, "tip"))
+    refuses(r'end = .middle.: must be one of "root", "tip"', lambda: PointLoad(0, "middle", tf.constant(1.0)))
+    refuses(r"joint = -1: must be a whole number, at least 0", lambda: JointTorque(-1, tf.constant(1.0)))
+    refuses(r"function = 3.0: must be a TimeFunction", lambda: JointTorque(0, 3.0))
 
 
 def test_the_joint_angle_of_a_motion_is_relative() -> None:
@@ -283,5 +276,63 @@ def test_settings_of_a_scene() -> None:
     assert newmark.settings().newmark == (0.25, 0.5)
     assert newmark.settings(rho_inf=0.9).newmark is None
     assert hash(newmark) == hash(scene(solver={"newmark": (0.25, 0.5)}))
-    with pytest.raises(ValueError, match=r"^nodes: unknown option of geometrically_exact"):
-        s.settings(nodes=5)
+    refuses(r"^nodes: unknown option of geometrically_exact", lambda: s.settings(nodes=5))
+
+
+@dataclasses.dataclass(frozen=True)
+class Hardening(Section):
+    """A section with a law of its own."""
+
+    hardening: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Worn(Joint):
+    """A joint with a law of its own."""
+
+    wear: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Sloshing(Payload):
+    """A payload with a law of its own."""
+
+    slosh: float = 0.0
+
+
+PLAIN = {"EI": 1.0, "EA": 1e4, "C": 1e4, "m": 1.0}
+HARD = Hardening(**PLAIN, hardening=40.0)
+
+
+@pytest.mark.parametrize("formulation", ["elastica", "geometrically_exact", "floating_frame"])
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"links": (Link(1.0, HARD),)}, "links[0].section.hardening = 40.0: is not taken into account by "),
+        (
+            {"links": (Link(1.0, ((0.0, Section(**PLAIN)), (1.0, HARD))),)},
+            "links[0].section[1][1].hardening = 40.0: is not taken into account by ",
+        ),
+        ({"links": (Link(1.0, Hardening(**PLAIN)),)}, "links[0].section = 'Hardening': must be one of Arm, Link, "),
+        ({"joints": (Worn(wear=0.1),)}, "joints[0].wear = 0.1: is not taken into account by "),
+        ({"payload": Sloshing(0.1, slosh=2.0)}, "payload.slosh = 2.0: is not taken into account by "),
+    ],
+)
+def test_what_a_formulation_does_not_know_is_refused_by_name(
+    changes: dict[str, Any], words: str, formulation: str
+) -> None:
+    arm = Arm("own", **{"links": (Link(1.0, Section(**PLAIN)),), **changes})
+    scene = Scene("own", arm, duration=1.0, dt=0.01)
+    with pytest.raises(ValueError) as caught:
+        assemble(scene, scene.settings(formulation))
+    assert str(caught.value).startswith(words) and formulation in str(caught.value)
+
+
+def test_a_formulation_that_declares_a_law_takes_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only that one: a field that one formulation reads is refused by the others."""
+    scene = Scene("own", Arm("own", (Link(1.0, HARD),)), duration=1.0, dt=0.01)
+    known = {**exact.HONOURS, Hardening: (*exact.HONOURS[Section], "hardening")}
+    monkeypatch.setattr(exact, "HONOURS", known)
+    assert assemble(scene, scene.settings("geometrically_exact")).q0.size
+    with pytest.raises(ValueError, match=r"hardening = 40\.0: is not taken into account by elastica"):
+        assemble(scene, scene.settings("elastica"))

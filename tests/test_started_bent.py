@@ -14,6 +14,7 @@ from flexarm_env.rest import NoEquilibrium
 from flexarm_env.scene import JointTorque, Motion, PointLoad, Scene
 from flexarm_env.simulation import simulate
 from flexarm_env.time_functions import constant, steps
+from tests.scene_tools import everything
 
 STRIP = Section(EI=2.0, EA=2e6, C=7e5, m=0.3, J=1e-7)
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -31,7 +32,7 @@ def bent(**more: Any) -> Scene:
     arm = Arm("a", (Link(1.0, STRIP),), payload=Payload(0.1))
     usual: dict[str, Any] = {"start": "equilibrium", "gravity": (0.0, -3.0), "loads": (release,),
                              "motions": (Motion("joint0", constant(0.0)),)}  # fmt: skip
-    return Scene("s", arm, **{"duration": 0.6, "dt": 1e-3, "sample": 0.01, **usual, **more})
+    return everything(Scene("s", arm, **{"duration": 0.6, "dt": 1e-3, "sample": 0.01, **usual, **more}))
 
 
 @pytest.mark.parametrize("method", EACH)

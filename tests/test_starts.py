@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,12 +27,7 @@ PAIR = Arm("pair", (LINK, LINK), hub_inertia=0.02, elbows=(Elbow(0.2, 0.003, 0.0
 ANGLES, RATES = (0.4, -0.7), (1.5, -2.5)
 
 
-def each(*slow: str) -> list[Any]:
-    """The methods; those `slow` compile what no other test needs."""
-    return [pytest.param(m, marks=pytest.mark.slow) if m in slow else m for m in METHODS]
-
-
-@pytest.mark.parametrize("method", each("joined", "elastica", "clamped frames"))
+@pytest.mark.parametrize("method", METHODS)
 def test_links_turn_as_rigid_ones_at_the_start(method: str) -> None:
     """Kinetic energy at 0 is that of the rigid arm; from there the books close."""
     formulation, options = METHODS[method]
@@ -47,7 +41,7 @@ def test_links_turn_as_rigid_ones_at_the_start(method: str) -> None:
     assert np.abs(run.balance).max() < 1e-4 * expected
 
 
-@pytest.mark.parametrize("method", each("joined"))
+@pytest.mark.parametrize("method", METHODS)
 def test_a_thrown_arm_keeps_its_momentum(method: str) -> None:
     """A free rod: its middle goes on straight, and one that is stiff turns evenly about it."""
     formulation, options = METHODS[method]

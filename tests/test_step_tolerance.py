@@ -30,7 +30,7 @@ def levels(batch: Batch) -> np.ndarray[Any, Any]:
     [
         pytest.param("FlexibleArm-v0", 7, 1, {}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 20, 2, {}, marks=pytest.mark.slow),
-        pytest.param("TwoLinkFlexArm-v0", 9, 2, {"step_tolerance": 1e-6}, marks=pytest.mark.slow),
+        pytest.param("TwoLinkFlexArm-v0", 9, 2, {"step_tolerance": 1e-6, "tolerance": 1e-6}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 9, 1, {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 9, 1, {"actuator": {"lag": 0.01, "viscous": 0.01}}, marks=pytest.mark.slow),
         pytest.param("FlexibleArm-v0", 4, 2, {"formulation": "floating_frame"}, marks=pytest.mark.slow),
@@ -48,7 +48,6 @@ def test_any_number_of_arms_gives_the_same_bits(env_id: str, n: int, threads: in
     assert len(found) > 1 and found <= set(range(FITS))
 
 
-@pytest.mark.slow
 def test_delayed_observations_and_fitted_steps_go_together() -> None:
     """What comes late leaves the motion as it is."""
     plain = gym.make("FlexibleArm-v0", **FITTED).unwrapped
@@ -160,6 +159,38 @@ def test_a_prescribed_motion_is_the_scene_bit_for_bit() -> None:
         estimate_error=False,
     )  # fmt: skip
     assert np.array_equal(run_.tip[1:, :2], np.array(found))
+
+
+def test_a_tolerance_that_is_not_kept_is_told() -> None:
+    """With five halvings of so long a step: what is left is above the tolerance, and said to be; where it is kept,
+    what is told is at most the tolerance. Twice the step leaves more than twice the error."""
+    scene, left = scene_named("FlexibleArm-v0"), []
+    for dt in (0.02, 0.01):
+        run_ = simulate(scene, "elastica", nodes=4, dt=dt, sample=0.02, step_tolerance=1e-9, estimate_error=False)
+        assert run_.status == "inaccurate"
+        assert "step_tolerance = 1e-09 is not kept" in run_.message and f"{run_.step_error:.2g}" in run_.message
+        left.append(run_.step_error)
+    assert left[0] > 2.0 * left[1] > 2e-9
+    kept = simulate(scene, "elastica", nodes=4, dt=0.02, sample=0.02, step_tolerance=1e-4, estimate_error=False)
+    assert kept.status == "ok" and 0.0 < kept.step_error <= 1e-4
+
+
+@pytest.mark.parametrize("motion", [None, "robot_arm_motion"])
+def test_an_environment_tells_what_a_period_is_left_with(motion: str | None) -> None:
+    for tolerance, kept in ((1e-4, True), (1e-9, False)):
+        env = gym.make("FlexibleArm-v0", dt=0.02, step_tolerance=tolerance, tolerance=1e-10)
+        _, info = env.reset(seed=0, options={} if motion is None else {"motion": motion})
+        assert info["step_error"] == 0.0
+        told = [env.step(np.ones(1, np.float32))[4]["step_error"] for _ in range(20)]
+        assert (max(told) <= tolerance) == kept and max(told) > 0.0
+    assert "step_error" not in gym.make("FlexibleArm-v0").reset()[1]
+
+
+def test_a_tolerance_below_what_steps_are_solved_to_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"step_tolerance = 1e-300: must be at least tolerance = 1e-"):
+        gym.make("FlexibleArm-v0", step_tolerance=1e-300)
+    with pytest.raises(ValueError, match=r"step_tolerance = 1e-11: must be at least tolerance = 1e-10"):
+        simulate(scene_named("FlexibleArm-v0"), "elastica", step_tolerance=1e-11)
 
 
 @pytest.mark.parametrize("value", [0.0, -1e-3, 2.0, float("nan")])

@@ -17,6 +17,7 @@ from flexarm_env.suite import policies, results, score
 from flexarm_env.suite.judge import judge
 from flexarm_env.suite.page import page
 from tests.cli_tools import refused
+from tests.processes import python
 
 FIRST_TASK = suite.tasks()[0]
 
@@ -221,7 +222,7 @@ def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, c
     found = told(capsys, "--policy", "pd", "--task", ",".join(both), "--out", "out")["results"][0]["tasks"]
     assert list(found) == both and made == ["pd"] * 2
     assert told(capsys, *words, "--again")["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 3
-    monkeypatch.setattr(policies, "_version", lambda: "9.9")
+    monkeypatch.setattr(policies.metadata, "version", lambda name: "9.9")
     assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 4
 
 
@@ -348,8 +349,18 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
     ("changes", "sentence"),
     [
         ({"returns": [1.0]}, "must be a sequence of numbers"),
-        ({"returns": ["1"] * 100}, "must be finite numbers"),
-        ({"costs": [float("nan")] * 100}, "must be finite numbers"),
+        ({"returns": ["1"] * 100}, "returns[0] = '1': must be a finite number"),
+        (
+            {"returns": [1.0, 300.1] + [1.0] * 98},
+            "returns[1] = 300.1: must be a finite number, at least -111 and at most 300",
+        ),
+        ({"returns": [-111.5] * 100}, "returns[0] = -111.5: must be"),
+        ({"successes": [5.0] * 100}, "successes[0] = 5.0: must be true or false"),
+        ({"costs": [float("nan")] * 100}, "costs[0] = nan: must be"),
+        ({"costs": [-1e9] * 100}, "costs[0] = -1000000000.0: must be"),
+        ({"lengths": [-3.5] * 100}, "lengths[0] = -3.5: must be a whole number, from 1 to 200"),
+        ({"lengths": [201] * 100}, "lengths[0] = 201: must be a whole number, from 1 to 200"),
+        ({"digest": "0" * 16}, f"digest = '0000000000000000': must be {FIRST_TASK.digest}"),
         ({"episodes": -1}, "must be a whole number"),
         ({"wall_s": "long"}, "wall_s = 'long'"),
         ({"policy": 3}, "must be a table"),
@@ -370,6 +381,9 @@ def test_the_list_of_tasks(capsys: pytest.CaptureFixture[str]):
     assert [entry["id"] for entry in listed["tasks"]] == [task.id for task in suite.tasks()]
     keys = {"id", "env_id", "title", "environment", "budget", "price", "digest", "pd", "best"}
     assert keys == set(listed["tasks"][0])
+    python("-c", f"import gymnasium; gymnasium.make({listed['tasks'][0]['env_id']!r})")  # nothing else imported
+    assert main(["bench", "suite", "--list"]) == 0
+    assert f'gymnasium.make("{listed["tasks"][0]["env_id"]}")' in capsys.readouterr().out
 
 
 def test_a_task_that_is_not_what_it_was_is_refused():
@@ -378,7 +392,6 @@ def test_a_task_that_is_not_what_it_was_is_refused():
 
 
 # ------------------------------------------------------------------ with the real thing
-@pytest.mark.slow
 def test_controllers_files_and_models_on_a_real_task(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch):
     """A policy.npz, the same as ONNX and as a function give the same returns; PD those of single environments."""
     pytest.importorskip("onnx")
@@ -417,7 +430,7 @@ def test_controllers_files_and_models_on_a_real_task(tmp_path: Path, capsys, mon
             total, over = total + reward, terminated or truncated
         totals.append(total)
     assert json.loads((tmp_path / "o" / "pd-0.json").read_text())["tasks"][FIRST_TASK.id]["returns"] == totals
-    for name, sentence in (("flexible_arm", "observation layout"), ("two_link", 'must be "torque"')):
+    for name, sentence in (("flexible_arm", "observation layout"), ("two_link", "this environment's is 'torque'")):
         assert sentence in refused(capsys, "bench", "suite", "--policy", name, "--task", FIRST_TASK.id)
 
 

@@ -13,6 +13,7 @@ import pytest
 from flexarm_env import time_functions as tf
 from flexarm_env.time_functions import TimeFunction
 from tests.processes import python
+from tests.refusals import refuses, says
 
 RNG = np.random.default_rng(3)
 KNOTS = np.sort(RNG.uniform(0.0, 5.0, 9))
@@ -198,9 +199,7 @@ def test_round_off_is_no_kink() -> None:
     ],
 )
 def test_a_refusal_names_the_row(make: object, message: str) -> None:
-    with pytest.raises(ValueError) as caught:
-        make()
-    assert message in str(caught.value)
+    says(message, make)
 
 
 def test_arrays_and_csv_files(tmp_path: Path) -> None:
@@ -238,8 +237,7 @@ def test_a_wrong_csv_file_is_refused(tmp_path: Path, content: str, message: str)
 def test_a_csv_file_that_is_no_text_is_named(tmp_path: Path) -> None:
     path = tmp_path / "motion.csv"
     path.write_bytes(b"PK\x03\x04\xff\xfe")
-    with pytest.raises(ValueError, match=rf"^{path}: not a CSV file: "):
-        tf.from_csv(path)
+    refuses(rf"^{path}: not a CSV file: ", lambda: tf.from_csv(path))
 
 
 def test_a_motion_must_not_jump() -> None:

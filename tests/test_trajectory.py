@@ -48,6 +48,7 @@ def test_it_names_itself_in_a_line(run: Trajectory) -> None:
     assert own.startswith(f"<Trajectory of {run.scene.name}: ok, {len(run.t)} instants to ") and len(own) < 120
 
 
+@pytest.mark.slow
 def test_hinges_of_longer_chains_are_numbered() -> None:
     section = Section(5.0, 1e3, 1e3, 0.4, 0.01)
     arm = Arm("three", (Link(0.4, section),) * 3)

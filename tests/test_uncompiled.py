@@ -1,4 +1,4 @@
-"""NUMBA_DISABLE_JIT=1: the same numbers from plain Python, for a debugger to step through."""
+"""FLEXARM_COMPILER=python: the same numbers from plain Python, for a debugger to step through."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from numba import config
 
 import flexarm_env  # noqa: F401  (registers the ids)
+from flexarm_env.compiler import UNCOMPILED
 from tests.processes import python, uncompiled_tests
 
 CASES: list[tuple[str, int, dict[str, Any]]] = [
@@ -34,12 +34,12 @@ def stepped(name: str, count: int, options: dict[str, Any], mode: str | None = N
     return found
 
 
-@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="compares compiled with uncompiled")
+@pytest.mark.skipif(UNCOMPILED, reason="compares compiled with uncompiled")
 def test_vectors() -> None:
     """Each is what its single environments are, and the first what it is when compiled."""
     lines = "import json; from tests.test_uncompiled import CASES, stepped"
     lines += "; print(json.dumps([[stepped(*case), stepped(*case, 'sync')] for case in CASES]))"
-    results = json.loads(python("-W", "ignore", "-c", lines, NUMBA_DISABLE_JIT="1").stdout)
+    results = json.loads(python("-W", "ignore", "-c", lines, FLEXARM_COMPILER="python").stdout)
     for case, (vector, singles) in zip(CASES, results, strict=True):
         assert vector == singles, case
     np.testing.assert_allclose(results[0][0], stepped(*CASES[0]), rtol=0.0, atol=1e-12)
@@ -48,7 +48,7 @@ def test_vectors() -> None:
 def test_lanes_are_refused() -> None:
     """Python's numbers stand for one arm: a kernel that is called on eight says so instead of mixing them."""
     lines = "import numpy as np; from flexarm_env.compiler.lanes import *; load(EIGHT, np.arange(16.0), 1)"
-    run = python("-c", lines, code=1, NUMBA_DISABLE_JIT="1")
+    run = python("-c", lines, code=1, FLEXARM_COMPILER="python")
     assert "8 lanes: there is only one where compilation is disabled" in run.stderr
 
 

@@ -7,12 +7,10 @@ import time
 from pathlib import Path
 
 import pytest
-from numba import config
 
-from flexarm_env.compiler import decorator as jit
-from flexarm_env.compiler import waiting
+from flexarm_env.compiler import UNCOMPILED, kernel, objects, waiting
 
-pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+pytestmark = pytest.mark.skipif(UNCOMPILED, reason="nothing is compiled")
 
 
 def _half(x):
@@ -27,36 +25,36 @@ def _third(x):
 def lines(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, tmp_path: Path
 ) -> pytest.LogCaptureFixture:
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv(objects.VARIABLE, str(tmp_path))
     monkeypatch.setattr(waiting, "AFTER", 0.0)
     monkeypatch.setattr(waiting, "_ended", float("-inf"))
     return caplog
 
 
 def test_once_a_wait(lines: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert jit.kernel(_half)(1.0) == 0.5 and jit.kernel(_third)(3.0) == 1.0
+    assert kernel(_half)(1.0) == 0.5 and kernel(_third)(3.0) == 1.0
     assert len(lines.records) == 1 and lines.records[0].name == "flexarm_env"
     assert "compiling" in lines.records[0].getMessage() and "flexarm compile" in lines.records[0].getMessage()
     monkeypatch.setattr(waiting, "_ended", time.monotonic() - 10.0)
-    jit.kernel(_third)(3)  # of other types, later
+    kernel(_third)(3)  # of other types, later
     assert len(lines.records) == 2
 
 
 def test_not_where_it_is_loaded(lines: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
-    jit.kernel(_half)(1.0)
+    kernel(_half)(1.0)
     monkeypatch.setattr(waiting, "_ended", float("-inf"))
-    again = jit.kernel(_half)
-    assert again(1.0) == 0.5 and sum(again._cache_hits.values()) == 1
+    again = kernel(_half)
+    assert again(1.0) == 0.5 and [form.made for form in again.forms.values()] == [False]
     assert len(lines.records) == 1
 
 
 def test_not_for_short_ones(lines: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(waiting, "AFTER", 60.0)
-    jit.kernel(_half)(1.0)
+    kernel(_half)(1.0)
     assert not lines.records
 
 
 def test_silenced(lines: pytest.LogCaptureFixture) -> None:
     with lines.at_level(logging.ERROR, logger="flexarm_env"):
-        jit.kernel(_half)(1.0)
+        kernel(_half)(1.0)
     assert not lines.records

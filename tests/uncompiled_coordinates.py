@@ -1,5 +1,5 @@
 """What every formulation owes the integrator, on plain Python numbers: damping forces that come from a potential, and
-coordinates that move as they say; `test_uncompiled.py` runs this file with NUMBA_DISABLE_JIT=1."""
+coordinates that move as they say; `test_uncompiled.py` runs this file with FLEXARM_COMPILER=python."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import config
 
-from flexarm_env.compiler import SINGLE, load, store
+from flexarm_env.compiler import SINGLE, UNCOMPILED, load, store
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.assembly import assemble
 from flexarm_env.physics.equations import equations
@@ -20,7 +19,7 @@ from flexarm_env.scene import Scene
 from flexarm_env.settings import Settings
 from flexarm_env.simulation import Simulation
 
-pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
+pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
 
 SECTION = Section(EI=3.0, EA=4e3, C=2e3, m=0.5, J=0.02)
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {

@@ -1,4 +1,4 @@
-"""Checks of the exact beam on plain Python numbers; `test_exact_beam.py` runs this file with NUMBA_DISABLE_JIT=1.
+"""Checks of the exact beam on plain Python numbers; `test_exact_beam.py` runs this file with FLEXARM_COMPILER=python.
 
 The kernels are the very ones that are compiled elsewhere; here all orders, damping and gravity come at no compile time.
 """
@@ -6,13 +6,14 @@ The kernels are the very ones that are compiled elsewhere; here all orders, damp
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
-from numba import config
 from numpy.polynomial import legendre
 
+from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.compiler.lanes import SINGLE
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.physics.exact import equations as kernels
@@ -24,7 +25,7 @@ from flexarm_env.scene import PointLoad, Scene
 from flexarm_env.settings import Settings
 from flexarm_env.time_functions import constant
 
-pytestmark = pytest.mark.skipif(not config.DISABLE_JIT, reason="runs uncompiled only")
+pytestmark = pytest.mark.skipif(not UNCOMPILED, reason="runs uncompiled only")
 
 SOFT = Section(EI=3.0, EA=50.0, C=30.0, m=0.7, J=0.2)
 OTHER = Section(EI=2.0, EA=40.0, C=20.0, m=0.5, J=0.1)
@@ -108,19 +109,25 @@ def test_tables(order: int) -> None:
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
-@pytest.mark.parametrize("damped", [False, True])
-@pytest.mark.parametrize(("heavy", "links"), [(False, None), (True, None), (True, VARIED)])
+@pytest.mark.parametrize(
+    ("damped", "heavy", "links"),
+    [*itertools.product([False, True], [False, True], [None]), (False, True, VARIED), (True, True, VARIED),
+     (True, True, RIGID)],
+)  # fmt: skip
 def test_tangent_solves_what_differences_of_the_residual_say(order: int, damped: bool, heavy: bool, links: Any) -> None:
+    """Pinned or not; links with rigid ends where nothing moves, where their tangent is complete."""
     s = system(order, damped, heavy, links=links)
     m, n = s.model, s.model.n
     q, v, a, u = states(s)
     if damped:  # the term that would make the tangent unsymmetric is left out: it vanishes with the rates
         v = np.zeros(n)
+    if links is RIGID:
+        a, u = np.zeros(n), 0.0 * u
     cm, cc, ck = 3.0, 0.7, 1.3
     T = cm * jacobian(lambda x: residual(s, q, v, x, u), a) + ck * jacobian(lambda x: residual(s, x, v, a, u), q)
     T += cc * jacobian(lambda x: residual(s, q, x, a, u), v)
-    assert np.abs(T - T.T).max() < 1e-6
-    rng = np.random.default_rng(1)
+    assert links is RIGID or np.abs(T - T.T).max() < 1e-6
+    rng, wide = np.random.default_rng(1), 10.0 if links is RIGID else 1.0
     for pinned in ((), (0, 1), (2,), (0, 1, 2), (n - 1,), (n - 2, 0, 1), (n - 2, n - 1)):
         r, S, b = np.full(n, np.nan), np.full(m.n_factor, np.nan), rng.normal(size=n)
         kernels.assemble(SINGLE, m, s.par, State(q, v, a), u, Weights(cm, cc, ck), r, S)
@@ -132,7 +139,7 @@ def test_tangent_solves_what_differences_of_the_residual_say(order: int, damped:
         kernels.factor(SINGLE, m, S)
         x = b.copy()
         kernels.solve(SINGLE, m, S, x)
-        assert np.allclose(x, np.linalg.solve(expected, b), rtol=1e-6, atol=1e-7), pinned
+        assert np.allclose(x, np.linalg.solve(expected, b), rtol=1e-6 * wide, atol=1e-7 * wide), pinned
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -210,30 +217,6 @@ def test_power_is_what_the_energy_gains(order: int, links: Any) -> None:
     h = 1e-5
     gained = (total(h) - total(-h)) / (2.0 * h)
     assert np.isclose(v @ residual(s, q, v, a, 0.0 * u), gained, rtol=1e-6)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_tangent_with_rigid_ends_from_rest(order: int) -> None:
-    """Where nothing moves the tangent is complete, pinned or not."""
-    s = system(order, damped=True, heavy=True, links=RIGID)
-    q, _, _, u = states(s)
-    zero, u = np.zeros(s.model.n), 0.0 * u
-    cm, cc, ck = 3.0, 0.7, 1.3
-    T = cm * jacobian(lambda x: residual(s, q, zero, x, u), zero)
-    T += cc * jacobian(lambda x: residual(s, q, x, zero, u), zero)
-    T += ck * jacobian(lambda x: residual(s, x, zero, zero, u), q)
-    rng, n = np.random.default_rng(1), s.model.n
-    for pinned in ((), (0, 1), (2,), (0, 1, 2), (n - 1,), (n - 2, 0, 1), (n - 2, n - 1)):
-        r, S, b = np.full(n, np.nan), np.full(s.model.n_factor, np.nan), rng.normal(size=n)
-        kernels.assemble(SINGLE, s.model, s.par, State(q, zero, zero), u, Weights(cm, cc, ck), r, S)
-        expected = T.copy()
-        for k in pinned:
-            expected[k], expected[:, k], expected[k, k], b[k] = 0.0, 0.0, 1.0, 0.0
-            kernels.pin(SINGLE, s.model, S, k)
-        kernels.factor(SINGLE, s.model, S)
-        x = b.copy()
-        kernels.solve(SINGLE, s.model, S, x)
-        assert np.allclose(x, np.linalg.solve(expected, b), rtol=1e-5, atol=1e-6), pinned
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -315,44 +298,6 @@ def test_rolled_up_by_an_end_moment() -> None:
     q = statics(s, np.array([0.0, 0.0, 0.0, 2 * np.pi * 7.0]), steps=12)
     assert np.isclose(q[-1], 2 * np.pi, rtol=1e-10)
     assert np.hypot(q[-3], q[-2]) < 1e-4
-
-
-@pytest.mark.parametrize(
-    ("speed", "expected"),
-    [(0.0, (3.51602, 22.0345, 61.6972)), (2.0, (3.6218, 22.5263, 62.2411)), (6.0, (4.2632, 26.1290, 66.4134)),
-     (12.0, (5.4270, 35.6370, 78.7049))],
-)  # fmt: skip
-def test_frequencies_of_a_rotating_cantilever(speed: float, expected: tuple[float, ...]) -> None:
-    """Small motion about the steady rotation, in the rotating frame: M u'' + 2 W G u' + (K - W^2 M_r) u = 0."""
-    section = Section(EI=1.0, EA=1e7, C=1e7, m=1.0, J=0.0)
-    scene = Scene("s", Arm("a", (Link(1.0, section),)), duration=1.0, dt=0.01)
-    s = build(scene, Settings.make("geometrically_exact", elements=8, order=3, dt=0.01))
-    n = s.model.n
-    q, zero, u = s.q0.copy(), np.zeros(n), np.zeros(1)
-    M = jacobian(lambda x: residual(s, q, zero, x, u), zero, 1.0)
-    across = np.zeros((n, n))  # G: x -> y, y -> -x
-    position = np.arange(n) % 3 != 2
-    for k in range(0, n, 3):
-        across[:, k], across[:, k + 1] = M[:, k + 1], -M[:, k]
-    pull = np.where(position, 1.0, 0.0)
-    free = np.arange(3, n)
-    for _ in range(20):  # the stretched straight state: f(q) = W^2 M q
-        r = residual(s, q, zero, -(speed**2) * q * pull, u)
-        K = jacobian(lambda x: residual(s, x, zero, zero, u), q) - speed**2 * M * pull
-        step = np.linalg.solve(K[np.ix_(free, free)], r[free])
-        q[free] -= step
-        if np.abs(step).max() < 1e-12:
-            break
-    K = 0.5 * (K + K.T)
-    keep = [i for i in free if position[i]]
-    turns = [i for i in free if not position[i]]
-    # sections without rotary inertia follow at once
-    Kc = K[np.ix_(keep, keep)]
-    Kc = Kc - K[np.ix_(keep, turns)] @ np.linalg.solve(K[np.ix_(turns, turns)], K[np.ix_(turns, keep)])
-    Mc, Gc, m = M[np.ix_(keep, keep)], 2 * speed * across[np.ix_(keep, keep)], len(keep)
-    A = np.block([[np.zeros((m, m)), np.eye(m)], [-np.linalg.solve(Mc, Kc), -np.linalg.solve(Mc, Gc)]])
-    frequencies = np.sort(np.abs(np.linalg.eigvals(A).imag))[::2][:3]
-    assert np.allclose(frequencies, expected, rtol=3e-4)
 
 
 def test_shape_and_poses() -> None:

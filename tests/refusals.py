@@ -1,0 +1,21 @@
+"""What is refused, and how the refusal reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+
+def refuses(words: str, call: Callable[[], Any], kind: type[Exception] = ValueError) -> None:
+    """The call raises an error of this kind, and the regular expression is found in its sentence."""
+    with pytest.raises(kind, match=words):
+        call()
+
+
+def says(words: str, call: Callable[[], Any], kind: type[Exception] = ValueError) -> None:
+    """The call raises an error of this kind with these words in its sentence, as they stand here."""
+    with pytest.raises(kind) as caught:
+        call()
+    assert words in str(caught.value)
