@@ -242,7 +242,7 @@ def returned(arms: Any, start: Array, actions: Array, fine: Fine) -> tuple[Array
     slopes = np.zeros_like(actions)
     back, one = np.zeros_like(start), np.ones(arms.n)
     for k in reversed(range(len(actions))):
-        back, slopes[k] = arms.pull(states[k], actions[k], back, -taken[k], one)
+        back, slopes[k] = arms.vjp(states[k], actions[k], back, -taken[k], one)
     return np.where(over, np.nan, total), slopes
 
 

@@ -121,7 +121,7 @@ class Gradient(BaseAlgorithm):
             self.returns = np.zeros(self.n_envs)
         still = np.zeros((self.n_envs, self.arms.action_size))
         self.arms.step(self.state, still)
-        self.arms.pull(self.state, still, self.state, self.arms.observe(self.state), self.returns)
+        self.arms.vjp(self.state, still, self.state, self.arms.observe(self.state), self.returns)
 
     def _seeds(self, count: int) -> list[int]:
         return [int(seed) for seed in self.rng.integers(*SEEDS, size=count)]
@@ -234,7 +234,7 @@ class Gradient(BaseAlgorithm):
             on, wanted = ~window.ended[k][:, None], window.wanted[k]
             weight = np.where(window.failed[k], 0.0, weights[k])
             by_seen = by_seen * on + window.slopes[k] * weight[:, None]
-            by_state, by_action = self.arms.pull(
+            by_state, by_action = self.arms.vjp(
                 window.states[k], np.clip(wanted, -1.0, 1.0), by_state * on, by_seen, weight
             )  # fmt: skip
             free = (np.abs(wanted) < 1.0) | (by_action * wanted < 0.0)  # beyond the limits: the way back alone

@@ -166,7 +166,7 @@ def test_gradients_pass_through_pushes_that_are_drawn_on_the_way():
     back[:, : arms.moving] = weights
     nothing = np.zeros((100, arms.observation_size)), np.zeros(100)
     for k in reversed(range(count)):
-        back, slopes[k] = moved.pull(states[k], actions[k], back, *nothing)
+        back, slopes[k] = moved.vjp(states[k], actions[k], back, *nothing)
     for first in (3, 60, 120):
         off = np.zeros_like(actions)
         off[first : first + 4, :, 0] = 0.01

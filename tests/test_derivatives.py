@@ -151,7 +151,7 @@ def differences(arms: Arms, state: Array, action: Array, found: Array) -> Array:
 @pytest.mark.parametrize(("env_id", "keywords", "back"), CASES)
 def test_a_period_against_differences_and_backwards(env_id: str, keywords: dict[str, Any], back: bool) -> None:
     """Relative error below 1e-6 for each arm; the values are those of a step and of the environment, bit for bit;
-    cotangents are pulled back to what the Jacobians give, to 1e-12 of the elastica's and 1e-10 of stiff arms."""
+    cotangents are what the Jacobians give, to 1e-12 of the elastica's and 1e-10 of stiff arms."""
     arms = Arms(env_id, 9, **keywords)
     assert arms.backwards == back
     as_in_the_environment(arms)
@@ -166,11 +166,22 @@ def test_a_period_against_differences_and_backwards(env_id: str, keywords: dict[
     rng = np.random.default_rng(1)
     bars = [rng.normal(size=values.shape) for values in found[:3]]
     for at in (state, arms.reset(seed=1)):  # in an episode's first period accelerations are solved for
-        wanted_bars = arms.jacobians(at, action).pull(*bars)
-        for one, other in zip(arms.pull(at, action, *bars), wanted_bars, strict=True):
+        wanted_bars = arms.jacobians(at, action).vjp(*bars)
+        for one, other in zip(arms.vjp(at, action, *bars), wanted_bars, strict=True):
             assert abs(one - other).max() < (1e-10 if "formulation" in keywords else 1e-12) * abs(other).max()
     along(arms, state, 10, 1e-3, 1e-6)
     along(arms, arms.reset(seed=2), 200, 1e-5, 1e-4)
+    arms.close()
+
+
+def test_former_names_warn() -> None:
+    arms = Arms(ONE, 2)
+    state, action = moving(arms)
+    found = arms.jacobians(state, action)
+    with pytest.warns(FutureWarning, match=r"push\(\) is jvp\(\) now"):
+        assert np.array_equal(found.push(state, action)[0], found.jvp(state, action)[0])
+    with pytest.warns(FutureWarning, match=r"pull\(\) is vjp\(\) now"):
+        assert np.array_equal(arms.pull(state, action, *found[:3])[1], arms.vjp(state, action, *found[:3])[1])
     arms.close()
 
 
@@ -225,7 +236,7 @@ def test_whole_matrices_say_what_push_and_pull_do() -> None:
     rng = np.random.default_rng(2)
     dx, du = rng.normal(size=state.shape), rng.normal(size=action.shape)
     dx[:, arms.moving :] = 0.0
-    pushed = found.push(dx, du)
+    pushed = found.jvp(dx, du)
     assert np.allclose(pushed[0], np.einsum("nij,nj->ni", found.A, dx) + np.einsum("nij,nj->ni", found.B, du))
     assert np.allclose(pushed[1], np.einsum("nij,nj->ni", found.C, dx) + np.einsum("nij,nj->ni", found.D, du))
     assert np.allclose(pushed[2], (found.r_x * dx).sum(1) + (found.r_u * du).sum(1))
@@ -311,7 +322,7 @@ def test_sliding_joints_from_both_sides(env_id: str, keywords: dict[str, Any]) -
         assert (np.linalg.norm(found.moved - side, axis=(1, 2)) / size).max() < 1e-6
     if arms.backwards:
         bars = [rng.normal(size=values.shape) for values in found[:3]]
-        for one, other in zip(arms.pull(state, push[4], *bars), found.pull(*bars), strict=True):
+        for one, other in zip(arms.vjp(state, push[4], *bars), found.vjp(*bars), strict=True):
             assert abs(one - other).max() < (1e-9 if stiff else 1e-11) * abs(other).max()
     arms.close()
 
@@ -335,7 +346,7 @@ def test_friction_backwards(env_id: str, keywords: dict[str, Any], most: float) 
     for action in drawn(40):
         found = arms.jacobians(state, action)
         bars = [rng.normal(size=values.shape) for values in found[:3]]
-        for one, other in zip(arms.pull(state, action, *bars), found.pull(*bars), strict=True):
+        for one, other in zip(arms.vjp(state, action, *bars), found.vjp(*bars), strict=True):
             assert abs(one - other).max() < most * abs(other).max()
         slides = [(abs(rows[:, rates]) > 1e-6).astype(np.int64) for rows in (state, found.state)]
         np.add.at(met, tuple(slides), 1)

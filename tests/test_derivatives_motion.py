@@ -161,7 +161,7 @@ def test_a_period_under_a_motion() -> None:
             two = [gone(arms, start, state + s * 1e-3 * way, action[None]) for s in (m, -m)]
             for k in range(3):
                 wanted[k] = wanted[k] + weight / 0.06 * (two[0][k] - two[1][k])
-        after, seen, paid = found.push(way, np.zeros((3, 1)))
+        after, seen, paid = found.jvp(way, np.zeros((3, 1)))
         mine = (after[:, : arms.moving] * free(arms))[None], seen[None], paid[None]
         assert max(errors(mine, (wanted[0] * free(arms), wanted[1], wanted[2]), 1)) < 1e-6
         assert not found.moved[:, hub].any() and not found.moved[:, :, hub].any() and not found.B.any()

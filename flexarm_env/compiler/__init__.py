@@ -29,7 +29,7 @@ from .lanes import (
     store,
     with_slope,
 )
-from .reverse import pulled
+from .reverse import vjp_of
 from .trace import traced, unrolled
 
 __all__ = [
@@ -37,7 +37,7 @@ __all__ = [
     "SINGLE", "EIGHT", "WIDEST", "dual", "arms", "alone", "change", "with_slope",
     "load", "store", "splat", "pick", "place",
     "select_lt", "absolute", "maximum", "square_root", "round_even", "largest", "sincos",
-    "stack", "unrolled", "traced", "pulled",
+    "stack", "unrolled", "traced", "vjp_of",
     "Family", "size",
     "Placed", "entry", "follow", "native",
     "Crew", "OneAtATime", "one_at_a_time", "holders",

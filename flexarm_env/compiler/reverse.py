@@ -1,6 +1,6 @@
 """Straight-line code backwards: from a kernel, the one that pulls cotangents from what it writes to what it reads.
 
-`pulled(function, names)` traces a kernel (see `trace`), remembering of each operation what it was made of, and writes
+`vjp_of(function, names)` traces a kernel (see `trace`), remembering of each operation what it was made of, and writes
 the sweep back behind it: derivatives by all inputs at once, for a few times what the function itself costs. The
 result takes the function's arguments, then for each array in `names` one of cotangents. Of elements that the function
 writes these are taken, and then 0, or what they come to where the old content was read as well; to those that it only
@@ -219,6 +219,6 @@ class Pulled(Straight):
             array.collect()
 
 
-def pulled(function: Any, names: tuple[str, ...]) -> Any:
+def vjp_of(function: Any, names: tuple[str, ...]) -> Any:
     """See above. names: arrays among the function's own arguments."""
     return function if UNCOMPILED else Pulled(function, names)

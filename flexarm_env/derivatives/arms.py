@@ -24,7 +24,7 @@ class Part(NamedTuple):
     places: Any = None
 
 
-_STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "pull": (0, "state_bar"), "sights": (1, "")}
+_STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "vjp": (0, "state_bar"), "sights": (1, "")}
 """Which of what a method gives is as long as a state, and where numbers in it come from that a part has not."""
 
 
@@ -175,14 +175,14 @@ class Arms(Periods):
         """The same as `step`, with the derivative; of an action beyond +-1, by which nothing changes, zeros."""
         return self._each("jacobians", state=state, action=action) if self._parts else super().jacobians(state, action)
 
-    def pull(
+    def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A)."""
+        """Cotangents (n, S), (n, O), (n,) of what a period comes to, taken back to its state (n, S), action (n, A)."""
         if not self._parts:
-            return super().pull(state, action, state_bar, observation_bar, reward_bar)
+            return super().vjp(state, action, state_bar, observation_bar, reward_bar)
         bars = {"state_bar": state_bar, "observation_bar": observation_bar, "reward_bar": reward_bar}
-        back: tuple[Array, Array] = self._each("pull", state=state, action=action, **bars)
+        back: tuple[Array, Array] = self._each("vjp", state=state, action=action, **bars)
         return back
 
     def sights(self, state: Array) -> tuple[Array, Array]:

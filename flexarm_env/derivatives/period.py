@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,10 @@ MOST_AT_ONCE = 3
 
 PASSES = 5
 """Solutions for a step's tangents where its matrix is the derivative but for a thousandth: the exact beam's."""
+
+
+def _renamed(name: str, now: str) -> None:
+    warnings.warn(f"{name}() is {now}() now", FutureWarning, stacklevel=3)
 
 
 class Jacobians(NamedTuple):
@@ -93,7 +98,7 @@ class Jacobians(NamedTuple):
         """(n, A): the reward by the action."""
         return self.moved[:, -1, self._sizes[0] :]
 
-    def push(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
+    def jvp(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
         """Tangents (n, S), (n, A) of state and action to those of state, observation and reward a period later."""
         x, entries, _, _ = self._sizes
         both = np.concatenate([state[:, :x], action], axis=1)
@@ -101,13 +106,23 @@ class Jacobians(NamedTuple):
         after = np.concatenate([out[:, :x], state[:, x:]], axis=1)
         return after, out[:, x : x + entries], out[:, -1]
 
-    def pull(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
+    def vjp(self, state: Array, observation: Array, reward: Array) -> tuple[Array, Array]:
         """Cotangents (n, S), (n, O), (n,) of a period's outcome to those (n, S), (n, A) of state and action before."""
         x = self._sizes[0]
         given = np.concatenate([state[:, :x], observation, reward[:, None]], axis=1)
         out = (given[:, None, :] @ self.moved)[:, 0]
         out[~given.any(axis=1)] = 0.0  # nothing is asked, also of a solver that failed
         return np.concatenate([out[:, :x], state[:, x:]], axis=1), out[:, x:]
+
+    def push(self, *items: Any) -> tuple[Array, Array, Array]:
+        """`jvp`, by its former name, for one release."""
+        _renamed("push", "jvp")
+        return self.jvp(*items)
+
+    def pull(self, *items: Any) -> tuple[Array, Array]:
+        """`vjp`, by its former name, for one release."""
+        _renamed("pull", "vjp")
+        return self.vjp(*items)
 
 
 class Periods:
@@ -119,7 +134,7 @@ class Periods:
         move in the batch.
     Attributes:
         n, state_size, action_size, observation_size, moving, names, failed, past: see `Arms`. backwards: whether
-        cotangents have kernels of their own (`pull`).
+        cotangents have kernels of their own (`vjp`).
     """
 
     def __init__(
@@ -238,10 +253,10 @@ class Periods:
         moved[self.failed] = np.nan
         return Jacobians(*outcome, moved)
 
-    def pull(
+    def vjp(
         self, state: Array, action: Array, state_bar: Array, observation_bar: Array, reward_bar: Array
     ) -> tuple[Array, Array]:
-        """Cotangents (n, S), (n, O), (n,) of what a period comes to, pulled back to its state (n, S), action (n, A).
+        """Cotangents (n, S), (n, O), (n,) of what a period comes to, taken back to its state (n, S), action (n, A).
 
         Backwards (`backwards`) for a few times what the period costs: elasticas; without controllers floating frames of
         at most eight elastic coordinates a segment, exact beams without rigid ends and parameters, and all these behind
@@ -252,9 +267,9 @@ class Periods:
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
         paid = checked("reward_bar", reward_bar, (self.n,))
         if not self.backwards:
-            return self.jacobians(state, action).pull(given, seen, paid)
+            return self.jacobians(state, action).vjp(given, seen, paid)
         d, asked = self._program, self._put(state, action)
-        own, past, last = self._sights.pull(given, seen)
+        own, past, last = self._sights.vjp(given, seen)
         d.state_bar[:], d.observation_bar[:], d.reward_bar[:] = own.ravel(), last.ravel(), paid
         self._run(adjoint)
         self._note_failures()
@@ -267,6 +282,11 @@ class Periods:
                 values[self.failed] = 0.0  # of an arm that is asked nothing, whatever became of it
                 values[lost] = np.nan
         return by_state, by_action
+
+    def pull(self, *items: Any) -> tuple[Array, Array]:
+        """`vjp`, by its former name, for one release."""
+        _renamed("pull", "vjp")
+        return self.vjp(*items)
 
     def sights(self, state: Array) -> tuple[Array, Array]:
         """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""

@@ -58,7 +58,7 @@ class Rollout:
         seen, paid = np.zeros_like(self.observations), np.zeros_like(self.rewards)
         for k in range(count):
             period = self.arms.jacobians(self.states[k], self.actions[k])
-            moved[k + 1], seen[k], paid[k] = period.push(moved[k], turned[k])
+            moved[k + 1], seen[k], paid[k] = period.jvp(moved[k], turned[k])
         return Outcome(moved, seen, paid)
 
     def vjp(self, states: Any = None, observations: Any = None, rewards: Any = None) -> Gradient:
@@ -73,7 +73,7 @@ class Rollout:
         by_paid = _given("rewards", rewards, self.rewards.shape)
         by_actions, by_state = np.zeros_like(self.actions), by_states[-1]
         for k in reversed(range(len(self.actions))):
-            back, by_actions[k] = self.arms.pull(self.states[k], self.actions[k], by_state, by_seen[k], by_paid[k])
+            back, by_actions[k] = self.arms.vjp(self.states[k], self.actions[k], by_state, by_seen[k], by_paid[k])
             by_state = back + by_states[k]
         return Gradient(by_state, by_actions)
 

@@ -94,7 +94,7 @@ class Sights:
         put(slice(y + self.size, y + self.size + 1), moved[:, -1:])
         return full
 
-    def pull(self, state: Array, seen: Array) -> tuple[Array, Array, Array]:
+    def vjp(self, state: Array, seen: Array) -> tuple[Array, Array, Array]:
         """Cotangents of states (n, S) and observations (n, O) after a period: those of states without what was seen, of
         what was seen before the period, and of what was seen after it."""
         own, past = self.parts(state)

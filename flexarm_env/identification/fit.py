@@ -144,7 +144,7 @@ class Solver:
         if any(p.prior is not None for p in self.problem.experiment.parameters):
             errors = np.concatenate([e.ravel() for e in self.problem.errors(z)])
             z, cost, ended = self._least_squares(z, float(errors.std()), self.config.evaluations)
-        self._tell(1.0)
+        self._show_share(1.0)
         own = self.problem.experiment
         return Fit(z, cost, tuple(costs), self.count, ended, own.runs, dict(own.by_differences))
 
@@ -172,14 +172,14 @@ class Solver:
             if len(self.state["starts"]) == self.config.starts:  # the last fit, from the best of them
                 self.state["best"] = x.tolist()
                 self._keep()
-            self._tell(0.0)
+            self._show_share(0.0)
             return problem.jacobian(x, noise)
 
         inside = np.clip(z, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
         found = least_squares(f, inside, slopes, bounds=(low, high), method="trf", max_nfev=most, ftol=1e-6, xtol=1e-5)
         return found.x, 2.0 * float(found.cost), str(found.message).strip()
 
-    def _tell(self, share: float) -> None:
+    def _show_share(self, share: float) -> None:
         if self.progress is not None:
             whole = FIRST * (4 * self.config.starts - 3) + self.config.evaluations
             self.done = max(self.done, share, min(self.count / whole, 0.99))

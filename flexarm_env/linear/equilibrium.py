@@ -120,16 +120,16 @@ def static_equilibrium(
     held = equations.inputs.tolist() if hold_joints else []
     work = simulation.work
     zero = np.zeros(equations.n)
-    rest = settle(equations, Point(work.q.copy(), zero, zero, work.u.copy(), work.psi.copy()), held)
+    rest = find_rest(equations, Point(work.q.copy(), zero, zero, work.u.copy(), work.psi.copy()), held)
     simulation.followed, simulation.stability = rest.followed, at_rest(equations, rest.point, held)
     if require_stable is not False:
-        tell(simulation.stability, bool(require_stable))
+        warn_unstable(simulation.stability, bool(require_stable))
     work.q[:], work.v[:] = rest.point.q, 0.0
     simulation.set_torques(rest.point.u[: equations.n_links])
     return simulation
 
 
-def tell(stability: Stability, refuse: bool) -> None:
+def warn_unstable(stability: Stability, refuse: bool) -> None:
     """Warn the caller's caller of an unstable rest, or refuse it (NoEquilibrium)."""
     if not stability.stable:
         text = (
@@ -160,7 +160,7 @@ def still(scene: Scene, hold_joints: bool, **changes: Any) -> Scene:
     )
 
 
-def settle(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> Rest:
+def find_rest(equations: Equations, start: Point, held: Sequence[int], spin: float = 0.0) -> Rest:
     """The point of rest, or of steady rotation about the origin (spin, rad/s), that the start leads to.
 
     start: unloaded, at its initial angles; its u holds the loads. held: joints that stay at their angle; the point's u

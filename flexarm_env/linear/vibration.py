@@ -13,7 +13,7 @@ from .. import validation as check
 from ..scene import Scene
 from ..simulation import Simulation
 from .equations import STEP, Equations, Point, slopes
-from .equilibrium import settle, still, tell
+from .equilibrium import find_rest, still, warn_unstable
 from .period import point_of
 from .stability import at_rest, eigenpairs, growing, moving
 from .state_space import at_start, simulation_of
@@ -79,7 +79,7 @@ def modes(
     spin = check.number("spin", spin, "rad/s")
     equations, point = _about(target, formulation, options, spin)
     if isinstance(target, Scene) and spin == 0.0:
-        tell(at_rest(equations, point, equations.inputs.tolist()), refuse=False)
+        warn_unstable(at_rest(equations, point, equations.inputs.tolist()), refuse=False)
     held = _held(clamped, equations)
     if isinstance(target, Scene):
         _check_rotors(target, held)
@@ -115,7 +115,7 @@ def _about(
     equations = Equations(simulation)
     w = simulation.work
     start = Point(w.q.copy(), *equations.rotating(w.q, spin), w.u.copy(), w.psi.copy())
-    return equations, settle(equations, start, equations.inputs.tolist(), spin).point
+    return equations, find_rest(equations, start, equations.inputs.tolist(), spin).point
 
 
 def _held(clamped: bool | Sequence[int], equations: Equations) -> list[int]:

@@ -18,12 +18,12 @@ from ..compiler import (
     kernel,
     largest,
     load,
-    pulled,
     select_lt,
     size,
     splat,
     stack,
     store,
+    vjp_of,
 )
 from ..physics.integrator.adjoint import vjp_restart, vjp_step, vjp_switch
 from ..physics.integrator.newton import slopes_of
@@ -64,8 +64,8 @@ def _ask(lane, model, task, controller, amplifier, par, q, v, record, action, u)
     command(lane, task, controller, amplifier, model, par, action, poses, record, Asked(q, v, u, y))
 
 
-_pull_sight = pulled(_see, ("poses", "record", "action", "seen", "outcome"))
-_pull_command = pulled(_ask, ("par", "q", "v", "record", "action", "u"))
+_vjp_sight = vjp_of(_see, ("poses", "record", "action", "seen", "outcome"))
+_vjp_command = vjp_of(_ask, ("par", "q", "v", "record", "action", "u"))
 
 
 @kernel
@@ -103,7 +103,7 @@ def _period(lane, d, g, block, bars, tape):
     for s in range(p.n_steps):
         _turn(lane, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
         if s == 0:
-            _begin(lane, p, par, record, saved, block, w)
+            _torques_jump(lane, p, par, record, saved, block, w)
             _keep(lane, model, p.task, w, tape)
             _keep_start(lane, model, w, start)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
@@ -111,11 +111,9 @@ def _period(lane, d, g, block, bars, tape):
     for i in range(arms(lane)):
         if g * arms(lane) + i < d.n:
             d.failed[g * arms(lane) + i] = np.uint8(w.flag[i])
-    _give(lane, d, g, bars)
+    _seed(lane, d, g, bars)
     link_poses(lane, model, par, w.q, w.v, poses)
-    _pull_sight(
-        lane, p.task, poses, record, action, seen, info, poses_bar, record_bar, action_bar, seen_bar, reward_bar
-    )
+    _vjp_sight(lane, p.task, poses, record, action, seen, info, poses_bar, record_bar, action_bar, seen_bar, reward_bar)
     vjp_poses(lane, model, par, par_bar, w.q, w.v, poses, bar.q, bar.v, poses_bar)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
@@ -125,21 +123,21 @@ def _period(lane, d, g, block, bars, tape):
         if s == 0:
             _recall(lane, model, p.task, w, tape)
             _recall_start(lane, model, w, start)
-            _begin_back(lane, p, par, par_bar, record, saved, block, w, bar)
-        _turn_back(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
-    _tell_back(lane, p.task, p.actuator, record_bar, bar)
-    _pull_command(
+            _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar)
+        _vjp_turn(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
+    _vjp_record_commands(lane, p.task, p.actuator, record_bar, bar)
+    _vjp_command(
         lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, w.u,
         par_bar, bar.q, bar.v, record_bar, action_bar, bar.u,
     )  # fmt: skip
     for k in range(size(model.n_inputs)):
         store(bar.u, k, load(lane, bar.u0, k))
-    _take(lane, d, g, bars)
+    _read_off(lane, d, g, bars)
 
 
 # --- where torques jump -------------------------------------------------------------------------------
 @kernel
-def _begin(lane, p, par, record, saved, block, w):
+def _torques_jump(lane, p, par, record, saved, block, w):
     """`motors._jump`; accelerations before it in a0."""
     afresh = isinstance(p.model.predictor, tuple)
     if not afresh:
@@ -153,16 +151,16 @@ def _begin(lane, p, par, record, saved, block, w):
 
 
 @kernel
-def _begin_back(lane, p, par, par_bar, record, saved, block, w, bar):
-    """`_begin` backwards."""
+def _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar):
+    """`_torques_jump` backwards."""
     if isinstance(p.model.predictor, tuple):
         vjp_restart(lane, p.model, par, par_bar, w, bar, splat(lane, 1.0), p.h)
     else:
-        _stiff_back(lane, p, par, par_bar, record, saved, block, w, bar)
+        _vjp_switch(lane, p, par, par_bar, record, saved, block, w, bar)
 
 
 @kernel
-def _stiff_back(lane, p, par, par_bar, record, saved, block, w, bar):
+def _vjp_switch(lane, p, par, par_bar, record, saved, block, w, bar):
     one, zero = splat(lane, 1.0), splat(lane, 0.0)
     n, inputs = size(p.model.n), size(p.model.n_inputs)
     vjp_switch(lane, p.model, par, par_bar, w, bar, p.h)
@@ -251,7 +249,7 @@ def _turn(lane, task, actuator, s, record, w, tape):
 
 
 @kernel
-def _turn_back(lane, task, actuator, s, record, record_bar, bar, tape):
+def _vjp_turn(lane, task, actuator, s, record, record_bar, bar, tape):
     """`turn_motors`, backwards."""
     if actuator is not None:
         n, zero = size(task.links), splat(lane, 0.0)
@@ -269,7 +267,7 @@ def _turn_back(lane, task, actuator, s, record, record_bar, bar, tape):
 
 
 @kernel
-def _tell_back(lane, task, actuator, record_bar, bar):
+def _vjp_record_commands(lane, task, actuator, record_bar, bar):
     """`record_commands`, backwards."""
     if actuator is not None:
         n = size(task.links)
@@ -284,7 +282,7 @@ def _tell_back(lane, task, actuator, record_bar, bar):
 
 # --- rows -------------------------------------------------------------------------------------------
 @kernel
-def _give(lane, d, g, bars):
+def _seed(lane, d, g, bars):
     """Cotangents of what the period has come to, into a block."""
     for k in range(d.plain.saved // len(lane)):
         store(bars, k, splat(lane, 0.0))
@@ -301,7 +299,7 @@ def _give(lane, d, g, bars):
 
 
 @kernel
-def _take(lane, d, g, bars):
+def _read_off(lane, d, g, bars):
     """Cotangents of state and action, out of a block."""
     count, joints = d.places.shape[0], size(d.program.task.links)
     for i in range(arms(lane)):

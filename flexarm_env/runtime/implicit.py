@@ -157,7 +157,7 @@ def _stiff(lane, d, chunks, par, record, saved, block, scratch, w):
         both = _chunk(d, c, scratch)
         x = unpack(d.dual, model, both, 0)
         if largest(first) > 0.5:
-            _begin(lane, d, model, p, both, w, x)
+            _start_tangents(lane, d, model, p, both, w, x)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
     switch(lane, model, par, block, 0, p.h)
     for c in range(chunks):
@@ -166,7 +166,7 @@ def _stiff(lane, d, chunks, par, record, saved, block, scratch, w):
 
 
 @kernel
-def _begin(lane, d, model, p, both, w, x):
+def _start_tangents(lane, d, model, p, both, w, x):
     """Tangents of lanes where an episode begins."""
     wide, zero = d.dual, splat(d.dual, 0.0)
     first = select_lt(load(wide, _record(d, both), PERIODS), 0.5, splat(wide, 1.0), zero)

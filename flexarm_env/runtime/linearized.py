@@ -164,13 +164,13 @@ def _group(lane, wide, d, g, at_once):
         x = unpack(wide, model, both, 0)
         copy_state(lane, wide, model, w, x)
         if d.n_steps > 0:
-            _tell(wide, d, g, j, min(at_once, columns - j), x.q, x.v, both, w.flag)
+            _record(wide, d, g, j, min(at_once, columns - j), x.q, x.v, both, w.flag)
         else:
-            _tell(wide, d, g, j, min(at_once, columns - j), x.v, x.a, both, w.flag)
+            _record(wide, d, g, j, min(at_once, columns - j), x.v, x.a, both, w.flag)
 
 
 @kernel
-def _tell(lane, d, g, j, count, upper, lower, both, flag):
+def _record(lane, d, g, j, count, upper, lower, both, flag):
     """Columns from j on, and the values."""
     n, links = size(d.model.n), size(d.links)
     shown, columns = outputs_of(links), 2 * n + links

@@ -1,8 +1,8 @@
-"""Derivatives backwards of the elastica's residual and poses, written out from their sources (`compiler.pulled`)."""
+"""Derivatives backwards of the elastica's residual and poses, written out from their sources (`compiler.vjp_of`)."""
 
 from __future__ import annotations
 
-from ...compiler import kernel, pulled
+from ...compiler import kernel, vjp_of
 from ..model import Elastica
 from ..protocol import State, register
 from .equations import residual
@@ -13,21 +13,21 @@ def _residual(lane, model, par, q, v, a, u, r):
     residual(lane, model, par, State(q, v, a), u, r, r)
 
 
-_pull_residual = pulled(_residual, ("par", "q", "v", "a", "u", "r"))
-_pull_poses = pulled(link_poses, ("par", "q", "v", "out"))
+_vjp_residual = vjp_of(_residual, ("par", "q", "v", "a", "u", "r"))
+_vjp_poses = vjp_of(link_poses, ("par", "q", "v", "out"))
 
 
 @kernel
 def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
     """See `protocol`."""
     q, v, a = state
-    _pull_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
+    _vjp_residual(lane, model, par, q, v, a, u, S, par_bar, bar.q, bar.v, bar.a, u_bar, r_bar)
 
 
 @kernel
 def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
     """See `protocol`."""
-    _pull_poses(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
+    _vjp_poses(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
 
 
 register(Elastica, vjp_residual=vjp_residual, vjp_poses=vjp_poses)

@@ -1,12 +1,12 @@
 """Derivatives backwards of a chain of exact beams without rigid ends and point loads: residual and poses.
 
-From tip to root, an element at a time, each written out backwards from its own source (`compiler.pulled`); what comes
+From tip to root, an element at a time, each written out backwards from its own source (`compiler.vjp_of`); what comes
 back to a vertex goes to its row, but for the force on it, which the element before has handed on.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, pulled, splat, stack, store
+from ...compiler import kernel, load, splat, stack, store, vjp_of
 from ..arithmetic import add
 from ..layout import POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, ExactBeam
@@ -29,7 +29,7 @@ def _element(lane, order, gravity, section, q, v, a, left, right, r):
         store(right, k, out[FORCE + k])
 
 
-_pull_element = pulled(_element, ("q", "v", "a", "left", "right", "r"))
+_vjp_element = vjp_of(_element, ("q", "v", "a", "left", "right", "r"))
 
 
 @kernel
@@ -54,8 +54,8 @@ def _reach(lane, model, state, i, hinge, left):
 
 
 @kernel
-def _go_back(lane, bar, i, hinge, left):
-    """Cotangents of such a vertex to its row, and to the hinge's."""
+def _vjp_hinge(lane, bar, i, hinge, left):
+    """Cotangents of a vertex, given on to its own rows and to those of the hinge before it."""
     for k in range(AXES):
         add(lane, bar.q, i + k, load(lane, left, k))
         add(lane, bar.v, i + k, load(lane, left, RATE + k))
@@ -95,7 +95,7 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
             _reach(lane, model, state, i, at, left)
             for j in range(VERTEX):
                 store(left_bar, j, zero)
-            _pull_element(
+            _vjp_element(
                 lane, model.order, model.gravity, section, state.q[i * L :], state.v[i * L :], state.a[i * L :], left,
                 right, S, bar.q[i * L :], bar.v[i * L :], bar.a[i * L :], left_bar, right_bar, r_bar[i * L :],
             )  # fmt: skip
@@ -103,7 +103,7 @@ def vjp_residual(lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar):
                 store(right_bar, j, load(lane, left_bar, FORCE + j))
             if e == 0:
                 _turn(lane, model, k, first, moment, left_bar, right_bar, bar, u_bar)
-            _go_back(lane, bar, i, at, left_bar)
+            _vjp_hinge(lane, bar, i, at, left_bar)
 
 
 @kernel

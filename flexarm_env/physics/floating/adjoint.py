@@ -3,12 +3,12 @@
 What comes of a residual r from cotangents y is the gradient of y'r, the power of all forces at the rates y. As a sum
 over bodies, levers and payload it needs of each its own forces alone: one sweep from root to tip, on which a section's
 place and angle move at the rates that y gives them. Each one's share is written out backwards from its own source
-(`compiler.pulled`), and they are gone back through from tip to root.
+(`compiler.vjp_of`), and they are gone back through from tip to root.
 """
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, pulled, size, splat, stack, store, unrolled
+from ...compiler import kernel, load, size, splat, stack, store, unrolled, vjp_of
 from ..arithmetic import add, fall
 from ..layout import OF_LOAD, POSE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS, FloatingChain
@@ -64,7 +64,7 @@ def _body(lane, model, D, par, carried, q, v, a, rates, section, power):
     store(power, 0, total)
 
 
-_pull_body = pulled(_body, ("par", "carried", "q", "v", "a", "section", "power"))
+_vjp_body = vjp_of(_body, ("par", "carried", "q", "v", "a", "section", "power"))
 
 
 # --- a lever ------------------------------------------------------------------------------------------
@@ -88,7 +88,7 @@ def _lever(lane, along, across, mass, inertia, far, section, power):
     store(power, 0, _power(lane, force, x, y, turn))
 
 
-_pull_lever = pulled(_lever, ("section", "power"))
+_vjp_lever = vjp_of(_lever, ("section", "power"))
 
 
 @kernel
@@ -107,7 +107,7 @@ def _back_over(lane, rigid, k, at_end, room, section_bar):
         length, mass, inertia, far = lever(rigid, k, at_end)
         power_bar = stack(lane, ONE)
         store(power_bar, 0, splat(lane, 1.0))
-        _pull_lever(lane, length, None, mass, inertia, far, room, room, section_bar, power_bar)
+        _vjp_lever(lane, length, None, mass, inertia, far, room, room, section_bar, power_bar)
 
 
 @kernel
@@ -124,7 +124,7 @@ def _from_payload(lane, eccentric, room, section_bar):
     if eccentric is not None:
         power_bar = stack(lane, ONE)
         store(power_bar, 0, splat(lane, 1.0))
-        _pull_lever(lane, eccentric[0], eccentric[1], 0.0, 0.0, 0.0, room, room, section_bar, power_bar)
+        _vjp_lever(lane, eccentric[0], eccentric[1], 0.0, 0.0, 0.0, room, room, section_bar, power_bar)
 
 
 @kernel
@@ -203,7 +203,7 @@ def _come_back(lane, model, par, par_bar, state, rates, S, section_bar, bar):
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             D, e, room = model.data[model.block * b :], elastic_row(model, b) * L, S[LENGTH * b * L :]
             store(power_bar, 0, splat(lane, 1.0))
-            _pull_body(
+            _vjp_body(
                 lane, model.mesh, D, par, carried, q[e:], v[e:], a[e:], rates[e:], room, room,
                 par_bar, carried_bar, bar.q[e:], bar.v[e:], bar.a[e:], section_bar, power_bar,
             )  # fmt: skip
@@ -247,8 +247,8 @@ def _place(lane, model, D, q, v, pose):
     place(lane, model, D, q, v, pose, stack(lane, SIX))
 
 
-_pull_place = pulled(_place, ("q", "v", "pose"))
-_pull_move = pulled(move, ("pose",))
+_vjp_place = vjp_of(_place, ("q", "v", "pose"))
+_vjp_move = vjp_of(move, ("pose",))
 
 
 @kernel
@@ -256,7 +256,7 @@ def _moved_back(lane, rigid, k, at_end, pose, pose_bar):
     """Over the lever at an end of link k; of pose, the one or the other, the angle and its rate are looked at."""
     if rigid is not None:
         length, _, _, _ = lever(rigid, k, at_end)
-        _pull_move(lane, length, None, pose, pose_bar)
+        _vjp_move(lane, length, None, pose, pose_bar)
 
 
 @kernel
@@ -287,7 +287,7 @@ def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
                 e = elastic_row(model, j) * L
                 place(lane, model.mesh, model.data[model.block * j :], q[e:], v[e:], pose, frame)
             D, e = model.data[model.block * b :], elastic_row(model, b) * L
-            _pull_place(lane, model.mesh, D, q[e:], v[e:], pose, q_bar[e:], v_bar[e:], pose_bar)
+            _vjp_place(lane, model.mesh, D, q[e:], v[e:], pose, q_bar[e:], v_bar[e:], pose_bar)
         _moved_back(lane, model.rigid, k, ROOT_END, poses[root * L :], pose_bar)
         _take(lane, poses_bar[root * L :], pose_bar)
         if k > 0:

@@ -1,4 +1,4 @@
-"""Cotangents of a step, a fresh start and a jump of torques: what comes out of them, pulled back to what went in.
+"""Cotangents of a step, a fresh start and a jump of torques: what comes out of them, taken back to what went in.
 
 The transposes of `tangents`: a system with the transposed matrix, and the residual's derivatives backwards. `bar` is a
 work array whose q, v, a, b and u hold cotangents, its other rows are free; `w` holds the arm at the end of the step.
