@@ -25,8 +25,8 @@ _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {
-    *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "identification", "plotting", "recording",
-    "sb3", "suite", "torch", "view", "__init__",
+    *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "identification", "library", "plotting",
+    "recording", "sb3", "suite", "torch", "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -65,6 +65,7 @@ ROOMS: dict[str, set[str]] = {
     "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
     "suite": {*_DESCRIPTION, "control", "envs", "trajectory"},
+    "library": {*_DESCRIPTION, *_COMPILED, "layout", "batch", "control", "derivatives"},
     "identification": {*_PHYSICS - {"batch"}, "derivatives", "plotting"},
     "cli": {*_PUBLIC, "data", "compiler"},
     "__main__": {"cli"},

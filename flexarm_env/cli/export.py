@@ -1,41 +1,73 @@
-"""`flexarm export`: a trained policy as ONNX or as C."""
+"""`flexarm export`: a trained policy as ONNX or as C; an arm as a C library."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 
+from flexarm_env import arms, suite
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
+from flexarm_env.cli.play import keywords
 from flexarm_env.cli.progress import show
 from flexarm_env.control import NumpyPolicy, Setup, load_policy
 from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
-from flexarm_env.envs.ids import permitted
+from flexarm_env.envs.ids import own_ids, permitted
 from flexarm_env.files import write_whole
+from flexarm_env.library import write
 
 FORMS = {"onnx": ".onnx", "c": ".c"}
 """What --to takes, and how such a file's name ends."""
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the file and say what is in it."""
+    """Write the file, or the folder, and say what is in it."""
     out = Path(args.out)
+    if args.to == "library":
+        return _library(args, out)
+    for flag, value in (("--name", args.name), ("--cpu", args.cpu), ("--env-kwargs", args.env_kwargs)):
+        if value is not None:
+            raise check.InvalidValue(flag, value, "must not be given but with --to library")
     if out.suffix.lower() != FORMS[args.to]:
         raise check.InvalidValue("--out", args.out, f"must end in {FORMS[args.to]} for --to {args.to}")
-    policy = load_policy(args.policy)
+    policy = load_policy(args.what)
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     values = {"export": str(out), "observation": size, "actions": joints}
     if args.to == "onnx":
         content = onnx_bytes(policy)
     else:
         name = c_name(out.stem)
-        content = c_source(policy, entries_of(policy, args.policy), name).encode()
+        content = c_source(policy, entries_of(policy, args.what), name).encode()
         values["function"] = f"{name}_decide"
     write_whole(out, content)
     show(values | {"bytes": len(content)}, args.json)
     return DONE
+
+
+def _library(args: argparse.Namespace, out: Path) -> int:
+    env = environment(args.what, keywords(args.env_kwargs))
+    name = args.name or c_name(out.resolve().name)
+    built = write(env, out, name, args.cpu)
+    env.close()
+    values = {"export": str(out), "library": built.library, "header": f"{name}.h"}
+    show(values | ({"why": built.why} if built.why else {}) | {"files": list(built.files)}, args.json)
+    return DONE
+
+
+def environment(word: str, given: dict[str, Any]) -> Any:
+    """The environment that a word names: its id, a task of the suite, or an arm, by its name or its file."""
+    known = [task.id for task in suite.tasks()]
+    if word in known:
+        return suite.make(word, **given)
+    if word.removeprefix("flexarm_env:") in own_ids():
+        return gym.make(word, **given)
+    if word in arms.names() or Path(word).suffix == ".toml":
+        ids = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}
+        return gym.make(ids.get(arms.resolve(word).n_links, "MultiLinkFlexArm-v0"), arm=word, **given)
+    raise check.UnknownKey(word, (*own_ids(), *known, *arms.names()), "environment, task or arm (and no TOML file)")
 
 
 def entries_of(policy: NumpyPolicy, word: str) -> Entries:

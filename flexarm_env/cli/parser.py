@@ -151,14 +151,20 @@ figures; an interrupted fit goes on from there.
 """
 
 EXPORT = """\
-Write a trained policy for other machines, where it decides as NumPy does, to 1e-6. --to c: one C99 file without main,
-float32, arrays of fixed size, no allocation; scaling, clipping, normalisation and history are in it, and its first
-lines say what to call. --to onnx: observations (n, entries) to actions (n, joints), for any runtime (pip install onnx).
+Write a trained policy, or an arm, for other machines.
 
-POLICY is a run folder, a policy.npz or the name of a policy that comes with the package.
+A policy decides there as NumPy does, to 1e-6. --to c: one C99 file without main, float32, arrays of fixed size, no
+allocation; scaling, clipping, normalisation and history are in it, and its first lines say what to call. --to onnx:
+observations (n, entries) to actions (n, joints), for any runtime (pip install onnx). WHAT is a run folder, a policy.npz
+or the name of a policy that comes with the package.
+
+An arm moves there with the bits that it has in Python. --to library: a folder with a shared object that wants no
+Python, a header that says all, an example, a CMake file and a pkg-config file. WHAT is an environment's id, a task of
+the suite, or an arm, by its name or its TOML file. Linux on x86-64; the C compiler there links it.
 
   flexarm export two_link --to c --out two_link.c
   flexarm export runs/ppo-FlexibleArm-v0-0 --to onnx --out arm.onnx
+  flexarm export TwoLinkFlexArm-v0 --to library --out my_arm --env-kwargs '{"formulation": "geometrically_exact"}'
 """
 
 COMPILE = """\
@@ -293,10 +299,13 @@ def build_parser() -> Parser:
     identify.add_argument("--hold-out", metavar="B.csv[,...]", help="logs to judge by")
     identify.add_argument("--out", metavar="FOLDER", help="for arm.toml, report.md, figures; an old fit there goes on")
 
-    export = add("export", "a trained policy as ONNX or C", EXPORT, "export")
-    export.add_argument("policy", metavar="POLICY", help="run folder, policy.npz, or the name of a packaged policy")
-    export.add_argument("--to", required=True, choices=("onnx", "c"), help="the form")
-    export.add_argument("--out", required=True, metavar="FILE", help="the file: .onnx or .c")
+    export = add("export", "a trained policy as ONNX or C, an arm as a C library", EXPORT, "export")
+    export.add_argument("what", metavar="WHAT", help="a policy; for --to library an environment, a task or an arm")
+    export.add_argument("--to", required=True, choices=("onnx", "c", "library"), help="the form")
+    export.add_argument("--out", required=True, metavar="PATH", help="the file, .onnx or .c, or the library's folder")
+    export.add_argument("--name", metavar="NAME", help="in front of all that a library defines; default: its folder's")
+    export.add_argument("--cpu", metavar="CPU", help="native, or by LLVM's name, to build for; default x86-64-v2")
+    export.add_argument("--env-kwargs", metavar="JSON", help="keywords of the library's environment")
 
     compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")

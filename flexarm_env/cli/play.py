@@ -143,6 +143,17 @@ def _picture(env: Any) -> Iterator[NDArray[np.uint8]]:
         yield env.render()
 
 
+def keywords(text: str | None) -> dict[str, Any]:
+    """What --env-kwargs says."""
+    try:
+        given = {} if text is None else json.loads(text)
+    except (ValueError, RecursionError):
+        raise check.InvalidValue("--env-kwargs", text, 'must be JSON such as {"duration": 8}') from None
+    given = check.table_of("--env-kwargs", given)
+    check.known_keys("--env-kwargs", given, [key for key in ARGUMENTS if key != "render_mode"], "argument")
+    return given
+
+
 def _environment(args: argparse.Namespace, player: Player, mode: str | None) -> Any:
     env_id = args.env or player.env_id or DEFAULT_ENV
     if player.env_id and env_id != player.env_id:
@@ -150,12 +161,7 @@ def _environment(args: argparse.Namespace, player: Player, mode: str | None) -> 
     own: dict[str, Any] = {}
     if player.env_id:
         env_id, own = permitted(player.name, player.env_id, player.env_kwargs, args.env)
-    try:
-        given = {} if args.env_kwargs is None else json.loads(args.env_kwargs)
-    except ValueError:
-        raise check.InvalidValue("--env-kwargs", args.env_kwargs, 'must be JSON such as {"duration": 8}') from None
-    given = check.table_of("--env-kwargs", given)
-    check.known_keys("--env-kwargs", given, [key for key in ARGUMENTS if key != "render_mode"], "argument")
+    given = keywords(args.env_kwargs)
     try:
         return EpisodeRecorder(gym.make(env_id, render_mode=mode, **{**own, **given}))
     except gym.error.DependencyNotInstalled:

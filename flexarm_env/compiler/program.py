@@ -88,10 +88,22 @@ def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
             return Program(*kept, made=False)
         with announced(kernel.function), _uncollected():
             module = Module(kernel.function.__name__, call)
-            spec = _write(module, kernel, shapes, direct)
-            code = machine_code(str(module.code))
+            spec = _write(module, kernel, shapes, direct, MAIN)
+            code = machine_code(str(module.code), machine())
         objects.save(key, code, spec, module.used)
         return Program(code, spec, made=True)
+
+
+def linkable(kernel: Kernel, layout: Layout, integers: int, name: str, cpu: str | None) -> bytes:
+    """A kernel's program as an object file to be linked: `name` (address of a placed named tuple, whole numbers).
+
+    cpu: by LLVM's name, its code anywhere in memory; None: this machine's. Bits are those of the program in Python.
+    """
+    shapes = [("placed", layout), *["integer" for _ in range(integers)]]
+    with _LOCK, announced(kernel.function), _uncollected():
+        module = Module(name, call)
+        _write(module, kernel, shapes, True, name)
+        return machine_code(str(module.code), machine(cpu or target_text()[1], linked=True))
 
 
 @contextmanager
@@ -114,9 +126,9 @@ def _text(shape: Any) -> str:
     return str(shape)
 
 
-def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Any:
-    """The program's one function; returns what its result is."""
-    code = ir.Function(module.code, ir.FunctionType(WORD, [WORD] * 3), MAIN)
+def _write(module: Any, kernel: Kernel, shapes: Sequence[Any], direct: bool, name: str) -> Any:
+    """The program's one function, under a name; returns what its result is."""
+    code = ir.Function(module.code, ir.FunctionType(WORD, [WORD] * 3), name)
     writer = Expressions(module, code)
     b = writer.b
     if len(shapes) != kernel.function.__code__.co_argcount:
@@ -202,19 +214,20 @@ def target_text() -> tuple[str, str, str]:
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), features
 
 
-def machine() -> Any:
-    """A target machine; an engine takes one for itself."""
+def machine(cpu: str | None = None, linked: bool = False) -> Any:
+    """A target machine, this one where no processor is named; an engine takes one for itself. linked: its code goes
+    into a shared library."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    _, cpu, features = target_text()
+    _, own, features = target_text()
+    where = {"reloc": "pic", "codemodel": "default"} if linked else {"reloc": "default", "codemodel": "jitdefault"}
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=cpu, features=features, opt=3, reloc="default", codemodel="jitdefault", jit=True
+        cpu=cpu or own, features=features if cpu in (None, own) else "", opt=3, jit=not linked, **where
     )
 
 
-def machine_code(text: str) -> bytes:
-    """The object file that intermediate code comes to. No fast-math, nothing contracted."""
-    made = machine()
+def machine_code(text: str, made: Any) -> bytes:
+    """The object file that intermediate code comes to on a machine. No fast-math, nothing contracted."""
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = made.triple, str(made.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
@@ -257,7 +270,7 @@ def _door() -> tuple[Any, Any]:
     of machine code, since a call through ctypes costs more than a control period of a small arm."""
     key = objects.key_of(_door_text, [], True, *target_text())
     kept = objects.load(key)
-    code = kept[0] if kept else machine_code(_door_text())
+    code = kept[0] if kept else machine_code(_door_text(), machine())
     if not kept:
         objects.save(key, code, "none", {})
     address = engine(code).get_function_address("door")

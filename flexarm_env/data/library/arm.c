@@ -1,0 +1,134 @@
+/* NAME: see NAME.h. What Python has compiled is in NAME_programs.o; this is what lies around it. C99. */
+#include "NAME.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+@DECLARED@
+
+enum { RUNNING = 0, LINE = 64 };
+
+/* A world is a row of words, some of them addresses of places in its data. */
+typedef struct {
+    const uint64_t *words;
+    size_t count;
+    const uint32_t (*pointers)[2];
+    size_t addresses;
+    const uint64_t *data;
+    size_t bytes;
+} world;
+
+@TABLES@
+
+struct NAME_arm {
+    void *memory;
+    uint64_t *words[@WORLDS@];
+    unsigned char *data[@WORLDS@];
+};
+
+static size_t lines(size_t bytes) { return (bytes + LINE - 1) / LINE * LINE; }
+
+NAME_arm *NAME_create(void)
+{
+    size_t bytes = lines(sizeof(NAME_arm)) + LINE;
+    for (int k = 0; k < @WORLDS@; k++) bytes += lines(8 * worlds[k].count) + lines(worlds[k].bytes);
+    unsigned char *memory = malloc(bytes);
+    if (memory == NULL) return NULL;
+    unsigned char *at = memory + (LINE - (uintptr_t)memory % LINE) % LINE;
+    NAME_arm *arm = (NAME_arm *)at;
+    at += lines(sizeof(NAME_arm));
+    arm->memory = memory;
+    for (int k = 0; k < @WORLDS@; k++) {
+        const world *w = &worlds[k];
+        arm->words[k] = memcpy(at, w->words, 8 * w->count);
+        at += lines(8 * w->count);
+        arm->data[k] = memcpy(at, w->data, w->bytes);
+        at += lines(w->bytes);
+        for (size_t i = 0; i < w->addresses; i++)
+            arm->words[k][w->pointers[i][0]] = (uint64_t)(uintptr_t)(arm->data[k] + w->pointers[i][1]);
+    }
+    return arm;
+}
+
+void NAME_destroy(NAME_arm *arm)
+{
+    if (arm != NULL) free(arm->memory);
+}
+
+static int64_t place(const NAME_arm *arm, int k) { return (int64_t)(uintptr_t)arm->words[k]; }
+static double *numbers(const NAME_arm *arm, int k, size_t at) { return (double *)(void *)(arm->data[k] + at); }
+static int code(const NAME_arm *arm) { return (int)NAME_get_info(arm)->reason; }
+
+static int finite_all(const double *values, int count, int nan_too)
+{
+    for (int k = 0; values != NULL && k < count; k++)
+        if (isinf(values[k]) || (isnan(values[k]) && !nan_too)) return 0;
+    return 1;
+}
+
+int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *target, double vibration)
+{
+    double *request = numbers(arm, 0, @REQUEST@), *record = numbers(arm, 0, @RECORD@);
+    if (!finite_all(angles, UPPER_JOINTS, 1) || !finite_all(target, @TARGETS@, 1) || isinf(vibration))
+        return UPPER_REFUSED;
+    for (int k = 0; k < UPPER_JOINTS; k++) {
+        if (angles != NULL && fabs(angles[k]) > @FARTHEST@) return UPPER_REFUSED;
+        request[@ANGLES@ + k] = angles == NULL ? NAN : angles[k];
+    }
+    for (int k = 0; k < 2; k++) request[@TARGET_AT@ + k] = target == NULL || k >= @TARGETS@ ? NAN : target[k];
+    request[@VIBRATION@] = vibration;
+    *(uint64_t *)(void *)(arm->data[0] + @STREAM@) = key;
+    *(int64_t *)(void *)(arm->data[0] + @QUEUE@) = 0;
+    record[@ALLOWED@] = 1e15;
+    NAME_start_program(place(arm, 0), RUNNING, 1);
+    return code(arm);
+}
+
+int NAME_step(NAME_arm *arm, const double action[UPPER_JOINTS])
+{
+    if (numbers(arm, 0, @RECORD@)[@MODE@] != RUNNING || numbers(arm, 0, @RECORD@)[@ALLOWED@] == 0.0) return UPPER_OVER;
+    memcpy(arm->data[0] + @ACTION_AT@, action, UPPER_JOINTS * sizeof(double));
+    NAME_step_program(place(arm, 0), 0, 1);
+    return code(arm);
+}
+@TORQUES@
+const NAME_info *NAME_get_info(const NAME_arm *arm) { return (const NAME_info *)(const void *)(arm->data[0] + @TABLE@); }
+const NAME_pose *NAME_get_poses(const NAME_arm *arm) { return (const NAME_pose *)(const void *)(arm->data[0] + @POSES@); }
+const float *NAME_get_observation(const NAME_arm *arm) { return (const float *)(const void *)(arm->data[0] + @SEEN@); }
+double NAME_get_reward(const NAME_arm *arm) { return NAME_get_info(arm)->reward; }
+double NAME_get_time(const NAME_arm *arm) { return numbers(arm, 0, @RECORD@)[@PERIODS@] * UPPER_PERIOD; }
+
+void NAME_get_state(const NAME_arm *arm, void *state) { memcpy(state, arm->data[0], UPPER_STATE_BYTES); }
+
+int NAME_set_state(NAME_arm *arm, const void *state)
+{
+    memcpy(arm->data[0], state, UPPER_STATE_BYTES);
+    return code(arm);
+}
+
+void NAME_get_parameters(const NAME_arm *arm, double parameters[4])
+{
+    memcpy(parameters, arm->data[0] + @PAR@, 4 * sizeof(double));
+}
+
+int NAME_set_parameters(NAME_arm *arm, const double parameters[4])
+{
+    static const double most[4] = {@MOST@};
+    for (int k = 0; k < 4; k++)
+        if (!(parameters[k] >= 0.0 && parameters[k] <= most[k])) return UPPER_REFUSED;
+    if (parameters[2] == 0.0) return UPPER_REFUSED;
+    memcpy(arm->data[0] + @PAR@, parameters, 4 * sizeof(double));
+    return code(arm);
+}
+
+const char *NAME_status(int status)
+{
+    switch (status) {
+@SENTENCES@
+    case UPPER_OVER: return "the episode has ended, or none has begun: reset first";
+    case UPPER_REFUSED: return "a number is not allowed; nothing has moved";
+    }
+    return "no status of this library";
+}
+@DERIVATIVES@

@@ -1,0 +1,126 @@
+"""From an environment to a folder with a shared object, a header, an example, a CMake file and a pkg-config file."""
+
+from __future__ import annotations
+
+import platform
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import validation as check
+from ..compiler import UNCOMPILED
+from ..compiler.image import Image
+from ..derivatives import Periods
+from ..files import write_whole
+from ..runtime import adjoint, episode, starts
+from .source import Source
+
+CPU = "x86-64-v2"
+"""What is built for unless another processor is named: every x86-64 since about 2009."""
+
+CHANGING = (
+    "block", "action", "queue", "observation", "table", "reward", "terminated", "truncated", "stream", "request",
+)  # fmt: skip
+"""Arrays of a `tasks.program.Program` that stepping and starting write to."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """What was written. files: names in the folder; library: the shared object's, or None, and then why not."""
+
+    folder: Path
+    name: str
+    files: tuple[str, ...]
+    library: str | None
+    why: str = ""
+
+
+def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives: bool = True) -> Built:
+    """The arm of an environment with its task as a library in C.
+
+    Its bits are those of the environment: the same arm, random streams and task, actions float64. There is no time
+    limit: whoever steps it ends.
+
+    Args:
+        env: single, of this package; without a prescribed motion. folder: is made where it is not there. name: a C
+            identifier, in front of all that the library defines. cpu: by LLVM's name, "native" for this machine;
+            default `CPU`. derivatives: jvp and vjp of a period, where the arm has them.
+    Raises:
+        ValueError: another environment; a machine that is not Linux on x86-64; nothing is compiled here.
+    """
+    system = f"{platform.system()} {platform.machine()}"
+    if system != "Linux x86_64":
+        raise ValueError(f"libraries are built on Linux x86-64, where they have been tried; this is {system}")
+    if UNCOMPILED:
+        raise ValueError("FLEXARM_COMPILER=python: a library is made of compiled programs, and nothing is compiled")
+    plain = getattr(env, "unwrapped", env)
+    batch, plan = getattr(plain, "batch", None), getattr(plain, "plan", None)
+    if batch is None or plan is None or batch.n != 1:
+        raise ValueError(f"env = {env}: must be a single environment of flexarm_env")
+    if plan.motion is not None:
+        raise check.InvalidValue(
+            "motion", plan.motion, "must be left out: a library's arm is moved by its motors alone"
+        )
+    if not re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII):
+        raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _")
+    target = None if cpu == "native" else cpu or CPU
+    program = batch.program._replace(action=np.zeros(batch.action.size))
+    worlds = [Image.of(program, CHANGING)]
+    made = [(f"{name}_step_program", episode.step), (f"{name}_start_program", starts.start_episodes)]
+    periods, absent = _periods(batch) if derivatives else (None, "left out")
+    images = [worlds[0], worlds[0]]
+    if periods is not None:
+        given = periods._program
+        own = [key for key, value in zip(given._fields, given, strict=True) if isinstance(value, np.ndarray)]
+        worlds.append(Image.of(given, [key for key in own if key not in ("places", "twice", "chosen")]))
+        made.append((f"{name}_jacobian_program", periods._derivative))
+        if periods.backwards:
+            made.append((f"{name}_adjoint_program", adjoint.adjoint))
+        images += [worlds[1]] * (len(made) - 2)
+    objects = {
+        f"{symbol}.o": image.linkable(kernel, 2, symbol, target)
+        for (symbol, kernel), image in zip(made, images, strict=True)
+    }
+    source = Source(env, name, worlds, periods, absent, [symbol for symbol, _ in made], target or "this machine")
+    files = {**objects, **{key: text.encode() for key, text in source.files().items()}}
+    folder.mkdir(parents=True, exist_ok=True)
+    for key, content in files.items():
+        write_whole(folder / key, content)
+    library, why = _linked(folder, name, sorted(objects))
+    return Built(folder, name, (*files, *([library] if library else [])), library, why)
+
+
+def _periods(batch: Any) -> tuple[Periods | None, str]:
+    """The derivatives of the batch's one arm, or why there are none."""
+    try:
+        periods = Periods(batch)
+    except (ValueError, NotImplementedError) as error:
+        return None, " ".join(str(error).split())
+    if periods._sights.frames:
+        periods.close()
+        return None, "an observation here shows what was before"
+    return periods, ""
+
+
+def _linked(folder: Path, name: str, objects: list[str]) -> tuple[str | None, str]:
+    """The shared object, made by the machine's C compiler; None and why."""
+    compiler = next((word for word in ("cc", "gcc", "clang") if shutil.which(word)), None)
+    if compiler is None:
+        return (
+            None,
+            f"no C compiler is there: on a machine that has one, 'cmake -B build {folder} && cmake --build build'",
+        )
+    library = f"lib{name}.so"
+    command = [
+        compiler, "-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-Wall", "-Wextra",
+        f"-Wl,-soname,{library}", "-o", library, f"{name}.c", *objects, "-lm",
+    ]  # fmt: skip
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()[-2000:]}")
+    return library, ""

@@ -1,0 +1,221 @@
+"""The texts of a library: templates of `data/library`, filled in from the declared layouts."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
+from importlib import metadata, resources
+from typing import Any
+
+import numpy as np
+
+from .. import validation as check
+from ..batch import CLIP, MODE, PERIODS, PERIODS_ALLOWED, REASONS
+from ..compiler.image import Image
+from ..control.base import Setup
+from ..layout import Layout
+from ..physics import precision
+from ..physics.layout import POSES
+from ..tasks.program import ENERGIES, INFO, REQUEST
+
+VERSION = metadata.version("flexarm_env")
+
+SENTENCES = {
+    "ok": "ok",
+    "newton_failed": "Newton's iteration did not converge, although the step was halved",
+    "diverged": "the solution diverged: a tip deflects by more than its length, or energy appeared from nowhere",
+    "out_of_range": "a deflection is beyond the range of the reduction to modes",
+    "not_finite": "a value that is not finite appeared",
+    "timed_out": "the time allowed was used up",
+    "action_not_finite": "the action is not finite",
+    "joint_limit": "a joint is beyond its limits",
+}
+"""Of the words of `REASONS`; "ok" where there is none."""
+
+
+class Source:
+    """What a library's files say.
+
+    Args:
+        env: the environment. name: in front of all names. worlds: what stepping needs, and derivatives where there are
+            any. periods: these; None, and why. symbols: of the programs. cpu: to be told.
+    """
+
+    def __init__(
+        self, env: Any, name: str, worlds: Sequence[Image], periods: Any, absent: str, symbols: Sequence[str], cpu: str
+    ) -> None:
+        self.env, self.name, self.worlds, self.periods = env, name, worlds, periods
+        self.absent, self.symbols, self.cpu = absent, symbols, cpu
+        self.batch, self.plan, self.setup = env.unwrapped.batch, env.unwrapped.plan, Setup.of(env)
+        self.joints = self.plan.arm.n_links
+
+    def files(self) -> dict[str, str]:
+        """Names and contents."""
+        return {
+            f"{self.name}.h": self._filled("arm.h", DERIVATIVES=self._declared, TORQUES=self._torques("arm.h")),
+            f"{self.name}.c": self._filled("arm.c", DERIVATIVES=self._derived, TORQUES=self._torques("arm.c")),
+            "example.c": self._filled("example.c"),
+            "CMakeLists.txt": self._filled("CMakeLists.txt"),
+            f"{self.name}.pc": self._filled("arm.pc"),
+        }
+
+    def _filled(self, file: str, **more: str) -> str:
+        """A template with its marks replaced: @WORD@, NAME, UPPER."""
+        text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
+        known = self._known | more
+        text = re.sub("@([A-Z_]+)@", lambda word: str(known[word[1]]), text)
+        return re.sub("NAME|UPPER", lambda word: self.name if word[0] == "NAME" else self.name.upper(), text)
+
+    # --- the numbers ------------------------------------------------------------------------------
+    @cached_property
+    def _known(self) -> dict[str, Any]:
+        batch, plan, world = self.batch, self.plan, self.worlds[0]
+        at, request = {key: place[0] for key, place in world.places.items()}, REQUEST.offsets(0, self.joints)
+        targets = len(batch.task.targets)
+        known = {
+            "HEAD": self._head(), "VERSION": VERSION, "JOINTS": self.joints, "OBSERVATION": batch.observation.size,
+            "PERIOD": repr(plan.period), "STATE": world.changing, "CLIP": f"{CLIP:g}", "TARGETS": targets,
+            "TARGET": "an angle, rad" if targets == 1 else "x and y, m", "ACTION": self._action(),
+            "ENTRIES": _listed(_entries(self.setup)), "STATUSES": self._statuses(), "SENTENCES": self._sentences(),
+            "INFO": _members(INFO, self._sizes, {"energies": ENERGIES}), "POSE": _members(POSES, {}, {}),
+            "DECLARED": "\n".join(f"extern int64_t {symbol}(int64_t, int64_t, int64_t);" for symbol in self.symbols),
+            "TABLES": "\n".join(self._tables()), "WORLDS": len(self.worlds), "REQUEST": at["request"],
+            "RECORD": at["block"] + 8 * batch.layout.record, "ANGLES": request.angles, "TARGET_AT": request.target,
+            "VIBRATION": request.vibration, "STREAM": at["stream"], "QUEUE": at["queue"], "ALLOWED": PERIODS_ALLOWED,
+            "MODE": MODE, "PERIODS": PERIODS, "TABLE": at["table"], "POSES": at["block"] + 8 * batch.layout.poses,
+            "SEEN": at["observation"], "PAR": at["block"] + 8 * batch.layout.par, "BLOCK": at["block"],
+            "ACTION_AT": at["action"], "FARTHEST": _number(min(plan.farthest, 1e9)),
+            "MOST": ", ".join(map(_number, self._most())), "CPU": self.cpu,
+            "OBJECTS": " ".join(f"{symbol}.o" for symbol in self.symbols),
+        }  # fmt: skip
+        return known
+
+    @property
+    def _sizes(self) -> dict[str, int]:
+        task = self.batch.task
+        counts = {"links": task.links, "targets": task.targets, "terms": task.terms, "further": task.further}
+        return {key: len(value) for key, value in counts.items()}
+
+    def _most(self) -> tuple[float, float, float, float]:
+        """The largest parameters that double precision carries; see `physics.precision`."""
+        batch, largest = self.batch, 10.0 * self.batch.arm.damping[0] * self.batch.starts.factors[2][1]
+
+        def carried(bending: float, damping: float) -> bool:
+            try:
+                precision.check_parameters(batch.arm, batch.settings, bending, damping, 0.0, "")
+            except check.InvalidValue:
+                return False
+            return True
+
+        damping = next((x for x in (largest, 0.2 * largest) if carried(2.0, x)), 0.1 * largest)
+        low, high = 0.0, 60.0
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if carried(2.0**middle, damping) else (low, middle)
+        return check.LARGEST, check.LARGEST, 2.0**low, damping
+
+    # --- the texts --------------------------------------------------------------------------------
+    def _head(self) -> str:
+        spec = self.env.spec
+        what = f"{spec.id} {json.dumps(spec.kwargs, default=str)}" if spec is not None else type(self.env).__name__
+        settings = self.plan.settings
+        lines = [
+            f"NAME: a flexible-link robot arm, {what}",
+            f"written by flexarm_env {VERSION}: {settings.formulation}, dt = {settings.dt:.6g} s; for {self.cpu}",
+        ]
+        if self.periods is None:
+            lines.append(f"Derivatives of a period are not in it: {self.absent}.")
+        return _listed(lines, " * ")
+
+    def _action(self) -> str:
+        mode, limits = self.plan.action_mode, ", ".join(f"{x:g}" for x in self.plan.arm.torque_limits)
+        means = f"torques over {limits} N m" if mode == "torque" else f'what action_mode="{mode}" takes'
+        return f"{means}."
+
+    def _statuses(self) -> str:
+        words = {int(code): word or "ok" for code, word in REASONS.items()}
+        return "\n".join(f"#define UPPER_{word.upper()} {code}" for code, word in words.items())
+
+    def _sentences(self) -> str:
+        rows = (f"    case UPPER_{word.upper()}: return {json.dumps(text)};" for word, text in SENTENCES.items())
+        return "\n".join(rows)
+
+    def _torques(self, file: str) -> str:
+        if self.plan.action_mode != "torque":
+            return ""
+        declared = "int NAME_step_torques(NAME_arm *arm, const double torque[UPPER_JOINTS])"
+        if file.endswith(".h"):
+            return f"\n/* The same by the torques asked for, N m. */\n{declared};\n"
+        limits = ", ".join(map(_number, self.plan.arm.torque_limits))
+        return (
+            f"\n{declared}\n{{\n    static const double limits[UPPER_JOINTS] = {{{limits}}};\n"
+            "    double action[UPPER_JOINTS];\n"
+            "    for (int k = 0; k < UPPER_JOINTS; k++) action[k] = torque[k] / limits[k];\n"
+            "    return NAME_step(arm, action);\n}\n"
+        )
+
+    @property
+    def _declared(self) -> str:
+        if self.periods is None:
+            return ""
+        names = [f" *   {k}: {name}" for k, name in enumerate(self.periods.names)]
+        return self._filled("derivatives.h", STATES="\n".join(names), S=str(self.periods.state_size))
+
+    @property
+    def _derived(self) -> str:
+        if self.periods is None:
+            return ""
+        p, world = self.periods, self.worlds[1]
+        at = {f"D_{key.upper()}": str(place[0]) for key, place in world.places.items() if "." not in key}
+        return self._filled(
+            "derivatives.c", MOVING=str(p.moving), COLUMNS=str(p.moving + p.action_size),
+            D_CHANGING=str(world.changing), PLACES=", ".join(map(str, p._own.tolist())),
+            BACKWARDS=str(int(p.backwards)), **at,
+        )  # fmt: skip
+
+    def _tables(self) -> Iterator[str]:
+        rows = []
+        for k, world in enumerate(self.worlds):
+            data = np.frombuffer(world.data, np.uint64).tolist()
+            words = [word % 2**64 for word in world.words]
+            pairs = [f"{{{word}, {byte}}}" for word, byte in world.pointers]
+            yield f"static const uint64_t words{k}[] = {{\n{_rows(f'{word:#x}u' for word in words)}\n}};"
+            yield f"static const uint32_t pointers{k}[][2] = {{\n{_rows(pairs)}\n}};"
+            yield f"static const uint64_t data{k}[] = {{\n{_rows(f'{word:#x}u' for word in data)}\n}};"
+            rows.append(f"    {{words{k}, {len(words)}, pointers{k}, {len(pairs)}, data{k}, {len(world.data)}}},")
+        yield "static const world worlds[] = {\n" + "\n".join(rows) + "\n};"
+
+
+def _members(layout: Layout, sizes: dict[str, int], inner: dict[str, Layout]) -> str:
+    """A struct's members, all of them double, as a layout has them."""
+    lines = []
+    for field, shape in zip(layout.fields, layout.shapes(**sizes), strict=True):
+        if field.name in inner:
+            lines += [f"    struct {{\n{_members(inner[field.name], {}, {})}\n    }} {field.name};"]
+        elif all(shape):
+            told = ", ".join(part for part in (field.unit, re.sub(r"`\w+`", "", field.meaning)) if part)
+            name = field.name + "".join(f"[{length}]" for length in shape)
+            lines.append(f"    double {name};" + (f" /* {told} */" if told else ""))
+    return "\n".join(lines)
+
+
+def _entries(setup: Setup) -> list[str]:
+    """A line for each number that is observed at an instant."""
+    past = "" if setup.history == 1 else f", {setup.history} instants, the oldest first"
+    return [f"{k}: {n} / {s:.9g}{past}" for k, (n, s) in enumerate(zip(setup.names, setup.scales, strict=True))]
+
+
+def _listed(lines: Iterable[str], start: str = " *   ") -> str:
+    return "\n".join(f"{start}{re.sub(r'[^ -~]', '?', line).replace('*/', '* /')}" for line in lines)
+
+
+def _rows(words: Iterable[str]) -> str:
+    found = list(words)
+    return ",\n".join("    " + ", ".join(found[k : k + 6]) for k in range(0, len(found), 6))
+
+
+def _number(value: float) -> str:
+    """A double as C writes it, to the last bit."""
+    return repr(float(value))

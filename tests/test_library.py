@@ -1,0 +1,265 @@
+"""Arms as C libraries: the same bits as Python's, no allocation after the first, clear refusals."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import flexarm_env  # noqa: F401
+from flexarm_env.cli import main
+from flexarm_env.compiler import UNCOMPILED
+from flexarm_env.derivatives import Periods
+from flexarm_env.library import Built, build, write
+from tests.cli_tools import refused
+
+COMPILER = shutil.which("cc")
+
+needs_c = pytest.mark.skipif(COMPILER is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
+
+CASES: list[Any] = [
+    pytest.param("flexarm/slew-geared-v1", {}, id="gears with friction, delay"),
+    pytest.param("flexarm/reach-measured-v1", {}, id="noise", marks=pytest.mark.slow),
+    pytest.param("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}, id="exact", marks=pytest.mark.slow),
+    pytest.param("TwoLinkFlexArm-v0", {"formulation": "floating_frame"}, id="floating", marks=pytest.mark.slow),
+    pytest.param("FlexibleArm-v0", {"step_tolerance": 1e-4}, id="fitted steps", marks=pytest.mark.slow),
+    pytest.param("MultiLinkFlexArm-v0", {"randomization": {"EI": (0.7, 1.3)}}, id="drawn", marks=pytest.mark.slow),
+]
+
+
+COUNTING = """
+#include <math.h>
+#include <stdio.h>
+#include "arm.h"
+
+void *__libc_malloc(size_t);
+void *__libc_calloc(size_t, size_t);
+void *__libc_realloc(void *, size_t);
+static long count;
+void *malloc(size_t n) { count++; return __libc_malloc(n); }
+void *calloc(size_t n, size_t m) { count++; return __libc_calloc(n, m); }
+void *realloc(void *p, size_t n) { count++; return __libc_realloc(p, n); }
+
+int main(void)
+{
+    arm_arm *arm = arm_create();
+    const long before = count;
+    double action[ARM_JOINTS], x[ARM_STATES], y[ARM_OBSERVATION], r, xb[ARM_STATES];
+    for (int k = 0; k < 2000; k++) {
+        for (int i = 0; i < ARM_JOINTS; i++) action[i] = 0.3 * sin(0.04 * k + i);
+        if (k == 0 || arm_step(arm, action)) arm_reset(arm, k, NULL, NULL, NAN);
+    }
+    arm_get_states(arm, x);
+    arm_jvp(arm, x, action, x, action, x, y, &r);
+    arm_vjp(arm, x, action, x, y, r, xb, action);
+    const long after = count;
+    printf("%ld %ld\\n", before, after - before);
+    arm_destroy(arm);
+    return 0;
+}
+"""
+
+
+class Arm:
+    """A library's arm, called from Python."""
+
+    def __init__(self, built: Built) -> None:
+        assert built.library is not None
+        self.name, self._code = built.name, ctypes.CDLL(str(built.folder / built.library))
+        self._known("create").restype = ctypes.c_void_p
+        for word in ("get_info", "get_poses", "get_observation"):
+            self._known(word).restype = ctypes.c_void_p
+        for word in ("get_reward", "get_time"):
+            self._known(word).restype = ctypes.c_double
+        self._known("status").restype = ctypes.c_char_p
+        self.at = ctypes.c_void_p(self._known("create")())
+        assert self.at.value
+
+    def _known(self, word: str) -> Any:
+        return getattr(self._code, f"{self.name}_{word}")
+
+    def __call__(self, word: str, *items: Any) -> Any:
+        given = [item.ctypes.data_as(ctypes.c_void_p) if isinstance(item, np.ndarray) else item for item in items]
+        return self._known(word)(self.at, *given)
+
+    def reset(self, key: int, vibration: float = np.nan) -> int:
+        return int(self("reset", ctypes.c_uint64(key), None, None, ctypes.c_double(vibration)))
+
+    def row(self, word: str, count: int, kind: str = "d") -> np.ndarray[Any, Any]:
+        number = {"d": ctypes.c_double, "f": ctypes.c_float}[kind]
+        return np.ctypeslib.as_array(ctypes.cast(self(word), ctypes.POINTER(number)), (count,)).copy()
+
+    def status(self, code: int) -> str:
+        return str(self._known("status")(code).decode())
+
+    def destroy(self) -> None:
+        self("destroy")
+
+
+def compare(env: Any, arm: Arm, seed: int, periods: int) -> None:
+    """An episode of both, bit for bit: observations, info, poses, rewards."""
+    batch, rng = env.unwrapped.batch, np.random.default_rng(seed)
+    seen, _ = env.reset(seed=seed)
+    assert arm.reset(int(np.random.PCG64(np.random.SeedSequence(seed)).random_raw())) == 0
+    for k in range(periods):
+        assert np.array_equal(arm.row("get_observation", seen.size, "f"), seen)
+        numbers = batch.table[:, 0].copy()
+        numbers[batch.info_at.truncated] = 0.0  # a library has no time limit
+        assert np.array_equal(arm.row("get_info", len(numbers)), numbers, equal_nan=True)
+        poses = batch.view(0).poses
+        assert np.array_equal(arm.row("get_poses", poses.size), poses.ravel())
+        assert abs(arm("get_time") - k * env.unwrapped.dt) < 1e-9
+        action = rng.uniform(-0.7, 0.7, env.action_space.shape).astype(np.float32)
+        seen, reward, ended, *_ = env.step(action)
+        assert arm("step", action.astype(np.float64)) == (0 if not ended else numbers[batch.info_at.reason])
+        assert arm("get_reward") == reward
+        if ended:
+            break
+
+
+@needs_c
+@pytest.mark.parametrize(("env_id", "keywords"), CASES)
+def test_bits(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
+    env = gym.make(env_id, **keywords)
+    built = write(env, tmp_path, "arm", "native", derivatives=False)
+    arm = Arm(built)
+    for seed in (1, 2):
+        compare(env, arm, seed, 150)
+    arm.destroy()
+    env.close()
+
+
+@needs_c
+@pytest.mark.parametrize(
+    ("env_id", "keywords"),
+    [
+        ("FlexibleArm-v0", {}),
+        pytest.param("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
+        pytest.param("FlexibleArm-v0", {"actuator": {"lag": 0.03}, "step_tolerance": 1e-4}, marks=pytest.mark.slow),
+    ],
+)
+def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
+    """Built for every x86-64: episodes, states kept and put back, parameters, derivatives, refusals, the example."""
+    env = gym.make(env_id, **keywords)
+    built = write(env, tmp_path, "arm")
+    assert {"arm.h", "arm.c", "example.c", "CMakeLists.txt", "arm.pc", "libarm.so"} <= set(built.files)
+    arm, other, joints = Arm(built), Arm(built), env.action_space.shape[0]
+    zero = np.zeros(joints)
+    assert arm("step", zero) == -1 and arm.status(-1).startswith("the episode has ended")
+    compare(env, arm, 3, 100)
+
+    periods = Periods(env.unwrapped.batch)
+    x, size = np.zeros(periods.state_size), periods.observation_size
+    arm("get_states", x)
+    assert np.array_equal(x[None], periods.states())
+    rng = np.random.default_rng(0)
+    action = rng.uniform(-0.5, 0.5, joints)
+    found = periods.jacobians(x[None], action[None])
+    dx, da = rng.normal(size=x.size), rng.normal(size=joints)
+    after, seen, reward = np.zeros_like(x), np.zeros(size), np.zeros(1)
+    assert arm("jvp", x, action, dx, da, after, seen, reward) == 0
+    for one, wanted in zip((after, seen, reward), found.jvp(dx[None], da[None]), strict=True):
+        assert abs(one - wanted.ravel()).max() <= 1e-12 * max(1.0, abs(wanted).max())
+    bars = [rng.normal(size=part.shape) for part in found[:3]]
+    x_bar, a_bar = np.zeros_like(x), np.zeros(joints)
+    assert arm("vjp", x, action, bars[0], bars[1], ctypes.c_double(bars[2][0]), x_bar, a_bar) == 0
+    for one, wanted in zip((x_bar, a_bar), periods.vjp(x[None], action[None], *bars), strict=True):
+        assert abs(one - wanted.ravel()).max() <= 1e-12 * abs(wanted).max()
+    periods.close()
+
+    state = np.zeros(build_bytes(tmp_path / "arm.h"), np.uint8)
+    arm("get_state", state)
+    for _ in range(5):
+        arm("step", action)
+    assert other("set_state", state) == 0
+    for _ in range(5):
+        other("step", action)
+    assert np.array_equal(arm.row("get_poses", 12 * joints), other.row("get_poses", 12 * joints))
+
+    own = np.zeros(4)
+    arm("get_parameters", own)
+    assert np.array_equal(own, env.unwrapped.batch.parameters(0))
+    assert arm("set_parameters", own * 1.1) == 0
+    for k, value in ((0, -1.0), (1, np.nan), (2, 0.0), (2, 1e15), (3, np.inf)):
+        wrong = own.copy()
+        wrong[k] = value
+        assert arm("set_parameters", wrong) == -2
+    assert arm("reset", ctypes.c_uint64(1), np.full(joints, np.inf), None, ctypes.c_double(0.0)) == -2
+    assert arm.reset(1) == 0 and arm("step", np.full(joints, np.nan)) == 100
+    assert arm("step", zero) == -1
+
+    limits = np.array(env.unwrapped.plan.arm.torque_limits)
+    assert arm.reset(1) == 0 and other.reset(1) == 0
+    arm("step_torques", action * limits)
+    other("step", action * limits / limits)
+    assert np.array_equal(arm.row("get_poses", 12 * joints), other.row("get_poses", 12 * joints))
+
+    command = [
+        str(COMPILER),
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-pedantic",
+        "example.c",
+        "-I.",
+        "-L.",
+        "-larm",
+    ]
+    subprocess.run([*command, "-Wl,-rpath,.", "-lm", "-o", "example"], cwd=tmp_path, check=True)
+    told = subprocess.run(["./example"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    assert told.count("tip") == 10 and told.endswith("\nok\n")
+    arm.destroy()
+    other.destroy()
+    env.close()
+
+
+def run_c(folder: Path, name: str) -> str:
+    """What a program that uses the library prints."""
+    command = [str(COMPILER), "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"{name}.c", "-o", name]
+    subprocess.run([*command, "-I.", "-L.", "-larm", "-Wl,-rpath,.", "-lm"], cwd=folder, check=True)
+    return subprocess.run([f"./{name}"], cwd=folder, check=True, capture_output=True, text=True).stdout
+
+
+def build_bytes(header: Path) -> int:
+    """Bytes of a state, as a header says."""
+    line = next(line for line in header.read_text().splitlines() if line.startswith("#define ARM_STATE_BYTES"))
+    return int(line.split()[2])
+
+
+@pytest.mark.skipif(UNCOMPILED, reason="nothing is compiled")
+def test_without_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(build.shutil, "which", lambda word: None)
+    env = gym.make("FlexibleArm-v0")
+    built = write(env, tmp_path, "arm", derivatives=False)
+    assert built.library is None and "no C compiler" in built.why and "cmake" in built.why
+    assert {"arm.h", "arm.c", "arm_step_program.o", "CMakeLists.txt"} <= {path.name for path in tmp_path.iterdir()}
+
+
+@needs_c
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "my-strip"
+    assert main(["export", "strip", "--to", "library", "--out", str(out)]) == 0
+    assert "libmy_strip.so" in capsys.readouterr().out and (out / "my_strip.h").is_file()
+    for words, sentence in (
+        (["nobody", "--to", "library", "--out", "x"], "nobody"),
+        (["strip", "--to", "library", "--out", "x", "--name", "1x"], "must be a C identifier"),
+        (["strip", "--to", "library", "--out", "x", "--env-kwargs", "{"], "must be JSON"),
+        (["two_link", "--to", "c", "--out", "x.c", "--cpu", "native"], "but with --to library"),
+    ):
+        assert sentence in refused(capsys, "export", *words)
+
+
+def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match="must be a single environment"):
+        write(gym.make_vec("FlexibleArm-v0", num_envs=2), tmp_path, "arm")
+    monkeypatch.setattr(build.platform, "machine", lambda: "arm64")
+    with pytest.raises(ValueError, match="built on Linux x86-64"):
+        write(gym.make("FlexibleArm-v0"), tmp_path, "arm")
+    assert not list(tmp_path.iterdir())
