@@ -14,6 +14,7 @@ VENV  := .venv
 PY    := $(VENV)/bin/python
 READY := $(VENV)/.ready
 READY_BENCH := $(VENV)/.ready-bench
+READY_FMI := $(VENV)/.ready-fmi
 # Ray has an environment of its own: RLlib takes one version of Gymnasium, which need not be the newest
 VENV_RAY  := .venv-ray
 PY_RAY    := $(VENV_RAY)/bin/python
@@ -21,7 +22,7 @@ READY_RAY := $(VENV_RAY)/.ready
 PIP_INSTALL := $(PY) -m pip install --disable-pip-version-check --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-bench setup-ray demo ray-demo ray-test test test-slow test-browser test-notebooks test-versions release-check lint format types architecture docs build clean distclean
+.PHONY: help setup setup-bench setup-fmi setup-ray demo ray-demo ray-test test test-slow test-browser test-notebooks test-fmi test-versions release-check lint format types architecture docs build clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 15
@@ -40,6 +41,12 @@ $(READY): pyproject.toml constraints.txt
 	         "(on Debian and Ubuntu: the package python3-venv)." >&2; exit 1; }; \
 	fi
 	$(PIP_INSTALL) -e ".[train,render,plot,docs,data,export,dev]"
+	@touch $@
+
+setup-fmi: $(READY_FMI) ## in addition, FMPy, which validates functional mock-up units
+
+$(READY_FMI): $(READY)
+	$(PIP_INSTALL) -e ".[fmi]"
 	@touch $@
 
 setup-bench: $(READY_BENCH) ## in addition, the programs that the benchmarks compare with
@@ -88,6 +95,9 @@ test-browser: $(READY) ## the player in a headless Chromium of the system (Debia
 
 test-notebooks: $(READY) ## the notebooks of docs/notebooks, from start to end
 	$(PY) -m pytest tests/notebooks $(PYTEST_ARGS)
+
+test-fmi: $(READY_FMI) ## functional mock-up units, validated and simulated by FMPy
+	$(PY) -m pytest tests/fmi $(PYTEST_ARGS)
 
 test-versions: $(READY) ## the oldest and newest releases that pyproject.toml allows, in .venv-versions: smoke and bits
 	$(PY) -m tests.versions

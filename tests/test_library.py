@@ -126,7 +126,7 @@ def compare(env: Any, arm: Arm, seed: int, periods: int) -> None:
 @needs_c
 @pytest.mark.parametrize(("env_id", "keywords"), CASES)
 def test_bits(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
-    env = gym.make(env_id, **keywords)
+    env = gym.make(env_id, info_level="full", **keywords)
     built = write(env, tmp_path, "arm", "native", derivatives=False)
     arm = Arm(built)
     for seed in (1, 2):
@@ -146,7 +146,7 @@ def test_bits(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
 )
 def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
     """Built for every x86-64: episodes, states kept and put back, parameters, derivatives, refusals, the example."""
-    env = gym.make(env_id, **keywords)
+    env = gym.make(env_id, info_level="full", **keywords)
     built = write(env, tmp_path, "arm")
     assert {"arm.h", "arm.c", "example.c", "CMakeLists.txt", "arm.pc", "libarm.so"} <= set(built.files)
     arm, other, joints = Arm(built), Arm(built), env.action_space.shape[0]
@@ -251,7 +251,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["nobody", "--to", "library", "--out", "x"], "nobody"),
         (["strip", "--to", "library", "--out", "x", "--name", "1x"], "must be a C identifier"),
         (["strip", "--to", "library", "--out", "x", "--env-kwargs", "{"], "must be JSON"),
-        (["two_link", "--to", "c", "--out", "x.c", "--cpu", "native"], "but with --to library"),
+        (["two_link", "--to", "c", "--out", "x.c", "--cpu", "native"], "but with --to library or fmu"),
     ):
         assert sentence in refused(capsys, "export", *words)
 

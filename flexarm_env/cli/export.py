@@ -17,7 +17,7 @@ from flexarm_env.control import NumpyPolicy, Setup, load_policy
 from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
 from flexarm_env.envs.ids import own_ids, permitted
 from flexarm_env.files import write_whole
-from flexarm_env.library import write
+from flexarm_env.library import write, write_fmu
 
 FORMS = {"onnx": ".onnx", "c": ".c"}
 """What --to takes, and how such a file's name ends."""
@@ -26,11 +26,13 @@ FORMS = {"onnx": ".onnx", "c": ".c"}
 def run(args: argparse.Namespace) -> int:
     """Write the file, or the folder, and say what is in it."""
     out = Path(args.out)
-    if args.to == "library":
-        return _library(args, out)
+    if args.fmi is not None and args.to != "fmu":
+        raise check.InvalidValue("--fmi", args.fmi, "must not be given but with --to fmu")
+    if args.to in ("library", "fmu"):
+        return _arm(args, out)
     for flag, value in (("--name", args.name), ("--cpu", args.cpu), ("--env-kwargs", args.env_kwargs)):
         if value is not None:
-            raise check.InvalidValue(flag, value, "must not be given but with --to library")
+            raise check.InvalidValue(flag, value, "must not be given but with --to library or fmu")
     if out.suffix.lower() != FORMS[args.to]:
         raise check.InvalidValue("--out", args.out, f"must end in {FORMS[args.to]} for --to {args.to}")
     policy = load_policy(args.what)
@@ -47,13 +49,21 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _library(args: argparse.Namespace, out: Path) -> int:
+def _arm(args: argparse.Namespace, out: Path) -> int:
+    fmu = args.to == "fmu"
+    if fmu and out.suffix.lower() != ".fmu":
+        raise check.InvalidValue("--out", args.out, "must end in .fmu for --to fmu")
     env = environment(args.what, keywords(args.env_kwargs))
-    name = args.name or c_name(out.resolve().name)
-    built = write(env, out, name, args.cpu)
+    name = args.name or c_name(out.resolve().stem if fmu else out.resolve().name)
+    if fmu:
+        write_fmu(env, out, name, args.fmi or "3.0", args.cpu)
+        values: dict[str, Any] = {"export": str(out), "bytes": out.stat().st_size}
+    else:
+        built = write(env, out, name, args.cpu)
+        values = {"export": str(out), "library": built.library, "header": f"{name}.h"}
+        values |= ({"why": built.why} if built.why else {}) | {"files": list(built.files)}
     env.close()
-    values = {"export": str(out), "library": built.library, "header": f"{name}.h"}
-    show(values | ({"why": built.why} if built.why else {}) | {"files": list(built.files)}, args.json)
+    show(values, args.json)
     return DONE
 
 

@@ -160,7 +160,8 @@ or the name of a policy that comes with the package.
 
 An arm moves there with the bits that it has in Python. --to library: a folder with a shared object that wants no
 Python, a header that says all, an example, a CMake file and a pkg-config file. WHAT is an environment's id, a task of
-the suite, or an arm, by its name or its TOML file. Linux on x86-64; the C compiler there links it.
+the suite, or an arm, by its name or its TOML file. Linux on x86-64; the C compiler there links it. --to fmu: the same
+as a functional mock-up unit for co-simulation, for any tool that imports FMI.
 
   flexarm export two_link --to c --out two_link.c
   flexarm export runs/ppo-FlexibleArm-v0-0 --to onnx --out arm.onnx
@@ -300,12 +301,14 @@ def build_parser() -> Parser:
     identify.add_argument("--out", metavar="FOLDER", help="for arm.toml, report.md, figures; an old fit there goes on")
 
     export = add("export", "a trained policy as ONNX or C, an arm as a C library", EXPORT, "export")
-    export.add_argument("what", metavar="WHAT", help="a policy; for --to library an environment, a task or an arm")
-    export.add_argument("--to", required=True, choices=("onnx", "c", "library"), help="the form")
-    export.add_argument("--out", required=True, metavar="PATH", help="the file, .onnx or .c, or the library's folder")
-    export.add_argument("--name", metavar="NAME", help="in front of all that a library defines; default: its folder's")
+    what = "a policy; for --to library or fmu an environment, a task or an arm"
+    export.add_argument("what", metavar="WHAT", help=what)
+    export.add_argument("--to", required=True, choices=("onnx", "c", "library", "fmu"), help="the form")
+    export.add_argument("--out", required=True, metavar="PATH", help="the file, .onnx, .c, .fmu; a library's folder")
+    export.add_argument("--name", metavar="NAME", help="in front of all that a library defines; default: by --out")
+    export.add_argument("--fmi", choices=("2.0", "3.0"), help="version of the standard; default 3.0")
     export.add_argument("--cpu", metavar="CPU", help="native, or by LLVM's name, to build for; default x86-64-v2")
-    export.add_argument("--env-kwargs", metavar="JSON", help="keywords of the library's environment")
+    export.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
 
     compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")

@@ -1,5 +1,6 @@
-"""An arm as a C library: the very programs that Python steps, linked; see `build.write`."""
+"""An arm as a C library, or as a functional mock-up unit: the very programs that Python steps, linked."""
 
 from .build import Built, write
+from .fmu import write_fmu
 
-__all__ = ["Built", "write"]
+__all__ = ["Built", "write", "write_fmu"]

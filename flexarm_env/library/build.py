@@ -6,6 +6,7 @@ import platform
 import re
 import shutil
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,14 @@ CHANGING = (
 
 @dataclass(frozen=True)
 class Built:
-    """What was written. files: names in the folder; library: the shared object's, or None, and then why not."""
+    """What was written. files: names in the folder; objects: those that hold programs; library: the shared object's, or
+    None, and then why not. source: the texts."""
 
     folder: Path
     name: str
     files: tuple[str, ...]
+    objects: tuple[str, ...]
+    source: Source
     library: str | None
     why: str = ""
 
@@ -43,8 +47,8 @@ class Built:
 def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives: bool = True) -> Built:
     """The arm of an environment with its task as a library in C.
 
-    Its bits are those of the environment: the same arm, random streams and task, actions float64. There is no time
-    limit: whoever steps it ends.
+    Its bits are those of the environment: the same arm, random streams and task; actions are float64, energies kept.
+    There is no time limit: whoever steps it ends.
 
     Args:
         env: single, of this package; without a prescribed motion. folder: is made where it is not there. name: a C
@@ -69,7 +73,7 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     if not re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII):
         raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _")
     target = None if cpu == "native" else cpu or CPU
-    program = batch.program._replace(action=np.zeros(batch.action.size))
+    program = batch.program._replace(action=np.zeros(batch.action.size), books=(0,))
     worlds = [Image.of(program, CHANGING)]
     made = [(f"{name}_step_program", episode.step), (f"{name}_start_program", starts.start_episodes)]
     periods, absent = _periods(batch) if derivatives else (None, "left out")
@@ -91,8 +95,8 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     folder.mkdir(parents=True, exist_ok=True)
     for key, content in files.items():
         write_whole(folder / key, content)
-    library, why = _linked(folder, name, sorted(objects))
-    return Built(folder, name, (*files, *([library] if library else [])), library, why)
+    library, why = linked(folder, f"lib{name}.so", [f"{name}.c", *objects])
+    return Built(folder, name, (*files, *([library] if library else [])), tuple(objects), source, library, why)
 
 
 def _periods(batch: Any) -> tuple[Periods | None, str]:
@@ -107,18 +111,14 @@ def _periods(batch: Any) -> tuple[Periods | None, str]:
     return periods, ""
 
 
-def _linked(folder: Path, name: str, objects: list[str]) -> tuple[str | None, str]:
-    """The shared object, made by the machine's C compiler; None and why."""
+def linked(folder: Path, library: str, parts: Sequence[str]) -> tuple[str | None, str]:
+    """A shared object of files of C and objects, made by the machine's C compiler; None and why."""
     compiler = next((word for word in ("cc", "gcc", "clang") if shutil.which(word)), None)
     if compiler is None:
-        return (
-            None,
-            f"no C compiler is there: on a machine that has one, 'cmake -B build {folder} && cmake --build build'",
-        )
-    library = f"lib{name}.so"
+        return None, f"no C compiler is there; where one is: cmake -S {folder} -B build && cmake --build build"
     command = [
         compiler, "-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-Wall", "-Wextra",
-        f"-Wl,-soname,{library}", "-o", library, f"{name}.c", *objects, "-lm",
+        f"-Wl,-soname,{library}", "-o", library, *parts, "-lm",
     ]  # fmt: skip
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:

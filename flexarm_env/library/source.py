@@ -54,14 +54,14 @@ class Source:
     def files(self) -> dict[str, str]:
         """Names and contents."""
         return {
-            f"{self.name}.h": self._filled("arm.h", DERIVATIVES=self._declared, TORQUES=self._torques("arm.h")),
-            f"{self.name}.c": self._filled("arm.c", DERIVATIVES=self._derived, TORQUES=self._torques("arm.c")),
-            "example.c": self._filled("example.c"),
-            "CMakeLists.txt": self._filled("CMakeLists.txt"),
-            f"{self.name}.pc": self._filled("arm.pc"),
+            f"{self.name}.h": self.filled("arm.h", DERIVATIVES=self._declared, TORQUES=self._torques("arm.h")),
+            f"{self.name}.c": self.filled("arm.c", DERIVATIVES=self._derived, TORQUES=self._torques("arm.c")),
+            "example.c": self.filled("example.c"),
+            "CMakeLists.txt": self.filled("CMakeLists.txt"),
+            f"{self.name}.pc": self.filled("arm.pc"),
         }
 
-    def _filled(self, file: str, **more: str) -> str:
+    def filled(self, file: str, **more: str) -> str:
         """A template with its marks replaced: @WORD@, NAME, UPPER."""
         text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
         known = self._known | more
@@ -79,21 +79,22 @@ class Source:
             "PERIOD": repr(plan.period), "STATE": world.changing, "CLIP": f"{CLIP:g}", "TARGETS": targets,
             "TARGET": "an angle, rad" if targets == 1 else "x and y, m", "ACTION": self._action(),
             "ENTRIES": _listed(_entries(self.setup)), "STATUSES": self._statuses(), "SENTENCES": self._sentences(),
-            "INFO": _members(INFO, self._sizes, {"energies": ENERGIES}), "POSE": _members(POSES, {}, {}),
+            "INFO": _members(INFO, self.sizes, {"energies": ENERGIES}), "POSE": _members(POSES, {}, {}),
             "DECLARED": "\n".join(f"extern int64_t {symbol}(int64_t, int64_t, int64_t);" for symbol in self.symbols),
             "TABLES": "\n".join(self._tables()), "WORLDS": len(self.worlds), "REQUEST": at["request"],
             "RECORD": at["block"] + 8 * batch.layout.record, "ANGLES": request.angles, "TARGET_AT": request.target,
             "VIBRATION": request.vibration, "STREAM": at["stream"], "QUEUE": at["queue"], "ALLOWED": PERIODS_ALLOWED,
             "MODE": MODE, "PERIODS": PERIODS, "TABLE": at["table"], "POSES": at["block"] + 8 * batch.layout.poses,
             "SEEN": at["observation"], "PAR": at["block"] + 8 * batch.layout.par, "BLOCK": at["block"],
-            "ACTION_AT": at["action"], "FARTHEST": _number(min(plan.farthest, 1e9)),
-            "MOST": ", ".join(map(_number, self._most())), "CPU": self.cpu,
+            "ACTION_AT": at["action"], "FARTHEST": number(min(plan.farthest, 1e9)),
+            "MOST": ", ".join(map(number, self._most())), "CPU": self.cpu,
             "OBJECTS": " ".join(f"{symbol}.o" for symbol in self.symbols),
         }  # fmt: skip
         return known
 
     @property
-    def _sizes(self) -> dict[str, int]:
+    def sizes(self) -> dict[str, int]:
+        """Of an `INFO`."""
         task = self.batch.task
         counts = {"links": task.links, "targets": task.targets, "terms": task.terms, "further": task.further}
         return {key: len(value) for key, value in counts.items()}
@@ -148,7 +149,7 @@ class Source:
         declared = "int NAME_step_torques(NAME_arm *arm, const double torque[UPPER_JOINTS])"
         if file.endswith(".h"):
             return f"\n/* The same by the torques asked for, N m. */\n{declared};\n"
-        limits = ", ".join(map(_number, self.plan.arm.torque_limits))
+        limits = ", ".join(map(number, self.plan.arm.torque_limits))
         return (
             f"\n{declared}\n{{\n    static const double limits[UPPER_JOINTS] = {{{limits}}};\n"
             "    double action[UPPER_JOINTS];\n"
@@ -161,7 +162,7 @@ class Source:
         if self.periods is None:
             return ""
         names = [f" *   {k}: {name}" for k, name in enumerate(self.periods.names)]
-        return self._filled("derivatives.h", STATES="\n".join(names), S=str(self.periods.state_size))
+        return self.filled("derivatives.h", STATES="\n".join(names), S=str(self.periods.state_size))
 
     @property
     def _derived(self) -> str:
@@ -169,7 +170,7 @@ class Source:
             return ""
         p, world = self.periods, self.worlds[1]
         at = {f"D_{key.upper()}": str(place[0]) for key, place in world.places.items() if "." not in key}
-        return self._filled(
+        return self.filled(
             "derivatives.c", MOVING=str(p.moving), COLUMNS=str(p.moving + p.action_size),
             D_CHANGING=str(world.changing), PLACES=", ".join(map(str, p._own.tolist())),
             BACKWARDS=str(int(p.backwards)), **at,
@@ -216,6 +217,6 @@ def _rows(words: Iterable[str]) -> str:
     return ",\n".join("    " + ", ".join(found[k : k + 6]) for k in range(0, len(found), 6))
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
     """A double as C writes it, to the last bit."""
     return repr(float(value))

@@ -1,0 +1,167 @@
+"""Arms as functional mock-up units, by the standard's own functions: the bits of Python, states, refusals."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import flexarm_env  # noqa: F401
+from flexarm_env.cli import main
+from flexarm_env.compiler import UNCOMPILED
+from flexarm_env.library import build, write_fmu
+from flexarm_env.library.fmu import FORMS
+
+needs_c = pytest.mark.skipif(shutil.which("cc") is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
+
+Array = np.ndarray[Any, Any]
+
+
+class Unit:
+    """A unit that a file holds, called as an importing tool does."""
+
+    def __init__(self, path: Path, folder: Path, form: str) -> None:
+        with zipfile.ZipFile(path) as file:
+            file.extractall(folder)
+        self.form, self.tree = form[0], ElementTree.parse(folder / "modelDescription.xml").getroot()
+        name = str(self.tree.attrib["modelName"])
+        self.code = ctypes.CDLL(str(folder / "binaries" / FORMS[form] / f"{name}.so"))
+        variables = self.tree.findall("ModelVariables/*")
+        self.places = {one.attrib["name"]: int(one.attrib["valueReference"]) for one in variables}
+        self.said: list[str] = []
+
+        def listen(*items: Any) -> None:
+            self.said.append(items[-1].decode())
+
+        void, text, whole = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int
+        token = self.tree.attrib["instantiationToken" if form == "3.0" else "guid"].encode()
+        if form == "3.0":
+            self._listen = ctypes.CFUNCTYPE(None, void, whole, text, text)(listen)
+            make = self.code.fmi3InstantiateCoSimulation
+            items = (b"arm", token, None, *[ctypes.c_ubyte(0)] * 4, None, ctypes.c_size_t(0), None, self._listen, None)
+        else:
+            self._listen = ctypes.CFUNCTYPE(None, void, text, whole, text, text, text)(listen)
+            self._calls = (void * 5)(ctypes.cast(self._listen, void).value, None, None, None, None)
+            make = self.code.fmi2Instantiate
+            items = (b"arm", 1, token, None, self._calls, 0, 0)
+        make.restype = void
+        self.at = ctypes.c_void_p(make(*items))
+        assert self.at.value
+        assert not make(b"arm", *((b"x",) if form == "3.0" else (1, b"x")), *items[2 if form == "3.0" else 3 :])
+
+    def __call__(self, word: str, *items: Any) -> int:
+        return int(getattr(self.code, f"fmi{self.form}{word}")(self.at, *items))
+
+    def _values(self, word: str, names: Sequence[str], values: Array) -> int:
+        which = (ctypes.c_uint32 * len(names))(*[self.places[name] for name in names])
+        count = ctypes.c_size_t(len(names))
+        more = (count,) if self.form == "3" else ()
+        kind = "Float64" if self.form == "3" else "Real"
+        return self(f"{word}{kind}", which, count, values.ctypes.data_as(ctypes.c_void_p), *more)
+
+    def get(self, *names: str) -> Array:
+        values = np.zeros(len(names))
+        assert self._values("Get", names, values) == 0
+        return values
+
+    def set(self, **values: float) -> int:
+        names = [word.replace("__", "[") + "]" if "__" in word else word for word in values]
+        return self._values("Set", names, np.array(list(values.values()), np.float64))
+
+    def start(self, at: float = 0.0) -> int:
+        if self.form == "3":
+            none, zero = ctypes.c_ubyte(0), ctypes.c_double(0.0)
+            assert self("EnterInitializationMode", none, zero, ctypes.c_double(at), none, zero) == 0
+        else:
+            assert self("SetupExperiment", 0, ctypes.c_double(0.0), ctypes.c_double(at), 0, ctypes.c_double(0.0)) == 0
+            assert self("EnterInitializationMode") == 0
+        return self("ExitInitializationMode")
+
+    def step(self, at: float, length: float) -> int:
+        items: tuple[Any, ...] = (ctypes.c_double(at), ctypes.c_double(length), ctypes.c_ubyte(0))
+        if self.form == "3":
+            flags = (ctypes.c_ubyte * 3)()
+            places = [ctypes.byref(flags, k) for k in range(3)]
+            items += (*places, ctypes.byref(ctypes.c_double()))
+        return self("DoStep", *items)
+
+    def state(self) -> ctypes.c_void_p:
+        kept = ctypes.c_void_p()
+        assert self("GetFMUState" if self.form == "3" else "GetFMUstate", ctypes.byref(kept)) == 0
+        return kept
+
+
+@needs_c
+@pytest.mark.parametrize("form", FORMS)
+def test_unit(form: str, tmp_path: Path) -> None:
+    env = gym.make("FlexibleArm-v0", info_level="full", duration=1000.0)
+    write_fmu(env, tmp_path / "arm.fmu", "arm", form)
+    unit, rng = Unit(tmp_path / "arm.fmu", tmp_path / "unit", form), np.random.default_rng(1)
+    outputs = [one.attrib["name"] for one in unit.tree.findall(".//*[@causality='output']")]
+    if form == "3.0":
+        listed = [int(one.attrib["valueReference"]) for one in unit.tree.findall("ModelStructure/Output")]
+    else:
+        listed = [int(one.attrib["index"]) - 1 for one in unit.tree.findall("ModelStructure/Outputs/Unknown")]
+    assert [unit.places[name] for name in outputs] == listed and len(listed) > 20
+
+    assert unit.set(start_angle__0=0.4, target__0=0.9) == 0 and unit.start() == 0
+    env.reset(seed=0, options={"start": 0.4, "target": 0.9})
+    names = ["tip[0]", "tip[1]", "deflection[0]", "energy.strain", "energy.work", "applied_torque[0]"]
+    told = ("tip_position", "tip_deflection", "energy_strain", "work", "joint_torque")
+    limit, at = env.unwrapped.plan.arm.torque_limits[0], 0.0
+    for _ in range(200):
+        action = np.float32(rng.uniform(-0.6, 0.6))
+        info = env.step(np.array([action]))[-1]
+        assert unit.set(torque__0=float(action) * limit) == 0 and unit.step(at, 0.02) == 0
+        at += 0.02
+        assert np.array_equal(unit.get(*names), np.concatenate([np.ravel(info[word]) for word in told]))
+    assert abs(unit.get("time")[0] - at) < 1e-9
+
+    kept = unit.state()
+    assert unit.step(at, 0.1) == 0  # five periods
+    once = unit.get(*outputs)
+    assert unit("SetFMUState" if form == "3.0" else "SetFMUstate", kept) == 0
+    for k in range(5):
+        assert unit.step(at + 0.02 * k, 0.02) == 0
+    assert np.array_equal(unit.get(*outputs), once)
+
+    assert unit.step(0.0, 0.02) == 3 and "communication point" in unit.said[-1]
+    at = unit.get("time")[0]
+    assert unit.step(at, 0.013) == 3 and "whole number" in unit.said[-1]
+    assert unit.set(torque__0=np.nan) == 3 and "not finite" in unit.said[-1]
+    assert unit.set(EI_factor=0.0) == 3 and "not allowed" in unit.said[-1]
+    assert unit.set(start_angle__0=1.0) == 3 and "before it starts" in unit.said[-1]
+    assert unit.set(payload_mass=0.3) == 0 and unit.get("payload_mass")[0] == 0.3
+    assert unit.step(at, 0.02) == 0
+    assert unit("Reset") == 0 and unit.set(EI_factor=0.8) == 0 and unit.start(7.0) == 0
+    assert unit.get("time")[0] == 7.0 and unit.step(7.0, 0.02) == 0 and unit.get("EI_factor")[0] == 0.8
+    getattr(unit.code, f"fmi{unit.form}FreeInstance")(unit.at)
+    env.close()
+
+
+@needs_c
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "strip.fmu"
+    assert main(["export", "strip", "--to", "fmu", "--out", str(out), "--fmi", "2.0"]) == 0
+    assert zipfile.is_zipfile(out) and str(out) in capsys.readouterr().out
+    assert main(["export", "strip", "--to", "fmu", "--out", str(tmp_path / "strip.zip")]) == 2
+    assert "must end in .fmu" in capsys.readouterr().err
+
+
+def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = gym.make("FlexibleArm-v0")
+    with pytest.raises(ValueError, match=r"form = '1\.0': must be 2\.0 or 3\.0"):
+        write_fmu(env, tmp_path / "x.fmu", "x", "1.0")
+    if not UNCOMPILED:
+        monkeypatch.setattr(build.shutil, "which", lambda word: None)
+        with pytest.raises(ValueError, match="no C compiler"):
+            write_fmu(env, tmp_path / "x.fmu", "x")
+    assert not list(tmp_path.iterdir())
