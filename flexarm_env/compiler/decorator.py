@@ -31,18 +31,18 @@ UNCOMPILED = MODE == "python"
 class Kernel:
     """A compiled function: of Python's numbers, of NumPy's arrays, of named tuples of these; see the compiler's page.
 
-    function: the Python function. attributes: of the function in LLVM.
+    function: the Python function. attributes: of the function in LLVM. often: see `hot`.
     """
 
     run: ClassVar[Callable[[Kernel, Sequence[Any]], Any]]  # `entry.call`
     __name__: str
     __qualname__: str
 
-    def __init__(self, function: Callable[..., Any], attributes: Sequence[str] = ()) -> None:
+    def __init__(self, function: Callable[..., Any], attributes: Sequence[str] = (), often: bool = False) -> None:
         if not isinstance(function, FunctionType):
             raise Refused(f"@kernel above {function!r}: a kernel is made of a function of Python's (def)")
         functools.update_wrapper(self, function)
-        self.function, self.attributes = function, tuple(attributes)
+        self.function, self.attributes, self.often = function, tuple(attributes), often
         self.forms: dict[Any, Any] = {}
 
     def __call__(self, *items: Any, **named: Any) -> Any:
@@ -109,6 +109,12 @@ def inlined(function: Callable[..., Any]) -> Any:
     """A kernel that is always written into the kernels that call it: a phase with so many arrays at hand that passing
     them would cost more than what is saved by having its code once."""
     return function if UNCOMPILED else Kernel(function, ["alwaysinline"])
+
+
+def hot(function: Callable[..., Any]) -> Any:
+    """A kernel that Python calls again and again: its loops are unrolled, which takes longer to compile. Loops whose
+    length is found as they run are written out once in other programs, and eight times in one of these."""
+    return function if UNCOMPILED else Kernel(function, often=True)
 
 
 def apart(function: Callable[..., Any]) -> Any:

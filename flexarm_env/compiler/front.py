@@ -23,16 +23,17 @@ DEEPEST = 20
 
 
 class Module:
-    """A program's intermediate code: functions by what they are given. call: see `calls`."""
+    """A program's intermediate code: functions by what they are given. call: see `calls`. often: see `hot`."""
 
-    def __init__(self, name: str, call: Any) -> None:
-        self.call = call
+    def __init__(self, name: str, call: Any, often: bool) -> None:
+        self.call, self.often = call, often
         self.code = ir.Module(name)
         self.made: dict[Any, tuple[Any, Any]] = {}
         self.used: dict[Any, set[str]] = {}
         self.invariant = self.code.add_metadata([])
         self._open: list[Any] = []
         self._tables: dict[Any, Any] = {}
+        self._loops = 0
 
     def function(self, kernel: Any, items: Sequence[Any]) -> tuple[Any, Any]:
         """The function of a kernel for such arguments, and what it returns."""
@@ -63,6 +64,15 @@ class Module:
         for word in kernel.attributes:
             code.attributes.add(word)
         return code, result
+
+    def mark_loop(self, back: Any) -> None:
+        """Say that a loop, by the branch to its head, is written out once, where its length is found as it runs."""
+        if not self.often:
+            self._loops += 1
+            once = self.code.add_metadata(["llvm.loop.unroll.runtime.disable"])
+            mark = self.code.add_metadata([once, WORD(self._loops)])
+            mark.operands = (mark, once)  # LLVM knows a loop by a mark that names itself
+            back.set_metadata("llvm.loop", mark)
 
     def table(self, values: Any) -> Any:
         """A row of constant numbers."""

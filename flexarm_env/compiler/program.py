@@ -87,7 +87,7 @@ def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
         if kept is not None:
             return Program(*kept, made=False)
         with announced(kernel.function), _uncollected():
-            module = Module(kernel.function.__name__, call)
+            module = Module(kernel.function.__name__, call, kernel.often)
             spec = _write(module, kernel, shapes, direct, MAIN)
             code = machine_code(str(module.code), machine())
         objects.save(key, code, spec, module.used)
@@ -101,7 +101,7 @@ def linkable(kernel: Kernel, layout: Layout, integers: int, name: str, cpu: str 
     """
     shapes = [("placed", layout), *["integer" for _ in range(integers)]]
     with _LOCK, announced(kernel.function), _uncollected():
-        module = Module(name, call)
+        module = Module(name, call, kernel.often)
         _write(module, kernel, shapes, True, name)
         return machine_code(str(module.code), machine(cpu or target_text()[1], linked=True))
 

@@ -277,7 +277,7 @@ class Writer(Expressions):
         self.b.position_at_end(nxt)
         flags = ("nsw",) if known(step) and abs(step) == 1 else ()
         self.b.store(self.b.add(self.b.load(counter), by, flags=flags), counter)
-        self.b.branch(head)
+        self.module.mark_loop(self.b.branch(head))
         self.b.position_at_end(end)
         self.names = self.merged([before, *loop.ends])
 
@@ -326,6 +326,7 @@ class Writer(Expressions):
     def on_Continue(self, node: ast.Continue) -> None:
         self.b.branch(self.loops[-1].nxt)
         self.loops[-1].nexts.append(self.names)
+
 
 
 class Loop:

@@ -15,6 +15,7 @@ from ..compiler import (
     absolute,
     arms,
     follow,
+    hot,
     kernel,
     largest,
     load,
@@ -68,7 +69,7 @@ _vjp_sight = vjp_of(_see, ("poses", "record", "action", "seen", "outcome"))
 _vjp_command = vjp_of(_ask, ("par", "q", "v", "record", "action", "u"))
 
 
-@kernel
+@hot
 def adjoint(address, first, last):
     """Cotangents of the states and actions of groups first ... last - 1, from those of what a period comes to."""
     d = follow(address)

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from ..compiler import absolute, apart, follow, kernel, load, select_lt, size, splat, stack, store
+from ..compiler import absolute, apart, follow, hot, kernel, load, select_lt, size, splat, stack, store
 from ..physics.integrator.work import unpack
 from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
@@ -46,7 +46,7 @@ OUTCOME = (0, 0)
 """Room for what a period comes to: reward; 1 where a joint is past its limits."""
 
 
-@kernel
+@hot
 def step(address, first, last):
     """One control period of groups first ... last - 1; returns how many arms want the caller's attention."""
     p = follow(address)
