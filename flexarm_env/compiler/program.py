@@ -87,11 +87,18 @@ def program_of(kernel: Kernel, shapes: Sequence[Any], direct: bool) -> Program:
         if kept is not None:
             return Program(*kept, made=False)
         with announced(kernel.function), _uncollected():
-            module = Module(kernel.function.__name__, call, kernel.often)
-            spec = _write(module, kernel, shapes, direct, MAIN)
-            code = machine_code(str(module.code), machine())
-        objects.save(key, code, spec, module.used)
+            code, spec, used = _compiled(kernel, shapes, direct, MAIN, machine())
+        objects.save(key, code, spec, used)
         return Program(code, spec, made=True)
+
+
+def _compiled(
+    kernel: Kernel, shapes: Sequence[Any], direct: bool, name: str, made: Any
+) -> tuple[bytes, Any, dict[Any, set[str]]]:
+    """Machine code, under a name, what its result is, and the functions in it with the global names that they read."""
+    module = Module(kernel.function.__name__, call, kernel.often)
+    spec = _write(module, kernel, shapes, direct, name)
+    return machine_code(str(module.code), made), spec, module.used
 
 
 def linkable(kernel: Kernel, layout: Layout, integers: int, name: str, cpu: str | None) -> bytes:
@@ -101,14 +108,14 @@ def linkable(kernel: Kernel, layout: Layout, integers: int, name: str, cpu: str 
     """
     shapes = [("placed", layout), *["integer" for _ in range(integers)]]
     with _LOCK, announced(kernel.function), _uncollected():
-        module = Module(name, call, kernel.often)
-        _write(module, kernel, shapes, True, name)
-        return machine_code(str(module.code), machine(cpu or target_text()[1], linked=True))
+        return _compiled(kernel, shapes, True, name, machine(cpu or target_text()[1], linked=True))[0]
 
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Python looks for no garbage: instructions are many and all in use, and looking would double what it takes."""
+    """Python looks for no garbage: instructions are many and all in use, and looking would double what it takes.
+
+    Afterwards it does once, and what LLVM and it have freed goes back to the system: tens of MB that no step needs."""
     before = gc.isenabled()
     gc.disable()
     try:
@@ -116,6 +123,16 @@ def _uncollected() -> Iterator[None]:
     finally:
         if before:
             gc.enable()
+            gc.collect(0)
+            _malloc_trim()(0)
+
+
+@cache
+def _malloc_trim() -> Callable[[int], int]:
+    """glibc's; what does nothing where there is another C library."""
+    library = ctypes.CDLL(None) if os.name == "posix" else None
+    found: Callable[[int], int] = getattr(library, "malloc_trim", lambda room: 0)
+    return found
 
 
 def _text(shape: Any) -> str:
