@@ -1,7 +1,6 @@
 """What it takes from `python` to the first step, for every kind of arm: processor time, memory, room on the disk.
 
-    python -m benchmarks.cold_start FILE [--repeats 3] [--only WORDS ...]   adds to FILE (JSON), prints a table
-    python -m benchmarks.cold_start FILE --beside OTHER                     FILE's table with OTHER's figures beside
+    python -m benchmarks.cold_start [--repeats 3]     measures, writes the lines of docs/results/throughput.md
 
 Each case runs in a fresh process: first with an empty folder of compiled code, then again with what the first one left
 there; the least of the repeats counts. Processor time is that of all threads and child processes, from the start of
@@ -155,7 +154,7 @@ def measured(name: str, room: Path, repeats: int) -> dict[str, Any]:
     environment = os.environ | {"PYTHONPATH": str(room), "FLEXARM_CACHE_DIR": str(cache)}
 
     def started() -> dict[str, Any]:
-        command = [sys.executable, "-P", str(Path(__file__)), "-", "--run", name]
+        command = [sys.executable, "-P", str(Path(__file__)), "--run", name]
         done = subprocess.run(command, env=environment, cwd=room, check=True, stdout=subprocess.PIPE, text=True)
         told: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
         return told
@@ -183,43 +182,40 @@ COLUMNS = {
 }  # fmt: skip
 
 
-def page(found: dict[str, Any], beside: dict[str, Any]) -> str:
-    """The table, before -> now where there are figures of before."""
-    lines = [f"| kind | {' | '.join(COLUMNS.values())} |", "|---|" + "---:|" * len(COLUMNS)]
-    for name, row in found.items():
-        if name != FURTHER:
-            old = beside.get(name, {})
-            cells = [(f"{old[key]:.2f} → " if key in old else "") + f"{row[key]:.2f}" for key in COLUMNS]
-            lines.append(f"| {name} | {' | '.join(cells)} |")
-    for source in (beside, found):
-        if FURTHER in source:
-            lines.append(f"\nA further kind, MB: {', '.join(f'{one:.1f}' for one in source[FURTHER]['grows_mb'])}")
-    return "\n".join(lines)
+def blocks(found: dict[str, Any]) -> dict[str, list[str]]:
+    """The page's table."""
+    from benchmarks.machine import table
+
+    cases = found["cases"]
+    rows = [[name, *(f"{row[key]:.2f}" for key in COLUMNS)] for name, row in cases.items() if name != FURTHER]
+    grows = ", ".join(f"{one:.1f}" for one in cases[FURTHER]["grows_mb"])
+    return {
+        "table": table(f"kind | {' | '.join(COLUMNS.values())}", rows, numbers=True),
+        "further": [f"A process that has one kind grows with each further one by {grows} MB."],
+    }
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """All cases, one after the other."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        room = Path(folder).resolve()
+        _copied(room)
+        for name in (*CASES, FURTHER):
+            found[name] = measured(name, room, options.repeats)
+            print(name, found[name], file=sys.stderr, flush=True)
+    return {"cases": found}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--only", nargs="+", default=[""], help="words: cases whose names hold one of them")
-    parser.add_argument("--beside", type=Path, help="figures made before")
-    parser.add_argument("--run", help=argparse.SUPPRESS)
-    given = parser.parse_args(arguments)
-    if given.run:
-        print(json.dumps(driver(given.run)))
+    """Measure, write the page's lines."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if words[:1] == ["--run"]:
+        print(json.dumps(driver(words[1])))
         return 0
-    found: dict[str, Any] = json.loads(given.file.read_text("utf-8")) if given.file.exists() else {}
-    if not given.beside:
-        with tempfile.TemporaryDirectory() as folder:
-            room = Path(folder).resolve()
-            _copied(room)
-            for name in (name for name in (*CASES, FURTHER) if any(word in name for word in given.only)):
-                found[name] = measured(name, room, given.repeats)
-                given.file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-                print(name, found[name], file=sys.stderr, flush=True)
-    print(page(found, json.loads(given.beside.read_text("utf-8")) if given.beside else {}))
-    return 0
+    from benchmarks import pages  # not in a case's own process
+
+    return pages.run("cold_start", __doc__, measure, blocks, arguments, page="results/throughput", repeats=3)
 
 
 if __name__ == "__main__":
