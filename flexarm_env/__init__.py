@@ -72,6 +72,8 @@ def _register(env_id: str, environment: str, keywords: Mapping[str, Any]) -> Non
         register(env_id, entry_point=f"{home}Env", vector_entry_point=f"{home}VectorEnv", kwargs=dict(keywords))
 
 
+if "RemoteArm-v0" not in registry:
+    register("RemoteArm-v0", entry_point="flexarm_env.remote.client:RemoteArmEnv")
 for _id in _ENVIRONMENTS:
     _register(_id, _id, {})
 for _task in _tasks():

@@ -26,7 +26,7 @@ _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {
     *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "identification", "library", "plotting",
-    "recording", "sb3", "suite", "torch", "view", "__init__",
+    "recording", "remote", "sb3", "suite", "torch", "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -65,6 +65,7 @@ ROOMS: dict[str, set[str]] = {
     "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
     "suite": {*_DESCRIPTION, "control", "envs", "trajectory"},
+    "remote": {"validation", "control", "envs"},
     "library": {*_DESCRIPTION, *_COMPILED, "layout", "batch", "control", "derivatives"},
     "identification": {*_PHYSICS - {"batch"}, "derivatives", "plotting"},
     "cli": {*_PUBLIC, "data", "compiler"},
@@ -78,7 +79,7 @@ EXTERNALS: dict[str, set[str]] = {
     "stable_baselines3": {"sb3"},
     "numba": set(),
     "llvmlite": {"compiler"},
-    "gymnasium": {"__init__", "envs", "derivatives", "recording", "sb3", "suite", "cli"},
+    "gymnasium": {"__init__", "envs", "derivatives", "recording", "remote", "sb3", "suite", "cli"},
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},

@@ -25,6 +25,8 @@ Planar flexible robot arms: replay scenes, compare with references, play, train,
   flexarm train --env FlexibleArm-v0               train a policy (from a checkout)
   flexarm evaluate --policy pd,zvd,lqr             judge controllers and policies (from a checkout)
   flexarm export two_link --to c --out two_link.c  a trained policy for a controller board
+  flexarm export FlexibleArm-v0 --to fmu --out arm.fmu  an arm for another simulator, without Python
+  flexarm serve FlexibleArm-v0 --rate 100          an arm that answers packets in real time
   flexarm bench                                    what is measured, and how (from a checkout)
   flexarm identify ARM --config FILE --data LOG.csv  fit an arm to a measured log
   flexarm compile                                  compile beforehand what is used first
@@ -168,6 +170,25 @@ as a functional mock-up unit for co-simulation, for any tool that imports FMI.
   flexarm export TwoLinkFlexArm-v0 --to library --out my_arm --env-kwargs '{"formulation": "geometrically_exact"}'
 """
 
+SERVE = """\
+Step an arm in real time and answer packets over UDP: torques or joint angles in, what its sensors read out. The packet
+is a table of the documentation; flexarm run, RemoteArm-v0 or anything else that speaks it is the other side. An arm is
+armed by its peer, and held where no command comes for some periods, until it is armed again. Limits clip what is asked
+for, or hold the arm. This machine alone is listened to unless --host names another address, which wants --key or
+--insecure. This is no safety system.
+
+  flexarm serve FlexibleArm-v0 --rate 100
+  flexarm serve my_arm.toml --rate 500 --hold angles --most-rate 20 --log run.csv
+"""
+
+RUN = """\
+Drive an arm that answers packets, a served one or a real one, by a trained policy or a controller. What it reads must
+be what the policy's environment observes.
+
+  flexarm run pd --env FlexibleArm-v0 --to 127.0.0.1:7070 --seconds 5
+  flexarm run runs/ppo-FlexibleArm-v0-0 --to 192.168.0.7:7070 --key FILE
+"""
+
 COMPILE = """\
 Compile what environments (single and vector), simulate, replay and linearize need in their default settings, and keep
 it, for every process on this machine; says which of how many it is at, and what is there is not compiled again.
@@ -299,6 +320,31 @@ def build_parser() -> Parser:
     identify.add_argument("--fit", metavar="NAME[,NAME...]", help="parameters to fit; default: the config's")
     identify.add_argument("--hold-out", metavar="B.csv[,...]", help="logs to judge by")
     identify.add_argument("--out", metavar="FOLDER", help="for arm.toml, report.md, figures; an old fit there goes on")
+
+    serve = add("serve", "an arm that answers packets in real time", SERVE, "remote")
+    serve.add_argument("what", metavar="ARM", help="an environment, a task or an arm, as for export --to library")
+    serve.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="control periods a second (100)")
+    serve.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="where to listen (this machine alone)")
+    serve.add_argument("--port", type=int, default=7070, metavar="N", help="and at which port; 0: any (7070)")
+    serve.add_argument("--key", metavar="FILE", help="shared with the peer: every packet is signed")
+    serve.add_argument("--insecure", action="store_true", help="listen beyond this machine without a key")
+    serve.add_argument("--watchdog", type=int, default=5, metavar="N", help="periods without a command it bears (5)")
+    serve.add_argument("--hold", choices=("zero", "angles"), default="zero", help="then: no torque, or angles held")
+    serve.add_argument("--most-angle", type=float, metavar="RAD", help="of a joint; beyond, the arm is held")
+    serve.add_argument("--most-rate", type=float, metavar="RAD/S", help="likewise of its rate")
+    serve.add_argument("--most-change", type=float, metavar="SHARE", help="of a torque in a period, of its limit")
+    serve.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
+    serve.add_argument("--seed", type=int, metavar="S", help="of the arm's start")
+    serve.add_argument("--log", metavar="FILE.csv", help="a row a period, as flexarm identify reads")
+    serve.add_argument("--seconds", type=float, metavar="T", help="how long; default: until Ctrl-C")
+
+    run = add("run", "drive an arm that answers packets", RUN, "remote")
+    run.add_argument("policy", metavar="POLICY", help="run folder, policy.npz, packaged policy or controller")
+    run.add_argument("--to", required=True, metavar="HOST:PORT", help="where the arm answers")
+    run.add_argument("--key", metavar="FILE", help="shared with it")
+    run.add_argument("--env", metavar="ENV", help="of a controller's model")
+    run.add_argument("--env-kwargs", metavar="JSON", help="its keywords")
+    run.add_argument("--seconds", type=float, default=10.0, metavar="T", help="how long (10)")
 
     export = add("export", "a trained policy as ONNX or C, an arm as a C library", EXPORT, "export")
     what = "a policy; for --to library or fmu an environment, a task or an arm"

@@ -13,8 +13,8 @@ PACKAGE = "flexarm_env"
 
 
 def own_ids() -> tuple[str, ...]:
-    """Ids of the environments that this package has registered."""
-    return tuple(key for key, spec in registry.items() if str(spec.entry_point).startswith(f"{PACKAGE}."))
+    """Ids of the environments that this package has registered and that simulate."""
+    return tuple(key for key, spec in registry.items() if str(spec.entry_point).startswith(f"{PACKAGE}.envs."))
 
 
 def permitted(path: str, env_id: Any, env_kwargs: Any, named: str | None = None) -> tuple[str, dict[str, Any]]:

@@ -1,0 +1,87 @@
+"""`flexarm serve` and `flexarm run`: an arm that answers packets in real time, and a policy that drives one."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from flexarm_env import validation as check
+from flexarm_env.cli.codes import DONE
+from flexarm_env.cli.export import environment
+from flexarm_env.cli.play import KEYBOARD, choose, keywords
+from flexarm_env.cli.progress import show
+from flexarm_env.control import Setup
+from flexarm_env.remote import Limits, RemoteArmEnv, Server, Session, run_policy
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve, or drive."""
+    return _serve(args) if args.command == "serve" else _drive(args)
+
+
+def key_of(path: str | None) -> bytes | None:
+    """A shared key from a file of at least 16 bytes."""
+    if path is None:
+        return None
+    key = Path(path).read_bytes().strip()
+    if len(key) < 16:
+        raise check.InvalidValue("--key", path, "must hold at least 16 bytes")
+    return key
+
+
+def _serve(args: argparse.Namespace) -> int:
+    """Serve an arm until it is stopped, and say what came of it."""
+    rate = check.number("--rate", args.rate, "Hz", minimum=1.0, maximum=10_000.0)
+    given = {"control_dt": 1.0 / rate, "duration": 1e6} | keywords(args.env_kwargs)
+    angle, rate_limit, slew = (
+        math.inf if value is None else float(value) for value in (args.most_angle, args.most_rate, args.most_change)
+    )
+    limits = Limits(angle, rate_limit, slew, args.watchdog)
+    session = Session(environment(args.what, given), limits, key_of(args.key), args.hold, args.seed)
+    log = None if args.log is None else Path(args.log)
+    server = Server(session, args.host, args.port, log, args.insecure)
+    host, port = server.address
+    if not args.json:
+        print(f"serving {args.what} at {host}:{port}, {rate:g} Hz; Ctrl-C ends it. No safety system.", flush=True)
+    try:
+        server.serve(math.inf if args.seconds is None else args.seconds)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.close()
+    late, busy = (1e3 * np.array(values or [0.0]) for values in (server.late, server.busy))
+    values: dict[str, Any] = {"at": f"{host}:{port}", "periods": session.period, "packets": dict(session.counts)}
+    values |= {f"late_ms_{q:g}": float(np.percentile(late, q)) for q in (50, 99, 99.9, 100)}
+    show(values | {"busy_ms_50": float(np.median(busy))} | ({"log": str(log)} if log else {}), args.json)
+    return DONE
+
+
+def _drive(args: argparse.Namespace) -> int:
+    """Drive the arm and say what came of it."""
+    host, mark, port = args.to.rpartition(":")
+    if not mark or not port.isdecimal():
+        raise check.InvalidValue("--to", args.to, "must be HOST:PORT")
+    player = choose(args.policy)
+    env_id = args.env or player.env_id
+    if player.name == KEYBOARD or not env_id:
+        raise check.InvalidValue("POLICY", args.policy, "must be a policy, or a controller with --env for its model")
+    env = RemoteArmEnv(host, int(port), key_of(args.key))
+    try:
+        kwargs = {**player.env_kwargs, **keywords(args.env_kwargs), "control_dt": env.wire.period}
+        model = gym.make(env_id, **kwargs)
+        setup = Setup.of(model)
+        scales = np.tile(np.array(setup.scales), setup.history)
+        if scales.shape != env.wire.scales.shape or not np.allclose(scales, env.wire.scales):
+            what = f"must be of an environment that observes what the arm at {args.to} reads, and as often"
+            raise check.InvalidValue("POLICY", args.policy, what)
+        values = run_policy(player.make(model), env, check.number("--seconds", args.seconds, "s", above=0.0))
+        model.close()
+    finally:
+        env.close()
+    show({"to": args.to, "policy": player.name} | values, args.json)
+    return DONE

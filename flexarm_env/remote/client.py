@@ -1,0 +1,201 @@
+"""The other end: a wire to an arm that answers packets, an environment of it, and policies that drive it."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import time
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from .packet import ARM, HELD, OVER, RESET, SET_POINTS, Kind, Packet, Refusal, pack, unpack
+
+Array = NDArray[np.float64]
+Array32 = NDArray[np.float32]
+
+PATIENCE = 3.0
+"""s that an answer to a HELLO, or the first reading, is waited for."""
+
+
+class Wire:
+    """A connection to an arm that answers the packets of `remote.packet`.
+
+    Args:
+        host, port: of the arm. key: shared with it. timeout: s that a reading is waited for; default: ten periods.
+    Attributes:
+        period: s. limits (N,): N m. scales (M,): of the readings. watchdog: periods. angles, rates, torques (N,),
+            seen (M,), flags, status, time: of the last reading.
+    Raises:
+        ConnectionError: nobody answers, or somebody else is being served.
+        ValueError: a torque that is not finite.
+    """
+
+    def __init__(self, host: str, port: int, key: bytes | None = None, timeout: float | None = None) -> None:
+        self.key, self.sequence, self._last = key, 0, 0
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect((host, port))
+        self.connection, self.lost = secrets.randbits(64), 0
+        try:
+            self._meet(f"{host}:{port}")
+        except BaseException:
+            self.socket.close()
+            raise
+        n, period = len(self.limits), self.period
+        self.timeout = 10.0 * period if timeout is None else timeout
+        self.angles = self.rates = self.torques = np.zeros(n)
+        self.seen, self.flags, self.status, self.time = np.zeros(len(self.scales)), HELD, 0.0, 0.0
+
+    def _meet(self, where: str) -> None:
+        welcome = self._hello(where)
+        self.period, joints, entries, watchdog = welcome[:4]
+        self.watchdog, n = int(watchdog), int(joints)
+        self.limits, self.scales = np.array(welcome[4 : 4 + n]), np.array(welcome[4 + n :])
+        if len(self.limits) != n or len(self.scales) != int(entries) or not (self.limits > 0.0).all():
+            raise ConnectionError(f"{where}: a welcome that does not say what its arm has")
+
+    def _hello(self, where: str) -> tuple[float, ...]:
+        ends = time.monotonic() + PATIENCE
+        while time.monotonic() < ends:
+            self._put(Packet(Kind.HELLO, self.connection, 0))
+            found = self._take(min(ends, time.monotonic() + 0.1), Kind.WELCOME)
+            if found is not None and len(found.numbers) >= 4:
+                self.connection, self._last = found.connection, found.sequence
+                return found.numbers
+        raise ConnectionError(f"{where}: no answer within {PATIENCE:g} s: nobody there, another key, or another's arm")
+
+    def _put(self, packet: Packet) -> None:
+        try:
+            self.socket.send(pack(packet, self.key))
+        except OSError as error:
+            if packet.kind is not Kind.HELLO:
+                raise ConnectionError(f"nothing can be sent: {error.strerror}") from None
+
+    def _take(self, until: float, kind: Kind) -> Packet | None:
+        """The next packet of a kind that comes before a time; others are left out."""
+        while (left := until - time.monotonic()) > 0.0:
+            self.socket.settimeout(left)
+            try:
+                found = unpack(self.socket.recv(2048), self.key)
+            except OSError:  # nothing came, or nobody listens
+                time.sleep(min(0.01, max(0.0, until - time.monotonic())))
+                continue
+            if isinstance(found, Refusal) or found.kind is not kind:
+                continue
+            if kind is Kind.READING and (found.connection != self.connection or found.sequence <= self._last):
+                continue
+            return found
+        return None
+
+    def command(self, torques: Any, flags: int = 0) -> None:
+        """Ask for torques (N,), N m, clipped to the limits; with `SET_POINTS` for angles, rad."""
+        wanted = np.asarray(torques, np.float64)
+        if wanted.shape != self.limits.shape or not np.isfinite(wanted).all():
+            raise check.InvalidValue("torques", torques, f"must be {len(self.limits)} finite number(s)")
+        self.sequence += 1
+        asked = wanted if flags & SET_POINTS else np.clip(wanted, -self.limits, self.limits)
+        self._put(Packet(Kind.COMMAND, self.connection, self.sequence, time.time(), tuple(asked.tolist()), flags))
+
+    def read(self) -> bool:
+        """Wait for the next reading, the newest of those that have come; whether there is one."""
+        found, n = self._take(time.monotonic() + self.timeout, Kind.READING), len(self.limits)
+        while found is not None:
+            newest = found
+            self.lost += newest.sequence - self._last - 1
+            self._last = newest.sequence
+            found = self._take(time.monotonic() + 1e-5, Kind.READING)
+            if found is None:
+                if len(newest.numbers) != 2 + 3 * n + len(self.scales):
+                    raise ConnectionError("a reading of another size than was said")
+                self.status, values, self.flags = newest.numbers[1], np.array(newest.numbers[2:]), newest.flags
+                self.angles, self.rates, self.torques = values[:n], values[n : 2 * n], values[2 * n : 3 * n]
+                self.seen, self.time = values[3 * n :], newest.time
+                return True
+        return False
+
+    def close(self) -> None:
+        """Say goodbye, which holds the arm."""
+        self.sequence += 1
+        try:
+            self._put(Packet(Kind.BYE, self.connection, self.sequence))
+        except ConnectionError:
+            pass
+        self.socket.close()
+
+
+class RemoteArmEnv(gym.Env[Array32, Array32]):
+    """`gymnasium.make("RemoteArm-v0", host=..., port=...)`: the arm, real or simulated, that answers there.
+
+    Action (N,): torques over their limits, within +-1. Observation (M,): what its sensors read over their scales, as
+    the environment that it was made from has it. The arm does not know a task: rewards are 0. A step asks, and waits
+    for the next reading. An episode is truncated where none comes, or the arm is held (by its watchdog or a limit),
+    and ends where it has stopped; `info["reason"]` says it. A reset arms it, and asks for a new start, which a
+    simulated arm makes and a real one may not.
+
+    Args:
+        host, port: of `flexarm serve`, or whatever speaks its packets. key: shared with it.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012
+    render_mode = None
+
+    def __init__(self, host: str = "127.0.0.1", port: int = 7070, key: bytes | None = None) -> None:
+        self.wire = Wire(host, port, key)
+        joints, entries = len(self.wire.limits), len(self.wire.scales)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (joints,), np.float32)
+        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (entries,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array32, dict[str, Any]]:
+        """Arm it, ask for a new start, and wait for the first reading."""
+        super().reset(seed=seed)
+        if options:
+            raise check.InvalidValue("options", options, "must be left out: a remote arm has none")
+        ends = time.monotonic() + PATIENCE
+        while time.monotonic() < ends:
+            self.wire.command(np.zeros(len(self.wire.limits)), ARM | RESET)
+            if self.wire.read() and not self.wire.flags & HELD:
+                return self._observation(), self._info("")
+        raise ConnectionError(f"the arm cannot be armed within {PATIENCE:g} s")
+
+    def step(self, action: Any) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
+        """Ask for torques and wait for what comes of them."""
+        values = np.asarray(action, np.float64)
+        if values.shape != self.action_space.shape or not np.isfinite(values).all():
+            raise check.InvalidValue("action", action, f"must be {len(self.wire.limits)} finite number(s)")
+        self.wire.command(np.clip(values, -1.0, 1.0) * self.wire.limits)
+        came = self.wire.read()
+        over = bool(self.wire.flags & OVER)
+        held = bool(self.wire.flags & HELD) and not over
+        reason = "no_reading" if not came else "stopped" if over else "held" if held else ""
+        return self._observation(), 0.0, over, held or not came, self._info(reason)
+
+    def _observation(self) -> Array32:
+        found: Array32 = (self.wire.seen / self.wire.scales).astype(np.float32)
+        return found
+
+    def _info(self, reason: str) -> dict[str, Any]:
+        wire = self.wire
+        return {
+            "reason": reason, "angles": wire.angles.copy(), "rates": wire.rates.copy(), "torques": wire.torques.copy(),
+            "time": wire.time, "lost": wire.lost,
+        }  # fmt: skip
+
+    def close(self) -> None:
+        """Let the arm go."""
+        self.wire.close()
+
+
+def run_policy(policy: Any, env: RemoteArmEnv, seconds: float) -> dict[str, Any]:
+    """Drive an arm by a policy (`reset(observation)`, `act(observation)`) for so long; what came of it."""
+    observation, info = env.reset()
+    policy.reset(observation)
+    start, steps, reason = info["time"], 0, ""
+    while info["time"] - start < seconds and not reason:
+        observation, _, _, _, info = env.step(policy.act(observation))
+        steps, reason = steps + 1, info["reason"]
+    return {"steps": steps, "seconds": info["time"] - start, "lost": info["lost"], "ended": reason or "time"}

@@ -1,0 +1,278 @@
+"""Arms served in real time: packets and their enemies, the watchdog, limits, a circle over loopback."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import flexarm_env  # noqa: F401
+from flexarm_env.cli import main
+from flexarm_env.control import make as controller
+from flexarm_env.remote import (
+    MOST_NUMBERS,
+    Kind,
+    Limits,
+    Packet,
+    Refusal,
+    RemoteArmEnv,
+    Server,
+    Session,
+    Wire,
+    client,
+    pack,
+)
+from flexarm_env.remote.client import run_policy
+from flexarm_env.remote.packet import ARM, HEAD, HELD, LIMITED, RESET, SET_POINTS, unpack
+from tests.cli_tools import refused
+
+KEY = b"a key that both ends know"
+PEER = ("127.0.0.1", 1)
+
+
+def made(**arguments: Any) -> Session:
+    env = gym.make("FlexibleArm-v0", control_dt=0.01, duration=1000.0, disable_env_checker=True)
+    return Session(env, seed=0, **arguments)
+
+
+def joined(session: Session, address: Any = PEER) -> int:
+    """The connection that a peer is given."""
+    answer = session.receive(pack(Packet(Kind.HELLO, 5, 0), session.key), address)
+    assert answer is not None
+    found = unpack(answer, session.key)
+    assert isinstance(found, Packet) and found.kind is Kind.WELCOME
+    assert found.numbers[:4] == (0.01, 1.0, 6.0, session.limits.watchdog) and found.numbers[4] == 2.0
+    return found.connection
+
+
+def command(session: Session, connection: int, sequence: int, torque: float, flags: int = 0) -> None:
+    packet = Packet(Kind.COMMAND, connection, sequence, 0.0, (torque,), flags)
+    session.receive(pack(packet, session.key), PEER)
+
+
+def reading(session: Session) -> Packet:
+    content = session.advance()
+    assert content is not None
+    found = unpack(content, session.key)
+    assert isinstance(found, Packet) and found.kind is Kind.READING
+    return found
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+def test_a_packet_there_and_back(key: bytes | None) -> None:
+    packet = Packet(Kind.COMMAND, 2**64 - 1, 2**32 - 1, 1.5, (0.25, -1e300), ARM | SET_POINTS)
+    content = pack(packet, key)
+    assert unpack(content, key) == packet and len(content) == HEAD.size + 16 + (32 if key else 0)
+    assert content[:8] == b"FXRM\x01\x00\x03\x03"
+    assert unpack(content, b"another") in (Refusal.FORGED, Refusal.SIZE)
+    assert unpack(pack(packet._replace(numbers=(math.nan,)), key), key) is Refusal.NUMBERS
+    assert unpack(pack(packet._replace(time=math.inf), key), key) is Refusal.NUMBERS
+    assert unpack(pack(packet._replace(numbers=(0.0,) * (MOST_NUMBERS + 1)), key), key) is Refusal.SIZE
+    assert unpack(b"") is Refusal.SIZE and unpack(b"x" * HEAD.size) is Refusal.FOREIGN
+
+
+def test_the_arm_moves_as_its_environment() -> None:
+    session, rng = made(), np.random.default_rng(0)
+    connection, env = joined(session), gym.make("FlexibleArm-v0", control_dt=0.01, duration=1000.0)
+    env.reset(seed=0)
+    for k in range(50):
+        torque = float(rng.uniform(-1.0, 1.0))
+        command(session, connection, k + 1, torque, ARM if k == 0 else 0)
+        found = reading(session)
+        seen = env.step(np.array([torque / 2.0], np.float32))[0]
+        assert found.flags == 0 and found.numbers[:2] == (float(k + 1), 0.0) and found.numbers[4] == torque
+        assert np.array_equal(np.float32(found.numbers[5:] / session.scales), seen)
+        poses = env.unwrapped.batch.view(0).poses
+        assert found.numbers[2:4] == (poses[0, 2], poses[0, 5])
+    env.close()
+
+
+@pytest.mark.parametrize("hold", ["zero", "angles"])
+def test_the_watchdog_holds_until_it_is_armed_again(hold: str) -> None:
+    session = made(limits=Limits(watchdog=3), hold=hold)
+    connection = joined(session)
+    command(session, connection, 1, 1.0)
+    assert reading(session).flags & HELD and session.torque[0] == 0.0  # never armed
+    command(session, connection, 2, 1.0, ARM)
+    assert reading(session).numbers[4] == 1.0
+    for k in range(6):
+        found = reading(session)
+        assert bool(found.flags & HELD) == (k >= 3)
+        assert (found.numbers[4] == 1.0) == (k < 3)
+    command(session, connection, 3, 1.0)  # late: not without ARM
+    assert reading(session).flags & HELD and session.reason == "no command for 3 periods"
+    for _ in range(200):
+        found = reading(session)
+    assert (abs(found.numbers[3]) < 0.05) == (hold == "angles")
+    command(session, connection, 4, 0.5, ARM)
+    assert not reading(session).flags & HELD and session.torque[0] == 0.5
+
+
+def test_limits() -> None:
+    session = made(limits=Limits(slew=0.1, rate=1.0))
+    connection = joined(session)
+    command(session, connection, 1, 1.9, ARM)
+    found = reading(session)
+    assert found.flags & LIMITED and found.numbers[4] == pytest.approx(0.2)
+    for k in range(200):
+        command(session, connection, k + 2, 1.9)
+        if reading(session).flags & HELD:
+            break
+    assert session.reason.startswith("a joint is beyond") and session.torque[0] == 0.0
+    command(session, connection, 500, 100.0, ARM | RESET)
+    assert session.counts["missing"] == 500 - (k + 2) - 1
+    found = reading(session)
+    assert not found.flags & HELD and abs(found.numbers[3]) < 1.0
+    angle = session.readings()[0]
+    for k in range(400):
+        command(session, connection, 501 + k, angle + 0.3, SET_POINTS)
+        found = reading(session)
+    assert abs(found.numbers[2] - angle - 0.3) < 0.02
+    for arguments in ({"angle": 0.0}, {"rate": math.nan}, {"slew": -1.0}, {"watchdog": 0}):
+        with pytest.raises(ValueError, match=next(iter(arguments))):
+            Limits(**arguments)
+    with pytest.raises(ValueError, match="hold = 'up'"):
+        made(hold="up")
+    with pytest.raises(ValueError, match="action_mode 'torque'"):
+        Session(gym.make("FlexibleArm-v0", action_mode="residual_pd"))
+
+
+def test_one_peer_at_a_time() -> None:
+    session = made(limits=Limits(watchdog=2))
+    first = joined(session)
+    assert session.receive(pack(Packet(Kind.HELLO, 6, 0)), ("127.0.0.1", 2)) is None and session.counts["busy"] == 1
+    session.receive(pack(Packet(Kind.COMMAND, first, 1, 0.0, (1.0,), ARM)), ("127.0.0.1", 2))
+    assert session.counts["STRANGER"] == 1 and session.held
+    for _ in range(3):
+        session.advance()
+    assert joined(session, ("127.0.0.1", 2)) != first  # the first has been silent for too long
+    command(session, first, 7, 1.0)
+    assert session.counts["STRANGER"] == 2
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+def test_enemies(key: bytes | None) -> None:
+    """100,000 packets: cut, grown, flipped, replayed, old, of other connections, not finite, foreign; each accepted,
+    dropped for a reason that is counted, or missing; and the arm never gets what its peer has not asked for."""
+    session, rng = made(key=key, limits=Limits(watchdog=10**6)), np.random.default_rng(1)
+    connection, sequence, taken, lost = joined(session), 0, set[float](), 0
+    command(session, connection, 1, 0.0, ARM)
+    sequence, count, sent = 1, 100_000, 2
+    for k in range(count):
+        torque = float(rng.uniform(-1.0, 1.0))
+        way = rng.integers(10)
+        packet = Packet(Kind.COMMAND, connection, sequence + 1, 0.0, (torque,))
+        good = pack(packet, key)
+        content = good
+        if way == 0:
+            content = good[: rng.integers(len(good))]
+        elif way == 1:
+            content = good + bytes(rng.integers(1, 50))
+        elif way == 2 and key is not None:
+            at = int(rng.integers(len(good)))
+            content = good[:at] + bytes([good[at] ^ (1 << int(rng.integers(8)))]) + good[at + 1 :]
+        elif way == 3:
+            content = pack(packet._replace(sequence=int(rng.integers(0, session.last + 1))), key)
+        elif way == 4:
+            content = pack(packet._replace(connection=int(rng.integers(2**63))), key)
+        elif way == 5:
+            content = pack(packet._replace(numbers=(float(rng.choice([math.nan, math.inf, -math.inf])),)), key)
+        elif way == 6:
+            content = pack(packet._replace(numbers=(0.1,) * int(rng.choice([0, 2, 7]))), key)
+        elif way == 7:
+            content = rng.bytes(int(rng.integers(0, 300)))
+        elif way == 8:  # lost on the way
+            sequence, lost = sequence + 1, lost + 1
+            sent += 1
+            continue
+        session.receive(content, PEER)
+        sent += 1
+        if content is good:
+            sequence += 1
+            taken.add(torque)
+        if k % 500 == 0:
+            session.advance()
+            assert session.torque[0] == 0.0 or float(session.torque[0]) in taken
+    command(session, connection, sequence + 1, 0.0)
+    assert sum(session.counts.values()) == sent + 1
+    assert session.counts["missing"] == lost and session.counts["accepted"] == len(taken) + 3
+    never = {Refusal.FOREIGN} if key else {Refusal.FORGED}  # what is foreign has no signature either
+    assert min(session.counts[word.name] for word in set(Refusal) - never) > 500
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[Server]:
+    served = Server(made(key=KEY, limits=Limits(watchdog=200)), log=tmp_path / "log.csv")
+    over = threading.Event()
+    thread = threading.Thread(target=served.serve, kwargs={"stopped": over.is_set})
+    thread.start()
+    yield served
+    over.set()
+    thread.join()
+    served.close()
+
+
+def test_over_loopback(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    host, port = server.address
+    env = gym.make("RemoteArm-v0", host=host, port=port, key=KEY)
+    plain: Any = env.unwrapped
+    assert isinstance(plain, RemoteArmEnv) and plain.wire.limits.tolist() == [2.0]
+    simulated = gym.make("FlexibleArm-v0", control_dt=0.01)
+    told = run_policy(controller("pd", simulated), plain, 0.5)
+    assert told["ended"] == "time" and told["steps"] >= 5
+    with pytest.raises(ValueError, match="must be 1 finite"):
+        plain.step([math.nan])
+    monkeypatch.setattr(client, "PATIENCE", 0.3)
+    for key in (b"another key", None):
+        with pytest.raises(ConnectionError, match="no answer within"):
+            Wire(host, port, key)
+    monkeypatch.undo()
+    plain.reset()
+    time.sleep(3.0)  # the watchdog's two seconds, and more
+    assert server.session.held
+    while plain.wire.read() and not plain.wire.flags & HELD:
+        pass
+    _, reward, ended, truncated, info = plain.step(np.zeros(1, np.float32))
+    assert (reward, ended, truncated, info["reason"]) == (0.0, False, True, "held")
+    env.close()
+    simulated.close()
+    rows = (tmp_path / "log.csv").read_text().splitlines()
+    assert rows[0].startswith("t,angle0,rate0,torque0,hub_sin,hub_cos")
+
+
+def test_beyond_loopback_wants_a_key() -> None:
+    session = made()
+    with pytest.raises(ValueError, match="must be this machine, or be given a key"):
+        Server(session, host="0.0.0.0")
+    Server(session, host="0.0.0.0", insecure=True).close()
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Served in a thread, driven by a controller; what is wrong is refused in a sentence."""
+    log, found = tmp_path / "run.csv", list[int]()
+    words = ["serve", "FlexibleArm-v0", "--rate", "100", "--port", "0", "--seconds", "0.3", "--log", str(log), "--json"]
+    serving = threading.Thread(target=lambda: found.append(main(words)))
+    serving.start()
+    serving.join()
+    told = json.loads(capsys.readouterr().out)
+    assert found == [0] and told["packets"] == {} and told["periods"] >= 1
+    rows = np.genfromtxt(log, delimiter=",", names=True)
+    assert rows["t"][0] == 0.0 and rows["t"][1] == 0.01 and not rows["torque0"].any()
+    for words, sentence in (
+        (["serve", "nobody"], "nobody"),
+        (["serve", "FlexibleArm-v0", "--rate", "0"], "--rate"),
+        (["serve", "FlexibleArm-v0", "--host", "0.0.0.0", "--port", "0"], "must be this machine, or be given a key"),
+        (["serve", "FlexibleArm-v0", "--key", str(log.with_suffix(".none"))], "run.none"),
+        (["run", "pd", "--to", "nowhere"], "must be HOST:PORT"),
+        (["run", "pd", "--to", "127.0.0.1:9"], "with --env for its model"),
+        (["run", "pd", "--env", "FlexibleArm-v0", "--to", "127.0.0.1:9"], "no answer within"),
+    ):
+        assert sentence in refused(capsys, *words)
