@@ -212,10 +212,10 @@ class Fine:
 
 class InTask:
     """Arms to which something comes that is drawn on the way: they move in the task itself, which draws it, and are
-    differentiated at the very states that they are in there. `step` and `pull` are as those of `derivatives.Arms`."""
+    differentiated at the very states that they are in there. `step` and `vjp` are as those of `derivatives.Arms`."""
 
     def __init__(self, arms: Any) -> None:
-        self.arms, self.n, self.pull = arms, arms.n, arms.pull
+        self.arms, self.n, self.vjp = arms, arms.n, arms.vjp
         self.first, self.failed = arms.names.index("periods"), np.zeros(arms.n, bool)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
