@@ -76,5 +76,5 @@ if "RemoteArm-v0" not in registry:
     register("RemoteArm-v0", entry_point="flexarm_env.remote.client:RemoteArmEnv")
 for _id in _ENVIRONMENTS:
     _register(_id, _id, {})
-for _task in _tasks():
+for _task in _tasks(earlier=True):
     _register(_task.registered, _task.environment, _task.keywords)

@@ -65,6 +65,7 @@ def places_of(
         places = (layout.record + (first + k) * stride for k in range(count))
         return [_Place(f"{name}[{k}]" if count > 1 else name, place) for k, place in enumerate(places)]
 
+    moving += recorded("acted", at.acted, len(task.acted))
     if extras.actuator is not None:
         moving += recorded("motor", at.torque, links) + recorded("asked", at.commands, at.seen - at.commands)
     own = [_Place(name, layout.par + k * stride) for k, name in enumerate(OWN)]

@@ -97,9 +97,14 @@ def payload_change(frame: Frame, given: Any) -> PayloadChange | None:
 def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool) -> dict[str, Any]:
     """Fields of the task's record that say what is asked for, where it is not the usual."""
     kind = frame.kind
-    table = table_of("success", success, (*kind.bands, "hold", "once"))
+    table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))
+    paid = check.flag("success.paid", table.get("paid", False))
+    if paid and not set(table) & set(kind.bands):
+        raise check.MissingKey("success.position", f"a success that is paid for needs bounds: {', '.join(kind.bands)}")
     bands = [
-        check.number(f"success.{name}", table[name], unit, above=0.0) if name in table else usual
+        check.number(f"success.{name}", table[name], unit, above=0.0)
+        if name in table
+        else math.inf if paid else usual
         for name, (usual, unit) in kind.bands.items()
     ]
     changes: dict[str, Any] = {"bands": np.array(bands)}
@@ -108,6 +113,8 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool)
         changes["hold"] = float(math.ceil(time / frame.period - 1e-9) + 1)
     if check.flag("success.once", table.get("once", False)):
         changes["once"] = (0,)
+    if paid:
+        changes["paid"] = (0,)
     if check.choice("turns", turns, TURNS) == "any":
         seen = extras.instruments is not None and extras.instruments.goals is not None
         if kind.target.numbers != 1:

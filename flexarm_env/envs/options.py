@@ -27,7 +27,7 @@ from .features import reference as make_reference
 from .features import sensors as make_sensors
 from .motion import Prescribed, prescribed
 from .observation import asked, sensors_of, sight
-from .task import Entry, Kind, info_entries, reward_weights
+from .task import Entry, Kind, info_entries, priced, reward_weights
 from .vibration import shake
 
 INFO_LEVELS = ("standard", "full", "numbers")
@@ -158,6 +158,7 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
+    kind = priced(kind, reward)
     own = with_friction(_arm(kind, arm, joint_limits), actuator)
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
     period = check.number("control_dt", control_dt, "s", above=0.0)

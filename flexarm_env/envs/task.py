@@ -24,6 +24,9 @@ HOLD_TIME = 0.5
 REWARDS = ("accuracy", "settle", "distance", "effort", "vibration", "failure")
 """Names of the reward terms of slew and reach, in order."""
 
+CHANGE = "change"
+"""Name of the term for what actions change by, before failure where it is asked for."""
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -70,6 +73,7 @@ class Kind:
             joint_limits=np.array(limits, np.float64).ravel(),
             hold=float(math.ceil(HOLD_TIME / period - 1e-9) + 1),
             bands=np.array([bound for bound, _ in self.bands.values()]),
+            acted=(0,) * arm.n_links if CHANGE in self.rewards else (),
         )
         return usual._replace(**(aims or {}))
 
@@ -205,11 +209,19 @@ def info_entries(
     return tuple(entries)
 
 
+def priced(kind: Kind, reward: Any) -> Kind:
+    """The kind, with a term for the change of actions where `reward` has a weight for it."""
+    if not isinstance(reward, Mapping) or CHANGE not in reward:
+        return kind
+    terms = list(kind.rewards.items())
+    return replace(kind, rewards=dict([*terms[:-1], (CHANGE, 0.0), terms[-1]]))
+
+
 def reward_weights(kind: Kind, given: Mapping[str, float] | None) -> Array:
     """Weights of the reward's terms: the kind's, with what is given in their place."""
     weights = dict(kind.rewards)
     table = {} if given is None else check.table_of("reward", given)
-    check.known_keys("reward", table, tuple(kind.rewards), "reward term")
+    check.known_keys("reward", table, (*kind.rewards, CHANGE), "reward term")
     for name, value in table.items():
         weights[name] = check.number(f"reward.{name}", value, minimum=0.0)
     return np.array([weights[name] for name in kind.rewards])

@@ -154,7 +154,7 @@ def record_torques(lane, p, par, record, w, live, info):
     for k in range(n):
         torque = load(lane, w.u, k)
         if p.actuator is not None:
-            torque = load(lane, record, record_at(0, n, 1, 0, 0, 0).torque + k)
+            torque = load(lane, record, record_at(0, n, size(p.task.acted), 1, 0, 0, 0).torque + k)
         if p.amplifier is not None:
             torque = torque - load(lane, w.y, k) * p.amplifier.emf[k]
         put_info(lane, live, info, at + k, torque)

@@ -13,11 +13,11 @@ from ..physics.layout import POSE
 from ..tasks.program import CHANNEL, INFO, LAW, PARAMETERS, RECORD, SAVED, SCRATCH, Block
 
 
-def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int, int]:
-    """Sizes of a `RECORD`: joints, rows of motors, rows of commands, numbers of past observations and of sensors."""
+def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int, int, int]:
+    """Sizes of a `RECORD`: joints, actions kept, rows of motors, of commands, numbers of past observations, of sensors."""
     motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments
     return (
-        len(task.links), int(motors is not None), 0 if motors is None else motors.age + 2,
+        len(task.links), len(task.acted), int(motors is not None), 0 if motors is None else motors.age + 2,
         0 if sensors is None else entries * sensors.age, 0 if instruments is None else readings_size(instruments),
     )  # fmt: skip
 

@@ -131,7 +131,7 @@ def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
 def record_commands(lane, task, actuator, record, w):
     """Remember what the motors are asked for, w.u."""
     n = size(task.links)
-    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
+    at = record_at(0, n, size(task.acted), 1, actuator.age + 2, 0, 0)
     for k in range(n):
         _shift_in(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
 
@@ -140,7 +140,7 @@ def record_commands(lane, task, actuator, record, w):
 def turn_motors(lane, task, actuator, s, record, w):
     """w.u <- the motors' torques in step s of a period."""
     n = size(task.links)
-    at = record_at(0, n, 1, actuator.age + 2, 0, 0)
+    at = record_at(0, n, size(task.acted), 1, actuator.age + 2, 0, 0)
     age = actuator.age + 1 if s < actuator.late else actuator.age
     for k in range(n):
         asked = load(lane, record, at.commands + age * n + k)

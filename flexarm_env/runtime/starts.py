@@ -163,6 +163,8 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
     lanes, i, at = len(lane), arm % len(lane), info_of(p.task)
     observe_state(lane, p, True, poses, record, seen)
     judge(lane, p.task, poses, action, record, live, info)
+    for k in range(GOAL + size(p.task.links), GOAL + size(p.task.links) + size(p.task.acted)):
+        record[k * lanes + i] = 0.0
     for k in range(at.terms, at.terms + size(p.task.terms)):
         info[k * lanes + i] = 0.0
     write_observation(lane, p, arm, poses, record, seen, True)

@@ -41,6 +41,16 @@ class Task:
     price: float = 0.0
 
     @property
+    def name(self) -> str:
+        """Without its version: "slew-measured"."""
+        return self.id.rpartition("-v")[0]
+
+    @property
+    def version(self) -> int:
+        """A task that changes gets the next."""
+        return int(self.id.rpartition("-v")[2])
+
+    @property
     def env_id(self) -> str:
         """What `gymnasium.make` and `make_vec` take: "flexarm_env:flexarm/slew-measured-v1"."""
         return f"flexarm_env:{self.registered}"
@@ -72,16 +82,18 @@ def read(text: str, task_id: str) -> Task:
 
 
 @cache
-def tasks() -> tuple[Task, ...]:
-    """All tasks, in order."""
+def tasks(*, earlier: bool = False) -> tuple[Task, ...]:
+    """All tasks, in order, each in its latest version; earlier: and in those before it."""
     folder = resources.files("flexarm_env") / "data" / "suite"
     files = [entry for entry in folder.iterdir() if entry.name.endswith(".toml")]
     found = [read(entry.read_text("utf-8"), entry.name[:-5]) for entry in files]
-    return tuple(sorted(found, key=lambda task: task.number))
+    found.sort(key=lambda task: (task.number, task.version))
+    latest = {task.name: task for task in found}
+    return tuple(task for task in found if earlier or latest[task.name] is task)
 
 
 def task(task_id: str) -> Task:
     """A task by its id, with or without "flexarm_env:" and "flexarm/" before it. ValueError for one there is not."""
     name = task_id.removeprefix("flexarm_env:").removeprefix(f"{NAMESPACE}/") if isinstance(task_id, str) else task_id
-    known = {one.id: one for one in tasks()}
+    known = {one.id: one for one in tasks(earlier=True)}
     return known[check.choice("task", name, tuple(known))]

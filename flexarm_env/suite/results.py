@@ -207,7 +207,7 @@ def read(path: Path, *, earlier: bool = False) -> Results:
         if table["format"] != FORMAT:
             raise check.InvalidValue("format", table["format"], f"must be {FORMAT}, which this version reads")
         entries = check.table_of("tasks", table["tasks"])
-        known = {task.id: task for task in tasks()}
+        known = {task.id: task for task in tasks(earlier=True)}
         for name, entry in entries.items():
             _check_entry(f"tasks.{name}", entry, known.get(name), earlier)
         refused = check.table_of("refused", table.get("refused", {}))

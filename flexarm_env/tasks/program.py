@@ -71,7 +71,7 @@ PUSH = Layout(
 """A push at the tip."""
 
 RECORD = Layout(
-    "Record", "joints, motors, commands, memory, readings",
+    "Record", "joints, acted, motors, commands, memory, readings",
     Field("periods", (), "", "control periods done"),
     Field("periods_allowed", (), "", "control periods until the episode is cut off"),
     Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
@@ -85,6 +85,7 @@ RECORD = Layout(
     Field("push", (PUSH.length,), "", "a `PUSH`: the present one, or the next"),
     Field("path", (PATH.length,), "", "a `PATH`"),
     Field("goal", ("joints",), "rad", "joint angles that reach the target"),
+    Field("acted", ("acted",), "", "the last action, where its change is priced"),
     Field("torque", ("motors", "joints"), "N m", "of motors that are not ideal (1 row, or none)"),
     Field("commands", ("commands", "joints"), "N m", "asked of them, the newest first"),
     Field("seen", ("memory",), "", "past observations, the newest first, where they come late"),
@@ -181,7 +182,7 @@ FURTHER = _FURTHER.places
 (
     PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, LEVEL, COST, CHANGE, PUSHED, PATH_AT,
     GOAL, *_,
-) = RECORD.offsets(0, 0, 0, 0, 0, 0)  # fmt: skip
+) = RECORD.offsets(0, 0, 0, 0, 0, 0, 0)  # fmt: skip
 """Where the fields of a record are that no size moves."""
 
 SUCCESS, TIP, DEFLECTION, *_ = INFO.offsets(0, 0, 0, 0, 0)

@@ -9,7 +9,20 @@ from ..physics.arithmetic import arctangent, decay, smaller
 from ..physics.layout import POSE
 from .program import DEFLECTION, GOAL, MOVING, PATH, TARGET, TARGET_RATE
 from .stream import uniform
-from .task import TASKS, Task, deflection, effort, hold, past_limits, pay, put_info, record_tip, show_scaled
+from .task import (
+    TASKS,
+    Task,
+    deflection,
+    effort,
+    hold,
+    past_limits,
+    pay,
+    pay_change,
+    put_info,
+    record_tip,
+    settled,
+    show_scaled,
+)
 
 _PATH, _MOVING = PATH.places, MOVING.places
 
@@ -58,11 +71,16 @@ def slew_judge(lane, task, poses, action, record, live, info):
     hold(lane, task, good, record, live, info)
     record_tip(lane, task, poses, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, slip * 5.0
+    settle = decay(narrow * narrow + slow * slow)
+    if task.paid is not None:
+        place, pace, shake = error / task.bands[0], slip / task.bands[1], rate / task.bands[2]
+        settle = settled(lane, place * place + pace * pace + shake * shake)
     total = pay(lane, task, live, info, 0, decay(wide * wide))
-    total = total + pay(lane, task, live, info, 1, decay(narrow * narrow + slow * slow))
+    total = total + pay(lane, task, live, info, 1, settle)
     total = total + pay(lane, task, live, info, 2, -smaller(way, 1.0))
     total = total + pay(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + pay(lane, task, live, info, 4, -smaller(rate * rate, 1.0))
+    total = pay_change(lane, task, action, record, live, info, total)
     return total, past_limits(lane, task, poses)
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from ..compiler import Family, kernel, load, select_lt, sincos, size, splat, store
 from ..physics.arithmetic import clip, put
 from ..physics.layout import POSE
-from .program import CLIP, HOLD, SUCCESS, TARGET, TIP, info_at
+from .program import CLIP, GOAL, HOLD, SUCCESS, TARGET, TIP, info_at
 
 
 class Task(NamedTuple):
@@ -55,6 +55,8 @@ class Task(NamedTuple):
     further: tuple[int, ...] = ()  # as many zeros as `FURTHER` has numbers, or none
     once: tuple[int, ...] | None = None  # a tag where a success stays one to the end
     turns: tuple[int, ...] | None = None  # a tag where a target angle is met at any number of whole turns
+    acted: tuple[int, ...] = ()  # as many zeros as there are joints where the change of actions is priced
+    paid: tuple[int, ...] | None = None  # a tag where `settle` pays by the bands
     relative: float = 1.0  # 0: target angles are drawn as they stand, and not from where the arm starts
 
 
@@ -135,6 +137,26 @@ def effort(lane, task, action):
     for k in range(size(task.links)):
         a = load(lane, action, k)
         total = total + a * a
+    return total
+
+
+@kernel
+def settled(lane, square):
+    """What `settle` pays by the bands: 1 / (1 + r^4), r^2 the sum of squares of the errors over them."""
+    return 1.0 / (square * square + 1.0)
+
+
+@kernel
+def pay_change(lane, task, action, record, live, info, total):
+    """The total less what the actions' change costs, where that is priced: the last term but failure."""
+    change = splat(lane, 0.0)
+    for j in range(size(task.acted)):
+        at = GOAL + size(task.links) + j
+        before, now = load(lane, record, at), load(lane, action, j)
+        change = change + (now - before) * (now - before)
+        put(live, record, at, now, before)
+    if size(task.acted) > 0:
+        total = total + pay(lane, task, live, info, size(task.terms) - 2, -change)
     return total
 
 

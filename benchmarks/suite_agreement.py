@@ -1,0 +1,68 @@
+"""Whether what pays and what counts as success are one thing: returns and successes of all methods, compared.
+
+    python -m benchmarks.suite_agreement [--results docs/results/suite] [--earlier]
+
+Of all pairs of runs on the same episode of a task, of which one succeeded and one did not: how often the one that did
+has the higher return (less the task's price times cost). A pair of equal returns is no agreement. Of a task in its
+latest version at least 95 % of at least 30 pairs are asked for; --earlier has the versions before too.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.machine import DOCS, table, write_text
+from benchmarks.pages import filled
+from flexarm_env import suite
+from flexarm_env.suite.results import Results, folder_of, of_the_protocol
+
+LEAST, PAIRS = 0.95, 30
+
+
+def agreement(task: suite.Task, found: Sequence[Results]) -> tuple[int, int]:
+    """Pairs of one success and one that is none, on the same episode; in how many the success has the higher value."""
+    entries = [one.tasks[task.id] for one in found if task.id in one.tasks]
+    entries = [entry for entry in entries if of_the_protocol(task, entry)]
+    pairs = right = 0
+    values = np.array([np.array(e["returns"]) - task.price * np.array(e["costs"]) for e in entries])
+    successes = np.array([e["successes"] for e in entries], bool)
+    for value, success in zip(values.T, successes.T, strict=True):
+        pairs += int(success.sum() * (~success).sum())
+        right += int((value[success][:, None] > value[~success]).sum())
+    return pairs, right
+
+
+def rows(found: Sequence[Results], *, earlier: bool) -> list[tuple[str, int, str, str]]:
+    """Of each task: its id, pairs, the share that agrees, whether that is enough."""
+    lines = []
+    for task in suite.tasks(earlier=earlier):
+        pairs, right = agreement(task, found)
+        share = right / pairs if pairs else 0.0
+        enough = "yes" if share >= LEAST and pairs >= PAIRS else "**no**"
+        latest = task in suite.tasks()
+        lines.append((f"`{task.id}`", pairs, f"{share:.1%}" if pairs else "", enough if latest else "superseded"))
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table, and write it into docs/suite.md where the results are those of the project; 1 where one fails."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--results", type=Path, default=DOCS / "results" / "suite", help="folder of results files")
+    parser.add_argument("--earlier", action="store_true", help="with versions before the latest")
+    options = parser.parse_args(arguments)
+    found = rows(folder_of(options.results, earlier=True), earlier=options.earlier)
+    for name, pairs, share, enough in found:
+        print(f"{name.strip('`'):20} {pairs:6} pairs {share:>7}  {enough.strip('*')}")
+    if options.results == DOCS / "results" / "suite" and options.earlier:
+        lines = table("task | pairs | the success pays more | ≥ 95 % of ≥ 30", found)
+        page = DOCS / "suite.md"
+        write_text(page, filled(page.read_text(encoding="utf-8"), "suite_agreement", {"pairs": lines}))
+    return int(any(enough == "**no**" for *_, enough in found))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
