@@ -1,7 +1,7 @@
 """PPO in one file, as CleanRL writes it: the vector environment, PyTorch, and nothing else of this repository.
 
     python agents/cleanrl_ppo.py --env-id FlexibleArm-v0
-    python agents/cleanrl_ppo.py --env-id flexarm_env:flexarm/slew-measured-v1 --out slew.pt
+    python agents/cleanrl_ppo.py --env-id flexarm_env:flexarm/slew-measured-v2 --out slew.pt
 
 What it has learnt is written to --out. `act` is a policy for `flexarm bench suite --policy agents.cleanrl_ppo:act`: it
 reads the file that the environment variable AGENT names.

@@ -30,12 +30,13 @@ from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.results import Results, begun, chosen_tasks, folder_of, frozen, judged, of_the_protocol, value
 from flexarm_env.suite.score import EPISODES, FLOOR, Reference
+from flexarm_env.suite.score import references as frozen_references
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "docs" / "results" / "suite"
 REFERENCES = ROOT / "flexarm_env" / "data" / "suite" / "references.json"
 
-FEW = ("slew-unknown-v1", "slew-geared-v1", "reach-measured-v1")
+FEW = ("slew-unknown-v2", "slew-geared-v2", "reach-measured-v1")
 """Tasks of the methods that should matter there: those with memory, and those that learn from what was before."""
 
 SECONDS = {"ppo": 60e-6, "gradient": 60e-6, "sac": 1.5e-3, "tqc": 2.5e-3, "recurrent_ppo": 1.2e-3}
@@ -81,7 +82,7 @@ class Arguments:
         home: folder of the runs.
         results: folder of the results files; the page lies beside it.
         plan: only say what is to be done.
-        freeze: only write the references: PD's mean returns, and the highest of all results.
+        freeze: only write the references of tasks that have none: PD's mean returns, and the highest of all results.
         progress: show progress bars.
     """
 
@@ -202,9 +203,12 @@ def of_run(word: str, task: suite.Task) -> Chosen:
 
 # ------------------------------------------------------------------ references
 def references(found: Sequence[Results]) -> dict[str, dict[str, Any]]:
-    """What scores are made from, of a folder's results. Tasks without PD, or where nothing is better, have none."""
-    known: dict[str, dict[str, Any]] = {}
+    """What scores are made from: of tasks that had none, from a folder's results; what was frozen never moves. Tasks
+    without PD, or where nothing is better, have none."""
+    known = {name: asdict(one) for name, one in frozen_references().items()}
     for task in suite.tasks():
+        if task.id in known and known[task.id]["digest"] == task.digest:
+            continue
         returns: dict[str, float] = {}
         for one in found:
             entry = one.tasks.get(task.id)
@@ -241,7 +245,7 @@ def work(arguments: Arguments) -> int:
         print("\n".join(plan(todo, arguments)))
         return 0
     if arguments.freeze:
-        known = references(folder_of(arguments.results))
+        known = references(folder_of(arguments.results, earlier=True))
         write_json(REFERENCES, known)
         print("\n".join(f"{name}: {one['pd']} (PD), {one['best']} ({one['by']})" for name, one in known.items()))
         return 0

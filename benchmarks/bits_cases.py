@@ -410,7 +410,7 @@ def cases() -> dict[str, Case]:
     for name, env_id in CONTROLLERS:
         add(f"controller {name}, {env_id}", steered, name, env_id)
     add("controller lqg, measured", steered, "lqg", ONE, observation="measured")
-    for one in suite.tasks():
+    for one in suite.tasks(earlier=True):
         add(f"suite, {one.id}", task, one.id)
     for name in scenes.names():
         for method in ("segments", "exact", "elastica"):

@@ -1,10 +1,10 @@
 """Whether what pays and what counts as success are one thing: returns and successes of all methods, compared.
 
-    python -m benchmarks.suite_agreement [--results docs/results/suite] [--earlier]
+    python -m benchmarks.suite_agreement [--results docs/results/suite]
 
 Of all pairs of runs on the same episode of a task, of which one succeeded and one did not: how often the one that did
 has the higher return (less the task's price times cost). A pair of equal returns is no agreement. Of a task in its
-latest version at least 95 % of at least 30 pairs are asked for; --earlier has the versions before too.
+latest version at least 95 % of at least 30 pairs are asked for.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ def agreement(task: suite.Task, found: Sequence[Results]) -> tuple[int, int]:
     return pairs, right
 
 
-def rows(found: Sequence[Results], *, earlier: bool) -> list[tuple[str, int, str, str]]:
+def rows(found: Sequence[Results]) -> list[tuple[str, int, str, str]]:
     """Of each task: its id, pairs, the share that agrees, whether that is enough."""
     lines = []
-    for task in suite.tasks(earlier=earlier):
+    for task in suite.tasks(earlier=True):
         pairs, right = agreement(task, found)
         share = right / pairs if pairs else 0.0
         enough = "yes" if share >= LEAST and pairs >= PAIRS else "**no**"
@@ -49,17 +49,16 @@ def rows(found: Sequence[Results], *, earlier: bool) -> list[tuple[str, int, str
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table, and write it into docs/suite.md where the results are those of the project; 1 where one fails."""
+    """Print the table, and write it into its page where the results are those of the project; 1 where one fails."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--results", type=Path, default=DOCS / "results" / "suite", help="folder of results files")
-    parser.add_argument("--earlier", action="store_true", help="with versions before the latest")
     options = parser.parse_args(arguments)
-    found = rows(folder_of(options.results, earlier=True), earlier=options.earlier)
+    found = rows(folder_of(options.results, earlier=True))
     for name, pairs, share, enough in found:
         print(f"{name.strip('`'):20} {pairs:6} pairs {share:>7}  {enough.strip('*')}")
-    if options.results == DOCS / "results" / "suite" and options.earlier:
+    if options.results == DOCS / "results" / "suite":
         lines = table("task | pairs | the success pays more | ≥ 95 % of ≥ 30", found)
-        page = DOCS / "suite.md"
+        page = DOCS / "results" / "suite_agreement.md"
         write_text(page, filled(page.read_text(encoding="utf-8"), "suite_agreement", {"pairs": lines}))
     return int(any(enough == "**no**" for *_, enough in found))
 

@@ -31,8 +31,9 @@ def row(task: suite.Task) -> list[str]:
 
 def overview() -> str:
     """docs/suite.md with its table and the list of pages; the rest stands there alone."""
+    every = suite.tasks(earlier=True)
     rows = table("# | task | what | environment | periods of training", map(row, suite.tasks()))
-    tree = ["```{toctree}", ":hidden:", "", *(f"suite/{task.id}" for task in suite.tasks()), "```"]
+    tree = ["```{toctree}", ":hidden:", "", *(f"suite/{task.id}" for task in every), "```"]
     return filled((DOCS / "suite.md").read_text(encoding="utf-8"), "suite_pages", {"tasks": rows, "pages": tree})
 
 
@@ -72,8 +73,10 @@ def page(task: suite.Task, players: Path) -> str:
     entries = ", ".join(f"`{name}`" for name in plan.names)
     order = f"{plan.history} in a row, the oldest first" if plan.history > 1 else "in order"
     player = [f"```{{player}} {task.id}", "```", ""] if (players / f"{task.id}.json").is_file() else []
+    latest = next(one for one in suite.tasks() if one.name == task.name)
+    later = [] if latest is task else [f"Superseded by [`{latest.id}`]({latest.id}.md); kept as it was.", ""]
     lines = [
-        f"# {task.title}", "", fill(task.hard, WIDTH), "",
+        f"# {task.title}" + (f" (version {task.version})" if later else ""), "", *later, fill(task.hard, WIDTH), "",
         *player, *table(f"`{task.id}` | ", facts(task, plan)), "",
         fill(f"The observation, {order}: {entries}.", WIDTH, break_on_hyphens=False), "",
         "It is the environment", "", "```python", "import gymnasium as gym", "", f"env = {keywords(task)}", "```", "",
@@ -85,7 +88,7 @@ def page(task: suite.Task, players: Path) -> str:
 def pages() -> dict[Path, str]:
     """All pages, by their places below docs/."""
     found = {Path("suite.md"): overview()}
-    return found | {Path("suite") / f"{task.id}.md": page(task, DOCS / "players") for task in suite.tasks()}
+    return found | {Path("suite") / f"{task.id}.md": page(task, DOCS / "players") for task in suite.tasks(earlier=True)}
 
 
 def main() -> None:

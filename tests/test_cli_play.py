@@ -37,7 +37,7 @@ def test_a_controller_plays(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_pd_plays_what_it_is_judged_on() -> None:
     """Targets that move too, in `play` and `view` as in `bench suite`."""
-    for words in (("flexarm/catch-v1",), ("flexarm/track-fast-v1",), ("FlexibleArm-v0", "track")):
+    for words in (("flexarm/catch-v1",), ("flexarm/track-fast-v2",), ("FlexibleArm-v0", "track")):
         with closing(gym.make(words[0], **({"task": words[1]} if words[1:] else {}))) as env:
             player = play.choose("pd").make(env)
             assert type(player) is type(choose("pd", suite.tasks()[0]).make(env)) is Following

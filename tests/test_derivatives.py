@@ -69,10 +69,13 @@ EVENTS = {
     "payload_change": {"time": (0.06, 0.06), "factor": (0.5, 2.0)},
 }
 """A push in the period that is looked at, and a payload that changes at its start."""
+PAID = {"success": {"position": 0.3, "speed": 1.0, "paid": True}, "reward": {"change": 0.3, "accuracy": 0.2}}
 PD, MOTORS = {"action_mode": "residual_pd", "residual_share": 0.3}, {"actuator": {"lag": 0.01, "delay": 0.02}}
 CASES = [
     case("one link", ONE, slow=False, back=True),
+    case("success that is paid, the change of actions", ONE, slow=False, back=True, **PAID),
     case("two links", TWO, back=True),
+    case("motors, the change of actions", TWO, back=True, **PAID, **MOTORS),
     case("three links", "MultiLinkFlexArm-v0", back=True),
     case("controllers", TWO, back=True, **PD),
     case("motors", TWO, back=True, **MOTORS),

@@ -24,7 +24,7 @@ COMPILER = shutil.which("cc")
 needs_c = pytest.mark.skipif(COMPILER is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
 
 CASES: list[Any] = [
-    pytest.param("flexarm/slew-geared-v1", {}, id="gears with friction, delay"),
+    pytest.param("flexarm/slew-geared-v2", {}, id="gears with friction, delay"),
     pytest.param("flexarm/reach-measured-v1", {}, id="noise", marks=pytest.mark.slow),
     pytest.param("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}, id="exact", marks=pytest.mark.slow),
     pytest.param("TwoLinkFlexArm-v0", {"formulation": "floating_frame"}, id="floating", marks=pytest.mark.slow),

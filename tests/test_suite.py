@@ -19,7 +19,7 @@ from flexarm_env.envs.options import ARGUMENTS
 from flexarm_env.suite.data import read
 from tests.refusals import refuses
 
-TASKS = suite.tasks()
+TASKS = suite.tasks(earlier=True)
 NAMES = [task.id for task in TASKS]
 
 
@@ -30,7 +30,7 @@ def test_a_task_is_what_its_file_records(task: suite.Task) -> None:
 
 
 def test_digests_tell_tasks_apart_but_not_spellings() -> None:
-    task = suite.task("slew-unknown-v1")
+    task = suite.task("slew-unknown-v2")
     factors = task.keywords["randomization"]
     for changed in ({"payload": [0.25, 4.1]}, {"EI": [0.5, 1.5]}):
         other = dataclasses.replace(task, keywords={**task.keywords, "randomization": changed})
@@ -42,8 +42,9 @@ def test_digests_tell_tasks_apart_but_not_spellings() -> None:
 
 def test_names_numbers_and_budgets() -> None:
     assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*-v[1-9]\d*", name) for name in NAMES)
-    numbers = [task.number for task in TASKS]
+    numbers = [task.number for task in suite.tasks()]
     assert numbers == sorted(set(numbers))
+    assert {(task.name, task.number) for task in TASKS} == {(task.name, task.number) for task in suite.tasks()}
     assert all(set(task.keywords) <= set(ARGUMENTS) for task in TASKS)
     assert all(task.env_id == f"flexarm_env:{task.registered}" and task.registered in gym.registry for task in TASKS)
 
@@ -54,7 +55,7 @@ def test_pages_are_made_of_the_data() -> None:
 
 
 def test_tasks_by_every_name() -> None:
-    task = suite.task("reach-three-v1")
+    task = suite.task("reach-three-v2")
     assert suite.task(task.env_id) is task is suite.task(task.registered)
     refuses(r'task = .slew.: must be one of "slew-measured-v1"', lambda: suite.task("slew"))
 
@@ -64,7 +65,7 @@ def test_keywords_that_make_another_task_are_known() -> None:
         made = gym.spec(env_id)
         return spec.changed(dataclasses.replace(made, kwargs={**made.kwargs, **keywords}))
 
-    task = suite.task("slew-measured-v1").registered
+    task = suite.task("slew-measured-v2").registered
     assert changed(task) == changed(task, duration=1.0, reward={}, info_level="numbers", threads=2, history=4) == []
     assert changed(task, starts={"target": np.zeros(2)}, history=1) == ["history", "starts"]
     assert changed(task, sensors={}) == ["sensors"] and changed("FlexibleArm-v0", history=3) == []
@@ -72,7 +73,7 @@ def test_keywords_that_make_another_task_are_known() -> None:
 
 def test_another_task_under_a_frozen_name_is_warned_of_once() -> None:
     spec.warned.clear()
-    task = suite.task("slew-measured-v1").registered
+    task = suite.task("slew-measured-v2").registered
     with pytest.warns(UserWarning, match=f"{task} with history of one's own is another task") as caught:
         gym.make(task, history=1)
     assert [Path(one.filename).name for one in caught] == ["test_suite.py"]
@@ -81,8 +82,16 @@ def test_another_task_under_a_frozen_name_is_warned_of_once() -> None:
         gym.make(task, history=1)
 
 
+def test_of_a_task_with_a_later_version_gymnasium_warns():
+    """And makes what was asked for."""
+    with pytest.warns(DeprecationWarning, match="flexarm/slew-measured-v1 is out of date.*version `v2`"):
+        env = gym.make("flexarm_env:flexarm/slew-measured-v1")
+    assert env.unwrapped.plan.limit == 200 and suite.make("slew-measured-v2").unwrapped.plan.limit == 125
+    assert [task.id for task in suite.tasks() if task.name == "slew-measured"] == ["slew-measured-v2"]
+
+
 def test_single_and_vector_by_their_ids() -> None:
-    task = suite.task("slew-unknown-v1")
+    task = suite.task("slew-unknown-v2")
     single, vector = gym.make(task.env_id), gym.make_vec(task.env_id, num_envs=3)
     assert single.unwrapped.plan.limit == 300 and single.spec.id == task.registered
     assert vector.unwrapped.plan.starts.factors[0] == (0.25, 4.0)

@@ -59,10 +59,28 @@ def test_an_episode_counts_to_its_end_and_no_further():
     found = judge(env, SimpleNamespace(reset=lambda seen: None, act=lambda seen: np.full((4, 1), 7.0)), first=50)
     assert found.returns == [3.0, 4.0, 5.0, 3.0]  # actions are cut to 1
     assert found.lengths == [3, 4, 5, 3]
+    assert found.settled == [1, 0, 0, 0]
     assert found.costs == [1.5, 2.0, 2.5, 1.5]
     assert found.successes == [True, False, False, False]  # the third ended early
     assert env.first == 50
     assert judge(Counting(4, cost=False), SimpleNamespace(reset=print, act=lambda s: s[:, :1] * 0.0)).costs == [0.0] * 4
+
+
+def test_the_time_to_success_is_that_of_the_one_that_stayed():
+    """Of success lost again the last one counts; a failure counts with the whole episode."""
+    good = np.array([[0, 0, 1, 1], [1, 0, 0, 1], [1, 1, 1, 0]], bool)
+    env = Counting(3, cost=False)
+    env.ends = np.full(3, 4)
+
+    def step(actions):
+        env.k += 1
+        return env._seen(), np.zeros(3), np.zeros(3, bool), env.k == env.ends, {"is_success": good[:, env.k - 1]}
+
+    env.step = step
+    assert judge(env, SimpleNamespace(reset=print, act=lambda seen: np.zeros((3, 1)))).settled == [3, 4, 0]
+    entry = {"settled": [30, 26, 0, 1]}  # of 125 periods of 0.02 s, after 25 of them within the bounds
+    assert results.settling(FIRST_TASK, entry) == pytest.approx(0.02 * (5 + 1 + 125 + 0) / 4)
+    assert results.settling(FIRST_TASK, {}) is None
 
 
 @pytest.fixture
@@ -302,8 +320,8 @@ def test_one_policy_a_task_is_one_method(quick: Path, capsys):
 
 
 def test_each_task_may_have_a_policy_of_its_own():
-    task = SimpleNamespace(id="slew-measured-v1")
-    with pytest.raises(ValueError, match="runs/slew-measured-v1/policy"):
+    task = SimpleNamespace(id="slew-measured-v2")
+    with pytest.raises(ValueError, match="runs/slew-measured-v2/policy"):
         policies.choose("runs/{task}/policy", task)
     assert policies.default_name("runs/{task}-ppo/policy.npz") == "ppo"
     assert policies.default_name("mine:act") == "act"
@@ -324,11 +342,11 @@ def written(folder: Path, name: str, run: int, mean: float, task: suite.Task = F
 
 
 def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
-    known = {FIRST_TASK.id: score.Reference(FIRST_TASK.digest, 100.0, 300.0, "best")}
+    known = {FIRST_TASK.id: score.Reference(FIRST_TASK.digest, 50.0, 150.0, "best")}
     monkeypatch.setattr(score, "references", lambda: known)
-    for run, mean in enumerate((200.0, 240.0, 280.0)):
+    for run, mean in enumerate((100.0, 120.0, 140.0)):
         written(tmp_path, "ppo", run, mean)
-    written(tmp_path, "pd", 0, 100.0, training=None)
+    written(tmp_path, "pd", 0, 50.0, training=None)
     written(
         tmp_path, "short", 0, 1e6, episodes=3, **{key: [1] * 3 for key in ("returns", "successes", "costs", "lengths")}
     )
@@ -351,15 +369,17 @@ def test_the_page_is_made_of_all_files_in_a_folder(tmp_path: Path, monkeypatch: 
         ({"returns": [1.0]}, "must be a sequence of numbers"),
         ({"returns": ["1"] * 100}, "returns[0] = '1': must be a finite number"),
         (
-            {"returns": [1.0, 300.1] + [1.0] * 98},
-            "returns[1] = 300.1: must be a finite number, at least -111 and at most 300",
+            {"returns": [1.0, 150.1] + [1.0] * 98},
+            "returns[1] = 150.1: must be a finite number, at least -131.25 and at most 150",
         ),
-        ({"returns": [-111.5] * 100}, "returns[0] = -111.5: must be"),
+        ({"returns": [-131.5] * 100}, "returns[0] = -131.5: must be"),
         ({"successes": [5.0] * 100}, "successes[0] = 5.0: must be true or false"),
         ({"costs": [float("nan")] * 100}, "costs[0] = nan: must be"),
         ({"costs": [-1e9] * 100}, "costs[0] = -1000000000.0: must be"),
-        ({"lengths": [-3.5] * 100}, "lengths[0] = -3.5: must be a whole number, from 1 to 200"),
-        ({"lengths": [201] * 100}, "lengths[0] = 201: must be a whole number, from 1 to 200"),
+        ({"lengths": [-3.5] * 100}, "lengths[0] = -3.5: must be a whole number, from 1 to 125"),
+        ({"settled": [5] * 100}, "settled[0] = 5: must be a whole number, from 0 to 4"),
+        ({"settled": [3, 0] * 50}, "settled[1] = 0: must be 0 where there is no success, and there alone"),
+        ({"lengths": [126] * 100}, "lengths[0] = 126: must be a whole number, from 1 to 125"),
         ({"digest": "0" * 16}, f"digest = '0000000000000000': must be {FIRST_TASK.digest}"),
         ({"episodes": -1}, "must be a whole number"),
         ({"wall_s": "long"}, "wall_s = 'long'"),

@@ -61,5 +61,5 @@ def test_scores_are_zero_for_pd_and_one_for_the_best(monkeypatch: pytest.MonkeyP
 
 def test_references_belong_to_the_tasks_as_they_are():
     assert {name: one.digest for name, one in score.references().items()}.items() <= {
-        (task.id, task.digest) for task in suite.tasks()
+        (task.id, task.digest) for task in suite.tasks(earlier=True)
     }

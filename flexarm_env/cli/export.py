@@ -69,7 +69,7 @@ def _arm(args: argparse.Namespace, out: Path) -> int:
 
 def environment(word: str, given: dict[str, Any]) -> Any:
     """The environment that a word names: its id, a task of the suite, or an arm, by its name or its file."""
-    known = [task.id for task in suite.tasks()]
+    known = [task.id for task in suite.tasks(earlier=True)]
     if word in known:
         return suite.make(word, **given)
     if word.removeprefix("flexarm_env:") in own_ids():

@@ -81,7 +81,7 @@ run folder, or a policy that comes with the package. Controllers play in the env
 
   flexarm view robot_arm_motion
   flexarm view two_link pd --seed 7 --out two_link.html
-  flexarm view pd lqg --env flexarm/slew-measured-v1
+  flexarm view pd lqg --env flexarm/slew-measured-v2
   flexarm view coarse.npz fine.npz --open
 """
 

@@ -37,7 +37,7 @@ first observations. The word {PLACE} in it stands for the task's id, where each 
   flexarm bench suite --list            with --json: id, for --task, and env_id, for gymnasium.make
   flexarm bench suite --policy pd,lqg --out runs/suite
   flexarm bench suite --policy 'runs/{PLACE}-0' --name ppo --run 0 --out runs/suite
-  flexarm bench suite --policy mine:act --task slew-measured-v1
+  flexarm bench suite --policy mine:act --task slew-measured-v2
 """
 
 PAGE = """\

@@ -128,7 +128,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `reference` | None | for "track": angle (rad) over time, a table or TimeFunction; None: drawn each time; or what \
     it is drawn from, see below |
     | `motion` | None | for "replay", as in the options of reset; None: the paper's robot_arm_motion |
-    | `reward` | {} | weights by name |
+    | `reward` | {} | weights by name; with `change`: -|a_k - a_(k-1)|^2, what actions change by, 0 before the first |
     | `randomization` | {} | `payload`, `EI`, `damping`, `torque_constant`: (low, high) factors on the nominal value |
     | `observation` | "full" | or "measured", or names of entries in the order wanted, see below |
     | `history` | 1 | the last so many observations in one, the oldest first |
@@ -138,7 +138,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `pushes` | None | `wait`, `force`, `lasting`, `until`: forces on the tip at random times, see below |
     | `payload_change` | None | `time`, `factor`, `gripped`: a payload gripped or let go, see below |
     | `success` | {} | bounds `position` (rad), `speed` (of the tip's angle less the target's, rad/s), `vibration` \
-    (1/s), `hold` (s); `once`: a success stays one |
+    (1/s), `hold` (s); `once`: a success stays one; `paid`: bounds not given are none, and settle pays \
+    1 / (1 + r^4), r^2 the sum of squares of what is bound over its bound |
     | `turns` | "exact" | or "any": the target is met at any number of whole turns from it |
     | `starts` | {} | ranges that starts are drawn from: `angles` [(low, high)], `target` (low, high) rad; `absolute`: \
     target angles as they stand, not from where the arm starts |

@@ -113,7 +113,7 @@ class TwoLinkFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     | `duration` | 8.0 | s |
     | `task` | "reach" | or "track": the target moves (`reference`: x and y over time, m; None: a circle); "replay" |
     | `joint_limits` | the arm's | [(low, high) or None for each joint], rad; None: none |
-    | `success` | {} | bounds `position` (over L), `speed` (tip less target, over L, 1/s), `hold` (s); `once` |
+    | `success` | {} | bounds `position` (over L), `speed` (tip less target, over L, 1/s), `hold` (s); `once`, `paid` |
     | `starts` | {} | `angles`: (low, high) of each joint, rad; `target`: of distance (m) and bearing (rad); \
     `straight`: share with all joints at 0 |
 

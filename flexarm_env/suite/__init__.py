@@ -4,7 +4,7 @@
     make(id), make_vec(id, n)    its environment, single or vector
     digest(task)             of what the task comes to, to see that it is still the same
 
-`gymnasium.make("flexarm_env:flexarm/slew-measured-v1")` and `gymnasium.make_vec` make the same environments.
+`gymnasium.make("flexarm_env:flexarm/slew-measured-v2")` and `gymnasium.make_vec` make the same environments.
 """
 
 from __future__ import annotations

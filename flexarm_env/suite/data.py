@@ -23,7 +23,7 @@ class Task:
     """A task of the suite: an environment with keywords that stay as they are; another version has another id.
 
     Attributes:
-        id: name and version, "slew-measured-v1". number: its place in the suite. title: in a few words.
+        id: name and version, "slew-measured-v2". number: its place in the suite. title: in a few words.
         environment: the id of the environment that it is made of. keywords: of that environment.
         budget: control periods that a method may be trained for. hard: what is hard about it.
         price: of an episode's cost (info["episode_cost"] at its end): scores are made of return less price times cost.
@@ -52,12 +52,12 @@ class Task:
 
     @property
     def env_id(self) -> str:
-        """What `gymnasium.make` and `make_vec` take: "flexarm_env:flexarm/slew-measured-v1"."""
+        """What `gymnasium.make` and `make_vec` take: "flexarm_env:flexarm/slew-measured-v2"."""
         return f"flexarm_env:{self.registered}"
 
     @property
     def registered(self) -> str:
-        """The id in Gymnasium's registry, once the package is imported: "flexarm/slew-measured-v1"."""
+        """The id in Gymnasium's registry, once the package is imported: "flexarm/slew-measured-v2"."""
         return f"{NAMESPACE}/{self.id}"
 
 

@@ -44,6 +44,14 @@ def possible(task_id: str) -> Possible:
     return Possible(made.limit, -made.limit * taken - weight["failure"], made.limit * paid)
 
 
+@cache
+def instants(task_id: str) -> tuple[float, int]:
+    """Of a task by its id: the control period, s, and over how many of them the bounds of success have to be kept."""
+    made = resolved(task(task_id))
+    built = made.kind.build(made.arm, np.array(made.rewards), made.period, made.aims)
+    return made.period, int(built.hold) - 1
+
+
 def digest_of(one: Task) -> str:
     """See `flexarm_env.suite.digest`."""
     made = resolved(one)

@@ -30,14 +30,16 @@ class Judged:
 
     Attributes:
         returns: sums of rewards. successes: "is_success" at the end, not ended early. costs: sums of info["cost"] (0 on
-            tasks without). lengths: control periods. wall_s, cpu_s: in all, what compiling took left out.
-            decision_us: wall time of a decision, the episodes' together over their number.
+            tasks without). lengths: control periods. settled: the control period, counted from 1, at whose end the
+            success came that stayed to the end; 0 where there was none at the end. wall_s, cpu_s: in all, what
+            compiling took left out. decision_us: wall time of a decision, the episodes' together over their number.
     """
 
     returns: list[float]
     successes: list[bool]
     costs: list[float]
     lengths: list[int]
+    settled: list[int]
     wall_s: float
     cpu_s: float
     decision_us: float
@@ -56,7 +58,7 @@ def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
     observation, info = env.reset(seed=first)
     policy.reset(observation)
     alive = np.ones(n, bool)
-    returns, costs, lengths = np.zeros(n), np.zeros(n), np.zeros(n, int)
+    returns, costs, lengths, settled = np.zeros(n), np.zeros(n), np.zeros(n, int), np.ones(n, int)
     successes = np.zeros(n, bool)
     while alive.any():
         before = time.perf_counter()
@@ -66,11 +68,13 @@ def judge(env: Any, policy: Policy, first: int = FIRST) -> Judged:
         returns += np.where(alive, reward, 0.0)
         costs += np.where(alive, info.get("cost", 0.0), 0.0)
         lengths += alive
+        settled = np.where(alive & ~info["is_success"], lengths + 1, settled)
         ended = alive & (terminated | truncated)
         successes[ended] = info["is_success"][ended] & ~terminated[ended]
         alive &= ~ended
     return Judged(
         returns=returns.tolist(), successes=successes.tolist(), costs=costs.tolist(), lengths=lengths.tolist(),
+        settled=np.where(successes, settled, 0).tolist(),
         wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu,
         decision_us=1e6 * deciding / (n * int(lengths.max())),
     )  # fmt: skip

@@ -20,8 +20,9 @@ Mean returns over the {EPISODES} episodes of seeds {FIRST} to {FIRST + EPISODES 
 the episode known beforehand, from the best that controllers seeing the whole state and trained policies do there. These
 are local optima; of an arm that balances upright, whose gradients grow beyond use, they are what was begun with.
 Interquartile means (IQM) are over all scores of a method, the mean of the middle half; their brackets hold 95 %
-percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run). A method that is
-missing on a task is not made for it, or was not judged there.
+percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run); a method that was
+not judged on all tasks has none. A method that is missing on a task is not made for it, or was not judged there. Settled
+is the mean time until the bounds of success were kept to the end, a failure counted with a whole episode's length.
 
 Each file of the folder is a run of a method; another's result is one file more, written by
 `flexarm bench suite --policy ... --name METHOD --out FOLDER`. This page: `flexarm bench page FOLDER --out PAGE`."""
@@ -47,11 +48,13 @@ class Line:
 
 def page(found: Sequence[Results]) -> str:
     """The page, in Markdown."""
-    known = [task for task in tasks() if any(task.id in one.tasks for one in found)]
-    lines = {task.id: list(_lines(task, found)) for task in known}
+    every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
+    known = [task for task in every if task in tasks()]
+    lines = {task.id: list(_lines(task, found)) for task in every}
     text = [HEAD, "", *_made(found), "", "## Scores", "", *_scores(known, lines)]
-    for task in known:
-        text += ["", f"## {task.number}. {task.title} (`{task.id}`)", "", *_table(task, lines[task.id])]
+    for task in sorted(every, key=lambda task: task not in known):
+        note = "" if task in known else ", superseded"
+        text += ["", f"## {task.number}. {task.title} (`{task.id}`{note})", "", *_table(task, lines[task.id])]
     text += list(_left_out(found))
     return "\n".join(text).rstrip() + "\n"
 
@@ -102,10 +105,11 @@ def _left(scores: Sequence[float]) -> str:
 
 
 def _middle(own: dict[str, list[float]], count: int) -> str:
-    """The interquartile mean, with its interval; of a part of the tasks it says so."""
+    """The interquartile mean, with its interval; "" where it is of a part of the tasks."""
+    if len(own) < count:
+        return ""
     limits = interval(own)
-    text = _two(interquartile_mean(own)) + ("" if limits is None else f" [{limits[0]:.2f}, {limits[1]:.2f}]")
-    return text if len(own) == count else f"{text} ({len(own)} of {count} tasks)"
+    return _two(interquartile_mean(own)) + ("" if limits is None else f" [{limits[0]:.2f}, {limits[1]:.2f}]")
 
 
 def _two(score: float) -> str:
@@ -120,17 +124,18 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
     if reference is not None and reference.digest == task.digest:
         yield f"J_PD = {reference.pd:.1f}; J_best = {reference.best:.1f}, by {reference.by}."
         yield ""
-    heads = "runs | J | worst, best run | score | success | cost | training, share of the budget | CPU s | decision, µs"
+    heads = "runs | J | worst, best run | score | success | settled, s | cost | training, share of the budget | CPU s | decision, µs"
     yield f"| method | {heads} |"
-    yield "|---|" + "---:|" * 9
+    yield "|---|" + "---:|" * 10
     for line in lines:
         values = [one["value"] for one in line.summaries]
         score, rate, runs = line.mean("score"), line.mean("success_rate"), len(values)
+        settling = line.mean("settling_s")
         steps, cpu = line.trained("steps") / runs, line.trained("cpu_s") / runs
         yield (
             f"| {line.method} | {runs} | {np.mean(values):.1f} | "
             + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
-            + f" | {'' if score is None else _two(score)} | {rate:.0%} | {line.mean('cost'):.2f} | "
+            + f" | {'' if score is None else _two(score)} | {rate:.0%} | {'' if settling is None else _two(settling)} | {line.mean('cost'):.2f} | "
             + (f"{steps / task.budget:.0%} | {cpu:.0f}" if steps else " | ")
             + f" | {line.mean('decision_us'):.1f} |"
         )
@@ -151,7 +156,7 @@ def _made(found: Sequence[Results]) -> Iterator[str]:
 
 def _left_out(found: Sequence[Results]) -> Iterator[str]:
     """Of entries that are of another task, or on other episodes; and refusals."""
-    known = {task.id: task for task in tasks()}
+    known = {task.id: task for task in tasks(earlier=True)}
     other = [
         f"{one.file}: {name}"
         for one in found

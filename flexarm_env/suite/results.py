@@ -19,7 +19,7 @@ from .. import validation as check
 from ..files import read_json, write_whole
 from . import digest, make_vec
 from .data import Task, tasks
-from .frozen import Possible, possible
+from .frozen import Possible, instants, possible
 from .judge import judge
 from .policies import PLACE, Chosen, choose, default_name
 from .score import EPISODES, FIRST, score
@@ -39,8 +39,8 @@ class Results:
 
     Attributes:
         name: of the method. run: of several of it, its seed. tasks: by id, what was judged there: "digest",
-            "first_seed", "episodes", "returns", "successes", "costs", "lengths" (one number an episode), "wall_s",
-            "cpu_s", "decision_us", "policy" (kind, source, fingerprint), "training" (algorithm, steps, wall_s, cpu_s;
+            "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number an episode; the
+            last in files of today alone), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint), "training" (algorithm, steps, wall_s, cpu_s;
             or null), "versions", "date". refused: by id, why it could not be judged there.
     """
 
@@ -169,6 +169,7 @@ def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
         "return": float(np.mean(entry["returns"])),
         "score": score(task, mean) if of_the_protocol(task, entry) else None,
         "success_rate": float(np.mean(entry["successes"])),
+        "settling_s": settling(task, entry),
         "cost": float(np.mean(entry["costs"])),
         "decision_us": entry["decision_us"],
     }
@@ -177,6 +178,15 @@ def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
 def value(task: Task, entry: Mapping[str, Any]) -> float:
     """J, the mean over an entry's episodes of return less the task's price times cost."""
     return float(np.mean(entry["returns"]) - task.price * np.mean(entry["costs"]))
+
+
+def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
+    """Mean time, s, until the bounds of success were kept to the end; an episode that failed counts with the length of
+    a whole one. None where the entry does not say it."""
+    if "settled" not in entry:
+        return None
+    (period, hold), most = instants(task.id), possible(task.id).periods
+    return period * float(np.mean([max(k - hold, 0) if k else most for k in entry["settled"]]))
 
 
 def of_the_protocol(task: Task, entry: Mapping[str, Any]) -> bool:
@@ -234,6 +244,11 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         check.number(f"{path}.returns[{k}]", numbers["returns"][k], minimum=can.least, maximum=can.most)
         check.number(f"{path}.costs[{k}]", numbers["costs"][k], minimum=0.0, maximum=check.LARGEST)
         check.integer(f"{path}.lengths[{k}]", numbers["lengths"][k], minimum=1, maximum=can.periods)
+    if "settled" in table:
+        for k, last in enumerate(check.sequence(f"{path}.settled", table["settled"], "numbers", count)):
+            check.integer(f"{path}.settled[{k}]", last, minimum=0, maximum=numbers["lengths"][k])
+            if bool(last) != bool(numbers["successes"][k]):
+                raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 where there is no success, and there alone")
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
     check.text(f"{path}.policy.fingerprint", check.table_of(f"{path}.policy", table["policy"]).get("fingerprint"))

@@ -23,7 +23,7 @@ NAMES = ("tip[0]", "tip[1]", "deflection[0]", "energy.strain", "energy.work")
     ("env_id", "keywords", "periods"),
     [
         ("FlexibleArm-v0", {}, PERIODS),
-        ("flexarm/slew-geared-v1", {}, 500),
+        ("flexarm/slew-geared-v2", {}, 500),
         ("TwoLinkFlexArm-v0", {"formulation": "floating_frame", "action_mode": "residual_pd"}, 500),
     ],
     ids=["strip", "gears and friction", "two links"],
