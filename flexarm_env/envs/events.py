@@ -102,9 +102,7 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool)
     if paid and not set(table) & set(kind.bands):
         raise check.MissingKey("success.position", f"a success that is paid for needs bounds: {', '.join(kind.bands)}")
     bands = [
-        check.number(f"success.{name}", table[name], unit, above=0.0)
-        if name in table
-        else math.inf if paid else usual
+        check.number(f"success.{name}", table[name], unit, above=0.0) if name in table else math.inf if paid else usual
         for name, (usual, unit) in kind.bands.items()
     ]
     changes: dict[str, Any] = {"bands": np.array(bands)}

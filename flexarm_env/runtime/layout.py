@@ -14,7 +14,7 @@ from ..tasks.program import CHANNEL, INFO, LAW, PARAMETERS, RECORD, SAVED, SCRAT
 
 
 def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, int, int, int]:
-    """Sizes of a `RECORD`: joints, actions kept, rows of motors, of commands, numbers of past observations, of sensors."""
+    """Sizes of a `RECORD`: joints, actions, rows of motors and of commands, of past observations, of sensors."""
     motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments
     return (
         len(task.links), len(task.acted), int(motors is not None), 0 if motors is None else motors.age + 2,

@@ -21,8 +21,8 @@ the episode known beforehand, from the best that controllers seeing the whole st
 are local optima; of an arm that balances upright, whose gradients grow beyond use, they are what was begun with.
 Interquartile means (IQM) are over all scores of a method, the mean of the middle half; their brackets hold 95 %
 percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run); a method that was
-not judged on all tasks has none. A method that is missing on a task is not made for it, or was not judged there. Settled
-is the mean time until the bounds of success were kept to the end, a failure counted with a whole episode's length.
+not judged on all tasks has none. A method that is missing on a task is not made for it, or was not judged there.
+Settled is the mean time until the bounds of success were kept to the end, a failure with a whole episode's length.
 
 Each file of the folder is a run of a method; another's result is one file more, written by
 `flexarm bench suite --policy ... --name METHOD --out FOLDER`. This page: `flexarm bench page FOLDER --out PAGE`."""
@@ -124,18 +124,20 @@ def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
     if reference is not None and reference.digest == task.digest:
         yield f"J_PD = {reference.pd:.1f}; J_best = {reference.best:.1f}, by {reference.by}."
         yield ""
-    heads = "runs | J | worst, best run | score | success | settled, s | cost | training, share of the budget | CPU s | decision, µs"
-    yield f"| method | {heads} |"
+    yield "| method | runs | J | worst, best run | score | success | settled, s | cost | " + (
+        "training, share of the budget | CPU s | decision, µs |"
+    )
     yield "|---|" + "---:|" * 10
     for line in lines:
         values = [one["value"] for one in line.summaries]
         score, rate, runs = line.mean("score"), line.mean("success_rate"), len(values)
-        settling = line.mean("settling_s")
+        time = line.mean("settling_s")
+        settled = "" if time is None else _two(time)
         steps, cpu = line.trained("steps") / runs, line.trained("cpu_s") / runs
         yield (
             f"| {line.method} | {runs} | {np.mean(values):.1f} | "
             + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
-            + f" | {'' if score is None else _two(score)} | {rate:.0%} | {'' if settling is None else _two(settling)} | {line.mean('cost'):.2f} | "
+            + f" | {'' if score is None else _two(score)} | {rate:.0%} | {settled} | {line.mean('cost'):.2f} | "
             + (f"{steps / task.budget:.0%} | {cpu:.0f}" if steps else " | ")
             + f" | {line.mean('decision_us'):.1f} |"
         )

@@ -39,9 +39,10 @@ class Results:
 
     Attributes:
         name: of the method. run: of several of it, its seed. tasks: by id, what was judged there: "digest",
-            "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number an episode; the
-            last in files of today alone), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint), "training" (algorithm, steps, wall_s, cpu_s;
-            or null), "versions", "date". refused: by id, why it could not be judged there.
+            "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number an episode;
+            files of before lack the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint),
+            "training" (algorithm, steps, wall_s, cpu_s; or null), "versions", "date". refused: by id, why it could not
+            be judged there.
     """
 
     name: str
@@ -248,7 +249,7 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         for k, last in enumerate(check.sequence(f"{path}.settled", table["settled"], "numbers", count)):
             check.integer(f"{path}.settled[{k}]", last, minimum=0, maximum=numbers["lengths"][k])
             if bool(last) != bool(numbers["successes"][k]):
-                raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 where there is no success, and there alone")
+                raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 without success, and then alone")
     for key in ("wall_s", "cpu_s", "decision_us"):
         check.number(f"{path}.{key}", table[key], minimum=0.0)
     check.text(f"{path}.policy.fingerprint", check.table_of(f"{path}.policy", table["policy"]).get("fingerprint"))
