@@ -1,1 +1,1 @@
-"""Training and judging of controllers, from a checkout: `python -m agents.train_ppo`, `python -m agents.evaluate`."""
+"""Scripts of a checkout: `python -m agents.train_ppo` and others, thin over `flexarm_env.training`, and studies."""

@@ -28,19 +28,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import episodes as fixed
 from agents import families
-from agents.evaluate import Arguments as Question
-from agents.evaluate import keywords as keywords_of
 from agents.families import ROOT
-from agents.policies import choose
-from agents.runs import command, read_json, versions, write_json
 from benchmarks.machine import table, told
 from benchmarks.pages import write_page
 from flexarm_env import control
 from flexarm_env.control import optimal
 from flexarm_env.control.dynamics import Dynamics, dynamics
 from flexarm_env.control.mpc import MPC, MPCGains, regulator, stage_weight
+from flexarm_env.training import episodes as fixed
+from flexarm_env.training.evaluate import Arguments as Question
+from flexarm_env.training.evaluate import keywords as keywords_of
+from flexarm_env.training.policies import choose
+from flexarm_env.training.runs import command, read_json, versions, write_json
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.runs import command, own_folder, report
+from flexarm_env.training.runs import command, own_folder, report
 
 SCENES = ("robot_arm_motion", "robot_arm_motion_smooth")
 FORMULATIONS: tuple[tuple[str, str, dict[str, Any]], ...] = (
@@ -90,8 +90,8 @@ def replay(out: Path) -> list[str]:
 
 def train(arguments: Arguments) -> list[str]:
     """Lines of the report."""
-    from agents import train_ppo
-    from agents.progress import finished
+    from flexarm_env.training import train as train_ppo
+    from flexarm_env.training.progress import finished
 
     note = finished(
         train_ppo, arguments.out / "ppo", env=ENV, progress=sys.stderr.isatty(), seed=arguments.seed,
@@ -103,10 +103,10 @@ def train(arguments: Arguments) -> list[str]:
 def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | None = None) -> tuple[Any, list[str]]:
     """Figures of the trained policy and of controllers on the evaluation episodes, and the report's lines; others: rows
     to be shown before them."""
-    from agents.evaluate import Arguments as Judged
-    from agents.evaluate import evaluate
-    from agents.figures import tip_errors
-    from agents.statistics import markdown
+    from flexarm_env.training.evaluate import Arguments as Judged
+    from flexarm_env.training.evaluate import evaluate
+    from flexarm_env.training.figures import tip_errors
+    from flexarm_env.training.statistics import markdown
 
     rows, results, limits = evaluate(Judged(policy=",".join((str(out / "ppo"), *controllers)), env=ENV))
     tip_errors(results, 0, out / "tip_error.png", f"{ENV}, one episode under each controller")
@@ -116,8 +116,8 @@ def judged(out: Path, controllers: Sequence[str], others: Mapping[str, Any] | No
 
 def judge(out: Path) -> list[str]:
     """The trained policy, an untrained one and the classical controllers on the same episodes; lines of the report."""
-    from agents import episodes
-    from agents.statistics import summary
+    from flexarm_env.training import episodes
+    from flexarm_env.training.statistics import summary
 
     class Untrained:
         """Uniform random actions."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from agents.runs import command, load_model, read_run, write_json, write_whole
+from flexarm_env.training.runs import command, load_model, read_run, write_json, write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 TRAINED = ROOT / "agents" / "trained"
@@ -100,8 +100,8 @@ class Arguments:
 
 def train(family: Family, seed: int, home: Path, progress: bool) -> None:
     """See that a run has finished."""
-    from agents import train_ppo
-    from agents.progress import finished
+    from flexarm_env.training import train as train_ppo
+    from flexarm_env.training.progress import finished
 
     folder, config = home / f"{family.name}-{seed}", Path(os.path.relpath(ROOT / "configs" / "ppo" / family.config))
     given = {"env": family.env, "config": config, "seed": seed, "tensorboard": False, "progress": progress}

@@ -19,10 +19,10 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.runs import read_json, write_json, write_whole
 from flexarm_env import suite
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
+from flexarm_env.training.runs import read_json, write_json, write_whole
 
 Array = NDArray[np.float64]
 

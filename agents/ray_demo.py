@@ -15,8 +15,8 @@ from functools import partial
 from pathlib import Path
 
 from agents.demo import ENV, judged
-from agents.progress import finished
-from agents.runs import command, fail, own_folder, report
+from flexarm_env.training.progress import finished
+from flexarm_env.training.runs import command, fail, own_folder, report
 
 SOLVED = 0.95
 

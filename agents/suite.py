@@ -23,7 +23,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from agents.runs import command, read_run, write_json, write_text
 from flexarm_env import suite
 from flexarm_env.control import NAMES
 from flexarm_env.suite.page import page
@@ -31,6 +30,7 @@ from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.results import Results, begun, chosen_tasks, folder_of, frozen, judged, of_the_protocol, value
 from flexarm_env.suite.score import EPISODES, FLOOR, Reference
 from flexarm_env.suite.score import references as frozen_references
+from flexarm_env.training.runs import command, read_run, write_json, write_text
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "docs" / "results" / "suite"
@@ -166,8 +166,8 @@ def refused(job: Job, arguments: Arguments, error: ValueError) -> str:
 
 def train(job: Job, arguments: Arguments) -> Path:
     """The folder of a finished run: trained, gone on with, or kept."""
-    from agents import train_ppo
-    from agents.progress import finished
+    from flexarm_env.training import train as train_ppo
+    from flexarm_env.training.progress import finished
 
     folder = job.folder(arguments.home)
     if job.method.algorithm == "foresight":
@@ -192,7 +192,7 @@ def of_run(word: str, task: suite.Task) -> Chosen:
         return foresight.chosen(folder)
     if (folder / "policy.npz").is_file():
         return choose(word, task)
-    from agents.policies import _from_model
+    from flexarm_env.training.policies import _from_model
 
     record = read_run(folder)
     content = hashlib.sha256((folder / "model.zip").read_bytes()).hexdigest()[:16]

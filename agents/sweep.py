@@ -23,9 +23,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from agents import episodes
 from agents.rllib import cluster
-from agents.runs import INTERRUPTED, command, read_json, read_run, write_json, write_rows, write_text
+from flexarm_env.training import episodes
+from flexarm_env.training.runs import INTERRUPTED, command, read_json, read_run, write_json, write_rows, write_text
 
 ARM = ("payload", "EI", "damping")
 SHOWN = {
@@ -139,8 +139,8 @@ def trial(config: Mapping[str, Any], table: Mapping[str, Any]) -> None:
 
 def judge(folder: Path, env_id: str, kwargs: Mapping[str, Any], n: int) -> dict[str, Any]:
     """Summary of the policy of a run folder on the test episodes of its own arm, under the environment's own reward."""
-    from agents.statistics import summary
     from flexarm_env.control import load_policy
+    from flexarm_env.training.statistics import summary
 
     own = {k: v for k, v in kwargs.items() if k not in episodes.TRAINING_ONLY}
     env = episodes.make_episodes(env_id, n, **own)
@@ -244,7 +244,7 @@ def write(out: Path, rows: list[dict[str, Any]], varied: list[str], env_id: str)
         cells += [f"{row[key]:.0%}" if key == "success_rate" else f"{row[key]:.3g}" for key in SHOWN]
         lines.append("| " + " | ".join(cells) + " |")
     write_text(out / "results.md", "\n".join(lines) + "\n")
-    from agents.figures import compared
+    from flexarm_env.training.figures import compared
 
     drawn = {key: SHOWN[key] for key in DRAWN}
     compared(rows, varied, drawn, out / "results.png", env_id)

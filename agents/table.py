@@ -22,18 +22,18 @@ from typing import Any
 
 import numpy as np
 
-from agents import episodes as fixed
 from agents import families
 from agents.best_known import joined
-from agents.evaluate import Arguments as Judged
-from agents.evaluate import evaluate
 from agents.families import ROOT, TRAINED, Family
-from agents.figures import learning_curve, tip_errors
-from agents.runs import command, read_json, read_run, versions, write_json
-from agents.statistics import markdown
 from benchmarks.machine import table, told
 from benchmarks.pages import write_page
 from flexarm_env import control
+from flexarm_env.training import episodes as fixed
+from flexarm_env.training.evaluate import Arguments as Judged
+from flexarm_env.training.evaluate import evaluate
+from flexarm_env.training.figures import learning_curve, tip_errors
+from flexarm_env.training.runs import command, read_json, read_run, versions, write_json
+from flexarm_env.training.statistics import markdown
 
 EXACT: dict[str, Any] = {"elements": 4, "order": 3, "dt": 0.001, "tolerance": 1e-8}
 """The converged exact beam: its own error is a hundredth of the band in which a tip counts as settled."""

@@ -24,12 +24,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from agents import config as configs
-from agents import episodes
-from agents.arguments import parse
-from agents.progress import Progress, after, training_program, write_curve
 from agents.rllib import cluster, setup
-from agents.runs import OF_POLICY, Training, checkpoints, fail, new_record, write_json, write_text, write_whole
+from flexarm_env.training import config as configs
+from flexarm_env.training import episodes
+from flexarm_env.training.arguments import parse
+from flexarm_env.training.progress import Progress, after, training_program, write_curve
+from flexarm_env.training.runs import (
+    OF_POLICY,
+    Training,
+    checkpoints,
+    fail,
+    new_record,
+    write_json,
+    write_text,
+    write_whole,
+)
 
 FAILED = 1
 
@@ -146,7 +155,7 @@ class Run:
 
     def finish(self) -> None:
         """Write what a finished run leaves behind."""
-        from agents.figures import learning_curve
+        from flexarm_env.training.figures import learning_curve
 
         self.record |= self.state.outcome()
         write_json(self.folder / "run.json", self.record)
@@ -199,8 +208,8 @@ class Run:
 
     def judge(self, result: Mapping[str, Any]) -> None:
         """Evaluate on the validation episodes, note it, keep the policy where it is the best so far."""
-        from agents.export_policy import save
         from agents.rllib.module import deviation, numpy_policy
+        from flexarm_env.training.export_policy import save
 
         module, state = self.module, self.state
         policy = numpy_policy(module, self.meta)

@@ -112,7 +112,7 @@ def plain(config: Any, iterations: int) -> list[Row]:
     from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
     from agents.rllib.module import FreeDeviationModule
-    from agents.starts import staggered
+    from flexarm_env.training.starts import staggered
 
     text = config.text
     n, horizon, size = int(text["n_envs"]), int(text["n_steps"]), int(text["batch_size"])

@@ -6,7 +6,9 @@ newest requirements of every Python from 3.11 on that the machine has and under 
 `tests.versions`), and the source distribution under the newest. In each of these environments, from an empty folder,
 the command line checks itself and makes two players: a scene, a packaged policy beside PD. The browser of `make
 test-browser` opens them, and pictures are left in runs/release/. Compilation left out, all that takes a minute at most
-(of processor time: other work on the machine does not count). The exit code is 1 where something fails; the table at
+(of processor time: other work on the machine does not count). The wheel with its extra "train" is installed once more by
+the Python that runs this: there a policy is trained for a moment, judged, exported to C, and drives an arm that is
+served. The exit code is 1 where something fails; the table at
 the end says what was tried, and `python -m tests.release --page` keeps it as docs/results/releases.md.
 """
 
@@ -94,7 +96,7 @@ def faults_of(wheel: Path, sdist: Path) -> list[str]:
 
 def installed(python: str, age: str, file: Path) -> Path:
     """The interpreter of a fresh environment that holds the file and what it asks for."""
-    folder = FOLDER / f"{python}-{age}-{'wheel' if file.suffix == '.whl' else 'sdist'}"
+    folder = FOLDER / f"{python}-{age}-{'wheel' if '.whl' in file.suffix else 'sdist'}"
     shutil.rmtree(folder, ignore_errors=True)
     subprocess.run([python, "-m", "venv", folder], check=True, env=_plain())
     inside = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
@@ -102,6 +104,38 @@ def installed(python: str, age: str, file: Path) -> Path:
     pip = [inside, "-m", "pip", "install", "--disable-pip-version-check", "--quiet"]
     subprocess.run([*pip, str(file), *pinned], check=True, env=_plain())
     return inside
+
+
+TRAINED = (
+    "train --env FlexibleArm-v0 --n-timesteps 8192 --eval-episodes 4 --no-progress --no-tensorboard --out run",
+    "train --algo gradient --config default --n-timesteps 2048 --eval-episodes 4 --no-progress --out g",
+    "evaluate --policy run,pd --episodes 4 --out judged",
+    "tune --env FlexibleArm-v0 --controllers pd --samples 2 --refinements 2 --episodes 4",
+    "export run --to c --out policy.c",
+)
+"""What the wheel with the extra "train" is asked to do, each a command of `flexarm`."""
+
+
+def trained(python: Path, folder: Path) -> None:
+    """Train, judge, tune and export in an empty folder, then serve an arm and let the policy drive it."""
+    own, flexarm = _plain() | {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}, [python, "-m", "flexarm_env"]
+    for words in TRAINED:
+        done = subprocess.run([*flexarm, *words.split()], cwd=folder, env=own, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(f"flexarm {words}: {(done.stdout + done.stderr)[-2000:]}")
+    missing = [name for name in ("run/policy.npz", "g/policy.npz", "judged/table.md", "policy.c", "runs/gains/slew.toml")
+               if not (folder / name).is_file()]  # fmt: skip
+    if missing:
+        raise RuntimeError(f"not written: {', '.join(missing)}")
+    serve = [*flexarm, "serve", "FlexibleArm-v0", "--rate", "50", "--port", "0", "--seconds", "120"]
+    with subprocess.Popen(serve, cwd=folder, env=own, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            assert server.stdout is not None
+            address = server.stdout.readline().split(" at ")[1].split(",")[0]
+            drive = [*flexarm, "run", "run", "--to", address, "--seconds", "1"]
+            subprocess.run(drive, cwd=folder, env=own, check=True, capture_output=True)
+        finally:
+            server.terminate()
 
 
 def _plain() -> dict[str, str]:
@@ -187,6 +221,15 @@ def main(arguments: list[str]) -> int:
                 except (subprocess.CalledProcessError, RuntimeError, OSError) as error:
                     failed += 1
                     print(f"{python}, {age}, {file.name}: FAILED: {error}", flush=True)
+        try:
+            own = f"python{sys.version_info.major}.{sys.version_info.minor}"
+            inside = installed(own, "train", Path(f"{wheel}[train]"))
+            with tempfile.TemporaryDirectory() as empty:
+                trained(inside, Path(empty))
+            print(f"{own}, with the extra train: trained, judged, tuned, exported, served and driven", flush=True)
+        except (subprocess.CalledProcessError, RuntimeError, OSError) as error:
+            failed += 1
+            print(f"the extra train: FAILED: {error}", flush=True)
     columns = f"python | {' | '.join(NEEDED)} | from | install | two players | pictures | in all, by the clock"
     where = f"{platform.system()}, {platform.machine()}, {date.today()}"
     lines = [*table(columns, rows), "", f"{sizes}. {where}.", "", REST]

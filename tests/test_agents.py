@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import pickle
 import shutil
 from pathlib import Path
 
@@ -13,10 +14,11 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from agents import config, episodes, export_policy, policies, train_ppo
-from agents import evaluate as judging
-from agents.runs import read_run
 from flexarm_env import control
+from flexarm_env.training import config, episodes, export_policy, policies, progress
+from flexarm_env.training import evaluate as judging
+from flexarm_env.training import train as train_ppo
+from flexarm_env.training.runs import read_run
 from tests.agents_tools import ENV, SMALL, file_of, told
 from tests.processes import python
 from tests.refusals import refuses
@@ -70,7 +72,7 @@ class Stop(Exception):
 
 def interrupted(arguments_: train_ppo.Arguments, at: int) -> None:
     """Train, and break off at the start of the rollout that follows `at` steps."""
-    from agents import training
+    from flexarm_env.training import watch as training
 
     usual = training.Watch._on_rollout_start
 
@@ -104,7 +106,7 @@ def test_a_run_broken_off_before_its_first_checkpoint_begins_anew(tmp_path: Path
 
 
 def test_a_damaged_checkpoint_is_passed_over(tmp_path: Path):
-    from agents import training
+    from flexarm_env.training import watch as training
 
     interrupted(arguments(tmp_path), 1024)
     found = training.checkpoints(tmp_path / "run")
@@ -174,6 +176,12 @@ def test_sac_trains_by_the_same_script(tmp_path: Path):
     train_ppo.train(train_ppo.Arguments(out=tmp_path / "run", resume=True, progress=False))
     assert curve(tmp_path / "run")[-1]["steps"] == "400"
     assert export_policy.export(tmp_path / "run") < 1e-5
+
+
+def test_pickles_of_older_run_folders_find_their_classes():
+    """They say `agents.` where the package has the module now."""
+    assert pickle.loads(b"cagents.progress\nProgress\n.") is progress.Progress
+    assert pickle.loads(b"cagents.config\nLinear\n.") is config.Linear
 
 
 # ------------------------------------------------------------------ export and judging

@@ -17,10 +17,12 @@ from gymnasium.envs.registration import load_env_creator
 
 pytest.importorskip("stable_baselines3")
 
-from agents import best_known, config, episodes, train_ppo
-from agents.arguments import parse
-from agents.runs import read_json, write_whole
+from agents import best_known
 from flexarm_env.envs.options import plan
+from flexarm_env.training import config, episodes
+from flexarm_env.training import train as train_ppo
+from flexarm_env.training.arguments import parse
+from flexarm_env.training.runs import read_json, write_whole
 from tests.agents_tools import ENV, SMALL, file_of, told
 from tests.processes import ROOT
 from tests.refusals import refuses
@@ -41,6 +43,15 @@ def test_config_errors_name_the_key(tmp_path: Path):
         config.load(file_of(tmp_path, SMALL), "ppo", "Other-v0")
     refuses("No such file", lambda: config.load(tmp_path / "none.yml", "ppo", ENV))
     refuses("must be one of ppo, sac", lambda: config.algorithm_class("dqn"))
+
+
+def test_configs_that_come_with_the_package_go_by_name(tmp_path: Path, monkeypatch):
+    """As a checkout spells them, from any folder, or by their stem; a file that is there goes first."""
+    monkeypatch.chdir(tmp_path)
+    known = config.load(ROOT / "configs" / "ppo" / "robust.yml", "ppo", ENV)
+    assert config.load(Path("robust"), "ppo", ENV) == config.load(Path("configs/ppo/robust.yml"), "ppo", ENV) == known
+    assert config.load(file_of(tmp_path, SMALL).rename(tmp_path / "robust"), "ppo", ENV).n_timesteps == 2048
+    refuses("No such file", lambda: config.load(Path("rubust"), "ppo", ENV))
 
 
 def test_config_values_become_what_the_algorithm_takes(tmp_path: Path):
@@ -126,7 +137,7 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path):
 def test_policies_side_by_side(tmp_path: Path):
     image = pytest.importorskip("PIL.Image")
     pytest.importorskip("pygame")
-    from agents import films
+    from flexarm_env.training import films
 
     wanted = films.Arguments("pd,lqr", tmp_path / "two.gif", seconds=0.2, size=160, labels="one,other", speed=0.5)
     with image.open(films.make(wanted)) as film:
@@ -162,11 +173,11 @@ def test_an_interruption_says_what_is_there(tmp_path: Path, monkeypatch, capsys)
 
     monkeypatch.setattr(train_ppo, "train", stopped)
     monkeypatch.setattr("sys.argv", ["train_ppo", "--out", str(tmp_path / "run")])
-    assert train_ppo.main() == 130
+    assert train_ppo.main("python -m agents.train_ppo") == 130
     assert capsys.readouterr().err == f"interrupted; nothing is in {tmp_path / 'run'} yet: start it again\n"
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.json").write_text("{}")
-    assert train_ppo.main() == 130
+    assert train_ppo.main("python -m agents.train_ppo") == 130
     assert "go on with: python -m agents.train_ppo --out" in capsys.readouterr().err
 
 
@@ -185,7 +196,7 @@ class Full:
 
 
 def test_a_full_disk_is_a_sentence(tmp_path: Path, monkeypatch, capsys):
-    from agents import training
+    from flexarm_env.training import watch as training
 
     def full(self, content):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -12,12 +12,13 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from agents import config, foresight
+from agents import foresight
 from agents import suite as reference
-from agents.train_ppo import Arguments as Training
 from flexarm_env import derivatives, suite
 from flexarm_env.suite import results
 from flexarm_env.suite.score import FIRST
+from flexarm_env.training import config
+from flexarm_env.training.train import Arguments as Training
 from tests.agents_tools import told
 
 TASKS = suite.tasks()
@@ -85,7 +86,7 @@ def test_references_are_pd_and_the_best_of_what_was_judged(monkeypatch: pytest.M
 
 
 def test_seeds_that_policies_are_judged_on_are_refused(monkeypatch: pytest.MonkeyPatch, capsys):
-    from agents import train_ppo
+    from flexarm_env.training import train as train_ppo
 
     sentence = told(train_ppo.main, ["--seed", str(FIRST - 500)], monkeypatch, capsys)
     assert "--seed 9500: must be from 0 to 8999; those from 10000 on are for judging" in sentence

@@ -26,7 +26,7 @@ _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {
     *_PHYSICS - {"physics"}, "comparison", "control", "derivatives", "envs", "identification", "library", "plotting",
-    "recording", "remote", "sb3", "suite", "torch", "view", "__init__",
+    "recording", "remote", "sb3", "suite", "torch", "training", "view", "__init__",
 }  # fmt: skip
 
 # room -> rooms it may import, apart from itself ("__init__" is the bare package: its version and public names)
@@ -66,6 +66,7 @@ ROOMS: dict[str, set[str]] = {
     "sb3": {*_DESCRIPTION, "envs"},
     "suite": {*_DESCRIPTION, "control", "envs", "trajectory"},
     "remote": {"validation", "control", "envs"},
+    "training": {*_DESCRIPTION, "control", "derivatives", "envs", "plotting", "sb3", "suite"},
     "library": {*_DESCRIPTION, *_COMPILED, "layout", "batch", "control", "derivatives"},
     "identification": {*_PHYSICS - {"batch"}, "derivatives", "plotting"},
     "cli": {*_PUBLIC, "data", "compiler"},
@@ -75,11 +76,11 @@ ROOMS: dict[str, set[str]] = {
 
 # other packages that only some rooms may import, anywhere in their code
 EXTERNALS: dict[str, set[str]] = {
-    "torch": {"sb3", "torch"},
-    "stable_baselines3": {"sb3"},
+    "torch": {"sb3", "torch", "training"},
+    "stable_baselines3": {"sb3", "training"},
     "numba": set(),
     "llvmlite": {"compiler"},
-    "gymnasium": {"__init__", "envs", "derivatives", "recording", "remote", "sb3", "suite", "cli"},
+    "gymnasium": {"__init__", "envs", "derivatives", "recording", "remote", "sb3", "suite", "training", "cli"},
     "pygame": {"envs"},
     "matplotlib": {"plotting"},
     "minari": {"recording"},

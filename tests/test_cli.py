@@ -23,7 +23,7 @@ from flexarm_env.simulation import simulate
 from tests.cli_tools import refused
 from tests.processes import ROOT, python
 
-COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "bench", "compile", "doctor")
+COMMANDS = ("scenes", "replay", "simulate", "play", "train", "evaluate", "tune", "bench", "compile", "doctor")
 SHORT = ["replay", "robot_arm_motion", "--segments", "2", "--duration", "0.5"]
 
 

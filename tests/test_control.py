@@ -16,6 +16,7 @@ from flexarm_env import arms, control
 from flexarm_env.control import kinematics, lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from, tuned_gains
+from flexarm_env.training import export_policy, tune
 from tests.env_tools import successes
 from tests.refusals import refuses
 
@@ -109,7 +110,6 @@ def test_the_goal_is_where_the_environment_has_its_target(slew, reach):
 @pytest.mark.parametrize("env", ["slew", "reach"])
 def test_tuned_loops_leave_a_gain_margin(name, env, request):
     """6 dB; a derivative gain that flips the arm within a control period leaves none."""
-    tune = pytest.importorskip("agents.tune")
     setup = control.Setup.of(request.getfixturevalue(env))
     gains = tuned_gains(name, setup.task)
     gains = getattr(gains, "pd", gains)
@@ -242,9 +242,8 @@ def small_policy(setup, **changes):
 
 
 def test_a_policy_file_gives_the_same_actions(tmp_path: Path, slew):
-    export = pytest.importorskip("agents.export_policy", exc_type=ImportError)
     policy = small_policy(control.Setup.of(slew))
-    export.save(policy, tmp_path / "policy.npz")
+    export_policy.save(policy, tmp_path / "policy.npz")
     again = control.load_policy(tmp_path)
     again.check(control.Setup.of(slew))
     observation, _ = slew.reset(seed=0)
@@ -255,15 +254,14 @@ def test_a_policy_file_gives_the_same_actions(tmp_path: Path, slew):
 
 
 def test_policies_that_do_not_fit_are_refused(tmp_path: Path, slew, reach):
-    export = pytest.importorskip("agents.export_policy", exc_type=ImportError)
     path = tmp_path / "policy.npz"
     refuses(r"no policy\.npz there", lambda: control.load_policy(path))
     path.write_bytes(b"PK nonsense")
     refuses("damaged", lambda: control.load_policy(path))
-    export.save(small_policy(control.Setup.of(slew), format=99), path)
+    export_policy.save(small_policy(control.Setup.of(slew), format=99), path)
     refuses(r"meta\.format = 99: must be 1", lambda: control.load_policy(path))
     whole = small_policy(control.Setup.of(slew))
-    export.save(whole, path)
+    export_policy.save(whole, path)
     path.write_bytes(path.read_bytes()[:-200])
     refuses("damaged", lambda: control.load_policy(path))
     refuses("observation layout", lambda: whole.check(control.Setup.of(reach)))

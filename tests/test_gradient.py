@@ -9,10 +9,11 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from agents import config, policies, train_ppo
-from agents.gradient import Gradient
-from agents.runs import read_run
 from flexarm_env.sb3 import make_sb3_vec
+from flexarm_env.training import config, policies
+from flexarm_env.training import train as train_ppo
+from flexarm_env.training.gradient import Gradient
+from flexarm_env.training.runs import read_run
 from tests.agents_tools import ENV, file_of
 from tests.test_agents import arguments, curve, interrupted
 

@@ -17,7 +17,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from tests.processes import ROOT
-from tests.release import faults_of
+from tests.release import faults_of, trained
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
@@ -47,9 +47,12 @@ def test_wheel_holds_the_package_alone(dist: Path) -> None:
 
 
 def test_wheel_holds_every_file_of_the_package(dist: Path) -> None:
+    """And the configs of the checkout, under the package's data."""
     (wheel,) = dist.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
+        for path in (ROOT / "configs").glob("*/*.yml"):
+            assert archive.read(f"flexarm_env/data/{path.relative_to(ROOT).as_posix()}") == path.read_bytes()
     here = {
         path.relative_to(ROOT).as_posix()
         for path in (ROOT / "flexarm_env").rglob("*")
@@ -113,13 +116,17 @@ def needed(requirements: list[str]) -> dict[str, metadata.Distribution]:
 @pytest.fixture(scope="module")
 def clean(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The interpreter of an environment that holds the wheel, and of other packages only what the wheel asks for."""
-    home = tmp_path_factory.mktemp("clean")
+    return holding(dist, tmp_path_factory.mktemp("clean"), PROJECT["dependencies"])
+
+
+def holding(dist: Path, home: Path, requirements: list[str]) -> Path:
+    """The interpreter of an environment with the wheel and these; other packages' files are those of this one."""
     venv.create(home, with_pip=False, symlinks=True)
     python = home / "bin" / "python"
     site = home / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
     with zipfile.ZipFile(next(dist.glob("*.whl"))) as archive:
         archive.extractall(site)
-    for distribution in needed(PROJECT["dependencies"]).values():
+    for distribution in needed(requirements).values():
         tops = {path.parts[0] for path in distribution.files or []} - {"..", "__pycache__"}
         for name in tops:
             target = Path(str(distribution.locate_file(name)))
@@ -181,7 +188,8 @@ print(json.dumps({"file": flexarm_env.__file__, "lengths": lengths, "heavy": hea
     assert "max_tip_error: 0.015" in alone(clean, tmp_path, *run, "replay", "robot_arm_motion", "--out", "run.csv")
     assert (tmp_path / "run.csv").stat().st_size > 10_000
     assert "passed" in alone(clean, tmp_path, *run, "doctor")
-    assert "needs agents/ of a checkout" in alone(clean, tmp_path, *run, "train", code=2)
+    assert 'pip install pyyaml (the extra "train"' in alone(clean, tmp_path, *run, "train", code=2)
+    assert "| pd | 100%" in alone(clean, tmp_path, *run, "evaluate", "--policy", "pd,flexible_arm", "--episodes", "3")
     listed = json.loads(alone(clean, tmp_path, *run, "bench", "suite", "--list", "--json"))["tasks"]
     words = ("bench", "suite", "--policy", "zv", "--task", listed[0]["id"], "--episodes", "3", "--out", "suite")
     assert "success" in alone(clean, tmp_path, *run, *words) and (tmp_path / "suite" / "zv-0.json").exists()
@@ -192,6 +200,16 @@ print(json.dumps({"file": flexarm_env.__file__, "lengths": lengths, "heavy": hea
     assert "success, return" in alone(clean, tmp_path, *run, "play", "--policy", "lqr", "--headless")
     sentence = alone(clean, tmp_path, *run, "play", "--policy", "pd", code=2)
     assert 'pip install pygame-ce (the extra "render"' in sentence
+
+
+@pytest.mark.slow
+def test_the_wheel_with_its_extra_trains_exports_and_serves(dist: Path, tmp_path: Path) -> None:
+    """From an empty folder, without a checkout in sight."""
+    pytest.importorskip("stable_baselines3")
+    extra = PROJECT["optional-dependencies"]["train"]
+    python = holding(dist, tmp_path / "env", [*PROJECT["dependencies"], *extra])
+    (tmp_path / "empty").mkdir()
+    trained(python, tmp_path / "empty")
 
 
 def test_extras_are_documented() -> None:

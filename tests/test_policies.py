@@ -33,8 +33,9 @@ def test_packaged_policies_reach_their_targets(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_packaged_policies_equal_their_models(name):
     pytest.importorskip("stable_baselines3")
-    from agents import export_policy, families
-    from agents.runs import load_model, read_run
+    from agents import families
+    from flexarm_env.training import export_policy
+    from flexarm_env.training.runs import load_model, read_run
 
     family = families.named(name)
     runs = family.runs(families.TRAINED)

@@ -416,9 +416,9 @@ def test_controllers_files_and_models_on_a_real_task(tmp_path: Path, capsys, mon
     """A policy.npz, the same as ONNX and as a function give the same returns; PD those of single environments."""
     pytest.importorskip("onnx")
     pytest.importorskip("onnxruntime")
-    from agents.export_policy import save
     from flexarm_env.control import NumpyPolicy, Setup, make
     from flexarm_env.control.export import onnx_bytes
+    from flexarm_env.training.export_policy import save
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))

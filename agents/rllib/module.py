@@ -11,9 +11,9 @@ from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPP
 from ray.rllib.core.columns import Columns
 from torch import nn
 
-from agents.export_policy import TOLERANCE
 from flexarm_env.control import NumpyPolicy
 from flexarm_env.control.policy import FORMAT
+from flexarm_env.training.export_policy import TOLERANCE
 
 
 class FreeDeviationModule(DefaultPPOTorchRLModule):

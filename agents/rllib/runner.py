@@ -14,7 +14,7 @@ from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
 from agents.rllib.cluster import one_at_a_time
-from agents.starts import staggered
+from flexarm_env.training.starts import staggered
 
 TIMES = ("environment_s", "policy_s", "episodes_s")
 """What a runner's time goes into; the metrics sum them over the runners."""

@@ -6,7 +6,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from agents import config as configs
+from flexarm_env.training import config as configs
 
 DEFAULTS: dict[str, Any] = {
     "n_envs": 64, "n_steps": 128, "batch_size": 1024, "n_epochs": 10, "gamma": 0.99, "gae_lambda": 0.95,

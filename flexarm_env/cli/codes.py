@@ -21,14 +21,6 @@ class Parser(argparse.ArgumentParser):
         options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(allow_abbrev=False, **options)
 
-    def more(self) -> str:
-        """What the help says last; "" for nothing."""
-        return ""
-
-    def format_help(self) -> str:
-        """The help, and `more`."""
-        return f"{super().format_help()}\n{self.more()}".rstrip() + "\n"
-
     def error(self, message: str) -> NoReturn:
         """Leave with code 2 and a sentence that says where help is."""
         sys.stderr.write(f"{self.prog}: {message} (see {self.prog} --help)\n")

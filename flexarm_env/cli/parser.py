@@ -7,9 +7,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 
-from flexarm_env.cli.checkout import SCRIPTS, flags
 from flexarm_env.cli.codes import BAD_INPUT, DONE, INTERRUPTED, Parser, sentence
 
 OVERVIEW = """\
@@ -22,8 +20,9 @@ Planar flexible robot arms: replay scenes, compare with references, play, train,
   flexarm view robot_arm_motion                    a page for the browser that plays it
   flexarm view two_link pd                         a policy beside a controller, in the same episode
   flexarm play FlexibleArm-v0 --policy lqr         watch a controller; without --policy, fly the arm yourself
-  flexarm train --env FlexibleArm-v0               train a policy (from a checkout)
-  flexarm evaluate --policy pd,zvd,lqr             judge controllers and policies (from a checkout)
+  flexarm train --env FlexibleArm-v0               train a policy
+  flexarm evaluate --policy pd,zvd,lqr             judge controllers and policies
+  flexarm tune --env FlexibleArm-v0                tune the controllers' gains
   flexarm export two_link --to c --out two_link.c  a trained policy for a controller board
   flexarm export FlexibleArm-v0 --to fmu --out arm.fmu  an arm for another simulator, without Python
   flexarm serve FlexibleArm-v0 --rate 100          an arm that answers packets in real time
@@ -97,29 +96,12 @@ other environment than FlexibleArm-v0 and TwoLinkFlexArm-v0, unless ENV names it
   flexarm play --policy pd --episodes 20 --headless --record episodes.npz
 """
 
-TRAIN = """\
-Train a policy with Stable-Baselines3 from a checkout (agents/train_ppo.py); all flags go there.
-
-  flexarm train --env FlexibleArm-v0                          results in runs/ppo-FlexibleArm-v0-0/
-  flexarm train --env TwoLinkFlexArm-v0 --seed 1 --out runs/mine
-  flexarm train --env FlexibleArm-v0 --algo sac
-  flexarm train --env FlexibleArm-v0 --algo gradient          by gradients through the arms
-  flexarm train --out runs/mine --resume                      go on where it stopped
-
---resume reads checkpoints, which are pickles and can run any code: resume your own runs alone.
-"""
-
-EVALUATE = """\
-Judge policies and classical controllers on the same fixed episodes, from a checkout (agents/evaluate.py); all flags
-go there.
-
-  flexarm evaluate --env FlexibleArm-v0 --policy pd,zvd,lqr,time_optimal
-  flexarm evaluate --policy runs/ppo-FlexibleArm-v0-0,lqr --randomized --out runs/table
-  flexarm evaluate --policy lqr --json
-
-A policy.npz holds numbers alone. A run folder without one is judged from its model.zip and vecnormalize.pkl, which are
-pickles and can run any code: take those from nobody whom you do not trust.
-"""
+TRAINING = {
+    "train": "train a policy",
+    "evaluate": "judge policies and controllers",
+    "tune": "tune the controllers' gains",
+}
+"""Commands that are programs of `flexarm_env.training`, which read their flags themselves."""
 
 BENCH = """\
 Judge policies on the suite's tasks (suite), make a page of the results (page), or run a benchmark of a checkout
@@ -306,12 +288,10 @@ def build_parser() -> Parser:
     play.add_argument("--headless", action="store_true", help="no window; only print what came of the episodes")
     play.add_argument("--record", metavar="FILE.npz", help="keep the episodes (flexarm_env.recording.load_episodes)")
 
-    train = add("train", "train a policy (from a checkout)", TRAIN, "checkout", "")
-    evaluate = add("evaluate", "judge policies and controllers (from a checkout)", EVALUATE, "checkout", "")
+    for name, summary in TRAINING.items():
+        add(name, summary, "", "training")
     bench = add("bench", "judge policies on the suite, or run a benchmark", BENCH, "checkout", "")
-    for command, name in ((train, "train"), (evaluate, "evaluate")):
-        command.more = partial(flags, SCRIPTS[name])  # type: ignore[method-assign]
-    train.usage, evaluate.usage, bench.usage = "%(prog)s [FLAGS]", "%(prog)s [FLAGS]", "%(prog)s [NAME [FLAGS]]"
+    bench.usage = "%(prog)s [NAME [FLAGS]]"
 
     identify = add("identify", "fit an arm to measured logs", IDENTIFY, "identify", IDENTIFY_CODES)
     identify.add_argument("arm", metavar="ARM", help="where the fit begins: a name or a TOML file")
@@ -367,8 +347,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (and raises SystemExit for --help and wrong flags)."""
     parser = build_parser()
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if words and words[0] in SCRIPTS and words[1:] not in (["--help"], ["-h"]):
-        args = argparse.Namespace(command=words[0], module="checkout", words=words[1:])
+    if words and (words[0] in TRAINING or (words[0] == "bench" and words[1:] not in (["--help"], ["-h"]))):
+        module = "checkout" if words[0] == "bench" else "training"
+        args = argparse.Namespace(command=words[0], module=module, words=words[1:])
     else:
         args = parser.parse_args(words)
     if args.command is None:

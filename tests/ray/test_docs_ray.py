@@ -7,7 +7,7 @@ import shlex
 from typing import Any
 
 from agents import sweep, train_rllib
-from agents.arguments import parse
+from flexarm_env.training.arguments import parse
 from tests.ray.test_train_rllib import ROOT
 
 TEXT = (ROOT / "docs" / "ray.md").read_text("utf-8")

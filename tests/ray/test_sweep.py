@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from agents import sweep
-from agents.runs import read_run
+from flexarm_env.training.runs import read_run
 from tests.ray.test_train_rllib import ENV, ROOT, SMALL
 
 

@@ -17,10 +17,10 @@ import pytest
 import yaml
 
 from agents import train_rllib
-from agents.evaluate import Arguments as Judged
-from agents.evaluate import evaluate
-from agents.runs import checkpoints, read_run
 from flexarm_env.control import load_policy
+from flexarm_env.training.evaluate import Arguments as Judged
+from flexarm_env.training.evaluate import evaluate
+from flexarm_env.training.runs import checkpoints, read_run
 
 ROOT = Path(__file__).resolve().parents[2]
 ENV = "FlexibleArm-v0"

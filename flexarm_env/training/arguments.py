@@ -29,7 +29,7 @@ def parse(kind: type[T], program: str, description: str | None, words: Sequence[
         prog=program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
     texts, types = _texts(kind), typing.get_type_hints(kind)
-    for field in dataclasses.fields(kind):
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         options: dict[str, Any] = {"dest": field.name, "help": texts.get(field.name, "").replace("%", "%%")}
         flag = "--" + field.name.replace("_", "-")
         default = None if field.default is dataclasses.MISSING else field.default

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from agents.networks import of_policy
 from flexarm_env.derivatives import Arms
+from flexarm_env.training.networks import of_policy
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
@@ -103,7 +103,8 @@ class Gradient(BaseAlgorithm):
 
     def _setup_arms(self) -> None:
         """Arms like those of the environment; what is compiled, is now."""
-        spec = self.env.unwrapped.env.spec
+        env: Any = self.env
+        spec = env.unwrapped.env.spec
         keywords = {k: v for k, v in spec.kwargs.items() if k not in NOT_OF_ARMS}
         self.arms = Arms(spec.id, self.n_envs, **keywords)
         plan = self.arms.environment.plan
@@ -196,6 +197,7 @@ class Gradient(BaseAlgorithm):
     def _begin_anew(self, chosen: Flags) -> None:
         """Fresh starts of these arms."""
         if chosen.any():
+            assert self.state is not None and self.ep_info_buffer is not None
             for k in np.flatnonzero(chosen).tolist():
                 self.ep_info_buffer.append({"r": float(self.returns[k]), "l": int(self.ages[k]), "t": 0.0})
             seeds: list[int | None] = [None] * self.n_envs

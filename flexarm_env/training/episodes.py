@@ -14,7 +14,6 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-import flexarm_env  # noqa: F401  (registers the environments)
 from flexarm_env.control import Setup
 
 Array = NDArray[np.float64]
@@ -115,8 +114,9 @@ def _miss(setup: Setup, info: Mapping[str, Any], before: Array) -> Array:
     if setup.task == "slew":
         tip = np.arctan2(info["tip_position"][:, 1], info["tip_position"][:, 0])
         turns = (info["target"] - tip - before[:, 0]) / (2.0 * np.pi)
-        return (before[:, 0] + 2.0 * np.pi * (turns - np.round(turns)))[:, None]
-    miss: Array = info["target"] - info["tip_position"]
+        miss: Array = (before[:, 0] + 2.0 * np.pi * (turns - np.round(turns)))[:, None]
+        return miss
+    miss = info["target"] - info["tip_position"]
     return miss
 
 

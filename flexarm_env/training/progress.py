@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from agents import episodes
-from agents.runs import broken_off, fail, read_run, write_rows
+from flexarm_env.training import episodes
+from flexarm_env.training.runs import broken_off, fail, read_run, write_rows
+
+sys.modules.setdefault("agents.progress", sys.modules[__name__])  # as pickles of older run folders name it
 
 COLUMNS = (
     "steps", "success_rate", "settling_mean", "settling_median", "return_mean", "train_return", "std", "learning_rate",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import sys
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,7 +17,11 @@ from typing import Any
 
 from flexarm_env import validation as check
 
-HOME = Path(__file__).resolve().parents[1] / "configs"
+sys.modules.setdefault("agents.config", sys.modules[__name__])  # as pickles of older run folders name it
+
+_PLACES = [Path(__file__).resolve().parents[k] / name for k, name in ((1, "data/configs"), (2, "configs"))]
+HOME = next((place for place in _PLACES if place.is_dir()), _PLACES[0])
+"""The files that come with the package, which a checkout has at its top."""
 
 ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
 """Keys that are no argument of the algorithm's class."""
@@ -24,7 +29,7 @@ ZOO = ("n_envs", "n_timesteps", "normalize", "policy")
 SCHEDULED = ("learning_rate", "clip_range", "clip_range_vf")
 CLASSES = {
     "ppo": "stable_baselines3:PPO", "sac": "stable_baselines3:SAC", "tqc": "sb3_contrib:TQC",
-    "recurrent_ppo": "sb3_contrib:RecurrentPPO", "gradient": "agents.gradient:Gradient",
+    "recurrent_ppo": "sb3_contrib:RecurrentPPO", "gradient": "flexarm_env.training.gradient:Gradient",
 }  # fmt: skip
 OURS = ("env", "seed", "tensorboard_log", "verbose", "device", "policy_kwargs", "self", "_init_setup_model")
 
@@ -86,11 +91,15 @@ def default_path(algorithm: str) -> Path:
 def load(path: Path | None, algorithm: str, env_id: str, allowed: Collection[str] | None = None) -> Config:
     """Read the entry of an environment. ValueError names the file, the key and what is allowed.
 
+    path: a file; where there is none, one that comes with the package, named as in a checkout (configs/ppo/robust.yml)
+    or, among the algorithm's own, without folder and suffix (robust). Default: the algorithm's default.yml.
     allowed: keys that the entry may have; default those that Stable-Baselines3's class takes.
     """
-    import yaml
-
+    yaml = _yaml()
     path = default_path(algorithm) if path is None else path
+    packaged = HOME.parent / path if path.suffix else HOME / algorithm / f"{path}.yml"
+    if not path.is_file() and packaged.is_file():
+        path = packaged
     try:
         content = yaml.safe_load(path.read_text("utf-8"))
     except OSError as error:
@@ -125,12 +134,17 @@ def checked(config: Config, path: str, env_id: str, allowed: Collection[str]) ->
 
 def text_of(config: Config, env_id: str) -> str:
     """The config as a file that `load` reads."""
-    import yaml
-
     content: dict[str, Any] = {env_id: dict(config.text)}
     if config.env_kwargs:
         content["env_kwargs"] = {env_id: dict(config.env_kwargs)}
-    return str(yaml.safe_dump(content, sort_keys=False))
+    return str(_yaml().safe_dump(content, sort_keys=False))
+
+
+def _yaml() -> Any:
+    try:
+        return importlib.import_module("yaml")
+    except ImportError as error:
+        raise ValueError(check.lacking("a file of hyper-parameters", "pyyaml", "train")) from error
 
 
 def algorithm_class(name: str) -> Any:

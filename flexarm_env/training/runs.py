@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from agents.arguments import parse
-from flexarm_env.suite.results import versions
+from flexarm_env.suite.results import versions as versions
 from flexarm_env.suite.score import FIRST
+from flexarm_env.training.arguments import parse
 
 T = TypeVar("T")
 
@@ -108,9 +108,15 @@ def own_folder(folder: Path, fresh: bool) -> Path:
     return folder
 
 
-def command(kind: type[T], program: str, description: str | None, work: Callable[[T], int | None]) -> int:
-    """Parse a command line (`agents.arguments`) and do the work; the exit code, 2 with a sentence for a ValueError."""
-    arguments = parse(kind, program, description)
+def command(
+    kind: type[T],
+    program: str,
+    description: str | None,
+    work: Callable[[T], int | None],
+    words: Sequence[str] | None = None,
+) -> int:
+    """Parse a command line (`arguments`) and do the work; the exit code, 2 with a sentence for a ValueError."""
+    arguments = parse(kind, program, description, words)
     try:
         return work(arguments) or 0
     except ValueError as error:
@@ -130,7 +136,8 @@ class Training:
 
     Args:
         env: id of the environment.
-        config: file of hyper-parameters, RL Zoo format; default configs/ppo/default.yml.
+        config: file of hyper-parameters, RL Zoo format, or the name of one that comes with the package, such as robust;
+            default configs/ppo/default.yml.
         env_kwargs: keywords of the environment, as JSON; they go before those of the config file.
         seed: of everything.
         n_timesteps: environment steps in all; default the config's.
@@ -243,7 +250,7 @@ def load_model(folder: Path, algorithm: str) -> tuple[Any, Any]:
     """Model and VecNormalize statistics (or None) of a folder; ValueError with a sentence where they cannot be read."""
     import pickle
 
-    from agents.config import algorithm_class
+    from flexarm_env.training.config import algorithm_class
 
     path = folder / "model.zip"
     if not path.is_file():

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.export_policy import numpy_policy
-from agents.runs import load_model, read_run
 from flexarm_env import control
 from flexarm_env.control import NumpyPolicy, Setup, load_policy
 from flexarm_env.control.catalogue import gains_from
+from flexarm_env.training.export_policy import numpy_policy
+from flexarm_env.training.runs import load_model, read_run
 
 
 @dataclass(frozen=True)

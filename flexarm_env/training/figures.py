@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.episodes import Episodes
 from flexarm_env.plotting import COLORS, styled_figure
+from flexarm_env.training.episodes import Episodes
 
 
 def learning_curve(curves: Sequence[Sequence[Mapping[str, float]]], path: Path, title: str = "") -> None:

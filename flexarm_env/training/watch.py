@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
-from agents import episodes
-from agents.policies import acting
-from agents.progress import Progress, after, write_curve
-from agents.runs import at, checkpoints, write_whole
-from agents.starts import staggered
+from flexarm_env.training import episodes
+from flexarm_env.training.policies import acting
+from flexarm_env.training.progress import Progress, after, write_curve
+from flexarm_env.training.runs import at, checkpoints, write_whole
+from flexarm_env.training.starts import staggered
 
 
 class Watch(BaseCallback):
@@ -29,7 +29,7 @@ class Watch(BaseCallback):
         folder: the run folder. env: the vector environment for evaluation. meta: of the exported policy.
         evaluate_every, checkpoint_every: environment steps. solved_at: success rate. stop: end when solved.
         progress: what an earlier part of the run has come to. total: steps of the run. bar: show a progress bar.
-        best_by: as in `agents.progress.cost`.
+        best_by: as in `progress.cost`.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ def save_model(folder: Path, model: Any) -> None:
 
 # ------------------------------------------------------------------ starts
 def start_staggered(model: Any, seed: int) -> None:
-    """Start the model's environments at times spread over an episode (see `agents.starts`)."""
+    """Start the model's environments at times spread over an episode (see `starts`)."""
     venv = model.env
     venv.reset()
     observation = staggered(venv.unwrapped.env, seed)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from agents.episodes import Episodes
+from flexarm_env.training.episodes import Episodes
 
 Array = NDArray[np.float64]
 

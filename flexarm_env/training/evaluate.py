@@ -1,0 +1,148 @@
+"""Judge a policy or a classical controller on fixed episodes.
+
+    flexarm evaluate --env FlexibleArm-v0 --policy lqr
+    flexarm evaluate --env FlexibleArm-v0 --policy runs/ppo-FlexibleArm-v0-0 --json
+    flexarm evaluate --env TwoLinkFlexArm-v0 --policy pd,zvd,lqr --randomized --out runs/table
+
+--policy takes a run folder, a policy.npz, the name of a policy that comes with the package, or pd, zv, zvd, lqr, mpc,
+lqg (with --env-kwargs '{"observation": "measured"}'), time_optimal; zv@FILE is zv with gains from a file of
+`flexarm tune`. Several of them, separated by commas, give one table. Settled means: from then to the end of the episode
+the tip stays within 2 % of the slew (at least 0.5 deg), or within 2 cm of the target; never settled counts as the whole
+duration.
+Intervals are 95 % bootstrap intervals over the episodes. With --out, the table, the JSON, a figure of the tip error in
+one episode and, with --video, a film per policy are written there.
+
+A policy.npz holds numbers alone; a run folder without one is judged from its model.zip and vecnormalize.pkl, which are
+pickles and can run any code.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexarm_env.control import Setup
+from flexarm_env.control.time_optimal import plan_periods, rigid_time
+from flexarm_env.training import episodes as fixed
+from flexarm_env.training.policies import Chosen, choose
+from flexarm_env.training.runs import command, versions, write_json, write_text
+from flexarm_env.training.statistics import markdown, summary
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `flexarm evaluate` takes.
+
+    Args:
+        policy: what is judged (see above); several separated by commas.
+        env: id of the environment.
+        episodes: how many.
+        first: seed of the first episode; the others follow.
+        formulation: of the environment's arm; default the environment's.
+        env_kwargs: further keywords of the environment, as JSON; they go before those that a policy was trained with.
+        randomized: payload x 0.5 to 2 and stiffness x 0.7 to 1.3, drawn for each episode.
+        json: print JSON instead of a table.
+        out: folder for table, JSON and figure.
+        video: write a film of episode 0 for each policy as well (needs --out).
+    """
+
+    policy: str
+    env: str = "FlexibleArm-v0"
+    episodes: int = 100
+    first: int = fixed.TEST
+    formulation: str | None = None
+    env_kwargs: dict[str, Any] = field(default_factory=dict)
+    randomized: bool = False
+    json: bool = False
+    out: Path | None = None
+    video: bool = False
+
+
+def evaluate(arguments: Arguments) -> tuple[dict[str, dict[str, Any]], dict[str, fixed.Episodes], dict[str, float]]:
+    """Summaries and episodes by policy, and the bounds' medians. ValueError with a sentence for what is wrong."""
+    if arguments.episodes < 1:
+        raise ValueError(f"--episodes {arguments.episodes}: must be at least 1")
+    rows: dict[str, dict[str, Any]] = {}
+    results: dict[str, fixed.Episodes] = {}
+    limits: dict[str, float] = {}
+    for word in arguments.policy.split(","):
+        chosen = choose(word, arguments.env)
+        env = fixed.make_episodes(arguments.env, arguments.episodes, **keywords(arguments, chosen))
+        policy = chosen.make(env)
+        result = fixed.run(env, policy, arguments.first)
+        name = chosen.name if chosen.name not in rows else word
+        rows[name], results[name] = summary(result), result
+        limits = limits or bounds(env, result)
+        env.close()
+    return rows, results, limits
+
+
+def keywords(arguments: Arguments, chosen: Chosen) -> dict[str, Any]:
+    """Keywords of the environment in which a policy is judged: from training what makes another task of it."""
+    left_out = (*fixed.TRAINING_ONLY, "randomization")
+    kwargs = {k: v for k, v in chosen.env_kwargs.items() if k not in left_out} | arguments.env_kwargs
+    if arguments.formulation is not None:
+        kwargs["formulation"] = arguments.formulation
+    if arguments.randomized:
+        kwargs["randomization"] = fixed.RANDOMIZED
+    return kwargs
+
+
+def bounds(env: Any, result: fixed.Episodes) -> dict[str, float]:
+    """Median times, s, of the rigid time-optimal slew and of the flexible plan to rest; of one link only."""
+    setup = Setup.of(env)
+    if setup.task != "slew":
+        return {}
+    from flexarm_env.control.arm_model import arm_model
+
+    inertia = float(arm_model(setup.arm).inertia[0, 0])
+    rigid = [rigid_time(inertia, float(way), setup.torque_limits[0]) for way in result.way]
+    flexible = [plan_periods(setup, float(way)) * setup.control_dt for way in result.way]
+    return {
+        "rigid time-optimal slew": float(np.median(rigid)),
+        "flexible time-optimal plan": float(np.median(flexible)),
+    }
+
+
+def report(arguments: Arguments, rows: Mapping[str, Any], limits: Mapping[str, float]) -> dict[str, Any]:
+    """The content of the JSON: one policy's numbers at the top level, several under `policies`."""
+    head = {
+        "env": arguments.env, "episodes": arguments.episodes, "first_seed": arguments.first,
+        "formulation": arguments.formulation, "randomized": arguments.randomized, "bounds": dict(limits),
+        "versions": versions(),
+    }  # fmt: skip
+    if len(rows) == 1:
+        ((name, row),) = rows.items()
+        return {**head, "policy": name, **row}
+    return {**head, "policies": dict(rows)}
+
+
+def judge(arguments: Arguments) -> None:
+    """Judge, print, and write what is asked for."""
+    rows, results, limits = evaluate(arguments)
+    content = report(arguments, rows, limits)
+    table = markdown(rows, limits)
+    print(json.dumps(content, indent=2) if arguments.json else table, end="\n" if arguments.json else "")
+    if arguments.out is not None:
+        write_json(arguments.out / "table.json", content)
+        write_text(arguments.out / "table.md", table)
+        from flexarm_env.training.figures import tip_errors
+
+        tip_errors(results, 0, arguments.out / "tip_error.png", f"{arguments.env}, episode {arguments.first}")
+        if arguments.video:
+            from flexarm_env.training.films import film
+
+            for word in arguments.policy.split(","):
+                chosen = choose(word, arguments.env)
+                path = arguments.out / f"{chosen.name}.mp4"
+                film(arguments.env, chosen, keywords(arguments, chosen), arguments.first, path)
+
+
+def main(program: str = "flexarm evaluate", words: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    return command(Arguments, program, __doc__, judge, words)

@@ -1,0 +1,110 @@
+"""Write a trained Stable-Baselines3 policy as policy.npz, which needs NumPy alone to run.
+
+python -m flexarm_env.training.export_policy --run runs/ppo-FlexibleArm-v0-0
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexarm_env.control import NumpyPolicy
+from flexarm_env.control.policy import FORMAT
+from flexarm_env.training.runs import OF_POLICY, command, load_model, read_run, versions, write_whole
+
+TOLERANCE = 1e-5
+UNEXPORTED = ("recurrent_ppo",)
+"""Algorithms whose policies have a memory, which policy.npz has not."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m flexarm_env.training.export_policy` takes.
+
+    Args:
+        run: a run folder.
+    """
+
+    run: Path
+
+
+def numpy_policy(model: Any, meta: Mapping[str, Any], normaliser: Any = None) -> NumpyPolicy:
+    """The deterministic policy of a PPO, SAC or TQC model. normaliser: its VecNormalize, or None."""
+    from torch import nn
+
+    policy = model.policy
+    actor = getattr(policy, "actor", None)
+    if actor is not None:  # SAC, TQC: the mean, squashed
+        layers, squash = [*actor.latent_pi, actor.mu], True
+    else:
+        layers, squash = [*policy.mlp_extractor.policy_net, policy.action_net], False
+    kinds = {type(layer) for layer in layers if not isinstance(layer, nn.Linear)}
+    if kinds - {nn.Tanh, nn.ReLU} or len(kinds) > 1:
+        raise ValueError(f"policy_kwargs.activation_fn: only Tanh or ReLU can be exported, not {kinds}")
+    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
+    weights = [
+        (layer.weight.detach().numpy().T.astype(np.float32), layer.bias.detach().numpy().astype(np.float32))
+        for layer in linear
+    ]
+    statistics = None
+    if normaliser is not None and normaliser.norm_obs:
+        statistics = {
+            "mean": normaliser.obs_rms.mean.copy(),
+            "variance": normaliser.obs_rms.var.copy(),
+            "clip": np.float64(normaliser.clip_obs),
+            "epsilon": np.float64(normaliser.epsilon),
+        }
+    activation = "relu" if nn.ReLU in kinds else "tanh"
+    own = {"format": FORMAT, "layers": len(weights), "activation": activation, "squash": squash}
+    return NumpyPolicy({**meta, **own}, weights, statistics)
+
+
+def save(policy: NumpyPolicy, path: Path) -> None:
+    """Write policy.npz, whole or not at all."""
+    arrays: dict[str, Any] = {"meta": np.array(json.dumps(policy.meta))}
+    for k, (w, b) in enumerate(policy.weights):
+        arrays[f"w{k}"], arrays[f"b{k}"] = w, b
+    arrays |= policy.normaliser or {}
+    write_whole(path, lambda part: np.savez(part, **arrays))
+
+
+def difference(policy: NumpyPolicy, model: Any, normaliser: Any = None, n: int = 4096, seed: int = 0) -> float:
+    """Largest difference between both policies' actions on observations drawn from the space."""
+    rng = np.random.default_rng(seed)
+    bounds = np.minimum(model.observation_space.high, 3.0)
+    observations = rng.uniform(-bounds, bounds, (n, len(bounds))).astype(np.float32)
+    seen = observations if normaliser is None else normaliser.normalize_obs(observations)
+    theirs = model.predict(seen, deterministic=True)[0]
+    return float(np.abs(policy.act(observations) - theirs).max())
+
+
+def export(run: Path) -> float:
+    """Export a run folder's model; the largest difference from it."""
+    record = read_run(run)
+    model, normaliser = load_model(run, record["algorithm"])
+    meta = {key: record[key] for key in OF_POLICY if key in record}  # older runs have fewer
+    policy = numpy_policy(model, {**meta, "versions": versions()}, normaliser)
+    off = difference(policy, model, normaliser)
+    if off > TOLERANCE:
+        raise ValueError(f"{run}: the exported policy differs by {off:.1e} from the model, more than {TOLERANCE:.0e}")
+    save(policy, run / "policy.npz")
+    return off
+
+
+def told(arguments: Arguments) -> None:
+    """Export, and say how well."""
+    print(f"{arguments.run / 'policy.npz'}: largest difference from the model {export(arguments.run):.1e}")
+
+
+main = partial(command, Arguments, "python -m flexarm_env.training.export_policy", __doc__, told)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

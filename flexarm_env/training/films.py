@@ -1,0 +1,143 @@
+"""Films of an episode under one policy, or under several side by side.
+
+    python -m flexarm_env.training.films --policy runs/ppo-FlexibleArm-v0-0,pd --out runs/beside.gif
+    python -m flexarm_env.training.films --env TwoLinkFlexArm-v0 --policy pd,lqr --seed 10004 --out two.mp4 --size 480
+
+--policy takes what `flexarm evaluate` takes; all of them play the episode of the same seed. A label
+(--labels, separated by commas) stands over each picture.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env.envs.video import film_path, write_film
+from flexarm_env.training.episodes import TEST, TRAINING_ONLY
+from flexarm_env.training.policies import Chosen, choose
+from flexarm_env.training.runs import command
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m flexarm_env.training.films` takes.
+
+    Args:
+        policy: who plays; several separated by commas stand side by side.
+        out: the file: .mp4, .gif, .webm, .mkv or .mov.
+        env: id of the environment.
+        env_kwargs: keywords of the environment, as JSON; they go before those that a policy was trained with.
+        seed: of the episode.
+        seconds: how much of the episode is shown; default all of it.
+        fps: pictures a second of film, at most one a control period.
+        speed: seconds of the episode a second of film.
+        size: side of each picture, pixels.
+        labels: what stands over the pictures, separated by commas; default the policies' names.
+    """
+
+    policy: str
+    out: Path
+    env: str = "FlexibleArm-v0"
+    env_kwargs: dict[str, Any] = field(default_factory=dict)
+    seed: int = TEST
+    seconds: float | None = None
+    fps: float = 25.0
+    speed: float = 1.0
+    size: int = 640
+    labels: str | None = None
+
+
+def episode(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int) -> Iterator[Picture]:
+    """The pictures (640, 640, 3) of an episode, one a control period."""
+    env = gym.make(env_id, render_mode="rgb_array", **kwargs)
+    policy = chosen.make(env)
+    observation, _ = env.reset(seed=seed)
+    policy.reset(observation)
+    over = False
+    yield np.asarray(env.render())
+    while not over:
+        observation, _, terminated, truncated, _ = env.step(policy.act(observation))
+        over = bool(terminated or truncated)
+        yield np.asarray(env.render())
+    env.close()
+
+
+def film(env_id: str, chosen: Chosen, kwargs: Mapping[str, Any], seed: int, path: Path, fps: float = 50.0) -> None:
+    """Write an episode as a film, one picture a control period."""
+    try:
+        write_film(path, episode(env_id, chosen, kwargs, seed), fps)
+    except gym.error.DependencyNotInstalled as error:
+        raise ValueError(str(error)) from error
+
+
+def beside(films: Sequence[Iterator[Picture]], labels: Sequence[str], size: int) -> Iterator[Picture]:
+    """Pictures of several episodes side by side under their labels; one that has ended stays as it was."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    head = round(0.09 * size)
+    font = ImageFont.load_default(0.055 * size)
+    last: list[Any] = [None] * len(films)
+    while True:
+        new = [next(one, None) for one in films]
+        if all(picture is None for picture in new):
+            return
+        last = [old if picture is None else picture for old, picture in zip(last, new, strict=True)]
+        sheet = Image.new("RGB", (size * len(films), size + head), tuple(last[0][-2, 1].tolist()))
+        for k, (picture, label) in enumerate(zip(last, labels, strict=True)):
+            sheet.paste(Image.fromarray(picture).resize((size, size), Image.Resampling.LANCZOS), (k * size, head))
+            middle = ((k + 0.5) * size, 0.55 * head)
+            ImageDraw.Draw(sheet).text(middle, label, (52, 62, 76), font=font, anchor="mm")
+        yield np.asarray(sheet)
+
+
+def make(arguments: Arguments) -> Path:
+    """Write the film. ValueError with a sentence for what is wrong."""
+    film_path(arguments.out)
+    words = arguments.policy.split(",")
+    chosen = [choose(word, arguments.env) for word in words]
+    labels = arguments.labels.split(",") if arguments.labels else [one.name for one in chosen]
+    if len(labels) != len(words):
+        raise ValueError(f"--labels {arguments.labels}: must be {len(words)}, one for each policy")
+    films = []
+    for one in chosen:
+        kept = {k: v for k, v in one.env_kwargs.items() if k not in (*TRAINING_ONLY, "randomization")}
+        films.append(episode(arguments.env, one, kept | arguments.env_kwargs, arguments.seed))
+    env: Any = gym.make(arguments.env, **arguments.env_kwargs).unwrapped
+    period = env.dt
+    for name in ("fps", "speed", "size"):
+        if not getattr(arguments, name) > 0:
+            raise ValueError(f"--{name} {getattr(arguments, name)}: must be positive")
+    every = max(1, round(arguments.speed / (arguments.fps * period)))
+    count = None if arguments.seconds is None else round(arguments.seconds / period) + 1
+    pictures = beside([_some(one, every, count) for one in films], labels, arguments.size)
+    try:
+        return write_film(arguments.out, pictures, arguments.speed / (every * period))
+    except gym.error.DependencyNotInstalled as error:
+        raise ValueError(str(error)) from error
+
+
+def _some(pictures: Iterator[Picture], every: int, count: int | None) -> Iterator[Picture]:
+    for k, picture in enumerate(pictures):
+        if count is not None and k >= count:
+            return
+        if k % every == 0:
+            yield picture
+
+
+main = partial(
+    command, Arguments, "python -m flexarm_env.training.films", __doc__, lambda arguments: print(make(arguments))
+)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,213 @@
+"""Tune the gains of the classical controllers: random search, then Nelder-Mead, on episodes of their own.
+
+    flexarm tune --env FlexibleArm-v0                   # all controllers, a few minutes
+    flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,lqr
+    flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,zv --margin 0 --out reach.toml
+
+What is made small is the mean settling time plus the duration for every episode without success, on episodes that
+neither training nor evaluation sees. The gains found are written to runs/gains/TASK.toml, or to --out: `flexarm
+evaluate --policy zv@FILE` takes them from there. `python -m agents.tune` of a checkout writes
+flexarm_env/data/control/TASK.toml, from where `flexarm_env.control.make` takes them.
+
+PD gains, a shaped reference's too, must leave a gain margin (--margin, 6 dB): the linear arm under them, sampled at the
+control period, is stable with all gains that many times as large. Without the rule (--margin 0) the search finds loops
+that are unstable, and settle in a limit cycle that flips the elbow's torque in every period.
+"""
+
+from __future__ import annotations
+
+import time
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import control
+from flexarm_env.control.arm_model import arm_model
+from flexarm_env.control.catalogue import gains_from
+from flexarm_env.training import episodes
+from flexarm_env.training.runs import command, write_text
+
+WEIGHTS = {"angle": (0.3, 300.0), "rate": (0.03, 100.0), "bend": (0.03, 300.0), "bend_rate": (0.03, 300.0)}
+PD = {"bandwidth": (0.05, 3.0), "ratio": (0.3, 3.0)}
+SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
+    "pd": PD,
+    "zv": PD | {"effort": (0.2, 1.0)},
+    "zvd": PD | {"effort": (0.2, 1.0)},
+    "lqr": WEIGHTS | {"noise": (0.003, 3.0)},
+    "lqg": WEIGHTS | {"noise": (1e-3, 0.1), "push": (1e-3, 0.1), "drift": (5e-5, 5e-3)},
+    "mpc": dict.fromkeys(WEIGHTS, (5.0, 100.0)) | {"memory": (0.5, 1.0)},
+    "time_optimal": {"effort": (0.8, 1.0)} | WEIGHTS | {"noise": (0.003, 3.0)},
+}
+"""Gains that are searched, with their ranges; on a logarithmic scale."""
+
+PER_JOINT = ("bandwidth", "ratio")
+
+MARGIN = 2.0
+"""Gain margin asked of PD control: 6 dB."""
+
+POSTURES = (0.0, 0.8, 1.6, 2.4)
+"""Elbow angles, rad, at which it is asked."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `flexarm tune` takes.
+
+    Args:
+        env: id of the environment.
+        controllers: names, separated by commas; default all but mpc, which takes hours.
+        samples: of the random search.
+        refinements: evaluations of Nelder-Mead.
+        episodes: an evaluation runs.
+        seed: of the search.
+        margin: by which all PD gains can be raised before the linear loop is unstable; 0: no such rule.
+        out: file of the gains.
+        home: folder of TASK.toml, where --out names no file.
+        dry: print what is found, write nothing.
+    """
+
+    env: str
+    controllers: str = ",".join(name for name in control.NAMES if name != "mpc")
+    samples: int = 80
+    refinements: int = 120
+    episodes: int = 64
+    seed: int = 0
+    margin: float = MARGIN
+    out: str = ""
+    home: Path = Path("runs/gains")
+    dry: bool = False
+
+
+def search(
+    cost: Callable[[Array], float], bounds: Array, arguments: Arguments, start: Array | None
+) -> tuple[Array, float]:
+    """The point of least cost within bounds (k, 2), on a logarithmic scale."""
+    from scipy.optimize import minimize
+    from scipy.stats import qmc
+
+    low, high = np.log(bounds[:, 0]), np.log(bounds[:, 1])
+    points = qmc.scale(qmc.Sobol(len(low), rng=arguments.seed).random(arguments.samples), low, high)
+    if start is not None:
+        points = np.vstack([np.clip(np.log(start), low, high), points])
+    costs = [cost(np.exp(p)) for p in points]
+    best = points[int(np.argmin(costs))]
+    steps = np.vstack([best, best + np.diag(np.where(best + 0.25 < high, 0.25, -0.25))])
+    found = minimize(
+        lambda p: cost(np.exp(p)), best, method="Nelder-Mead", bounds=np.stack([low, high], axis=1),
+        options={"maxfev": arguments.refinements, "initial_simplex": steps, "xatol": 1e-2, "fatol": 1e-3},
+    )  # fmt: skip
+    return np.exp(found.x), float(found.fun)
+
+
+def stable(setup: control.Setup, gains: control.PDGains, factor: float) -> bool:
+    """Whether the linear arm under PD gains times a factor, held over control periods, is stable in all postures."""
+    kp, kd = gains.of(setup.arm)
+    for angle in POSTURES if setup.n_joints == 2 else (None,):
+        model = arm_model(setup.arm, () if angle is None else (angle,))
+        n = model.n_joints
+        A, B = model.discrete(setup.control_dt)
+        feedback = np.diag(kp) @ model.C[:n] + np.diag(kd) @ model.C[n : 2 * n]
+        if np.abs(np.linalg.eigvals(A - factor * B @ feedback)).max() >= 1.0:
+            return False
+    return True
+
+
+def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], episodes.Episodes]:
+    """Gains of a controller as a table, and the episodes run with them."""
+    setup = control.Setup.of(env)
+    names, bounds = [], []
+    for key, limits in SEARCHED[name].items():
+        for _ in range(setup.n_joints if key in PER_JOINT else 1):
+            names.append(key)
+            bounds.append(limits)
+
+    def table(values: Array) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key, value in zip(names, values, strict=True):
+            number = float(f"{value:.4g}")
+            out[key] = [*out.get(key, []), number] if key in PER_JOINT else number
+        return out
+
+    def trial(values: Array) -> episodes.Episodes:
+        controller = control.make(name, setup, gains_from(name, table(values)))
+        return episodes.run(env, controller, episodes.TUNING)
+
+    def cost(values: Array) -> float:
+        gains = gains_from(name, table(values))
+        pd = getattr(gains, "pd", gains)
+        if arguments.margin > 0.0 and isinstance(pd, control.PDGains) and not stable(setup, pd, arguments.margin):
+            return 1e3
+        try:
+            result = trial(values)
+        except (np.linalg.LinAlgError, ValueError):  # a Riccati equation or a plan without solution
+            return 1e3
+        duration = (len(result.errors) - 1) * result.dt
+        return float(result.settling.mean() + duration * (1.0 - result.success.mean()))
+
+    known = current(place(setup.task, arguments)).get(name)
+    start = None
+    if known is not None:
+        flat = [v for key in SEARCHED[name] for v in np.atleast_1d(known.get(key, np.nan))]
+        start = np.array(flat) if len(flat) == len(names) and np.isfinite(flat).all() else None
+    best, _ = search(cost, np.array(bounds), arguments, start)
+    return table(best), trial(best)
+
+
+def place(task: str, arguments: Arguments) -> Path:
+    """The file of a task's gains."""
+    return Path(arguments.out) if arguments.out else arguments.home / f"{task}.toml"
+
+
+def current(path: Path) -> dict[str, Any]:
+    """The gains on file."""
+    return tomllib.loads(path.read_text("utf-8-sig")) if path.is_file() else {}
+
+
+def text_of(tables: dict[str, Any], env_id: str, margin: float) -> str:
+    """TOML text of the gains of all controllers."""
+    how = "" if margin == MARGIN else f" --margin {margin:g}"
+    lines = [
+        f"# Gains of the controllers on {env_id}, found by `python -m agents.tune --env {env_id}{how}`;",
+        "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, mpc.py, time_optimal.py.",
+    ]
+    for name in control.NAMES:
+        if name in tables:
+            lines += ["", f"[{name}]", *(f"{key} = {value}" for key, value in tables[name].items())]
+    return "\n".join(lines) + "\n"
+
+
+def search_all(arguments: Arguments) -> None:
+    """Tune what is asked for, print and write it."""
+    chosen = arguments.controllers.split(",")
+    for name in chosen:
+        if name not in control.NAMES:
+            raise ValueError(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
+    env = episodes.make_episodes(arguments.env, arguments.episodes)
+    measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured")
+    task = control.Setup.of(env).task
+    path = place(task, arguments)
+    tables = current(path)
+    for name in chosen:
+        if name == "time_optimal" and task != "slew":
+            continue
+        clock = time.perf_counter()
+        tables[name], result = tune(name, measured if name == "lqg" else env, arguments)
+        print(
+            f"{name:13s} success {result.success.mean():.2f}  settling mean {result.settling.mean():.3f} s, "
+            f"median {np.median(result.settling):.3f} s  {tables[name]}  ({time.perf_counter() - clock:.0f} s)",
+            flush=True,
+        )
+        if not arguments.dry:
+            write_text(path, text_of(tables, arguments.env, arguments.margin))
+
+
+def main(program: str = "flexarm tune", words: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    return command(Arguments, program, __doc__, search_all, words)
