@@ -6,10 +6,10 @@ newest requirements of every Python from 3.11 on that the machine has and under 
 `tests.versions`), and the source distribution under the newest. In each of these environments, from an empty folder,
 the command line checks itself and makes two players: a scene, a packaged policy beside PD. The browser of `make
 test-browser` opens them, and pictures are left in runs/release/. Compilation left out, all that takes a minute at most
-(of processor time: other work on the machine does not count). The wheel with its extra "train" is installed once more by
-the Python that runs this: there a policy is trained for a moment, judged, exported to C, and drives an arm that is
-served. The exit code is 1 where something fails; the table at
-the end says what was tried, and `python -m tests.release --page` keeps it as docs/results/releases.md.
+(of processor time: other work on the machine does not count). The wheel with its extra "train" is installed once more,
+by the Python that runs this: there a policy is trained for a moment, judged, exported to C, and drives an arm that is
+served. The exit code is 1 where something fails; the table at the end says what was tried, and
+`python -m tests.release --page` keeps it as docs/results/releases.md.
 """
 
 from __future__ import annotations
@@ -120,11 +120,11 @@ def trained(python: Path, folder: Path) -> None:
     """Train, judge, tune and export in an empty folder, then serve an arm and let the policy drive it."""
     own, flexarm = _plain() | {"FLEXARM_CACHE_DIR": str(FOLDER / "cache")}, [python, "-m", "flexarm_env"]
     for words in TRAINED:
-        done = subprocess.run([*flexarm, *words.split()], cwd=folder, env=own, capture_output=True, text=True, check=False)
+        done = subprocess.run([*flexarm, *words.split()], cwd=folder, env=own, capture_output=True, check=False)
         if done.returncode:
-            raise RuntimeError(f"flexarm {words}: {(done.stdout + done.stderr)[-2000:]}")
-    missing = [name for name in ("run/policy.npz", "g/policy.npz", "judged/table.md", "policy.c", "runs/gains/slew.toml")
-               if not (folder / name).is_file()]  # fmt: skip
+            raise RuntimeError(f"flexarm {words}: {(done.stdout + done.stderr)[-2000:]!r}")
+    written = ("run/policy.npz", "g/policy.npz", "judged/table.md", "policy.c", "runs/gains/slew.toml")
+    missing = [name for name in written if not (folder / name).is_file()]
     if missing:
         raise RuntimeError(f"not written: {', '.join(missing)}")
     serve = [*flexarm, "serve", "FlexibleArm-v0", "--rate", "50", "--port", "0", "--seconds", "120"]

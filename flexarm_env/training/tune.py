@@ -1,6 +1,6 @@
 """Tune the gains of the classical controllers: random search, then Nelder-Mead, on episodes of their own.
 
-    flexarm tune --env FlexibleArm-v0                   # all controllers, a few minutes
+    flexarm tune --env FlexibleArm-v0                   # all controllers but mpc
     flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,lqr
     flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,zv --margin 0 --out reach.toml
 
@@ -62,7 +62,7 @@ class Arguments:
 
     Args:
         env: id of the environment.
-        controllers: names, separated by commas; default all but mpc, which takes hours.
+        controllers: names, separated by commas; default all but mpc, which takes long.
         samples: of the random search.
         refinements: evaluations of Nelder-Mead.
         episodes: an evaluation runs.
