@@ -102,6 +102,7 @@ def installed(python: str, age: str, file: Path) -> Path:
     inside = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     pinned = [f"{name}=={low}" for name, (low, _) in bounds().items()] if age == "oldest" else []
     pip = [inside, "-m", "pip", "install", "--disable-pip-version-check", "--quiet"]
+    pip += ["-c", ROOT / "constraints.txt"] if age == "train" else []  # so that PyTorch is the one that is tested with
     subprocess.run([*pip, str(file), *pinned], check=True, env=_plain())
     return inside
 

@@ -1,0 +1,77 @@
+/* One joint held at an angle over UDP: cc -std=c99 -o wire wire.c && ./wire 127.0.0.1 7070 200 0.5
+ *
+ * The other end of `flexarm serve`, without a key: HELLO, WELCOME, then a COMMAND a period and a READING back. For a
+ * little-endian machine with POSIX sockets. Control is PD here: 8 N m/rad, 1.5 N m s/rad.
+ */
+#define _POSIX_C_SOURCE 200112L
+#include <arpa/inet.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+
+enum { HELLO = 1, WELCOME, COMMAND, READING, BYE, ARM = 1, RESET = 4, HEAD = 32, MOST = 138 };
+
+typedef struct {           /* offsets 0, 4, 6, 7, 8, 16, 20, 24: no gaps between them */
+    char magic[4];
+    uint16_t version;
+    uint8_t kind, flags;
+    uint64_t connection;
+    uint32_t sequence, count;
+    double time, numbers[MOST];
+} packet;
+
+static int put(int wire, packet *p, int kind, int flags, uint32_t count)
+{
+    memcpy(p->magic, "FXRM", 4);
+    p->version = 1;
+    p->kind = (uint8_t)kind;
+    p->flags = (uint8_t)flags;
+    p->sequence += kind != HELLO;
+    p->count = count;
+    return send(wire, p, HEAD + 8 * count, 0) < 0;
+}
+
+/* The next packet of a kind; 0 where none comes within the socket's time. */
+static int take(int wire, packet *p, int kind)
+{
+    for (int tries = 0; tries < 8; tries++) {
+        ssize_t size = recv(wire, p, sizeof *p, 0);
+        if (size < 0) return 0;
+        if (size >= HEAD && !memcmp(p->magic, "FXRM", 4) && p->version == 1 && p->kind == kind && p->count <= MOST &&
+            size == (ssize_t)(HEAD + 8 * p->count))
+            return 1;
+    }
+    return 0;
+}
+
+int main(int words, char **word)
+{
+    if (words != 5) return fprintf(stderr, "%s ADDRESS PORT PERIODS ANGLE\n", word[0]), 2;
+    struct sockaddr_in arm = {.sin_family = AF_INET, .sin_port = htons((uint16_t)atoi(word[2]))};
+    struct timeval patience = {.tv_sec = 2};
+    int wire = socket(AF_INET, SOCK_DGRAM, 0);
+    inet_pton(AF_INET, word[1], &arm.sin_addr);
+    setsockopt(wire, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    if (connect(wire, (struct sockaddr *)&arm, sizeof arm)) return perror("connect"), 1;
+
+    packet mine = {.connection = 4711}, theirs;
+    if (put(wire, &mine, HELLO, 0, 0) || !take(wire, &theirs, WELCOME)) return fputs("no answer\n", stderr), 1;
+    mine.connection = theirs.connection;
+    const double limit = theirs.numbers[4], goal = atof(word[4]);
+    const int joints = (int)theirs.numbers[1];
+    if (joints != 1) return fprintf(stderr, "%d joints: this is for one\n", joints), 1;
+
+    mine.numbers[0] = 0.0;
+    for (int k = 0; k < atoi(word[3]); k++) {
+        if (put(wire, &mine, COMMAND, k == 0 ? ARM | RESET : 0, 1) || !take(wire, &theirs, READING))
+            return fputs("no reading\n", stderr), 1;
+        /* numbers: last command, status, angle, rate, torque applied, then what the sensors read */
+        double torque = 8.0 * (goal - theirs.numbers[2]) - 1.5 * theirs.numbers[3];
+        mine.numbers[0] = torque > limit ? limit : torque < -limit ? -limit : torque;
+    }
+    printf("%.6f\n", theirs.numbers[2]);
+    return put(wire, &mine, BYE, 0, 0);
+}

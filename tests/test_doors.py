@@ -1,0 +1,122 @@
+"""The commands and programs of docs/doors.md, as they are printed there."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import flexarm_env  # noqa: F401
+from flexarm_env.compiler import UNCOMPILED
+from flexarm_env.control import load_policy
+from flexarm_env.remote import Limits, Server, Session
+from tests.processes import ROOT
+
+PAGE = (ROOT / "docs" / "doors.md").read_text("utf-8")
+needs_c = pytest.mark.skipif(shutil.which("cc") is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
+
+
+def blocks(kind: str) -> list[str]:
+    """The page's blocks of a language, in order."""
+    return re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)
+
+
+def shell(folder: Path, text: str) -> str:
+    """What a block of commands prints, in a folder, with this Python's `flexarm`."""
+    text = re.sub(r"^flexarm ", f"{sys.executable} -m flexarm_env ", text, flags=re.MULTILINE)
+    done = subprocess.run(["sh", "-ec", text], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[str, int, Session]]:
+    """An arm that answers packets on this machine."""
+    env = gym.make("FlexibleArm-v0", control_dt=0.01, duration=1e6)
+    session = Session(env, Limits(watchdog=100), seed=3)
+    server, over = Server(session), threading.Event()
+    thread = threading.Thread(target=server.serve, kwargs={"stopped": over.is_set})
+    thread.start()
+    yield *server.address, session
+    over.set()
+    thread.join()
+    server.close()
+
+
+@needs_c
+def test_an_arm_and_its_policy_in_c(tmp_path: Path) -> None:
+    """The numbers of Python's episode, but for what float32 sums of the policy leave."""
+    (tmp_path / "closed.c").write_text(blocks("c")[0])
+    printed = shell(tmp_path, blocks("sh")[0]).splitlines()[-1].split()
+    env, policy = gym.make("FlexibleArm-v0"), load_policy("flexible_arm")
+    observation, _ = env.reset(seed=7)
+    policy.reset(observation)
+    for _ in range(200):
+        observation, _, _, _, info = env.step(policy.act(observation))
+    assert printed[2] == "1" and info["is_success"]
+    assert np.array(printed[:2], float) == pytest.approx(info["tip_position"], abs=1e-6)
+    if shutil.which("cmake"):
+        assert "ok" in shell(tmp_path, blocks("sh")[1]).splitlines()[-1]
+
+
+@needs_c
+def test_a_served_arm_is_driven_from_c(tmp_path: Path, served: tuple[str, int, Session]) -> None:
+    host, port, session = served
+    shutil.copyfile(ROOT / "docs" / "examples" / "wire.c", tmp_path / "wire.c")
+    text = blocks("sh")[2].replace("127.0.0.1 7070", f"{host} {port}").replace("cc ", "cc -Wall -Wextra -Werror ")
+    assert float(shell(tmp_path, text)) == pytest.approx(0.5, abs=0.02)
+    assert session.counts["accepted"] == 202 and set(session.counts) == {"accepted", "missing"}
+    assert session.counts["missing"] == 0
+
+
+def test_the_node_of_ros_moves_an_arm(monkeypatch: pytest.MonkeyPatch, served: tuple[str, int, Session]) -> None:
+    """Against a stand-in of rclpy: what it publishes is what the arm reads, what it is sent acts."""
+    sent: list[Any] = []
+
+    class Node:
+        """Of rclpy, as much as the page uses."""
+
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
+            return types.SimpleNamespace(publish=sent.append)
+
+        def create_subscription(self, *given: Any) -> None:
+            pass
+
+        def create_timer(self, period: float, tick: Any) -> None:
+            self.period = period
+
+        def get_clock(self) -> Any:
+            return types.SimpleNamespace(now=lambda: types.SimpleNamespace(to_msg=lambda: 0))
+
+    known = {
+        "rclpy": {}, "rclpy.node": {"Node": Node}, "sensor_msgs": {}, "std_msgs": {},
+        "sensor_msgs.msg": {"JointState": lambda: types.SimpleNamespace(header=types.SimpleNamespace())},
+        "std_msgs.msg": {"Float64MultiArray": types.SimpleNamespace},
+    }  # fmt: skip
+    for name, words in known.items():
+        module = types.ModuleType(name)
+        vars(module).update(words)
+        monkeypatch.setitem(sys.modules, name, module)
+    scope: dict[str, Any] = {"__name__": "node"}
+    exec(blocks("python")[0], scope)
+    host, port, session = served
+    node = scope["ArmNode"](host, port)
+    node.asked(types.SimpleNamespace(data=[0.3]))
+    for _ in range(30):
+        node.tick()
+    node.wire.close()
+    assert node.period == 0.01 and len(sent) == 30 and sent[-1].effort == [pytest.approx(0.3, rel=1e-6)]
+    assert sent[-1].position[0] > sent[0].position[0] and session.counts["accepted"] >= 31
