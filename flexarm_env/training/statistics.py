@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from flexarm_env.training.episodes import Episodes
 
@@ -19,6 +18,8 @@ LEVEL = 0.95
 
 def bootstrap(values: Array, statistic: Callable[..., Any], seed: int = 0) -> tuple[float, float]:
     """Percentile bootstrap interval of a statistic (called with an axis) of the values (n,)."""
+    from scipy import stats
+
     if len(values) == 1:  # which SciPy refuses
         return float(values[0]), float(values[0])
     found = stats.bootstrap(
