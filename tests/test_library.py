@@ -18,6 +18,7 @@ from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.derivatives import Periods
 from flexarm_env.library import Built, build, write
 from tests.cli_tools import refused
+from tests.processes import python
 
 COMPILER = shutil.which("cc")
 
@@ -249,11 +250,52 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "libmy_strip.so" in capsys.readouterr().out and (out / "my_strip.h").is_file()
     for words, sentence in (
         (["nobody", "--to", "library", "--out", "x"], "nobody"),
-        (["strip", "--to", "library", "--out", "x", "--name", "1x"], "must be a C identifier"),
+        *(
+            (["strip", "--to", "library", "--out", "x", "--name", name], "must be a C identifier")
+            for name in ("1x", "", "a b", "x" * 61, "../x", "a\nb")
+        ),
+        (["strip", "--to", "library", "--out", ""], "--out = '': must be a path"),
+        (["strip", "--to", "library", "--out", str(tmp_path / "my-strip" / "my_strip.h")], "my_strip.h: File exists"),
         (["strip", "--to", "library", "--out", "x", "--env-kwargs", "{"], "must be JSON"),
         (["two_link", "--to", "c", "--out", "x.c", "--cpu", "native"], "but with --to library or fmu"),
     ):
         assert sentence in refused(capsys, "export", *words)
+
+
+@pytest.mark.skipif(UNCOMPILED, reason="nothing is compiled")
+@pytest.mark.parametrize("cpu", ["nope", "i386", "help", "", "native ", "-x", "z" * 5000, "a\0"])
+def test_a_processor_that_llvm_does_not_make_code_for(tmp_path: Path, cpu: str) -> None:
+    """LLVM ended Python by an abort for the first, and listed what it knows for the third."""
+    with pytest.raises(ValueError, match=r"cpu = .*: must be native, or x86-64-v3"):
+        write(gym.make("FlexibleArm-v0"), tmp_path / "arm", "arm", cpu=cpu)
+    assert not list(tmp_path.iterdir())
+
+
+FULL = """
+import resource, signal
+from pathlib import Path
+import gymnasium as gym
+import flexarm_env
+from flexarm_env.library import write
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    write(gym.make("FlexibleArm-v0"), Path("full"), "arm", derivatives=False)
+except OSError as error:
+    print(error.filename, "|", error.strerror, "|", *Path("full").iterdir())
+"""
+
+
+@needs_c
+def test_a_disk_that_is_full_and_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = python("-c", FULL, cwd=tmp_path)
+    assert done.stdout == "full/arm_step_program.o | File too large |\n", done.stderr
+    (tmp_path / "cc").write_text("#!/bin/sh\necho 'ld: error: no room' >&2\necho collect2 >&2\nexit 1\n")
+    (tmp_path / "cc").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    with pytest.raises(OSError, match="cc ends with ld: error: no room") as error:
+        build.linked(tmp_path, "libarm.so", ["arm.c"])
+    assert error.value.filename == str(tmp_path / "libarm.so")
 
 
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ import pytest
 
 import flexarm_env  # noqa: F401
 from flexarm_env.cli import main
+from flexarm_env.cli.remote import key_of
 from flexarm_env.control import make as controller
 from flexarm_env.remote import (
     MOST_NUMBERS,
@@ -68,12 +70,13 @@ def reading(session: Session) -> Packet:
 
 @pytest.mark.parametrize("key", [None, KEY])
 def test_a_packet_there_and_back(key: bytes | None) -> None:
-    packet = Packet(Kind.COMMAND, 2**64 - 1, 2**32 - 1, 1.5, (0.25, -1e300), ARM | SET_POINTS)
+    packet = Packet(Kind.COMMAND, 2**64 - 1, 2**32 - 1, 1.5, (0.25, -1e30), ARM | SET_POINTS)
     content = pack(packet, key)
     assert unpack(content, key) == packet and len(content) == HEAD.size + 16 + (32 if key else 0)
     assert content[:8] == b"FXRM\x01\x00\x03\x03"
     assert unpack(content, b"another") in (Refusal.FORGED, Refusal.SIZE)
     assert unpack(pack(packet._replace(numbers=(math.nan,)), key), key) is Refusal.NUMBERS
+    assert unpack(pack(packet._replace(numbers=(1e31,)), key), key) is Refusal.NUMBERS
     assert unpack(pack(packet._replace(time=math.inf), key), key) is Refusal.NUMBERS
     assert unpack(pack(packet._replace(numbers=(0.0,) * (MOST_NUMBERS + 1)), key), key) is Refusal.SIZE
     assert unpack(b"") is Refusal.SIZE and unpack(b"x" * HEAD.size) is Refusal.FOREIGN
@@ -231,7 +234,7 @@ def test_over_loopback(server: Server, tmp_path: Path, monkeypatch: pytest.Monke
     with pytest.raises(ValueError, match="must be 1 finite"):
         plain.step([math.nan])
     monkeypatch.setattr(client, "PATIENCE", 0.3)
-    for key in (b"another key", None):
+    for key in (b"another key of 16 bytes", None):
         with pytest.raises(ConnectionError, match="no answer within"):
             Wire(host, port, key)
     monkeypatch.undo()
@@ -246,6 +249,96 @@ def test_over_loopback(server: Server, tmp_path: Path, monkeypatch: pytest.Monke
     simulated.close()
     rows = (tmp_path / "log.csv").read_text().splitlines()
     assert rows[0].startswith("t,angle0,rate0,torque0,hub_sin,hub_cos")
+
+
+LIES: tuple[tuple[tuple[float, ...], tuple[float, ...], str], ...] = (
+    ((0.01, 1, 1, 5, 1.0, 0.0), (), "a welcome that"),
+    ((0.0, 1, 1, 5, 1.0, 1.0), (), "a welcome that"),
+    ((1e29, 1, 1, 5, 1.0, 1.0), (), "a welcome that"),
+    ((0.01, 0, 1, 5, 1.0), (), "a welcome that"),
+    ((0.01, -1, 1, 5, 1.0, 1.0), (), "a welcome that"),
+    ((0.01, 1.5, 1, 5, 1.0, 1.0), (), "a welcome that"),
+    ((0.01, 1, 1, 0, 1.0, 1.0), (), "a welcome that"),
+    ((0.01, 1, 1, 5, 1.0, 1.0), (0.0,), "a reading of another size"),
+    ((0.01, 1, 1, 5, 1.0, 1e-8), (0.0, 0.0, 0.0, 0.0, 0.0, 1e30), ""),
+)
+
+
+@pytest.mark.parametrize(("welcome", "reading", "sentence"), LIES)
+def test_an_arm_that_lies(welcome: tuple[float, ...], reading: tuple[float, ...], sentence: str) -> None:
+    """What an arm says of itself is believed within bounds; its readings are float32 whatever they are."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as arm:
+        arm.bind(("127.0.0.1", 0))
+        arm.settimeout(5.0)
+
+        def answer(count: int) -> None:
+            for k in range(count):
+                content, address = arm.recvfrom(2048)
+                hello = unpack(content) == Packet(Kind.HELLO, HEAD.unpack_from(content)[4], 0)
+                told = (
+                    Packet(Kind.WELCOME, 9, 1, 0.0, welcome) if hello else Packet(Kind.READING, 9, k + 1, 0.0, reading)
+                )
+                arm.sendto(pack(told), address)
+
+        answering = threading.Thread(target=answer, args=(2 if reading else 1,))
+        answering.start()
+        if sentence:
+            with pytest.raises(ConnectionError, match=sentence):
+                RemoteArmEnv(*arm.getsockname()).reset()
+        else:
+            env = RemoteArmEnv(*arm.getsockname())
+            assert np.isfinite(env.reset()[0]).all()
+            env.wire.sequence = 2**32 - 2
+            with pytest.raises(ConnectionError, match="make another"):
+                env.step([0.0])
+            env.close()
+        answering.join()
+
+
+def test_a_connection_ends_with_its_numbers() -> None:
+    """After 2^32 packets, fifty days at a kilohertz, the arm is held and its peer has to begin anew."""
+    session = made(limits=Limits(watchdog=10**6))
+    connection = joined(session)
+    command(session, connection, 2**32 - 1, 1.0, ARM)
+    session.sent = 2**32 - 2
+    assert reading(session).sequence == 2**32 - 1 and session.torque[0] == 1.0
+    session.advance()
+    assert session.advance() is None and session.held and session.torque[0] == 0.0
+    assert joined(session) != connection
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: Wire("127.0.0.1", 70000), "port = 70000: must be a whole number, from 1 to 65535"),
+        (lambda: Wire("127.0.0.1", 0), "port = 0"),
+        (lambda: Wire("127.0.0.1", "7070"), "port = '7070'"),  # type: ignore[arg-type]
+        (lambda: Wire(None, 7070), "host = None: must be a text"),  # type: ignore[arg-type]
+        (lambda: Wire("a\0", 7070), "host = 'a.x00': must be a host's name"),
+        (lambda: Wire("no such host", 7070), "no such host:7070"),
+        (lambda: Wire("127.0.0.1", 9, timeout=math.nan), "timeout = nan"),
+        (lambda: Wire("127.0.0.1", 9, key=b"short"), "key = 'bytes of 5': must be at least 16 bytes"),
+        (lambda: made(key="a text of 16 letters"), "key = 'str of 20'"),
+        (lambda: made(limits=None), "limits = None: must be a Limits"),
+        (lambda: Session(gym.make("FlexibleArm-v0"), seed=-1), "seed = -1"),
+        (lambda: Server(made(), port=-1), "port = -1: must be a whole number, from 0 to 65535"),
+        (lambda: Server(made(), host="8.8.8.8", insecure=True), "8.8.8.8:0"),
+        (lambda: Limits(angle="x"), "angle = 'x'"),  # type: ignore[arg-type]
+        (lambda: Limits(watchdog=10**30), "watchdog = 1000"),
+    ],
+)
+def test_what_is_given_is_refused_in_a_sentence(make: Any, sentence: str) -> None:
+    with pytest.raises((ValueError, OSError), match=sentence):
+        make()
+
+
+def test_a_session_does_not_show_its_key() -> None:
+    session = made(key=KEY)
+    server = Server(session)
+    server.close()
+    assert "both ends" not in repr(session) + repr(server)
+    with pytest.raises(ValueError, match="is closed; make another server"):
+        server.serve(0.1)
 
 
 def test_beyond_loopback_wants_a_key() -> None:
@@ -266,7 +359,37 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert found == [0] and told["packets"] == {} and told["periods"] >= 1
     rows = np.genfromtxt(log, delimiter=",", names=True)
     assert rows["t"][0] == 0.0 and rows["t"][1] == 0.01 and not rows["torque0"].any()
+    assert main(["serve", "FlexibleArm-v0", "--port", "0", "--seconds", "0.1", "--log", "/dev/full"]) == 2
+    assert capsys.readouterr().err == "flexarm serve: /dev/full: No space left on device\n"
+    short, open_, good = (tmp_path / word for word in ("short", "open", "good"))
+    for file, mode in ((short, 0o600), (open_, 0o644), (good, 0o600)):
+        file.write_bytes(b"sixteen" if file is short else b"sixteen bytes or more")
+        file.chmod(mode)
+    assert key_of(str(good)) == good.read_bytes()
     for words, sentence in (
+        *(
+            (["serve", "FlexibleArm-v0", "--key", str(path)], told)
+            for path, told in (
+                (short, "must hold from 16 to 4096 bytes"),
+                (open_, f"chmod 600 {open_}"),
+                (tmp_path, "must be a file"),
+                ("/dev/zero", "must be a file"),
+                ("", "must be a file"),
+            )
+        ),
+        *(
+            (["serve", "FlexibleArm-v0", *flags.split()], flags.split()[0][2:])
+            for flags in (
+                "--port 65536",
+                "--port -1",
+                "--seconds nan",
+                "--seconds 0",
+                "--most-rate nan",
+                "--watchdog 0",
+            )
+        ),
+        (["run", "pd", "--to", "127.0.0.1:65536"], "a port from 1 to 65535"),
+        (["run", "pd", "--env", "FlexibleArm-v0", "--to", "no.such.host.invalid:7070"], "no.such.host.invalid:7070: "),
         (["serve", "nobody"], "nobody"),
         (["serve", "FlexibleArm-v0", "--rate", "0"], "--rate"),
         (["serve", "FlexibleArm-v0", "--host", "0.0.0.0", "--port", "0"], "must be this machine, or be given a key"),

@@ -25,6 +25,8 @@ FORMS = {"onnx": ".onnx", "c": ".c"}
 
 def run(args: argparse.Namespace) -> int:
     """Write the file, or the folder, and say what is in it."""
+    if not args.out.strip():
+        raise check.InvalidValue("--out", args.out, "must be a path")
     out = Path(args.out)
     if args.fmi is not None and args.to != "fmu":
         raise check.InvalidValue("--fmi", args.fmi, "must not be given but with --to fmu")
@@ -54,7 +56,7 @@ def _arm(args: argparse.Namespace, out: Path) -> int:
     if fmu and out.suffix.lower() != ".fmu":
         raise check.InvalidValue("--out", args.out, "must end in .fmu for --to fmu")
     env = environment(args.what, keywords(args.env_kwargs))
-    name = args.name or c_name(out.resolve().stem if fmu else out.resolve().name)
+    name = args.name if args.name is not None else c_name(out.resolve().stem if fmu else out.resolve().name)
     if fmu:
         write_fmu(env, out, name, args.fmi or "3.0", args.cpu)
         values: dict[str, Any] = {"export": str(out), "bytes": out.stat().st_size}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,10 @@ from flexarm_env.cli.play import KEYBOARD, choose, keywords
 from flexarm_env.cli.progress import show
 from flexarm_env.control import Setup
 from flexarm_env.remote import Limits, RemoteArmEnv, Server, Session, run_policy
+from flexarm_env.remote.packet import SHORTEST
+
+LONGEST = 4096
+"""Bytes of a key."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -25,12 +30,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def key_of(path: str | None) -> bytes | None:
-    """A shared key from a file of at least 16 bytes."""
+    """A shared key from a file that is nobody else's."""
     if path is None:
         return None
-    key = Path(path).read_bytes().strip()
-    if len(key) < 16:
-        raise check.InvalidValue("--key", path, "must hold at least 16 bytes")
+    file = Path(path)
+    mode = file.stat().st_mode
+    if not stat.S_ISREG(mode):
+        raise check.InvalidValue("--key", path, f"must be a file of {SHORTEST} bytes or more")
+    if mode & 0o007:
+        raise check.InvalidValue("--key", path, f"must be no file that everybody can read or write: chmod 600 {path}")
+    with file.open("rb") as opened:
+        key = opened.read(LONGEST + 1).strip()
+    if not SHORTEST <= len(key) <= LONGEST:
+        raise check.InvalidValue("--key", path, f"must hold from {SHORTEST} to {LONGEST} bytes")
     return key
 
 
@@ -39,9 +51,11 @@ def _serve(args: argparse.Namespace) -> int:
     rate = check.number("--rate", args.rate, "Hz", minimum=1.0, maximum=10_000.0)
     given = {"control_dt": 1.0 / rate, "duration": 1e6} | keywords(args.env_kwargs)
     angle, rate_limit, slew = (
-        math.inf if value is None else float(value) for value in (args.most_angle, args.most_rate, args.most_change)
+        math.inf if value is None else check.number(f"--most-{word}", value, above=0.0)
+        for word, value in (("angle", args.most_angle), ("rate", args.most_rate), ("change", args.most_change))
     )
     limits = Limits(angle, rate_limit, slew, args.watchdog)
+    seconds = math.inf if args.seconds is None else check.number("--seconds", args.seconds, "s", above=0.0)
     session = Session(environment(args.what, given), limits, key_of(args.key), args.hold, args.seed)
     log = None if args.log is None else Path(args.log)
     server = Server(session, args.host, args.port, log, args.insecure)
@@ -49,7 +63,7 @@ def _serve(args: argparse.Namespace) -> int:
     if not args.json:
         print(f"serving {args.what} at {host}:{port}, {rate:g} Hz; Ctrl-C ends it. No safety system.", flush=True)
     try:
-        server.serve(math.inf if args.seconds is None else args.seconds)
+        server.serve(seconds)
     except KeyboardInterrupt:
         pass
     finally:
@@ -63,9 +77,9 @@ def _serve(args: argparse.Namespace) -> int:
 
 def _drive(args: argparse.Namespace) -> int:
     """Drive the arm and say what came of it."""
-    host, mark, port = args.to.rpartition(":")
-    if not mark or not port.isdecimal():
-        raise check.InvalidValue("--to", args.to, "must be HOST:PORT")
+    host, _, port = args.to.rpartition(":")
+    if not host or not (port.isascii() and port.isdecimal() and 0 < int(port[:6]) < 65536 and len(port) < 6):
+        raise check.InvalidValue("--to", args.to, "must be HOST:PORT, a port from 1 to 65535")
     player = choose(args.policy)
     env_id = args.env or player.env_id
     if player.name == KEYBOARD or not env_id:

@@ -9,7 +9,10 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import re
 import struct
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -241,6 +244,26 @@ def machine(cpu: str | None = None, linked: bool = False) -> Any:
     return llvm.Target.from_default_triple().create_target_machine(
         cpu=cpu or own, features=features if cpu in (None, own) else "", opt=3, jit=not linked, **where
     )
+
+
+_ASKED = """
+import sys
+import llvmlite.binding as llvm
+llvm.initialize_native_target()
+llvm.initialize_native_asmprinter()
+made = llvm.Target.from_default_triple().create_target_machine(cpu=sys.argv[1])
+module = llvm.parse_assembly("define double @f(double %x) { ret double %x }")
+module.triple, module.data_layout = made.triple, str(made.target_data)
+made.emit_object(module)
+"""
+
+
+def is_processor(cpu: str) -> bool:
+    """Whether LLVM makes code for a processor of this name, asked by a process of its own: another's name ends one."""
+    if not re.fullmatch(r"[\w.+-]{1,64}", cpu, flags=re.ASCII) or cpu.startswith("-"):
+        return False
+    done = subprocess.run([sys.executable, "-c", _ASKED, cpu], capture_output=True, check=False)
+    return done.returncode == 0 and not done.stderr and not done.stdout
 
 
 def machine_code(text: str, made: Any) -> bytes:

@@ -16,6 +16,7 @@ import numpy as np
 from .. import validation as check
 from ..compiler import UNCOMPILED
 from ..compiler.image import Image
+from ..compiler.program import is_processor
 from ..derivatives import Periods
 from ..files import write_whole
 from ..runtime import adjoint, episode, starts
@@ -70,9 +71,12 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
         raise check.InvalidValue(
             "motion", plan.motion, "must be left out: a library's arm is moved by its motors alone"
         )
-    if not re.fullmatch(r"[A-Za-z_]\w*", name, flags=re.ASCII):
-        raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _")
-    target = None if cpu == "native" else cpu or CPU
+    if not re.fullmatch(r"[A-Za-z_]\w{0,59}", name, flags=re.ASCII):
+        raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _, at most 60")
+    target = None if cpu == "native" else CPU if cpu is None else cpu
+    if target not in (None, CPU) and not is_processor(target):
+        raise check.InvalidValue("cpu", cpu, "must be native, or x86-64-v3, znver4, ... as LLVM calls them")
+    folder.mkdir(parents=True, exist_ok=True)  # what cannot be written is told before anything is compiled
     program = batch.program._replace(action=np.zeros(batch.action.size), books=(0,))
     worlds = [Image.of(program, CHANGING)]
     made = [(f"{name}_step_program", episode.step), (f"{name}_start_program", starts.start_episodes)]
@@ -92,7 +96,6 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     }
     source = Source(env, name, worlds, periods, absent, [symbol for symbol, _ in made], target or "this machine")
     files = {**objects, **{key: text.encode() for key, text in source.files().items()}}
-    folder.mkdir(parents=True, exist_ok=True)
     for key, content in files.items():
         write_whole(folder / key, content)
     library, why = linked(folder, f"lib{name}.so", [f"{name}.c", *objects])
@@ -111,6 +114,12 @@ def _periods(batch: Any) -> tuple[Periods | None, str]:
     return periods, ""
 
 
+def told(stderr: str) -> str:
+    """The first error of a compiler, or the last thing it said."""
+    lines = stderr.strip().splitlines() or ["no word"]
+    return next((line for line in lines if "error" in line.lower()), lines[-1])[:500]
+
+
 def linked(folder: Path, library: str, parts: Sequence[str]) -> tuple[str | None, str]:
     """A shared object of files of C and objects, made by the machine's C compiler; None and why."""
     compiler = next((word for word in ("cc", "gcc", "clang") if shutil.which(word)), None)
@@ -122,5 +131,5 @@ def linked(folder: Path, library: str, parts: Sequence[str]) -> tuple[str | None
     ]  # fmt: skip
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()[-2000:]}")
+        raise OSError(done.returncode, f"{compiler} ends with {told(done.stderr)}", str(folder / library))
     return library, ""

@@ -45,9 +45,7 @@ class Variable(NamedTuple):
     @property
     def causality(self) -> str:
         """As the standard calls it."""
-        return {"INPUT": "input", "TIME": "independent"}.get(
-            self.kind, "output" if self.start is None else "parameter"
-        )
+        return {"INPUT": "input", "TIME": "independent"}.get(self.kind, "output" if self.start is None else "parameter")
 
 
 def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | None = None) -> Built:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-import socket
 import time
 from typing import Any
 
@@ -12,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from .packet import ARM, HELD, OVER, RESET, SET_POINTS, Kind, Packet, Refusal, pack, unpack
+from .packet import ARM, HELD, LAST, OVER, RESET, SET_POINTS, Kind, Packet, Refusal, checked, datagrams, pack, unpack
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
 
 PATIENCE = 3.0
 """s that an answer to a HELLO, or the first reading, is waited for."""
+LONGEST, LEAST = 3600.0, 1e-8
+"""s: the longest period that is believed; the least scale, by which every reading is a float32."""
 
 
 class Wire:
@@ -31,19 +32,17 @@ class Wire:
             seen (M,), flags, status, time: of the last reading.
     Raises:
         ConnectionError: nobody answers, or somebody else is being served.
-        ValueError: a torque that is not finite.
+        OSError: there is no such host. ValueError: an argument that is none; a torque that is not finite.
     """
 
     def __init__(self, host: str, port: int, key: bytes | None = None, timeout: float | None = None) -> None:
-        self.key, self.sequence, self._last = key, 0, 0
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.connect((host, port))
+        self.key, self.sequence, self._last = checked(key), 0, 0
         self.connection, self.lost = secrets.randbits(64), 0
-        try:
+        if timeout is not None:
+            check.number("timeout", timeout, "s", above=0.0, maximum=LONGEST)
+        with datagrams(host, port, 1) as self.socket:
+            self.socket.connect((host, port))
             self._meet(f"{host}:{port}")
-        except BaseException:
-            self.socket.close()
-            raise
         n, period = len(self.limits), self.period
         self.timeout = 10.0 * period if timeout is None else timeout
         self.angles = self.rates = self.torques = np.zeros(n)
@@ -51,10 +50,12 @@ class Wire:
 
     def _meet(self, where: str) -> None:
         welcome = self._hello(where)
-        self.period, joints, entries, watchdog = welcome[:4]
+        period, joints, entries, watchdog = welcome[:4]
+        self.period = period
         self.watchdog, n = int(watchdog), int(joints)
         self.limits, self.scales = np.array(welcome[4 : 4 + n]), np.array(welcome[4 + n :])
-        if len(self.limits) != n or len(self.scales) != int(entries) or not (self.limits > 0.0).all():
+        sizes = 0 < n == joints == len(self.limits) and len(self.scales) == entries and 0.0 < period <= LONGEST
+        if not sizes or watchdog < 1.0 or not (self.limits > 0.0).all() or not (self.scales >= LEAST).all():
             raise ConnectionError(f"{where}: a welcome that does not say what its arm has")
 
     def _hello(self, where: str) -> tuple[float, ...]:
@@ -90,11 +91,21 @@ class Wire:
             return found
         return None
 
+    def numbers(self, name: str, given: Any) -> Array:
+        """One for each joint. ValueError for what is none."""
+        try:
+            found = np.asarray(given, np.float64)
+        except (TypeError, ValueError, OverflowError):
+            found = np.array(np.nan)
+        if found.shape != self.limits.shape or not np.isfinite(found).all():
+            raise check.InvalidValue(name, given, f"must be {len(self.limits)} finite number(s)")
+        return found
+
     def command(self, torques: Any, flags: int = 0) -> None:
         """Ask for torques (N,), N m, clipped to the limits; with `SET_POINTS` for angles, rad."""
-        wanted = np.asarray(torques, np.float64)
-        if wanted.shape != self.limits.shape or not np.isfinite(wanted).all():
-            raise check.InvalidValue("torques", torques, f"must be {len(self.limits)} finite number(s)")
+        wanted = self.numbers("torques", torques)
+        if self.sequence >= LAST - 1:
+            raise ConnectionError(f"{LAST} packets have been sent, all that a connection has: make another")
         self.sequence += 1
         asked = wanted if flags & SET_POINTS else np.clip(wanted, -self.limits, self.limits)
         self._put(Packet(Kind.COMMAND, self.connection, self.sequence, time.time(), tuple(asked.tolist()), flags))
@@ -164,10 +175,7 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
 
     def step(self, action: Any) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
         """Ask for torques and wait for what comes of them."""
-        values = np.asarray(action, np.float64)
-        if values.shape != self.action_space.shape or not np.isfinite(values).all():
-            raise check.InvalidValue("action", action, f"must be {len(self.wire.limits)} finite number(s)")
-        self.wire.command(np.clip(values, -1.0, 1.0) * self.wire.limits)
+        self.wire.command(np.clip(self.wire.numbers("action", action), -1.0, 1.0) * self.wire.limits)
         came = self.wire.read()
         over = bool(self.wire.flags & OVER)
         held = bool(self.wire.flags & HELD) and not over

@@ -22,14 +22,22 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import math
+import socket
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import Enum, IntEnum
 from typing import NamedTuple
+
+from .. import validation as check
 
 MAGIC, VERSION = b"FXRM", 1
 HEAD, DIGEST = struct.Struct("<4sHBBQIId"), hashlib.sha256().digest_size
 MOST_NUMBERS = (1200 - HEAD.size - DIGEST) // 8
+LAST = 2**32 - 1
+"""The largest sequence number, of which a connection ends."""
+SHORTEST = 16
+"""Bytes of a key."""
 
 ARM, SET_POINTS, RESET = 1, 2, 4
 """Flags of a command: end the watchdog's hold; numbers are angles; start anew, where the arm can."""
@@ -53,7 +61,7 @@ class Refusal(Enum):
     SIZE = "its size is not that of a packet"
     FOREIGN = "it is not of this protocol, or of another version or kind"
     FORGED = "its HMAC is not that of the shared key"
-    NUMBERS = "a number is not finite, or there are too few or too many"
+    NUMBERS = f"a number is not finite or beyond {check.LARGEST:g}, or there are too few or too many"
     STRANGER = "it is of another connection or peer"
     OLD = "its sequence number has been seen, or is older than one that has"
 
@@ -72,9 +80,7 @@ class Packet(NamedTuple):
 def pack(packet: Packet, key: bytes | None = None) -> bytes:
     """The bytes of a packet, signed where there is a key."""
     count = len(packet.numbers)
-    head = HEAD.pack(
-        MAGIC, VERSION, packet.kind, packet.flags, packet.connection, packet.sequence, count, packet.time
-    )
+    head = HEAD.pack(MAGIC, VERSION, packet.kind, packet.flags, packet.connection, packet.sequence, count, packet.time)
     body = head + struct.pack(f"<{count}d", *packet.numbers)
     return body if key is None else body + hmac.new(key, body, hashlib.sha256).digest()
 
@@ -94,6 +100,35 @@ def unpack(content: bytes, key: bytes | None = None) -> Packet | Refusal:
     if count != size // 8:
         return Refusal.SIZE
     numbers = struct.unpack_from(f"<{count}d", body, HEAD.size)
-    if not all(map(math.isfinite, (time, *numbers))):
+    if not all(abs(number) <= check.LARGEST for number in (time, *numbers)):
         return Refusal.NUMBERS
     return Packet(Kind(kind), connection, sequence, time, numbers, flags)
+
+
+def checked(key: bytes | None) -> bytes | None:
+    """A shared key. ValueError for what is none, or is soon guessed."""
+    if key is not None and (not isinstance(key, bytes) or len(key) < SHORTEST):
+        of = f"{type(key).__name__} of {len(key)}" if isinstance(key, bytes | str) else type(key).__name__
+        raise check.InvalidValue("key", of, f"must be at least {SHORTEST} bytes")
+    return key
+
+
+@contextmanager
+def datagrams(host: str, port: int, least: int) -> Iterator[socket.socket]:
+    """A UDP socket for an address, closed where what is done with it fails.
+
+    Raises:
+        ValueError: a host or port that is none. OSError: the system refuses the address; names it.
+    """
+    check.text("host", host, empty=False)
+    check.integer("port", port, minimum=least, maximum=65535)
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        yield made
+    except BaseException as error:
+        made.close()
+        if isinstance(error, OSError) and error.filename is None and not isinstance(error, ConnectionError):
+            raise OSError(error.errno, error.strerror, f"{host}:{port}") from None
+        if isinstance(error, UnicodeError | TypeError):
+            raise check.InvalidValue("host", host, "must be a host's name or its IPv4 address") from None
+        raise

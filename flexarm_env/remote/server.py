@@ -9,10 +9,10 @@ import csv
 import math
 import secrets
 import select
-import socket
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,23 @@ from .. import validation as check
 from ..control import make as controller
 from ..control.base import Setup
 from ..control.pd import PD
-from .packet import ARM, HELD, LIMITED, MOST_NUMBERS, OVER, RESET, SET_POINTS, Kind, Packet, Refusal, pack, unpack
+from .packet import (
+    ARM,
+    HELD,
+    LAST,
+    LIMITED,
+    MOST_NUMBERS,
+    OVER,
+    RESET,
+    SET_POINTS,
+    Kind,
+    Packet,
+    Refusal,
+    checked,
+    datagrams,
+    pack,
+    unpack,
+)
 
 Array = NDArray[np.float64]
 Address = tuple[str, int]
@@ -43,9 +59,10 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name in ("angle", "rate", "slew"):
-            if not getattr(self, name) > 0.0:
-                raise check.InvalidValue(name, getattr(self, name), "must be above 0")
-        check.integer("watchdog", self.watchdog, minimum=1)
+            value = getattr(self, name)
+            if value != math.inf:
+                check.number(name, value, above=0.0)
+        check.integer("watchdog", self.watchdog, minimum=1, maximum=LAST)
 
 
 @dataclass
@@ -63,7 +80,7 @@ class Session:
 
     env: Any
     limits: Limits = field(default_factory=Limits)
-    key: bytes | None = None
+    key: bytes | None = field(default=None, repr=False)
     hold: str = "zero"
     seed: int | None = None
 
@@ -71,6 +88,10 @@ class Session:
         plan = getattr(getattr(self.env, "unwrapped", None), "plan", None)
         if plan is None or plan.action_mode != "torque":
             raise ValueError(f"env = {self.env}: must be a single environment of this package, action_mode 'torque'")
+        check.instance("limits", self.limits, Limits)
+        checked(self.key)
+        if self.seed is not None:
+            check.integer("seed", self.seed, minimum=0)
         if self.hold not in ("zero", "angles"):
             raise check.InvalidValue("hold", self.hold, "must be 'zero' or 'angles'")
         self.setup, self.plain = Setup.of(self.env), self.env.unwrapped
@@ -190,6 +211,9 @@ class Session:
             if ended:
                 self._stop("the arm has stopped")
         self.period += 1
+        if self.sent >= LAST and self.peer is not None:
+            self.peer = None
+            self._stop("the connection's numbers are used up")
         if self.peer is None:
             return None
         flags = HELD * self.held | LIMITED * limited | OVER * (self.status != 0.0)
@@ -235,8 +259,8 @@ class Server:
     def __post_init__(self) -> None:
         if self.host not in LOOPBACK and self.session.key is None and not self.insecure:
             raise check.InvalidValue("host", self.host, "must be this machine, or be given a key (or said insecure)")
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind((self.host, self.port))
+        with datagrams(self.host, self.port, 0) as self.socket:
+            self.socket.bind((self.host, self.port))
         self.socket.setblocking(False)
         self.address: Address = self.socket.getsockname()[:2]
         self.late: list[float] = []
@@ -244,30 +268,35 @@ class Server:
 
     def serve(self, seconds: float = math.inf, stopped: Callable[[], bool] = lambda: False) -> None:
         """Step the arm at its rate and answer, for so long."""
-        period, session = self.session.plain.dt, self.session
-        file = None if self.log is None else self.log.open("w", newline="", encoding="utf-8")
+        period = self.session.plain.dt
+        if self.socket.fileno() < 0:
+            raise ValueError(f"{self.host}:{self.address[1]}: is closed; make another server")
+        opened = nullcontext() if self.log is None else self.log.open("w", newline="", encoding="utf-8")
         try:
-            writer = None if file is None else csv.writer(file, lineterminator="\n")
+            with opened as file:
+                self._serve(None if file is None else csv.writer(file, lineterminator="\n"), period, seconds, stopped)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, error.filename or str(self.log or self.host)) from None
+
+    def _serve(self, writer: Any, period: float, seconds: float, stopped: Callable[[], bool]) -> None:
+        session = self.session
+        if writer is not None:
+            writer.writerow(session.columns())
+        start = due = time.perf_counter()
+        while not stopped() and due - start < seconds:
+            due += period
+            self._listen(due)
+            began = time.perf_counter()
+            reading = session.advance()
+            if reading is not None:
+                self._send(reading, session.peer)
             if writer is not None:
-                writer.writerow(session.columns())
-            start = due = time.perf_counter()
-            while not stopped() and due - start < seconds:
-                due += period
-                self._listen(due)
-                began = time.perf_counter()
-                reading = session.advance()
-                if reading is not None:
-                    self._send(reading, session.peer)
-                if writer is not None:
-                    writer.writerow([f"{session.row[0]:.9g}", *map(repr, session.row[1:])])
-                if len(self.late) < 100_000:
-                    self.late.append(began - due)
-                    self.busy.append(time.perf_counter() - began)
-                if time.perf_counter() > due + period:  # periods that were missed are not caught up
-                    due = time.perf_counter()
-        finally:
-            if file is not None:
-                file.close()
+                writer.writerow([f"{session.row[0]:.9g}", *map(repr, session.row[1:])])
+            if len(self.late) < 100_000:
+                self.late.append(began - due)
+                self.busy.append(time.perf_counter() - began)
+            if time.perf_counter() > due + period:  # periods that were missed are not caught up
+                due = time.perf_counter()
 
     def _listen(self, until: float) -> None:
         while True:
