@@ -65,7 +65,7 @@ ROOMS: dict[str, set[str]] = {
     "recording": {*_DESCRIPTION, "trajectory", "batch", "envs", "view"},
     "sb3": {*_DESCRIPTION, "envs"},
     "suite": {*_DESCRIPTION, "control", "envs", "trajectory"},
-    "remote": {"validation", "control", "envs"},
+    "remote": {"validation", "files", "control", "envs"},
     "training": {*_DESCRIPTION, "control", "derivatives", "envs", "plotting", "sb3", "suite"},
     "library": {*_DESCRIPTION, *_COMPILED, "layout", "batch", "control", "derivatives"},
     "identification": {*_PHYSICS - {"batch"}, "derivatives", "plotting"},

@@ -1,16 +1,40 @@
-"""`flexarm identify`: from logs to an arm."""
+"""`flexarm excite` and `identify`: torques for a log, and from logs to an arm."""
 
 from __future__ import annotations
 
 import argparse
+import math
 from contextlib import closing
+from pathlib import Path
 
+from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED
+from flexarm_env.cli.parser import EXCITED
 from flexarm_env.cli.progress import ProgressBar, show
-from flexarm_env.identification import identify
+from flexarm_env.identification import excite, identify
 
 
 def run(args: argparse.Namespace) -> int:
+    """Design, or fit."""
+    return _excite(args) if args.command == "excite" else _identify(args)
+
+
+def _excite(args: argparse.Namespace) -> int:
+    """Design, write, say what it does to the arm."""
+    names = [flag.removeprefix("--").replace("-", "_") for flag, *_ in EXCITED]
+    if Path(args.out).suffix.lower() != ".csv":
+        raise check.InvalidValue("--out", args.out, "must end in .csv")
+    found = excite(args.arm, **{name: getattr(args, name) for name in names})
+    found.write(args.out)
+    low, high = (x / (2.0 * math.pi) for x in found.band)
+    values: dict[str, object] = {"excite": args.out, "periods": len(found.t), "band_hz": [low, high]}
+    values |= {"modes_hz": [float(w) / (2.0 * math.pi) for w in found.modes], "angle": found.angle}
+    values |= {"torque": [float(x) for x in abs(found.torques).max(axis=0)], "deflection": found.deflection}
+    show(values, args.json)
+    return DONE
+
+
+def _identify(args: argparse.Namespace) -> int:
     """Fit, judge, print, write; 1 where the fit is not good."""
     names = None if args.fit is None else [name.strip() for name in args.fit.split(",") if name.strip()]
     held = [path for path in (args.hold_out or "").split(",") if path]

@@ -27,6 +27,7 @@ Planar flexible robot arms: replay scenes, compare with references, play, train,
   flexarm export FlexibleArm-v0 --to fmu --out arm.fmu  an arm for another simulator, without Python
   flexarm serve FlexibleArm-v0 --rate 100          an arm that answers packets in real time
   flexarm bench                                    what is measured, and how (from a checkout)
+  flexarm excite ARM --out FILE.csv                torques that tell what an arm is, within bounds
   flexarm identify ARM --config FILE --data LOG.csv  fit an arm to a measured log
   flexarm compile                                  compile beforehand what is used first
   flexarm doctor                                   versions, threads, cache, a self-test
@@ -134,6 +135,31 @@ output stand under train., unfitted. and baseline. RESULTS holds arm.toml, which
 figures; an interrupted fit goes on from there.
 """
 
+EXCITE = """\
+Design torques that excite an arm's joints and first modes, and keep angles, torques and deflections within bounds, of
+the arm as it is known and of some that differ from it by as much as --spread. It ends where it began, at rest.
+
+  flexarm excite strip --rate 200 --seconds 10 --most-angle 0.3 --out excite.csv
+  flexarm serve my_robot.toml --rate 200 --log log.csv          (or the robot itself)
+  flexarm run excite.csv --to 127.0.0.1:7070 --most-angle 0.6
+  flexarm identify strip --config FILE --data log.csv
+
+What friction and a base that is not level add is not foreseen: set limits where it is played, too.
+"""
+
+EXCITED: tuple[tuple[str, float | None, str, str], ...] = (
+    ("--seconds", 20.0, "T", "how long (20)"),
+    ("--rate", 100.0, "HZ", "at which torques change (100)"),
+    ("--modes", 2, "N", "flexible modes that are to be excited (2)"),
+    ("--most-angle", 0.5, "RAD", "that a joint may turn to either side (0.5)"),
+    ("--most-torque", None, "NM", "of a motor; default: half of its limit"),
+    ("--most-deflection", 0.15, "SHARE", "of a tip, over its link's length (0.15)"),
+    ("--drawn", 8, "N", "arms beside the known one (8)"),
+    ("--spread", 2.0, "FACTOR", "by which their EI, payload, hub and damping may differ (2)"),
+    ("--seed", 0, "S", "of phases and of these arms (0)"),
+)
+"""Arguments of `flexarm_env.identification.excite`: flag, default, what stands for it, help."""
+
 EXPORT = """\
 Write a trained policy, or an arm, for other machines.
 
@@ -165,7 +191,8 @@ for, or hold the arm. This machine alone is listened to unless --host names anot
 
 RUN = """\
 Drive an arm that answers packets, a served one or a real one, by a trained policy or a controller. What it reads must
-be what the policy's environment observes.
+be what the policy's environment observes. A file of torques, FILE.csv with t, torque0, ... (flexarm excite), is played
+as it is, a row a period.
 
   flexarm run pd --env FlexibleArm-v0 --to 127.0.0.1:7070 --seconds 5
   flexarm run runs/ppo-FlexibleArm-v0-0 --to 192.168.0.7:7070 --key FILE
@@ -301,6 +328,12 @@ def build_parser() -> Parser:
     identify.add_argument("--hold-out", metavar="B.csv[,...]", help="logs to judge by")
     identify.add_argument("--out", metavar="FOLDER", help="for arm.toml, report.md, figures; an old fit there goes on")
 
+    excite = add("excite", "torques that tell what an arm is, within bounds", EXCITE, "identify")
+    excite.add_argument("arm", metavar="ARM", help="what is known of it: a name or a TOML file")
+    excite.add_argument("--out", required=True, metavar="FILE.csv", help="what flexarm run plays: t, torque0, ...")
+    for flag, default, metavar, what in EXCITED:
+        excite.add_argument(flag, type=type(default or 0.0), default=default, metavar=metavar, help=what)
+
     serve = add("serve", "an arm that answers packets in real time", SERVE, "remote")
     serve.add_argument("what", metavar="ARM", help="an environment, a task or an arm, as for export --to library")
     serve.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="control periods a second (100)")
@@ -319,12 +352,13 @@ def build_parser() -> Parser:
     serve.add_argument("--seconds", type=float, metavar="T", help="how long; default: until Ctrl-C")
 
     run = add("run", "drive an arm that answers packets", RUN, "remote")
-    run.add_argument("policy", metavar="POLICY", help="run folder, policy.npz, packaged policy or controller")
+    run.add_argument("policy", metavar="POLICY", help="run folder, policy.npz, packaged policy, controller, FILE.csv")
     run.add_argument("--to", required=True, metavar="HOST:PORT", help="where the arm answers")
     run.add_argument("--key", metavar="FILE", help="shared with it")
     run.add_argument("--env", metavar="ENV", help="of a controller's model")
     run.add_argument("--env-kwargs", metavar="JSON", help="its keywords")
-    run.add_argument("--seconds", type=float, default=10.0, metavar="T", help="how long (10)")
+    run.add_argument("--seconds", type=float, metavar="T", help="how long (10; of a file: as long as it is)")
+    run.add_argument("--most-angle", type=float, metavar="RAD", help="of a joint; beyond, it lets go of the arm")
 
     export = add("export", "a trained policy as ONNX or C, an arm as a C library", EXPORT, "export")
     what = "a policy; for --to library or fmu an environment, a task or an arm"

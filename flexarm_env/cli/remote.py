@@ -17,7 +17,7 @@ from flexarm_env.cli.export import environment
 from flexarm_env.cli.play import KEYBOARD, choose, keywords
 from flexarm_env.cli.progress import show
 from flexarm_env.control import Setup
-from flexarm_env.remote import Limits, RemoteArmEnv, Server, Session, run_policy
+from flexarm_env.remote import Limits, Played, RemoteArmEnv, Server, Session, run_policy
 from flexarm_env.remote.packet import SHORTEST
 
 LONGEST = 4096
@@ -80,6 +80,17 @@ def _drive(args: argparse.Namespace) -> int:
     host, _, port = args.to.rpartition(":")
     if not host or not (port.isascii() and port.isdecimal() and 0 < int(port[:6]) < 65536 and len(port) < 6):
         raise check.InvalidValue("--to", args.to, "must be HOST:PORT, a port from 1 to 65535")
+    most = math.inf if args.most_angle is None else check.number("--most-angle", args.most_angle, "rad", above=0.0)
+    seconds = None if args.seconds is None else check.number("--seconds", args.seconds, "s", above=0.0)
+    if Path(args.policy).suffix.lower() == ".csv":
+        env = RemoteArmEnv(host, int(port), key_of(args.key))
+        try:
+            played = Played(args.policy, env.wire.period, env.wire.limits)
+            values = run_policy(played, env, seconds or played.seconds, most)
+        finally:
+            env.close()
+        show({"to": args.to, "policy": args.policy} | values, args.json)
+        return DONE
     player = choose(args.policy)
     env_id = args.env or player.env_id
     if player.name == KEYBOARD or not env_id:
@@ -93,7 +104,7 @@ def _drive(args: argparse.Namespace) -> int:
         if scales.shape != env.wire.scales.shape or not np.allclose(scales, env.wire.scales):
             what = f"must be of an environment that observes what the arm at {args.to} reads, and as often"
             raise check.InvalidValue("POLICY", args.policy, what)
-        values = run_policy(player.make(model), env, check.number("--seconds", args.seconds, "s", above=0.0))
+        values = run_policy(player.make(model), env, seconds or 10.0, most)
         model.close()
     finally:
         env.close()

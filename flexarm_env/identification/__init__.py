@@ -1,6 +1,7 @@
 """From a measured log to an arm: parameters with uncertainties, judged on runs that no fit has seen."""
 
 from .config import Channel, Config, Parameter, read_config
+from .excite import Excitation, excite
 from .log import BadLog, Run, read_run
 from .report import Identification
 from .result import identify, randomization
@@ -8,6 +9,6 @@ from .signals import Ringing, free_decay, nrmse, vaf
 from .uncertainty import Direction, Uncertainty
 
 __all__ = [
-    "BadLog", "Channel", "Config", "Direction", "Identification", "Parameter", "Ringing", "Run", "Uncertainty",
-    "free_decay", "identify", "nrmse", "randomization", "read_config", "read_run", "vaf",
+    "BadLog", "Channel", "Config", "Direction", "Excitation", "Identification", "Parameter", "Ringing", "Run",
+    "Uncertainty", "excite", "free_decay", "identify", "nrmse", "randomization", "read_config", "read_run", "vaf",
 ]  # fmt: skip

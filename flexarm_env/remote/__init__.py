@@ -3,11 +3,11 @@
 This is no safety system: what a real arm needs to be safe belongs into its own hardware.
 """
 
-from .client import RemoteArmEnv, Wire, run_policy
+from .client import Played, RemoteArmEnv, Wire, run_policy
 from .packet import MOST_NUMBERS, Kind, Packet, Refusal, pack, unpack
 from .server import Limits, Server, Session
 
 __all__ = [
-    "MOST_NUMBERS", "Kind", "Limits", "Packet", "Refusal", "RemoteArmEnv", "Server", "Session", "Wire", "pack",
-    "run_policy", "unpack",
+    "MOST_NUMBERS", "Kind", "Limits", "Packet", "Played", "Refusal", "RemoteArmEnv", "Server", "Session", "Wire",
+    "pack", "run_policy", "unpack",
 ]  # fmt: skip

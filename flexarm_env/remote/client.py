@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 import secrets
 import time
 from typing import Any
@@ -11,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
+from ..files import csv_lines, listed, numbers
 from .packet import ARM, HELD, LAST, OVER, RESET, SET_POINTS, Kind, Packet, Refusal, checked, datagrams, pack, unpack
 
 Array = NDArray[np.float64]
@@ -198,12 +201,53 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         self.wire.close()
 
 
-def run_policy(policy: Any, env: RemoteArmEnv, seconds: float) -> dict[str, Any]:
-    """Drive an arm by a policy (`reset(observation)`, `act(observation)`) for so long; what came of it."""
+class Played:
+    """Torques from a file as a policy: a row a period, then none.
+
+    Args:
+        path: CSV with the columns t (s, evenly spaced) and torque0, ... (N m). period: s, and limits (N,): N m, of the
+            arm that is to be driven.
+    Raises:
+        ValueError: a file of other columns, of another period, or with a torque beyond the limits.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], period: float, limits: Array) -> None:
+        header, lines = csv_lines(path)
+        names = ["t", *(f"torque{k}" for k in range(len(limits)))]
+        if set(header) != set(names):
+            raise check.InvalidValue(os.fspath(path), listed(header), f"must have the columns {', '.join(names)}")
+        with check.under(f"{os.fspath(path)}: rows"):
+            t, *torques = (numbers(header.index(name), name, lines, len(header)) for name in names)
+        self.torques, self.limits = np.stack(torques, axis=1), limits
+        if len(t) < 2 or not np.allclose(np.diff(t), period, rtol=0.0, atol=1e-6 * period + 1e-9):
+            raise check.InvalidValue(f"{os.fspath(path)}: t", t[:3], f"must be evenly spaced by the arm's {period:g} s")
+        if not (np.abs(self.torques) <= limits).all():
+            raise check.InvalidValue(os.fspath(path), self.torques, f"must be finite torques within {limits} N m")
+        self.seconds = len(t) * period
+
+    def reset(self, observation: Any) -> None:
+        """Begin anew."""
+        self._next = 0
+
+    def act(self, observation: Any) -> Array:
+        """The next row, over the limits."""
+        row = self.torques[self._next] if self._next < len(self.torques) else np.zeros(len(self.limits))
+        self._next += 1
+        found: Array = row / self.limits
+        return found
+
+
+def run_policy(policy: Any, env: RemoteArmEnv, seconds: float, most_angle: float = math.inf) -> dict[str, Any]:
+    """Drive an arm by a policy (`reset(observation)`, `act(observation)`) for so long; what came of it.
+
+    most_angle: rad; where a joint is beyond it, it ends there, and closing the environment holds the arm.
+    """
     observation, info = env.reset()
     policy.reset(observation)
     start, steps, reason = info["time"], 0, ""
     while info["time"] - start < seconds and not reason:
         observation, _, _, _, info = env.step(policy.act(observation))
         steps, reason = steps + 1, info["reason"]
+        if np.abs(info["angles"]).max() > most_angle:
+            reason = reason or "angle"
     return {"steps": steps, "seconds": info["time"] - start, "lost": info["lost"], "ended": reason or "time"}

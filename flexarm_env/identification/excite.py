@@ -1,0 +1,184 @@
+"""Torques that make an arm tell what it is, within bounds: safe to be played to a real one, rich enough to fit to.
+
+A sum of sines of random phases (Schroeder 1970; Ljung 1999, section 13.3) is the acceleration of a rigid arm's joints,
+every joint with frequencies of its own. It comes to rest at its end, where it began: what drifts is the difference
+between the arm and a rigid one alone. The torques are those of the rigid arm; how far they turn the flexible one, and
+some that differ from it, is simulated, and all is made smaller until it is within the bounds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexarm_env import arms
+from flexarm_env import validation as check
+from flexarm_env.files import write_whole
+from flexarm_env.linear import modes as modes_of
+from flexarm_env.parameters import Arm
+from flexarm_env.rigid import coriolis, rigid_inertia
+from flexarm_env.scene import JointTorque, Scene
+from flexarm_env.sections import Section, Taper
+from flexarm_env.simulation import simulate
+from flexarm_env.time_functions import linear_table
+
+Array = NDArray[np.float64]
+
+LINES = 12
+"""Frequencies of a joint."""
+SLOWEST = 3.0
+"""Periods of the lowest frequency in the whole."""
+BEYOND = 1.4
+"""The highest frequency, over that of the last mode that is to be excited."""
+FASTEST = 0.2
+"""No frequency is above this share of the rate."""
+TAPER = 0.1
+"""Share of the time that it takes to begin, and to end."""
+TRIES = 8
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What is played, and what was found of it.
+
+    Attributes:
+        t (n,): s, evenly spaced. torques (n, N): N m, each held until the next. band: rad/s, the lowest and the highest
+            frequency. modes (M,): rad/s, frequencies of the arm's modes, joints free, that lie in it. angle: rad, by
+            how much a joint turns at most, of the arm and of those drawn. deflection: of a tip over its link, likewise.
+    """
+
+    t: Array
+    torques: Array
+    band: tuple[float, float]
+    modes: Array
+    angle: float
+    deflection: float
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """A CSV file with the columns t, torque0, ..., whole or not at all. Raises OSError."""
+        names = ["t", *(f"torque{k}" for k in range(self.torques.shape[1]))]
+        rows = (",".join(f"{x:.12g}" for x in row) for row in np.column_stack([self.t, self.torques]).tolist())
+        write_whole(Path(path), ("\n".join([",".join(names), *rows]) + "\n").encode())
+
+
+def excite(
+    arm: str | os.PathLike[str] | Arm, *, seconds: float = 20.0, rate: float = 100.0, modes: int = 2,
+    most_angle: float = 0.5, most_torque: float | None = None, most_deflection: float = 0.15, drawn: int = 8,
+    spread: float = 2.0, seed: int = 0, **options: Any,
+) -> Excitation:  # fmt: skip
+    """Torques for `flexarm run FILE.csv --to HOST:PORT`, or for any other player, that excite an arm within bounds.
+
+    Args:
+        arm: what is known of it; a name or a TOML file as well. Its joints are straight, at rest, and without gravity.
+        seconds: how long. rate: Hz, at which torques change. modes: how many flexible modes are to lie in the band, as
+            many as a fifth of the rate allows. most_angle: rad that a joint may turn to either side. most_torque: N m
+            that a motor may give; default: half of each one's limit. drawn: arms beside the given one for which the
+            bounds must hold, their EI, masses at the tip, hub inertia and damping each up to `spread` times more
+            or less. most_deflection: of each tip over its link's length, likewise. seed:
+            of phases and of these arms. options: of the solver, as `simulate` has them.
+    Raises:
+        ValueError: a value that is not allowed; an arm without torque limits, where most_torque is not given.
+    """
+    given = arms.resolve(arm)
+    seconds = check.number("seconds", seconds, "s", above=0.0, maximum=600.0)
+    rate = check.number("rate", rate, "Hz", above=0.0, maximum=10_000.0)
+    angle = check.number("most_angle", most_angle, "rad", above=0.0, maximum=float(np.pi))
+    bending = check.number("most_deflection", most_deflection, above=0.0)
+    count, draws = check.integer("modes", modes, minimum=1), check.integer("drawn", drawn, minimum=0)
+    factor = check.number("spread", spread, minimum=1.0)
+    if most_torque is not None:
+        most = np.full(given.n_links, check.number("most_torque", most_torque, "N m", above=0.0))
+    elif given.torque_limits is not None:
+        most = 0.5 * np.array(given.torque_limits)
+    else:
+        raise check.InvalidValue("most_torque", most_torque, "must be given: the arm has no torque limits")
+    rng = np.random.default_rng(check.integer("seed", seed, minimum=0))
+    scene = Scene("excited", given, duration=seconds, dt=0.25 / rate)
+    options = {"formulation": "elastica", "nodes": 5, "estimate_error": False, **options}
+    found = modes_of(scene, given.n_links + count, options["formulation"], nodes=5).frequencies[given.n_links :]
+    low, fastest = 2.0 * np.pi * SLOWEST / seconds, 2.0 * np.pi * FASTEST * rate
+    within = found[found < fastest]
+    high = min(BEYOND * within[-1], fastest) if len(within) else fastest
+    if high < 2.0 * low:
+        what = f"must be above {4.0 * np.pi * SLOWEST / high:.3g} s, or the rate higher: no frequencies lie in between"
+        raise check.InvalidValue("seconds", seconds, what)
+    t = np.arange(round(seconds * rate) + 1) / rate
+    motion = _motion(t, given.n_links, low, high, rng)
+    lot = [given, *(_drawn(given, factor, rng) for _ in range(draws))]
+    torques = _torques(given, motion, min(1.0, angle))
+    torques *= min(1.0, float((most / np.abs(torques).max(axis=0)).min()))
+    for _ in range(TRIES):
+        turned, bent = np.array([_reach(one, scene, t, torques, options) for one in lot]).max(axis=0)
+        if turned <= angle and bent <= bending:
+            return Excitation(t, torques, (low, high), within, float(turned), float(bent))
+        torques = torques * 0.95 * min(1.0, angle / turned, bending / bent)
+    what = f"must be more for {given.name}: no torques that were tried keep it and most_deflection"
+    raise check.InvalidValue("most_angle", most_angle, what)
+
+
+def _motion(t: Array, joints: int, low: float, high: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Angles, rates and accelerations (n, joints) of a rigid arm, the largest angle 1: at rest at both ends."""
+    length = t[-1]
+    wanted = np.geomspace(low, high, LINES * joints) * length / (2.0 * np.pi)
+    numbers = np.maximum.accumulate(np.round(wanted)) + 0.0
+    for k in range(1, len(numbers)):  # whole periods of the length, and no two alike
+        numbers[k] = max(numbers[k], numbers[k - 1] + 1.0)
+    w = 2.0 * np.pi * numbers / length
+    edge = np.clip(np.minimum(t, length - t) / (TAPER * length), 0.0, 1.0)
+    speed = np.where(t < 0.5 * length, 1.0, -1.0) * (edge < 1.0) / (TAPER * length)
+    window = edge**3 * (10.0 - 15.0 * edge + 6.0 * edge**2)
+    slope = speed * 30.0 * edge**2 * (1.0 - edge) ** 2
+    bend = speed**2 * 60.0 * edge * (1.0 - edge) * (1.0 - 2.0 * edge)
+    q, v, a = (np.zeros((len(t), joints)) for _ in range(3))
+    for k, line in enumerate(w):
+        phase = line * t + rng.uniform(0.0, 2.0 * np.pi)
+        s, c = np.sin(phase) / line**2, np.cos(phase) / line
+        joint = k % joints
+        q[:, joint] += window * s
+        v[:, joint] += slope * s + window * c
+        a[:, joint] += bend * s + 2.0 * slope * c - window * np.sin(phase)
+    size = np.abs(q).max()
+    return q / size, v / size, a / size
+
+
+def _torques(arm: Arm, motion: tuple[Array, Array, Array], angle: float) -> Array:
+    """Of the rigid arm, the largest angle of the motion being `angle`."""
+    q, v, a = (angle * x for x in motion)
+    torques: Array = np.einsum("njk,nk->nj", rigid_inertia(arm, q[:, 1:]), a) + coriolis(arm, q[:, 1:], v)
+    return torques
+
+
+def _drawn(arm: Arm, spread: float, rng: np.random.Generator) -> Arm:
+    """An arm whose stiffness, payload, hub and damping are up to so many times more or less, each by itself."""
+    stiff, heavy, hub, damping = spread ** rng.uniform(-1.0, 1.0, 4)
+    payload = dataclasses.replace(arm.payload, mass=heavy * arm.payload.mass, inertia=heavy * arm.payload.inertia)
+    links = tuple(dataclasses.replace(link, section=_stiffer(link.section, stiff)) for link in arm.links)
+    return dataclasses.replace(
+        arm, links=links, payload=payload, hub_inertia=hub * arm.hub_inertia, tau_d=damping * arm.tau_d
+    )
+
+
+def _stiffer(section: Any, factor: float) -> Any:
+    if isinstance(section, Section):
+        return dataclasses.replace(section, EI=factor * section.EI)
+    if isinstance(section, Taper):
+        return dataclasses.replace(section, E=factor * section.E, G=factor * section.G)
+    return tuple((place, _stiffer(one, factor)) for place, one in section)
+
+
+def _reach(arm: Arm, scene: Scene, t: Array, torques: Array, options: dict[str, Any]) -> tuple[float, float]:
+    """The largest angle that a joint turns by, rad, and the largest deflection of a tip over its link."""
+    loads = tuple(JointTorque(k, linear_table(t, torques[:, k])) for k in range(arm.n_links))
+    run = simulate(dataclasses.replace(scene, arm=arm, loads=loads), sample=float(t[1]), **options)
+    if not run.finished:
+        return np.inf, np.inf
+    return float(np.abs(run.joint_angles).max()), float(np.abs(run.tip_deflection).max())
+
+
+__all__ = ["Excitation", "excite"]
