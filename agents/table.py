@@ -47,6 +47,9 @@ TIMED = 5
 NO_MARGIN = ROOT / "agents" / "no_margin"
 """Gains found by `agents.tune --margin 0`."""
 
+ROBUST = ROOT / "agents" / "robust"
+"""Gains found by `agents.tune --randomized`."""
+
 SHIFTS: dict[str, dict[str, Any]] = {
     "payload doubled": {"payload": [2.0, 2.0]},
     "stiffness x 0.7": {"EI": [0.7, 0.7]},
@@ -71,6 +74,9 @@ SETTINGS: dict[str, dict[str, tuple[dict[str, Any], str | None]]] = {
     },
 }
 """Arms with and without gears, friction and sensors, seen whole and by their sensors; the family trained there."""
+
+DRAWN = "drawn arms"
+"""What is tuned on them says so."""
 
 Row = dict[str, Any]
 Rows = dict[str, Row]
@@ -143,6 +149,11 @@ class Judge:
         """The best policies of families and the controllers, name -> word."""
         policies = {f"PPO ({one.name})": self.best(one) for one in (family, *others)}
         return policies | {name: name for name in family.controllers}
+
+    def robust(self, family: Family) -> dict[str, str]:
+        """Controllers tuned on drawn arms, name -> word."""
+        file = os.path.relpath(ROBUST / f"{family.task}.toml")
+        return {f"{name}, {DRAWN}": f"{name}@{file}" for name in family.controllers if name in ("pd", "zv", "zvd", "lqr")}
 
     def no_margin(self, family: Family) -> dict[str, str]:
         """PD control tuned without the rule of the gain margin, name -> word."""
@@ -241,8 +252,9 @@ def robustness(judge: Judge, family: Family, robust: Family, content: dict[str, 
     """Randomised arms, the exact model, and one thing changed at a time."""
     say(f"{family.env}: other arms, other models")
     own, words, most = content[family.name], judge.words(family, robust), FEWER_EPISODES
-    own["ordinary"] = judge.anew(own.get("ordinary", own.get("nominal", {})), family, words)
-    own["randomised"] = judge.anew(own.get("randomised", {}), family, words, randomized=True)
+    every = words | judge.robust(family)
+    own["ordinary"] = judge.anew(own.get("ordinary", own.get("nominal", {})), family, every)
+    own["randomised"] = judge.anew(own.get("randomised", {}), family, every, randomized=True)
     if judge.asked is not None:
         save(judge.arguments, content)
     exact = {name: words[name] for name in list(words)[:1]}
@@ -286,6 +298,7 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
         f"### {family.env}: randomised payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
+        f"Rows with `{DRAWN}` were tuned on such arms, `_robust` was trained on them; the others know the nominal arm.", "",
         *short_table("success, median settling", both), "",
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",

@@ -3,6 +3,7 @@
     flexarm tune --env FlexibleArm-v0                   # all controllers but mpc
     flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,lqr
     flexarm tune --env TwoLinkFlexArm-v0 --controllers pd,zv --margin 0 --out reach.toml
+    flexarm tune --env FlexibleArm-v0 --controllers pd,zv,zvd,lqr --randomized --out slew.toml
 
 What is made small is the mean settling time plus the duration for every episode without success, on episodes that
 neither training nor evaluation sees. The gains found are written to runs/gains/TASK.toml, or to --out: `flexarm
@@ -71,6 +72,7 @@ class Arguments:
         out: file of the gains.
         home: folder of TASK.toml, where --out names no file.
         dry: print what is found, write nothing.
+        randomized: on arms with drawn payload and stiffness, as in `flexarm evaluate --randomized`.
     """
 
     env: str
@@ -83,6 +85,7 @@ class Arguments:
     out: str = ""
     home: Path = Path("runs/gains")
     dry: bool = False
+    randomized: bool = False
 
 
 def search(
@@ -151,7 +154,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
         duration = (len(result.errors) - 1) * result.dt
         return float(result.settling.mean() + duration * (1.0 - result.success.mean()))
 
-    known = current(place(setup.task, arguments)).get(name)
+    known = current(place(setup.task, arguments)).get(name) or current(arguments.home / f"{setup.task}.toml").get(name)
     start = None
     if known is not None:
         flat = [v for key in SEARCHED[name] for v in np.atleast_1d(known.get(key, np.nan))]
@@ -170,11 +173,12 @@ def current(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text("utf-8-sig")) if path.is_file() else {}
 
 
-def text_of(tables: dict[str, Any], env_id: str, margin: float) -> str:
+def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
     """TOML text of the gains of all controllers."""
-    how = "" if margin == MARGIN else f" --margin {margin:g}"
+    how = "" if arguments.margin == MARGIN else f" --margin {arguments.margin:g}"
+    how += " --randomized" if arguments.randomized else ""
     lines = [
-        f"# Gains of the controllers on {env_id}, found by `python -m agents.tune --env {env_id}{how}`;",
+        f"# Gains of the controllers on {arguments.env}, found by `python -m agents.tune --env {arguments.env}{how}`;",
         "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, mpc.py, time_optimal.py.",
     ]
     for name in control.NAMES:
@@ -189,8 +193,9 @@ def search_all(arguments: Arguments) -> None:
     for name in chosen:
         if name not in control.NAMES:
             raise ValueError(f"--controllers {name}: must be among {', '.join(control.NAMES)}")
-    env = episodes.make_episodes(arguments.env, arguments.episodes)
-    measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured")
+    drawn = {"randomization": episodes.RANDOMIZED} if arguments.randomized else {}
+    env = episodes.make_episodes(arguments.env, arguments.episodes, **drawn)
+    measured = episodes.make_episodes(arguments.env, arguments.episodes, observation="measured", **drawn)
     task = control.Setup.of(env).task
     path = place(task, arguments)
     tables = current(path)
@@ -205,7 +210,7 @@ def search_all(arguments: Arguments) -> None:
             flush=True,
         )
         if not arguments.dry:
-            write_text(path, text_of(tables, arguments.env, arguments.margin))
+            write_text(path, text_of(tables, arguments))
 
 
 def main(program: str = "flexarm tune", words: Sequence[str] | None = None) -> int:
