@@ -153,7 +153,7 @@ class Judge:
     def robust(self, family: Family) -> dict[str, str]:
         """Controllers tuned on drawn arms, name -> word."""
         file = os.path.relpath(ROBUST / f"{family.task}.toml")
-        return {f"{name}, {DRAWN}": f"{name}@{file}" for name in family.controllers if name in ("pd", "zv", "zvd", "lqr")}
+        return {f"{name} ({DRAWN})": f"{name}@{file}" for name in ("pd", "zv", "zvd", "lqr")}
 
     def no_margin(self, family: Family) -> dict[str, str]:
         """PD control tuned without the rule of the gain margin, name -> word."""
@@ -298,7 +298,7 @@ def section(family: Family, own: Mapping[str, Any], best: Mapping[str, Any] | No
         f"![tip error](../figures/control_{family.name}.png)", "",
         f"![learning curves](../figures/control_{family.name}_learning.png)", "",
         f"### {family.env}: randomised payload (x 0.5 to 2) and stiffness (x 0.7 to 1.3)", "",
-        f"Rows with `{DRAWN}` were tuned on such arms, `_robust` was trained on them; the others know the nominal arm.", "",
+        f"`{DRAWN}`: tuned on such arms; `_robust`: trained on them; the others know the nominal arm.", "",
         *short_table("success, median settling", both), "",
         f"On the converged exact beam (4 cubic elements a link, 1 ms), the first {FEWER_EPISODES} episodes:", "",
         *short_table("policy", own["models"]), "",

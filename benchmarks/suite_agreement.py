@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.machine import DOCS, table, write_text
 from benchmarks.pages import filled
 from flexarm_env import suite
-from flexarm_env.suite.results import Results, folder_of, of_the_protocol
+from flexarm_env.suite.results import Results, folder_of, of_the_protocol, values
 
 LEAST, PAIRS = 0.95, 30
 
@@ -28,9 +28,9 @@ def agreement(task: suite.Task, found: Sequence[Results]) -> tuple[int, int]:
     entries = [one.tasks[task.id] for one in found if task.id in one.tasks]
     entries = [entry for entry in entries if of_the_protocol(task, entry)]
     pairs = right = 0
-    values = np.array([np.array(e["returns"]) - task.price * np.array(e["costs"]) for e in entries])
+    found_values = np.array([values(task, entry) for entry in entries])
     successes = np.array([e["successes"] for e in entries], bool)
-    for value, success in zip(values.T, successes.T, strict=True):
+    for value, success in zip(found_values.T, successes.T, strict=True):
         pairs += int(success.sum() * (~success).sum())
         right += int((value[success][:, None] > value[~success]).sum())
     return pairs, right

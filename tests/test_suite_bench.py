@@ -235,13 +235,14 @@ def test_what_has_been_judged_is_kept_and_what_has_changed_is_not(quick: Path, c
     assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == ""
     first = json.loads(Path("out/pd-0.json").read_text())["tasks"][FIRST_TASK.id]
     kept = told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]
-    assert kept["note"] == f"kept, judged {first['date']}; --again judges anew" and made == ["pd"]
+    assert kept["note"] == f"kept, judged {first['date']}; --again judges anew"
+    assert made == ["pd"] * 4  # on both hundreds, PD beside it
     both = [task.id for task in suite.tasks()[:2]]
     found = told(capsys, "--policy", "pd", "--task", ",".join(both), "--out", "out")["results"][0]["tasks"]
-    assert list(found) == both and made == ["pd"] * 2
-    assert told(capsys, *words, "--again")["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 3
+    assert list(found) == both and made == ["pd"] * 8
+    assert told(capsys, *words, "--again")["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 12
     monkeypatch.setattr(policies.metadata, "version", lambda name: "9.9")
-    assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 4
+    assert told(capsys, *words)["results"][0]["tasks"][FIRST_TASK.id]["note"] == "" and made == ["pd"] * 16
 
 
 def test_a_function_whose_text_is_the_same_is_judged_anew(quick: Path, capsys):

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .data import Task, tasks
-from .results import Results, of_the_protocol, summary
+from .results import Results, of_the_protocol, settling, summary, values
 from .score import EPISODES, FIRST, interquartile_mean, interval, references
+from .second import LEVEL, chance, holm
+
+WIDTH = 0.05
+"""Half the width that a difference's 95 % interval should have at most, of a score."""
 
 HEAD = f"""# Results on the suite
 
@@ -23,6 +28,12 @@ Interquartile means (IQM) are over all scores of a method, the mean of the middl
 percentile intervals by a bootstrap over runs, stratified by tasks (none where a method has one run); a method that was
 not judged on all tasks has none. A method that is missing on a task is not made for it, or was not judged there.
 Settled is the mean time until the bounds of success were kept to the end, a failure with a whole episode's length.
+Behind the first: by how much of a score a method's value is less, paired over the episodes, with half the width of its
+95 % interval; where that is above {WIDTH}, in brackets how many episodes would bring it there. A second hundred of
+episodes has seeds that follow from the policy itself (`flexarm_env.suite.second`): success, settling and the value less
+PD's there, beside that on the public ones; † where both differ beyond chance (permutation test, p < {LEVEL} after Holm,
+over all runs of this page). What is a function, a model with a memory or found beforehand has the public hundred alone,
+and may know it. A method below its budget of training is in italics.
 
 Each file of the folder is a run of a method; another's result is one file more, written by
 `flexarm bench suite --policy ... --name METHOD --out FOLDER`. This page: `flexarm bench page FOLDER --out PAGE`."""
@@ -51,10 +62,11 @@ def page(found: Sequence[Results]) -> str:
     every = [task for task in tasks(earlier=True) if any(task.id in one.tasks for one in found)]
     known = [task for task in every if task in tasks()]
     lines = {task.id: list(_lines(task, found)) for task in every}
+    learnt = set(_learnt([(task, entry) for task in every for line in lines[task.id] for entry in line.entries]))
     text = [HEAD, "", *_made(found), "", "## Scores", "", *_scores(known, lines)]
     for task in sorted(every, key=lambda task: task not in known):
         note = "" if task in known else ", superseded"
-        text += ["", f"## {task.number}. {task.title} (`{task.id}`{note})", "", *_table(task, lines[task.id])]
+        text += ["", f"## {task.number}. {task.title} (`{task.id}`{note})", "", *_table(task, lines[task.id], learnt)]
     text += list(_left_out(found))
     return "\n".join(text).rstrip() + "\n"
 
@@ -117,27 +129,72 @@ def _two(score: float) -> str:
     return f"{round(score, 2) + 0.0:.2f}"
 
 
-def _table(task: Task, lines: Sequence[Line]) -> Iterator[str]:
+def _learnt(judged: Sequence[tuple[Task, dict[str, Any]]]) -> Iterator[int]:
+    """The entries, by `id`, whose values less PD's differ beyond chance from one hundred to the other."""
+    both = [(task, entry) for task, entry in judged if entry.get("second") and entry["second"]["pd"] is not None]
+    lots = [(less_pd(task, entry), less_pd(task, entry["second"])) for task, entry in both]
+    for (_, entry), p in zip(both, holm([chance(*lot) for lot in lots]), strict=True):
+        if p < LEVEL:
+            yield id(entry)
+
+
+def less_pd(task: Task, numbers: Mapping[str, Any]) -> NDArray[np.float64]:
+    """The values of a hundred less those of PD control."""
+    gain: NDArray[np.float64] = values(task, numbers) - np.array(numbers["pd"], float)
+    return gain
+
+
+def _second(task: Task, line: Line, learnt: set[int]) -> str:
+    """Of the second hundred success, settling and the value less PD's, beside that on the public one."""
+    others = [entry["second"] for entry in line.entries if entry.get("second")]
+    if len(others) < len(line.entries):
+        return "public alone |  | " if any("second" in entry for entry in line.entries) else " |  | "
+    time = np.mean([settling(task, other) for other in others])
+    mark = " †" if any(id(entry) in learnt for entry in line.entries) else ""
+    if others[0]["pd"] is None:
+        return f"{np.mean([np.mean(one['successes']) for one in others]):.0%} | {_two(float(time))} | "
+    gain, there = (np.mean([less_pd(task, one) for one in lot]) for lot in (line.entries, others))
+    rate = np.mean([np.mean(one["successes"]) for one in others])
+    return f"{rate:.0%} | {_two(float(time))} | {there:.1f} ({gain:.1f}){mark}"
+
+
+def _behind(task: Task, line: Line, first: Line) -> str:
+    """How far a method's score is behind the first one's."""
+    known = references().get(task.id)
+    if line is first or known is None or known.digest != task.digest:
+        return ""
+    ahead, own = (np.mean([values(task, entry) for entry in one.entries], axis=0) for one in (first, line))
+    gap = (ahead - own) / (known.best - known.pd)
+    half = 1.96 * float(gap.std(ddof=1)) / len(gap) ** 0.5
+    more = f" ({len(gap) * (half / WIDTH) ** 2:.0f})" if half > WIDTH else ""
+    return f"{_two(float(gap.mean()))} ± {half:.2f}{more}"
+
+
+def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]:
     reference = references().get(task.id)
     yield " ".join(task.hard.split())
     yield ""
     if reference is not None and reference.digest == task.digest:
         yield f"J_PD = {reference.pd:.1f}; J_best = {reference.best:.1f}, by {reference.by}."
         yield ""
-    yield "| method | runs | J | worst, best run | score | success | settled, s | cost | " + (
-        "training, share of the budget | CPU s | decision, µs |"
+    yield (
+        "| method | runs | J | worst, best run | score | behind the first | success | settled, s | "
+        + ("second hundred: success | settled, s | J - J_PD | cost | training, share of the budget | CPU s | ")
+        + "decision, µs |"
     )
-    yield "|---|" + "---:|" * 10
+    yield "|---|" + "---:|" * 14
     for line in lines:
         values = [one["value"] for one in line.summaries]
         score, rate, runs = line.mean("score"), line.mean("success_rate"), len(values)
         time = line.mean("settling_s")
         settled = "" if time is None else _two(time)
         steps, cpu = line.trained("steps") / runs, line.trained("cpu_s") / runs
+        short = steps and steps < 0.99 * task.budget
         yield (
-            f"| {line.method} | {runs} | {np.mean(values):.1f} | "
+            f"| {f'*{line.method}*' if short else line.method} | {runs} | {np.mean(values):.1f} | "
             + (f"{min(values):.1f}, {max(values):.1f}" if runs > 1 else "")
-            + f" | {'' if score is None else _two(score)} | {rate:.0%} | {settled} | {line.mean('cost'):.2f} | "
+            + f" | {'' if score is None else _two(score)} | {_behind(task, line, lines[0])} | {rate:.0%} | {settled} | "
+            + f"{_second(task, line, learnt)} | {line.mean('cost'):.2f} | "
             + (f"{steps / task.budget:.0%} | {cpu:.0f}" if steps else " | ")
             + f" | {line.mean('decision_us'):.1f} |"
         )

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .. import control
 from .. import validation as check
 from ..files import read_json
+from . import second
 from .data import Task
 from .judge import Policy
 
@@ -38,7 +39,8 @@ class Chosen:
         kind: "controller", "policy", "onnx" or "function". source: the word, the task's id in it.
         fingerprint: changes where the policy does. make: vector environment -> Policy, or a ValueError where they do
             not fit. run: the seed it was trained with, where its file says so. training: what its run came to (steps,
-            wall_s, cpu_s).
+            wall_s, cpu_s). canonical: what it computes with, from which its second hundred of seeds follows
+            (`flexarm_env.suite.second`); None: the public hundred is all it has.
     """
 
     kind: str
@@ -47,6 +49,7 @@ class Chosen:
     make: Callable[[Any], Policy]
     run: int = 0
     training: Mapping[str, Any] | None = None
+    canonical: Callable[[], bytes] | None = None
 
 
 def choose(word: str, task: Task) -> Chosen:
@@ -55,7 +58,10 @@ def choose(word: str, task: Task) -> Chosen:
     path = Path(source)
     if source in control.NAMES:
         version = metadata.version("flexarm_env")
-        return Chosen("controller", source, f"{source} {version}", lambda env: controller(source, env))
+        return Chosen(
+            "controller", source, f"{source} {version}", lambda env: controller(source, env),
+            canonical=lambda: second.of_controller(source, task),
+        )  # fmt: skip
     if path.suffix.lower() == ".onnx":
         if not path.is_file():
             raise check.InvalidValue("--policy", source, "no such file")
@@ -72,7 +78,10 @@ def choose(word: str, task: Task) -> Chosen:
     content = b"".join([json.dumps(policy.meta).encode(), *(a.tobytes() for pair in policy.weights for a in pair)])
     seed = policy.meta.get("seed", 0)
     run = seed if isinstance(seed, int) and seed >= 0 else 0
-    return Chosen("policy", source, _hash(content), lambda env: _fitting(policy, source, env), run, _training(path))
+    return Chosen(
+        "policy", source, _hash(content), lambda env: _fitting(policy, source, env), run, _training(path),
+        lambda: second.of_arrays(policy),
+    )  # fmt: skip
 
 
 def default_name(word: str) -> str:

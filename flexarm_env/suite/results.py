@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import validation as check
 from ..files import read_json, write_whole
-from . import digest, make_vec
+from . import digest, make_vec, policies, second
 from .data import Task, tasks
 from .frozen import Possible, instants, possible
 from .judge import judge
@@ -41,8 +42,9 @@ class Results:
         name: of the method. run: of several of it, its seed. tasks: by id, what was judged there: "digest",
             "first_seed", "episodes", "returns", "successes", "costs", "lengths", "settled" (one number an episode;
             files of before lack the last), "wall_s", "cpu_s", "decision_us", "policy" (kind, source, fingerprint),
-            "training" (algorithm, steps, wall_s, cpu_s; or null), "versions", "date". refused: by id, why it could not
-            be judged there.
+            "training" (algorithm, steps, wall_s, cpu_s; or null), "pd" (values of PD on the same episodes), "second"
+            (the numbers of the second hundred, its "first_seed" and "pd"; or null), "versions", "date". refused: by id,
+            why it could not be judged there.
     """
 
     name: str
@@ -58,7 +60,9 @@ class Results:
     def write(self, folder: Path) -> Path:
         """Write the file, whole or not at all."""
         path = folder / self.file
-        write_whole(path, (json.dumps({"format": FORMAT, **asdict(self)}, indent=1) + "\n").encode())
+        text = json.dumps({"format": FORMAT, **asdict(self)}, indent=1) + "\n"
+        lists = re.sub(r'\[[^][{}"]*\]', lambda found: " ".join(found[0].split()), text)
+        write_whole(path, lists.encode())
         return path
 
     def has(self, task: Task, chosen: Chosen, episodes: int) -> bool:
@@ -152,13 +156,27 @@ def judged(
 
 def _entry(task: Task, chosen: Chosen, env: Any) -> dict[str, Any]:
     """What comes of a policy on a task's vector environment, as a results file has it."""
-    found = judge(env, chosen.make(env), FIRST)
+    found, more = judge(env, chosen.make(env), FIRST), {}
+    if len(found.returns) == EPISODES and chosen.canonical is not None:
+        first = second.first_seed(task, chosen.canonical())
+        other = asdict(judge(env, chosen.make(env), first))
+        more = {"first_seed": first, **{key: other[key] for key in (*_NUMBERS, "settled")}, "pd": _pd(task, env, first)}
     return {
         "digest": task.digest, "first_seed": FIRST, "episodes": len(found.returns), **asdict(found),
+        "pd": _pd(task, env, FIRST) if more else None, "second": more or None,
         "policy": {"kind": chosen.kind, "source": chosen.source, "fingerprint": chosen.fingerprint},
         "training": None if chosen.training is None else dict(chosen.training),
         "versions": versions(), "date": date.today().isoformat(),
     }  # fmt: skip
+
+
+def _pd(task: Task, env: Any, first: int) -> list[float] | None:
+    """Values of PD control on the episodes of these seeds; None where it is not made for the task."""
+    try:
+        found = judge(env, policies.controller("pd", env), first)
+    except ValueError:
+        return None
+    return list(values(task, asdict(found)).tolist())
 
 
 def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -179,6 +197,11 @@ def summary(task: Task, entry: Mapping[str, Any]) -> dict[str, Any]:
 def value(task: Task, entry: Mapping[str, Any]) -> float:
     """J, the mean over an entry's episodes of return less the task's price times cost."""
     return float(np.mean(entry["returns"]) - task.price * np.mean(entry["costs"]))
+
+
+def values(task: Task, entry: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Of each episode the return less the task's price times cost."""
+    return np.array(entry["returns"], float) - task.price * np.array(entry["costs"], float)
 
 
 def settling(task: Task, entry: Mapping[str, Any]) -> float | None:
@@ -237,8 +260,27 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
         task = None
     check.integer(f"{path}.first_seed", table["first_seed"], minimum=0)
     count = check.integer(f"{path}.episodes", table["episodes"], minimum=1)
-    numbers = {key: check.sequence(f"{path}.{key}", table[key], "numbers", count) for key in _NUMBERS}
     can = Possible(int(check.LARGEST), -check.LARGEST, check.LARGEST) if task is None else possible(task.id)
+    _check_numbers(path, table, count, can)
+    if table.get("second") is not None:
+        other = check.table_of(f"{path}.second", table["second"])
+        for key in ("first_seed", *_NUMBERS, "settled", "pd"):
+            check.needed(f"{path}.second", other, key, "every second hundred says it")
+        most = 2 * second.BEGIN - 1
+        check.integer(f"{path}.second.first_seed", other["first_seed"], minimum=second.BEGIN, maximum=most)
+        _check_numbers(f"{path}.second", other, count, can)
+    for key in ("wall_s", "cpu_s", "decision_us"):
+        check.number(f"{path}.{key}", table[key], minimum=0.0)
+    check.text(f"{path}.policy.fingerprint", check.table_of(f"{path}.policy", table["policy"]).get("fingerprint"))
+    if table["training"] is not None:
+        training = check.table_of(f"{path}.training", table["training"])
+        for key in ("steps", "wall_s", "cpu_s"):
+            check.number(f"{path}.training.{key}", training.get(key), minimum=0.0)
+
+
+def _check_numbers(path: str, table: Mapping[str, Any], count: int, can: Possible) -> None:
+    """Of each episode one number of each kind, that can have come of it."""
+    numbers = {key: check.sequence(f"{path}.{key}", table[key], "numbers", count) for key in _NUMBERS}
     for k in range(count):
         if numbers["successes"][k] not in (0, 1):
             raise check.InvalidValue(f"{path}.successes[{k}]", numbers["successes"][k], "must be true or false")
@@ -250,13 +292,9 @@ def _check_entry(path: str, entry: Any, task: Task | None, earlier: bool) -> Non
             check.integer(f"{path}.settled[{k}]", last, minimum=0, maximum=numbers["lengths"][k])
             if bool(last) != bool(numbers["successes"][k]):
                 raise check.InvalidValue(f"{path}.settled[{k}]", last, "must be 0 without success, and then alone")
-    for key in ("wall_s", "cpu_s", "decision_us"):
-        check.number(f"{path}.{key}", table[key], minimum=0.0)
-    check.text(f"{path}.policy.fingerprint", check.table_of(f"{path}.policy", table["policy"]).get("fingerprint"))
-    if table["training"] is not None:
-        training = check.table_of(f"{path}.training", table["training"])
-        for key in ("steps", "wall_s", "cpu_s"):
-            check.number(f"{path}.training.{key}", training.get(key), minimum=0.0)
+    if table.get("pd") is not None:
+        for k, found in enumerate(check.sequence(f"{path}.pd", table["pd"], "numbers", count)):
+            check.number(f"{path}.pd[{k}]", found, maximum=can.most)
 
 
 def begun(folder: Path, name: str, run: int) -> Results:

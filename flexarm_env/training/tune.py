@@ -46,6 +46,9 @@ SEARCHED: dict[str, dict[str, tuple[float, float]]] = {
 }
 """Gains that are searched, with their ranges; on a logarithmic scale."""
 
+WIDE: dict[str, tuple[float, float]] = {"bandwidth": (0.02, 3.0), "ratio": (0.3, 10.0)}
+"""In place of those, on drawn arms: loops that suit them all are slower, and damped more."""
+
 PER_JOINT = ("bandwidth", "ratio")
 
 MARGIN = 2.0
@@ -126,7 +129,7 @@ def tune(name: str, env: Any, arguments: Arguments) -> tuple[dict[str, Any], epi
     """Gains of a controller as a table, and the episodes run with them."""
     setup = control.Setup.of(env)
     names, bounds = [], []
-    for key, limits in SEARCHED[name].items():
+    for key, limits in (SEARCHED[name] | (WIDE if arguments.randomized and "ratio" in SEARCHED[name] else {})).items():
         for _ in range(setup.n_joints if key in PER_JOINT else 1):
             names.append(key)
             bounds.append(limits)
@@ -176,7 +179,7 @@ def current(path: Path) -> dict[str, Any]:
 def text_of(tables: dict[str, Any], arguments: Arguments) -> str:
     """TOML text of the gains of all controllers."""
     how = "" if arguments.margin == MARGIN else f" --margin {arguments.margin:g}"
-    how += " --randomized" if arguments.randomized else ""
+    how += f" --randomized --episodes {arguments.episodes}" if arguments.randomized else ""
     lines = [
         f"# Gains of the controllers on {arguments.env}, found by `python -m agents.tune --env {arguments.env}{how}`;",
         "# what they mean: flexarm_env/control/pd.py, shaping.py, lqr.py, lqg.py, mpc.py, time_optimal.py.",
