@@ -16,7 +16,7 @@ from flexarm_env import arms, control
 from flexarm_env.control import kinematics, lqr, shaping, time_optimal
 from flexarm_env.control.arm_model import arm_model
 from flexarm_env.control.catalogue import gains_from, tuned_gains
-from flexarm_env.training import export_policy, tune
+from flexarm_env.training import episodes, export_policy, tune
 from tests.env_tools import successes
 from tests.refusals import refuses
 
@@ -115,6 +115,24 @@ def test_tuned_loops_leave_a_gain_margin(name, env, request):
     gains = getattr(gains, "pd", gains)
     assert tune.stable(setup, gains, tune.MARGIN)
     assert not tune.stable(setup, dataclasses.replace(gains, ratio=tuple(50.0 * r for r in gains.ratio)), 1.0)
+
+
+@pytest.mark.parametrize("task", ["slew", "reach"])
+def test_gains_for_drawn_arms_are_no_edges_of_the_search(task):
+    """Each lies within its range by 1 % of it, on the scale of the search; an effort of 1 is all there is, no edge."""
+    tables = tune.current(Path(__file__).parents[1] / "agents" / "robust" / f"{task}.toml")
+    assert set(tables) == {"pd", "zv", "zvd", "lqr"}
+    for name, table in tables.items():
+        box = tune.SEARCHED[name] | (tune.WIDE if "ratio" in table else {})
+        assert set(table) == set(tune.SEARCHED[name])
+        for key, value in table.items():
+            low, high = np.log(box[key])
+            share = (np.log(value) - low) / (high - low)
+            assert ((share > 0.01) & ((share < 0.99) | (key == "effort"))).all(), (name, key, value)
+    if task == "slew":
+        gains = gains_from("zvd", tables["zvd"])
+        env = episodes.make_episodes("FlexibleArm-v0", 100, randomization=episodes.RANDOMIZED)
+        assert episodes.run(env, control.make("zvd", control.Setup.of(env), gains)).success.mean() >= 0.99
 
 
 # ------------------------------------------------------------------ shaping
