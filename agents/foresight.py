@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import suite
+from flexarm_env.suite.best import Actions
 from flexarm_env.suite.policies import Chosen, choose
 from flexarm_env.suite.score import EPISODES, FIRST
 from flexarm_env.training.runs import read_json, write_json, write_whole
@@ -34,22 +35,6 @@ PATIENCE, ENOUGH = 30, 1e-4
 """A search ends where so many steps have brought no more than this share of the mean return."""
 ALIKE = 1e-6
 """Share by which an episode may pay otherwise in the task than in the search."""
-
-
-class Foresight:
-    """Actions (T, n, N) of n episodes, by the time."""
-
-    def __init__(self, actions: Array) -> None:
-        self.actions = actions
-
-    def reset(self, observation: NDArray[np.float32]) -> None:
-        """At the beginning."""
-        self.k = 0
-
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The next actions."""
-        self.k += 1
-        return self.actions[min(self.k, len(self.actions)) - 1].astype(np.float32)
 
 
 def played(env: Any, policy: Any, price: float = 0.0) -> tuple[Array, Array]:
@@ -94,27 +79,36 @@ def seen_whole(task: suite.Task) -> dict[str, Any]:
 
 
 def search(
-    task: suite.Task, trained: Sequence[Path] = (), *, steps: int = 500, memory: int = 12, kept: Path | None = None
+    task: suite.Task,
+    trained: Sequence[Path] = (),
+    *,
+    steps: int = 500,
+    memory: int = 12,
+    kept: Path | None = None,
+    start: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Actions (T, n, N) of the episodes and their returns (n,).
 
     trained: run folders to begin with, beside controllers. steps: of L-BFGS with so long a memory (Liu & Nocedal 1989),
     each episode for itself: actions at a limit that the slope would push beyond stay there, a step that pays less is
     halved; fewer where the last ones have brought next to nothing. kept: a file in which actions are kept on the way,
-    and from which a search that was broken off goes on. ValueError where the task's environment has no derivatives, or
+    and from which a search that was broken off goes on. start: actions and their returns to begin with, in place of all
+    that. ValueError where the task's environment has no derivatives, or
     does not give these returns.
     """
     from flexarm_env.derivatives import Arms
 
-    best, reached = beginnings(task, trained) if kept is None or not kept.is_file() else read(kept)
+    if start is None:
+        start = beginnings(task, trained) if kept is None or not kept.is_file() else read(kept)
+    best, reached = start
     arms = Arms(task.environment, EPISODES, **seen_whole(task))
-    start, shape = arms.reset(seed=FIRST), best.shape
+    first, shape = arms.reset(seed=FIRST), best.shape
     fine = Fine(task, arms.environment.plan)
 
     moved: Any = InTask(arms) if "pushes" in task.keywords else arms
 
     def value(x: Array) -> tuple[Array, Array]:
-        total, slopes = returned(moved, start, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
+        total, slopes = returned(moved, first, x.reshape(arms.n, shape[0], shape[2]).transpose(1, 0, 2), fine)
         return total, np.nan_to_num(slopes.transpose(1, 0, 2).reshape(arms.n, -1))
 
     x = _exact(best.transpose(1, 0, 2).reshape(arms.n, -1))
@@ -265,10 +259,10 @@ def chosen(folder: Path) -> Chosen:
     record = read_json(folder / "run.json")
     actions, _ = read(path)
 
-    def make(env: Any) -> Foresight:
+    def make(env: Any) -> Actions:
         if (int(env.num_envs), env.single_action_space.shape[0]) != actions.shape[1:]:
             raise ValueError(f"{path}: actions of {actions.shape[1]} episodes, which are judged together or not at all")
-        return Foresight(actions)
+        return Actions(actions)
 
     content = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     return Chosen("actions", folder.name, content, make, 0, record)

@@ -144,7 +144,7 @@ def test_the_best_known_is_played_in_the_task_itself(tmp_path: Path):
     _, began = foresight.beginnings(task)
     actions, returns = foresight.search(task, steps=20)
     assert (returns >= began).all() and returns.mean() > began.mean()
-    _, again = foresight.played(suite.make_vec(task.id, len(returns)), foresight.Foresight(actions))
+    _, again = foresight.played(suite.make_vec(task.id, len(returns)), foresight.Actions(actions))
     assert again == pytest.approx(returns, rel=1e-6)
 
 

@@ -12,6 +12,7 @@ from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED, Parser
 from flexarm_env.cli.progress import show
 from flexarm_env.files import write_whole
+from flexarm_env.suite import best
 from flexarm_env.suite.data import Task
 from flexarm_env.suite.page import page
 from flexarm_env.suite.policies import PLACE
@@ -38,6 +39,7 @@ first observations. The word {PLACE} in it stands for the task's id, where each 
   flexarm bench suite --policy pd,lqg --out runs/suite
   flexarm bench suite --policy 'runs/{PLACE}-0' --name ppo --run 0 --out runs/suite
   flexarm bench suite --policy mine:act --task slew-measured-v2
+  flexarm bench suite --best slew-measured-v2      play the record, the best of all that was played there
 """
 
 PAGE = """\
@@ -66,11 +68,14 @@ def _suite(words: Sequence[str]) -> int:
     parser.add_argument("--run", type=int, metavar="K", help="of several runs; default: the policy's seed, or 0")
     parser.add_argument("--episodes", type=int, default=EPISODES, metavar="N", help="fewer: a look, no result")
     parser.add_argument("--again", action="store_true", help="judge anew what was judged before")
+    parser.add_argument("--best", metavar="ID[,ID...]", help="play the records of these tasks, and judge nothing")
     parser.add_argument("--list", action="store_true", help="list the tasks")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of lines")
     args = parser.parse_args(words)
     if args.list:
         return _list(args.json)
+    if args.best is not None:
+        return _best([frozen(task) for task in chosen_tasks(args.best)], args.json)
     count = check.integer("--episodes", args.episodes, minimum=1, maximum=EPISODES)
     wanted = [frozen(task) for task in chosen_tasks(args.task)]
     policies = listed("--policy", args.policy)
@@ -94,6 +99,26 @@ def _suite(words: Sequence[str]) -> int:
     for sentence in trouble:
         sys.stderr.write(f"flexarm bench suite: {sentence}\n")
     return FAILED if trouble else DONE
+
+
+def _best(wanted: Sequence[Task], as_json: bool) -> int:
+    """Play records; 1 where one does not give the values that it holds."""
+    found = {}
+    for task in wanted:
+        kept = best.record(task)
+        env = suite.make_vec(task.id, kept.actions.shape[1])
+        values, successes = best.played(task, env, best.Actions(kept.actions))
+        env.close()
+        found[task.id] = {
+            "date": kept.date, "value": float(values.mean()), "success_rate": float(successes.mean()),
+            "episodes": len(values), "equal": int((values == kept.values).sum()),
+        }  # fmt: skip
+    if as_json:
+        show({"records": found}, True)
+    for name, one in () if as_json else found.items():
+        what = f"J {one['value']:.2f}, success {one['success_rate']:.0%}"
+        print(f"{name}: record of {one['date']}: {what}; {one['equal']} of {one['episodes']} episodes to the bit")
+    return DONE if all(one["equal"] == one["episodes"] for one in found.values()) else FAILED
 
 
 def _summary(results: Results, notes: Mapping[str, str], wanted: Sequence[Task], folder: Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import best
 from .data import Task, tasks
 from .results import Results, of_the_protocol, settling, summary, values
 from .score import EPISODES, FIRST, interquartile_mean, interval, references
@@ -170,6 +171,15 @@ def _behind(task: Task, line: Line, first: Line) -> str:
     return f"{_two(float(gap.mean()))} ± {half:.2f}{more}"
 
 
+def _record(task: Task, lines: Sequence[Line]) -> str:
+    """The record, and who beats it."""
+    kept = best.record(task)
+    above = {line.method: max(int((values(task, e) > kept.values).sum()) for e in line.entries) for line in lines}
+    beaten = ", ".join(f"{name} in {count} episodes" for name, count in above.items() if count)
+    more = f" Above it: **{beaten}**; how to hand that in: docs/tutorials/suite.md." if beaten else ""
+    return f"The record, of {kept.date}: J = {kept.values.mean():.1f} (`flexarm bench suite --best {task.id}`).{more}"
+
+
 def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]:
     reference = references().get(task.id)
     yield " ".join(task.hard.split())
@@ -177,6 +187,8 @@ def _table(task: Task, lines: Sequence[Line], learnt: set[int]) -> Iterator[str]
     if reference is not None and reference.digest == task.digest:
         yield f"J_PD = {reference.pd:.1f}; J_best = {reference.best:.1f}, by {reference.by}."
         yield ""
+    if task.id in best.known():
+        yield from (_record(task, lines), "")
     yield (
         "| method | runs | J | worst, best run | score | behind the first | success | settled, s | "
         + ("second hundred: success | settled, s | J - J_PD | cost | training, share of the budget | CPU s | ")

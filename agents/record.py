@@ -1,0 +1,150 @@
+"""The best that was ever played on the suite's tasks, by episode: flexarm_env/data/suite/best/TASK.npz.
+
+    python -m agents.record [--task IDS] [--home runs/suite]
+
+Of each task: controllers that see what it shows and what there is, the policies of all run folders, what foresight has
+found, and the record so far. The search of `agents.foresight` goes on from the best of each episode until `PATIENCE`
+of its steps bring less than `ENOUGH` of the mean return.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import date
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents import foresight
+from agents.suite import ROOT, of_run
+from flexarm_env import control, suite
+from flexarm_env.suite import best
+from flexarm_env.suite.policies import choose
+from flexarm_env.suite.results import chosen_tasks, frozen
+from flexarm_env.suite.score import EPISODES
+from flexarm_env.training.runs import command, read_json, write_whole
+
+HOME = ROOT / "flexarm_env" / "data" / "suite" / "best"
+GRID, LOST = 8192.0, 1e-3
+"""Actions are rounded to parts of GRID where that costs a value that a search has found no more than LOST."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What `python -m agents.record` takes.
+
+    Args:
+        task: ids of tasks, separated by commas; default all.
+        home: folder of the runs.
+        out: folder of the records.
+        steps: of the search, at most; 0: none.
+    """
+
+    task: str | None = None
+    home: Path = Path("runs/suite")
+    out: Path = HOME
+    steps: int = 500
+
+
+class Recorded:
+    """A policy, and what it did."""
+
+    def __init__(self, policy: Any) -> None:
+        self.policy = policy
+        self.actions: list[Any] = []
+
+    def reset(self, observation: Any) -> None:
+        """Begin."""
+        self.actions = []
+        self.policy.reset(observation)
+
+    def act(self, observation: Any) -> Any:
+        """Actions, kept."""
+        self.actions.append(np.clip(np.asarray(self.policy.act(observation), np.float32), -1.0, 1.0))
+        return self.actions[-1]
+
+
+def candidates(task: suite.Task, home: Path) -> Iterator[tuple[str, Any, bool]]:
+    """Names, what makes a policy of an environment, and whether it sees the whole state."""
+    if task.id in best.known():
+        kept = best.record(task)
+        yield "", lambda env: best.Actions(kept.actions), False
+    for name in control.NAMES:
+        for whole in (False, True):
+            yield name, lambda env, name=name: choose(name, task).make(env), whole
+    for folder in sorted(home.glob(f"*/{task.id}")):
+        if finished(folder):
+            yield folder.parent.name, of_run(str(folder), task).make, False
+
+
+def finished(folder: Path) -> bool:
+    """Whether it has a run that came to its end."""
+    ours = any((folder / name).is_file() for name in ("policy.npz", "model.zip", "actions.npz"))
+    return ours and "cpu_s" in read_json(folder / "run.json")
+
+
+def gathered(task: suite.Task, home: Path) -> tuple[Any, Any, list[str]]:
+    """Of each episode the best actions, their value, and whose they are."""
+    shown = suite.make_vec(task.id, EPISODES)
+    seen = foresight.seen_whole(task)
+    wide = gym.make_vec(task.environment, EPISODES, vectorization_mode="vector_entry_point", **seen)
+    limit = int(shown.unwrapped.plan.limit)
+    kept = np.zeros((limit, *shown.action_space.shape), np.float32)
+    reached, by = np.full(EPISODES, -np.inf), [""] * EPISODES
+    for name, make, whole in candidates(task, home):
+        try:
+            policy = Recorded(make(wide if whole else shown))
+            values, _ = best.played(task, wide if whole else shown, policy)
+        except ValueError:  # a controller that is not made for the task
+            continue
+        actions = np.zeros_like(kept)
+        actions[: len(policy.actions)] = policy.actions
+        for k in np.flatnonzero(values > reached):
+            kept[:, k], reached[k] = actions[:, k], values[k]
+            by[k] = name or best.record(task).by[k]
+    wide.close()
+    return kept, reached, by
+
+
+def made(task: suite.Task, arguments: Arguments) -> str:
+    """Write a task's record; a line of it. ValueError where what was played is not what the task gives."""
+    kept, judged, by = gathered(task, arguments.home)
+    env = suite.make_vec(task.id, EPISODES)
+    values, _ = best.played(task, env, best.Actions(kept))
+    if not (values >= judged).all():
+        raise ValueError(f"{task.id}: other values in the task, by {np.abs(values - judged).max()}")
+    if arguments.steps:
+        more, _ = foresight.search(task, steps=arguments.steps, start=(kept.astype(float), values))
+        found, _ = best.played(task, env, best.Actions(more.astype(np.float32)))
+        better = found > values
+        kept[:, better], values = more[:, better], np.maximum(values, found)
+        by = [f"search from {name}" if gain else name for name, gain in zip(by, better, strict=True)]
+    rounded = (np.round(kept * GRID) / GRID).astype(np.float32)
+    found, _ = best.played(task, env, best.Actions(rounded))
+    fine = (found >= judged) & (found >= values - LOST)
+    kept[:, fine] = rounded[:, fine]
+    values, successes = best.played(task, env, best.Actions(kept))
+    env.close()
+    what = {"actions": kept, "values": values, "by": np.array(by), "digest": np.array(task.digest)}
+    what |= {"date": np.array(date.today().isoformat())}
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write_whole(arguments.out / f"{task.id}.npz", lambda part: np.savez_compressed(part, **what))
+    return f"{task.id}: J {values.mean():.3f} ({judged.mean():.3f} before the search), success {successes.mean():.0%}"
+
+
+def work(arguments: Arguments) -> int:
+    """All that are asked for."""
+    for task in map(frozen, chosen_tasks(arguments.task)):
+        print(made(task, arguments), flush=True)
+    return 0
+
+
+main = partial(command, Arguments, "python -m agents.record", __doc__, work)
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""Records: the best that was ever played, replayed to the bit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexarm_env import suite
+from flexarm_env.cli import main
+from flexarm_env.suite import best, page, results, score
+from tests.cli_tools import refused
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results" / "suite"
+QUICK = "slew-limited-v2"
+
+
+@pytest.mark.parametrize("name", best.known())
+def test_no_published_run_is_above_a_record(name: str):
+    """In no episode; and a record is of the task as it is, with one action an instant."""
+    task, kept = suite.task(name), best.record(suite.task(name))
+    limit = suite.make(name).unwrapped.plan.limit
+    assert kept.actions.shape[:2] == (limit, score.EPISODES) and np.abs(kept.actions).max() <= 1.0
+    assert kept.digest == task.digest and len(kept.by) == len(kept.values) == score.EPISODES and all(kept.by)
+    for one in results.folder_of(RESULTS, earlier=True):
+        entry = one.tasks.get(name)
+        if entry is not None and results.of_the_protocol(task, entry):
+            assert (results.values(task, entry) <= kept.values).all(), one.file
+    assert kept.values.mean() >= score.references()[name].best - 1e-3
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=() if one == QUICK else pytest.mark.slow) for one in best.known()]
+)
+def test_a_record_is_played_again_to_the_bit(name: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["bench", "suite", "--best", name, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["records"][name]
+    assert found["equal"] == found["episodes"] == score.EPISODES
+    assert found["value"] == best.record(suite.task(name)).values.mean()
+
+
+def test_other_actions_are_no_record(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    task = suite.task(QUICK)
+    kept = best.record(task)
+    off = kept.actions.copy()
+    off[0, 3] = -off[0, 3]
+    monkeypatch.setattr(best, "record", lambda task: best.Record(off, kept.values, kept.by, kept.digest, kept.date))
+    assert main(["bench", "suite", "--best", QUICK]) == 1
+    assert "99 of 100 episodes to the bit" in capsys.readouterr().out
+
+
+def test_a_run_that_beats_a_record_is_told_of(tmp_path: Path):
+    task = suite.task(QUICK)
+    kept = best.record(task)
+    entry = dict(results.read(RESULTS / "pd-0.json", earlier=True).tasks[QUICK])
+    entry["returns"] = [*(kept.values[:2] + 0.5).tolist(), *entry["returns"][2:]]
+    entry["costs"] = [0.0, 0.0, *entry["costs"][2:]]
+    results.Results("quick", 0, {QUICK: entry}).write(tmp_path)
+    assert "Above it: **quick in 2 episodes**" in page.page(results.folder_of(tmp_path))
+
+
+def test_a_task_without_a_record_says_so(capsys: pytest.CaptureFixture[str]):
+    assert "slew-measured-v1" not in best.known()
+    told = refused(capsys, "bench", "suite", "--best", "slew-measured-v1")
+    assert "--best = 'slew-measured-v1': has no record" in told
