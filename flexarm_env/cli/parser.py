@@ -332,7 +332,8 @@ def build_parser() -> Parser:
     excite.add_argument("arm", metavar="ARM", help="what is known of it: a name or a TOML file")
     excite.add_argument("--out", required=True, metavar="FILE.csv", help="what flexarm run plays: t, torque0, ...")
     for flag, default, metavar, what in EXCITED:
-        excite.add_argument(flag, type=type(default or 0.0), default=default, metavar=metavar, help=what)
+        kind = float if default is None else type(default)
+        excite.add_argument(flag, type=kind, default=default, metavar=metavar, help=what)
 
     serve = add("serve", "an arm that answers packets in real time", SERVE, "remote")
     serve.add_argument("what", metavar="ARM", help="an environment, a task or an arm, as for export --to library")
