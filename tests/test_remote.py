@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -35,6 +37,7 @@ from flexarm_env.remote import (
 from flexarm_env.remote.client import run_policy
 from flexarm_env.remote.packet import ARM, HEAD, HELD, LIMITED, RESET, SET_POINTS, unpack
 from tests.cli_tools import refused
+from tests.processes import ROOT
 
 KEY = b"a key that both ends know"
 PEER = ("127.0.0.1", 1)
@@ -399,3 +402,18 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["run", "pd", "--env", "FlexibleArm-v0", "--to", "127.0.0.1:9"], "no answer within"),
     ):
         assert sentence in refused(capsys, *words)
+
+
+def test_a_served_arm_that_is_terminated_leaves_its_log_whole(tmp_path: Path) -> None:
+    """Also where Ctrl-C is ignored, as by what a shell starts behind it."""
+    log = tmp_path / "run.csv"
+    words = ["serve", "FlexibleArm-v0", "--rate", "200", "--port", "0", "--log", str(log)]
+    command = [sys.executable, "-m", "flexarm_env", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as server:
+        assert server.stdout is not None and "serving" in server.stdout.readline()
+        time.sleep(0.5)
+        server.terminate()
+        assert "periods: " in server.communicate()[0]
+    assert server.returncode == 0
+    lines = log.read_text().splitlines()
+    assert len(lines) > 20 and {line.count(",") for line in lines} == {lines[0].count(",")}

@@ -1,4 +1,4 @@
-"""`flexarm export`: a trained policy as ONNX or as C; an arm as a C library."""
+"""`flexarm export`: a trained policy as ONNX or as C, a controller as C; an arm as a C library."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE
 from flexarm_env.cli.play import keywords
 from flexarm_env.cli.progress import show
-from flexarm_env.control import NumpyPolicy, Setup, load_policy
+from flexarm_env.control import NAMES, NumpyPolicy, Setup, load_policy, make
 from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
+from flexarm_env.control.in_c import controller_source
 from flexarm_env.envs.ids import own_ids, permitted
 from flexarm_env.files import write_whole
 from flexarm_env.library import write, write_fmu
@@ -32,11 +33,16 @@ def run(args: argparse.Namespace) -> int:
         raise check.InvalidValue("--fmi", args.fmi, "must not be given but with --to fmu")
     if args.to in ("library", "fmu"):
         return _arm(args, out)
-    for flag, value in (("--name", args.name), ("--cpu", args.cpu), ("--env-kwargs", args.env_kwargs)):
+    for flag, value in (("--name", args.name), ("--cpu", args.cpu)):
         if value is not None:
             raise check.InvalidValue(flag, value, "must not be given but with --to library or fmu")
     if out.suffix.lower() != FORMS[args.to]:
         raise check.InvalidValue("--out", args.out, f"must end in {FORMS[args.to]} for --to {args.to}")
+    if args.what in NAMES:
+        return _controller(args, out)
+    for flag, value in (("--env", args.env), ("--slew", args.slew), ("--env-kwargs", args.env_kwargs)):
+        if value is not None:
+            raise check.InvalidValue(flag, value, "must not be given with a policy, which names its own environment")
     policy = load_policy(args.what)
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
     values = {"export": str(out), "observation": size, "actions": joints}
@@ -48,6 +54,20 @@ def run(args: argparse.Namespace) -> int:
         values["function"] = f"{name}_decide"
     write_whole(out, content)
     show(values | {"bytes": len(content)}, args.json)
+    return DONE
+
+
+def _controller(args: argparse.Namespace, out: Path) -> int:
+    if args.to != "c":
+        raise check.InvalidValue("--to", args.to, "must be c for a controller")
+    if args.env is None:
+        raise check.InvalidValue("--env", args.env, "must be given for a controller: what it is designed for")
+    env = environment(args.env, keywords(args.env_kwargs))
+    name = c_name(out.stem)
+    content = controller_source(make(args.what, env), name, args.slew).encode()
+    env.close()
+    write_whole(out, content)
+    show({"export": str(out), "function": f"{name}_decide", "bytes": len(content)}, args.json)
     return DONE
 
 

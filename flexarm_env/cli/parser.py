@@ -168,6 +168,9 @@ allocation; scaling, clipping, normalisation and history are in it, and its firs
 observations (n, entries) to actions (n, joints), for any runtime (pip install onnx). WHAT is a run folder, a policy.npz
 or the name of a policy that comes with the package.
 
+A controller leaves as C (--to c) in double precision, with what its design came to: pd, zv, zvd, lqr, lqg and the plan
+of time_optimal (--slew), of arms with one link; pd of more where the observation is "measured".
+
 An arm moves there with the bits that it has in Python. --to library: a folder with a shared object that wants no
 Python, a header that says all, an example, a CMake file and a pkg-config file. WHAT is an environment's id, a task of
 the suite, or an arm, by its name or its TOML file. Linux on x86-64; the C compiler there links it. --to fmu: the same
@@ -175,6 +178,7 @@ as a functional mock-up unit for co-simulation, for any tool that imports FMI.
 
   flexarm export two_link --to c --out two_link.c
   flexarm export runs/ppo-FlexibleArm-v0-0 --to onnx --out arm.onnx
+  flexarm export lqr --to c --env FlexibleArm-v0 --out lqr.c
   flexarm export TwoLinkFlexArm-v0 --to library --out my_arm --env-kwargs '{"formulation": "geometrically_exact"}'
 """
 
@@ -362,14 +366,16 @@ def build_parser() -> Parser:
     run.add_argument("--most-angle", type=float, metavar="RAD", help="of a joint; beyond, it lets go of the arm")
 
     export = add("export", "a trained policy as ONNX or C, an arm as a C library", EXPORT, "export")
-    what = "a policy; for --to library or fmu an environment, a task or an arm"
+    what = "a policy or a controller; for --to library or fmu an environment, a task or an arm"
     export.add_argument("what", metavar="WHAT", help=what)
     export.add_argument("--to", required=True, choices=("onnx", "c", "library", "fmu"), help="the form")
     export.add_argument("--out", required=True, metavar="PATH", help="the file, .onnx, .c, .fmu; a library's folder")
     export.add_argument("--name", metavar="NAME", help="in front of all that a library defines; default: by --out")
     export.add_argument("--fmi", choices=("2.0", "3.0"), help="version of the standard; default 3.0")
     export.add_argument("--cpu", metavar="CPU", help="native, or by LLVM's name, to build for; default x86-64-v2")
+    export.add_argument("--env", metavar="ENV", help="of a controller: what it is designed for")
     export.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
+    export.add_argument("--slew", type=float, metavar="RAD", help="of time_optimal: the slew that is planned")
 
     compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")

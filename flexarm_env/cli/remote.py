@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
+import signal
 import stat
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +50,19 @@ def key_of(path: str | None) -> bytes | None:
     return key
 
 
+@contextlib.contextmanager
+def _until_terminated() -> Iterator[None]:
+    """SIGTERM ends it as Ctrl-C does, with the log whole; in the main thread, where alone signals arrive."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def _serve(args: argparse.Namespace) -> int:
     """Serve an arm until it is stopped, and say what came of it."""
     rate = check.number("--rate", args.rate, "Hz", minimum=1.0, maximum=10_000.0)
@@ -63,7 +80,8 @@ def _serve(args: argparse.Namespace) -> int:
     if not args.json:
         print(f"serving {args.what} at {host}:{port}, {rate:g} Hz; Ctrl-C ends it. No safety system.", flush=True)
     try:
-        server.serve(seconds)
+        with _until_terminated():
+            server.serve(seconds)
     except KeyboardInterrupt:
         pass
     finally:

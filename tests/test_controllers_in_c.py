@@ -1,0 +1,99 @@
+"""Controllers as C: the numbers of the Python classes, over whole episodes."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import flexarm_env  # noqa: F401
+from flexarm_env import control
+from flexarm_env.cli import main
+from flexarm_env.control.in_c import controller_source
+from tests.cli_tools import refused
+from tests.refusals import refuses
+
+COMPILER = shutil.which("cc")
+needs_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler here")
+CLOSE = 1e-6
+NOISY: dict[str, Any] = {
+    "observation": "measured", "history": 2,
+    "sensors": {"encoders": {"counts": 2000}, "strain_gauges": [{"noise": 0.0029, "bias": 0.0057}]},
+}  # fmt: skip
+CASES: list[Any] = [
+    ("pd", "FlexibleArm-v0", {}),
+    ("zv", "FlexibleArm-v0", {}),
+    ("zvd", "FlexibleArm-v0", {}),
+    ("lqr", "FlexibleArm-v0", {"initial_vibration": 0.05}),
+    ("time_optimal", "FlexibleArm-v0", {}),
+    ("lqg", "FlexibleArm-v0", NOISY),
+    ("lqg", "FlexibleArm-v0", {"observation": "measured", "arm": "strip_geared"}),
+    ("pd", "TwoLinkFlexArm-v0", {"observation": "measured"}),
+]
+
+
+def compiled(folder: Path, source: str) -> ctypes.CDLL:
+    (folder / "it.c").write_text(source)
+    words = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC", "it.c", "-o", "it.so"]
+    done = subprocess.run([COMPILER, *words, "-lm"], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return ctypes.CDLL(str(folder / "it.so"))
+
+
+@needs_c
+@pytest.mark.parametrize(("name", "env_id", "kwargs"), CASES, ids=[f"{c[0]}-{c[1]}-{len(c[2])}" for c in CASES])
+def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], tmp_path: Path) -> None:
+    """Two episodes of the closed loop, in which C sees what Python saw, from observations and from SI values."""
+    env = gym.make(env_id, **kwargs)
+    own = control.make(name, env)
+    slew = float(np.float32(0.9)) if name == "time_optimal" else None
+    source = controller_source(own, "it", slew)
+    assert not re.search(r"\b(malloc|main)\b", source)
+    library, memory = compiled(tmp_path, source), ctypes.create_string_buffer(4096)
+    joints, scales = own.setup.n_joints, np.array(own.setup.scales)
+    for episode, decide in enumerate((library.it_decide, library.it_act)):
+        options = None if slew is None else {"start": [0.0], "target": slew}
+        observation, _ = env.reset(seed=episode, options=options)
+        own.reset(observation)
+        library.it_reset(memory)
+        moved = 0.0
+        for _ in range(150):
+            wanted, found = own.act(observation), np.zeros(joints, np.float32)
+            seen = np.ascontiguousarray(observation, np.float32)
+            if episode:
+                seen = np.ascontiguousarray(observation[-len(scales) :].astype(np.float64) * scales)
+            decide(memory, seen.ctypes.data_as(ctypes.c_void_p), found.ctypes.data_as(ctypes.c_void_p))
+            assert np.abs(found - wanted).max() <= CLOSE
+            moved = max(moved, float(np.abs(wanted).max()))
+            observation, *_ = env.step(wanted)
+        assert moved > 0.05
+    env.close()
+
+
+def test_what_cannot_leave_is_a_sentence() -> None:
+    env = gym.make("FlexibleArm-v0")
+    refuses("controller = 'MPC': must be PD,", lambda: controller_source(control.make("mpc", env), "it"))
+    refuses("slew = None", lambda: controller_source(control.make("time_optimal", env), "it"))
+    two = gym.make("TwoLinkFlexArm-v0")
+    refuses("must have one link, or be moved by PD", lambda: controller_source(control.make("lqr", two), "it"))
+
+
+@needs_c
+def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(tmp_path / "lqr.c")
+    assert main(["export", "lqr", "--to", "c", "--env", "FlexibleArm-v0", "--out", out]) == 0
+    assert "function: lqr_decide" in capsys.readouterr().out
+    assert compiled(tmp_path, Path(out).read_text()).lqr_reset
+    assert "--env" in refused(capsys, "export", "lqr", "--to", "c", "--out", out)
+    assert "must be c" in refused(capsys, "export", "lqr", "--to", "onnx", "--env", "FlexibleArm-v0", "--out", "a.onnx")
+    assert "must not be given" in refused(capsys, "export", "two_link", "--to", "c", "--env", "X", "--out", out)
+    words = ["export", "time_optimal", "--to", "c", "--env", "FlexibleArm-v0", "--out", out]
+    assert "slew" in refused(capsys, *words)
+    assert main([*words, "--slew", "1.2"]) == 0
