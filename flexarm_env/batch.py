@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from . import physics  # noqa: F401  (registers the formulations)
 from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, native, one_at_a_time, uncompiled
 from .parameters import Arm
-from .physics import assembly, gauges, precision
+from .physics import assembly, precision
+from .physics.gauges import curvature_rows
 from .physics.integrator.work import unpack, work_size
+from .physics.joints.build import with_own_laws
 from .physics.layout import COUNTS, POSE
 from .physics.model import OK, STIFFNESS_FACTOR, TAU_D, System
 from .runtime import episode as environment
@@ -84,8 +86,7 @@ class Starts:
 
     start: (low, high) of each joint angle, rad. target: two ranges: rad from the start (slew; the second unused), or
     m and rad, polar (reach). straight: share of starts with all joints at 0. vibration: largest initial vibration, as
-    a tip deflection over L. factors: ranges of the factors on payload, EI, damping and torque constant.
-    shake (n, 3): velocities of a unit of initial vibration, see `Ranges`; None where there is none.
+    a tip deflection over L. factors, more, shake: those of `Ranges`; None: none. laws: joints are drawn.
     """
 
     start: Sequence[tuple[float, float]]
@@ -94,6 +95,8 @@ class Starts:
     vibration: float = 0.0
     factors: Sequence[tuple[float, float]] = field(default_factory=lambda: ((1.0, 1.0),) * 4)
     shake: Array | None = None
+    more: Sequence[tuple[float, float]] | None = None
+    laws: bool = False
 
 
 def info_places(task: Task) -> Any:
@@ -139,11 +142,7 @@ def gauge_table(
     """(G, n): curvature (1/m) of a link at a place (0 root, 1 tip) from the state, for the arm of a batch."""
     assert settings.dt is not None
     scene = standing_scene(arm, settings.dt, gravity)
-    return gauges.curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
-
-
-scene_gauges = gauges.curvature_rows
-"""(scene, settings, system, places) -> (G, n): the same for the arm of an assembled scene."""
+    return curvature_rows(scene, settings, assembly.assemble(scene, settings), places)
 
 
 class Batch:
@@ -173,6 +172,7 @@ class Batch:
         self.tolerance = precision.of_torques(arm, settings, bending, damping)
         pushed = self.extras.pushes is not None
         self.systems = fitted_systems(standing_scene(arm, settings.dt, gravity, pushed=pushed), settings)
+        self.systems = [with_own_laws(system) for system in self.systems] if starts.laws else self.systems
         self.system: System = self.systems[-1]
         self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
         self.groups = -(-n // len(self.lane))
@@ -247,6 +247,7 @@ class Batch:
         return Ranges(
             pose=self.pose.ravel(), shake=shake, nominal=self.system.par.copy(), straight=float(starts.straight),
             vibration=float(starts.vibration), **ranges,
+            more=None if starts.more is None else np.ravel(starts.more), laws=(0,) if starts.laws else None,
         )  # fmt: skip
 
     # --- one arm's entries -----------------------------------------------------------------------
@@ -445,5 +446,5 @@ __all__ = [
     "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS",
     "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS",
     "Selection", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table", "info_places", "law_of",
-    "one_at_a_time", "room_of", "scene_gauges", "standing_scene",
+    "one_at_a_time", "room_of", "curvature_rows", "standing_scene",
 ]  # fmt: skip

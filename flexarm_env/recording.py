@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from flexarm_env import arms, sensors
 from flexarm_env import validation as check
-from flexarm_env.batch import gauge_table, scene_gauges
+from flexarm_env.batch import curvature_rows, gauge_table
 from flexarm_env.envs.ids import permitted
 from flexarm_env.files import from_json, read_npz, write_npz
 from flexarm_env.parameters import Arm
@@ -107,7 +107,7 @@ class Episode:
         rows |= {f"seen_{name}": values.astype(float) for name, values in zip(plan.names, last.T, strict=True)}
         rate: Any = partial(gauge_table, plan.arm, plan.settings, plan.gravity)
         if guide is not None:  # an arm that follows a motion has a state of its own form
-            rate = partial(scene_gauges, guide.scene, guide.settings, guide.simulation.system)
+            rate = partial(curvature_rows, guide.scene, guide.settings, guide.simulation.system)
         return of_episode(plan, views, rows, self.rewards, self.env_id if label is None else label, rate)
 
     def view(self, *others: Episode, labels: Sequence[str] | None = None, env_id: str | None = None) -> Player:

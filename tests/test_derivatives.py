@@ -93,6 +93,8 @@ CASES = [
     case("motors and controllers, floating frame", TWO, **MOTORS, **PD, **FLOATING),
     case("motors and controllers, exact beam", TWO, 1e-14, **MOTORS, **PD, **EXACT),
     case("gears, laws", ONE, arm=geared(), parameters=True),
+    case("gears, laws drawn", ONE, arm=geared(), parameters=True, randomization={"motor_inertia": (0.5, 2.0)}),
+    case("gears, laws drawn and given", ONE, back=True, arm=geared(), randomization={"motor_inertia": (0.5, 2.0)}),
     case("targets, late, several at once", ONE, task="track", history=2, sensors={"delay": 0.04, **GAUGE}),
     case("targets, sensors", TWO, task="track", observation="measured", sensors=SENSORS, history=2),
     case("steps fitted", ONE, step_tolerance=1e-5),

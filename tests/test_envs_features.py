@@ -351,6 +351,77 @@ def test_torque_constant_scales_the_torque() -> None:
     assert run(env, np.ones((1, 1)), **START)[0][-1]["hub_torque"] == pytest.approx(1.6)
 
 
+FACTORS = {"friction": 1.6, "backlash": 0.5, "motor_inertia": 2.5, "payload_inertia": 3.0}
+
+
+@pytest.mark.parametrize("formulation", ["elastica", pytest.param("floating_frame", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [1, pytest.param(5, marks=pytest.mark.slow)])
+def test_drawn_joints_and_inertia_are_those_of_an_arm_that_has_them(formulation: str, count: int) -> None:
+    """Friction, play, rotor and payload of an arm of its own, and the same by factors: motion to rounding."""
+    arm = arms.named("strip_geared")
+    joints = [dataclasses.replace(joint, backlash=0.04, friction_viscous=0.02) for joint in arm.joints]
+    payload = dataclasses.replace(arm.payload, inertia=2e-4)
+    arm = dataclasses.replace(arm, joints=joints, payload=payload)
+    other = dataclasses.replace(
+        arm,
+        payload=dataclasses.replace(payload, inertia=3.0 * payload.inertia),
+        joints=[
+            dataclasses.replace(
+                joint, backlash=0.5 * joint.backlash, friction_viscous=1.6 * joint.friction_viscous,
+                friction_coulomb=1.6 * joint.friction_coulomb, motor_inertia=2.5 * joint.motor_inertia,
+            )
+            for joint in joints
+        ],
+    )  # fmt: skip
+    ranges = {name: (factor, factor) for name, factor in FACTORS.items()}
+    rng = np.random.default_rng(0)
+    actions = np.repeat(rng.uniform(-1.0, 1.0, (40, 1, 1)).astype(np.float32), count, axis=1)
+    found = []
+    for given in ({"arm": arm, "randomization": ranges}, {"arm": other}, {"arm": arm}):
+        env = gym.make_vec(ONE, count, vectorization_mode="vector_entry_point", formulation=formulation, **given)
+        env.reset(seed=3)
+        found.append(np.array([env.step(action)[0] for action in actions]) * env.unwrapped.plan.scales)
+        env.close()
+    drawn, made, nominal = found
+    np.testing.assert_allclose(drawn, made, atol=2e-6)  # in float32
+    assert np.abs(drawn - nominal).max() > 0.02
+
+
+def test_factors_of_joints_are_drawn_anew_and_only_where_they_are_asked_for() -> None:
+    ranges = {"friction": (0.5, 2.0), "motor_inertia": (0.8, 1.2)}
+    given = {"arm": "strip_geared", "randomization": ranges}
+    env = gym.make_vec(ONE, 3, vectorization_mode="vector_entry_point", **given).unwrapped
+    env.reset(seed=0)
+    batch, joint = env.batch, arms.named("strip_geared").joints[0]
+    first = np.array([batch.parameters(i)[4:] for i in range(3)])
+    env.reset(seed=1)
+    again = np.array([batch.parameters(i)[4:] for i in range(3)])
+    for drawn in (first, again):
+        _, _, rotor, _, coulomb, _ = (drawn / [1.0, 1.0, joint.rotor, 1.0, joint.friction_coulomb, 1.0]).T
+        assert ((rotor > 0.8) & (rotor < 1.2) & (coulomb > 0.5) & (coulomb < 2.0)).all() and len(set(coulomb)) == 3
+    assert (first != again).any(axis=1).all()
+    plain = gym.make(ONE, arm="strip_geared", randomization={"EI": (0.5, 1.5)}).unwrapped
+    assert len(plain.batch.parameters(0)) == 4
+    with pytest.raises(ValueError, match="must not be drawn for linear models"):
+        env.linearize(0)
+    with pytest.raises(ValueError, match=r"options.motion.*must not be given in an environment that draws"):
+        gym.make(ONE, **given).reset(options={"motion": np.array([[0.0, 0.0], [1.0, 0.1]])})
+
+
+@pytest.mark.parametrize(
+    ("ranges", "words"),
+    [
+        ({"friction": (0.5, 2.0)}, r"randomization.friction = .*: must not be given: no joint of strip has any"),
+        ({"backlash": (0.5, 2.0)}, "randomization.backlash"),
+        ({"motor_inertia": (0.5, 2.0)}, "randomization.motor_inertia"),
+        ({"payload_inertia": (2.0, 0.5)}, "randomization.payload_inertia"),
+    ],
+)
+def test_factors_on_what_is_not_there_are_refused(ranges: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        gym.make(ONE, randomization=ranges)
+
+
 def test_episodes_of_a_randomised_arm_differ(rng: np.random.Generator) -> None:
     env = gym.make(ONE, randomization={"EI": (0.7, 1.3)})
     one, other = (episode(env, seed, 20, start=0.2, target=0.9) for seed in (0, 1))

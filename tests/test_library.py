@@ -31,6 +31,10 @@ CASES: list[Any] = [
     pytest.param("TwoLinkFlexArm-v0", {"formulation": "floating_frame"}, id="floating", marks=pytest.mark.slow),
     pytest.param("FlexibleArm-v0", {"step_tolerance": 1e-4}, id="fitted steps", marks=pytest.mark.slow),
     pytest.param("MultiLinkFlexArm-v0", {"randomization": {"EI": (0.7, 1.3)}}, id="drawn", marks=pytest.mark.slow),
+    pytest.param(
+        "FlexibleArm-v0", {"arm": "strip_geared", "randomization": {"friction": (0.5, 2.0)}},
+        id="joints drawn", marks=pytest.mark.slow,
+    ),
 ]
 
 

@@ -174,7 +174,7 @@ class Periods:
         ]
         self._last_stiff: tuple[float, ...] = ()
         self._laws = None
-        if parameters and isinstance(model, Jointed):
+        if parameters and isinstance(model, Jointed) and not batch.starts.laws:
             self._laws = laws_of(model, names)
         self._groups = -(-self.n // lanes)
         self.failed, self.past = np.zeros(self.n, np.bool_), np.zeros(self.n, np.bool_)

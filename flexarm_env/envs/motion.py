@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from .. import scenes, time_functions
 from .. import validation as check
 from ..accuracy import in_steps
-from ..batch import CLIP, View, scene_gauges
+from ..batch import CLIP, View
+from ..physics.gauges import curvature_rows
 from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import DIVERGED
 from ..scene import Motion, Scene
@@ -180,7 +181,7 @@ class Guide:
         self.scene, self.period, self.limits = scene, period, limits
         self.settings = in_steps(scene, settings, scene.duration, period)
         self.simulation = Simulation(scene, self.settings)
-        rows = scene_gauges(scene, settings, self.simulation.system, gauges)
+        rows = curvature_rows(scene, settings, self.simulation.system, gauges)
         self.gauges = rows / np.array(gauge_scales).reshape(-1, 1)
         loaded = {getattr(load, "joint", None) for load in scene.loads}
         joints = range(scene.arm.n_links)

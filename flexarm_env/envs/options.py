@@ -45,6 +45,8 @@ OF_MODES: dict[str, Any] = {"dt": 0.005, "tolerance": 1e-6}
 benchmarks/choose_default.py is the reason."""
 
 FACTORS = ("payload", "EI", "damping", "torque_constant")
+MORE = ("payload_inertia", "friction", "backlash", "motor_inertia")
+"""Factors that are drawn only where they are asked for; those but the first are on what the arm's joints have."""
 """Keys of `randomization`, each a range (low, high) of the factor on the nominal value."""
 
 
@@ -200,7 +202,9 @@ def plan(
     weights = reward_weights(kind, reward)
     vibration = check.number("initial_vibration", initial_vibration, minimum=0.0, maximum=0.5)
     begun, absolute = events.starts(kind, own, starts)
-    begun = dataclasses.replace(begun, factors=_factors(randomization), vibration=vibration)
+    factors, more = _factors(randomization, own)
+    laws = more is not None and more[1:] != ((1.0, 1.0),) * 3
+    begun = dataclasses.replace(begun, factors=factors, more=more, laws=laws, vibration=vibration)
     if vibration > 0.0:
         begun = dataclasses.replace(begun, shake=shake(own, settings, frame.gravity))
     aims = events.aims(frame, extras, success, turns, absolute)
@@ -286,15 +290,27 @@ def _gravity(given: Any) -> tuple[float, float] | None:
     return check.number("gravity[0]", x, "m/s^2"), check.number("gravity[1]", y, "m/s^2")
 
 
-def _factors(given: Any) -> tuple[tuple[float, float], ...]:
-    table, rows = table_of("randomization", given, FACTORS), []
-    for name in FACTORS:
+def _factors(given: Any, arm: Arm) -> tuple[tuple[events.Pair, ...], tuple[events.Pair, ...] | None]:
+    """Ranges of `FACTORS`, and of `MORE`: None where none of these is given."""
+    table, rows = table_of("randomization", given, (*FACTORS, *MORE)), []
+    joints = [arm.joint(k) for k in range(arm.n_links)]
+    there = {
+        "friction": any(joint.friction_viscous > 0.0 or joint.friction_coulomb > 0.0 for joint in joints),
+        "backlash": any(joint.backlash > 0.0 for joint in joints),
+        "motor_inertia": any(joint.rotor > 0.0 for joint in joints),
+    }
+    for name in (*FACTORS, *MORE):
         path = f"randomization.{name}"
         low, high = check.limits(path, table.get(name, (1.0, 1.0)), minimum=0.0)
         if low == 0.0 and name in ("EI", "torque_constant"):
             raise check.InvalidValue(f"{path}[0]", low, "must be a positive number: an arm without it cannot be moved")
+        if name == "motor_inertia" and low == 0.0:
+            raise check.InvalidValue(f"{path}[0]", low, "must be positive: behind a gear something must move")
+        if name in table and not there.get(name, True):
+            raise check.InvalidValue(path, table[name], f"must not be given: no joint of {arm.name} has any")
         rows.append((low, high))
-    return tuple(rows)
+    asked = any(name in table for name in MORE)
+    return tuple(rows[: len(FACTORS)]), tuple(rows[len(FACTORS) :]) if asked else None
 
 
 ARGUMENTS = (

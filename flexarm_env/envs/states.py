@@ -62,10 +62,18 @@ def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Ge
     return copy.deepcopy(state["generator"]), state["seed"], copy.deepcopy(state["guide"])
 
 
+def _nominal(batch: Batch) -> None:
+    """ValueError where joints are drawn: linear models have those of the arm."""
+    if batch.starts.laws:
+        what = "must not be drawn for linear models"
+        raise check.InvalidValue("randomization", "friction, backlash or motor_inertia", what)
+
+
 def linear_model(plan: Plan, batch: Batch, i: int, guide: Guide | None, discrete: float | None) -> LinearModel:
     """The linear model of arm i at its present state and torques."""
     from ..linear.state_space import linearize
 
+    _nominal(batch)
     if guide is not None:
         return linearize(guide.simulation, discrete=discrete)
     assert plan.settings.dt is not None
@@ -82,6 +90,7 @@ def linear_models(
     """Those of all arms; what makes them of elasticas is kept, by period."""
     from ..linear.many import Linearizer, compiled, stacked
 
+    _nominal(batch)
     if guides or not compiled(batch.system):
         return stacked([linear_model(plan, batch, i, guides.get(i), discrete) for i in range(batch.n)])
     if discrete not in kept:

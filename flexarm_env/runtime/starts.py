@@ -8,7 +8,8 @@ import numpy as np
 
 from ..compiler import apart, follow, kernel, load, size, splat, stack, store
 from ..physics.integrator.work import unpack
-from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
+from ..physics.joints.layout import LAWS
+from ..physics.model import JOINT_LAWS, OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from ..physics.protocol import link_poses
 from ..tasks.program import (
     GOAL,
@@ -62,6 +63,8 @@ def _start(lane, p, arm, mode, block, w):
     _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     for k in range(PARAMETERS):
         par[k * lanes + i] = own[at.parameters + k]
+    if p.ranges.more is not None:
+        _draw_more(p, lanes, i, arm, par)
     for k in range(w.u.shape[0] // lanes):
         w.u[k * lanes + i] = 0.0
     for k in range(n_joints):
@@ -111,6 +114,22 @@ def _draw(task, ranges, stream, request, arm, own):
     own[at.parameters + PAYLOAD_INERTIA] = ranges.nominal[PAYLOAD_INERTIA] * payload
     own[at.parameters + STIFFNESS_FACTOR] = ranges.nominal[STIFFNESS_FACTOR] * stiffness
     own[at.parameters + TAU_D] = ranges.nominal[TAU_D] * damping
+
+
+@kernel
+def _draw_more(p, lanes, i, arm, par):
+    """What of an arm's own parameters is drawn only where it is asked for."""
+    more = p.ranges.more
+    par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * draw(p.stream, arm, more, 0)
+    friction, play, rotor = draw(p.stream, arm, more, 1), draw(p.stream, arm, more, 2), draw(p.stream, arm, more, 3)
+    if p.ranges.laws is not None:
+        for k in range(0, p.model.data.shape[0], LAWS.end):
+            for j in range(LAWS.end):
+                par[(JOINT_LAWS + k + j) * lanes + i] = p.model.data[k + j]
+            par[(JOINT_LAWS + k + LAWS.viscous) * lanes + i] = p.model.data[k + LAWS.viscous] * friction
+            par[(JOINT_LAWS + k + LAWS.coulomb) * lanes + i] = p.model.data[k + LAWS.coulomb] * friction
+            par[(JOINT_LAWS + k + LAWS.play) * lanes + i] = p.model.data[k + LAWS.play] * play
+            par[(JOINT_LAWS + k + LAWS.rotor) * lanes + i] = p.model.data[k + LAWS.rotor] * rotor
 
 
 @kernel

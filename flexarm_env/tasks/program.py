@@ -277,6 +277,8 @@ class Ranges(NamedTuple):
     straight: float  # share of starts with all joints at 0
     vibration: float  # largest initial vibration, as a tip deflection over L
     factors: np.ndarray  # (4, 2): payload, EI, damping, torque constant
+    more: np.ndarray | None = None  # (4, 2): payload inertia besides, friction, backlash, rotors; None: not drawn
+    laws: tuple[int, ...] | None = None  # a tag where the joints' laws are each arm's own, for the last three
 
 
 class Controller(NamedTuple):

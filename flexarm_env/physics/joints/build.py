@@ -66,6 +66,12 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     )
 
 
+def with_own_laws(system: System) -> System:
+    """A system whose arms have joints' laws of their own, behind their other parameters."""
+    model = system.model._replace(own=(0,))
+    return dataclasses.replace(system, model=model, par=np.concatenate([system.par, model.data]))
+
+
 def _check_rotors(scene: Scene, elastic: list[int]) -> None:
     """Behind an elastic gear there must be something that moves, or something that moves it."""
     for k in elastic:
