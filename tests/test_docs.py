@@ -16,7 +16,7 @@ from tests.processes import python
 from tests.test_architecture import PACKAGE, ROOMS, ROOT, python_files
 
 DOCS = ROOT / "docs"
-TRAINING = {"tutorials/train.md", "tutorials/randomisation.md", "derivatives.md"}
+TRAINING = {"tutorials/train.md", "tutorials/circle.md", "tutorials/randomisation.md", "derivatives.md"}
 PAGES = ["index.md", "getting-started.md", "linearization.md"]
 PAGES += ["derivatives.md", *sorted(f"tutorials/{path.name}" for path in (DOCS / "tutorials").glob("*.md"))]
 QUICK = {*PAGES[:3], "tutorials/controller.md", "tutorials/index.md", "tutorials/vector.md"}

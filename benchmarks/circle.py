@@ -1,0 +1,261 @@
+"""From an unknown arm at the end of a wire to a policy in C that moves it: docs/results/circle.md.
+
+python -m benchmarks.circle [--seeds N] [--steps N] [--targets N] [--page] [--out FOLDER] [--runs FOLDER]
+
+What is done, and why, says docs/tutorials/circle.md; here at full length, for several seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ctypes
+import dataclasses
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import pages
+from benchmarks.machine import table
+from flexarm_env import Joint, arms
+from flexarm_env.files import csv_lines, write_whole
+from flexarm_env.identification import identify
+from flexarm_env.remote import Played, RemoteArmEnv, run_policy
+
+Array = NDArray[np.float64]
+
+RATE, PERIOD = 200, 0.02
+"""Hz, of the log; s, of the policies."""
+SEEN = {"observation": "measured", "history": 4}
+MARGIN = 0.05
+"""Least randomisation of the fitted arm: what a fit may be wrong by beside its intervals."""
+FIRST = 10_000
+"""Seed of the first target."""
+SECONDS = 3.0
+BAND, LEAST = 0.02, np.radians(0.5)
+"""Settled: the tip within this share of its way, at least so many rad, from then on."""
+
+CONFIG = """
+time = "t"
+starts = 2
+[inputs]
+torque0 = "torque0"
+[outputs]
+hub_angle = { column = "angle0", offset = START }
+strain_gauge_1 = "strain_gauge_1"
+[solver]
+nodes = 5
+dt = 0.0025
+[parameters]
+"links[0].section.EI" = { name = "EI", low = 1.0, high = 30.0 }
+"payload.mass" = { name = "payload", low = 0.01, high = 1.0 }
+"hub_inertia" = { name = "hub", low = 0.001, high = 0.5 }
+"tau_d" = { name = "tau_d", low = 1e-5, high = 0.05 }
+"joints[0].friction_viscous" = { name = "viscous", low = 0.0, high = 0.2, size = 0.01 }
+"joints[0].friction_coulomb" = { name = "coulomb", low = 0.0, high = 0.2, size = 0.01 }
+"inputs.torque0.shift" = { name = "delay", low = -0.06, high = 0.06, start = 0.01, size = 0.01 }
+"""
+
+
+def strip_with(friction: tuple[float, float], **factors: float) -> Any:
+    """The packaged strip with friction (N m s/rad, N m), EI, payload, hub and damping by factors."""
+    strip = arms.named("strip")
+    link = strip.links[0]
+    assert link.uniform is not None
+    section = dataclasses.replace(link.uniform, EI=factors.get("EI", 1.0) * link.uniform.EI)
+    return dataclasses.replace(
+        strip, links=(dataclasses.replace(link, section=section),), hub_inertia=factors.get("hub", 1.0) * 0.05,
+        payload=dataclasses.replace(strip.payload, mass=factors.get("payload", 1.0) * strip.payload.mass),
+        tau_d=factors.get("damping", 1.0) * strip.tau_d,
+        joints=(Joint(friction_viscous=friction[0], friction_coulomb=friction[1]),),
+    )  # fmt: skip
+
+
+def unknown(seed: int) -> tuple[Any, float]:
+    """An arm that differs from the packaged one, and by how many s its motor is late."""
+    rng = np.random.default_rng(seed)
+    names = ("EI", "payload", "hub", "damping")
+    factors = dict(zip(names, rng.uniform([0.5, 1.2, 0.9, 1.0], [0.8, 1.9, 1.4, 1.8]).tolist(), strict=True))
+    friction = tuple(rng.uniform([0.01, 0.005], [0.04, 0.03]).tolist())
+    arm = strip_with((friction[0], friction[1]), **factors)
+    return dataclasses.replace(arm, name=f"unknown{seed}"), float(rng.choice([0.01, 0.02]))
+
+
+def flexarm(*words: str) -> str:
+    """What a command prints."""
+    command = (sys.executable, "-m", "flexarm_env", *words)
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+@contextlib.contextmanager
+def served(arm: Path, rate: float, log: Path, seed: int, **kwargs: Any) -> Iterator[RemoteArmEnv]:
+    """`flexarm serve` in a process of its own, and what drives it; the log is whole afterwards."""
+    words = ["serve", str(arm), "--rate", f"{rate:g}", "--port", "0", "--watchdog", "50", "--seed", str(seed)]
+    words += ["--log", str(log), "--env-kwargs", json.dumps(kwargs)]
+    command = [sys.executable, "-m", "flexarm_env", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+        assert server.stdout is not None
+        host, port = server.stdout.readline().split(" at ")[1].split(",")[0].split(":")
+        env = RemoteArmEnv(host, int(port))
+        try:
+            yield env
+        finally:
+            env.close()
+            server.terminate()
+            server.communicate()
+
+
+def rows_of(log: Path) -> dict[str, Array]:
+    """Columns of a log."""
+    header, lines = csv_lines(log)
+    values = np.array(lines, np.float64)
+    return {name: values[:, k] for k, name in enumerate(header)}
+
+
+class InC:
+    """A policy's C file, compiled here, as a policy."""
+
+    def __init__(self, source: Path) -> None:
+        library = source.with_suffix(".so").resolve()
+        subprocess.run(["cc", "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
+        self.decide = getattr(ctypes.CDLL(str(library)), f"{source.stem}_decide")
+
+    def reset(self, observation: Any) -> None:
+        """Nothing to remember: what it sees holds its history."""
+
+    def act(self, observation: Any) -> NDArray[np.float32]:
+        """What C decides."""
+        seen, action = np.ascontiguousarray(observation, np.float32), np.zeros(1, np.float32)
+        self.decide(seen.ctypes.data_as(ctypes.c_void_p), action.ctypes.data_as(ctypes.c_void_p))
+        return action
+
+
+def settling(arm: Path, log: Path, seed: int, **kwargs: Any) -> tuple[float, float]:
+    """s until the tip had settled (SECONDS where it had not), and mm that it swings by in the last second.
+
+    The log's torques moved the served arm, which makes the same bits of them once more: that tells where its tip was.
+    """
+    rows = rows_of(log)
+    acted = rows["torque0"]
+    begin = int(np.flatnonzero(acted)[0])
+    acted = acted[: begin + round(SECONDS / PERIOD)]
+    env: Any = gym.make("FlexibleArm-v0", arm=str(arm), control_dt=PERIOD, duration=1e6, **kwargs)
+    _, info = env.reset(seed=seed)
+    limits, errors, bends, told = env.unwrapped.plan.arm.torque_limits[0], [], [], []
+    for torque in acted:
+        _, _, _, _, info = env.step(np.array([torque / limits], np.float32))
+        tip = np.arctan2(info["tip_position"][1], info["tip_position"][0])
+        told.append(float(env.unwrapped.batch.view(0).poses[0, 2]))
+        errors.append((float(info["target"]) - tip + np.pi) % (2.0 * np.pi) - np.pi)
+        bends.append(float(np.ravel(info["tip_deflection"])[0]))
+    assert told[:-1] == rows["angle0"][1 : len(acted)].tolist(), f"{log}: not what the arm's own program makes"
+    off = np.abs(np.array(errors[begin:]))
+    outside = np.flatnonzero(off > max(BAND * off[0], LEAST))
+    last = np.array(bends[-round(1.0 / PERIOD) :])
+    at = 0.0 if not len(outside) else (outside[-1] + 1) * PERIOD
+    return min(float(at), SECONDS), 1e3 * 0.5 * float(np.ptp(last)) * arms.resolve(arm).links[0].length
+
+
+def fitted(folder: Path, arm: Path, delay: float, seed: int, seconds: float = 10.0) -> Any:
+    """Excite over UDP, log, identify."""
+    flexarm("excite", "strip", "--rate", str(RATE), "--seconds", f"{seconds:g}", "--most-angle", "0.3", "--seed",
+            str(seed), "--out", str(folder / "excite.csv"))  # fmt: skip
+    actuator = {"delay": delay}
+    with served(arm, RATE, folder / "log.csv", seed, observation="measured", actuator=actuator) as env:
+        played = Played(folder / "excite.csv", env.wire.period, env.wire.limits)
+        run_policy(played, env, played.seconds, most_angle=10.0)
+    start = rows_of(folder / "log.csv")["angle0"][0]
+    write_whole(folder / "known.toml", arms.to_toml(strip_with((0.005, 0.005))).encode())
+    config = CONFIG.replace("START", repr(float(start)))
+    return identify(folder / "known.toml", config, [folder / "log.csv"], out=folder / "fit")
+
+
+def one(folder: Path, seed: int, steps: int, targets: int, seconds: float = 10.0) -> pages.Found:
+    """The circle for one unknown arm."""
+    folder.mkdir(parents=True, exist_ok=True)
+    arm, delay = unknown(seed)
+    path = folder / "unknown.toml"
+    write_whole(path, arms.to_toml(arm).encode())
+    found = fitted(folder, path, delay, seed, seconds)
+    truth = (arm.links[0].section.EI, arm.payload.mass, arm.hub_inertia, arm.tau_d, arm.joints[0].friction_viscous,
+             arm.joints[0].friction_coulomb, delay)  # fmt: skip
+    values = dict(zip((p.name for p in found.parameters), found.values.tolist(), strict=True))
+    values["delay"] -= 0.5 / RATE  # a torque that is held acts by half a period later than the line through its samples
+    late = max(0.0, round(values["delay"] / 0.005) * 0.005)
+    wide = {k: (min(low, 1.0 - MARGIN), max(high, 1.0 + MARGIN)) for k, (low, high) in found.ranges.items()}
+    trained = {
+        "nominal": {"arm": "strip"},
+        "fitted": {"arm": str(folder / "fit/arm.toml"), "randomization": wide, "actuator": {"delay": late}},
+    }
+    policies = {}
+    for name, own in trained.items():
+        given = json.dumps({"duration": 2.5, **SEEN, **own})
+        flexarm("train", "--algo", "gradient", "--seed", str(seed), "--n-timesteps", str(steps), "--no-tensorboard",
+                "--no-progress", "--env-kwargs", given, "--out", str(folder / name))  # fmt: skip
+        flexarm("export", str(folder / name), "--to", "c", "--out", str(folder / f"{name}.c"))
+        results = []
+        for k in range(FIRST, FIRST + targets):
+            kwargs = {**SEEN, "actuator": {"delay": delay}}
+            log = folder / f"{name}-{k}.csv"
+            with served(path, 1.0 / PERIOD, log, k, **kwargs) as env:
+                run_policy(InC(folder / f"{name}.c"), env, SECONDS + 0.5)
+            results.append(settling(path, log, k, **kwargs))
+        policies[name] = results
+        print(seed, name, results, flush=True)
+    fit = [(key, value, true) for (key, value), true in zip(values.items(), truth, strict=True)]
+    return {"seed": seed, "fit": fit, "vaf": found.lines(), "policies": policies}
+
+
+def measure(options: argparse.Namespace) -> pages.Found:
+    """The circle for several arms."""
+    cases = [one(options.runs / str(s), s, options.steps, options.targets) for s in range(options.seeds)]
+    medians = {}
+    for name in ("nominal", "fitted"):
+        medians[name] = np.median(np.concatenate([case["policies"][name] for case in cases]), axis=0)
+    main_ones = [(value, true) for case in cases for key, value, true in case["fit"] if key in ("EI", "payload")]
+    worst = max(abs(value / true - 1.0) for value, true in main_ones)
+    verdicts = {
+        "EI and payload are found within 5 %": bool(worst < 0.05),
+        "the policy of the fitted arm settles sooner (median)": bool(medians["fitted"][0] < medians["nominal"][0]),
+    }
+    return {"steps": options.steps, "cases": cases, "verdicts": verdicts}
+
+
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Tables of the page."""
+    fits, rows = [], []
+    for case in found["cases"]:
+        fits.append((case["seed"], *(f"{value:.4g} ({true:.4g})" for _, value, true in case["fit"])))
+        for name, results in case["policies"].items():
+            values = np.array(results)
+            count = f"{(values[:, 0] < SECONDS).sum()} of {len(values)}"
+            middle, worst = np.median(values, axis=0), values.max(axis=0)
+            times, swings = (f"{a:.3g} ({b:.3g})" for a, b in zip(middle, worst, strict=True))
+            rows.append((case["seed"], name, count, times, swings))
+    heads = " | ".join(key for key, *_ in found["cases"][0]["fit"])
+    return {
+        "fit": table(f"seed | {heads}", fits),
+        "policies": table("seed | trained on the ... arm | settled | settling, s | residual, mm", rows),
+    }
+
+
+def flags(parser: argparse.ArgumentParser) -> None:
+    """Of the command line."""
+    parser.add_argument("--runs", type=Path, default=Path("runs/circle"), help="folder of logs and policies")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """All of it."""
+    return pages.run("circle", __doc__, measure, blocks, arguments, packages=("stable-baselines3", "torch"),
+                     more=flags, seeds=3, steps=400_000, targets=6)  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())
