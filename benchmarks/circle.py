@@ -85,7 +85,7 @@ def unknown(seed: int) -> tuple[Any, float]:
     factors = dict(zip(names, rng.uniform([0.5, 1.2, 0.9, 1.0], [0.8, 1.9, 1.4, 1.8]).tolist(), strict=True))
     friction = tuple(rng.uniform([0.01, 0.005], [0.04, 0.03]).tolist())
     arm = strip_with((friction[0], friction[1]), **factors)
-    return dataclasses.replace(arm, name=f"unknown{seed}"), float(rng.choice([0.01, 0.02]))
+    return dataclasses.replace(arm, name=f"unknown{seed}"), float(rng.choice([0.0, PERIOD]))
 
 
 def flexarm(*words: str) -> str:
@@ -100,7 +100,7 @@ def served(arm: Path, rate: float, log: Path, seed: int, **kwargs: Any) -> Itera
     words = ["serve", str(arm), "--rate", f"{rate:g}", "--port", "0", "--watchdog", "50", "--seed", str(seed)]
     words += ["--log", str(log), "--env-kwargs", json.dumps(kwargs)]
     command = [sys.executable, "-m", "flexarm_env", *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         host, port = server.stdout.readline().split(" at ")[1].split(",")[0].split(":")
         env = RemoteArmEnv(host, int(port))
@@ -140,7 +140,7 @@ class InC:
 def settling(arm: Path, log: Path, seed: int, **kwargs: Any) -> tuple[float, float]:
     """s until the tip had settled (SECONDS where it had not), and mm that it swings by in the last second.
 
-    The log's torques moved the served arm, which makes the same bits of them once more: that tells where its tip was.
+    The log's torques move the served arm's program once more, within 1e-9 rad: that tells where its tip was.
     """
     rows = rows_of(log)
     acted = rows["torque0"]
@@ -155,7 +155,8 @@ def settling(arm: Path, log: Path, seed: int, **kwargs: Any) -> tuple[float, flo
         told.append(float(env.unwrapped.batch.view(0).poses[0, 2]))
         errors.append((float(info["target"]) - tip + np.pi) % (2.0 * np.pi) - np.pi)
         bends.append(float(np.ravel(info["tip_deflection"])[0]))
-    assert told[:-1] == rows["angle0"][1 : len(acted)].tolist(), f"{log}: not what the arm's own program makes"
+    apart = np.abs(np.array(told[:-1]) - rows["angle0"][1 : len(acted)]).max()
+    assert apart < 1e-9, f"{log}: the hub is {apart} rad from where the arm's own program brings it"
     off = np.abs(np.array(errors[begin:]))
     outside = np.flatnonzero(off > max(BAND * off[0], LEAST))
     last = np.array(bends[-round(1.0 / PERIOD) :])
@@ -188,7 +189,7 @@ def one(folder: Path, seed: int, steps: int, targets: int, seconds: float = 10.0
              arm.joints[0].friction_coulomb, delay)  # fmt: skip
     values = dict(zip((p.name for p in found.parameters), found.values.tolist(), strict=True))
     values["delay"] -= 0.5 / RATE  # a torque that is held acts by half a period later than the line through its samples
-    late = max(0.0, round(values["delay"] / 0.005) * 0.005)
+    late = max(0.0, round(values["delay"] / PERIOD) * PERIOD)
     wide = {k: (min(low, 1.0 - MARGIN), max(high, 1.0 + MARGIN)) for k, (low, high) in found.ranges.items()}
     trained = {
         "nominal": {"arm": "strip"},
