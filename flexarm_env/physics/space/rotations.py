@@ -1,0 +1,214 @@
+"""Vectors, 3 x 3 matrices and rotations of one arm or of lanes: tuples, so that they stay in registers.
+
+A vector is a tuple of three, a matrix a tuple of three rows, a quaternion (w, x, y, z) of length 1. A rotation vector psi
+stands for exp(psi^), psi^ b = psi x b; coordinates are such vectors, and they are moved by increments in body axes:
+exp(psi^) exp(d^) (Bruels & Cardona 2010). p and -p are the same rotation.
+"""
+
+from __future__ import annotations
+
+from ...compiler import kernel, load, select_lt, sincos, square_root, store
+from ..arithmetic import arctangent
+
+
+@kernel
+def vector(lane, array, k):
+    """Three elements from k on."""
+    return load(lane, array, k), load(lane, array, k + 1), load(lane, array, k + 2)
+
+
+@kernel
+def put_vector(array, k, a):
+    """array[k : k + 3] <- a."""
+    store(array, k, a[0])
+    store(array, k + 1, a[1])
+    store(array, k + 2, a[2])
+
+
+@kernel
+def add_vector(lane, array, k, a):
+    """array[k : k + 3] <- array[k : k + 3] + a."""
+    for i in range(3):
+        store(array, k + i, load(lane, array, k + i) + a[i])
+
+
+@kernel
+def plus(a, b):
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@kernel
+def minus(a, b):
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@kernel
+def times(a, x):
+    """a x, x a number."""
+    return a[0] * x, a[1] * x, a[2] * x
+
+
+@kernel
+def dot(a, b):
+    """a . b."""
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+
+
+@kernel
+def cross(a, b):
+    """a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def turned(A, b):
+    """A b."""
+    return dot(A[0], b), dot(A[1], b), dot(A[2], b)
+
+
+@kernel
+def transposed(A):
+    """The transpose of A."""
+    return (
+        (A[0][0], A[1][0], A[2][0]),
+        (A[0][1], A[1][1], A[2][1]),
+        (A[0][2], A[1][2], A[2][2]),
+    )
+
+
+@kernel
+def back(A, b):
+    """The transpose of A times b."""
+    return plus(plus(times(A[0], b[0]), times(A[1], b[1])), times(A[2], b[2]))
+
+
+@kernel
+def product(A, B):
+    """A B."""
+    return _row(A[0], B), _row(A[1], B), _row(A[2], B)
+
+
+@kernel
+def _row(a, B):
+    return plus(plus(times(B[0], a[0]), times(B[1], a[1])), times(B[2], a[2]))
+
+
+@kernel
+def sum_of(A, B):
+    """A + B, matrices."""
+    return plus(A[0], B[0]), plus(A[1], B[1]), plus(A[2], B[2])
+
+
+@kernel
+def difference(A, B):
+    """A - B, matrices."""
+    return minus(A[0], B[0]), minus(A[1], B[1]), minus(A[2], B[2])
+
+
+@kernel
+def scaled(A, x):
+    """A x, a matrix and a number."""
+    return times(A[0], x), times(A[1], x), times(A[2], x)
+
+
+@kernel
+def skew(a):
+    """a^, the matrix of b -> a x b."""
+    zero = a[0] * 0.0
+    return (zero, -a[2], a[1]), (a[2], zero, -a[0]), (-a[1], a[0], zero)
+
+
+@kernel
+def about_identity(x, a, y, b):
+    """x 1 + a^ + y b b^T: x, y numbers, a, b vectors."""
+    c = times(b, y)
+    return (
+        (c[0] * b[0] + x, c[0] * b[1] - a[2], c[0] * b[2] + a[1]),
+        (c[1] * b[0] + a[2], c[1] * b[1] + x, c[1] * b[2] - a[0]),
+        (c[2] * b[0] - a[1], c[2] * b[1] + a[0], c[2] * b[2] + x),
+    )
+
+
+@kernel
+def quaternion(psi):
+    """That of exp(psi^)."""
+    square = dot(psi, psi)
+    near = select_lt(square, 1e-6, 1.0, square)
+    angle = square_root(near)
+    sine, cosine = sincos(angle * 0.5)
+    part = select_lt(square, 1e-6, 0.5 - square * (1.0 / 48.0 - square * (1.0 / 3840.0)), sine / angle)
+    w = select_lt(square, 1e-6, 1.0 - square * (1.0 / 8.0 - square * (1.0 / 384.0)), cosine)
+    return w, psi[0] * part, psi[1] * part, psi[2] * part
+
+
+@kernel
+def composed(p, r):
+    """The rotation r and then, in axes that stand still, p: p r."""
+    a, b = (p[1], p[2], p[3]), (r[1], r[2], r[3])
+    v = plus(plus(times(b, p[0]), times(a, r[0])), cross(a, b))
+    return p[0] * r[0] - dot(a, b), v[0], v[1], v[2]
+
+
+@kernel
+def inverse(p):
+    """The rotation back."""
+    return p[0], -p[1], -p[2], -p[3]
+
+
+@kernel
+def shorter(p):
+    """p or -p, whichever turns by at most pi."""
+    sign = select_lt(p[0], 0.0, -1.0, 1.0)
+    return p[0] * sign, p[1] * sign, p[2] * sign, p[3] * sign
+
+
+@kernel
+def rotation_vector(p):
+    """psi of at most pi with exp(psi^) that of p, which has w >= 0 (see `shorter`)."""
+    a = (p[1], p[2], p[3])
+    square = dot(a, a)
+    near = select_lt(square, 1e-6, 1.0, square)
+    sine = square_root(near)
+    series = square * (square * (3.0 / 20.0) + 1.0 / 3.0) + 2.0  # of 2 asin(s) / s
+    return times(a, select_lt(square, 1e-6, series, arctangent(sine, p[0]) * 2.0 / sine))
+
+
+@kernel
+def matrix(p):
+    """The rotation's matrix, body axes to those that stand still."""
+    w, x, y, z = p
+    x2, y2, z2 = x + x, y + y, z + z
+    xx, yy, zz = x * x2, y * y2, z * z2
+    xy, xz, yz, wx, wy, wz = x * y2, x * z2, y * z2, w * x2, w * y2, w * z2
+    return (1.0 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1.0 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1.0 - (xx + yy))
+
+
+@kernel
+def halved(p):
+    """Half the rotation of p, which has w > -1."""
+    whole = square_root((p[0] + 1.0) * 2.0)
+    share = 1.0 / whole
+    return whole * 0.5, p[1] * share, p[2] * share, p[3] * share
+
+
+@kernel
+def inverse_tangent(psi, p):
+    """T^-1 of psi = `rotation_vector`(p): (exp(psi^))^T d exp(psi^) = (T d psi)^.
+
+    T^-1 = 1 + psi^/2 + c psi^ psi^, c = (1 - a/2 cot(a/2)) / a^2.
+    """
+    square = dot(psi, psi)
+    v = p[1] * p[1] + p[2] * p[2] + p[3] * p[3]
+    near = select_lt(square, 1e-3, 1.0, v)
+    a = square_root(select_lt(square, 1e-3, 1.0, square))
+    closed = (1.0 - a * 0.5 * p[0] / square_root(near)) / (a * a)
+    c = select_lt(square, 1e-3, 1.0 / 12.0 + square * (1.0 / 720.0 + square * (1.0 / 30240.0)), closed)
+    return about_identity(1.0 - c * square, times(psi, 0.5), c, psi)
+
+
+@kernel
+def moved(psi, d):
+    """The rotation vector of exp(psi^) exp(d^)."""
+    return rotation_vector(shorter(composed(quaternion(psi), quaternion(d))))
