@@ -18,7 +18,7 @@ __version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from .identification import identify
-    from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
+    from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, RigidLink, Section, Taper
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
     from .sensors import Accelerometer, Camera, Encoder, LowPass, Sensors, StrainGauge
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 _HOME = {
-    **dict.fromkeys(("Arm", "Elbow", "Joint", "Link", "Motor", "Payload", "Section", "Taper"), "parameters"),
+    **dict.fromkeys(("Arm", "Elbow", "Joint", "Link", "Motor", "Payload", "RigidLink", "Section", "Taper"), "parameters"),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
     **dict.fromkeys(("Accelerometer", "Camera", "Encoder", "LowPass", "Sensors", "StrainGauge"), "sensors"),
@@ -42,7 +42,7 @@ _HOME = {
 
 __all__ = [
     "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "Joint", "JointTorque", "Link", "LowPass", "Motion", "Motor",
-    "Payload", "PointLoad", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "Taper",
+    "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "Taper",
     "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
 ]  # fmt: skip
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ and counts ten times as much."""
 
 @dataclass(frozen=True)
 class Probe:
-    """A companion run: instants t (n,) s, tips (n, 2) m, and whether it came to its end."""
+    """A companion run: instants t (n,) s, tips (n, 2) m, in space (n, 3), and whether it came to its end."""
 
     t: Array
     tip: Array
@@ -141,6 +142,8 @@ def slowest_rate(scene: Scene) -> float:
     where sections vary, of the arm as it is.
     """
     arm = scene.arm
+    if scene.spatial:
+        return _slowest_in_space(arm)
     sections = [link.uniform for link in arm.links if link.uniform is not None]
     beam = sum(link.mass for link in arm.links)
     carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
@@ -149,6 +152,21 @@ def slowest_rate(scene: Scene) -> float:
     else:
         stiffness = min(section.EI for section in sections)
         square = 3.0 * stiffness / ((carried + 33.0 / 140.0 * beam) * arm.total_length**3)
+    return max(math.sqrt(square), arm.damping[0] * square)
+
+
+def _slowest_in_space(arm: Arm) -> float:
+    """`slowest_rate` of an arm in space: of a beam as long, as soft as the softest bending or torsion anywhere."""
+    bending = [link for link in arm.links if not link.rigid]
+    if not bending:
+        return 0.0
+    soft = []
+    for link in bending:
+        s = np.linspace(0.0, link.length, 65)
+        across = link.across(s)
+        soft += [link.along(s).EI.min(), across["EI_y"].min(), across["GJ"].min()]
+    carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
+    square = 3.0 * min(soft) / ((carried + 33.0 / 140.0 * sum(link.mass for link in bending)) * arm.total_length**3)
     return max(math.sqrt(square), arm.damping[0] * square)
 
 
@@ -227,7 +245,7 @@ def distance(one: Probe, other: Probe) -> float:
         one, other = other, one
     at = np.clip(np.searchsorted(other.t, one.t * (1.0 - 1e-12) - 1e-15), 0, other.t.size - 1)
     common = np.abs(other.t[at] - one.t) <= 1e-9 * max(1.0, float(one.t[-1]))
-    return float(np.hypot(*(other.tip[at] - one.tip)[common].T).max())
+    return float(reduce(np.hypot, (other.tip[at] - one.tip)[common].T).max())
 
 
 def estimate(

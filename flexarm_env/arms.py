@@ -13,11 +13,14 @@ from typing import Any
 from flexarm_env import sensors
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
-from flexarm_env.parameters import Arm, Elbow, Joint, Link, Motor, Payload, Points, Section, Taper
-from flexarm_env.sections import ENDS
+from flexarm_env.parameters import Arm, Elbow, Joint, Link, Motor, Payload, Points, RigidLink, Section, Taper
+from flexarm_env.sections import ACROSS, ENDS
 
 _SECTION = ("EI", "EA", "C", "m", "J")
 _RECTANGLE = ("width", "thickness", "E", "rho", "G", "kappa")
+_TUBE = ("diameter", "wall", "E", "rho", "G", "kappa")
+_CIRCLE = ("diameter", "E", "rho", "G", "kappa")
+_RIGID = ("length", "mass", "centre", "inertia")
 _OF_LINK = ("tau_d", "curvature", *ENDS)
 _TAPER = ("widths", "thicknesses", "E", "rho", "G", "kappa")
 
@@ -99,6 +102,11 @@ def from_table(table: Mapping[str, Any], default_name: str | None = None) -> Arm
 
 def _link(path: str, value: object) -> Link:
     table = check.table_of(path, value)
+    if "section" not in table and any(key in table for key in _RIGID[1:]):
+        check.known_keys(path, table, _RIGID)
+        check.needed(path, table, "length", "must be a number (m)")
+        with check.under(path):
+            return RigidLink(**table)
     check.known_keys(path, table, ("length", "section", *_OF_LINK))
     own = {key: table[key] for key in _OF_LINK if key in table}
     length = check.needed(path, table, "length", "must be a positive number (m)")
@@ -137,15 +145,19 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
     """The section of a table; inside: its key path where that is not `path`.section."""
     own = inside or f"{path}.section"
     what = f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}"
-    rectangle = bool(section) and all(key in _RECTANGLE for key in section)
-    keys, optional = (_RECTANGLE, "kappa") if rectangle else (_SECTION, "J")
-    check.known_keys(own, section, keys if rectangle else (*_SECTION, *_RECTANGLE))
+    shapes = {"wall": (_TUBE, Section.tube), "diameter": (_CIRCLE, Section.circle)}
+    shape = next((shapes[key] for key in shapes if key in section), None)
+    if shape is None and section and all(key in _RECTANGLE for key in section):
+        shape = _RECTANGLE, Section.rectangle
+    keys, make = shape or (_SECTION, Section)
+    optional = ("kappa", "J", *ACROSS)
+    check.known_keys(own, section, keys if shape else (*_SECTION, *ACROSS, *_RECTANGLE))
     for key in keys:
-        if key != optional:
+        if key not in optional:
             check.needed(own, section, key, what)
-    check.known_keys(own, section, keys)
+    check.known_keys(own, section, keys if shape else (*_SECTION, *ACROSS))
     with check.under(path):
-        return Section.rectangle(**section) if rectangle else Section(**section)
+        return make(**section)
 
 
 def _joint(path: str, value: object) -> Joint:
@@ -158,27 +170,37 @@ def _joint(path: str, value: object) -> Joint:
     return check.made(path, Joint, table)
 
 
-def _link_table(link: Link) -> dict[str, Any]:
+def _link_table(link: Link, space: bool) -> dict[str, Any]:
+    if isinstance(link, RigidLink):
+        return {key: getattr(link, key) for key in _RIGID}
     plain = Link(link.length, link.section)
     own = {key: getattr(link, key) for key in _OF_LINK if getattr(link, key) != getattr(plain, key)}
-    return {"length": link.length, "section": _section_table(link.section), **own}
+    return {"length": link.length, "section": _section_table(link.section, space), **own}
 
 
-def _section_table(section: Section | Taper | Points) -> Any:
+def _section_table(section: Section | Taper | Points, space: bool) -> Any:
     """What `_link` reads back."""
     if isinstance(section, tuple):
-        return [{"s": s, **{key: getattr(at, key) for key in _SECTION}} for s, at in section]
-    return {key: getattr(section, key) for key in (_TAPER if isinstance(section, Taper) else _SECTION)}
+        return [{"s": s, **_section_table(at, space)} for s, at in section]
+    if isinstance(section, Taper):
+        return {key: getattr(section, key) for key in _TAPER}
+    across = {key: getattr(section, key) for key in ACROSS if space and getattr(section, key) is not None}
+    return {key: getattr(section, key) for key in _SECTION} | across
 
 
-def to_table(arm: Arm) -> dict[str, Any]:
-    """The TOML table of an arm; what is at its default is left out."""
+def to_table(arm: Arm, space: bool = True) -> dict[str, Any]:
+    """The TOML table of an arm; what is at its default is left out.
+
+    space: with what sections have across the plane of motion, which :func:`from_table` needs for an equal arm.
+    """
     table: dict[str, Any] = {"name": arm.name}
     if arm.source:
         table["source"] = arm.source
-    for key in ("hub_inertia", "tau_d", "mass_damping"):
+    for key in ("hub_inertia", "tau_d", "mass_damping", "hub_mount"):
         if getattr(arm, key):
             table[key] = getattr(arm, key)
+    if arm.hub_axis != Arm.hub_axis:
+        table["hub_axis"] = arm.hub_axis
     if arm.torque_limits is not None:
         table["torque_limits"] = arm.torque_limits
     if arm.joint_limits is not None:
@@ -187,14 +209,19 @@ def to_table(arm: Arm) -> dict[str, Any]:
         table["payload"] = dataclasses.asdict(arm.payload)
         if not any(arm.payload.offset):
             del table["payload"]["offset"]
-    table["links"] = [_link_table(link) for link in arm.links]
+    table["links"] = [_link_table(link, space) for link in arm.links]
     if arm.elbows:
-        table["elbows"] = [dataclasses.asdict(elbow) for elbow in arm.elbows]
+        table["elbows"] = [_elbow_table(elbow) for elbow in arm.elbows]
     if arm.sensors is not None:
         table["sensors"] = sensors.to_table(arm.sensors)
     if arm.joints:
         table["joints"] = [_joint_table(joint) for joint in arm.joints]
     return table
+
+
+def _elbow_table(elbow: Elbow) -> dict[str, Any]:
+    own = {key: value for key, value in check.changed(elbow).items() if key in ("axis", "mount")}
+    return {key: getattr(elbow, key) for key in ("mass", "inertia_left", "inertia_right")} | own
 
 
 def _joint_table(joint: Joint) -> dict[str, Any]:

@@ -11,36 +11,55 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
+from flexarm_env import bodies
 from flexarm_env import validation as check
+from flexarm_env.bodies import Inertia, RigidLink, Vector
 from flexarm_env.sections import Link, Points, Section, Taper
 from flexarm_env.sensors import Sensors
 from flexarm_env.validation import store as _store
 
-__all__ = ["Arm", "Elbow", "Joint", "JointRange", "Link", "Motor", "Payload", "Points", "Section", "Taper"]
+__all__ = [
+    "Arm", "Elbow", "Joint", "JointRange", "Link", "Motor", "Payload", "Points", "RigidLink", "Section", "Taper",
+]  # fmt: skip
 
 JointRange = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Elbow:
-    """What sits at the joint between two links.
+    """What sits at the joint between two links, and how it turns.
 
     ``mass`` (kg) and ``inertia_left`` (kg m^2) belong to the tip of the link before it, ``inertia_right``
-    (kg m^2) to the root of the link after it. All zero or positive.
+    (kg m^2) to the root of the link after it. All zero or positive; inertias may be tensors (three rows), in the axes of
+    the link that they belong to, and a number is that about any axis.
+
+    In space the root of the link after it has the axes R_tip mount exp(angle axis), R_tip being those of the tip before
+    it: ``axis``, a unit vector in the link's own axes, and ``mount``, a rotation: a matrix, or (axis, angle); None: none.
     """
 
     mass: float = 0.0
-    inertia_left: float = 0.0
-    inertia_right: float = 0.0
+    inertia_left: Inertia = 0.0
+    inertia_right: Inertia = 0.0
+    axis: Vector = bodies.Z
+    mount: Any = None
 
     def __post_init__(self) -> None:
         _store(
             self,
             mass=check.number("mass", self.mass, "kg", minimum=0.0),
-            inertia_left=check.number("inertia_left", self.inertia_left, "kg m^2", minimum=0.0),
-            inertia_right=check.number("inertia_right", self.inertia_right, "kg m^2", minimum=0.0),
+            inertia_left=bodies.inertia("inertia_left", self.inertia_left),
+            inertia_right=bodies.inertia("inertia_right", self.inertia_right),
+            axis=bodies.unit_vector("axis", self.axis),
+            mount=bodies.mount("mount", self.mount),
         )
+
+    @property
+    def spatial(self) -> bool:
+        """Whether it takes a link out of the plane of the one before it, or has tensors."""
+        tensors = isinstance(self.inertia_left, tuple) or isinstance(self.inertia_right, tuple)
+        return self.axis != bodies.Z or self.mount is not None or tensors
 
 
 @dataclass(frozen=True)
@@ -48,22 +67,30 @@ class Payload:
     """A body fixed to the tip of the last link.
 
     ``mass`` in kg and ``inertia`` in kg m^2, about its centre of mass, zero or positive; ``offset``: from the tip to
-    that centre, m, (along the tip's tangent, across it to the left).
+    that centre, m, (along the tip's tangent, across it to the left). In space the inertia may be a tensor (three rows, in
+    the tip's axes; a number is that about any axis), the offset have a third component.
     """
 
     mass: float = 0.0
-    inertia: float = 0.0
-    offset: tuple[float, float] = (0.0, 0.0)
+    inertia: Inertia = 0.0
+    offset: tuple[float, ...] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         _store(
             self,
             mass=check.number("payload.mass", self.mass, "kg", minimum=0.0),
-            inertia=check.number("payload.inertia", self.inertia, "kg m^2", minimum=0.0),
+            inertia=bodies.inertia("payload.inertia", self.inertia),
         )
         what = "two numbers (m), along the tip's tangent and across it"
-        given = check.sequence("payload.offset", self.offset, what, 2)
-        _store(self, offset=tuple(check.number(f"payload.offset[{i}]", x, "m") for i, x in enumerate(given)))
+        count = 3 if isinstance(self.offset, list | tuple) and len(self.offset) == 3 else 2
+        given = check.sequence("payload.offset", self.offset, what, count)
+        offset = tuple(check.number(f"payload.offset[{i}]", x, "m") for i, x in enumerate(given))
+        _store(self, offset=offset if any(offset[2:]) else offset[:2])
+
+    @property
+    def spatial(self) -> bool:
+        """Whether it takes an arm out of its plane, or has a tensor."""
+        return len(self.offset) > 2 or isinstance(self.inertia, tuple)
 
     @property
     def eccentric(self) -> bool:
@@ -73,7 +100,7 @@ class Payload:
     @property
     def lever(self) -> complex:
         """The offset as a complex number, m."""
-        return complex(*self.offset)
+        return complex(*self.offset[:2])
 
 
 @dataclass(frozen=True)
@@ -193,7 +220,9 @@ class Arm:
     Args:
         name: a short word.
         links: N >= 1 links, root to tip.
-        hub_inertia: at the root of link 0, kg m^2.
+        hub_inertia: at the root of link 0, kg m^2; in space also a tensor, in that link's axes.
+        hub_axis, hub_mount: as `Elbow.axis`, `Elbow.mount` of the joint at the root, the ground in place of the link
+            before: link 0's root has the axes hub_mount exp(angle hub_axis).
         elbows: N-1 elbows, or () for massless ones.
         joints: N of :class:`Joint`, what turns them, or () for ideal ones.
         payload: at the tip of the last link.
@@ -211,7 +240,7 @@ class Arm:
 
     name: str
     links: tuple[Link, ...]
-    hub_inertia: float = 0.0
+    hub_inertia: Inertia = 0.0
     elbows: tuple[Elbow, ...] = ()
     payload: Payload = field(default_factory=Payload)
     tau_d: float = 0.0
@@ -221,6 +250,8 @@ class Arm:
     source: str = ""
     joints: tuple[Joint, ...] = ()
     sensors: Sensors | None = None
+    hub_axis: Vector = bodies.Z
+    hub_mount: Any = None
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
@@ -251,12 +282,21 @@ class Arm:
             links=links,
             elbows=elbows,
             joints=joints,
-            hub_inertia=check.number("hub_inertia", self.hub_inertia, "kg m^2", minimum=0.0),
+            hub_inertia=bodies.inertia("hub_inertia", self.hub_inertia),
+            hub_axis=bodies.unit_vector("hub_axis", self.hub_axis),
+            hub_mount=bodies.mount("hub_mount", self.hub_mount),
             tau_d=check.number("tau_d", self.tau_d, "s", minimum=0.0),
             mass_damping=check.number("mass_damping", self.mass_damping, "1/s", minimum=0.0),
             torque_limits=_torque_limits(self.torque_limits, n),
             joint_limits=_joint_limits(self.joint_limits, n),
         )
+
+    @property
+    def spatial(self) -> bool:
+        """Whether its links turn out of the x-y plane, or one of them is rigid: it is then computed in space."""
+        hub = self.hub_axis != bodies.Z or self.hub_mount is not None or isinstance(self.hub_inertia, tuple)
+        parts: tuple[Elbow | Payload, ...] = (*self.elbows, self.payload)
+        return hub or any(part.spatial for part in parts) or any(link.rigid for link in self.links)
 
     @property
     def n_links(self) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .bodies import about_z
 from .parameters import Arm, Link
 
 Array = NDArray[np.float64]
@@ -40,11 +41,11 @@ def link_inertia(arm: Arm) -> ComplexOrReal:
 
     for k, link in enumerate(arm.links):
         if k == 0:
-            add(0.0, 0, 0.0, arm.hub_inertia)
+            add(0.0, 0, 0.0, about_z(arm.hub_inertia))
         else:
             elbow = arm.elbow(k)
-            add(elbow.mass, k - 1, lengths[k - 1], elbow.inertia_left)
-            add(0.0, k, 0.0, elbow.inertia_right)
+            add(elbow.mass, k - 1, lengths[k - 1], about_z(elbow.inertia_left))
+            add(0.0, k, 0.0, about_z(elbow.inertia_right))
         if link.rigid_ends:
             for mass, along, inertia in link.ends:
                 add(mass, k, complex(link.place(along - link.root_offset)) if link.curved else along, inertia)
@@ -56,10 +57,10 @@ def link_inertia(arm: Arm) -> ComplexOrReal:
             centre = complex(masses @ z / masses.sum())
             add(link.mass, k, centre, float(masses @ abs(z - centre) ** 2) + link.rotary)
         else:
-            centre = link.moment(1) / link.mass
+            centre = link.moment(1) / link.mass if link.mass else 0.0
             add(link.mass, k, link.root_offset + centre, link.moment(2) - link.mass * centre**2 + link.rotary)
     tip = lengths[-1] + arm.payload.lever * np.exp(1j * arm.links[-1].turn) if arm.payload.eccentric else lengths[-1]
-    add(arm.payload.mass, n - 1, tip, arm.payload.inertia)
+    add(arm.payload.mass, n - 1, tip, about_z(arm.payload.inertia))
     return total
 
 

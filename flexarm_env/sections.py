@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -26,6 +27,11 @@ class Section:
         C: shear stiffness kappa G A, N, positive.
         m: mass per length, kg/m, positive.
         J: rotary inertia per length, kg m (rho I for a homogeneous section), zero or positive.
+        EI_y, C_y, J_y: the same of bending and shear in the x-z plane; in space alone, where None is refused.
+        GJ: torsional stiffness, N m^2, positive (Saint-Venant's constant times G, not the polar moment); likewise.
+
+    A link's x axis runs along it, y along its thickness, z along its width; an arm in the plane bends in x-y. The polar
+    rotary inertia is J + J_y.
     """
 
     EI: float
@@ -33,6 +39,10 @@ class Section:
     C: float
     m: float
     J: float = 0.0
+    EI_y: float | None = None
+    C_y: float | None = None
+    J_y: float | None = None
+    GJ: float | None = None
 
     def __post_init__(self) -> None:
         check.store(
@@ -43,6 +53,10 @@ class Section:
             m=check.number("section.m", self.m, "kg/m", above=0.0),
             J=check.number("section.J", self.J, "kg m", minimum=0.0),
         )
+        for name, unit in ACROSS.items():
+            if (value := getattr(self, name)) is not None:
+                limit: dict[str, float] = {"minimum": 0.0} if name == "J_y" else {"above": 0.0}
+                check.store(self, **{name: check.number(f"section.{name}", value, unit, **limit)})
 
     @classmethod
     def rectangle(cls, width: float, thickness: float, E: float, rho: float, G: float, kappa: float = 0.85) -> Section:
@@ -59,8 +73,47 @@ class Section:
         G = check.number("section.G", G, "Pa", above=0.0)
         kappa = check.number("section.kappa", kappa, above=0.0, maximum=1.0)
         A = width * thickness
-        second_moment = width * thickness**3 / 12.0
-        return cls(EI=E * second_moment, EA=E * A, C=kappa * G * A, m=rho * A, J=rho * second_moment)
+        second_moment, across = width * thickness**3 / 12.0, thickness * width**3 / 12.0
+        return cls(
+            EI=E * second_moment, EA=E * A, C=kappa * G * A, m=rho * A, J=rho * second_moment,
+            EI_y=E * across, C_y=kappa * G * A, J_y=rho * across, GJ=G * torsion_constant(width, thickness),
+        )  # fmt: skip
+
+    @classmethod
+    def circle(cls, diameter: float, E: float, rho: float, G: float, kappa: float = 0.9) -> Section:
+        """Homogeneous round bar; diameter: m, the rest as in :meth:`rectangle`."""
+        return cls.tube(diameter, check.number("section.diameter", diameter, "m", above=0.0) / 2.0, E, rho, G, kappa)
+
+    @classmethod
+    def tube(cls, diameter: float, wall: float, E: float, rho: float, G: float, kappa: float = 0.5) -> Section:
+        """Homogeneous round tube; diameter (outer), wall: m, the rest as in :meth:`rectangle`."""
+        outer = check.number("section.diameter", diameter, "m", above=0.0)
+        wall = check.number("section.wall", wall, "m", above=0.0, maximum=outer / 2.0)
+        E = check.number("section.E", E, "Pa", above=0.0)
+        rho = check.number("section.rho", rho, "kg/m^3", above=0.0)
+        G = check.number("section.G", G, "Pa", above=0.0)
+        kappa = check.number("section.kappa", kappa, above=0.0, maximum=1.0)
+        inner = outer - 2.0 * wall
+        A, I = math.pi / 4.0 * (outer**2 - inner**2), math.pi / 64.0 * (outer**4 - inner**4)
+        shear = kappa * G * A
+        return cls(
+            EI=E * I, EA=E * A, C=shear, m=rho * A, J=rho * I, EI_y=E * I, C_y=shear, J_y=rho * I, GJ=2.0 * G * I
+        )
+
+
+ACROSS = {"EI_y": "N m^2", "C_y": "N", "J_y": "kg m", "GJ": "N m^2"}
+"""Fields of a section that motion in the plane does not see, and their units."""
+
+
+def torsion_constant(width: Any, thickness: Any) -> Any:
+    """Saint-Venant's constant of rectangles, m^4, to 1e-9 (numbers or arrays, m; Timoshenko & Goodier, section 109).
+
+    With a >= b: (a b^3 / 3) (1 - (192 b / (pi^5 a)) sum over odd k of tanh(k pi a / (2 b)) / k^5).
+    """
+    a, b = np.maximum(width, thickness), np.minimum(width, thickness)
+    terms = sum(np.tanh(k * math.pi * a / (2.0 * b)) / k**5 for k in range(1, 60, 2))
+    found = a * b**3 / 3.0 * (1.0 - 192.0 * b / (math.pi**5 * a) * terms)
+    return float(found) if np.ndim(found) == 0 else found
 
 
 class Properties(NamedTuple):
@@ -188,6 +241,11 @@ class Link:
         return cls(length, taper.rectangle(0.0) if even else taper, **more)
 
     @property
+    def rigid(self) -> bool:
+        """Whether the link does not bend."""
+        return False
+
+    @property
     def uniform(self) -> Section | None:
         """The section of a straight link that has one alone, otherwise None."""
         return self.section if isinstance(self.section, Section) and not self.curved else None
@@ -237,6 +295,22 @@ class Link:
         share = np.clip((s - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
         columns = [np.array([getattr(section, name) for _, section in self.section]) for name in Properties._fields]
         return Properties(*(column[i] + (column[i + 1] - column[i]) * share for column in columns))
+
+    def across(self, s: Array) -> dict[str, Array]:
+        """`ACROSS` at places s, m from the root; ValueError where a section has None of one."""
+        if isinstance(self.section, Taper):
+            b, h = self.section.sides(s / self.length)
+            second_moment, shear = h * b**3 / 12.0, self.section.kappa * self.section.G * b * h
+            torsion = self.section.G * torsion_constant(b, h)
+            bending, rotary = self.section.E * second_moment, self.section.rho * second_moment
+            return {"EI_y": bending, "C_y": shear, "J_y": rotary, "GJ": torsion}
+        points = ((0.0, self.section),) if isinstance(self.section, Section) else self.section
+        for name, unit in ACROSS.items():
+            if any(getattr(section, name) is None for _, section in points):
+                what = f"must be given ({unit}): the arm bends and twists in space"
+                raise check.InvalidValue(f"section.{name}", None, what)
+        places = np.array([place for place, _ in points])
+        return {name: np.interp(s, places, [getattr(section, name) for _, section in points]) for name in ACROSS}
 
     def quadrature(self) -> tuple[Array, Array]:
         """Gauss points and weights, m, on each smooth piece."""

@@ -22,6 +22,7 @@ from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
 from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
 from .physics.model import MESSAGE, OK, STATUS, STIFFNESS_FACTOR, TIMED_OUT, Drive, System
+from .physics.space.reading import tips
 from .rest import rested
 from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import keep
@@ -421,7 +422,7 @@ def judge(
     parts, why = {"energy": accuracy.energy_part(trajectory.balance, trajectory.turned_over), **trajectory.notes}, ""
     if companions:
         companion = partial(_probe, end=end, allowed=time_limit)
-        mine = accuracy.Probe(trajectory.t, trajectory.tip[:, :2], True)
+        mine = accuracy.Probe(trajectory.t, trajectory.tip if scene.spatial else trajectory.tip[:, :2], True)
         found, why = accuracy.estimate(scene, settings, mine, end, interval, companion, trajectory.step_levels)
         more = accuracy.followed(scene, settings, mine, interval, companion, trajectory.step_levels, trajectory.notes)
         parts |= found | more
@@ -443,7 +444,10 @@ def _probe(
     simulation.compile()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     fields, _ = simulation.record(end, interval)
-    return accuracy.Probe(fields["time"], fields["poses"][:, -1, TIP][:, :2], simulation.status == OK)
+    good = simulation.status == OK
+    if scene.spatial:
+        return accuracy.Probe(fields["time"], tips(scene.arm, settings, fields["q"]), good)
+    return accuracy.Probe(fields["time"], fields["poses"][:, -1, TIP][:, :2], good)
 
 
 __all__ = ["Simulation", "Trajectory", "simulate"]

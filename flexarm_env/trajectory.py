@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from .physics.assembly import assemble
 from .physics.gauges import curvatures
 from .physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
 from .physics.model import STATUS
+from .physics.space.reading import read as read_in_space
 from .scene import Scene
 from .scenes import COLUMNS
 from .sensors import Sensors, StrainGauge, from_table
@@ -137,6 +138,8 @@ class Trajectory:
     motor_angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
     motor_rates: Array = field(default_factory=lambda: np.zeros((0, 0)))
     link_angles: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+
+    arrays: ClassVar[dict[str, check.Shape]]
 
     def __repr__(self) -> str:
         end = f" to {self.t[-1]:g} s" if len(self.t) else ""
@@ -286,14 +289,14 @@ class Trajectory:
         """ValueError for arrays that do not fit each other or the arm or are not finite; for times that do not rise."""
         links = self.scene.arm.n_links
         sizes = {"links": links, "joints - 1": links - 1, "rows": len(self.names), "n": np.size(self.t)}
-        check.arrays(vars(self), {name: ("finite", shape) for name, shape in ARRAYS.items()}, sizes)
+        check.arrays(vars(self), {name: ("finite", shape) for name, shape in self.arrays.items()}, sizes)
         if (np.diff(self.t) <= 0.0).any():
             at = int(np.argmax(np.diff(self.t) <= 0.0)) + 1
             raise check.InvalidValue(f"t[{at}]", self.t[at], "must be later than the instant before")
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
         """Write every array, status, settings and the scene's TOML as text, whole or not at all. Raises OSError."""
-        known: dict[str, Any] = {name: getattr(self, name) for name in (*ARRAYS, "error_estimate", "status")}
+        known: dict[str, Any] = {name: getattr(self, name) for name in (*self.arrays, "error_estimate", "status")}
         known |= {"scene": self.scene.to_toml(), "names": np.array(self.names)}
         known |= {"formulation": self.settings.formulation, "options": json.dumps(self.settings.options())}
         known |= {"about": json.dumps({name: getattr(self, name) for name in ABOUT}, default=dict)}
@@ -304,21 +307,36 @@ class Trajectory:
         """The run that `to_npz` has written. ValueError for a file that is none, damaged, or of version 0.1."""
         known = read_npz(path, "trajectory")
         with check.in_file(path):
-            for name in (*ARRAYS, *SINGLE):
-                check.needed("", known, name, "this is no trajectory, or one of a version before 0.2")
+            for name in SINGLE:
+                check.needed("", known, name, _NO_TRAJECTORY)
             single = {name: array.tolist() for name, array in check.arrays(known, SINGLE, {}).items()}
             about = check.table_of("about", from_json(single.pop("about"), "about"))
             own = {name: read(f"about.{name}", check.needed("about", about, name, "")) for name, read in ABOUT.items()}
             with check.under("scene"):
                 scene = Scene.from_toml(single.pop("scene") + "\n")
+            kind = kind_of(scene)
+            for name in kind.arrays:
+                check.needed("", known, name, _NO_TRAJECTORY)
             options = check.table_of("options", from_json(single.pop("options"), "options"))
             settings = Settings.make(single.pop("formulation"), **options)
             names = tuple(single.pop("names"))
             if settings.dt is None or names != assemble(scene, settings).names:
                 raise check.InvalidValue("names", names, "must be the rows of the scene's state under its options")
-            run = cls(scene, settings, **{name: known[name] for name in ARRAYS}, names=names, **single, **own)
+            run = kind(scene, settings, **{name: known[name] for name in kind.arrays}, names=names, **single, **own)
             run.check_arrays()
         return run
+
+
+_NO_TRAJECTORY = "this is no trajectory, or one of a version before 0.2"
+
+
+def kind_of(scene: Scene) -> type[Trajectory]:
+    """What a run of the scene leaves behind."""
+    if scene.spatial:
+        from .spatial import SpatialTrajectory
+
+        return SpatialTrajectory
+    return Trajectory
 
 
 Reader = Callable[[str, Any], Any]
@@ -347,6 +365,7 @@ ARRAYS: dict[str, check.Shape] = {
     "q": ("n", "rows"), "v": ("n", "rows"),
 }  # fmt: skip
 """Arrays of a trajectory, finite numbers."""
+Trajectory.arrays = ARRAYS
 
 SINGLE: dict[str, tuple[str, check.Shape]] = {
     "names": ("text", ("rows",)), "error_estimate": ("number", ()),
@@ -382,36 +401,27 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
     for i, motion in enumerate(scene.motions):
         if motion.joint is not None:
             torque[:, motion.joint] = fields["reaction"][:, i]
+    common: dict[str, Any] = {
+        "scene": scene, "settings": simulation.settings, "t": fields["time"], "joint_torque": torque,
+        **dict(zip(("kinetic", "strain_energy", "gravity"), energies.T, strict=True)),
+        **{name: fields[name] for name in ("dissipated", "work", "q", "v")},
+        "names": system.names, "status": STATUS[simulation.status], "message": simulation.message,
+        "steps": int(counts[STEPS]), "iterations": int(counts[ITERATIONS]),
+        "factorizations": int(counts[FACTORISATIONS]), "halvings": int(counts[HALVINGS]), "cpu_seconds": cpu_seconds,
+        "notes": system.notes, "gross_work": simulation.gross, "step_levels": tuple(simulation.levels),
+        "step_error": simulation.step_error, "deflection_bound": simulation.settings.deflection_bound,
+    }  # fmt: skip
+    if scene.spatial:
+        return kind_of(scene)(**common, **read_in_space(scene.arm, simulation.settings, fields["q"], fields["v"]))
     links = scene.arm.links
     lengths = np.array([link.span for link in links])
     bows = np.array([link.place(link.length + link.tip_offset).imag if link.curved else 0.0 for link in links])
     return Trajectory(
-        scene=scene,
-        settings=simulation.settings,
-        t=fields["time"],
+        **common,
         start=poses[:, 0, ROOT],
         hinges=poses[:, 1:, POSE.x : POSE.angle],
-        joint_torque=torque,
         tip_deflection=(link_deflection(poses) - bows) / lengths,
-        **dict(zip(("kinetic", "strain_energy", "gravity"), energies.T, strict=True)),
-        dissipated=fields["dissipated"],
-        work=fields["work"],
-        q=fields["q"],
-        v=fields["v"],
         shapes=shapes,
-        names=system.names,
-        status=STATUS[simulation.status],
-        message=simulation.message,
-        steps=int(counts[STEPS]),
-        iterations=int(counts[ITERATIONS]),
-        factorizations=int(counts[FACTORISATIONS]),
-        halvings=int(counts[HALVINGS]),
-        cpu_seconds=cpu_seconds,
-        notes=system.notes,
-        gross_work=simulation.gross,
-        step_levels=tuple(simulation.levels),
-        step_error=simulation.step_error,
-        deflection_bound=simulation.settings.deflection_bound,
         **placed(system.coordinates, poses, fields["q"], fields["v"]),
         link_angles=poses[..., [POSE.angle, POSE.tip_angle]],
     )

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..parameters import Arm
 from ..scene import JointTorque, Motion, Scene
-from ..sections import ENDS
+from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
 from ..time_functions import PIECE, TimeFunction, constant
 from .joints.build import jointed
-from .layout import OF_LOAD
-from .model import Drive, Elastica, Jointed, Scheme, System, scheme
+from .model import Drive, Elastica, Honours, Jointed, Scheme, System, scheme
 
 Array = NDArray[np.float64]
 
@@ -34,6 +33,8 @@ def assemble(scene: Scene, settings: Settings) -> System:
     Raises:
         ValueError: something of the arm that the formulation, or this form of it, does not take into account.
     """
+    if scene.spatial:
+        return _in_space(scene, settings)
     for k, link in enumerate(scene.arm.links):
         if link.rigid_ends and (settings.multipliers or scene.arm.mass_damping):
             name = next(name for name in ENDS if getattr(link, name))
@@ -65,10 +66,22 @@ def assemble(scene: Scene, settings: Settings) -> System:
             "mass_damping", drag, "must be 0 with frame='chord': it is drag relative to a frame clamped to the link's "
             "root (give frame='root'); tau_d damps under every formulation"
         )  # fmt: skip
-    _check_honoured(scene.arm, "", settings.formulation)
+    _check_honoured(scene.arm, "", settings.formulation, _builder(settings.formulation).HONOURS)
     system = _built(scene, settings)
     if any(scene.rates) or any(scene.velocity):
         system = dataclasses.replace(system, v0=_rates(scene, settings))
+    return system
+
+
+def _in_space(scene: Scene, settings: Settings) -> System:
+    """`assemble` of a scene in space."""
+    if settings.formulation != "geometrically_exact":
+        why = "the arm or what acts on it leaves the x-y plane, or a link is rigid"
+        what = f"must be 'geometrically_exact' in space ({why}); {settings.formulation} is one of the plane"
+        raise check.InvalidValue("formulation", settings.formulation, what)
+    builder = importlib.import_module(".space.build", __package__)
+    _check_honoured(scene.arm, "", "geometrically_exact in space", builder.HONOURS)
+    system: System = builder.build(scene, settings)
     return system
 
 
@@ -76,26 +89,28 @@ def _builder(formulation: str) -> Any:
     return importlib.import_module(f".{_BUILDERS[formulation]}", __package__)
 
 
-_NOT_MECHANICS = ("name", "source", "torque_limits", "joint_limits", "sensors")
-"""Fields of an arm that no equation of motion knows of."""
+_NOT_MECHANICS: dict[type, tuple[str, ...]] = {
+    Arm: ("name", "source", "torque_limits", "joint_limits", "sensors"),
+    Section: tuple(ACROSS),
+}
+"""Fields that no equation of motion knows of; of sections those of motion out of the plane."""
 
 
-def _check_honoured(part: Any, path: str, formulation: str) -> None:
+def _check_honoured(part: Any, path: str, formulation: str, honours: Honours) -> None:
     """Refuse what the formulation's `HONOURS` does not name: a field that is not at its default, or a class, of this
     part of an arm and of what is in it."""
     if isinstance(part, tuple | list):
         for i, entry in enumerate(part):
-            _check_honoured(entry, f"{path}[{i}]", formulation)
+            _check_honoured(entry, f"{path}[{i}]", formulation, honours)
     elif dataclasses.is_dataclass(part):
-        honours: dict[type, tuple[str, ...]] = _builder(formulation).HONOURS
         given: type = type(part)
         kind = next((kind for kind in given.__mro__ if kind in honours), None)
         known = honours[kind] if kind else ()
         for field in dataclasses.fields(part):
             value, name = getattr(part, field.name), f"{path}.{field.name}".lstrip(".")
             if field.name in known:
-                _check_honoured(value, name, formulation)
-            elif not (kind is Arm and field.name in _NOT_MECHANICS) and value != field.default:
+                _check_honoured(value, name, formulation, honours)
+            elif field.name not in _NOT_MECHANICS.get(kind or Arm, ()) and value != field.default:
                 what = f"is not taken into account by {formulation}, which honours {', '.join(known)}"
                 raise check.InvalidValue(name, value, f"{what}; take another formulation, or leave it out")
         if kind is not given:
@@ -179,9 +194,11 @@ def drive(scene: Scene, system: System) -> Drive:
         if isinstance(load, JointTorque):
             add(load.joint, load.function)
         else:
-            first_entry = scene.arm.n_links + OF_LOAD.end * point
-            for k, function in enumerate((load.force_x, load.force_y, load.torque)):
-                add(first_entry + k, function)
+            own = (load.force_x, load.force_y, load.torque)
+            if scene.spatial:
+                own = (*own[:2], load.force_z, load.torque_x, load.torque_y, load.torque)
+            for k, function in enumerate(own):
+                add(scene.arm.n_links + len(own) * point + k, function)
             point += 1
     terms.sort(key=lambda term: term[0])
     entries, added = np.array(terms, np.int64).reshape(-1, 2).T.copy()

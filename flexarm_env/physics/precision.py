@@ -22,6 +22,7 @@ from .. import validation as check
 from ..parameters import Arm
 from ..rigid import inertia_beyond, rigid_inertia
 from ..scene import JointTorque, PointLoad, Scene
+from ..scene.drives import FORCES
 from ..sections import Link
 from ..settings import Settings
 from .elastica.chain import chain
@@ -55,20 +56,27 @@ class Stiffness(NamedTuple):
     torque: float
 
 
-def _sections(link: Link) -> dict[str, float]:
-    """Largest EI, EA, C of a link."""
+def _sections(link: Link, space: bool) -> dict[str, float]:
+    """Largest EI, EA, C of a link; in space GJ, EI_y, C_y, too."""
     s = np.linspace(0.0, link.length, 65) if link.uniform is None else np.zeros(1)
     properties = link.along(s)
-    return {name: float(getattr(properties, name).max()) for name in ("EI", "EA", "C")}
+    found = {name: float(getattr(properties, name).max()) for name in ("EI", "EA", "C")}
+    if space:
+        found |= {name: float(values.max()) for name, values in link.across(s).items() if name != "J_y"}
+    return found
 
 
-def stiffnesses(arm: Arm, settings: Settings, bending: float = 1.0, damping: float = 1.0) -> list[Stiffness]:
-    """All that the formulation's forces have; bending, damping: factors on EI and tau_d."""
+def stiffnesses(
+    arm: Arm, settings: Settings, bending: float = 1.0, damping: float = 1.0, space: bool = False
+) -> list[Stiffness]:
+    """All that the formulation's forces have; bending, damping: factors on EI and tau_d; space: of a scene in space."""
     found = []
     assert settings.dt is not None
     slow = 1.0 + 2.0 * arm.damping[0] * damping / settings.dt
     for k, link in enumerate(arm.links):
-        has, at = _sections(link), f"links[{k}].section"
+        if link.rigid:
+            continue
+        has, at = _sections(link, space), f"links[{k}].section"
         bend = has["EI"] * bending / link.length
         if settings.formulation == "elastica":
             assert settings.nodes is not None
@@ -78,23 +86,32 @@ def stiffnesses(arm: Arm, settings: Settings, bending: float = 1.0, damping: flo
         found.append(Stiffness(f"{at}.EI", has["EI"], "N m^2", bend * slow))
         if settings.formulation != "elastica" and settings.modes is None:
             found += [Stiffness(f"{at}.{name}", has[name], "N", has[name] * link.length * slow) for name in ("EA", "C")]
+        if space:
+            found.append(Stiffness(f"{at}.C_y", has["C_y"], "N", has["C_y"] * link.length * slow))
+            for name in ("EI_y", "GJ"):
+                found.append(Stiffness(f"{at}.{name}", has[name], "N m^2", has[name] * bending / link.length * slow))
         spring = arm.joint(k).stiffness
         if math.isfinite(spring):
             found.append(Stiffness(f"joints[{k}].stiffness", spring, "N m/rad", spring))
     return found
 
 
-def ratio(arm: Arm, settings: Settings, torque: float, bending: float = 1.0, damping: float = 1.0) -> float:
-    """Sigma of an arm that a torque (N m) moves; bending, damping: see `stiffnesses`.
+def ratio(
+    arm: Arm, settings: Settings, torque: float, bending: float = 1.0, damping: float = 1.0, space: bool = False
+) -> float:
+    """Sigma of an arm that a torque (N m) moves; bending, damping, space: see `stiffnesses`.
 
     Raises:
         ValueError: it is above `MOST`; names the stiffness.
     """
-    worst = max(stiffnesses(arm, settings, bending, damping), key=lambda one: one.torque)
+    found = stiffnesses(arm, settings, bending, damping, space)
+    if not found:
+        return 0.0
+    worst = max(found, key=lambda one: one.torque)
     sigma = worst.torque / torque
     if not sigma <= MOST:
         path, value, unit = worst.path, worst.value, worst.unit
-        own = max(stiffnesses(arm, settings), key=lambda one: one.torque)
+        own = max(stiffnesses(arm, settings, space=space), key=lambda one: one.torque)
         if bending != 1.0 and own.torque / torque <= MOST:
             path, value, unit = "randomization.EI[1]", bending, "times the arm's"
         raise check.InvalidValue(path, value, refusal(value * MOST / sigma, unit, settings, torque))
@@ -154,7 +171,7 @@ def of_torques(arm: Arm, settings: Settings, bending: float = 1.0, damping: floa
 
 def of_scene(scene: Scene, settings: Settings) -> float:
     """Tolerance for a scene; refuses as `ratio`."""
-    return tolerance(settings.tolerance, ratio(scene.arm, settings, moving(scene)))
+    return tolerance(settings.tolerance, ratio(scene.arm, settings, moving(scene), space=scene.spatial))
 
 
 def moving(scene: Scene) -> float:
@@ -173,7 +190,7 @@ def moving(scene: Scene) -> float:
         if isinstance(load, JointTorque):
             found.append(float(abs(load.function(t)).max()))
         elif isinstance(load, PointLoad):
-            forces = ((load.force_x, reach), (load.force_y, reach), (load.torque, 1.0))
+            forces = [(getattr(load, name), 1.0 if name.startswith("torque") else reach) for name in FORCES]
             found += [arm_ * float(abs(f(t)).max()) for f, arm_ in forces if f is not None]
     for motion in scene.motions:
         rate, acceleration = (abs(motion.function(t, order)).max() for order in (1, 2))

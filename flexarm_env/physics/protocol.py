@@ -36,6 +36,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         par_bar, bar (a State) and u_bar is added what r_bar comes to there, and r_bar becomes 0; S is free
     vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)  likewise those of `link_poses`
     ports(lane, model, par, q, y)    y[i]: the displacement that input i works on (angle or position)
+    ports_after(lane, model, par, start, y0, q, y)  `ports`, y0 being those of `start`, where rotations do not add up
+    difference(lane, model, start, q, d)  d: the increment by which `update` moves start to q
     update(lane, model, q, share, d, more)  q <- q moved by the increment share * d and then by `more`, or None: their
         sum, unless a formulation's coordinates add up otherwise, as rotations do; rows of multipliers are zero
     friction(model)  None, or a tag where joints have Coulomb friction, which is in no residual (`joints.friction`)
@@ -97,6 +99,19 @@ def _add(lane, model, q, share, d, more):
         store(q, k, added(lane, q, share, d, more, k))
 
 
+@inlined
+def _subtract(lane, model, start, q, d):
+    """`difference` of coordinates that add up."""
+    for k in range(size(model.n)):
+        store(d, k, load(lane, q, k) - load(lane, start, k))
+
+
+@kernel
+def _at_once(lane, model, par, start, y0, q, y):
+    """`ports_after` of ports that add up."""
+    ports(lane, model, par, q, y)
+
+
 @kernel
 def _no_stiffness(lane, model, S, k, x):
     """`stiffen` of a formulation whose joints have none."""
@@ -126,8 +141,8 @@ def _by_assembling(lane, model, par, state, u, r, S):
 
 
 FORMULATIONS = Family(
-    "model", predict=_no_guess, update=_add, stiffen=_no_stiffness, friction=_no_friction, residual=_by_assembling,
-    constrain=_no_constraint, out_of_range=_everywhere,
+    "model", predict=_no_guess, update=_add, difference=_subtract, ports_after=_at_once, stiffen=_no_stiffness,
+    friction=_no_friction, residual=_by_assembling, constrain=_no_constraint, out_of_range=_everywhere,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -148,6 +163,8 @@ solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x"
 vjp_residual = FORMULATIONS.function("vjp_residual", "lane, model, par, par_bar, state, u, S, bar, u_bar, r_bar")
 vjp_poses = FORMULATIONS.function("vjp_poses", "lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar")
 ports = FORMULATIONS.function("ports", "lane, model, par, q, y")
+ports_after = FORMULATIONS.function("ports_after", "lane, model, par, start, y0, q, y")
+difference = FORMULATIONS.function("difference", "lane, model, start, q, d")
 update = FORMULATIONS.function("update", "lane, model, q, share, d, more")
 friction = FORMULATIONS.function("friction", "model")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")

@@ -17,7 +17,7 @@ import numpy as np
 from flexarm_env import validation as check
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import toml
-from flexarm_env.scene.drives import JointTorque, Load, Motion, PointLoad
+from flexarm_env.scene.drives import ROOT, JointTorque, Load, Motion, PointLoad
 from flexarm_env.settings import FORMULATIONS, Settings, check_options, default_options, merged
 from flexarm_env.time_functions import TimeFunction, constant
 
@@ -34,18 +34,22 @@ class Scene:
         arm: the arm, N links.
         duration: s. dt: default step, s. sample: default sampling interval, s (None: ``dt``).
         root: "pinned" (position held or prescribed, hub angle free unless prescribed) or "free" (a free body).
-        position: of the root at t = 0, m, (x, y).
+        position: of the root at t = 0, m, (x, y), in space (x, y, z).
         angles: absolute angles of the links at t = 0, N numbers (rad), or () for all along +x; of curved links those
-            of their tangents at their roots.
-        velocity: of the root before t = 0, m/s, (vx, vy). rates: absolute rates of the links then, N numbers (rad/s),
-            or () for none; links turn as rigid ones, and a motion that begins with another rate jumps.
+            of their tangents at their roots. Of an arm whose links turn out of the plane (`Arm.spatial`) those of its
+            joints.
+        velocity: of the root before t = 0, m/s, likewise. rates: absolute rates of the links then, N numbers (rad/s),
+            or () for none, of such an arm those of its joints; links turn as rigid ones, and a motion that begins with
+            another rate jumps.
         start: "unloaded": without stress; "held": at rest under gravity and the loads as they are at t = 0, with the
             joints at `angles` (behind an elastic gear its motor), which are let go at t = 0 unless a motion prescribes
             them; "equilibrium": where the arm comes to rest under these, its joints free.
         rigid_joints: joints k >= 1 at which link k is fixed to link k-1 (at the angle it starts with), not hinged.
         motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
-        gravity: acceleration (gx, gy), m/s^2, or None.
+        gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
+        space: True computes an arm in space that could be computed in the plane. What leaves the plane is computed in
+            space always: such an arm, gravity, place, velocity, a force, a moment or a motion of the root out of it.
         solver: formulation and flat options that suit the scene, as pairs (name, value); a dict is taken too.
         description, source, note: what it is, where it is from, what was assumed.
     """
@@ -57,19 +61,20 @@ class Scene:
     dt: float
     sample: float | None = None
     root: str = "pinned"
-    position: tuple[float, float] = (0.0, 0.0)
+    position: tuple[float, ...] = (0.0, 0.0)
     angles: tuple[float, ...] = ()
-    velocity: tuple[float, float] = (0.0, 0.0)
+    velocity: tuple[float, ...] = (0.0, 0.0)
     rates: tuple[float, ...] = ()
     rigid_joints: tuple[int, ...] = ()
     motions: tuple[Motion, ...] = ()
     loads: tuple[Load, ...] = ()
-    gravity: tuple[float, float] | None = None
+    gravity: tuple[float, ...] | None = None
     solver: tuple[tuple[str, Any], ...] = ()
     description: str = ""
     source: str = ""
     note: str = ""
     start: str = "unloaded"
+    space: bool = False
 
     def __post_init__(self) -> None:
         check.text("name", self.name, empty=False)
@@ -79,11 +84,11 @@ class Scene:
         values: dict[str, Any] = {
             "duration": check.number("duration", self.duration, "s", above=0.0),
             "dt": check.number("dt", self.dt, "s", above=0.0),
-            "position": _numbers("position", self.position, "m", 2),
+            "position": _vector("position", self.position, "m"),
             "angles": self._one_a_link("angles", "rad", n),
-            "velocity": _numbers("velocity", self.velocity, "m/s", 2),
+            "velocity": _vector("velocity", self.velocity, "m/s"),
             "rates": self._one_a_link("rates", "rad/s", n),
-            "gravity": None if self.gravity is None else _numbers("gravity", self.gravity, "m/s^2", 2),
+            "gravity": None if self.gravity is None else _vector("gravity", self.gravity, "m/s^2"),
             "rigid_joints": self._checked_rigid_joints(n),
             "motions": check.sequence("motions", self.motions, "Motion"),
             "loads": check.sequence("loads", self.loads, "JointTorque or PointLoad"),
@@ -95,7 +100,11 @@ class Scene:
                 raise check.InvalidValue(name, values[name], f"must not exceed the duration, {values['duration']:g} s")
         for name in ("description", "source", "note"):
             check.text(name, getattr(self, name))
+        check.flag("space", self.space)
         check.store(self, **values)
+        if self.spatial:
+            vectors = {name: getattr(self, name) for name in ("position", "velocity", "gravity")}
+            check.store(self, **{name: (*v, 0.0)[:3] for name, v in vectors.items() if v is not None})
         self._check_rates()
         self._check_motions()
         self._check_joints()
@@ -115,11 +124,13 @@ class Scene:
                     what = f'must be 0 where start = "{self.start}": the arm rests'
                     raise check.InvalidValue(name, getattr(self, name), what)
         for k in self.rigid_joints:
-            if self.rates[k] != self.rates[k - 1]:
+            if self.arm.spatial and self.rates[k]:
+                raise check.InvalidValue(f"rates[{k}]", self.rates[k], f"must be 0: joint {k} is rigid")
+            if not self.arm.spatial and self.rates[k] != self.rates[k - 1]:
                 what = f"must be that of the link before, {self.rates[k - 1]!r}: joint {k} is rigid"
                 raise check.InvalidValue(f"rates[{k}]", self.rates[k], what)
         if self.root != "free" and any(self.velocity):
-            for name, rate in zip(("root_x", "root_y"), self.velocity, strict=True):
+            for name, rate in zip(ROOT, self.velocity, strict=False):
                 if rate and self.motion_of(name) is None:
                     what = f"must be 0 in the direction of {name}, which is held; give root='free', or a Motion"
                     raise check.InvalidValue("velocity", self.velocity, what)
@@ -209,15 +220,23 @@ class Scene:
         yield from (function for load in self.loads for function in load.functions)
 
     def initial_value(self, coordinate: str) -> float:
-        """Value at t = 0 of "joint0", ... (rad), of "motor0", ... (the same: at rest), "root_x", "root_y" (m)."""
-        if coordinate in ("root_x", "root_y"):
-            return self.position[0 if coordinate == "root_x" else 1]
+        """Value at t = 0 of "joint0", ... (rad), of "motor0", ... (the same: at rest), "root_x", ... (m)."""
+        if coordinate in ROOT:
+            return (*self.position, 0.0)[ROOT.index(coordinate)]
         joint = int(coordinate[5:])
-        if joint == 0:
-            return self.angles[0]
+        if joint == 0 or self.arm.spatial:
+            return self.angles[joint]
         before = self.angles[joint - 1]
         link = self.arm.links[joint - 1]
         return self.angles[joint] - (before + link.turn if link.curved else before)
+
+    @property
+    def spatial(self) -> bool:
+        """Whether the scene is computed in space."""
+        vectors = (self.position, self.velocity, self.gravity or ())
+        loads = any(isinstance(load, PointLoad) and load.spatial for load in self.loads)
+        away = any(any(v[2:]) for v in vectors) or self.motion_of("root_z") is not None
+        return self.space or self.arm.spatial or loads or away
 
     @property
     def undriven(self) -> bool:
@@ -239,10 +258,11 @@ class Scene:
     def settings(self, formulation: str | None = None, **options: Any) -> Settings:
         """Settings to run this scene with: defaults, under the scene's ``solver``, under ``options``; dt never None.
 
-        The scene's own solver options apply to its own formulation only (its default is "floating_frame").
+        The scene's own solver options apply to its own formulation only (its default is "floating_frame", in space
+        "geometrically_exact").
         """
         own = dict(self.solver)
-        preferred = own.pop("formulation", "floating_frame")
+        preferred = own.pop("formulation", "geometrically_exact" if self.spatial else "floating_frame")
         formulation = formulation or preferred
         if formulation != preferred:
             own = {}
@@ -269,6 +289,13 @@ class Scene:
 def _numbers(path: str, values: object, unit: str, n: int) -> tuple[Any, ...]:
     entries = check.sequence(path, values, f"{n} numbers ({unit})", n)
     return tuple(check.number(f"{path}[{i}]", value, unit) for i, value in enumerate(entries))
+
+
+def _vector(path: str, values: object, unit: str) -> tuple[Any, ...]:
+    """Two numbers, or three where the third is not 0."""
+    count = 3 if isinstance(values, list | tuple | np.ndarray) and len(values) == 3 else 2
+    found = _numbers(path, values, unit, count)
+    return found if any(found[2:]) else found[:2]
 
 
 def _solver(value: Any) -> tuple[tuple[str, Any], ...]:

@@ -12,13 +12,12 @@ from flexarm_env import arms, time_functions
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm
-from flexarm_env.scene.drives import COORDINATES, JointTorque, Load, Motion, PointLoad
+from flexarm_env.scene.drives import COORDINATES, FORCES, JointTorque, Load, Motion, PointLoad
 from flexarm_env.time_functions import TimeFunction
 
 T = TypeVar("T")
 
 _OPTIONAL_TEXT = ("description", "source", "note")
-_FORCES = ("force_x", "force_y", "torque")
 
 
 def read(kind: Callable[..., T], source: str | os.PathLike[str], parameter_set: str | None = None) -> T:
@@ -95,10 +94,10 @@ def _load(path: str, entry: dict[str, Any], directory: Path) -> Load:
             return JointTorque(entry.pop("joint"), function_from_table(entry, directory))
         if "link" not in entry:
             raise check.MissingKey("joint", "a load has joint and kind, or link, end and force_x, force_y or torque")
-        check.known_keys("", entry, ("link", "end", *_FORCES))
+        check.known_keys("", entry, ("link", "end", *FORCES))
         end = check.needed("", entry, "end", 'must be "root" or "tip"')
         forces = {}
-        for key in (key for key in _FORCES if key in entry):
+        for key in (key for key in FORCES if key in entry):
             function = check.table_of(key, entry[key])
             with check.under(key):
                 forces[key] = function_from_table(function, directory)
@@ -115,6 +114,8 @@ def text_of(scene: Any) -> str:
     table |= {key: getattr(scene, key) for key in ("velocity", "rates") if any(getattr(scene, key))}
     if scene.start != "unloaded":
         table["start"] = scene.start
+    if scene.space:
+        table["space"] = True
     if scene.rigid_joints:
         table["rigid_joints"] = scene.rigid_joints
     if scene.gravity is not None:
@@ -132,7 +133,7 @@ def text_of(scene: Any) -> str:
 def _load_table(load: Load) -> dict[str, Any]:
     if isinstance(load, JointTorque):
         return {"joint": load.joint, **function_table(load.function)}
-    forces = {key: getattr(load, key) for key in _FORCES}
+    forces = {key: getattr(load, key) for key in FORCES}
     given = {key: function_table(f) for key, f in forces.items() if isinstance(f, TimeFunction)}
     return {"link": load.link, "end": load.end, **given}
 

@@ -56,7 +56,7 @@ def digest_of(one: Task) -> str:
     """See `flexarm_env.suite.digest`."""
     made = resolved(one)
     built = made.kind.build(made.arm, np.array(made.rewards), made.period, made.aims)
-    arm = {key: value for key, value in arms.to_table(made.arm).items() if key != "source"}
+    arm = {key: value for key, value in arms.to_table(made.arm, made.arm.spatial).items() if key != "source"}
     starts = {key: getattr(made.starts, key) for key in ("start", "target", "straight", "vibration", "factors")}
     what = {
         "environment": one.environment,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...compiler import kernel, load, size, store
 from ..joints.friction import book_friction, note_friction
 from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
-from ..protocol import damping_work, ports
+from ..protocol import damping_work, difference, ports, ports_after
 from .work import copy_rows, state_of
 
 
@@ -29,7 +29,7 @@ def keep_books(lane, model, drive, par, w, h):
     end; hence the forces of damping are taken times the displacement, and not the mean of the powers. r is free once
     the step has succeeded.
     """
-    ports(lane, model, par, w.q, w.y)
+    ports_after(lane, model, par, w.q0, w.y0, w.q, w.y)
     work = load(lane, w.books, WORK_DONE)
     for i in range(size(model.n_inputs)):
         force = (load(lane, w.u0, i) + load(lane, w.u, i)) * 0.5
@@ -44,8 +44,9 @@ def keep_books(lane, model, drive, par, w, h):
         copy_rows(lane, OF_MOTION.end * drive.known.shape[0], w.psi, w.psi0)
         copy_rows(lane, drive.known.shape[0], w.reaction, w.reaction0)
     store(w.books, WORK_DONE, work)
+    difference(lane, model, w.q0, w.q, w.r)
     for k in range(size(model.n)):
-        store(w.r, k, (load(lane, w.q, k) - load(lane, w.q0, k)) * (1.0 / h))
+        store(w.r, k, load(lane, w.r, k) * (1.0 / h))
     taken = damping_work(lane, model, par, w.q0, w.v0, w.r) + damping_work(lane, model, par, w.q, w.v, w.r)
     store(w.books, DISSIPATED, load(lane, w.books, DISSIPATED) + taken * (0.5 * h))
     book_friction(lane, model, par, state_of(w), w.u, w.r, w.S, w.q0, w.books)

@@ -13,7 +13,18 @@ from __future__ import annotations
 from ...compiler import apart, arms, inlined, kernel, largest, load, select_lt, size, splat, store
 from ..layout import FACTORISATIONS, HALVINGS, STEPS
 from ..model import NEWTON_FAILED
-from ..protocol import MASS_ALONE, RESIDUAL_ALONE, assemble, constrain, factor, out_of_range, predict, solve, update
+from ..protocol import (
+    MASS_ALONE,
+    RESIDUAL_ALONE,
+    assemble,
+    constrain,
+    difference,
+    factor,
+    out_of_range,
+    predict,
+    solve,
+    update,
+)
 from .books import keep_books, open_books
 from .drive import set_inputs, set_motions
 from .newton import newton, slopes_of
@@ -62,10 +73,10 @@ def _follow(lane, w, k, d, slopes):
 def _stay(lane, model, w, slopes):
     """Start Newton from where the step began, in place of the prediction: after a load has jumped, accelerations that
     the step does not resolve may throw the prediction so far that Newton does not come back from there."""
+    difference(lane, model, w.q, w.q0, w.r)
     for k in range(size(model.n)):
-        d = load(lane, w.q0, k) - load(lane, w.q, k)
         store(w.q, k, load(lane, w.q0, k))
-        _follow(lane, w, k, d, slopes)
+        _follow(lane, w, k, load(lane, w.r, k), slopes)
 
 
 @kernel

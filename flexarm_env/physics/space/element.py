@@ -102,6 +102,18 @@ def middle(section, left, right):
 
 
 @kernel
+def rates(section, left, right):
+    """Rates of the strains of `middle`: of Gamma, and of kappa times the length."""
+    relative = shorter(composed(inverse(left.p), right.p))
+    psi, half = rotation_vector(relative), halved(relative)
+    w = 1.0 / (half[0] + 1.0)
+    share, R, T = 1.0 / section.length, matrix(composed(left.p, half)), inverse_tangent(psi, relative)
+    e, turn = times(back(R, minus(right.r, left.r)), share), mean((half[1] * w, half[2] * w, half[3] * w), left.spin, right.spin)
+    stretch = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
+    return stretch, minus(turned(T, right.spin), back(T, left.spin))
+
+
+@kernel
 def mean(g, a, b):
     """P a + Q b: what the middle turns by."""
     return times(plus(plus(a, b), cross(g, minus(b, a))), 0.5)

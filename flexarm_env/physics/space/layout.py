@@ -21,6 +21,14 @@ ELEMENT = Layout(
     Field("stretch", (3,), "N", "EA, and shear stiffnesses C along y, C_y along z"),
     Field("bend", (3,), "N m^2", "GJ, EI_y about y, EI about z"),
     Field("rest", (3,), "", "curvatures times length without stress, about x, y, z"),
+    Field("damping", (), "", "its time constant over the arm's largest"),
+)  # fmt: skip
+
+BODY = Layout(
+    "Body", "",
+    Field("mass", (), "kg", "the payload's is the arm's own parameter"),
+    Field("centre", (3,), "m", "from the place of a section, in its axes"),
+    Field("inertia", (3, 3), "kg m^2", "about there"),
 )  # fmt: skip
 
 JOINT = Layout(
@@ -28,15 +36,10 @@ JOINT = Layout(
     Field("axis", (3,), "", "unit vector in the axes of the link's root"),
     Field("mount", (3, 3), "", "axes of the link's root at angle 0 in those of the section before"),
     Field("quaternion", (4,), "", "of the same rotation"),
-    Field("mass", (), "kg", "at the joint"),
-    Field("near", (3, 3), "kg m^2", "inertia that turns with the section before, in its axes"),
-    Field("far", (3, 3), "kg m^2", "that turns with the link's root, in its axes"),
-)  # fmt: skip
-
-BODY = Layout(
-    "Payload", "",
-    Field("centre", (3,), "m", "from the tip, in its axes"),
-    Field("inertia", (3, 3), "kg m^2", "about there"),
+    Field("before", (3,), "m", "from the place of the section before to the joint, in its axes"),
+    Field("beyond", (3,), "m", "from the joint to where the link begins to bend, in the axes of its root"),
+    Field("near", (BODY.length,), "", "a `BODY` on the section before"),
+    Field("far", (BODY.length,), "", "a `BODY` on the link's root, from where it begins to bend"),
 )  # fmt: skip
 
 FACTOR = Layout(
@@ -51,22 +54,53 @@ HINGE = Layout(
     "Hinge", "",
     Field("turn", (3, 3), "", "axes of the link's root in those of the section before"),
     Field("moment", (3,), "N m", "that the link's root takes, in its axes"),
+    Field("force", (3,), "N", "likewise, in the axes of the section before; where there are levers"),
+    Field("lever", (3,), "m", "from the section before to the link's beginning, in the axes of that section"),
+    Field("frame", (3, 3), "", "axes of the section before"),
     Field("own", (), "N m/rad", "what `stiffen` adds"),
     Field("column", (6,), "", "of the joint's row and column: by the vertex before"),
     Field("row", (6,), "", "over the pivot"),
     Field("pivot", (), "", "inverse"),
     Field("pinned", (), "", "1 where it does not move"),
+    Field("shift", (3, 3), "m", "what the beginning moves by when the section before turns, in its axes"),
+    Field("swing", (3,), "m", "what it moves by when the joint turns"),
+    Field("now_turn", (3, 3), "", "the first of these of the residual made last, which `solve` does not read"),
+    Field("now_lever", (3,), "m", ""),
+    Field("now_frame", (3, 3), "", ""),
+    Field("now_force", (3,), "N", "on the link's beginning, inertial axes"),
+    Field("now_moment", (3,), "N m", ""),
 )  # fmt: skip
 
 BASE = Layout("Base", "", Field("matrix", (6, 6), "", "of the base"), Field("pinned", (6,), "", "1 where it is held"))
 
+PLACE = Layout(
+    "Place", "",
+    Field("row", (), "", "of the joint's angle"),
+    Field("elements", (), "", "of the link; none where it is rigid: its six rows are its root's increments then"),
+    Field("factor", (), "", "where its first `FACTOR` is in S"),
+)  # fmt: skip
+
+LOAD = Layout(
+    "SpatialLoad", "",
+    Field("link", (), "", "that it works on"),
+    Field("at_tip", (), "", "1: on its tip; 0: on its root"),
+    Field("lever", (3,), "m", "from there to where it works, in the axes there"),
+)  # fmt: skip
+
 E, J, P, F, H, B = ELEMENT.places, JOINT.places, BODY.places, FACTOR.places, HINGE.places, BASE.places
+PL, L = PLACE.places, LOAD.places
 
 
 @kernel
 def joint_row(model, k):
     """Row of the angle of joint k."""
-    return AXES + k * (1 + AXES * model.elements)
+    return model.places[PL.end * k + PL.row]
+
+
+@kernel
+def count_of(model, k):
+    """Elements of link k."""
+    return model.places[PL.end * k + PL.elements]
 
 
 @kernel
@@ -78,10 +112,19 @@ def hinge_at(k):
 @kernel
 def factor_at(model, k, e):
     """Where the `FACTOR` of element e of link k is in S."""
-    return B.end + H.end * model.links + F.end * (k * model.elements + e)
+    return model.places[PL.end * k + PL.factor] + F.end * e
+
+
+@kernel
+def rows_before(model, k):
+    """The first row of the section before joint k."""
+    return model.places[PL.end * k + PL.row] - AXES
 
 
 @kernel
 def before(model, k):
-    """Where the matrix of the vertex before joint k is in S."""
-    return B.matrix if k == 0 else factor_at(model, k - 1, model.elements - 1) + F.RR
+    """Where the matrix of the section before joint k is in S."""
+    if k == 0:
+        return B.matrix
+    e = count_of(model, k - 1)
+    return factor_at(model, k - 1, 0) + F.LL if e == 0 else factor_at(model, k - 1, e - 1) + F.RR

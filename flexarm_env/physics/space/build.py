@@ -1,0 +1,261 @@
+"""A scene in space to its Model: the chain's constants, and its coordinates at the start."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ... import bodies, curves
+from ... import validation as check
+from ...bodies import RigidLink
+from ...parameters import Arm, Elbow, Link, Payload, Section, Taper
+from ...scene import PointLoad, Scene
+from ...sections import ACROSS, ENDS
+from ...settings import Settings
+from ..model import System
+from .chain import SpatialBeam
+from .layout import AXES, BODY, ELEMENT, JOINT, LOAD, PLACE, B, F, H
+
+Array = NDArray[np.float64]
+
+HONOURS: dict[type, tuple[str, ...]] = {
+    Arm: ("links", "hub_inertia", "hub_axis", "hub_mount", "elbows", "payload", "tau_d"),
+    Link: ("length", "section", "tau_d", *ENDS, "curvature"),
+    RigidLink: ("length", "mass", "centre", "inertia", "section", "tau_d", *ENDS, "curvature"),
+    Section: ("EI", "EA", "C", "m", "J", *ACROSS),
+    Taper: ("widths", "thicknesses", "E", "rho", "G", "kappa"),
+    Elbow: ("mass", "inertia_left", "inertia_right", "axis", "mount"),
+    Payload: ("mass", "inertia", "offset"),
+}
+"""See `exact.build.HONOURS`. Joints that are not ideal are among what is refused."""
+
+LEAST_ROTARY = 1e-8
+"""Rotary inertia about any axis, over m l^2 of its element, that none falls below: vertices turn by themselves."""
+
+X = np.array([1.0, 0.0, 0.0])
+
+
+class Body(NamedTuple):
+    """A rigid body: kg, centre in m from a section, in its axes, tensor in kg m^2 about there."""
+
+    mass: float
+    centre: Array
+    inertia: Array
+
+
+def together(parts: list[Body]) -> Body:
+    """Several bodies as one."""
+    mass = sum(part.mass for part in parts)
+    centre = sum((part.mass * part.centre for part in parts), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
+    inertia = sum((bodies.about(p.inertia, p.mass, p.centre - centre) for p in parts), np.zeros((3, 3)))
+    return Body(mass, centre, inertia)
+
+
+def packed(one: Body) -> Array:
+    """Its `BODY`."""
+    return BODY.pack({}, mass=one.mass, centre=one.centre, inertia=one.inertia)
+
+
+def count_elements(link: Link, settings: Settings) -> int:
+    """Elements of a link in space, of two vertices each: as many vertices as in the plane."""
+    assert settings.elements is not None and settings.order is not None
+    return 0 if link.rigid else settings.elements * settings.order
+
+
+def tip_lever(link: Link) -> Array:
+    """From a link's last section to the next joint, m: a rigid end, or a whole rigid link."""
+    return X * (link.length if link.rigid else link.tip_offset)
+
+
+def _tip_end(link: Link) -> Body:
+    return Body(link.tip_mass, 0.5 * tip_lever(link), bodies.tensor(link.tip_inertia))
+
+
+def _near(arm: Arm, k: int) -> Body:
+    """What turns with the tip of link k - 1."""
+    before, elbow = arm.links[k - 1], arm.elbow(k)
+    return together([_tip_end(before), Body(elbow.mass, tip_lever(before), bodies.tensor(elbow.inertia_left))])
+
+
+def _far(arm: Arm, k: int) -> Body:
+    """What turns with the root of link k."""
+    link = arm.links[k]
+    own = arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
+    parts = [Body(0.0, np.zeros(3), bodies.tensor(own))]
+    if isinstance(link, RigidLink):
+        parts.append(Body(link.mass, np.array(link.centre), bodies.tensor(link.inertia)))
+    else:
+        parts.append(Body(link.root_mass, -0.5 * link.root_offset * X, bodies.tensor(link.root_inertia)))
+    return together(parts)
+
+
+def mount_of(arm: Arm, k: int) -> Array:
+    """Axes of the root of link k at angle 0, in those of the section before."""
+    mount = arm.hub_mount if k == 0 else arm.elbow(k).mount
+    return np.eye(3) if mount is None else np.array(mount)
+
+
+def axis_of(arm: Arm, k: int) -> Array:
+    """Of joint k, in the axes of the root of link k."""
+    return np.array(arm.hub_axis if k == 0 else arm.elbow(k).axis)
+
+
+def levers(arm: Arm, k: int) -> tuple[Array, Array]:
+    """`before` and `beyond` of joint k, m."""
+    return np.zeros(3) if k == 0 else tip_lever(arm.links[k - 1]), arm.links[k].root_offset * X
+
+
+def _joint(arm: Arm, k: int) -> Array:
+    mount = mount_of(arm, k)
+    x, y, z, w = Rotation.from_matrix(mount).as_quat()
+    before, beyond = levers(arm, k)
+    near = together([]) if k == 0 else _near(arm, k)
+    return JOINT.pack(
+        {}, axis=axis_of(arm, k), mount=mount, quaternion=[w, x, y, z], before=before, beyond=beyond,
+        near=packed(near), far=packed(_far(arm, k)),
+    )  # fmt: skip
+
+
+def _elements(link: Link, n: int, damping: float) -> list[Array]:
+    """An `ELEMENT` each, of the properties at its middle."""
+    if n == 0:
+        return []
+    ends = link.mesh(n, "elements")
+    lengths, middles = np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
+    plane, across, turns = link.along(middles), link.across(middles), turns_of(link, ends)
+    rows = []
+    for e, length in enumerate(lengths.tolist()):
+        least = LEAST_ROTARY * plane.m[e] * length**2
+        rotary = np.maximum([plane.J[e] + across["J_y"][e], across["J_y"][e], plane.J[e]], least)
+        rows.append(
+            ELEMENT.pack(
+                {}, length=length, mass=0.5 * plane.m[e] * length, inertia=0.5 * length * rotary,
+                stretch=[plane.EA[e], plane.C[e], across["C_y"][e]],
+                bend=[across["GJ"][e], across["EI_y"][e], plane.EI[e]], rest=[0.0, 0.0, turns[e]], damping=damping,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def turns_of(link: Link, ends: Array) -> Array:
+    """By what the elements between `ends` are bent without stress, rad."""
+    if not link.curved:
+        return np.zeros(len(ends) - 1)
+    return np.diff([float(curves.angle(link.curvature, s)) for s in ends])
+
+
+def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
+    """Names of the rows: of the base, of each joint, of the vertices E = 1, 2, ... of each link."""
+    places = ("x", "y", "z", "rx", "ry", "rz")
+    found = [f"root_{name}" for name in places]
+    for k, link in enumerate(arm.links):
+        found.append(f"joint{k}")
+        found += [f"link{k}.{name}{e + 1}" for e in range(max(1, count_elements(link, settings))) for name in places]
+    return tuple(found)
+
+
+def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
+    """Coordinates of links without stress at the scene's angles, and their rates as it moves before t = 0."""
+    arm, q, v = scene.arm, [*scene.position, 0.0, 0.0, 0.0], [*scene.velocity, 0.0, 0.0, 0.0]
+    r, A = np.array(scene.position), Rotation.identity()
+    rate, spin = np.array(scene.velocity), np.zeros(3)  # both inertial
+    before_rate = 0.0
+    for k, link in enumerate(arm.links):
+        near, far = levers(arm, k)
+        joint = scene.initial_value(f"joint{k}")
+        own = scene.rates[k] if arm.spatial else scene.rates[k] - before_rate
+        before_rate = scene.rates[k]
+        arm_of = A.apply(near)
+        A = A * Rotation.from_matrix(mount_of(arm, k)) * Rotation.from_rotvec(joint * axis_of(arm, k))
+        r, rate = r + arm_of, rate + np.cross(spin, arm_of)
+        spin = spin + own * A.apply(axis_of(arm, k))
+        arm_of = A.apply(far)
+        r, rate = r + arm_of, rate + np.cross(spin, arm_of)
+        q.append(joint)
+        v.append(own)
+        n = count_elements(link, settings)
+        ends = link.mesh(n, "elements") if n else np.zeros(1)
+        for length, turn in zip(np.diff(ends), turns_of(link, ends), strict=True):
+            step = (A * Rotation.from_rotvec([0.0, 0.0, 0.5 * turn])).apply(length * X)
+            A = A * Rotation.from_rotvec([0.0, 0.0, turn])
+            r, rate = r + step, rate + np.cross(spin, step)
+            q += [*r, *A.as_rotvec()]
+            v += [*rate, *A.inv().apply(spin)]
+        if n == 0:
+            q += [*r, *A.as_rotvec()]
+            v += [*rate, *A.inv().apply(spin)]
+    return np.array(q), np.array(v)
+
+
+def _loads(scene: Scene) -> list[Array]:
+    found = []
+    for load in scene.loads:
+        if isinstance(load, PointLoad):
+            at_tip, link = load.end == "tip", scene.arm.links[load.link]
+            lever = tip_lever(link) if at_tip else -link.root_offset * X
+            found.append(LOAD.pack({}, link=load.link, at_tip=at_tip, lever=lever))
+    return found
+
+
+def build(scene: Scene, settings: Settings) -> System:
+    """The scene's chain, `elements` times `order` elements of two vertices a link."""
+    if settings.period_correction:
+        raise check.InvalidValue("period_correction", True, "must be False in space")
+    arm, names = scene.arm, names_of(scene.arm, settings)
+    for k, link in enumerate(arm.links):
+        if not link.rigid:
+            with check.under(f"links[{k}]"):
+                link.across(np.zeros(1))
+    largest, shares = arm.damping
+    counts = [count_elements(link, settings) for link in arm.links]
+    sections: list[Array] = []
+    for k, (link, n) in enumerate(zip(arm.links, counts, strict=True)):
+        sections += _elements(link, n, 1.0 if shares is None else shares[k])
+    rows = [names.index(f"joint{k}") for k in range(arm.n_links)]
+    first = B.end + H.end * arm.n_links
+    places = []
+    for row, n in zip(rows, counts, strict=True):
+        places.append(PLACE.pack({}, row=row, elements=n, factor=first))
+        first += F.end * max(1, n)
+    weight = np.ones(len(names))
+    for k, (row, n) in enumerate(zip(rows, counts, strict=True)):
+        for i in range(row + 1, row + 1 + AXES * max(1, n), AXES):
+            weight[i : i + 3] = 1.0 / arm.total_length
+            if n == 0:
+                weight[i : i + AXES] = 0.0
+        assert names[row] == f"joint{k}"
+    weight[:3] = 1.0 / arm.total_length
+    fixed = [rows[k] for k in scene.rigid_joints]
+    if scene.root == "free":
+        fixed.append(rows[0])
+    else:
+        fixed += [i for i in range(AXES) if scene.motion_of(names[i]) is None]
+    loads, q0_v0 = _loads(scene), _start(scene, settings)
+    last, payload = arm.links[-1], arm.payload
+    offset = np.array((*payload.offset, 0.0)[:3])
+    model = SpatialBeam(
+        n=len(names),
+        n_factor=first,
+        n_inputs=arm.n_links + 6 * len(loads),
+        fixed=np.array(sorted(fixed), np.int64),
+        algebraic=None,
+        weight=weight,
+        predictor=0.0,
+        correction=None,
+        links=arm.n_links,
+        places=np.concatenate(places).astype(np.int64),
+        sections=np.concatenate([np.zeros(0), *sections]),
+        joints=np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
+        end=packed(_tip_end(last)),
+        payload=packed(Body(0.0, tip_lever(last) + offset, bodies.tensor(payload.inertia))),
+        levers=(0,) if any(np.any(lever) for k in range(arm.n_links) for lever in levers(arm, k)) else None,
+        gravity=None if scene.gravity is None else np.array(scene.gravity),
+        loads=np.concatenate(loads) if loads else None,
+        damped=(0,) if largest > 0.0 else None,
+    )
+    coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
+    par = np.array([payload.mass, 0.0, 1.0, largest])
+    return System(model, par, *q0_v0, coordinates, names, (), (), {})

@@ -1,0 +1,254 @@
+"""Chains in space: their Model, and where a section is and how it moves, from the base on."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...compiler import kernel, load, sincos, splat, store
+from ..arithmetic import add
+from ..model import STIFFNESS_FACTOR, TAU_D
+from .element import Place, Section
+from .layout import E, J, L, P, joint_row
+from .rotations import (
+    about_identity,
+    back,
+    composed,
+    cross,
+    difference,
+    dot,
+    matrix,
+    minus,
+    plus,
+    product,
+    quaternion,
+    scaled,
+    skew,
+    sum_of,
+    times,
+    transposed,
+    turned,
+    vector,
+)
+
+
+class SpatialBeam(NamedTuple):
+    """N links in space, each of elements of two vertices or rigid. What is None is compiled out.
+
+    places    int64: a `PLACE` for each link
+    sections  float64: an `ELEMENT` for each element, from root to tip
+    joints    float64: a `JOINT` for each link, at its root
+    end       float64 `BODY`, the last link's rigid end; payload  another
+    levers    (0,) where a `JOINT` has `before` or `beyond`, otherwise None
+    gravity   float64 (3,) m/s^2, or None
+    loads     float64: a `LOAD` each, whose inputs are a force and a moment along inertial axes; or None
+    damped    (0,) with Kelvin-Voigt damping, otherwise None
+    """
+
+    n: int
+    n_factor: int
+    n_inputs: int
+    fixed: np.ndarray
+    algebraic: None
+    weight: np.ndarray
+    predictor: float
+    correction: None
+    links: int
+    places: np.ndarray
+    sections: np.ndarray
+    joints: np.ndarray
+    end: np.ndarray
+    payload: np.ndarray
+    levers: tuple[int, ...] | None
+    gravity: np.ndarray | None
+    loads: np.ndarray | None
+    damped: tuple[int, ...] | None
+
+
+class Vertex(NamedTuple):
+    """A section: where it is, and the accelerations of it."""
+
+    place: Place
+    a: Any  # less gravity, inertial axes
+    alpha: Any  # in its own
+
+
+class Hinge(NamedTuple):
+    """A joint: rotation of the link's root against the section before; from that section to where the link begins to
+    bend, in its axes, or None without levers; the link's section there."""
+
+    turn: Any
+    lever: Any
+    root: Vertex
+
+
+@kernel
+def three_of(lane, array, k):
+    """Three numbers of a model, in all lanes."""
+    return splat(lane, array[k]), splat(lane, array[k + 1]), splat(lane, array[k + 2])
+
+
+@kernel
+def nine_of(lane, array, k):
+    """A matrix of a model, in all lanes."""
+    return three_of(lane, array, k), three_of(lane, array, k + 3), three_of(lane, array, k + 6)
+
+
+@kernel
+def section_at(lane, model, par, i):
+    """Constants of element i of the chain."""
+    o, factor = E.end * i, load(lane, par, STIFFNESS_FACTOR)
+    x, y, z = three_of(lane, model.sections, o + E.bend)
+    tau = None if model.damped is None else load(lane, par, TAU_D) * model.sections[o + E.damping]
+    stretch, rest = three_of(lane, model.sections, o + E.stretch), three_of(lane, model.sections, o + E.rest)
+    return Section(splat(lane, model.sections[o + E.length]), stretch, (x, y * factor, z * factor), rest, tau)
+
+
+@kernel
+def place_at(lane, q, v, i):
+    """The vertex whose rows begin at i."""
+    return Place(vector(lane, q, i), vector(lane, v, i), quaternion(vector(lane, q, i + 3)), vector(lane, v, i + 3))
+
+
+@kernel
+def vertex_at(lane, model, state, i):
+    """The same, and its accelerations."""
+    q, v, a = state
+    found = vector(lane, a, i)
+    if model.gravity is not None:
+        found = minus(found, three_of(lane, model.gravity, 0))
+    return Vertex(place_at(lane, q, v, i), found, vector(lane, a, i + 3))
+
+
+@kernel
+def _swung(w, alpha, arm):
+    """Acceleration of the end of an arm that is fixed in what turns by w and alpha."""
+    return plus(cross(alpha, arm), cross(w, cross(w, arm)))
+
+
+@kernel
+def hinged(lane, model, state, k, tip):
+    """The `Hinge` of link k on the section before."""
+    q, v, a = state
+    o, row = J.end * k, joint_row(model, k)
+    axis, mount = three_of(lane, model.joints, o + J.axis), nine_of(lane, model.joints, o + J.mount)
+    sine, cosine = sincos(load(lane, q, row))
+    turn = product(mount, about_identity(cosine, times(axis, sine), 1.0 - cosine, axis))
+    half_sine, half_cosine = sincos(load(lane, q, row) * 0.5)
+    vector_part = three_of(lane, model.joints, o + J.quaternion + 1)
+    held = splat(lane, model.joints[o + J.quaternion]), vector_part[0], vector_part[1], vector_part[2]
+    own = half_cosine, axis[0] * half_sine, axis[1] * half_sine, axis[2] * half_sine
+    p = composed(composed(tip.place.p, held), own)
+    rate = times(axis, load(lane, v, row))
+    spin = plus(back(turn, tip.place.spin), rate)
+    alpha = plus(plus(back(turn, tip.alpha), times(axis, load(lane, a, row))), cross(spin, rate))
+    if model.levers is None:
+        return Hinge(turn, None, Vertex(Place(tip.place.r, tip.place.v, p, spin), tip.a, alpha))
+    near, far = three_of(lane, model.joints, o + J.before), three_of(lane, model.joints, o + J.beyond)
+    A, B, w = matrix(tip.place.p), matrix(p), tip.place.spin
+    lever = plus(near, turned(turn, far))
+    r = plus(tip.place.r, turned(A, lever))
+    rate = plus(tip.place.v, plus(turned(A, cross(w, near)), turned(B, cross(spin, far))))
+    second = plus(tip.a, plus(turned(A, _swung(w, tip.alpha, near)), turned(B, _swung(spin, alpha, far))))
+    return Hinge(turn, lever, Vertex(Place(r, rate, p, spin), second, alpha))
+
+
+@kernel
+def diagonal(a):
+    """The matrix of a."""
+    zero = a[0] * 0.0
+    return (a[0], zero, zero), (zero, a[1], zero), (zero, zero, a[2])
+
+
+@kernel
+def turning(I, spin, alpha):
+    """I alpha + w x I w."""
+    return plus(turned(I, alpha), cross(spin, turned(I, spin)))
+
+
+@kernel
+def _turning_slope(I, spin, cm, cd):
+    """Derivative of `turning`: cm I + cd (w^ I - (I w)^)."""
+    return sum_of(scaled(I, cm), scaled(difference(product(skew(spin), I), skew(turned(I, spin))), cd))
+
+
+@kernel
+def add_block(lane, S, o, i, j, A):
+    """Block (i, j) of three rows and columns of the 6 x 6 matrix at o, += A."""
+    for a in range(3):
+        for b in range(3):
+            add(lane, S, o + 18 * i + 6 * a + 3 * j + b, A[a][b])
+
+
+@kernel
+def lump(lane, mass, I, at, weights, S, o):
+    """(force, moment) of a mass with its centre in a section, and its part of the matrix at o."""
+    if weights.mass != 0.0:
+        for a in range(3):
+            add(lane, S, o + 7 * a, mass * weights.mass)
+        add_block(lane, S, o, 1, 1, _turning_slope(I, at.place.spin, weights.mass, weights.damping))
+    return times(at.a, mass), turning(I, at.place.spin, at.alpha)
+
+
+@kernel
+def body(lane, array, o, mass, at, weights, S, to):
+    """(force, moment) of the `BODY` at o of `array`, of this mass, on a section, and its part of the matrix at `to`."""
+    c, I = three_of(lane, array, o + P.centre), nine_of(lane, array, o + P.inertia)
+    A, w = matrix(at.place.p), at.place.spin
+    swing = _swung(w, at.alpha, c)
+    pull = times(plus(back(A, at.a), swing), mass)  # force, in its axes
+    moment = plus(turning(I, w, at.alpha), cross(c, pull))
+    if weights.mass != 0.0:
+        cm, cd, ck = weights.mass, weights.damping, weights.stiffness
+        chat, arm = skew(c), times(c, mass)
+        # of alpha x c + w x (w x c) by the rotation: -cm c^ - cd ((w x c)^ + w^ c^)
+        by_rate = sum_of(skew(cross(w, arm)), product(skew(w), skew(arm)))
+        by_turn = scaled(sum_of(scaled(skew(arm), cm), scaled(by_rate, cd)), -1.0)
+        inner = sum_of(by_turn, scaled(skew(times(back(A, at.a), mass)), ck))
+        for a in range(3):
+            add(lane, S, to + 7 * a, mass * cm)
+        add_block(lane, S, to, 0, 1, product(A, difference(by_turn, scaled(skew(times(swing, mass)), ck))))
+        add_block(lane, S, to, 1, 0, scaled(product(chat, transposed(A)), mass * cm))
+        add_block(lane, S, to, 1, 1, sum_of(product(chat, inner), _turning_slope(I, w, cm, cd)))
+    return turned(A, pull), moment
+
+
+@kernel
+def loaded(lane, model, u, k, at_tip, at, weights, S, o):
+    """(force, moment) of the point loads on the root or tip of link k, as part of the residual, and of the matrix."""
+    zero = splat(lane, 0.0)
+    force, moment = (zero, zero, zero), (zero, zero, zero)
+    if model.loads is not None:
+        for f in range(model.loads.shape[0] // L.end):
+            first = L.end * f
+            if int(model.loads[first + L.link]) == k:
+                if (model.loads[first + L.at_tip] != 0.0) == at_tip:
+                    j, A = model.links + 6 * f, matrix(at.place.p)
+                    c, push = three_of(lane, model.loads, first + L.lever), vector(lane, u, j)
+                    own, twist = back(A, push), back(A, vector(lane, u, j + 3))
+                    force = minus(force, push)
+                    moment = minus(moment, plus(twist, cross(c, own)))
+                    if weights.mass != 0.0:
+                        slope = sum_of(skew(twist), product(skew(c), skew(own)))
+                        add_block(lane, S, o, 1, 1, scaled(slope, -weights.stiffness))
+    return force, moment
+
+
+@kernel
+def clear(lane, S, o, n):
+    """n zeros from o on."""
+    zero = splat(lane, 0.0)
+    for i in range(n):
+        store(S, o + i, zero)
+
+
+@kernel
+def energy_of(lane, model, array, o, mass, at):
+    """(kinetic, gravity) energy, J, of the `BODY` at o of `array` on a place."""
+    c, I, A = three_of(lane, array, o + P.centre), nine_of(lane, array, o + P.inertia), matrix(at.p)
+    r, rate = plus(at.r, turned(A, c)), plus(at.v, turned(A, cross(at.spin, c)))
+    kinetic = (dot(rate, rate) * mass + dot(at.spin, turned(I, at.spin))) * 0.5
+    if model.gravity is None:
+        return kinetic, splat(lane, 0.0)
+    return kinetic, -(dot(three_of(lane, model.gravity, 0), r) * mass)

@@ -1,0 +1,261 @@
+"""The iteration matrix of a chain in space: its factors, vertices eliminated from the tip to the base, joints on the way.
+
+A link begins where d = (place, rotation) of the section before and the joint's angle b have it:
+
+    place += X d_rotation + c b,   rotation = turn^T d_rotation + axis b,     X = -A s^,  c = A turn (axis x beyond)
+
+with A the axes of the section before and s the lever to the link's beginning; without levers X = c = 0.
+"""
+
+from __future__ import annotations
+
+from ...compiler import kernel, load, splat, store
+from ..arithmetic import add
+from .chain import add_block, clear, three_of
+from .layout import AXES, B, F, H, J, before, count_of, factor_at, hinge_at, joint_row, rows_before
+from .rotations import (
+    add_vector,
+    back,
+    cross,
+    dot,
+    minus,
+    plus,
+    product,
+    put_vector,
+    scaled,
+    skew,
+    sum_of,
+    times,
+    transposed,
+    turned,
+    vector,
+)
+
+
+@kernel
+def put_matrix(S, o, A):
+    """S[o : o + 9] <- A, row by row."""
+    put_vector(S, o, A[0])
+    put_vector(S, o + 3, A[1])
+    put_vector(S, o + 6, A[2])
+
+
+@kernel
+def matrix_in(lane, S, o):
+    """What `put_matrix` has put there."""
+    return vector(lane, S, o), vector(lane, S, o + 3), vector(lane, S, o + 6)
+
+
+@kernel
+def _joint_of(model, row):
+    """The joint whose angle is in this row."""
+    k = 0
+    while joint_row(model, k) < row:
+        k += 1
+    return k
+
+
+@kernel
+def pin(lane, model, S, k):
+    """See `protocol`."""
+    one = splat(lane, 1.0)
+    if k < AXES:
+        store(S, B.pinned + k, one)
+    else:
+        store(S, hinge_at(_joint_of(model, k)) + H.pinned, one)
+
+
+@kernel
+def stiffen(lane, model, S, k, x):
+    """See `protocol`."""
+    store(S, hinge_at(_joint_of(model, k)) + H.own, x)
+
+
+@kernel
+def _factor_six(lane, S, o):
+    """L and U of the 6 x 6 matrix at o, in place, its pivots inverted. No rows are exchanged: mass outweighs the rest."""
+    for k in range(6):
+        inverse = 1.0 / load(lane, S, o + 7 * k)
+        store(S, o + 7 * k, inverse)
+        for i in range(k + 1, 6):
+            factor = load(lane, S, o + 6 * i + k) * inverse
+            store(S, o + 6 * i + k, factor)
+            for j in range(k + 1, 6):
+                add(lane, S, o + 6 * i + j, -(factor * load(lane, S, o + 6 * k + j)))
+
+
+@kernel
+def _solve_six(lane, S, o, x, i, stride):
+    """Six elements of x from i on, `stride` apart, by the factors at o."""
+    for k in range(1, 6):
+        total = load(lane, x, i + stride * k)
+        for j in range(k):
+            total = total - load(lane, S, o + 6 * k + j) * load(lane, x, i + stride * j)
+        store(x, i + stride * k, total)
+    for back_k in range(6):
+        k = 5 - back_k
+        total = load(lane, x, i + stride * k)
+        for j in range(k + 1, 6):
+            total = total - load(lane, S, o + 6 * k + j) * load(lane, x, i + stride * j)
+        store(x, i + stride * k, total * load(lane, S, o + 7 * k))
+
+
+@kernel
+def _block(lane, S, o, i, j):
+    k = o + 18 * i + 3 * j
+    return vector(lane, S, k), vector(lane, S, k + 6), vector(lane, S, k + 12)
+
+
+@kernel
+def _eliminate_joint(lane, model, S, k):
+    """What is at the root of link k, to the section before, without the joint's row."""
+    h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
+    axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
+    to_root = transposed(turn)
+    xx, xt, tx, tt = _block(lane, S, o, 0, 0), _block(lane, S, o, 0, 1), _block(lane, S, o, 1, 0), _block(lane, S, o, 1, 1)
+    upper, lower = product(xt, to_root), product(turn, tx)
+    inner = product(product(turn, tt), to_root)
+    moment = cross(axis, vector(lane, S, h + H.moment))
+    force, on_section = turned(xt, axis), turned(turn, plus(turned(tt, axis), moment))
+    by_place, by_turn = back(tx, axis), turned(turn, back(tt, axis))
+    pivot = dot(axis, turned(tt, axis)) + load(lane, S, h + H.own)
+    if model.levers is not None:
+        frame, lever, pull = matrix_in(lane, S, h + H.frame), vector(lane, S, h + H.lever), vector(lane, S, h + H.force)
+        swing = turned(turn, cross(axis, three_of(lane, model.joints, J.end * k + J.beyond)))  # axes of the section
+        X, c = scaled(product(frame, skew(lever)), -1.0), turned(frame, swing)
+        Xt, sideways = transposed(X), turned(xx, c)
+        put_matrix(S, h + H.shift, X)
+        put_vector(S, h + H.swing, c)
+        inner = sum_of(inner, sum_of(product(lower, X), sum_of(product(Xt, upper), product(Xt, product(xx, X)))))
+        inner = sum_of(inner, product(skew(lever), skew(pull)))
+        upper, lower = sum_of(upper, product(xx, X)), sum_of(lower, product(Xt, xx))
+        pivot = pivot + dot(axis, turned(tx, c)) + dot(c, turned(xt, axis)) + dot(c, sideways)
+        pivot = pivot + dot(swing, cross(pull, turned(turn, axis)))
+        by_turn = plus(by_turn, plus(turned(turn, back(xt, c)), turned(Xt, by_place)))
+        by_turn = plus(by_turn, plus(turned(Xt, back(xx, c)), cross(swing, pull)))
+        by_place = plus(by_place, back(xx, c))
+        force = plus(force, sideways)
+        on_section = plus(plus(on_section, turned(turn, turned(tx, c))), plus(turned(Xt, force), cross(swing, pull)))
+    add_block(lane, S, below, 0, 0, xx)
+    add_block(lane, S, below, 0, 1, upper)
+    add_block(lane, S, below, 1, 0, lower)
+    add_block(lane, S, below, 1, 1, inner)
+    if S[(h + H.pinned) * len(lane)] == 0.0:
+        inverse = 1.0 / pivot
+        put_vector(S, h + H.column, force)
+        put_vector(S, h + H.column + 3, on_section)
+        put_vector(S, h + H.row, times(by_place, inverse))
+        put_vector(S, h + H.row + 3, times(by_turn, inverse))
+        store(S, h + H.pivot, inverse)
+        for i in range(6):
+            for j in range(6):
+                add(lane, S, below + 6 * i + j, -(load(lane, S, h + H.column + i) * load(lane, S, h + H.row + j)))
+    else:
+        clear(lane, S, h + H.column, 12)
+        store(S, h + H.pivot, splat(lane, 1.0))
+
+
+@kernel
+def factor(lane, model, S):
+    """See `protocol`."""
+    for back_k in range(model.links):
+        k = model.links - 1 - back_k
+        for back_e in range(count_of(model, k)):
+            o = factor_at(model, k, count_of(model, k) - 1 - back_e)
+            _factor_six(lane, S, o + F.RR)
+            for j in range(6):
+                _solve_six(lane, S, o + F.RR, S, o + F.RL + j, 6)
+            for i in range(6):
+                for j in range(6):
+                    total = load(lane, S, o + F.LL + 6 * i + j)
+                    for m in range(6):
+                        total = total - load(lane, S, o + F.LR + 6 * i + m) * load(lane, S, o + F.RL + 6 * m + j)
+                    store(S, o + F.LL + 6 * i + j, total)
+            if back_e < count_of(model, k) - 1:
+                for i in range(36):
+                    add(lane, S, o - F.end + F.RR + i, load(lane, S, o + F.LL + i))
+        _eliminate_joint(lane, model, S, k)
+    zero, one = splat(lane, 0.0), splat(lane, 1.0)
+    for i in range(6):
+        if S[(B.pinned + i) * len(lane)] != 0.0:
+            for j in range(6):
+                store(S, B.matrix + 6 * i + j, zero)
+                store(S, B.matrix + 6 * j + i, zero)
+            store(S, B.matrix + 7 * i, one)
+    _factor_six(lane, S, B.matrix)
+
+
+@kernel
+def _times(lane, S, o, a, b):
+    """The 6 x 6 matrix at o times (a, b)."""
+    upper = plus(turned(_block(lane, S, o, 0, 0), a), turned(_block(lane, S, o, 0, 1), b))
+    return upper, plus(turned(_block(lane, S, o, 1, 0), a), turned(_block(lane, S, o, 1, 1), b))
+
+
+@kernel
+def _down(lane, model, S, k, x):
+    """Forward elimination of link k: what is left on the section before it, and on its joint."""
+    h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
+    axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
+    for back_e in range(count):
+        e = count - 1 - back_e
+        o, i = factor_at(model, k, e), row + 1 + AXES * e
+        _solve_six(lane, S, o + F.RR, x, i, 1)
+        if e > 0:
+            a, b = _times(lane, S, o + F.LR, vector(lane, x, i), vector(lane, x, i + 3))
+            add_vector(lane, x, i - 6, times(a, -1.0))
+            add_vector(lane, x, i - 3, times(b, -1.0))
+    a, b = vector(lane, x, row + 1), vector(lane, x, row + 4)
+    if count > 0:
+        a, b = _times(lane, S, factor_at(model, k, 0) + F.LR, a, b)
+        a, b = times(a, -1.0), times(b, -1.0)
+    on_section, on_joint = turned(turn, b), dot(axis, b)
+    if model.levers is not None:
+        on_section = plus(on_section, back(matrix_in(lane, S, h + H.shift), a))
+        on_joint = on_joint + dot(vector(lane, S, h + H.swing), a)
+    add_vector(lane, x, under, a)
+    add_vector(lane, x, under + 3, on_section)
+    if S[(h + H.pinned) * len(lane)] == 0.0:
+        own = (load(lane, x, row) + on_joint) * load(lane, S, h + H.pivot)
+        for j in range(6):
+            add(lane, x, under + j, -(load(lane, S, h + H.column + j) * own))
+        store(x, row, own)
+
+
+@kernel
+def _up(lane, model, S, k, x):
+    """Back substitution of link k."""
+    h, row, under = hinge_at(k), joint_row(model, k), rows_before(model, k)
+    axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
+    own = load(lane, x, row)
+    for j in range(6):
+        own = own - load(lane, S, h + H.row + j) * load(lane, x, under + j)
+    store(x, row, own)
+    a, turned_by = vector(lane, x, under), vector(lane, x, under + 3)
+    b = plus(back(turn, turned_by), times(axis, own))
+    if model.levers is not None:
+        shift = turned(matrix_in(lane, S, h + H.shift), turned_by)
+        a = plus(a, plus(shift, times(vector(lane, S, h + H.swing), own)))
+    i = row + 1
+    if count_of(model, k) == 0:
+        put_vector(x, i, a)
+        put_vector(x, i + 3, b)
+    for e in range(count_of(model, k)):
+        up, low = _times(lane, S, factor_at(model, k, e) + F.RL, a, b)
+        a, b = minus(vector(lane, x, i), up), minus(vector(lane, x, i + 3), low)
+        put_vector(x, i, a)
+        put_vector(x, i + 3, b)
+        i += AXES
+
+
+@kernel
+def solve(lane, model, S, x):
+    """See `protocol`."""
+    for back_k in range(model.links):
+        _down(lane, model, S, model.links - 1 - back_k, x)
+    for i in range(6):
+        if S[(B.pinned + i) * len(lane)] != 0.0:
+            store(x, i, splat(lane, 0.0))
+    _solve_six(lane, S, B.matrix, x, 0, 1)
+    for k in range(model.links):
+        _up(lane, model, S, k, x)

@@ -1,0 +1,198 @@
+"""What is read off a chain in space: energies, ports, the power of damping; and how its coordinates are moved."""
+
+from __future__ import annotations
+
+from ...compiler import kernel, load, splat, store
+from ..model import PAYLOAD_MASS
+from ..protocol import State
+from .chain import Vertex, diagonal, energy_of, hinged, place_at, section_at, three_of
+from .element import middle, rates, scale
+from .layout import AXES, E, J, L, P, count_of, joint_row
+from .rotations import (
+    add_vector,
+    composed,
+    dot,
+    inverse,
+    matrix,
+    minus,
+    moved,
+    plus,
+    put_vector,
+    quaternion,
+    rotation_vector,
+    shorter,
+    times,
+    turned,
+    vector,
+)
+
+
+@kernel
+def _move_vertex(lane, q, i, share, d, more):
+    """Place and rotation of the rows from i on."""
+    step, turn = times(vector(lane, d, i), share), times(vector(lane, d, i + 3), share)
+    if more is not None:
+        step, turn = plus(step, vector(lane, more, i)), plus(turn, vector(lane, more, i + 3))
+    add_vector(lane, q, i, step)
+    put_vector(q, i + 3, moved(vector(lane, q, i + 3), turn))
+
+
+@kernel
+def _vertices(model, k):
+    """How many places of rotations follow the joint of link k."""
+    return max(count_of(model, k), 1)
+
+
+@kernel
+def update(lane, model, q, share, d, more):
+    """See `protocol`: rotations are moved by increments in body axes, the sum of both."""
+    _move_vertex(lane, q, 0, share, d, more)
+    i = AXES
+    for k in range(model.links):
+        angle = load(lane, q, i) + load(lane, d, i) * share
+        if more is not None:
+            angle = angle + load(lane, more, i)
+        store(q, i, angle)
+        i += 1
+        for _ in range(_vertices(model, k)):
+            _move_vertex(lane, q, i, share, d, more)
+            i += AXES
+
+
+@kernel
+def _between(lane, start, q, i):
+    """The increment in body axes that moves the rotation in rows i of start to that of q."""
+    before, after = quaternion(vector(lane, start, i)), quaternion(vector(lane, q, i))
+    return rotation_vector(shorter(composed(inverse(before), after)))
+
+
+@kernel
+def difference(lane, model, start, q, d):
+    """See `protocol`."""
+    put_vector(d, 0, minus(vector(lane, q, 0), vector(lane, start, 0)))
+    put_vector(d, 3, _between(lane, start, q, 3))
+    i = AXES
+    for k in range(model.links):
+        store(d, i, load(lane, q, i) - load(lane, start, i))
+        i += 1
+        for _ in range(_vertices(model, k)):
+            put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))
+            put_vector(d, i + 3, _between(lane, start, q, i + 3))
+            i += AXES
+
+
+@kernel
+def energy(lane, model, par, q, v):
+    """(kinetic, strain, gravity), J."""
+    state, tip, element = State(q, v, v), place_at(lane, q, v, 0), 0
+    kinetic, strain, gravity = splat(lane, 0.0), splat(lane, 0.0), splat(lane, 0.0)
+    for k in range(model.links):
+        at, i = J.end * k, joint_row(model, k) + 1
+        if k > 0:
+            mass = splat(lane, model.joints[at + J.near + P.mass])
+            more, fall = energy_of(lane, model, model.joints, at + J.near, mass, tip)
+            kinetic, gravity = kinetic + more, gravity + fall
+        root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root
+        left = root.place
+        mass = splat(lane, model.joints[at + J.far + P.mass])
+        more, fall = energy_of(lane, model, model.joints, at + J.far, mass, left)
+        kinetic, gravity = kinetic + more, gravity + fall
+        for _ in range(count_of(model, k)):
+            section, right = section_at(lane, model, par, element), place_at(lane, q, v, i)
+            gamma, bent = middle(section, left, right)[0]
+            stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
+            strain = strain + (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
+            half = splat(lane, model.sections[E.end * element + E.mass])
+            I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
+            for end in (left, right):
+                moving = dot(end.v, end.v) * half + dot(end.spin, turned(I, end.spin))
+                kinetic = kinetic + moving * 0.5
+                if model.gravity is not None:
+                    gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * half
+            left = right
+            i += AXES
+            element += 1
+        tip = left
+    more, fall = energy_of(lane, model, model.end, 0, splat(lane, model.end[P.mass]), tip)
+    kinetic, gravity = kinetic + more, gravity + fall
+    more, fall = energy_of(lane, model, model.payload, 0, load(lane, par, PAYLOAD_MASS), tip)
+    return kinetic + more, strain, gravity + fall
+
+
+@kernel
+def damping_work(lane, model, par, q, v, x):
+    """x'C(q) v of the material, W."""
+    total = splat(lane, 0.0)
+    if model.damped is None:
+        return total
+    by_v, by_x, element = State(q, v, v), State(q, x, x), 0
+    tip_v, tip_x = place_at(lane, q, v, 0), place_at(lane, q, x, 0)
+    for k in range(model.links):
+        i = joint_row(model, k) + 1
+        root_v = hinged(lane, model, by_v, k, Vertex(tip_v, tip_v.v, tip_v.spin)).root
+        root_x = hinged(lane, model, by_x, k, Vertex(tip_x, tip_x.v, tip_x.spin)).root
+        tip_v, tip_x = root_v.place, root_x.place
+        for _ in range(count_of(model, k)):
+            section = section_at(lane, model, par, element)
+            right_v, right_x = place_at(lane, q, v, i), place_at(lane, q, x, i)
+            stretch, bend = rates(section, tip_v, right_v)
+            of_stretch, of_bend = rates(section, tip_x, right_x)
+            power = dot(of_stretch, scale(stretch, section.stretch)) * section.length
+            total = total + (power + dot(of_bend, scale(bend, section.bend)) / section.length) * section.tau
+            tip_v, tip_x = right_v, right_x
+            i += AXES
+            element += 1
+    return total
+
+
+@kernel
+def _loaded_place(lane, model, q, v, link, at_tip):
+    """The section that a load works on."""
+    state, tip = State(q, v, v), place_at(lane, q, v, 0)
+    found = tip
+    for k in range(link + 1):
+        root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root
+        found = root.place
+        tip = found
+        if count_of(model, k) > 0:
+            tip = place_at(lane, q, v, joint_row(model, k) + 1 + AXES * (count_of(model, k) - 1))
+    return tip if at_tip else found
+
+
+@kernel
+def ports(lane, model, par, q, y):
+    """Joint angles, then of each load the position of its point and the rotation of its section, as a vector."""
+    for k in range(model.links):
+        store(y, k, load(lane, q, joint_row(model, k)))
+    if model.loads is not None:
+        for f in range(model.loads.shape[0] // L.end):
+            first, j = L.end * f, model.links + AXES * f
+            place = _loaded_place(lane, model, q, q, int(model.loads[first + L.link]), model.loads[first + L.at_tip] != 0.0)
+            put_vector(y, j, plus(place.r, turned(matrix(place.p), three_of(lane, model.loads, first + L.lever))))
+            put_vector(y, j + 3, rotation_vector(shorter(place.p)))
+
+
+@kernel
+def ports_after(lane, model, par, start, y0, q, y):
+    """`ports`, but rotations are those before (y0) and what was turned by since, about inertial axes: what moments work
+    on. Rotations do not add up otherwise. The vectors in y0 that count are those of the state `start`."""
+    ports(lane, model, par, q, y)
+    if model.loads is not None:
+        for f in range(model.loads.shape[0] // L.end):
+            first, j = L.end * f, model.links + AXES * f
+            link, at_tip = int(model.loads[first + L.link]), model.loads[first + L.at_tip] != 0.0
+            before = _loaded_place(lane, model, start, start, link, at_tip)
+            after = _loaded_place(lane, model, q, q, link, at_tip)
+            turn = rotation_vector(shorter(composed(after.p, inverse(before.p))))
+            put_vector(y, j + 3, plus(vector(lane, y0, j + 3), turn))
+
+
+@kernel
+def link_poses(lane, model, par, q, v, out):
+    """Nothing: poses in space are read off the coordinates (`space.reading`)."""
+
+
+@kernel
+def shape(model, q, points):
+    """See `link_poses`."""
+    return 0

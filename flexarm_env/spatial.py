@@ -1,0 +1,83 @@
+"""What a run in space leaves behind: a `Trajectory` of places with three components and rotations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import validation as check
+from .trajectory import ARRAYS, Trajectory
+
+Array = NDArray[np.float64]
+
+_QUATERNION = "wxyz"
+
+
+@dataclass(repr=False)
+class SpatialTrajectory(Trajectory):
+    """A recorded run of n instants and N links in space, SI units; what differs from :class:`Trajectory`:
+
+    Attributes:
+        start, tip (n, 3): x, y, z of the root of link 0 and of the tip of the last link, m.
+        tip_rotation (n, 4): quaternion (w, x, y, z), w >= 0, of the tip's axes: x along the link.
+        tip_velocity (n, 6): m/s and rad/s, both along inertial axes.
+        hinges (n, N-1, 3): positions of joints 1 to N-1, m. joint_angles, joint_rates (n, N): about the joints' axes.
+        tip_deflection (n, N, 2): each link's tip along y and z of its root, over the link's length; 0 of rigid links.
+        twist (n, N): rad, rotation of each link's tip against its root, its part about the root's x axis.
+        link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
+        shapes (n, points, 3): points along the chain from root to tip, m.
+        q, v (n, rows): places, rotation vectors and joint angles; of rotations v holds angular velocities in the
+            section's own axes, rad/s.
+    """
+
+    tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    twist: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    link_rotations: Array = field(default_factory=lambda: np.zeros((0, 0, 2, 4)))
+
+    def columns(self) -> dict[str, Array]:
+        """The table that `to_csv` writes: t, energy, places, the tip's quaternion, angles, deflections, twist."""
+        table = {"t": self.t, "energy": self.energy}
+        places = {"start": self.start, "tip": self.tip}
+        places |= {f"hinge{k + 1}": self.hinges[:, k] for k in range(self.hinges.shape[1])}
+        for name, values in places.items():
+            table |= {f"{name}_{axis}": values[:, i] for i, axis in enumerate("xyz")}
+        table |= {f"tip_q{axis}": self.tip_rotation[:, i] for i, axis in enumerate(_QUATERNION)}
+        for k in range(self.scene.arm.n_links):
+            table |= {f"joint{k}": self.joint_angles[:, k], f"twist{k}": self.twist[:, k]}
+            table |= {f"deflection{k}_{axis}": self.tip_deflection[:, k, i] for i, axis in enumerate("yz")}
+        return table
+
+    def _in_the_plane(self, what: str) -> Any:
+        given = "in the plane" if not self.scene.arm.spatial else "in the plane alone, which this arm leaves"
+        raise check.InvalidValue("scene", self.scene.name, f"must be a scene {given}, for {what}")
+
+    def strain(self, link: int, place: float, distance: float | None = None) -> Array:
+        """Not in space yet: `ValueError`."""
+        return np.asarray(self._in_the_plane("strains at a place"))
+
+    def clip(self, label: str | None = None) -> Any:
+        """Not in space yet: `ValueError`. `flexarm_env.plotting.plot_trajectory` draws the run."""
+        return self._in_the_plane("the player; plotting.plot_trajectory draws runs in space")
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{self!r}</pre>".replace("<T", "&lt;T").replace(" s>", " s&gt;")
+
+    def measured(self, sensors: Any = None, seed: int = 0) -> dict[str, Array]:
+        """Not in space yet: `ValueError`."""
+        return dict(self._in_the_plane("what sensors read"))
+
+    def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Any:
+        """Not in space yet: `ValueError`."""
+        return self.clip()
+
+
+SpatialTrajectory.arrays = {
+    **{name: shape for name, shape in ARRAYS.items() if name != "link_angles"},
+    "tip_velocity": ("n", 6), "hinges": ("n", "joints - 1", 3), "tip_deflection": ("n", "links", 2),
+    "shapes": ("n", "points", 3), "tip_rotation": ("n", 4), "twist": ("n", "links"),
+    "link_rotations": ("n", "links", 2, 4),
+}  # fmt: skip
