@@ -14,9 +14,10 @@ from ...bodies import RigidLink
 from ...parameters import Arm, Elbow, Link, Payload, Section, Taper
 from ...scene import PointLoad, Scene
 from ...sections import ACROSS, ENDS
-from ...settings import Settings
+from ...settings import Settings, default_options
 from ..model import System
 from .chain import SpatialBeam
+from .element import BOW
 from .layout import AXES, BODY, ELEMENT, JOINT, LOAD, PLACE, B, F, H
 
 Array = NDArray[np.float64]
@@ -60,9 +61,9 @@ def packed(one: Body) -> Array:
 
 
 def count_elements(link: Link, settings: Settings) -> int:
-    """Elements of a link in space, of two vertices each: as many vertices as in the plane."""
-    assert settings.elements is not None and settings.order is not None
-    return 0 if link.rigid else settings.elements * settings.order
+    """Elements of a link in space."""
+    assert settings.elements is not None
+    return 0 if link.rigid else settings.elements
 
 
 def tip_lever(link: Link) -> Array:
@@ -130,10 +131,12 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
     for e, length in enumerate(lengths.tolist()):
         least = LEAST_ROTARY * plane.m[e] * length**2
         rotary = np.maximum([plane.J[e] + across["J_y"][e], across["J_y"][e], plane.J[e]], least)
+        pairs = ((plane.C[e], plane.EI[e]), (across["C_y"][e], across["EI_y"][e]))
+        shears = [1.0 / (1.0 / C + length**2 / (12.0 * EI)) for C, EI in pairs]
         rows.append(
             ELEMENT.pack(
-                {}, length=length, mass=0.5 * plane.m[e] * length, inertia=0.5 * length * rotary,
-                stretch=[plane.EA[e], plane.C[e], across["C_y"][e]],
+                {}, length=length, mass=plane.m[e] * length / 6.0, inertia=0.5 * length * rotary,
+                stretch=[plane.EA[e], *shears],
                 bend=[across["GJ"][e], across["EI_y"][e], plane.EI[e]], rest=[0.0, 0.0, turns[e]], damping=damping,
             )
         )  # fmt: skip
@@ -179,7 +182,7 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
         n = count_elements(link, settings)
         ends = link.mesh(n, "elements") if n else np.zeros(1)
         for length, turn in zip(np.diff(ends), turns_of(link, ends), strict=True):
-            step = (A * Rotation.from_rotvec([0.0, 0.0, 0.5 * turn])).apply(length * X)
+            step = (A * Rotation.from_rotvec([0.0, 0.0, 0.5 * turn])).apply(length * (1.0 - BOW * turn**2) * X)
             A = A * Rotation.from_rotvec([0.0, 0.0, turn])
             r, rate = r + step, rate + np.cross(spin, step)
             q += [*r, *A.as_rotvec()]
@@ -201,7 +204,9 @@ def _loads(scene: Scene) -> list[Array]:
 
 
 def build(scene: Scene, settings: Settings) -> System:
-    """The scene's chain, `elements` times `order` elements of two vertices a link."""
+    """The scene's chain, `elements` of two vertices a link."""
+    if settings.order != default_options("geometrically_exact")["order"]:
+        raise check.InvalidValue("order", settings.order, "must not be given in space, where elements are of one kind")
     if settings.period_correction:
         raise check.InvalidValue("period_correction", True, "must be False in space")
     arm, names = scene.arm, names_of(scene.arm, settings)
@@ -220,6 +225,7 @@ def build(scene: Scene, settings: Settings) -> System:
     for row, n in zip(rows, counts, strict=True):
         places.append(PLACE.pack({}, row=row, elements=n, factor=first))
         first += F.end * max(1, n)
+    places.append(PLACE.pack({}, row=len(names), elements=0, factor=first))
     weight = np.ones(len(names))
     for k, (row, n) in enumerate(zip(rows, counts, strict=True)):
         for i in range(row + 1, row + 1 + AXES * max(1, n), AXES):

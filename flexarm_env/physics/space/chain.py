@@ -9,7 +9,7 @@ import numpy as np
 from ...compiler import kernel, load, sincos, splat, store
 from ..arithmetic import add
 from ..model import STIFFNESS_FACTOR, TAU_D
-from .element import Place, Section
+from .element import Place, Section, add_block
 from .layout import E, J, L, P, joint_row
 from .rotations import (
     about_identity,
@@ -36,7 +36,7 @@ from .rotations import (
 class SpatialBeam(NamedTuple):
     """N links in space, each of elements of two vertices or rigid. What is None is compiled out.
 
-    places    int64: a `PLACE` for each link
+    places    int64: a `PLACE` for each link, and another for where one more would be
     sections  float64: an `ELEMENT` for each element, from root to tip
     joints    float64: a `JOINT` for each link, at its root
     end       float64 `BODY`, the last link's rigid end; payload  another
@@ -171,14 +171,6 @@ def turning(I, spin, alpha):
 def _turning_slope(I, spin, cm, cd):
     """Derivative of `turning`: cm I + cd (w^ I - (I w)^)."""
     return sum_of(scaled(I, cm), scaled(difference(product(skew(spin), I), skew(turned(I, spin))), cd))
-
-
-@kernel
-def add_block(lane, S, o, i, j, A):
-    """Block (i, j) of three rows and columns of the 6 x 6 matrix at o, += A."""
-    for a in range(3):
-        for b in range(3):
-            add(lane, S, o + 18 * i + 6 * a + 3 * j + b, A[a][b])
 
 
 @kernel

@@ -1,14 +1,20 @@
-"""An element of two vertices in space: strains at its middle, forces of its ends, their tangent.
+"""An element of two vertices in space: strains at its middle, forces of its ends, their tangent, its inertia.
 
 With q_rel = q_left^-1 q_right the vertices' relative rotation and psi its rotation vector, the section turns about one
 axis along the element, the middle is turned by half of psi from the left, and
 
-    Gamma = R^T (r_right - r_left) / l - e_x,    kappa = psi / l                (Simo & Vu-Quoc 1986, strains of one point)
+    Gamma = R^T (r_right - r_left) / l - e_x + e_x (psi_y^2 + psi_z^2) / 24,      kappa = psi / l
+                                                                                (Simo & Vu-Quoc 1986, one point)
 
-which is objective and does not depend on the path (Crisfield & Jelenic 1999), and exact where the curvature is constant.
-By rotation increments in body axes dth,
+which is objective and does not depend on the path (Crisfield & Jelenic 1999). The last term of Gamma is what an arc is
+longer than its chord. A moment that grows along the element bends it by what one point does not see; the stiffness to
+shear is that of both in series, 1/C* = 1/C + l^2 / (12 EI) (residual bending flexibility, MacNeal 1978), with which
+vertices are where the beam's are under loads at vertices. By rotation increments in body axes dth,
 
     R^T dR = (P dth_l + Q dth_r)^,  P, Q = 1/2 -+ g^/2,  g = tan(|psi|/4) psi/|psi|;   dpsi = T^-1 dth_r - T^-T dth_l.
+
+Mass is where a cubic of the vertices' places and tangents t = A e_x has it, by Simpson's rule: a sixth at each vertex,
+four at r_m = (r_l + r_r)/2 + (t_l - t_r) l/8. With these an element's error is of fourth order in l where it bends.
 
 Rows: forces along inertial axes, moments in the section's own.
 """
@@ -18,6 +24,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiler import kernel, store
+from ..arithmetic import add
 from .layout import F
 from .rotations import (
     about_identity,
@@ -43,6 +50,10 @@ from .rotations import (
 )
 
 
+BOW = 1.0 / 24.0
+"""Share of its angle's square that an arc is longer than its chord."""
+
+
 class Section(NamedTuple):
     """An element's constants, with the arm's own factors (`layout.ELEMENT`)."""
 
@@ -65,6 +76,7 @@ class Place(NamedTuple):
 class Middle(NamedTuple):
     """What the tangent needs of the middle."""
 
+    psi: Any
     R: Any
     e: Any  # Gamma + e_x
     g: Any
@@ -90,15 +102,25 @@ def middle(section, left, right):
     g = half[1] * w, half[2] * w, half[3] * w
     T = inverse_tangent(psi, relative)
     e = times(back(R, minus(right.r, left.r)), share)
-    gamma = e[0] - 1.0, e[1], e[2]
+    gamma = e[0] - 1.0 + (psi[1] * psi[1] + psi[2] * psi[2]) * BOW, e[1], e[2]
     bent = minus(psi, section.rest)
     n, m = gamma, bent
     if section.tau is not None:
         turn = mean(g, left.spin, right.spin)
         rate = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
         bend = minus(turned(T, right.spin), back(T, left.spin))
-        n, m = plus(n, times(rate, section.tau)), plus(m, times(bend, section.tau))
-    return (gamma, bent), Middle(R, e, g, T, scale(n, section.stretch), times(scale(m, section.bend), share))
+        n = plus(n, times(_bowed(rate, psi, bend), section.tau))
+        m = plus(m, times(bend, section.tau))
+    n = scale(n, section.stretch)
+    pull = n[0] * section.length * (2.0 * BOW)
+    m = times(scale(m, section.bend), share)
+    return (gamma, bent), Middle(psi, R, e, g, T, n, (m[0], m[1] + psi[1] * pull, m[2] + psi[2] * pull))
+
+
+@kernel
+def _bowed(rate, psi, bend):
+    """Rate of Gamma from that without the arc's term, and the rate of psi."""
+    return rate[0] + (psi[1] * bend[1] + psi[2] * bend[2]) * (2.0 * BOW), rate[1], rate[2]
 
 
 @kernel
@@ -110,7 +132,8 @@ def rates(section, left, right):
     share, R, T = 1.0 / section.length, matrix(composed(left.p, half)), inverse_tangent(psi, relative)
     e, turn = times(back(R, minus(right.r, left.r)), share), mean((half[1] * w, half[2] * w, half[3] * w), left.spin, right.spin)
     stretch = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
-    return stretch, minus(turned(T, right.spin), back(T, left.spin))
+    bend = minus(turned(T, right.spin), back(T, left.spin))
+    return _bowed(stretch, psi, bend), bend
 
 
 @kernel
@@ -164,22 +187,129 @@ def tangent(section, at, c, cd, S, o):
     rate = c
     if section.tau is not None:
         rate = section.tau * cd + c
-    share = 1.0 / section.length
+    share, l = 1.0 / section.length, section.length
     D, K = times(section.stretch, rate), times(section.bend, share * rate)
-    n, e = times(at.n, c), skew(at.e)
-    nhat, De = skew(n), (times(e[0], D[0]), times(e[1], D[1]), times(e[2], D[2]))
-    by_turn = difference(De, nhat)  # force in the middle's axes by its rotation; its transpose: moment by displacement
-    moment = scaled(sum_of(product(transposed(e), De), product(nhat, e)), section.length)
-    xx = scaled(product(_columns(R, D), transposed(R)), share)
-    xt = product(R, by_turn)
-    tx = transposed(xt)
-    xl, xr = product(xt, P), product(xt, Q)
-    lx, rx = product(Q, tx), product(P, tx)
-    f, m = skew(times(cross(n, at.e), section.length * 0.125)), skew(times(at.m, 0.5 * c))
+    n, e, psi = times(at.n, c), skew(at.e), at.psi
+    bow = n[0] * l * (2.0 * BOW)
+    K = K[0], K[1] + bow, K[2] + bow
+    nhat, arc = skew(n), (psi[0] * 0.0, psi[1] * (2.0 * BOW), psi[2] * (2.0 * BOW))
+    eP, eQ, by_left, by_right = product(e, P), product(e, Q), turned(T, arc), back(T, arc)
+    left_w = minus(eP[0], by_left), eP[1], eP[2]  # of Gamma by the rotations of the ends
+    right_w = plus(eQ[0], by_right), eQ[1], eQ[2]
+    RD = _columns(R, D)
+    xx = scaled(product(RD, transposed(R)), share)
+    Rn = product(R, nhat)
+    xl, xr = difference(product(RD, left_w), product(Rn, P)), difference(product(RD, right_w), product(Rn, Q))
+    left_D, right_D = scaled(_columns(transposed(left_w), D), l), scaled(_columns(transposed(right_w), D), l)
+    geometric = scaled(product(nhat, e), l)
+    gP, gQ = product(geometric, P), product(geometric, Q)
+    lx, rx = transposed(xl), transposed(xr)
+    f, m = skew(times(cross(n, at.e), l * 0.125)), skew(times(at.m, 0.5 * c))
     left, right = difference(difference(m, f), _columns(T, K)), sum_of(sum_of(m, f), _columns(Tt, K))
-    mP, mQ = product(moment, P), product(moment, Q)
     minus_xx = scaled(xx, -1.0)
-    _fill(S, o + F.LL, xx, scaled(xl, -1.0), scaled(lx, -1.0), difference(product(Q, mP), product(left, Tt)))
-    _fill(S, o + F.LR, minus_xx, scaled(xr, -1.0), lx, sum_of(product(Q, mQ), product(left, T)))
-    _fill(S, o + F.RL, minus_xx, xl, scaled(rx, -1.0), difference(product(P, mP), product(right, Tt)))
-    _fill(S, o + F.RR, xx, xr, rx, sum_of(product(P, mQ), product(right, T)))
+    ll = sum_of(product(left_D, left_w), difference(product(Q, gP), product(left, Tt)))
+    lr = sum_of(product(left_D, right_w), sum_of(product(Q, gQ), product(left, T)))
+    rl = sum_of(product(right_D, left_w), difference(product(P, gP), product(right, Tt)))
+    rr = sum_of(product(right_D, right_w), sum_of(product(P, gQ), product(right, T)))
+    _fill(S, o + F.LL, xx, scaled(xl, -1.0), scaled(lx, -1.0), ll)
+    _fill(S, o + F.LR, minus_xx, scaled(xr, -1.0), lx, lr)
+    _fill(S, o + F.RL, minus_xx, xl, scaled(rx, -1.0), rl)
+    _fill(S, o + F.RR, xx, xr, rx, rr)
+
+
+class Tangent(NamedTuple):
+    """The tangent t = A e_x of a vertex: axes A, and the second rate of t in them."""
+
+    A: Any
+    w: Any
+    second: Any
+
+
+@kernel
+def tangent_of(at):
+    """Of a `Vertex`."""
+    w, alpha = at.place.spin, at.alpha
+    second = -(w[1] * w[1] + w[2] * w[2]), w[0] * w[1] + alpha[2], w[0] * w[2] - alpha[1]
+    return Tangent(matrix(at.place.p), w, second)
+
+
+@kernel
+def _crossed(g):
+    """e_x x g."""
+    return g[0] * 0.0, -g[2], g[1]
+
+
+@kernel
+def _below(A):
+    """e_x^ A."""
+    return times(A[0], 0.0), times(A[2], -1.0), A[1]
+
+
+@kernel
+def _by_turn(t, weights):
+    """Derivative, over A, of the second rate of t by rotation increments of its vertex."""
+    w, zero = t.w, t.w[0] * 0.0
+    ck, cd, cm = weights.stiffness, weights.damping, weights.mass
+    # -(e^ cm + second^ ck + ((w x e)^ + w^ e^) cd)
+    u = times(t.second, ck)
+    y, z = w[1] * cd, w[2] * cd
+    return (
+        (zero, u[2] - y * 2.0, -(u[1] + z * 2.0)),
+        (y - u[2], w[0] * cd, u[0] + cm),
+        (z + u[1], -(u[0] + cm), w[0] * cd),
+    )
+
+
+@kernel
+def inertia(lane, mass, length, left, right, weights, S, o):
+    """((force, moment) of the left end, of the right) of the mass at the middle, and its part of the `FACTOR` at o."""
+    arm = length * 0.125
+    tl, tr = tangent_of(left), tangent_of(right)
+    bent = minus(turned(tl.A, tl.second), turned(tr.A, tr.second))
+    f = times(plus(times(plus(left.a, right.a), 0.5), times(bent, arm)), mass)
+    half, own_l, own_r = times(f, 0.5), back(tl.A, f), back(tr.A, f)
+    if weights.mass != 0.0:
+        Bl, Br = scaled(_by_turn(tl, weights), arm), scaled(_by_turn(tr, weights), -arm)
+        quarter = 0.25 * weights.mass * mass
+        xl, xr = scaled(product(tl.A, Bl), 0.5 * mass), scaled(product(tr.A, Br), 0.5 * mass)
+        lx = scaled(_below(transposed(tl.A)), arm * 0.5 * weights.mass * mass)
+        rx = scaled(_below(transposed(tr.A)), arm * -0.5 * weights.mass * mass)
+        across = scaled(product(transposed(tl.A), tr.A), arm * mass)
+        ll = sum_of(scaled(_below(Bl), arm * mass), scaled(_below(skew(own_l)), arm * weights.stiffness))
+        rr = sum_of(scaled(_below(Br), -arm * mass), scaled(_below(skew(own_r)), -arm * weights.stiffness))
+        lr, rl = _below(product(across, Br)), scaled(_below(product(transposed(across), Bl)), -1.0)
+        _add(lane, S, o + F.LL, quarter, xl, lx, ll)
+        _add(lane, S, o + F.LR, quarter, xr, lx, lr)
+        _add(lane, S, o + F.RL, quarter, xl, rx, rl)
+        _add(lane, S, o + F.RR, quarter, xr, rx, rr)
+    return (half, times(_crossed(own_l), arm)), (half, times(_crossed(own_r), -arm))
+
+
+@kernel
+def _add(lane, S, o, x, xt, tx, tt):
+    """`_fill`, added to what is there; x: of places, along each axis."""
+    for a in range(3):
+        add(lane, S, o + 7 * a, x)
+    add_block(lane, S, o, 0, 1, xt)
+    add_block(lane, S, o, 1, 0, tx)
+    add_block(lane, S, o, 1, 1, tt)
+
+
+@kernel
+def add_block(lane, S, o, i, j, A):
+    """Block (i, j) of three rows and columns of the 6 x 6 matrix at o, += A."""
+    for a in range(3):
+        for b in range(3):
+            add(lane, S, o + 18 * i + 6 * a + 3 * j + b, A[a][b])
+
+
+@kernel
+def middle_of(length, left, right):
+    """(place, velocity) of the mass at the middle, of two `Place`s."""
+    A, B, arm = matrix(left.p), matrix(right.p), length * 0.125
+    bent = minus((A[0][0], A[1][0], A[2][0]), (B[0][0], B[1][0], B[2][0]))
+    a, b = left.spin, right.spin
+    zero = a[0] * 0.0
+    turning = minus(turned(A, (zero, a[2], -a[1])), turned(B, (zero, b[2], -b[1])))
+    r, v = times(plus(left.r, right.r), 0.5), times(plus(left.v, right.v), 0.5)
+    return plus(r, times(bent, arm)), plus(v, times(turning, arm))

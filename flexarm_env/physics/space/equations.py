@@ -22,7 +22,7 @@ from .chain import (
     three_of,
     vertex_at,
 )
-from .element import forces, middle, tangent
+from .element import forces, inertia, middle, tangent
 from .layout import AXES, B, E, F, H, J, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .matrix import factor, matrix_in, pin, put_matrix, solve, stiffen
 from .output import damping_work, difference, energy, link_poses, ports, ports_after, shape, update
@@ -74,14 +74,16 @@ def assemble(lane, model, par, state, u, weights, r, S):
             f = first + F.end * e
             if matrix_too:
                 tangent(section, inner, weights.stiffness, weights.damping, S, f)
-            half = splat(lane, model.sections[E.end * element + E.mass])
+            sixth = splat(lane, model.sections[E.end * element + E.mass])
+            at_left, at_right = inertia(lane, sixth * 4.0, section.length, left, right, weights, S, f)
+            on_left, on_right = _both(on_left, at_left), _both(on_right, at_right)
             I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
-            on_left = _both(on_left, lump(lane, half, I, left, weights, S, f + F.LL))
+            on_left = _both(on_left, lump(lane, sixth, I, left, weights, S, f + F.LL))
             if e == 0:
                 on_root = on_left
             else:
                 _add(lane, r, j - AXES, on_left)
-            _add(lane, r, j, _both(on_right, lump(lane, half, I, right, weights, S, f + F.RR)))
+            _add(lane, r, j, _both(on_right, lump(lane, sixth, I, right, weights, S, f + F.RR)))
             left = right
             j += AXES
             element += 1

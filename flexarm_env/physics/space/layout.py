@@ -16,9 +16,9 @@ AXES = 6
 ELEMENT = Layout(
     "Element", "",
     Field("length", (), "m", "of the element"),
-    Field("mass", (), "kg", "of half of it, which is at each of its ends"),
-    Field("inertia", (3,), "kg m^2", "of that half about the section's axes"),
-    Field("stretch", (3,), "N", "EA, and shear stiffnesses C along y, C_y along z"),
+    Field("mass", (), "kg", "a sixth of it, which is at each of its ends; four are at its middle"),
+    Field("inertia", (3,), "kg m^2", "of sections, half of it at each end, about their axes"),
+    Field("stretch", (3,), "N", "EA, and stiffnesses to shear along y and z, softened by bending within the element"),
     Field("bend", (3,), "N m^2", "GJ, EI_y about y, EI about z"),
     Field("rest", (3,), "", "curvatures times length without stress, about x, y, z"),
     Field("damping", (), "", "its time constant over the arm's largest"),

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store
 from ..arithmetic import add
-from .chain import add_block, clear, three_of
+from .chain import clear, three_of
+from .element import add_block
 from .layout import AXES, B, F, H, J, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .rotations import (
     add_vector,

@@ -6,7 +6,7 @@ from ...compiler import kernel, load, splat, store
 from ..model import PAYLOAD_MASS
 from ..protocol import State
 from .chain import Vertex, diagonal, energy_of, hinged, place_at, section_at, three_of
-from .element import middle, rates, scale
+from .element import middle, middle_of, rates, scale
 from .layout import AXES, E, J, L, P, count_of, joint_row
 from .rotations import (
     add_vector,
@@ -102,13 +102,17 @@ def energy(lane, model, par, q, v):
             gamma, bent = middle(section, left, right)[0]
             stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
             strain = strain + (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
-            half = splat(lane, model.sections[E.end * element + E.mass])
+            sixth = splat(lane, model.sections[E.end * element + E.mass])
+            r, rate = middle_of(section.length, left, right)
+            kinetic = kinetic + dot(rate, rate) * (2.0 * sixth)
+            if model.gravity is not None:
+                gravity = gravity - dot(three_of(lane, model.gravity, 0), r) * (4.0 * sixth)
             I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
             for end in (left, right):
-                moving = dot(end.v, end.v) * half + dot(end.spin, turned(I, end.spin))
+                moving = dot(end.v, end.v) * sixth + dot(end.spin, turned(I, end.spin))
                 kinetic = kinetic + moving * 0.5
                 if model.gravity is not None:
-                    gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * half
+                    gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * sixth
             left = right
             i += AXES
             element += 1
