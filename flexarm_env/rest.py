@@ -12,7 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .compiler import SINGLE, uncompiled
+from .physics.protocol import difference
 from .scene import JointTorque, Load, Motion, PointLoad, Scene
+from .scene.drives import FORCES
 from .settings import Settings
 from .time_functions import TimeFunction, constant
 
@@ -57,8 +60,8 @@ def _at_start(load: Load) -> Load:
 
     if isinstance(load, JointTorque):
         return JointTorque(load.joint, value(load.function))
-    parts = (None if f is None else value(f) for f in (load.force_x, load.force_y, load.torque))
-    return PointLoad(load.link, load.end, *parts)
+    acting = {name: getattr(load, name) for name in FORCES}
+    return PointLoad(load.link, load.end, **{name: value(f) for name, f in acting.items() if f is not None})
 
 
 def resting_settings(settings: Settings) -> Settings:
@@ -76,7 +79,7 @@ def relax(simulation: Any) -> Array:
     """
     work, weight = simulation.work, simulation.model.weight
     rates, algebraic = (work.v, work.a, work.b), simulation.model.algebraic
-    h, before = simulation.dt, np.empty_like(work.q)
+    h, before, change = simulation.dt, np.empty_like(work.q), np.empty_like(work.q)
     rows = np.ones(len(work.q), bool)
     if algebraic is not None:
         rows[algebraic] = False
@@ -87,7 +90,8 @@ def relax(simulation: Any) -> Array:
         simulation.dt = h
         simulation.t = 0.0
         good = simulation.advance_to(h)
-        move = float(np.abs((work.q - before) * weight)[rows].max(initial=0.0)) if good else np.inf
+        uncompiled(difference)(SINGLE, simulation.model, before, work.q, change)
+        move = float(np.abs(change * weight)[rows].max(initial=0.0)) if good else np.inf
         if not move < 0.5:  # it failed, or went too far
             work.q[:] = before
             work.flag[0] = 0.0

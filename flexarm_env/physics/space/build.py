@@ -249,7 +249,7 @@ def build(scene: Scene, settings: Settings) -> System:
         fixed=np.array(sorted(fixed), np.int64),
         algebraic=None,
         weight=weight,
-        predictor=0.0,
+        predictor=None,
         correction=None,
         links=arm.n_links,
         places=np.concatenate(places).astype(np.int64),

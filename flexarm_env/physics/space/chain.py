@@ -52,7 +52,7 @@ class SpatialBeam(NamedTuple):
     fixed: np.ndarray
     algebraic: None
     weight: np.ndarray
-    predictor: float
+    predictor: None
     correction: None
     links: int
     places: np.ndarray

@@ -3,11 +3,11 @@
 With q_rel = q_left^-1 q_right the vertices' relative rotation and psi its rotation vector, the section turns about one
 axis along the element, the middle is turned by half of psi from the left, and
 
-    Gamma = R^T (r_right - r_left) / l - e_x + e_x (psi_y^2 + psi_z^2) / 24,      kappa = psi / l
+    Gamma = R^T (r_right - r_left) / l - e_x - psi x (psi x e_x) / 24,      kappa = psi / l
                                                                                 (Simo & Vu-Quoc 1986, one point)
 
-which is objective and does not depend on the path (Crisfield & Jelenic 1999). The last term of Gamma is what an arc is
-longer than its chord. A moment that grows along the element bends it by what one point does not see; the stiffness to
+which is objective and does not depend on the path (Crisfield & Jelenic 1999). The last term of Gamma is what the chord of
+a helix of that curvature departs from its tangent at the middle. A moment that grows along the element bends it by what one point does not see; the stiffness to
 shear is that of both in series, 1/C* = 1/C + l^2 / (12 EI) (residual bending flexibility, MacNeal 1978), with which
 vertices are where the beam's are under loads at vertices. By rotation increments in body axes dth,
 
@@ -51,7 +51,7 @@ from .rotations import (
 
 
 BOW = 1.0 / 24.0
-"""Share of its angle's square that an arc is longer than its chord."""
+"""Of the square of its angle: an arc is longer by that share than its chord."""
 
 
 class Section(NamedTuple):
@@ -102,25 +102,27 @@ def middle(section, left, right):
     g = half[1] * w, half[2] * w, half[3] * w
     T = inverse_tangent(psi, relative)
     e = times(back(R, minus(right.r, left.r)), share)
-    gamma = e[0] - 1.0 + (psi[1] * psi[1] + psi[2] * psi[2]) * BOW, e[1], e[2]
+    arc = cross(psi, (psi[0] * 0.0, psi[2], -psi[1]))  # psi x (psi x e_x)
+    gamma = e[0] - 1.0 - arc[0] * BOW, e[1] - arc[1] * BOW, e[2] - arc[2] * BOW
     bent = minus(psi, section.rest)
     n, m = gamma, bent
     if section.tau is not None:
         turn = mean(g, left.spin, right.spin)
         rate = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
         bend = minus(turned(T, right.spin), back(T, left.spin))
-        n = plus(n, times(_bowed(rate, psi, bend), section.tau))
+        n = plus(n, times(plus(rate, turned(_arc(psi), bend)), section.tau))
         m = plus(m, times(bend, section.tau))
     n = scale(n, section.stretch)
-    pull = n[0] * section.length * (2.0 * BOW)
-    m = times(scale(m, section.bend), share)
-    return (gamma, bent), Middle(psi, R, e, g, T, n, (m[0], m[1] + psi[1] * pull, m[2] + psi[2] * pull))
+    m = plus(times(scale(m, section.bend), share), times(back(_arc(psi), n), section.length))
+    return (gamma, bent), Middle(psi, R, e, g, T, n, m)
 
 
 @kernel
-def _bowed(rate, psi, bend):
-    """Rate of Gamma from that without the arc's term, and the rate of psi."""
-    return rate[0] + (psi[1] * bend[1] + psi[2] * bend[2]) * (2.0 * BOW), rate[1], rate[2]
+def _arc(psi):
+    """Derivative by psi of the arc's term in Gamma."""
+    x, y, z = times(psi, BOW)
+    zero = x * 0.0
+    return (zero, y * 2.0, z * 2.0), (-y, -x, zero), (-z, zero, -x)
 
 
 @kernel
@@ -133,7 +135,7 @@ def rates(section, left, right):
     e, turn = times(back(R, minus(right.r, left.r)), share), mean((half[1] * w, half[2] * w, half[3] * w), left.spin, right.spin)
     stretch = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
     bend = minus(turned(T, right.spin), back(T, left.spin))
-    return _bowed(stretch, psi, bend), bend
+    return plus(stretch, turned(_arc(psi), bend)), bend
 
 
 @kernel
@@ -188,14 +190,13 @@ def tangent(section, at, c, cd, S, o):
     if section.tau is not None:
         rate = section.tau * cd + c
     share, l = 1.0 / section.length, section.length
-    D, K = times(section.stretch, rate), times(section.bend, share * rate)
+    D, b = times(section.stretch, rate), times(section.bend, share * rate)
     n, e, psi = times(at.n, c), skew(at.e), at.psi
-    bow = n[0] * l * (2.0 * BOW)
-    K = K[0], K[1] + bow, K[2] + bow
-    nhat, arc = skew(n), (psi[0] * 0.0, psi[1] * (2.0 * BOW), psi[2] * (2.0 * BOW))
-    eP, eQ, by_left, by_right = product(e, P), product(e, Q), turned(T, arc), back(T, arc)
-    left_w = minus(eP[0], by_left), eP[1], eP[2]  # of Gamma by the rotations of the ends
-    right_w = plus(eQ[0], by_right), eQ[1], eQ[2]
+    x, y, z = times(n, l * BOW)
+    K = (b[0], -y, -z), (-y, x * 2.0 + b[1], x * 0.0), (-z, x * 0.0, x * 2.0 + b[2])
+    nhat, arc = skew(n), _arc(psi)
+    left_w = difference(product(e, P), product(arc, Tt))  # of Gamma by the rotations of the ends
+    right_w = sum_of(product(e, Q), product(arc, T))
     RD = _columns(R, D)
     xx = scaled(product(RD, transposed(R)), share)
     Rn = product(R, nhat)
@@ -205,7 +206,7 @@ def tangent(section, at, c, cd, S, o):
     gP, gQ = product(geometric, P), product(geometric, Q)
     lx, rx = transposed(xl), transposed(xr)
     f, m = skew(times(cross(n, at.e), l * 0.125)), skew(times(at.m, 0.5 * c))
-    left, right = difference(difference(m, f), _columns(T, K)), sum_of(sum_of(m, f), _columns(Tt, K))
+    left, right = difference(difference(m, f), product(T, K)), sum_of(sum_of(m, f), product(Tt, K))
     minus_xx = scaled(xx, -1.0)
     ll = sum_of(product(left_D, left_w), difference(product(Q, gP), product(left, Tt)))
     lr = sum_of(product(left_D, right_w), sum_of(product(Q, gQ), product(left, T)))

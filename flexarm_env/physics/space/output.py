@@ -6,12 +6,14 @@ from ...compiler import kernel, load, splat, store
 from ..model import PAYLOAD_MASS
 from ..protocol import State
 from .chain import Vertex, diagonal, energy_of, hinged, place_at, section_at, three_of
-from .element import middle, middle_of, rates, scale
+from .element import Place, middle, middle_of, rates, scale
 from .layout import AXES, E, J, L, P, count_of, joint_row
 from .rotations import (
     add_vector,
+    back,
     composed,
     dot,
+    halved,
     inverse,
     matrix,
     minus,
@@ -79,6 +81,30 @@ def difference(lane, model, start, q, d):
             put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))
             put_vector(d, i + 3, _between(lane, start, q, i + 3))
             i += AXES
+
+
+@kernel
+def _axes_of_middle(left, right):
+    return matrix(composed(left.p, halved(shorter(composed(inverse(left.p), right.p)))))
+
+
+@kernel
+def predict(lane, model, start, q):
+    """Places in q anew: from the base's, with the rotations of q and the strains of `start` (see `exact.output`)."""
+    old, new = State(start, start, start), State(q, q, q)
+    tip, moved_tip = place_at(lane, start, start, 0), place_at(lane, q, q, 0)
+    for k in range(model.links):
+        i = joint_row(model, k) + 1
+        left = hinged(lane, model, old, k, Vertex(tip, tip.v, tip.spin)).root.place
+        moved_left = hinged(lane, model, new, k, Vertex(moved_tip, moved_tip.v, moved_tip.spin)).root.place
+        for _ in range(count_of(model, k)):
+            right, after = place_at(lane, start, start, i), place_at(lane, q, q, i)
+            inner = back(_axes_of_middle(left, right), minus(right.r, left.r))
+            r = plus(moved_left.r, turned(_axes_of_middle(moved_left, after), inner))
+            put_vector(q, i, r)
+            left, moved_left = right, Place(r, after.v, after.p, after.spin)
+            i += AXES
+        tip, moved_tip = left, moved_left
 
 
 @kernel
