@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import validation as check
 from ..compiler import SINGLE, size
 from ..physics.assembly import assemble, physical, room_for_points, smooth
 from ..physics.equations import equations
@@ -32,7 +33,8 @@ Rows = NDArray[np.int64]
 STEP = 5e-3
 """Step of differences by q, times the size that matters of a coordinate (1 rad, the arm's length)."""
 
-_WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
+WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
+"""(how many steps to both sides, weight) of differences of sixth order."""
 _NONE = np.zeros(0, np.int64)
 
 
@@ -101,7 +103,7 @@ def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array) -> A
     columns = []
     for k in rows:
         moved, total = x.copy(), np.zeros(())
-        for i, weight in _WEIGHTS:
+        for i, weight in WEIGHTS:
             moved[k] = x[k] + i * steps[k]
             ahead = f(moved)
             moved[k] = x[k] - i * steps[k]
@@ -139,6 +141,9 @@ class Equations:
     def __init__(self, simulation: Simulation, stepping: bool = False, driven: bool = False) -> None:
         """stepping: with the inertia that the solver steps with, which may hold a correction of its period. driven:
         prescribed coordinates are rows that can move."""
+        if simulation.scene.spatial:
+            what = "must be a scene in the plane; in space there are `modes` and `static_equilibrium`"
+            raise check.InvalidValue("scene", simulation.scene.name, what)
         system, model = simulation.system, smooth(simulation.model) if stepping else physical(simulation.model)
         self._simulation = simulation
         self.model, self.par, self.n_links = model, simulation.par, simulation.scene.arm.n_links

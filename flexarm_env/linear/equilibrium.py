@@ -23,8 +23,10 @@ from .. import validation as check
 from ..physics.model import OK
 from ..rest import NoEquilibrium
 from ..scene import JointTorque, Load, Motion, Scene
+from ..settings import Settings
 from ..simulation import Simulation
 from ..time_functions import constant
+from . import space
 from .equations import Equations, Point, exact_slopes, slopes
 from .stability import Stability, at_rest
 
@@ -115,6 +117,8 @@ def static_equilibrium(
     if require_stable is not None and not isinstance(require_stable, bool):
         raise check.InvalidValue("require_stable", require_stable, "must be True, False or None")
     settings = check.instance("scene", scene, Scene).settings(formulation, **options)
+    if scene.spatial:
+        return _in_space(scene, settings, hold_joints, require_stable)
     simulation = Equilibrium(still(scene, hold_joints), settings)
     equations = Equations(simulation)
     held = equations.inputs.tolist() if hold_joints else []
@@ -127,6 +131,17 @@ def static_equilibrium(
     work.q[:], work.v[:] = rest.point.q, 0.0
     simulation.set_torques(rest.point.u[: equations.n_links])
     return simulation
+
+
+def _in_space(scene: Scene, settings: Settings, hold_joints: bool, require_stable: bool | None) -> Equilibrium:
+    """`static_equilibrium` of an arm in space: where it comes to rest from its start, by `rest.relax`."""
+    found: Equilibrium = space.rest_of(still(scene, hold_joints), settings, hold_joints, Equilibrium)
+    turning = [k for k in range(scene.arm.n_links) if scene.motion_of(f"joint{k}") is None]
+    found.followed = 0.0
+    found.stability = space.stability_of(found, turning if hold_joints else [])
+    if require_stable is not False:
+        warn_unstable(found.stability, bool(require_stable))
+    return found
 
 
 def warn_unstable(stability: Stability, refuse: bool) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..scene import Scene
 from ..simulation import Simulation
+from . import space
 from .equations import STEP, Equations, Point, slopes
 from .equilibrium import find_rest, still, warn_unstable
 from .period import point_of
@@ -30,9 +31,9 @@ class Modes:
         damping (n,): ratios -Re lambda / |lambda|; 1 for each pole of an overdamped mode, -1 for a pole that grows
             without oscillation, 0 for a rigid motion.
         eigenvalues (n,): lambda, rad/s, the one of a pair with positive imaginary part.
-        shapes (n, points, 2): displacements of the points along the chain at the phase of their largest one, which
+        shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain at the phase of their largest one, which
             has unit length, m. In rotation points move on ellipses; this is the real part.
-        points (points, 2): the chain itself, root to tip, m.
+        points (points, 2) or (points, 3): the chain itself, root to tip, m.
         spin: rad/s.
         growing: how many modes of all, not of the n lowest alone, grow: 0 where the arm stays near the point. The
             frequency of one that grows without oscillation is its rate of growth.
@@ -77,10 +78,12 @@ def modes(
     """
     n = check.integer("n", n, minimum=1)
     spin = check.number("spin", spin, "rad/s")
+    if (target.scene if isinstance(target, Simulation) else check.instance("target", target, Scene)).spatial:
+        return _in_space(target, n, formulation, options, spin, clamped)
     equations, point = _about(target, formulation, options, spin)
     if isinstance(target, Scene) and spin == 0.0:
         warn_unstable(at_rest(equations, point, equations.inputs.tolist()), refuse=False)
-    held = _held(clamped, equations)
+    held = _held(clamped, equations.n_links)
     if isinstance(target, Scene):
         _check_rotors(target, held)
     keep = moving(equations, held)
@@ -94,6 +97,32 @@ def modes(
     shapes = [_shape(equations, point.q, reduced.lift[:, keep] @ vector) for vector in vectors.T]
     points = equations.points(point.q)
     return Modes(frequencies, damping, eigenvalues, np.array(shapes).reshape(-1, *points.shape), points, spin, unstable)
+
+
+def _in_space(
+    target: Simulation | Scene, n: int, formulation: str | None, options: dict[str, Any], spin: float,
+    clamped: bool | Sequence[int],
+) -> Modes:  # fmt: skip
+    """`modes` of an arm in space."""
+    if isinstance(target, Simulation):
+        simulation = simulation_of(target, formulation, options)
+        if spin != 0.0 or simulation.work.v.any():
+            raise check.InvalidValue("spin", spin, "must be given with a Scene; a Simulation in space must be at rest")
+    else:
+        settings = target.settings(formulation, **options)
+        if spin != 0.0 and (target.root != "pinned" or target.gravity is not None):
+            raise check.InvalidValue("spin", spin, "needs a pinned root and no gravity, or there is no steady rotation")
+        moved: dict[str, Any] = {"position": (0.0, 0.0), "loads": (), "space": True} if spin != 0.0 else {}
+        scene = still(target, True, **moved)
+        simulation = Simulation(scene, settings) if spin else space.rest_of(scene, settings, True)
+    held = _held(clamped, simulation.scene.arm.n_links)
+    if isinstance(target, Scene) and spin == 0.0:
+        everywhere = list(range(simulation.scene.arm.n_links))
+        warn_unstable(space.stability_of(simulation, everywhere), refuse=False)
+    values, shapes, points = space.modes_of(simulation, simulation.work.q.copy(), held, spin)
+    frequencies = np.abs(values)
+    damping = np.where(frequencies > 0.0, -values.real / np.maximum(frequencies, 1e-300), 0.0) + 0.0
+    return Modes(frequencies[:n], damping[:n], values[:n], shapes[:n], points, spin, growing(values))
 
 
 def _about(
@@ -118,13 +147,13 @@ def _about(
     return equations, find_rest(equations, start, equations.inputs.tolist(), spin).point
 
 
-def _held(clamped: bool | Sequence[int], equations: Equations) -> list[int]:
+def _held(clamped: bool | Sequence[int], links: int) -> list[int]:
     """The held joints."""
     if isinstance(clamped, bool):
         return [0] if clamped else []
     joints = check.sequence("clamped", clamped, "joint indices")
     for i, joint in enumerate(joints):
-        check.integer(f"clamped[{i}]", joint, minimum=0, maximum=equations.n_links - 1)
+        check.integer(f"clamped[{i}]", joint, minimum=0, maximum=links - 1)
     return list(joints)
 
 

@@ -162,14 +162,19 @@ def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
 
 def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
     """Coordinates of links without stress at the scene's angles, and their rates as it moves before t = 0."""
-    arm, q, v = scene.arm, [*scene.position, 0.0, 0.0, 0.0], [*scene.velocity, 0.0, 0.0, 0.0]
+    arm = scene.arm
     r, A = np.array(scene.position), Rotation.identity()
     rate, spin = np.array(scene.velocity), np.zeros(3)  # both inertial
+    if scene.root == "free":  # the base turns with link 0
+        spin = scene.rates[0] * (mount_of(arm, 0) @ axis_of(arm, 0))
+    q, v = [*r, 0.0, 0.0, 0.0], [*rate, *spin]
     before_rate = 0.0
     for k, link in enumerate(arm.links):
         near, far = levers(arm, k)
         joint = scene.initial_value(f"joint{k}")
         own = scene.rates[k] if arm.spatial else scene.rates[k] - before_rate
+        if k == 0 and scene.root == "free":
+            own = 0.0
         before_rate = scene.rates[k]
         arm_of = A.apply(near)
         A = A * Rotation.from_matrix(mount_of(arm, k)) * Rotation.from_rotvec(joint * axis_of(arm, k))

@@ -1,0 +1,180 @@
+"""Modes, rests and their stability of arms in space.
+
+Small motions about a point are increments d of the coordinates: of places along inertial axes, of rotations in the
+section's own. About a steady rotation Omega of the whole arm they are seen by an observer who turns with it,
+
+    v = Omega x r + d',                a = Omega x (Omega x r) + 2 Omega x d' + d''                (places)
+    w = A^T Omega + d',                alpha = (A^T Omega) x d' + d''                              (rotations)
+
+and M, C, K are the residual's differences by d'', d' and d there: rotations do not add up, so that these are
+taken through `protocol.update`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from .. import validation as check
+from ..compiler import SINGLE, uncompiled
+from ..physics.equations import equations as evaluate
+from ..physics.protocol import State, update
+from ..physics.space.build import axis_of, mount_of
+from ..physics.space.layout import AXES
+from ..physics.space.reading import read
+from ..rest import NoEquilibrium, resting
+from ..scene import Scene
+from ..simulation import Simulation
+from .equations import STEP, WEIGHTS, Reduced
+from .stability import Stability, eigenpairs, undamped
+
+Array = NDArray[np.float64]
+
+class SmallMotions:
+    """The arm of a simulation in space about coordinates q, in steady rotation where spin (rad/s) is not 0."""
+
+    def __init__(self, simulation: Simulation, spin: float = 0.0) -> None:
+        self.simulation, self.model = simulation, simulation.model
+        model, arm = simulation.model, simulation.scene.arm
+        self.n, self._room = int(model.n), np.zeros(int(model.n_factor))
+        known = [int(k) for k in simulation.drive.known]
+        self.hub = simulation.system.coordinates["joint0"]
+        still = {*known, *model.fixed.tolist(), *np.flatnonzero(model.weight == 0.0).tolist()}
+        self.free = np.array([k for k in range(self.n) if k not in still], np.int64)
+        self.joints = [simulation.system.coordinates[f"joint{k}"] for k in range(arm.n_links)]
+        self.omega = spin * (mount_of(arm, 0) @ axis_of(arm, 0))
+        self.spin = spin
+
+    def _moving(self, d: Array, d1: Array, d2: Array, q0: Array) -> State:
+        """The state that increments and their rates come to."""
+        q = q0.copy()
+        uncompiled(update)(SINGLE, self.model, q, 1.0, d, None)
+        v, a = d1.copy(), d2.copy()
+        if self.spin:
+            v[self.hub] += self.spin
+            for i in self._vertices():
+                w = Rotation.from_rotvec(q[i + 3 : i + AXES]).inv().apply(self.omega)
+                v[i : i + 3] += np.cross(self.omega, q[i : i + 3])
+                a[i : i + 3] += np.cross(self.omega, v[i : i + 3] + d1[i : i + 3])
+                v[i + 3 : i + AXES] += w
+                a[i + 3 : i + AXES] += np.cross(w, d1[i + 3 : i + AXES])
+        return State(q, v, a)
+
+    def _vertices(self) -> list[int]:
+        """First rows of the vertices that can move."""
+        names = self.simulation.system.names
+        return [i for i, name in enumerate(names) if name.startswith("link") and ".x" in name]
+
+    def residual(self, d: Array, d1: Array, d2: Array, q0: Array) -> Array:
+        """r (n,): what is left of the equations, less the torques and loads that the simulation has now."""
+        state, r, w = self._moving(d, d1, d2, q0), np.zeros(self.n), self.simulation.work
+        evaluate(SINGLE, self.model, self.simulation.par, state, w.u, w.psi, 0, r, self._room)
+        return r
+
+    def slopes(self, q0: Array, which: int, rows: NDArray[np.int64]) -> Array:
+        """Of `rows` of the residual by those of d (which = 0), d' (1) or d'' (2)."""
+        found = np.empty((len(rows), len(rows)))
+        for j, row in enumerate(rows):
+            size = 1.0 / self.model.weight[row] if which == 0 else 1.0
+            # by rates central differences are exact: forces are linear and quadratic in them
+            terms = [(i * STEP * size, w / (STEP * size)) for i, w in WEIGHTS] if which == 0 else [(1.0, 0.5)]
+            total = np.zeros(self.n)
+            for step, weight in terms:
+                for sign in (1.0, -1.0):
+                    change = np.zeros((3, self.n))
+                    change[which, row] = sign * step
+                    total += sign * weight * self.residual(*change, q0)
+            found[:, j] = total[rows]
+        return found
+
+    def settle(self, q0: Array, rows: NDArray[np.int64]) -> Array:
+        """Coordinates near q0 where the residual of these rows vanishes.
+
+        Raises:
+            NoEquilibrium: Newton's iteration does not get there.
+        """
+        q, nothing = q0.copy(), np.zeros((3, self.n))
+        for _ in range(50):
+            r = self.residual(*nothing, q)[rows]
+            d = np.zeros(self.n)
+            d[rows] = -np.linalg.solve(self.slopes(q, 0, rows), r)
+            largest = float(np.abs(d * self.model.weight).max())
+            if not largest < 1e3:
+                break
+            uncompiled(update)(SINGLE, self.model, q, min(1.0, 0.3 / max(largest, 1e-300)), d, None)
+            if largest < 1e-10:
+                return q
+        raise NoEquilibrium("no steady rotation was found: the spin may be beyond what the arm's stiffness holds")
+
+
+def rest_of(scene: Scene, settings: Any, hold_joints: bool, kind: Callable[..., Any] = Simulation) -> Any:
+    """A simulation of the scene, which stands still, at its rest (`rest.relax`); torques hold its joints.
+
+    Raises:
+        NoEquilibrium: there is none.
+    """
+    start = "held" if hold_joints else "equilibrium"
+    if scene.root == "free":
+        raise check.InvalidValue("scene.root", scene.root, 'must be "pinned" for a rest')
+    found = kind(replace(scene, start=start), settings)
+    held = resting(replace(scene, start=start))
+    motions = SmallMotions(found)
+    r = motions.residual(*np.zeros((3, motions.n)), found.work.q)
+    torques = found.work.u[: scene.arm.n_links].copy()
+    for k, row in enumerate(motions.joints):
+        if held.motion_of(f"joint{k}") is not None and scene.motion_of(f"joint{k}") is None:
+            torques[k] += r[row]
+    found.set_torques(torques)
+    return found
+
+
+def stability_of(simulation: Simulation, held: list[int]) -> Stability:
+    """Of a rest, joints `held` kept at their angles."""
+    motions = SmallMotions(simulation)
+    rows = np.array([k for k in motions.free if k not in [motions.joints[j] for j in held]], np.int64)
+    if not len(rows):
+        return Stability(np.inf, 0, 0)
+    M, K = motions.slopes(simulation.work.q, 2, rows), motions.slopes(simulation.work.q, 0, rows)
+    squares, _ = undamped(0.5 * (M + M.T), 0.5 * (K + K.T))
+    return Stability(float(squares.min()), int((squares < 0.0).sum()), int((squares == 0.0).sum()))
+
+
+def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> tuple[Any, Array, Array]:
+    """(eigenvalues, one of each pair; displacements of the chain's points (modes, points, 3); points (points, 3))."""
+    motions = SmallMotions(simulation, spin)
+    rows = np.array([k for k in motions.free if k not in [motions.joints[j] for j in held]], np.int64)
+    if spin:
+        q = motions.settle(q, rows)
+    M, C, K = (motions.slopes(q, which, rows) for which in (2, 1, 0))
+    none = np.zeros((len(rows), 0))
+    values, vectors = eigenpairs(Reduced(M, C, K, none, none, none, none, none), list(range(len(rows))))
+    settings, arm = simulation.settings, simulation.scene.arm
+
+    def points(at: Array) -> Array:
+        return np.asarray(read(arm, settings, at[None], np.zeros((1, motions.n)))["shapes"][0])
+
+    shapes = []
+    for column in vectors.T:
+        vector = np.zeros(motions.n, np.complex128)
+        vector[rows] = column
+        vector /= max(float(np.abs(vector * motions.model.weight).max()), 1e-300)
+        change = []
+        for part in (vector.real, vector.imag):
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = q.copy()
+                uncompiled(update)(SINGLE, motions.model, moved, sign * 1e-6, np.ascontiguousarray(part), None)
+                ends.append(points(moved))
+            change.append((ends[0] - ends[1]) / 2e-6)
+        complex_change = change[0] + 1j * change[1]
+        largest = complex_change.ravel()[np.abs(complex_change).argmax()]
+        real = (complex_change * np.conj(largest) / max(abs(largest), 1e-300)).real
+        shapes.append(real / max(float(np.linalg.norm(real, axis=1).max()), 1e-300))
+    order = np.argsort(np.abs(values), kind="stable")
+    return values[order], np.array(shapes)[order], points(q)
+
