@@ -26,6 +26,8 @@ ORDER = (
     "two_link_free_flight",
     "spin_up",
 )
+SPATIAL = ("bend_45", "right_angle_frame", "three_dof_slew", "flying_frame")
+"""Those in space."""
 
 
 def _text(name: str) -> str:
@@ -33,17 +35,19 @@ def _text(name: str) -> str:
 
 
 @cache
-def names(parameter_sets: bool = False) -> tuple[str, ...]:
-    """Names of the scenes that come with the package; with ``parameter_sets`` also those of form NAME@SET."""
+def names(parameter_sets: bool = False, space: bool = False) -> tuple[str, ...]:
+    """Names of the scenes that come with the package; with ``parameter_sets`` also those of form NAME@SET, with
+    ``space`` also those in space."""
+    chosen = (*ORDER, *SPATIAL) if space else ORDER
     if not parameter_sets:
-        return ORDER
-    return tuple(n for name in ORDER for n in (name, *(f"{name}@{s}" for s in toml.parameter_sets(_text(name)))))
+        return chosen
+    return tuple(n for name in chosen for n in (name, *(f"{name}@{s}" for s in toml.parameter_sets(_text(name)))))
 
 
 @cache
 def named(name: str) -> Scene:
     """A named scene, or a parameter set of it as ``NAME@as_printed``. Raises ValueError for a name there is not."""
-    known = names(parameter_sets=True)
+    known = names(parameter_sets=True, space=True)
     if name not in known:
         raise check.UnknownKey(str(name), known, "scene")
     base, _, parameter_set = name.partition("@")
@@ -60,12 +64,12 @@ def resolve(scene: Scene | str | os.PathLike[str]) -> Scene:
     if not isinstance(scene, str | os.PathLike):
         raise check.InvalidValue("scene", scene, "must be a name, a TOML file or a Scene")
     text = os.fspath(scene)
-    if text in names(parameter_sets=True):
+    if text in names(parameter_sets=True, space=True):
         return named(text)
     path, _, parameter_set = text.rpartition(".toml@")
     file = Path(path + ".toml" if path else text)
     if file.suffix != ".toml":
-        raise check.UnknownKey(text, names(parameter_sets=True), "scene (and no .toml file)")
+        raise check.UnknownKey(text, names(parameter_sets=True, space=True), "scene (and no .toml file)")
     if not file.is_file():
         raise check.InvalidValue("scene", text, "must be a name or a .toml file that exists")
     return Scene.from_toml(file, parameter_set if path else None)

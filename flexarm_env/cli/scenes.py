@@ -18,7 +18,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             print(scene.to_toml(), end="")
         return DONE
-    entries = [_entry(name) for name in scenes.names(parameter_sets=True)]
+    entries = [_entry(name) for name in scenes.names(parameter_sets=True, space=True)]
     if args.json:
         print(json.dumps({"scenes": entries}, indent=2))
         return DONE

@@ -71,7 +71,7 @@ def _kind(word: str) -> str:
     if path.suffix in (".csv", ".gz", ".json", ".html") and path.is_file():
         what = f"must be a run as .npz: a {path.suffix} file has not all that a page shows (simulate --out RUN.npz has)"
         raise check.InvalidValue("RUN", word, what)
-    if word in scenes.names(parameter_sets=True) or path.suffix == ".toml" or ".toml@" in word:
+    if word in scenes.names(parameter_sets=True, space=True) or path.suffix == ".toml" or ".toml@" in word:
         return "scene"
     if word in (*control.NAMES, *control.policy_names()) or path.exists():
         return "player"

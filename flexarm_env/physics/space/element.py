@@ -98,8 +98,8 @@ def middle(section, left, right):
     relative = shorter(composed(inverse(left.p), right.p))
     psi, half = rotation_vector(relative), halved(relative)
     R = matrix(composed(left.p, half))
-    w = 1.0 / (half[0] + 1.0)
-    g = half[1] * w, half[2] * w, half[3] * w
+    w = 1.0 / (relative[0] + 1.0)
+    g = relative[1] * w, relative[2] * w, relative[3] * w
     T = inverse_tangent(psi, relative)
     e = times(back(R, minus(right.r, left.r)), share)
     arc = cross(psi, (psi[0] * 0.0, psi[2], -psi[1]))  # psi x (psi x e_x)
@@ -130,9 +130,9 @@ def rates(section, left, right):
     """Rates of the strains of `middle`: of Gamma, and of kappa times the length."""
     relative = shorter(composed(inverse(left.p), right.p))
     psi, half = rotation_vector(relative), halved(relative)
-    w = 1.0 / (half[0] + 1.0)
+    w = 1.0 / (relative[0] + 1.0)
     share, R, T = 1.0 / section.length, matrix(composed(left.p, half)), inverse_tangent(psi, relative)
-    e, turn = times(back(R, minus(right.r, left.r)), share), mean((half[1] * w, half[2] * w, half[3] * w), left.spin, right.spin)
+    e, turn = times(back(R, minus(right.r, left.r)), share), mean((relative[1] * w, relative[2] * w, relative[3] * w), left.spin, right.spin)
     stretch = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
     bend = minus(turned(T, right.spin), back(T, left.spin))
     return plus(stretch, turned(_arc(psi), bend)), bend
