@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 _HOME = {
-    **dict.fromkeys(("Arm", "Elbow", "Joint", "Link", "Motor", "Payload", "RigidLink", "Section", "Taper"), "parameters"),
+    **dict.fromkeys(
+        ("Arm", "Elbow", "Joint", "Link", "Motor", "Payload", "RigidLink", "Section", "Taper"), "parameters"
+    ),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
     **dict.fromkeys(("Accelerometer", "Camera", "Encoder", "LowPass", "Sensors", "StrainGauge"), "sensors"),
@@ -42,8 +44,8 @@ _HOME = {
 
 __all__ = [
     "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "Joint", "JointTorque", "Link", "LowPass", "Motion", "Motor",
-    "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge", "Taper",
-    "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
+    "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge",
+    "Taper", "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
 ]  # fmt: skip
 
 

@@ -166,7 +166,8 @@ def _slowest_in_space(arm: Arm) -> float:
         across = link.across(s)
         soft += [link.along(s).EI.min(), across["EI_y"].min(), across["GJ"].min()]
     carried = arm.payload.mass + sum(arm.elbow(k).mass for k in range(1, arm.n_links))
-    square = 3.0 * min(soft) / ((carried + 33.0 / 140.0 * sum(link.mass for link in bending)) * arm.total_length**3)
+    moved = carried + 33.0 / 140.0 * sum(link.mass for link in bending)
+    square = 3.0 * float(min(soft)) / (moved * arm.total_length**3)
     return max(math.sqrt(square), arm.damping[0] * square)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path
@@ -145,11 +145,15 @@ def _section(path: str, section: dict[str, Any], inside: str | None = None) -> S
     """The section of a table; inside: its key path where that is not `path`.section."""
     own = inside or f"{path}.section"
     what = f"must be a table of {', '.join(_SECTION)}, or of a rectangle's {', '.join(_RECTANGLE)}"
+    shapes: dict[str, tuple[tuple[str, ...], Callable[..., Section]]]
     shapes = {"wall": (_TUBE, Section.tube), "diameter": (_CIRCLE, Section.circle)}
     shape = next((shapes[key] for key in shapes if key in section), None)
     if shape is None and section and all(key in _RECTANGLE for key in section):
         shape = _RECTANGLE, Section.rectangle
-    keys, make = shape or (_SECTION, Section)
+    keys: tuple[str, ...] = _SECTION
+    make: Callable[..., Section] = Section
+    if shape is not None:
+        keys, make = shape
     optional = ("kappa", "J", *ACROSS)
     check.known_keys(own, section, keys if shape else (*_SECTION, *ACROSS, *_RECTANGLE))
     for key in keys:

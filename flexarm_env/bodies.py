@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import validation as check
+from flexarm_env.rotations import matrices
 from flexarm_env.sections import Link, Section
 
 Array = NDArray[np.float64]
@@ -57,8 +57,7 @@ def mount(path: str, value: Any) -> Matrix | None:
     what = "must be a rotation matrix of three rows, or (axis, angle) with an axis of three numbers and rad"
     if isinstance(value, list | tuple) and len(value) == 2:
         axis, angle = np.array(unit_vector(f"{path}[0]", value[0])), check.number(f"{path}[1]", value[1], "rad")
-        hat = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-        R = np.eye(3) + math.sin(angle) * hat + (1.0 - math.cos(angle)) * hat @ hat
+        R = matrices(angle * axis)
     elif isinstance(value, list | tuple | np.ndarray) and len(value) == 3:
         R = np.array(rows(path, value))
         u, _, v = np.linalg.svd(R)
@@ -116,7 +115,7 @@ class RigidLink(Link):
     """
 
     length: float
-    mass: float = 0.0  # type: ignore[assignment]
+    mass: float = 0.0
     centre: Vector = (0.0, 0.0, 0.0)
     inertia: Inertia = 0.0
     section: Section = field(init=False, default=_STIFF, repr=False)

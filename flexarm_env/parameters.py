@@ -32,11 +32,11 @@ class Elbow:
     """What sits at the joint between two links, and how it turns.
 
     ``mass`` (kg) and ``inertia_left`` (kg m^2) belong to the tip of the link before it, ``inertia_right``
-    (kg m^2) to the root of the link after it. All zero or positive; inertias may be tensors (three rows), in the axes of
-    the link that they belong to, and a number is that about any axis.
+    (kg m^2) to the root of the link after it. All zero or positive; inertias may be tensors (three rows), in the axes
+    of the link that they belong to, and a number is that about any axis.
 
     In space the root of the link after it has the axes R_tip mount exp(angle axis), R_tip being those of the tip before
-    it: ``axis``, a unit vector in the link's own axes, and ``mount``, a rotation: a matrix, or (axis, angle); None: none.
+    it: ``axis``, a unit vector in the link's own axes, and ``mount``, a rotation: a matrix, or (axis, angle), or None.
     """
 
     mass: float = 0.0
@@ -67,8 +67,8 @@ class Payload:
     """A body fixed to the tip of the last link.
 
     ``mass`` in kg and ``inertia`` in kg m^2, about its centre of mass, zero or positive; ``offset``: from the tip to
-    that centre, m, (along the tip's tangent, across it to the left). In space the inertia may be a tensor (three rows, in
-    the tip's axes; a number is that about any axis), the offset have a third component.
+    that centre, m, (along the tip's tangent, across it to the left). In space the inertia may be a tensor (three rows,
+    in the tip's axes; a number is that about any axis), the offset have a third component.
     """
 
     mass: float = 0.0

@@ -20,9 +20,8 @@ from .compiler import SINGLE, uncompiled
 from .physics import assembly, precision
 from .physics.integrator.start import restart
 from .physics.integrator.work import Work, unpack, work_size
-from .physics.layout import DISSIPATED, POSE, TIP, WORK_DONE
+from .physics.layout import DISSIPATED, POSE, WORK_DONE
 from .physics.model import MESSAGE, OK, STATUS, STIFFNESS_FACTOR, TIMED_OUT, Drive, System
-from .physics.space.reading import tips
 from .rest import rested
 from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import keep
@@ -30,7 +29,7 @@ from .runtime.layout import fit_rooms
 from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, gained, observe_arm, sample_rows
 from .scene import Scene
 from .settings import Settings
-from .trajectory import Trajectory, check_work, recorded
+from .trajectory import Trajectory, check_work, recorded, tips_of
 
 Array = NDArray[np.float64]
 
@@ -444,10 +443,7 @@ def _probe(
     simulation.compile()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     fields, _ = simulation.record(end, interval)
-    good = simulation.status == OK
-    if scene.spatial:
-        return accuracy.Probe(fields["time"], tips(scene.arm, settings, fields["q"]), good)
-    return accuracy.Probe(fields["time"], fields["poses"][:, -1, TIP][:, :2], good)
+    return accuracy.Probe(fields["time"], tips_of(scene, settings, fields), simulation.status == OK)
 
 
 __all__ = ["Simulation", "Trajectory", "simulate"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +21,7 @@ from .physics.gauges import curvatures
 from .physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
 from .physics.model import STATUS
 from .physics.space.reading import read as read_in_space
+from .physics.space.reading import tips as tips_in_space
 from .scene import Scene
 from .scenes import COLUMNS
 from .sensors import Sensors, StrainGauge, from_table
@@ -333,10 +335,16 @@ _NO_TRAJECTORY = "this is no trajectory, or one of a version before 0.2"
 def kind_of(scene: Scene) -> type[Trajectory]:
     """What a run of the scene leaves behind."""
     if scene.spatial:
-        from .spatial import SpatialTrajectory
-
-        return SpatialTrajectory
+        found: type[Trajectory] = importlib.import_module(".spatial", __package__).SpatialTrajectory
+        return found
     return Trajectory
+
+
+def tips_of(scene: Scene, settings: Settings, fields: Mapping[str, Array]) -> Array:
+    """Places of the tip, (n, 2) m, in space (n, 3), of what `Simulation.record` returns."""
+    if scene.spatial:
+        return tips_in_space(scene.arm, settings, fields["q"])
+    return fields["poses"][:, -1, TIP][:, :2]
 
 
 Reader = Callable[[str, Any], Any]

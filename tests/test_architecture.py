@@ -19,7 +19,8 @@ PACKAGE = "flexarm_env"
 
 # ------------------------------------------------------------------ the table
 _BASICS = {
-    "validation", "curves", "sections", "parameters", "sensors", "rigid", "settings", "files", "time_functions",
+    "validation", "curves", "rotations", "sections", "bodies", "parameters", "sensors", "rigid", "settings", "files",
+    "time_functions",
 }  # fmt: skip
 _DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
@@ -34,9 +35,11 @@ ROOMS: dict[str, set[str]] = {
     "validation": set(),
     "curves": {"validation"},
     "sections": {"validation", "curves"},
+    "rotations": set(),
+    "bodies": {"validation", "rotations", "sections"},
     "sensors": {"validation"},
-    "parameters": {"validation", "sections", "sensors"},
-    "rigid": {"validation", "parameters"},
+    "parameters": {"validation", "sections", "bodies", "sensors"},
+    "rigid": {"validation", "bodies", "parameters"},
     "settings": {"validation"},
     "files": {"validation"},
     "time_functions": {"validation", "files"},
@@ -51,8 +54,9 @@ ROOMS: dict[str, set[str]] = {
     "runtime": {"compiler", "layout", "physics", "tasks"},
     "view": {*_DESCRIPTION, "physics"},
     "trajectory": {*_DESCRIPTION, "physics", "runtime", "view"},
+    "spatial": {"validation", "trajectory"},
     "accuracy": {*_DESCRIPTION},
-    "rest": {"scene", "settings", "time_functions"},
+    "rest": {"compiler", "physics", "scene", "settings", "time_functions"},
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy", "rest"},
     "batch": {*_DESCRIPTION, *_COMPILED, "layout", "trajectory", "simulation"},
     "linear": {*_DESCRIPTION, *_COMPILED, "trajectory", "simulation", "rest"},

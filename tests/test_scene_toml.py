@@ -108,8 +108,8 @@ arm = "strip"
         ("[[loads]]\nkind = 'pulse'", "loads[0].joint: missing; a load has joint and kind, or link, end"),
         ("[[loads]]\nlink = 0\nend = 'tip'", "loads[0].force_x: missing; a point load needs"),
         (
-            "[[loads]]\nlink = 0\nend = 'tip'\nforce_z = {kind = 'constant', value = 1}",
-            "loads[0].force_z: unknown key (did you mean force_y?); allowed: link, end, force_x, force_y, torque",
+            "[[loads]]\nlink = 0\nend = 'tip'\nforce_w = {kind = 'constant', value = 1}",
+            "loads[0].force_w: unknown key (did you mean force_z?); allowed: link, end, force_x, force_y, torque, ",
         ),
         (
             "[[loads]]\nlink = 0\nend = 'tip'\nforce_x = {kind = 'constant', value = '1'}",

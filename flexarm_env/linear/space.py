@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from .. import rotations
 from .. import validation as check
 from ..compiler import SINGLE, uncompiled
 from ..physics.equations import equations as evaluate
@@ -34,6 +34,7 @@ from .equations import STEP, WEIGHTS, Reduced
 from .stability import Stability, eigenpairs, undamped
 
 Array = NDArray[np.float64]
+
 
 class SmallMotions:
     """The arm of a simulation in space about coordinates q, in steady rotation where spin (rad/s) is not 0."""
@@ -58,7 +59,7 @@ class SmallMotions:
         if self.spin:
             v[self.hub] += self.spin
             for i in self._vertices():
-                w = Rotation.from_rotvec(q[i + 3 : i + AXES]).inv().apply(self.omega)
+                w = rotations.back(rotations.matrices(q[i + 3 : i + AXES]), self.omega)
                 v[i : i + 3] += np.cross(self.omega, q[i : i + 3])
                 a[i : i + 3] += np.cross(self.omega, v[i : i + 3] + d1[i : i + 3])
                 v[i + 3 : i + AXES] += w
@@ -70,9 +71,9 @@ class SmallMotions:
         names = self.simulation.system.names
         return [i for i, name in enumerate(names) if name.startswith("link") and ".x" in name]
 
-    def residual(self, d: Array, d1: Array, d2: Array, q0: Array) -> Array:
-        """r (n,): what is left of the equations, less the torques and loads that the simulation has now."""
-        state, r, w = self._moving(d, d1, d2, q0), np.zeros(self.n), self.simulation.work
+    def residual(self, changes: Array, q0: Array) -> Array:
+        """r (n,) of d, d', d'' (3, n) about q0, under the torques and loads that the simulation has now."""
+        state, r, w = self._moving(changes[0], changes[1], changes[2], q0), np.zeros(self.n), self.simulation.work
         evaluate(SINGLE, self.model, self.simulation.par, state, w.u, w.psi, 0, r, self._room)
         return r
 
@@ -88,7 +89,7 @@ class SmallMotions:
                 for sign in (1.0, -1.0):
                     change = np.zeros((3, self.n))
                     change[which, row] = sign * step
-                    total += sign * weight * self.residual(*change, q0)
+                    total += sign * weight * self.residual(change, q0)
             found[:, j] = total[rows]
         return found
 
@@ -100,7 +101,7 @@ class SmallMotions:
         """
         q, nothing = q0.copy(), np.zeros((3, self.n))
         for _ in range(50):
-            r = self.residual(*nothing, q)[rows]
+            r = self.residual(nothing, q)[rows]
             d = np.zeros(self.n)
             d[rows] = -np.linalg.solve(self.slopes(q, 0, rows), r)
             largest = float(np.abs(d * self.model.weight).max())
@@ -124,7 +125,7 @@ def rest_of(scene: Scene, settings: Any, hold_joints: bool, kind: Callable[..., 
     found = kind(replace(scene, start=start), settings)
     held = resting(replace(scene, start=start))
     motions = SmallMotions(found)
-    r = motions.residual(*np.zeros((3, motions.n)), found.work.q)
+    r = motions.residual(np.zeros((3, motions.n)), found.work.q)
     torques = found.work.u[: scene.arm.n_links].copy()
     for k, row in enumerate(motions.joints):
         if held.motion_of(f"joint{k}") is not None and scene.motion_of(f"joint{k}") is None:
@@ -177,4 +178,3 @@ def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> 
         shapes.append(real / max(float(np.linalg.norm(real, axis=1).max()), 1e-300))
     order = np.argsort(np.abs(values), kind="stable")
     return values[order], np.array(shapes)[order], points(q)
-

@@ -31,8 +31,8 @@ class Modes:
         damping (n,): ratios -Re lambda / |lambda|; 1 for each pole of an overdamped mode, -1 for a pole that grows
             without oscillation, 0 for a rigid motion.
         eigenvalues (n,): lambda, rad/s, the one of a pair with positive imaginary part.
-        shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain at the phase of their largest one, which
-            has unit length, m. In rotation points move on ellipses; this is the real part.
+        shapes (n, points, 2), in space (n, points, 3): displacements of the points along the chain at the phase of
+            their largest one, which has unit length, m. In rotation points move on ellipses; this is the real part.
         points (points, 2) or (points, 3): the chain itself, root to tip, m.
         spin: rad/s.
         growing: how many modes of all, not of the n lowest alone, grow: 0 where the arm stays near the point. The

@@ -194,7 +194,7 @@ def drive(scene: Scene, system: System) -> Drive:
         if isinstance(load, JointTorque):
             add(load.joint, load.function)
         else:
-            own = (load.force_x, load.force_y, load.torque)
+            own: tuple[TimeFunction | None, ...] = (load.force_x, load.force_y, load.torque)
             if scene.spatial:
                 own = (*own[:2], load.force_z, load.torque_x, load.torque_y, load.torque)
             for k, function in enumerate(own):

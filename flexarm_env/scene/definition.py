@@ -102,13 +102,13 @@ class Scene:
             check.text(name, getattr(self, name))
         check.flag("space", self.space)
         check.store(self, **values)
-        if self.spatial:
-            vectors = {name: getattr(self, name) for name in ("position", "velocity", "gravity")}
-            check.store(self, **{name: (*v, 0.0)[:3] for name, v in vectors.items() if v is not None})
         self._check_rates()
         self._check_motions()
         self._check_joints()
         self._check_loads()
+        if self.spatial:
+            vectors = {name: getattr(self, name) for name in ("position", "velocity", "gravity")}
+            check.store(self, **{name: (*v, 0.0)[:3] for name, v in vectors.items() if v is not None})
         self._join_instants()
 
     def _one_a_link(self, name: str, unit: str, n: int) -> tuple[float, ...]:

@@ -33,9 +33,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         name = self.coordinate
-        if not isinstance(name, str) or not (
-            name in ROOT or re.fullmatch(r"(joint|motor)(0|[1-9][0-9]*)", name)
-        ):
+        if not isinstance(name, str) or not (name in ROOT or re.fullmatch(r"(joint|motor)(0|[1-9][0-9]*)", name)):
             raise check.InvalidValue("coordinate", name, f"must be {COORDINATES}")
         check.instance("function", self.function, TimeFunction).check_no_jump()
 

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from ... import bodies, curves
+from ... import bodies, curves, rotations
 from ... import validation as check
 from ...bodies import RigidLink
 from ...parameters import Arm, Elbow, Link, Payload, Section, Taper
@@ -111,11 +110,10 @@ def levers(arm: Arm, k: int) -> tuple[Array, Array]:
 
 def _joint(arm: Arm, k: int) -> Array:
     mount = mount_of(arm, k)
-    x, y, z, w = Rotation.from_matrix(mount).as_quat()
     before, beyond = levers(arm, k)
     near = together([]) if k == 0 else _near(arm, k)
     return JOINT.pack(
-        {}, axis=axis_of(arm, k), mount=mount, quaternion=[w, x, y, z], before=before, beyond=beyond,
+        {}, axis=axis_of(arm, k), mount=mount, quaternion=rotations.quaternions(mount), before=before, beyond=beyond,
         near=packed(near), far=packed(_far(arm, k)),
     )  # fmt: skip
 
@@ -163,7 +161,7 @@ def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
 def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
     """Coordinates of links without stress at the scene's angles, and their rates as it moves before t = 0."""
     arm = scene.arm
-    r, A = np.array(scene.position), Rotation.identity()
+    r, A = np.array(scene.position), np.eye(3)
     rate, spin = np.array(scene.velocity), np.zeros(3)  # both inertial
     if scene.root == "free":  # the base turns with link 0
         spin = scene.rates[0] * (mount_of(arm, 0) @ axis_of(arm, 0))
@@ -176,25 +174,25 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
         if k == 0 and scene.root == "free":
             own = 0.0
         before_rate = scene.rates[k]
-        arm_of = A.apply(near)
-        A = A * Rotation.from_matrix(mount_of(arm, k)) * Rotation.from_rotvec(joint * axis_of(arm, k))
+        arm_of = A @ near
+        A = A @ mount_of(arm, k) @ rotations.matrices(joint * axis_of(arm, k))
         r, rate = r + arm_of, rate + np.cross(spin, arm_of)
-        spin = spin + own * A.apply(axis_of(arm, k))
-        arm_of = A.apply(far)
+        spin = spin + own * A @ axis_of(arm, k)
+        arm_of = A @ far
         r, rate = r + arm_of, rate + np.cross(spin, arm_of)
         q.append(joint)
         v.append(own)
         n = count_elements(link, settings)
         ends = link.mesh(n, "elements") if n else np.zeros(1)
         for length, turn in zip(np.diff(ends), turns_of(link, ends), strict=True):
-            step = (A * Rotation.from_rotvec([0.0, 0.0, 0.5 * turn])).apply(length * (1.0 - BOW * turn**2) * X)
-            A = A * Rotation.from_rotvec([0.0, 0.0, turn])
+            step = A @ rotations.matrices([0.0, 0.0, 0.5 * turn]) @ (length * (1.0 - BOW * turn**2) * X)
+            A = A @ rotations.matrices([0.0, 0.0, turn])
             r, rate = r + step, rate + np.cross(spin, step)
-            q += [*r, *A.as_rotvec()]
-            v += [*rate, *A.inv().apply(spin)]
+            q += [*r, *rotations.vectors(A)]
+            v += [*rate, *A.T @ spin]
         if n == 0:
-            q += [*r, *A.as_rotvec()]
-            v += [*rate, *A.inv().apply(spin)]
+            q += [*r, *rotations.vectors(A)]
+            v += [*rate, *A.T @ spin]
     return np.array(q), np.array(v)
 
 

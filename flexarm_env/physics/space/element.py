@@ -6,10 +6,11 @@ axis along the element, the middle is turned by half of psi from the left, and
     Gamma = R^T (r_right - r_left) / l - e_x - psi x (psi x e_x) / 24,      kappa = psi / l
                                                                                 (Simo & Vu-Quoc 1986, one point)
 
-which is objective and does not depend on the path (Crisfield & Jelenic 1999). The last term of Gamma is what the chord of
-a helix of that curvature departs from its tangent at the middle. A moment that grows along the element bends it by what one point does not see; the stiffness to
-shear is that of both in series, 1/C* = 1/C + l^2 / (12 EI) (residual bending flexibility, MacNeal 1978), with which
-vertices are where the beam's are under loads at vertices. By rotation increments in body axes dth,
+which is objective and does not depend on the path (Crisfield & Jelenic 1999). The last term of Gamma is what the chord
+of a helix of that curvature departs from its tangent at the middle. A moment that grows along the element bends it by
+what one point does not see; the stiffness to shear is that of both in series, 1/C* = 1/C + l^2 / (12 EI) (residual
+bending flexibility, MacNeal 1978), with which vertices are where the beam's are under loads at vertices. By rotation
+increments in body axes dth,
 
     R^T dR = (P dth_l + Q dth_r)^,  P, Q = 1/2 -+ g^/2,  g = tan(|psi|/4) psi/|psi|;   dpsi = T^-1 dth_r - T^-T dth_l.
 
@@ -48,7 +49,6 @@ from .rotations import (
     transposed,
     turned,
 )
-
 
 BOW = 1.0 / 24.0
 """Of the square of its angle: an arc is longer by that share than its chord."""
@@ -132,7 +132,8 @@ def rates(section, left, right):
     psi, half = rotation_vector(relative), halved(relative)
     w = 1.0 / (relative[0] + 1.0)
     share, R, T = 1.0 / section.length, matrix(composed(left.p, half)), inverse_tangent(psi, relative)
-    e, turn = times(back(R, minus(right.r, left.r)), share), mean((relative[1] * w, relative[2] * w, relative[3] * w), left.spin, right.spin)
+    turn = mean((relative[1] * w, relative[2] * w, relative[3] * w), left.spin, right.spin)
+    e = times(back(R, minus(right.r, left.r)), share)
     stretch = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
     bend = minus(turned(T, right.spin), back(T, left.spin))
     return plus(stretch, turned(_arc(psi), bend)), bend

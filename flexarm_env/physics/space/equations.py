@@ -1,7 +1,7 @@
 """Chains of geometrically exact beams in space: the residual and its tangent (model: `SpatialBeam`).
 
-Where all that is in coordinates and in S is told in `layout`. Half of an element's mass and rotary inertia is at each of
-its ends; a vertex's moment is J dw/dt + w x J w in its own axes.
+Where all that is in coordinates and in S is told in `layout`. Half of an element's rotary inertia is at each of its
+ends; a vertex's moment is J dw/dt + w x J w in its own axes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from .chain import (
     hinged,
     loaded,
     lump,
-    nine_of,
     section_at,
     three_of,
     vertex_at,
@@ -54,7 +53,13 @@ def assemble(lane, model, par, state, u, weights, r, S):
     tip = vertex_at(lane, model, state, 0)
     element = 0
     for k in range(model.links):
-        at, h, row, first, count = J.end * k, hinge_at(k), joint_row(model, k), factor_at(model, k, 0), count_of(model, k)
+        at, h, row, first, count = (
+            J.end * k,
+            hinge_at(k),
+            joint_row(model, k),
+            factor_at(model, k, 0),
+            count_of(model, k),
+        )
         o, i = before(model, k), rows_before(model, k)
         if k > 0:
             mass = splat(lane, model.joints[at + J.near + P.mass])

@@ -1,8 +1,8 @@
 """Where things are in the flat arrays of a chain in space: coordinates, constants, the iteration matrix.
 
-Rows: the base's place (x, y, z) and its rotation vector; of each link the angle of the joint at its root, then place and
-rotation vector of its vertices, the right end of each element, from root to tip. A link's root is where the vertex before
-it is; it is turned by the joint's mount and angle against that.
+Rows: the base's place (x, y, z) and its rotation vector; of each link the angle of the joint at its root, then place
+and rotation vector of its vertices, the right end of each element, from root to tip. A link's root is where the vertex
+before it is; it is turned by the joint's mount and angle against that.
 """
 
 from __future__ import annotations

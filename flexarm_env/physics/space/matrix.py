@@ -1,4 +1,4 @@
-"""The iteration matrix of a chain in space: its factors, vertices eliminated from the tip to the base, joints on the way.
+"""The iteration matrix of a chain in space: vertices eliminated from the tip to the base, joints on the way.
 
 A link begins where d = (place, rotation) of the section before and the joint's angle b have it:
 
@@ -74,7 +74,7 @@ def stiffen(lane, model, S, k, x):
 
 @kernel
 def _factor_six(lane, S, o):
-    """L and U of the 6 x 6 matrix at o, in place, its pivots inverted. No rows are exchanged: mass outweighs the rest."""
+    """L and U of the 6 x 6 matrix at o, in place, its pivots inverted, no rows exchanged: mass outweighs the rest."""
     for k in range(6):
         inverse = 1.0 / load(lane, S, o + 7 * k)
         store(S, o + 7 * k, inverse)
@@ -113,7 +113,12 @@ def _eliminate_joint(lane, model, S, k):
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
     to_root = transposed(turn)
-    xx, xt, tx, tt = _block(lane, S, o, 0, 0), _block(lane, S, o, 0, 1), _block(lane, S, o, 1, 0), _block(lane, S, o, 1, 1)
+    xx, xt, tx, tt = (
+        _block(lane, S, o, 0, 0),
+        _block(lane, S, o, 0, 1),
+        _block(lane, S, o, 1, 0),
+        _block(lane, S, o, 1, 1),
+    )
     upper, lower = product(xt, to_root), product(turn, tx)
     inner = product(product(turn, tt), to_root)
     moment = cross(axis, vector(lane, S, h + H.moment))

@@ -197,7 +197,9 @@ def ports(lane, model, par, q, y):
     if model.loads is not None:
         for f in range(model.loads.shape[0] // L.end):
             first, j = L.end * f, model.links + AXES * f
-            place = _loaded_place(lane, model, q, q, int(model.loads[first + L.link]), model.loads[first + L.at_tip] != 0.0)
+            place = _loaded_place(
+                lane, model, q, q, int(model.loads[first + L.link]), model.loads[first + L.at_tip] != 0.0
+            )
             put_vector(y, j, plus(place.r, turned(matrix(place.p), three_of(lane, model.loads, first + L.lever))))
             put_vector(y, j + 3, rotation_vector(shorter(place.p)))
 

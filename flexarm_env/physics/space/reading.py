@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...parameters import Arm
+from ...rotations import back, matrices, quaternions, turned, vectors
 from ...settings import Settings
 from .build import axis_of, count_elements, levers, mount_of, tip_lever
 from .layout import AXES
@@ -18,21 +18,21 @@ Array = NDArray[np.float64]
 
 
 class Frame(NamedTuple):
-    """A section at n instants: place (n, 3), rotation, velocity (n, 3) and angular velocity (n, 3), inertial axes."""
+    """A section at n instants: place (n, 3), axes (n, 3, 3), velocity and angular velocity (n, 3), inertial."""
 
     r: Array
-    A: Rotation
+    A: Array
     v: Array
     w: Array
 
     def beyond(self, arm: Array) -> Frame:
         """What is fixed to it at `arm`, in its axes."""
-        lever = self.A.apply(arm)
+        lever = turned(self.A, arm)
         return Frame(self.r + lever, self.A, self.v + np.cross(self.w, lever), self.w)
 
 
 class LinkMotion(NamedTuple):
-    """A link at n instants: its root at the joint, its sections from where it begins to bend, its tip at the next joint."""
+    """A link at n instants: root at the joint, sections from where it begins to bend, tip at the next joint."""
 
     root: Frame
     sections: list[Frame]
@@ -40,8 +40,8 @@ class LinkMotion(NamedTuple):
 
 
 def _vertex(q: Array, v: Array, i: int) -> Frame:
-    A = Rotation.from_rotvec(q[:, i + 3 : i + AXES])
-    return Frame(q[:, i : i + 3], A, v[:, i : i + 3], A.apply(v[:, i + 3 : i + AXES]))
+    A = matrices(q[:, i + 3 : i + AXES])
+    return Frame(q[:, i : i + 3], A, v[:, i : i + 3], turned(A, v[:, i + 3 : i + AXES]))
 
 
 def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMotion]:
@@ -51,8 +51,8 @@ def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMoti
         before, beyond = levers(arm, k)
         joint = at.beyond(before)
         axis = axis_of(arm, k)
-        A = joint.A * Rotation.from_matrix(mount_of(arm, k)) * Rotation.from_rotvec(q[:, i, None] * axis)
-        root = Frame(joint.r, A, joint.v, joint.w + A.apply(axis) * v[:, i, None])
+        A = joint.A @ mount_of(arm, k) @ matrices(q[:, i, None] * axis)
+        root = Frame(joint.r, A, joint.v, joint.w + turned(A, axis) * v[:, i, None])
         i += 1
         count = count_elements(link, settings)
         sections = [root.beyond(beyond)]
@@ -62,12 +62,6 @@ def links(arm: Arm, settings: Settings, q: Array, v: Array) -> Iterator[LinkMoti
         yield LinkMotion(root, sections, at.beyond(tip_lever(link)))
 
 
-def scalar_first(A: Rotation) -> Array:
-    """Quaternions (n, 4), w >= 0 first."""
-    found = np.roll(A.as_quat(), 1, axis=1)
-    return np.asarray(np.where(found[:, :1] < 0.0, -found, found))
-
-
 def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
     """Fields of a `SpatialTrajectory` from states (n, rows)."""
     found = list(links(arm, settings, q, v))
@@ -75,20 +69,20 @@ def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
     deflection, twist, shapes = np.zeros((n, N, 2)), np.zeros((n, N)), [found[0].root.r]
     for k, (link, motion) in enumerate(zip(arm.links, found, strict=True)):
         bow = link.place(link.length + link.tip_offset).imag if link.curved else 0.0
-        inner = motion.root.A.inv().apply(motion.tip.r - motion.root.r)
+        inner = back(motion.root.A, motion.tip.r - motion.root.r)
         if link.span > 0.0 and not link.rigid:
             deflection[:, k] = (inner[:, 1:] - [bow, 0.0]) / link.span
-        twist[:, k] = (motion.root.A.inv() * motion.tip.A).as_rotvec()[:, 0]
+        twist[:, k] = vectors(np.swapaxes(motion.root.A, 1, 2) @ motion.tip.A)[:, 0]
         shapes += [frame.r for frame in motion.sections] + [motion.tip.r]
     tip, rows = found[-1].tip, _joint_rows(arm, settings)
     return {
-        "start": found[0].root.r, "tip": tip.r, "tip_rotation": scalar_first(tip.A),
+        "start": found[0].root.r, "tip": tip.r, "tip_rotation": quaternions(tip.A),
         "tip_velocity": np.hstack([tip.v, tip.w]),
         "hinges": np.stack([m.root.r for m in found[1:]], axis=1) if N > 1 else np.zeros((n, 0, 3)),
         "joint_angles": q[:, rows], "joint_rates": v[:, rows], "motor_angles": q[:, rows], "motor_rates": v[:, rows],
         "tip_deflection": deflection, "twist": twist, "shapes": np.stack(shapes, axis=1),
         "link_rotations": np.stack(
-            [np.stack([scalar_first(m.root.A), scalar_first(m.tip.A)], axis=1) for m in found], axis=1
+            [np.stack([quaternions(m.root.A), quaternions(m.tip.A)], axis=1) for m in found], axis=1
         ),
     }  # fmt: skip
 

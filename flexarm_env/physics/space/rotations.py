@@ -1,7 +1,7 @@
 """Vectors, 3 x 3 matrices and rotations of one arm or of lanes: tuples, so that they stay in registers.
 
-A vector is a tuple of three, a matrix a tuple of three rows, a quaternion (w, x, y, z) of length 1. A rotation vector psi
-stands for exp(psi^), psi^ b = psi x b; coordinates are such vectors, and they are moved by increments in body axes:
+A vector is a tuple of three, a matrix a tuple of three rows, a quaternion (w, x, y, z) of length 1. A rotation vector
+psi stands for exp(psi^), psi^ b = psi x b; coordinates are such vectors, and they are moved by increments in body axes:
 exp(psi^) exp(d^) (Bruels & Cardona 2010). p and -p are the same rotation.
 """
 

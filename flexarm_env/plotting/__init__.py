@@ -9,74 +9,29 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from flexarm_env.comparison import common_instants
 from flexarm_env.view.clip import cuts_of
 from flexarm_env.view.sources import shapes_of
 
+from .space import film_in_space, plot_in_space
+from .style import COLORS, FAINT, INK, draw_energies, legend_above, mark_kinks, shade, styled_figure
+
 if TYPE_CHECKING:
     from flexarm_env.trajectory import Trajectory
 
+__all__ = [
+    "COLORS", "FAINT", "INK", "film_in_space", "plot_all", "plot_comparison", "plot_energies", "plot_spectrum",
+    "plot_trajectory", "spectrum", "styled_figure",
+]  # fmt: skip
+
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
-
-COLORS = ("#1f5fa8", "#d1591b", "#2a8a57", "#8a4fa8", "#b8860b", "#4c4c4c")
-INK, FAINT = "#222222", "#9a9a9a"
-_TIME = LinearSegmentedColormap.from_list("flexarm_time", ["#a9c6e8", "#1f5fa8", "#0b2545"])
-
-_STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.0,
-    "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#555555",
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.8,
-    "axes.grid": True,
-    "grid.color": "#e6e6e6",
-    "grid.linewidth": 0.6,
-    "xtick.color": "#555555",
-    "ytick.color": "#555555",
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "legend.frameon": False,
-    "lines.linewidth": 1.4,
-    "savefig.dpi": 150,
-    "svg.hashsalt": "flexarm_env",  # the same figure gives the same file
-}
-
-
-@contextmanager
-def styled_figure(path: str | os.PathLike[str], width: float, height: float, title: str = "") -> Iterator[Figure]:
-    """A figure, width by height inches, in the house's style, for `with`; written whole to `path` at its end."""
-    file = Path(path)
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
-        if title:
-            figure.suptitle(title, x=0.01, ha="left", fontsize=10.5, color=INK)
-        yield figure
-        file.parent.mkdir(parents=True, exist_ok=True)
-        part = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
-        try:
-            figure.savefig(part)
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
 
 
 def plot_trajectory(
@@ -99,6 +54,8 @@ def plot_trajectory(
     Raises:
         ValueError: the file's ending is not one that matplotlib writes.
     """
+    if trajectory.scene.spatial:
+        return plot_in_space(trajectory, path, shapes, _title(trajectory, title))
     stages = _stages(trajectory)
     factors = [1.0, *(_larger(trajectory, chosen) for chosen in stages[1:])]
     extents = [_extent(trajectory.shapes[chosen]) for chosen in stages]
@@ -114,7 +71,7 @@ def plot_trajectory(
         deflection = figure.add_subplot(grid[0, -1])
         energy = figure.add_subplot(grid[1, -1], sharex=deflection)
         _draw_deflection(deflection, trajectory)
-        _draw_energies(energy, trajectory)
+        draw_energies(energy, trajectory)
         deflection.tick_params(labelbottom=False)
     return Path(path)
 
@@ -172,11 +129,11 @@ def plot_energies(trajectory: Trajectory, path: str | os.PathLike[str], title: s
     """Energies, and below them the balance: energy that appeared from nowhere (J); as `plot_trajectory`."""
     with styled_figure(path, 7.0, 5.0, _title(trajectory, title)) as figure:
         energy, balance = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [2.2, 1.0]})
-        _draw_energies(energy, trajectory)
+        draw_energies(energy, trajectory)
         energy.set_xlabel("")
         balance.plot(trajectory.t, trajectory.balance, color=COLORS[5], lw=1.1)
         balance.set(title="change of energy + dissipated - work (J)", xlabel="t (s)")
-        _mark_kinks(balance, trajectory)
+        mark_kinks(balance, trajectory)
     return Path(path)
 
 
@@ -319,7 +276,7 @@ def _draw_shapes(
         )  # fmt: skip
         axes.legend(loc="best", handletextpad=0.2)
     for i in range(len(frames)):
-        color = _shade(i, len(frames))
+        color = shade(i, len(frames))
         axes.plot(*shapes[i].T, color=color, lw=1.7, solid_capstyle="round", zorder=3 + i)
         for hinge in shapes[i, list(cuts[1:-1])]:
             axes.plot(*hinge, "o", color="white", mec=color, mew=1.1, ms=4.0, zorder=4 + i)
@@ -350,7 +307,7 @@ def _label_times(axes: Any, shapes: Array, times: Array, free: bool, size: tuple
             continue
         taken = np.vstack([taken, places[best]])
         axes.text(
-            *places[best], f"{times[i]:.3g}", fontsize=7.5, color=_shade(i, len(shapes), 0.4), ha="center", va="center",
+            *places[best], f"{times[i]:.3g}", fontsize=7.5, color=shade(i, len(shapes), 0.4), ha="center", va="center",
             zorder=50, bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8},
         )  # fmt: skip
 
@@ -367,49 +324,15 @@ def _label_places(points: Array, gap: float, both_ends: bool) -> Iterator[Array]
             yield end + direction * gap * np.array([1.25, 0.9])
 
 
-def _shade(i: int, count: int, start: float = 0.0) -> Any:
-    """Colour of shape i of `count`: later is darker."""
-    return _TIME(start + (1.0 - start) * i / max(1, count - 1))
-
-
-def _mark_kinks(axes: Any, trajectory: Trajectory) -> None:
-    """A fine line at each instant at which a drive jumps, where there are few."""
-    kinks = [t for t in trajectory.scene.kinks if t < trajectory.t[-1]]
-    if len(kinks) <= 8:
-        for t in kinks:
-            axes.axvline(t, color=FAINT, lw=0.8, ls=":", zorder=0)
-
-
 def _draw_deflection(axes: Any, trajectory: Trajectory) -> None:
     n_links = trajectory.tip_deflection.shape[1]
     for k, bend in enumerate(trajectory.tip_deflection.T):
         axes.plot(trajectory.t, bend, color=COLORS[k % len(COLORS)], label=f"link {k + 1}")
     axes.axhline(0.0, color=FAINT, lw=0.7, zorder=0)
     axes.set(title="tip deflection / link length")
-    _mark_kinks(axes, trajectory)
+    mark_kinks(axes, trajectory)
     if n_links > 1:
-        _legend_above(axes, n_links)
-
-
-def _draw_energies(axes: Any, trajectory: Trajectory) -> None:
-    parts = {"kinetic": trajectory.kinetic, "strain": trajectory.strain_energy}
-    if np.any(trajectory.gravity != 0.0):
-        parts["gravity"] = trajectory.gravity
-    for color, (label, values) in zip(COLORS, parts.items(), strict=False):
-        axes.plot(trajectory.t, values, color=color, lw=1.1, label=label)
-    axes.plot(trajectory.t, trajectory.energy, color=INK, lw=1.6, label="total")
-    axes.set(title="energy (J)", xlabel="t (s)")
-    axes.margins(x=0.01)
-    _mark_kinks(axes, trajectory)
-    _legend_above(axes, len(parts) + 1)
-
-
-def _legend_above(axes: Any, columns: int) -> None:
-    """A legend on the title's line, at the right, where it covers nothing."""
-    axes.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=columns, borderaxespad=0.0, handlelength=1.3,
-        columnspacing=1.0, handletextpad=0.5,
-    )  # fmt: skip
+        legend_above(axes, n_links)
 
 
 def _floor(axes: Any) -> None:

@@ -1,0 +1,198 @@
+"""Arms in space against known answers, what a step costs, and what a model of pitch alone leaves out of `three_dof`.
+
+python -m benchmarks.space [--out FOLDER] [--page]; figures to docs/figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+import flexarm_env as fx
+from benchmarks import pages
+from benchmarks.machine import DOCS, table
+from flexarm_env import arms, scenes
+from flexarm_env.linear import modes, static_equilibrium
+from flexarm_env.physics.space.reading import tips
+from flexarm_env.plotting import film_in_space, plot_trajectory
+from flexarm_env.simulation import Simulation
+from flexarm_env.time_functions import constant, cycloid
+
+Found = dict[str, Any]
+
+
+def section(EI: float, GJ: float, EI_y: float | None = None, stiff: float = 1e8, J: float = 1e-7) -> fx.Section:
+    """One whose stretch and shear hardly count."""
+    bend = EI if EI_y is None else EI_y
+    return fx.Section(EI=EI, EA=stiff, C=stiff, m=1.0, J=J, EI_y=bend, C_y=stiff, J_y=J, GJ=GJ)
+
+
+def rest(arm: fx.Arm, elements: int, *loads: fx.PointLoad) -> Any:
+    """Where the tip of a clamped arm rests."""
+    scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
+    found = Simulation(scene, scene.settings(elements=elements))
+    return tips(arm, found.settings, found.system.q0[None])[0]
+
+
+def known_answers() -> list[list[Any]]:
+    """Rows: case, known, found, elements."""
+    rows: list[list[Any]] = []
+    start = 100.0 * np.array([math.sqrt(0.5), 1.0 - math.sqrt(0.5), 0.0])
+    for GJ, known in ((8.3333e5, (-23.56065, -13.60467, 53.47554)), (7.029e5, (-23.8191, -13.7316, 53.6080))):
+        s = fx.Section(EI=8.3333e5, EA=1e7, C=4.16667e6, m=1.0, J=1.0, EI_y=8.3333e5, C_y=4.16667e6, J_y=1.0, GJ=GJ)
+        arm = fx.Arm("bend", (fx.Link(25.0 * math.pi, s, curvature=0.01),))
+        coarse, fine = (rest(arm, n, fx.PointLoad(0, "tip", force_z=constant(600.0))) - start for n in (16, 32))
+        for what, found, n in (("", fine, "32"), (", extrapolated", (4.0 * fine - coarse) / 3.0, "16, 32")):
+            case = f"45° bend, GJ = {GJ:.5g}: tip's displacement{what}"
+            rows.append([case, *(" ".join(f"{x:.4f}" for x in v) for v in (known, found)), n])
+    rod = fx.Arm("rod", (fx.Link(1.0, section(2.0, 1.0)),))
+    whole = fx.PointLoad(0, "tip", torque_y=constant(4.0 * math.pi))
+    closed = np.abs(rest(rod, 6, whole)).max()
+    rows.append(["pure moment 2π EI/L: tip's distance from the root", "0", f"{closed:.0e}", 6])
+    round_rod, M = fx.Arm("rod", (fx.Link(1.0, section(2.0, 2.0, stiff=1e9)),)), np.array([3.0, 2.0, 6.0])
+    s, w = np.polynomial.legendre.leggauss(40)
+    kappa = M / 2.0
+    size = np.linalg.norm(kappa)
+    angle = 0.5 * (1.0 + s) * size
+    e, axis = np.array([1.0, 0.0, 0.0]), kappa / size
+    turned = np.outer(np.cos(angle), e) + np.outer(np.sin(angle), np.cross(axis, e))
+    exact = 0.5 * w @ (turned + np.outer(1.0 - np.cos(angle), axis * axis[0]))
+    load = fx.PointLoad(0, "tip", torque_x=constant(3.0), torque_y=constant(2.0), torque=constant(6.0))
+    for n in (4, 8, 16):
+        apart = np.abs(rest(round_rod, n, load) - exact).max()
+        rows.append(["helix under an end moment of 7 N m, EI = GJ = 2, L = 1: tip off", "0", f"{apart:.1e}", n])
+    rows.append(["lateral-torsional buckling, P L²/√(EI_w GJ)", "4.0126", f"{buckling():.4f}", 16])
+    strip = fx.Arm("strip", (fx.Link(0.5, fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)),))
+    scene = fx.Scene("strip", strip, duration=1.0, dt=1e-3, space=True)
+    found = modes(scene, 8, elements=12, clamped=True).frequencies / (2.0 * math.pi)
+    hertzes = {"flap": 6.5147, "flap 2": 40.824, "flap 3": 114.297, "torsion": 123.370, "lateral": 161.59}
+    for name, hertz in hertzes.items():
+        near = found[np.abs(found / hertz - 1.0).argmin()]
+        rows.append([f"strip 0.5 × 0.05 × 0.002 m, {name}, Hz", f"{hertz:.5g}", f"{near:.6g}", 12])
+    blade = fx.Scene("blade", fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0)),)), duration=1.0, dt=1e-3, space=True)
+    for spin, flap in ((0.0, 3.51602), (1.0, 3.68165), (2.0, 4.13732), (6.0, 7.36037), (12.0, 13.17014)):
+        pair = modes(blade, 2, elements=12, clamped=True, spin=spin).frequencies
+        known_pair = math.sqrt(flap**2 - spin**2), flap
+        case = f"rotating cantilever, Ω = {spin:g}: lag, flap"
+        rows.append([case, *(" ".join(f"{x:.5f}" for x in v) for v in (known_pair, pair)), 12])
+    return rows
+
+
+def buckling() -> float:
+    """P L^2 / sqrt(EI_w GJ) at which the lowest squared frequency vanishes, between two loads near it."""
+
+    def smallest(P: float) -> float:
+        arm = fx.Arm("blade", (fx.Link(1.0, section(1e5, 1.0, EI_y=1.0, stiff=1e9, J=1e-3)),))
+        load = fx.PointLoad(0, "tip", force_y=constant(-P))
+        scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
+        return static_equilibrium(scene, elements=16, require_stable=False).stability.smallest
+
+    low, high = smallest(3.95), smallest(4.05)
+    return 3.95 + 0.1 * low / (low - high)
+
+
+def beside_the_plane() -> list[list[Any]]:
+    """Rows: scene, elements, error of the tip in space and in the plane (fractions of L), ratio of the times."""
+    slender = fx.Arm("arm", (fx.Link(1.0, section(10.0, 5.0, stiff=1e7)),), payload=fx.Payload(0.2))
+    motion = fx.Motion("joint0", cycloid(3.0, 0.5))
+    turn = fx.Scene("turn", slender, duration=1.0, dt=1e-3, sample=0.05, motions=(motion,))
+    names = ("robot_arm_motion_smooth", "two_link_motion", "two_link_free_flight", "spin_up")
+    rows = []
+    for scene in (turn, *map(_with_torsion, names)):
+        options: dict[str, Any] = {"estimate_error": False}
+        fine = fx.simulate(scene, "geometrically_exact", elements=20, order=3, **options).tip[:, :2]
+        for n in (4, 8, 16):
+            runs = [
+                min((fx.simulate(one, "geometrically_exact", elements=n, **options) for _ in range(3)),
+                    key=lambda run: run.cpu_seconds)
+                for one in (scene, dataclasses.replace(scene, space=True))
+            ]  # fmt: skip
+            plane, space = (float(np.abs(run.tip[:, :2] - fine).max()) / scene.arm.total_length for run in runs)
+            ratio = runs[1].cpu_seconds / runs[0].cpu_seconds
+            rows.append([scene.name, n, f"{space:.1e}", f"{plane:.1e}", f"{ratio:.1f}"])
+    return rows
+
+
+def _with_torsion(name: str) -> fx.Scene:
+    """A named scene with sections that could leave the plane."""
+    scene = scenes.named(name)
+    links = []
+    for link in scene.arm.links:
+        s = link.section
+        assert isinstance(s, fx.Section)
+        links.append(dataclasses.replace(link, section=dataclasses.replace(s, EI_y=s.EI, C_y=s.C, J_y=s.J, GJ=s.EI)))
+    return dataclasses.replace(scene, arm=dataclasses.replace(scene.arm, links=tuple(links)), solver=())
+
+
+def omission() -> Found:
+    """`three_dof_slew` with all it has; without torsion; without lateral bending; with pitch bending alone."""
+    scene, found = scenes.named("three_dof_slew"), {}
+    arm = arms.named("three_dof")
+    yaws, paths = {}, {}
+    for name, factors in {
+        "all": {}, "torsion 1e4 times as stiff": {"GJ": 1e4}, "lateral bending 1e4 times as stiff": {"EI_y": 1e4},
+        "pitch bending alone": {"GJ": 1e4, "EI_y": 1e4},
+    }.items():  # fmt: skip
+        links = []
+        for link in arm.links:
+            if not link.rigid:
+                s = link.section
+                assert isinstance(s, fx.Section)
+                stiffer = dataclasses.replace(s, **{k: getattr(s, k) * f for k, f in factors.items()})
+                link = dataclasses.replace(link, section=stiffer)
+            links.append(link)
+        own = dataclasses.replace(scene, arm=dataclasses.replace(arm, links=tuple(links)))
+        run = fx.simulate(own, elements=8, dt=2e-4, sample=2e-3, estimate_error=False)
+        yaw = run.joint_angles[:, 0]
+        out = np.abs(np.cos(yaw) * run.tip[:, 1] - np.sin(yaw) * run.tip[:, 0])
+        after = run.t >= 0.2
+        yaws[name], paths[name] = yaw, run.tip
+        found[name] = {
+            "yaw": float(np.abs(yaw).max()), "out": float(out.max()), "at": float(run.t[out.argmax()]),
+            "after": float(out[after].max()), "twist": float(np.degrees(np.abs(run.twist).max())),
+            "tips": float(np.linalg.norm(run.tip - paths["all"], axis=1).max()),
+            "yaws": float(np.abs(yaw - yaws["all"]).max()),
+        }  # fmt: skip
+    bent = fx.Scene("t", arm, duration=1.0, dt=1e-3, angles=(0.0, math.pi / 2, -math.pi / 2))
+    found["modes"] = (modes(bent, 5, elements=12, clamped=(0, 1, 2)).frequencies / (2.0 * math.pi)).tolist()
+    return found
+
+
+def measure(_: argparse.Namespace) -> Found:
+    """All of it, and the figures."""
+    figures = DOCS / "figures"
+    for name in ("three_dof_slew", "right_angle_frame"):
+        plot_trajectory(fx.simulate(scenes.named(name), estimate_error=False), figures / f"{name}.png")
+    film = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False, sample=0.01)
+    film_in_space(film, figures / "three_dof_slew.gif", fps=20, slower=3.0)
+    return {
+        "known": known_answers(), "plane": beside_the_plane(), "omission": omission()
+    }
+
+
+def blocks(found: Found) -> pages.Blocks:
+    """Tables of the page."""
+    cases = {k: v for k, v in found["omission"].items() if k != "modes"}
+    heads = (
+        "model | largest yaw, rad | tip out of the arm's plane, m | at, s | after the torque, m | largest twist, ° | "
+        "tip from that of the first row, m | yaw from that, rad"
+    )
+    rows = [[name, *(f"{v[k]:.3f}" for k in ("yaw", "out", "at", "after")), f"{v['twist']:.1f}",
+             *(f"{v[k]:.3f}" for k in ("tips", "yaws"))] for name, v in cases.items()]  # fmt: skip
+    return {
+        "KNOWN": table("case | known | found | elements a link", found["known"]),
+        "PLANE": table(
+            "scene | elements a link | error in space | error in the plane | time of a run, over the plane's",
+            found["plane"],
+        ),
+        "OMISSION": table(heads, rows),
+        "MODES": ["Modes, Hz: " + ", ".join(f"{x:.2f}" for x in found["omission"]["modes"]) + "."],
+    }
+
+
+if __name__ == "__main__":
+    pages.run("space", __doc__, measure, blocks)

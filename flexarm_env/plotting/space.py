@@ -1,0 +1,107 @@
+"""Figures of runs in space: shapes in perspective over a ground with shadows, deflections and twist, energies."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .style import COLORS, FAINT, INK, draw_energies, mark_kinks, shade, styled_figure
+
+
+def plot_in_space(trajectory: Any, path: str | os.PathLike[str], shapes: int, title: str) -> Path:
+    """What `plotting.plot_trajectory` draws of a run in space."""
+    with styled_figure(path, 12.0, 5.6, title) as figure:
+        grid = figure.add_gridspec(3, 2, width_ratios=[6.6, 4.6])
+        axes: Any = figure.add_subplot(grid[:, 0], projection="3d")
+        _draw_shapes(axes, trajectory, shapes)
+        deflection = figure.add_subplot(grid[0, 1])
+        twist = figure.add_subplot(grid[1, 1], sharex=deflection)
+        energy = figure.add_subplot(grid[2, 1], sharex=deflection)
+        for k, link in enumerate(trajectory.scene.arm.links):
+            if link.rigid:
+                continue
+            color, name = COLORS[k % len(COLORS)], f"link {k}"
+            deflection.plot(trajectory.t, trajectory.tip_deflection[:, k, 0], color=color, label=f"{name}, along y")
+            deflection.plot(trajectory.t, trajectory.tip_deflection[:, k, 1], color=color, ls="--", label="along z")
+            twist.plot(trajectory.t, np.degrees(trajectory.twist[:, k]), color=color, label=name)
+        deflection.set(title="tip deflection / link length")
+        twist.set(title="twist of the tip against the root (degrees)")
+        for panel in (deflection, twist):
+            panel.legend(loc="best", ncols=2)
+            mark_kinks(panel, trajectory)
+            panel.tick_params(labelbottom=False)
+        draw_energies(energy, trajectory)
+    return Path(path)
+
+
+def film_in_space(trajectory: Any, path: str | os.PathLike[str], fps: int = 25, slower: float = 1.0) -> Path:
+    """A film (.gif) of a run in space: the arm, its shadow and the path of its tip up to then.
+
+    Args:
+        trajectory: a `SpatialTrajectory`. path: the file to write. fps: pictures a second. slower: seconds of film for
+            one of the run.
+    Returns:
+        The path.
+    """
+    from matplotlib.animation import FuncAnimation, PillowWriter
+
+    span = float(trajectory.t[-1] - trajectory.t[0])
+    instants = trajectory.t[0] + np.linspace(0.0, span, max(2, round(span * slower * fps)))
+    frames = np.unique(np.abs(trajectory.t[:, None] - instants).argmin(axis=0))
+    with styled_figure(Path(path).with_name(f"{Path(path).stem}_film.png"), 6.4, 5.6, trajectory.scene.name) as figure:
+        axes: Any = figure.add_subplot(projection="3d")
+
+        def draw(k: int) -> None:
+            axes.clear()
+            ground = _frame(axes, trajectory)
+            x, y, z = trajectory.shapes[k].T
+            axes.plot(x, y, np.full(len(x), ground), color=FAINT, lw=1.6, alpha=0.5)
+            axes.plot(x, y, z, color=COLORS[0], lw=3.0, solid_capstyle="round")
+            joints = np.vstack([trajectory.start[k], trajectory.hinges[k]])
+            axes.plot(*joints.T, "o", color=INK, ms=4.0)
+            axes.plot(*trajectory.tip[: k + 1].T, color=COLORS[1], lw=0.9)
+            axes.set_title(f"{trajectory.t[k]:.2f} s")
+
+        animation = FuncAnimation(figure, draw, frames=frames.tolist())
+        animation.save(os.fspath(path), writer=PillowWriter(fps=fps))
+        draw(int(frames[len(frames) // 5]))  # the picture beside the film
+    return Path(path)
+
+
+def _frame(axes: Any, trajectory: Any) -> float:
+    """Axes that hold all of a run; where the ground is."""
+    points = trajectory.shapes.reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = 0.55 * max(float((high - low).max()), 1e-9)
+    middle = 0.5 * (low + high)
+    ground = min(float(low[2]), 0.0)
+    top = ground + 2.0 * half if high[2] - ground <= 2.0 * half else float(high[2])
+    axes.set(
+        xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), zlim=(ground, top),
+        xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
+    )  # fmt: skip
+    axes.set_box_aspect((1.0, 1.0, (top - ground) / (2.0 * half)))
+    axes.view_init(elev=22.0, azim=-52.0)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
+        axis._axinfo["grid"].update(color="#e2e2e2", linewidth=0.5)
+    return ground
+
+
+def _draw_shapes(axes: Any, trajectory: Any, count: int) -> None:
+    """Shapes at even times, darker later, their shadows on the ground, and the path of the tip."""
+    points = trajectory.shapes
+    ground = _frame(axes, trajectory)
+    chosen = np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))
+    for i, k in enumerate(chosen.tolist()):
+        x, y, z = points[k].T
+        axes.plot(x, y, np.full(len(x), ground), color=FAINT, lw=0.8, alpha=0.35)
+        axes.plot(x, y, z, color=shade(i, len(chosen)), lw=2.0)
+    axes.plot(*trajectory.tip.T, color=COLORS[1], lw=0.9, alpha=0.9)
+    label: Any = {"fontsize": 8, "color": INK}
+    for k in (chosen[0], chosen[-1]):
+        axes.text(*trajectory.tip[k], f" {trajectory.t[k]:.3g} s", **label)
+    axes.set_title(f"shapes, {trajectory.t[0]:g} to {trajectory.t[-1]:g} s, and the path of the tip")

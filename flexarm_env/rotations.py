@@ -1,0 +1,67 @@
+"""Rotations in NumPy: rotation vectors, matrices and quaternions, many at once along the leading axes.
+
+A matrix turns body axes to those that stand still. exp(psi^) is the matrix of the rotation vector psi.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def skew(a: Any) -> Array:
+    """a^, the matrix of b -> a x b, (..., 3, 3) of (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(a, np.float64), -1, 0)
+    zero = np.zeros_like(x)
+    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def matrices(psi: Any) -> Array:
+    """exp(psi^), (..., 3, 3) of (..., 3) rad."""
+    psi = np.asarray(psi, np.float64)
+    angle = np.sqrt((psi**2).sum(axis=-1))[..., None, None]
+    hat = skew(psi)
+    half = np.sinc(angle / (2.0 * np.pi))  # sin(a/2) / (a/2)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * hat + 0.5 * half**2 * hat @ hat)
+
+
+def quaternions(A: Any) -> Array:
+    """(..., 4): w >= 0 first, of matrices (..., 3, 3)."""
+    A = np.asarray(A, np.float64)
+    trace = A[..., 0, 0] + A[..., 1, 1] + A[..., 2, 2]
+    # four times the products of the quaternion's entries; the row of its largest entry has no round-off
+    products = np.empty((*A.shape[:-2], 4, 4))
+    products[..., 0, 0] = 1.0 + trace
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        products[..., 0, i + 1] = products[..., i + 1, 0] = A[..., k, j] - A[..., j, k]
+        products[..., i + 1, i + 1] = 1.0 - trace + 2.0 * A[..., i, i]
+        products[..., i + 1, j + 1] = products[..., j + 1, i + 1] = A[..., i, j] + A[..., j, i]
+    largest = np.argmax(np.einsum("...ii->...i", products), axis=-1)
+    row = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    row = row / np.sqrt((row**2).sum(axis=-1))[..., None]
+    return np.asarray(np.where(row[..., :1] < 0.0, -row, row))
+
+
+def vectors(A: Any) -> Array:
+    """Rotation vectors of at most pi, (..., 3) rad, of matrices (..., 3, 3)."""
+    p = quaternions(A)
+    sine = np.sqrt((p[..., 1:] ** 2).sum(axis=-1))
+    angle = 2.0 * np.arctan2(sine, p[..., 0])
+    share = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0)
+    return np.asarray(p[..., 1:] * share[..., None])
+
+
+def turned(A: Array, b: Any) -> Array:
+    """A b, along the leading axes of both."""
+    return np.asarray((A @ np.asarray(b, np.float64)[..., None])[..., 0])
+
+
+def back(A: Array, b: Any) -> Array:
+    """The transpose of A times b."""
+    return turned(np.swapaxes(A, -1, -2), b)

@@ -1,0 +1,500 @@
+"""Arms in space against known answers, the energy they are derived from, and the planar kernels."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import flexarm_env as fx
+from flexarm_env import arms, scenes
+from flexarm_env.compiler import SINGLE, kernel, uncompiled
+from flexarm_env.linear import linearize, modes, static_equilibrium
+from flexarm_env.linear.space import stability_of
+from flexarm_env.physics import assembly, protocol
+from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
+from flexarm_env.physics.space.reading import tips
+from flexarm_env.sections import torsion_constant
+from flexarm_env.simulation import Simulation
+from flexarm_env.spatial import SpatialTrajectory
+from flexarm_env.time_functions import constant, cycloid, pulse
+
+Array = NDArray[np.float64]
+
+
+def section(
+    EI: float, GJ: float, EI_y: float | None = None, stiff: float = 1e6, m: float = 1.0, J: float = 1e-6
+) -> Any:
+    """A section whose stretch and shear hardly count."""
+    EI_y = EI if EI_y is None else EI_y
+    return fx.Section(EI=EI, EA=stiff, C=stiff, m=m, J=J, EI_y=EI_y, C_y=stiff, J_y=J, GJ=GJ)
+
+
+def rest(arm: fx.Arm, elements: int, *loads: fx.PointLoad) -> Array:
+    """Where the tip of a clamped arm is at rest."""
+    scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
+    simulation = Simulation(scene, scene.settings(elements=elements))
+    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0])
+
+
+# ------------------------------------------------------------------ principles
+@kernel
+def _residual(lane, model, par, state, u, r, S):  # type: ignore[no-untyped-def]
+    protocol.assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
+
+
+@kernel
+def _energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+    return protocol.energy(lane, model, par, q, v)
+
+
+@kernel
+def _factored(lane, model, par, state, u, weights, r, S):  # type: ignore[no-untyped-def]
+    protocol.assemble(lane, model, par, state, u, weights, r, S)
+    for i in range(model.fixed.shape[0]):
+        protocol.pin(lane, model, S, model.fixed[i])
+    protocol.factor(lane, model, S)
+
+
+@kernel
+def _solved(lane, model, S, x):  # type: ignore[no-untyped-def]
+    protocol.solve(lane, model, S, x)
+
+
+class Drawn:
+    """A chain with oblique hinges, tensors, offsets, in a drawn state; with `levers` rigid ends and a rigid link."""
+
+    def __init__(self, levers: bool, bent: float, moving: float) -> None:
+        def tensor(*own: float) -> Any:
+            return tuple(map(tuple, np.diag(own)))
+
+        s = fx.Section(EI=10.0, EA=1e4, C=4e3, m=0.5, J=1e-3, EI_y=20.0, C_y=4e3, J_y=2e-3, GJ=5.0)
+        links: tuple[fx.Link, ...] = (fx.Link(1.0, s), fx.Link(0.6, s), fx.Link(0.7, s, curvature=0.5))
+        if levers:
+            ends = {"root_offset": 0.05, "tip_offset": 0.08, "tip_mass": 0.1, "tip_inertia": 1e-3, "root_mass": 0.2}
+            rigid = fx.RigidLink(0.2, 1.0, (0.1, 0.02, 0.01), tensor(0.01, 0.02, 0.025))
+            links = (fx.Link(1.0, s, **ends), rigid, links[2])
+        elbows = (
+            fx.Elbow(0.2, 1e-3, tensor(1e-3, 2e-3, 2.5e-3), axis=(0, 1, 1), mount=((0.3, 0.2, 0.5), 0.6)),
+            fx.Elbow(axis=(1, 0, 1)),
+        )
+        payload = fx.Payload(0.3, tensor(1e-3, 2e-3, 2.5e-3), (0.05, 0.02, 0.1))
+        arm = fx.Arm("drawn", links, elbows=elbows, payload=payload)
+        scene = fx.Scene("drawn", arm, duration=1.0, dt=1e-3, gravity=(0, -3, -9), angles=(0.3, 0.4, 0.5))
+        system = assembly.assemble(scene, scene.settings(elements=3))
+        self.model, self.par, self.n = system.model, system.par, int(system.model.n)
+        rng = np.random.default_rng(5)
+        self.q = self.moved(system.q0, rng.normal(size=self.n) * bent)
+        self.v, self.a = rng.normal(size=self.n) * moving, rng.normal(size=self.n) * 10.0 * moving
+        self.rows = np.flatnonzero(self.model.weight > 0.0)
+        self.room = np.zeros(int(self.model.n_factor))
+        self.u = np.zeros(int(self.model.n_inputs))
+
+    def moved(self, q: Array, d: Array) -> Array:
+        q = q.copy()
+        uncompiled(protocol.update)(SINGLE, self.model, q, 1.0, d, None)
+        return q
+
+    def residual(self, q: Array, v: Array, a: Array) -> Array:
+        r = np.zeros(self.n)
+        _residual(SINGLE, self.model, self.par, State(q, v, a), self.u, r, self.room.copy())
+        return r
+
+    def energy(self, q: Array, v: Array) -> Array:
+        return np.array(_energy(SINGLE, self.model, self.par, q, v))
+
+
+@pytest.mark.parametrize("levers", [False, True])
+def test_forces_at_rest_are_the_slope_of_the_energy(levers: bool) -> None:
+    """Virtual work: r = dV/dq by increments of places and rotations, in a state that is bent and twisted by far."""
+    arm = Drawn(levers, 0.1, 0.0)
+    still = np.zeros(arm.n)
+    r, slope = arm.residual(arm.q, still, still), np.zeros(arm.n)
+    for k in arm.rows:
+        d = np.zeros(arm.n)
+        d[k] = 1e-5
+        sides = [arm.energy(arm.moved(arm.q, sign * d), still)[1:].sum() for sign in (1.0, -1.0)]
+        slope[k] = (sides[0] - sides[1]) / 2e-5
+    assert np.abs(slope - r)[arm.rows].max() < 1e-9 * np.abs(slope).max()
+
+
+@pytest.mark.parametrize("levers", [False, True])
+def test_power_of_all_forces_is_the_rate_of_the_energy(levers: bool) -> None:
+    """r . v = d(T + V)/dt in a drawn motion: inertia, gyroscopic moments and centrifugal forces of all bodies."""
+    arm, h = Drawn(levers, 0.1, 1.0), 1e-5
+
+    def energy(t: float) -> float:
+        return float(arm.energy(arm.moved(arm.q, t * arm.v + 0.5 * t * t * arm.a), arm.v + t * arm.a).sum())
+
+    power = float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum())
+    assert (energy(h) - energy(-h)) / (2.0 * h) == pytest.approx(power, rel=1e-6)
+
+
+@pytest.mark.parametrize("levers", [False, True])
+@pytest.mark.parametrize(("bent", "moving", "most"), [(0.0, 0.0, 1e-6), (1e-3, 0.1, 1e-3), (0.01, 0.3, 0.05)])
+def test_the_iteration_matrix_is_the_derivative(levers: bool, bent: float, moving: float, most: float) -> None:
+    """Newton's contraction |S^-1 dr - 1|: nothing in the state without stress, little near it."""
+    arm, weights = Drawn(levers, bent, moving), Weights(1e4, 1e2, 1.0)
+    rows = np.array([k for k in arm.rows if k not in arm.model.fixed])
+    S, columns = arm.room.copy(), np.zeros((arm.n, arm.n))
+    _factored(SINGLE, arm.model, arm.par, State(arm.q, arm.v, arm.a), arm.u, weights, np.zeros(arm.n), S)
+    for k in rows:
+        d, total = np.zeros(arm.n), np.zeros(arm.n)
+        d[k] = 1e-6
+        for sign in (1.0, -1.0):
+            at = arm.q, arm.v, arm.a
+            parts = (
+                (weights.stiffness, (arm.moved(arm.q, sign * d), *at[1:])),
+                (weights.damping, (at[0], arm.v + sign * d, at[2])), (weights.mass, (*at[:2], arm.a + sign * d)),
+            )  # fmt: skip
+            total += sum((sign * weight * arm.residual(*state) for weight, state in parts), np.zeros(arm.n)) / 2e-6
+        total[[i for i in range(arm.n) if i not in rows]] = 0.0
+        _solved(SINGLE, arm.model, S, total)
+        columns[:, k] = total
+    apart = columns[np.ix_(rows, rows)] - np.eye(len(rows))
+    assert np.abs(np.linalg.eigvals(apart)).max() < most
+
+
+def test_energy_does_not_see_a_rigid_rotation() -> None:
+    arm, turn = Drawn(False, 0.1, 0.0), Rotation.from_rotvec([0.7, -1.1, 1.5])
+    q = arm.q.copy()
+    names = [i for i in range(arm.n) if i in {0} or ((i - 6) % 19 in (1, 7, 13) and i >= 6)]
+    for i in names:
+        q[i : i + 3] = turn.apply(q[i : i + 3])
+        q[i + 3 : i + 6] = (turn * Rotation.from_rotvec(q[i + 3 : i + 6])).as_rotvec()
+    still = np.zeros(arm.n)
+    assert arm.energy(q, still)[1] == pytest.approx(arm.energy(arm.q, still)[1], rel=1e-12)
+
+
+# ------------------------------------------------------------------ sections
+def test_torsion_constants_of_rectangles() -> None:
+    """Timoshenko & Goodier, table in section 109: k1 of G theta a b^3."""
+    for ratio, k1 in ((1.0, 0.140577), (2.0, 0.228682), (10.0, 0.312325)):
+        assert torsion_constant(ratio, 1.0) == pytest.approx(k1 * ratio, rel=3e-6)
+        assert torsion_constant(1.0, ratio) == torsion_constant(ratio, 1.0)
+    strip = fx.Section.rectangle(0.05, 0.002, 190e9, 7870.0, 74e9)
+    assert (strip.EI, strip.EI_y, strip.GJ) == pytest.approx((6.3333, 3958.3, 9.617), rel=1e-4)
+
+
+def test_circles_and_tubes() -> None:
+    bar, tube = (
+        fx.Section.circle(0.02, 210e9, 7850.0, 81e9),
+        fx.Section.tube(0.02, 0.002, 210e9, 7850.0, 81e9),
+    )
+    assert pytest.approx(81e9 * math.pi * 0.02**4 / 32.0) == bar.GJ
+    assert tube.EI == tube.EI_y == pytest.approx(210e9 * math.pi * (0.02**4 - 0.016**4) / 64.0)
+    assert tube.m == pytest.approx(7850.0 * math.pi * (0.02**2 - 0.016**2) / 4.0)
+
+
+# ------------------------------------------------------------------ statics
+@pytest.mark.parametrize(
+    ("GJ", "known"),
+    [(8.3333e5, (-23.56065, -13.60467, 53.47554)), (0.14058 * 5e6, (-23.8191, -13.7316, 53.6080))],
+)
+def test_bend_of_45_degrees(GJ: float, known: tuple[float, float, float]) -> None:
+    """Bathe & Bolourchi 1979; displacements by shooting on the boundary-value problem, GJ as stated."""
+    s = fx.Section(EI=8.3333e5, EA=1e7, C=4.16667e6, m=1.0, J=1.0, EI_y=8.3333e5, C_y=4.16667e6, J_y=1.0, GJ=GJ)
+    arm = fx.Arm("bend", (fx.Link(25.0 * math.pi, s, curvature=0.01),))
+    start = 100.0 * np.array([math.sqrt(0.5), 1.0 - math.sqrt(0.5), 0.0])
+    coarse, fine = (rest(arm, n, fx.PointLoad(0, "tip", force_z=constant(600.0))) - start for n in (16, 32))
+    assert np.abs(fine - known).max() < 2e-3
+    assert np.abs((4.0 * fine - coarse) / 3.0 - known).max() < 1e-4
+
+
+def test_a_moment_bends_a_rod_to_a_circle_in_any_plane() -> None:
+    arm = fx.Arm("rod", (fx.Link(1.0, section(2.0, 1.0)),))
+    whole = 2.0 * math.pi * 2.0
+    for turn in (0.0, 0.7, math.pi / 2):
+        load = fx.PointLoad(
+            0, "tip", torque=constant(whole * math.cos(turn)), torque_y=constant(whole * math.sin(turn))
+        )
+        assert np.abs(rest(arm, 6, load)).max() < 1e-12
+
+
+def test_a_moment_bends_a_round_rod_to_a_helix() -> None:
+    """EI = GJ: kappa = M / EI, constant in inertial axes; the tip is int exp(s kappa) e_x ds. Fourth order."""
+    arm, M = fx.Arm("rod", (fx.Link(1.0, section(2.0, 2.0, stiff=1e9)),)), np.array([3.0, 2.0, 6.0])
+    s, w = np.polynomial.legendre.leggauss(40)
+    exact = 0.5 * w @ Rotation.from_rotvec(0.25 * (1.0 + s)[:, None] * M).apply([1.0, 0.0, 0.0])
+    load = fx.PointLoad(0, "tip", torque_x=constant(3.0), torque_y=constant(2.0), torque=constant(6.0))
+    errors = [float(np.abs(rest(arm, n, load) - exact).max()) for n in (4, 8, 16)]
+    assert errors[1] < 1e-4
+    assert errors[0] / errors[1] > 14.0 and errors[1] / errors[2] > 14.0
+
+
+def test_lateral_torsional_buckling() -> None:
+    """P L^2 / sqrt(EI_w GJ) = 4.0126 of a cantilever that is stiff in the plane of its load."""
+
+    def smallest(P: float) -> float:
+        s = section(1e5, 1.0, EI_y=1.0, stiff=1e9, J=1e-3)
+        arm, load = fx.Arm("blade", (fx.Link(1.0, s),)), fx.PointLoad(0, "tip", force_y=constant(-P))
+        scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
+        return static_equilibrium(scene, elements=16, require_stable=False).stability.smallest
+
+    low, high = smallest(3.9), smallest(4.1)
+    assert low > 0.0 > high
+    crossed = 3.9 + 0.2 * low / (low - high)
+    assert crossed == pytest.approx(4.0126, rel=2e-3)
+
+
+# ------------------------------------------------------------------ modes
+def test_frequencies_of_a_strip() -> None:
+    """Clamped: flap, lateral, and torsion (2k - 1)/(4L) sqrt(GJ / rho I_p)."""
+    s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
+    scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=1e-3, space=True)
+    found = modes(scene, 8, elements=12, clamped=True).frequencies / (2.0 * math.pi)
+    for known, share in ((6.5147, 1e-4), (40.824, 1e-4), (114.297, 1e-3), (123.370, 1e-3), (161.59, 2e-4)):
+        assert np.abs(found / known - 1.0).min() < share
+
+
+@pytest.mark.parametrize(
+    ("spin", "flap"), [(0.0, 3.51602), (1.0, 3.68165), (2.0, 4.13732), (6.0, 7.36037), (12.0, 13.17014)]
+)
+def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None:
+    arm = fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0, stiff=1e8, J=1e-7)),))
+    scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, space=True)
+    lag = math.sqrt(flap**2 - spin**2)
+    found = modes(scene, 2, elements=12, clamped=True, spin=spin).frequencies
+    assert found == pytest.approx([lag, flap], rel=2e-4)
+
+
+def test_whirl_of_a_shaft_splits_by_its_polar_inertia() -> None:
+    """Spun about its own axis, seen from rest: w+ - w- = J_p Omega int phi'^2 / int m phi^2, to first order."""
+    s = section(1.0, 1.0, m=1.0, J=2e-3)
+    arm, spin = fx.Arm("shaft", (fx.Link(1.0, s),), hub_axis=(1, 0, 0)), 0.2
+    scene = fx.Scene("shaft", arm, duration=1.0, dt=1e-3)
+    found = np.sort(modes(scene, 2, elements=12, clamped=True, spin=spin).frequencies)
+    seen = found[1] - spin, found[0] + spin  # the observer turns
+    x = np.linspace(0.0, 1.0, 4001)
+    beta, sigma = 1.8751040687, 0.7340955138
+    phi = np.cosh(beta * x) - np.cos(beta * x) - sigma * (np.sinh(beta * x) - np.sin(beta * x))
+    slope = beta * (np.sinh(beta * x) + np.sin(beta * x) - sigma * (np.cosh(beta * x) - np.cos(beta * x)))
+    split = 4e-3 * spin * float(np.trapezoid(slope**2, x) / np.trapezoid(phi**2, x))
+    assert abs(seen[0] - seen[1]) == pytest.approx(split, rel=0.02)
+
+
+def test_three_dof_has_a_torsion_mode_between_those_of_pitch() -> None:
+    """Elbow at 90 degrees: pitch 2.12 and 5.76 Hz, and between them the second strip on the first one's torsion."""
+    scene = fx.Scene("t", arms.named("three_dof"), duration=1.0, dt=1e-3, angles=(0.0, math.pi / 2, -math.pi / 2))
+    found = modes(scene, 3, elements=8, clamped=(0, 1, 2)).frequencies / (2.0 * math.pi)
+    assert found == pytest.approx([2.12, 3.84, 5.76], abs=0.01)
+
+
+# ------------------------------------------------------------------ motion
+def test_a_rigid_body_turns_as_euler_has_it() -> None:
+    """A free rigid link about its middle axis, against Euler's equations; the flip is in the time shown."""
+    own = np.array([1.0, 2.0, 3.0])
+    body = fx.RigidLink(1.0, 5.0, (0.0, 0.0, 0.0), tuple(map(tuple, np.diag(own))))  # type: ignore[arg-type]
+    axis = np.array([1e-2, 1.0, 1e-2]) / np.linalg.norm([1e-2, 1.0, 1e-2])
+    arm = fx.Arm("body", (body,), hub_axis=tuple(axis))
+    scene = fx.Scene("body", arm, duration=6.0, dt=1e-3, sample=0.5, root="free", rates=(5.0,))
+    run = fx.simulate(scene, estimate_error=False, rho_inf=1.0)
+
+    def euler(t: float, w: Array) -> Array:
+        return np.cross(own * w, w) / own
+
+    exact = solve_ivp(euler, (0.0, 6.0), 5.0 * axis, t_eval=run.t, rtol=1e-11, atol=1e-12).y.T
+    assert exact[:, 1].min() < -4.0
+    assert np.abs(run.v[:, 3:6] - exact).max() < 5e-3
+    finer = fx.simulate(dataclasses.replace(scene, dt=5e-4), estimate_error=False, rho_inf=1.0)
+    ratio = np.abs(run.v[:, 3:6] - exact).max() / np.abs(finer.v[:, 3:6] - exact).max()
+    assert ratio > 3.5  # second order
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_planar_scene_in_a_drawn_plane_is_the_same_turned(seed: int) -> None:
+    turn = Rotation.random(random_state=seed)
+    s = section(5.0, 2.0, EI_y=9.0)
+    links = (fx.Link(0.6, s), fx.Link(0.5, s))
+    flat: dict[str, Any] = {"elbows": (fx.Elbow(0.2, 1e-3, 1e-3),), "payload": fx.Payload(0.3, 1e-3, (0.05, 0.02))}
+    common: dict[str, Any] = {"duration": 0.4, "dt": 2e-3, "sample": 0.05, "angles": (0.3, 0.8)}
+    g = np.array([0.0, -9.81, 0.0])
+    torque = fx.JointTorque(1, constant(0.7))
+    plane = fx.Scene("flat", fx.Arm("a", links, **flat), gravity=(0.0, -9.81), space=True, loads=(torque,), **common)
+    turned = fx.Arm("a", links, hub_mount=turn.as_matrix(), **flat)
+    common["angles"] = (0.3, 0.5)  # of the joints
+    tilted = fx.Scene("turned", turned, gravity=tuple(turn.apply(g)), loads=(torque,), **common)
+    one, other = (fx.simulate(scene, estimate_error=False, tolerance=1e-12) for scene in (plane, tilted))
+    assert np.abs(turn.apply(one.tip) - other.tip).max() < 1e-9 * 1.1
+    assert np.abs(one.joint_angles - other.joint_angles).max() < 1e-8
+
+
+@pytest.mark.parametrize(("what", "ratio"), [("motion", 12.0), ("flight", 4.0)])
+def test_space_comes_to_the_plane_with_the_mesh(what: str, ratio: float) -> None:
+    """Spatial kernels forced on a planar scene, against the planar exact beam on a fine mesh: fourth order in gross
+    bending; second order at a small size is left in flight."""
+    arm = fx.Arm("arm", (fx.Link(1.0, section(10.0, 5.0, stiff=1e7, m=0.5, J=0.0)),), payload=fx.Payload(0.2))
+    common: dict[str, Any] = {"duration": 1.0, "dt": 1e-3, "sample": 0.05}
+    if what == "motion":
+        scene = fx.Scene("turn", arm, motions=(fx.Motion("joint0", cycloid(3.0, 0.5)),), **common)
+    else:
+        push = fx.PointLoad(0, "root", force_y=pulse(4.0, 0.3))
+        scene = fx.Scene("flight", arm, root="free", loads=(push,), gravity=(0.0, -1.0), **common)
+    options: dict[str, Any] = {"estimate_error": False, "rho_inf": 0.9}
+    known = fx.simulate(scene, "geometrically_exact", elements=16, order=3, **options).tip[:, :2]
+    forced = dataclasses.replace(scene, space=True)
+    errors = [np.abs(fx.simulate(forced, elements=n, **options).tip[:, :2] - known).max() for n in (6, 12)]
+    assert errors[1] < 1e-3
+    assert errors[0] / errors[1] > ratio
+
+
+def momenta(arm: fx.Arm, simulation: Simulation) -> Array:
+    """Linear and angular momentum about the origin, (6,): slopes of the kinetic energy by rigid motions (Noether)."""
+    model, par, w = simulation.model, simulation.par, simulation.work
+    names = simulation.system.names
+    places = [i for i, name in enumerate(names) if name == "root_x" or (name.startswith("link") and ".x" in name)]
+    found = []
+    for turning in (False, True):
+        for axis in np.eye(3):
+            d = np.zeros(len(names))
+            for i in places:
+                A = Rotation.from_rotvec(w.q[i + 3 : i + 6])
+                d[i : i + 3] = np.cross(axis, w.q[i : i + 3]) if turning else axis
+                d[i + 3 : i + 6] = A.inv().apply(axis) if turning else 0.0
+            sides = [_energy(SINGLE, model, par, w.q, w.v + sign * d)[0] for sign in (1.0, -1.0)]
+            found.append(0.5 * (sides[0] - sides[1]))
+    return np.array(found)
+
+
+def test_a_free_arm_keeps_its_momentum() -> None:
+    """Bounded without drift, and of second order in the step; energy likewise, without damping."""
+    arm = dataclasses.replace(arms.named("satellite_arm"), tau_d=0.0)
+    push = fx.PointLoad(1, "tip", **{n: pulse(4.0, 0.1) for n in ("force_y", "force_z")})
+    ripple = []
+    for h in (4e-3, 2e-3):
+        scene = fx.Scene("f", arm, duration=2.0, dt=h, root="free", angles=(0.0, 0.5, -1.0), loads=(push,))
+        simulation = Simulation(scene, scene.settings(elements=3, rho_inf=1.0))
+        simulation.advance_to(0.1 + h)
+        start, energy, apart = momenta(arm, simulation), sum(simulation.observe()[1]), []
+        for t in np.linspace(0.2, 2.0, 10):
+            assert simulation.advance_to(float(t))
+            apart.append(np.abs(momenta(arm, simulation) - start).max() / np.abs(start).max())
+        assert abs(sum(simulation.observe()[1]) - energy) < 0.02 * energy
+        ripple.append((max(apart[:5]), max(apart[5:])))
+    assert max(ripple[0]) < 2e-3
+    assert ripple[0][1] < 2.0 * ripple[0][0]  # no drift
+    assert ripple[0][0] / ripple[1][0] > 3.5
+
+
+def test_books_balance_as_the_step_shrinks() -> None:
+    """Work = energy + dissipated with damping, torques, gravity, a rigid link and moments out of the plane."""
+    arm = arms.named("three_dof")
+    moment = fx.PointLoad(2, "tip", torque_x=constant(0.3), force_z=constant(0.2))
+    torque = fx.JointTorque(0, cycloid(3.0, 0.2))
+    balances = []
+    for h in (1e-3, 5e-4):
+        scene = fx.Scene(
+            "b", arm, duration=0.3, dt=h, sample=0.02, gravity=(0, 0, -9.81), angles=(0.0, 1.2, -0.8),
+            loads=(moment, torque), start="held",
+        )  # fmt: skip
+        run = fx.simulate(scene, estimate_error=False, rho_inf=1.0)
+        balances.append(float(np.abs(run.balance).max() / run.turned_over))
+    assert balances[0] < 1e-3
+    assert balances[0] / balances[1] > 2.0
+
+
+def test_slew_of_three_dof_leaves_the_plane_by_torsion() -> None:
+    """20 N m for 0.1 s each way: the tip leaves the arm's plane by 0.38 m, while a model of pitch alone says 0."""
+    run = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False)
+    yaw = run.joint_angles[:, 0]
+    out = np.abs(np.cos(yaw) * run.tip[:, 1] - np.sin(yaw) * run.tip[:, 0])
+    assert yaw.max() == pytest.approx(1.496, abs=3e-3)
+    assert out.max() == pytest.approx(0.379, abs=3e-3)
+    assert run.t[out.argmax()] == pytest.approx(0.18, abs=0.011)
+    assert np.abs(run.twist[:, 1]).max() > 0.8
+
+
+def test_right_angle_frame() -> None:
+    """Simo & Vu-Quoc 1988: displacements of the tip, and of the corner along z, of a strain-parametrised rod."""
+    known = {
+        2: (0.1062, -0.6922, 0.0694, 4.1160),
+        4: (0.4404, -0.7063, 3.5089, 4.6422),
+        8: (0.0212, -2.6439, 7.9585, 1.6313),
+    }
+    run = fx.simulate(scenes.named("right_angle_frame"), estimate_error=False, duration=8.0)
+    for t, values in known.items():
+        i = int(np.abs(run.t - t).argmin())
+        found = [*(run.tip[i] - [10.0, 10.0, 0.0]), run.hinges[i, 0, 2]]
+        assert np.abs(np.array(found) - values).max() < 0.03
+
+
+def test_holding_torques_carry_the_weight() -> None:
+    s = fx.Section.rectangle(0.05, 0.02, 190e9, 7870.0, 74e9)
+    arm = fx.Arm("beam", (fx.Link(1.0, s),), hub_mount=((1, 0, 0), -math.pi / 2), payload=fx.Payload(0.5))
+    found = static_equilibrium(fx.Scene("s", arm, duration=1.0, dt=1e-3, gravity=(0, 0, -9.81)))
+    assert found.joint_torques()[0] == pytest.approx(-9.81 * (0.5 * s.m + 0.5), rel=1e-4)
+    assert found.stability.stable
+    assert stability_of(found, [0]).smallest == pytest.approx(found.stability.smallest)
+
+
+# ------------------------------------------------------------------ files and refusals
+@pytest.mark.parametrize("name", scenes.SPATIAL)
+def test_scenes_in_space_run_and_are_written(name: str, tmp_path: Any) -> None:
+    scene = scenes.named(name)
+    assert fx.Scene.from_toml(scene.to_toml()) == scene
+    run = fx.simulate(scene, estimate_error=False, duration=min(0.1, scene.duration))
+    assert isinstance(run, SpatialTrajectory) and run.finished
+    run.to_npz(tmp_path / "run.npz")
+    again = fx.Trajectory.from_npz(tmp_path / "run.npz")
+    assert isinstance(again, SpatialTrajectory)
+    assert all(np.array_equal(getattr(run, key), getattr(again, key)) for key in run.arrays)
+    run.to_csv(tmp_path / "run.csv")
+    head = (tmp_path / "run.csv").read_text().splitlines()[0]
+    assert head.startswith("t,energy,start_x,start_y,start_z,tip_x,tip_y,tip_z")
+
+
+def test_an_arm_without_axes_is_planar_and_keeps_its_kernels() -> None:
+    assert not any(arms.named(name).spatial for name in arms.names() if name not in SPATIAL_ARMS)
+    assert all(arms.named(name).spatial for name in SPATIAL_ARMS)
+    plane = scenes.named("two_link_motion")
+    assert type(fx.simulate(plane, estimate_error=False, duration=0.1)) is fx.Trajectory
+
+
+SPATIAL_ARMS = ("three_dof", "satellite_arm", "turret_boom")
+
+
+def _arm(**changes: Any) -> fx.Arm:
+    s = fx.Section.rectangle(0.05, 0.002, 190e9, 7870.0, 74e9)
+    return dataclasses.replace(fx.Arm("a", (fx.Link(0.5, s), fx.Link(0.5, s)), hub_axis=(0, 1, 0)), **changes)
+
+
+def _run(arm: fx.Arm, formulation: str | None = None, **options: Any) -> Any:
+    return fx.simulate(fx.Scene("s", arm, duration=0.01, dt=1e-3), formulation, **options)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: _run(_arm(), "floating_frame"), "formulation = 'floating_frame': must be 'geometrically_exact'"),
+        (lambda: _run(_arm(), "elastica"), "formulation = 'elastica'"),
+        (lambda: _run(_arm(), order=3), "order = 3"),
+        (lambda: _run(_arm(), period_correction=True), "period_correction = True"),
+        (lambda: _run(_arm(joints=(fx.Joint(friction_viscous=1.0), fx.Joint()))), "joints"),
+        (lambda: _run(_arm(mass_damping=0.1)), "mass_damping = 0.1"),
+        (lambda: _run(_arm(links=(fx.Link(0.5, fx.Section(1.0, 1e5, 1e5, 1.0)),) * 2)), "links[0].section.EI_y = None"),
+        (lambda: fx.Elbow(axis=(0, 0, 0)), "axis = (0, 0, 0): must be a direction"),
+        (lambda: fx.Elbow(axis=(0, float("nan"), 1)), "axis[1]"),
+        (lambda: fx.Elbow(mount=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "mount = "),
+        (lambda: fx.Elbow(mount=3.0), "mount = 3.0"),
+        (lambda: fx.Payload(1.0, ((1, 0, 0), (0, 1, 0), (0, 0, 3))), "principal values"),
+        (lambda: fx.Payload(1.0, ((1, 1, 0), (0, 1, 0), (0, 0, 1))), "must be symmetric"),
+        (lambda: fx.RigidLink(-1.0), "length = -1.0"),
+        (lambda: fx.RigidLink(1.0, centre=(0, 0)), "centre"),
+        (lambda: gym.make("TwoLinkFlexArm-v0", arm=_arm(torque_limits=(1.0, 1.0))), "space"),
+        (lambda: gym.make("MultiLinkFlexArm-v0", arm="three_dof"), "space"),
+        (lambda: linearize(fx.Scene("s", _arm(), duration=1.0, dt=1e-3)), "must be a scene in the plane"),
+        (lambda: fx.simulate(fx.Scene("s", _arm(), duration=0.01, dt=1e-3)).view(), "in the plane"),
+        (lambda: fx.simulate(fx.Scene("s", _arm(), duration=0.01, dt=1e-3)).measured(), "in the plane"),
+    ],
+)  # fmt: skip
+def test_what_is_not_there_is_refused_by_name(make: Any, words: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        make()
+    assert words in str(caught.value)
