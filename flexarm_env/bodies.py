@@ -32,9 +32,10 @@ def vector(path: str, value: object, unit: str = "") -> Vector:
 def unit_vector(path: str, value: object) -> Vector:
     """Three numbers, scaled to a length of 1."""
     given = np.array(vector(path, value))
+    largest = float(np.abs(given).max())
+    if not 1e-150 < largest < 1e150:
+        raise check.InvalidValue(path, value, "must be a direction: three numbers of ordinary size, not all 0")
     length = float(np.linalg.norm(given))
-    if not 1e-6 < length < 1e6:
-        raise check.InvalidValue(path, value, "must be a direction: three numbers that are not all 0")
     x, y, z = (given / length).tolist() if abs(length - 1.0) > 1e-15 else given.tolist()
     return x, y, z
 

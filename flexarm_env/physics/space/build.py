@@ -196,6 +196,16 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
     return np.array(q), np.array(v)
 
 
+def _check_inertia(arm: Arm) -> None:
+    """The last link has inertia, or nothing says how it moves."""
+    k = arm.n_links - 1
+    far, own, payload = _far(arm, k), arm.links[k], arm.payload
+    beyond = payload.mass + float(np.trace(bodies.tensor(payload.inertia)))
+    if own.rigid and far.mass + float(np.trace(far.inertia)) + beyond == 0.0:
+        what = "must be positive (kg), or the payload must have a mass: nothing there has any inertia"
+        raise check.InvalidValue(f"links[{k}].mass", 0.0, what)
+
+
 def _loads(scene: Scene) -> list[Array]:
     found = []
     for load in scene.loads:
@@ -212,7 +222,12 @@ def build(scene: Scene, settings: Settings) -> System:
         raise check.InvalidValue("order", settings.order, "must not be given in space, where elements are of one kind")
     if settings.period_correction:
         raise check.InvalidValue("period_correction", True, "must be False in space")
+    if settings.step_tolerance is not None:
+        raise check.InvalidValue("step_tolerance", settings.step_tolerance, "must not be given in space")
     arm, names = scene.arm, names_of(scene.arm, settings)
+    if arm.total_length == 0.0:
+        raise check.InvalidValue("links[0].length", 0.0, "must be positive (m): the arm has no length at all")
+    _check_inertia(arm)
     for k, link in enumerate(arm.links):
         if not link.rigid:
             with check.under(f"links[{k}]"):
