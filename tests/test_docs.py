@@ -70,7 +70,7 @@ def test_every_page_begins_with_what_it_is_for() -> None:
 
 
 # ----------------------------------------------------------------- the API
-INSIDE = {"compiler", "layout", "physics", "runtime", "tasks", "batch", "curves", "rest"}
+INSIDE = {"compiler", "layout", "physics", "runtime", "tasks", "batch", "curves", "rest", "rotations"}
 INSIDE |= {"cli", "data", "__main__", "__init__"}
 """Rooms that are not for use from outside."""
 

@@ -80,6 +80,7 @@ def mark_kinks(axes: Any, trajectory: Trajectory) -> None:
 
 
 def draw_energies(axes: Any, trajectory: Trajectory) -> None:
+    """Energies over time, and their sum."""
     parts = {"kinetic": trajectory.kinetic, "strain": trajectory.strain_energy}
     if np.any(trajectory.gravity != 0.0):
         parts["gravity"] = trajectory.gravity
