@@ -109,7 +109,9 @@ def measure(options: argparse.Namespace) -> pages.Found:
     quick, damped = [r.frequency for r in seen], float(np.median([r.damping for r in seen]))
     return {
         "variants": variants, "lines": found.lines(), "condition": worth.condition,
-        "parameters": [(p.path, float(a), float(x), float(h), p.name not in worth.untold) for p, a, x, h in fitted],
+        "parameters": [
+            (p.path, float(a), float(x), float(h), p.name not in worth.unidentifiable) for p, a, x, h in fitted
+        ],
         "blind": [direction(blind) for blind in worth.directions],
         "runs": [
             (row.run.stem, "training" if i < n else "held out",

@@ -69,13 +69,13 @@ def case(seed: int) -> dict[str, Any]:
     wide = dataclasses.replace(config, starts=1, evaluations=8)
     usual = experiment.arm_of(values)
     both = Problem(Experiment(usual, wide, wide.chosen((*TOLD, "m"))), [run])
-    named = uncertainty(both, Solver(both).run().z).untold
+    named = uncertainty(both, Solver(both).run().z).unidentifiable
     return {
         "seed": seed,
         "holds": dict(zip(TOLD, (np.abs(values - truth) < worth.half).tolist(), strict=True)),
         "width": dict(zip(TOLD, (worth.half / values).tolist(), strict=True)),
         "error": dict(zip(TOLD, (values / truth - 1.0).tolist(), strict=True)),
-        "untold": list(worth.untold), "named": list(named),
+        "untold": list(worth.unidentifiable), "named": list(named),
     }  # fmt: skip
 
 

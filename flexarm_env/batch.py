@@ -348,10 +348,10 @@ class Batch:
         """Arms whose Newton iteration failed in their lane go through the period again, where steps are halved."""
         for i in np.flatnonzero(self.table[self.info_at.reason, : self.n] == RETRY).tolist():
             alone = self.alone()
-            alone.take(0, self.give(i))
+            alone.set_state(0, self.get_state(i))
             alone.action[0] = self.action[i]
             alone.compiled_step(alone.address, 0, 1)
-            self.take(i, alone.give(0))
+            self.set_state(i, alone.get_state(0))
 
     def alone(self) -> Batch:
         """A batch of one like this one."""
@@ -362,7 +362,7 @@ class Batch:
             )  # fmt: skip
         return self._alone
 
-    def give(self, i: int) -> dict[str, Any]:
+    def get_state(self, i: int) -> dict[str, Any]:
         """Everything about arm i, copied."""
         return {
             "block": np.concatenate(self._parts(i)),
@@ -373,8 +373,8 @@ class Batch:
             "truncated": bool(self.truncated[i]),
         }
 
-    def take(self, i: int, state: dict[str, Any]) -> None:
-        """Make arm i what `give` of a like batch returned."""
+    def set_state(self, i: int, state: dict[str, Any]) -> None:
+        """Make arm i what `get_state` of a like batch returned."""
         work, rest = self._parts(i)
         work[...], rest[...] = state["block"][: self._work], state["block"][self._work :]
         self.stream[i] = state["stream"]
@@ -384,7 +384,7 @@ class Batch:
         self.table[:, i] = self._mine(self.layout.info, self.layout.saved, i)
 
     def check_stiffness(self, block: Array) -> None:
-        """An arm's `block` of `give` whose own EI or tau_d is too stiff for double precision is a ValueError."""
+        """An arm's `block` of `get_state` whose own EI or tau_d is too stiff for double precision is a ValueError."""
         own = block[self._work :][: len(self.system.par)]
         precision.check_parameters(self.arm, self.settings, own[STIFFNESS_FACTOR], own[TAU_D], 0.0, "state.arm")
 

@@ -121,7 +121,7 @@ class _Observe(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, by_seen: Tensor) -> tuple[None, Tensor]:
         (state,) = ctx.saved_tensors
-        slopes = ctx.arms.sights(_numbers("state", state))[1]
+        slopes = ctx.arms.observe_jacobian(_numbers("state", state))[1]
         back = (by_seen.numpy()[:, None, :] @ slopes)[:, 0]
         return None, torch.from_numpy(back).to(state.dtype)
 

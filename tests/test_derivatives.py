@@ -246,7 +246,7 @@ def test_whole_matrices_say_what_push_and_pull_do() -> None:
     assert np.allclose(pushed[1], np.einsum("nij,nj->ni", found.C, dx) + np.einsum("nij,nj->ni", found.D, du))
     assert np.allclose(pushed[2], (found.r_x * dx).sum(1) + (found.r_u * du).sum(1))
     assert not found.B[0].any() and found.B[1].any()
-    seen, slopes = arms.sights(state)
+    seen, slopes = arms.observe_jacobian(state)
     assert np.array_equal(seen, arms.observe(state)) and slopes[:, :, : arms.moving].any()
     arms.close()
 

@@ -94,7 +94,7 @@ def test_the_truth_lies_in_the_intervals(fitted: tuple[Any, Path]) -> None:
     found, _ = fitted
     for p, value, half, before in zip(found.parameters, found.values, found.uncertainty.half, found.start, strict=True):
         assert abs(value - TRUTH[p.name] * before) < 1.5 * half < 0.2 * value, p.name
-    assert found.good and not found.uncertainty.untold
+    assert found.good and not found.uncertainty.unidentifiable
     assert found.held_out[0].vaf["strain_gauge_1"] > 99.9 > found.unfitted[1].vaf["strain_gauge_1"]
     assert found.baseline[1].vaf["strain_gauge_1"] > 80.0
 
@@ -141,11 +141,11 @@ def test_what_only_ratios_tell_is_named(fitted: tuple[Any, Path]) -> None:
     _, folder = fitted
     config = CONFIG.replace("starts = 2", "starts = 2\nevaluations = 12")
     found = identify("strip", config, [folder / "one.csv"], fit=("EI", "m", "payload", "tau_d"))
-    assert set(found.uncertainty.untold) == {"EI", "m", "payload"}
+    assert set(found.uncertainty.unidentifiable) == {"EI", "m", "payload"}
     blind = found.uncertainty.directions[0].shares
     relative = [blind[n] * s / v for n, s, v in zip(("EI", "m", "payload"), found.start, found.values, strict=False)]
     assert set(blind) == {"EI", "m", "payload"} and np.ptp(relative) < 0.25 * max(relative)
-    assert found.uncertainty.told[0].deviation < 0.05
+    assert found.uncertainty.identifiable[0].deviation < 0.05
     tau = found.parameters.index(next(p for p in found.parameters if p.name == "tau_d"))
     assert abs(found.values[tau] / found.start[tau] - TRUTH["tau_d"]) < 0.1
     arm = arms.named("strip")
@@ -155,7 +155,7 @@ def test_what_only_ratios_tell_is_named(fitted: tuple[Any, Path]) -> None:
     high = found.parameters[1].high  # as far as a search could have gone: the mass at its bound, the rest in proportion
     values = found.values * np.where(np.arange(4) < 3, high / found.values[1], 1.0)
     stopped = uncertainty(problem, (values - problem.values(np.zeros(4))) / problem.sizes)
-    assert stopped.at_bound == ("m",) and set(stopped.untold) == {"EI", "m", "payload"}
+    assert stopped.at_bound == ("m",) and set(stopped.unidentifiable) == {"EI", "m", "payload"}
 
 
 def test_a_prior_tells_what_the_log_cannot(fitted: tuple[Any, Path]) -> None:
@@ -372,7 +372,7 @@ dt = 0.005
     )
     begun = dataclasses.replace(arm, joints=(start,))
     found = identify(begun, config, [write(tmp_path / "drive.csv", columns)])
-    assert found.good and not found.uncertainty.untold, found.lines()
+    assert found.good and not found.uncertainty.unidentifiable, found.lines()
     true = {"k": 0.05, "viscous": 0.3, "coulomb": 0.15, "gear": 80.0}
     for p, value in zip(found.parameters, found.values, strict=True):
         assert abs(value / true[p.name] - 1.0) < 0.06, p.name

@@ -32,8 +32,10 @@ CASES: list[Any] = [
     pytest.param("FlexibleArm-v0", {"step_tolerance": 1e-4}, id="fitted steps", marks=pytest.mark.slow),
     pytest.param("MultiLinkFlexArm-v0", {"randomization": {"EI": (0.7, 1.3)}}, id="drawn", marks=pytest.mark.slow),
     pytest.param(
-        "FlexibleArm-v0", {"arm": "strip_geared", "randomization": {"friction": (0.5, 2.0)}},
-        id="joints drawn", marks=pytest.mark.slow,
+        "FlexibleArm-v0",
+        {"arm": "strip_geared", "randomization": {"friction": (0.5, 2.0)}},
+        id="joints drawn",
+        marks=pytest.mark.slow,
     ),
 ]
 
@@ -205,21 +207,11 @@ def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> No
     other("step", action * limits / limits)
     assert np.array_equal(arm.row("get_poses", 12 * joints), other.row("get_poses", 12 * joints))
 
-    command = [
-        str(COMPILER),
-        "-std=c99",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "-pedantic",
-        "example.c",
-        "-I.",
-        "-L.",
-        "-larm",
-    ]
-    subprocess.run([*command, "-Wl,-rpath,.", "-lm", "-o", "example"], cwd=tmp_path, check=True)
-    told = subprocess.run(["./example"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    told = run_c(tmp_path, "example")
     assert told.count("tip") == 10 and told.endswith("\nok\n")
+    (tmp_path / "counting.c").write_text(COUNTING)
+    first, later = map(int, run_c(tmp_path, "counting").split())
+    assert first > 0 and later == 0  # allocations before the first reset, and in 2000 periods, jvp and vjp
     arm.destroy()
     other.destroy()
     env.close()

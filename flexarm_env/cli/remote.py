@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
+import os
 import signal
 import stat
 import threading
@@ -41,7 +42,7 @@ def key_of(path: str | None) -> bytes | None:
     mode = file.stat().st_mode
     if not stat.S_ISREG(mode):
         raise check.InvalidValue("--key", path, f"must be a file of {SHORTEST} bytes or more")
-    if mode & 0o007:
+    if os.name == "posix" and mode & 0o007:
         raise check.InvalidValue("--key", path, f"must be no file that everybody can read or write: chmod 600 {path}")
     with file.open("rb") as opened:
         key = opened.read(LONGEST + 1).strip()

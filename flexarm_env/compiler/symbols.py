@@ -22,11 +22,6 @@ def vector(count: int) -> ir.Type:
     return DOUBLE if count == 1 else ir.VectorType(DOUBLE, count)
 
 
-def bundle(count: int, tangents: int) -> ir.Type:
-    """The type of `count` numbers with so many tangents each."""
-    return ir.LiteralStructType([vector(count)] * (1 + tangents)) if tangents else vector(count)
-
-
 def broadcast(builder: Any, value: Any, count: int) -> Any:
     """A scalar repeated in every lane."""
     if count == 1:

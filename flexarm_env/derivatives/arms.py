@@ -24,7 +24,7 @@ class Part(NamedTuple):
     places: Any = None
 
 
-_STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "vjp": (0, "state_bar"), "sights": (1, "")}
+_STATE_OF = {"step": (0, "state"), "jacobians": (0, "state"), "vjp": (0, "state_bar"), "observe_jacobian": (1, "")}
 """Which of what a method gives is as long as a state, and where numbers in it come from that a part has not."""
 
 
@@ -185,9 +185,9 @@ class Arms(Periods):
         back: tuple[Array, Array] = self._each("vjp", state=state, action=action, **bars)
         return back
 
-    def sights(self, state: Array) -> tuple[Array, Array]:
+    def observe_jacobian(self, state: Array) -> tuple[Array, Array]:
         """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
-        return self._each("sights", state=state) if self._parts else super().sights(state)
+        return self._each("observe_jacobian", state=state) if self._parts else super().observe_jacobian(state)
 
     def close(self) -> None:
         """Let the threads go."""

@@ -19,8 +19,8 @@ from ..runtime.implicit import implicit
 from ..runtime.layout import aligned, layout_of
 from .guided import guided as guidance
 from .guided import program_of, state_of
+from .memory import Memory
 from .places import laws_of, places_of
-from .sights import Sights
 
 Array = NDArray[np.float64]
 
@@ -155,8 +155,8 @@ class Periods:
         if guided is not None:
             lanes, layout = 1, layout_of(1, model, task, batch.entries, extras, fitted)
         self._own, names, core = places_of(batch, model, lanes, layout, parameters, kept)
-        self._sights = Sights(batch, core)
-        self.names, self.moving = self._sights.names(names), self._sights.moving
+        self._memory = Memory(batch, core)
+        self.names, self.moving = self._memory.names(names), self._memory.moving
         self.state_size = len(self.names)
         joined = model.algebraic is not None  # by multipliers, whose matrix has no lanes
         lane = SINGLE if joined or guided else WIDEST
@@ -167,8 +167,8 @@ class Periods:
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(lane, at_once)
         layouts = [layout_of(k, model, task, batch.entries, extras, fitted) for k in (lanes, len(both))]
-        seen, rows, size = self._sights.entries, core + self._sights.entries + 1, len(names)
-        self.observation_size = self._sights.size
+        seen, rows, size = self._memory.entries, core + self._memory.entries + 1, len(names)
+        self.observation_size = self._memory.size
         self._stiff = [
             k for k, name in enumerate(self.names) if name in ("EI_factor", "tau_d") or name[:10] == "stiffness["
         ]
@@ -190,7 +190,7 @@ class Periods:
             moving=core, passes=PASSES if batch.settings.formulation == "geometrically_exact" else 1,
             places=places_of(batch, model, lanes, layouts[0], parameters, kept)[0],
             twice=places_of(batch, model, len(both), layouts[1], parameters, kept)[0],
-            chosen=np.asarray(self._sights.chosen, np.int64), n=self.n,
+            chosen=np.asarray(self._memory.chosen, np.int64), n=self.n,
             state=np.zeros(self.n * size), action=np.zeros(self.n * self.action_size),
             after=np.zeros(self.n * size), observation=np.zeros(self.n * seen),
             reward=np.zeros(self.n), failed=np.zeros(self.n, np.uint8), past=np.zeros(self.n, np.uint8),
@@ -226,14 +226,14 @@ class Periods:
             rows = rows.reshape(-1, len(self._own))[: self.n].copy()
         if self._laws is not None:
             rows[:, self._laws[0]] = self._laws[1]  # of the arms' joints, which the batch has once
-        return self._sights.with_past(rows, first)
+        return self._memory.with_past(rows, first)
 
     def observe(self, state: Array) -> Array:
         """What is to be seen (n, O) of states (n, S)."""
         self._put(state, None)
-        if self._sights.frames:
-            return self._sights.shown(self._past)
-        self._run(derivative.look)
+        if self._memory.frames:
+            return self._memory.shown(self._past)
+        self._run(derivative.observe)
         return self._rows("observation", self.observation_size)
 
     def step(self, state: Array, action: Array) -> tuple[Array, Array, Array]:
@@ -249,7 +249,7 @@ class Periods:
         self._run(self._derivative)
         moved = self._program.jacobian.reshape(self._shape).copy()
         moved[:, :, self._program.moving :] *= (np.abs(given) <= 1.0)[:, None, :]
-        outcome, moved = self._outcome(), self._sights.whole(moved)
+        outcome, moved = self._outcome(), self._memory.whole(moved)
         moved[self.failed] = np.nan
         return Jacobians(*outcome, moved)
 
@@ -269,11 +269,11 @@ class Periods:
         if not self.backwards:
             return self.jacobians(state, action).vjp(given, seen, paid)
         d, asked = self._program, self._put(state, action)
-        own, past, last = self._sights.vjp(given, seen)
+        own, past, last = self._memory.vjp(given, seen)
         d.state_bar[:], d.observation_bar[:], d.reward_bar[:] = own.ravel(), last.ravel(), paid
         self._run(adjoint)
         self._note_failures()
-        by_state = self._sights.joined(self._rows("state_bar", own.shape[1]), past)
+        by_state = self._memory.joined(self._rows("state_bar", own.shape[1]), past)
         by_action = self._rows("action_bar", self.action_size)
         by_action *= np.abs(asked) <= 1.0
         if self.failed.any():
@@ -288,15 +288,15 @@ class Periods:
         _renamed("pull", "vjp")
         return self.vjp(*items)
 
-    def sights(self, state: Array) -> tuple[Array, Array]:
+    def observe_jacobian(self, state: Array) -> tuple[Array, Array]:
         """What is to be seen (n, O) of states (n, S), and its derivative (n, O, S)."""
         self._put(state, None)
         x, entries = self._program.moving, self.observation_size
         slopes = np.zeros((self.n, entries, self.state_size))
-        if self._sights.frames:
+        if self._memory.frames:
             slopes[:, np.arange(entries), x + np.arange(entries)] = 1.0
-            return self._sights.shown(self._past), slopes
-        self._run(derivative.sights)
+            return self._memory.shown(self._past), slopes
+        self._run(derivative.observation_tangents)
         slopes[:, :, :x] = self._program.jacobian.reshape(self._shape)[:, x : x + entries, :x]
         return self._rows("observation", entries), slopes
 
@@ -310,7 +310,7 @@ class Periods:
         rows = checked("state", state, (self.n, self.state_size))
         if self.parameters:
             self._carried(rows)
-        d.state.reshape(self.n, -1)[:], self._past = self._sights.parts(rows)
+        d.state.reshape(self.n, -1)[:], self._past = self._memory.parts(rows)
         given = np.zeros((self.n, self.action_size))
         if action is not None:
             given = checked("action", action, (self.n, self.action_size))
@@ -333,8 +333,8 @@ class Periods:
     def _outcome(self) -> tuple[Array, Array, Array]:
         d = self._program
         self._note_failures()
-        past, seen = self._sights.after(self._past, self._rows("observation", self._sights.entries))
-        after, reward = self._sights.joined(self._rows("after", len(self._own)), past), d.reward.copy()
+        past, seen = self._memory.after(self._past, self._rows("observation", self._memory.entries))
+        after, reward = self._memory.joined(self._rows("after", len(self._own)), past), d.reward.copy()
         if self.failed.any():
             for values in (after, seen, reward):
                 values[self.failed] = np.nan

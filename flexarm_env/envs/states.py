@@ -29,7 +29,7 @@ def state_of(
 ) -> dict[str, Any]:
     """Everything that the future of arm i depends on, a copy."""
     return {
-        "arm": batch.give(i),
+        "arm": batch.get_state(i),
         "generator": copy.deepcopy(generator),
         "seed": seed,
         "guide": copy.deepcopy(guide),
@@ -43,7 +43,7 @@ def check_state(batch: Batch, state: Any) -> None:
     for key in KEYS:
         if key not in table:
             raise check.MissingKey(f"state.{key}", "must be what get_state gave")
-    own = batch.give(0)
+    own = batch.get_state(0)
     arm = check.table_of("state.arm", table["arm"])
     for name, value in own.items():
         given = check.needed("state.arm", arm, name, "must be what get_state gave")
@@ -58,7 +58,7 @@ def check_state(batch: Batch, state: Any) -> None:
 
 def put_state(batch: Batch, i: int, state: dict[str, Any]) -> tuple[np.random.Generator, Any, Guide | None]:
     """Make arm i what the state says; returns its generator, seed and guide."""
-    batch.take(i, state["arm"])
+    batch.set_state(i, state["arm"])
     return copy.deepcopy(state["generator"]), state["seed"], copy.deepcopy(state["guide"])
 
 

@@ -105,7 +105,7 @@ class Identification:
                 f"{value:.6g} +- {half:.2g}" if np.isfinite(half) else f"{value:.6g} (at its bound)"
             )
         told["condition"] = worth.condition
-        told["untold"] = ", ".join(worth.untold) or "none"
+        told["untold"] = ", ".join(worth.unidentifiable) or "none"
         for i, (blind, known) in enumerate(_pairs(self)):
             told[f"untold.{i + 1}"] = f"{direction(blind)}; told: {direction(known) if known else 'nothing of it'}"
         told["evaluations"], told["runs"] = self.fit.evaluations, self.fit.runs
@@ -128,7 +128,7 @@ class Identification:
 def _pairs(result: Identification) -> list[tuple[Direction, Direction | None]]:
     """What is not told, and what of the same parameters is."""
     worth = result.uncertainty
-    by_names = {frozenset(known.shares): known for known in worth.told}
+    by_names = {frozenset(known.shares): known for known in worth.identifiable}
     return [(blind, by_names.get(frozenset(blind.shares))) for blind in worth.directions]
 
 
@@ -190,7 +190,7 @@ def page(result: Identification) -> str:
     worth = result.uncertainty
     rows = [
         (f"`{p.path}`", p.name if p.name != p.path else "", f"{x0:.4g}", f"{x:.5g}",
-         f"± {h:.2g}" if np.isfinite(h) else "at its bound", "no" if p.name in worth.untold else "yes")
+         f"± {h:.2g}" if np.isfinite(h) else "at its bound", "no" if p.name in worth.unidentifiable else "yes")
         for p, x0, x, h in zip(result.parameters, result.start, result.values, worth.half, strict=True)
     ]  # fmt: skip
     parts = [

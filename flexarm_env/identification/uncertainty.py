@@ -47,8 +47,9 @@ class Uncertainty:
         half (p,): half widths of the 95 % intervals, in the parameters' units. correlation (p, p).
         condition: of the derivatives by parameters in their sizes. at_bound: names of parameters that ended there; they
             have no interval (nan).
-        untold: names of those the logs cannot tell, at a bound or not. directions: changes of several parameters that
-            change hardly anything; told: for each, the combination of the same parameters that is known best.
+        unidentifiable: names of those the logs cannot tell, at a bound or not. directions: changes of several
+            parameters that change hardly anything; identifiable: for each, the combination of the same parameters that
+            is known best.
         noise: root mean square of the residuals over the readings' standard deviation. samples: independent ones that
             the residuals amount to.
     """
@@ -57,9 +58,9 @@ class Uncertainty:
     correlation: Array
     condition: float
     at_bound: tuple[str, ...]
-    untold: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     directions: tuple[Direction, ...]
-    told: tuple[Direction, ...]
+    identifiable: tuple[Direction, ...]
     noise: float
     samples: float
 
@@ -81,8 +82,8 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
     whole, freedom, _, _ = _covariance(J, errors, noise2)
     quantile = float(student.ppf(0.975, freedom))
     wide = quantile * np.sqrt(np.diag(whole)) / larger > UNTOLD
-    untold = tuple(name for name, out in zip(names, wide, strict=True) if out)
-    directions, told = _directions(whole / np.outer(larger, larger), quantile, names)
+    lost = tuple(name for name, out in zip(names, wide, strict=True) if out)
+    directions, known = _directions(whole / np.outer(larger, larger), quantile, names)
     half, correlation, condition, samples = np.full(len(z), np.nan), np.eye(len(z)), 1.0, float(len(flat))
     if len(free):
         covariance, freedom, condition, alike = _covariance(J[:, free], errors, noise2)
@@ -92,8 +93,8 @@ def uncertainty(problem: Problem, z: Array) -> Uncertainty:
         samples /= max(alike, 1.0)
     return Uncertainty(
         half=half, correlation=correlation, condition=condition,
-        at_bound=tuple(name for i, name in enumerate(names) if i not in free), untold=untold, directions=directions,
-        told=told, noise=noise2**0.5, samples=samples,
+        at_bound=tuple(name for i, name in enumerate(names) if i not in free), unidentifiable=lost,
+        directions=directions, identifiable=known, noise=noise2**0.5, samples=samples,
     )  # fmt: skip
 
 

@@ -108,7 +108,7 @@ def _periods(batch: Any) -> tuple[Periods | None, str]:
         periods = Periods(batch)
     except (ValueError, NotImplementedError) as error:
         return None, " ".join(str(error).split())
-    if periods._sights.frames:
+    if periods._memory.frames:
         periods.close()
         return None, "an observation here shows what was before"
     return periods, ""

@@ -75,7 +75,7 @@ def step(address, first, last):
 
 
 @kernel
-def look(address, first, last):
+def observe(address, first, last):
     """What is to be seen of groups first ... last - 1 as they are."""
     return _values(follow(address), first, last, None)
 
@@ -87,7 +87,7 @@ def tangents(address, first, last):
 
 
 @kernel
-def sights(address, first, last):
+def observation_tangents(address, first, last):
     """The derivative of what is to be seen of groups first ... last - 1."""
     return _columns(follow(address), first, last, None)
 

@@ -1,11 +1,11 @@
-"""Derivatives backwards of the elastica's residual and poses, written out from their sources (`compiler.vjp_of`)."""
+"""Derivatives backwards of the elastica's solve, residual and poses, from their sources (`compiler.vjp_of`)."""
 
 from __future__ import annotations
 
 from ...compiler import kernel, vjp_of
 from ..model import Elastica
 from ..protocol import State, register
-from .equations import residual
+from .equations import residual, solve
 from .output import link_poses
 
 
@@ -13,8 +13,19 @@ def _residual(lane, model, par, q, v, a, u, r):
     residual(lane, model, par, State(q, v, a), u, r, r)
 
 
+def _solve(lane, model, S, x):
+    solve(lane, model, S, x)
+
+
+_vjp_solve = vjp_of(_solve, ("x",))
 _vjp_residual = vjp_of(_residual, ("par", "q", "v", "a", "u", "r"))
 _vjp_poses = vjp_of(link_poses, ("par", "q", "v", "out"))
+
+
+@kernel
+def solve_transposed(lane, model, S, x):
+    """See `protocol`: cotangents of what is linear go by its transposed."""
+    _vjp_solve(lane, model, S, x, x)
 
 
 @kernel
@@ -30,4 +41,4 @@ def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
     _vjp_poses(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
 
 
-register(Elastica, vjp_residual=vjp_residual, vjp_poses=vjp_poses)
+register(Elastica, solve_transposed=solve_transposed, vjp_residual=vjp_residual, vjp_poses=vjp_poses)

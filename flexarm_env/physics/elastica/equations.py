@@ -336,23 +336,6 @@ def solve(lane, model, S, x):
         store(x, i, total * load(lane, S, i * rows + i))
 
 
-@unrolled
-@kernel
-def solve_transposed(lane, model, S, x):
-    """x <- S^-T x with the factors of `factor`."""
-    rows = size(model.n)
-    for i in range(rows):
-        total = load(lane, x, i)
-        for j in range(i):
-            total = total - load(lane, S, j * rows + i) * load(lane, x, j)
-        store(x, i, total * load(lane, S, i * rows + i))
-    for i in range(rows - 1, -1, -1):
-        total = load(lane, x, i)
-        for j in range(i + 1, rows):
-            total = total - load(lane, S, j * rows + i) * load(lane, x, j)
-        store(x, i, total)
-
-
 register(
     Elastica,
     assemble=assemble,
@@ -361,7 +344,6 @@ register(
     stiffen=stiffen,
     factor=factor,
     solve=solve,
-    solve_transposed=solve_transposed,
     ports=ports,
     damping_work=damping_work,
     energy=energy,

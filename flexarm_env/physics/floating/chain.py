@@ -295,7 +295,8 @@ def solve_transposed(lane, model, S, x):
         with_moment(lane, model.rigid, k, TIP_END, S, levers, SWEPT, flow)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
-            restore_transposed(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
+            own_x = x[elastic_row(model, b) * L :]
+            restore_transposed(lane, mesh, D, own, own_x, flow, own_x, flow)
         with_moment(lane, model.rigid, k, ROOT_END, S, levers, SWEPT, flow)
         if k > 0:
             o = _joint_at(k)
@@ -340,7 +341,8 @@ def solve_transposed(lane, model, S, x):
         swept(lane, model.rigid, k, ROOT_END, S, levers, ACROSS, flow)
         for b in range(k * model.segments, (k + 1) * model.segments):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
-            reduce_transposed(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
+            own_x = x[elastic_row(model, b) * L :]
+            reduce_transposed(lane, mesh, D, own, own_x, flow, own_x, flow)
         swept(lane, model.rigid, k, TIP_END, S, levers, ACROSS, flow)
 
 

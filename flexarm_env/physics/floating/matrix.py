@@ -5,7 +5,7 @@ Rows and columns: the body's n elastic coordinates, then x, y of the acceleratio
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, size, splat, store, unrolled
+from ...compiler import kernel, load, size, splat, store, unrolled, vjp_of
 from ..model import STIFFNESS_FACTOR
 from .body import constants, damping_time, dot, turn_of_root
 from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at, window
@@ -304,57 +304,13 @@ def restore(lane, model, D, S, x, flow):
     store(flow, 2, turn + dot(lane, model, D, own.tip_phi, x))
 
 
-@unrolled
-@kernel
-def restore_transposed(lane, model, D, S, x, flow):
-    """`restore`, transposed: from tip to root."""
-    own, n = constants(model), size(model.n)
-    at = factors_at(0, n)
-    W, wide, theta = at.matrix, n + 3, n + 2
-    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
-    fx, fy, moment = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
-    gx, gy = c * fx + s * fy, c * fy - s * fx
-    turning = load(lane, S, at.swept + n) * gx + load(lane, S, at.swept + n + 1 + n) * gy + moment
-    left_x, left_y, left_t = gx, gy, turning
-    for i in range(n):
-        total = load(lane, x, i) + (load(lane, S, at.swept + i) * gx + load(lane, S, at.swept + n + 1 + i) * gy)
-        total = total + moment * D[own.tip_phi + i]
-        if model.chord is not None:
-            total = total - turning * D[own.root + i]
-        for j in range(i):
-            total = total - load(lane, S, W + j * wide + i) * load(lane, x, j)
-        total = total * load(lane, S, W + i * wide + i)
-        store(x, i, total)
-        left_x = left_x - load(lane, S, W + i * wide + n) * total
-        left_y = left_y - load(lane, S, W + i * wide + n + 1) * total
-        left_t = left_t - load(lane, S, W + i * wide + theta) * total
-    store(flow, 0, c * left_x - s * left_y)
-    store(flow, 1, s * left_x + c * left_y)
-    store(flow, 2, left_t)
+def _reduce(lane, model, D, S, x, flow):
+    reduce(lane, model, D, S, x, flow)
 
 
-@unrolled
-@kernel
-def reduce_transposed(lane, model, D, S, x, flow):
-    """`reduce`, transposed: from root to tip."""
-    own, n = constants(model), size(model.n)
-    at = factors_at(0, n)
-    W, wide, theta = at.matrix, n + 3, n + 2
-    c, s = load(lane, S, at.frame), load(lane, S, at.frame + 1)
-    fx, fy, turn = load(lane, flow, 0), load(lane, flow, 1), load(lane, flow, 2)
-    bx, by = c * fx + s * fy, c * fy - s * fx
-    for i in range(n - 1, -1, -1):
-        total = load(lane, x, i) + load(lane, S, W + n * wide + i) * bx + load(lane, S, W + (n + 1) * wide + i) * by
-        total = total + load(lane, S, W + theta * wide + i) * turn
-        for j in range(i + 1, n):
-            total = total - load(lane, S, W + j * wide + i) * load(lane, x, j)
-        store(x, i, total)
-    if model.chord is not None:
-        turn = turn + turn_of_root(lane, model, D, x)
-    bx, by = bx + load(lane, S, at.arm + n) * turn, by + load(lane, S, at.arm + n + 1 + n) * turn
-    for j in range(n):
-        bx = bx - load(lane, S, at.arm + j) * load(lane, x, j)
-        by = by - load(lane, S, at.arm + n + 1 + j) * load(lane, x, j)
-    store(flow, 0, c * bx - s * by)
-    store(flow, 1, s * bx + c * by)
-    store(flow, 2, turn - dot(lane, model, D, own.tip_phi, x))
+def _restore(lane, model, D, S, x, flow):
+    restore(lane, model, D, S, x, flow)
+
+
+reduce_transposed, restore_transposed = (vjp_of(sweep, ("x", "flow")) for sweep in (_reduce, _restore))
+"""Both are linear in x and flow, whose cotangents go by the transposed; what x and flow are does not matter."""

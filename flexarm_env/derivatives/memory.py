@@ -17,7 +17,7 @@ from ..tasks.program import RECORD
 Array = NDArray[np.float64]
 
 
-class Sights:
+class Memory:
     """What a batch's arms have seen.
 
     Args:
