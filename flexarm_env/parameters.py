@@ -298,6 +298,12 @@ class Arm:
         parts: tuple[Elbow | Payload, ...] = (*self.elbows, self.payload)
         return hub or any(part.spatial for part in parts) or any(link.rigid for link in self.links)
 
+    def check_planar(self) -> None:
+        """Raise ValueError where the arm leaves the plane, or a link is rigid."""
+        if self.spatial:
+            what = "must move in the x-y plane here; simulate, modes and static_equilibrium compute arms in space"
+            raise check.InvalidValue("arm", self.name, what)
+
     @property
     def n_links(self) -> int:
         """Number of links N."""

@@ -319,7 +319,7 @@ class Simulation:
             self._restart(fresh=False)
 
     def observe(self) -> tuple[Array, Array]:
-        """Poses of the links (n_links, 12; `physics.layout`) and energies (kinetic, strain, gravity) in J; copies."""
+        """Poses of the links (n_links, 12; `physics.layout`; 0 in space) and energies (kinetic, strain, gravity), J."""
         self._observe(_NO_POINTS)
         return self._poses.reshape(-1, POSE.end).copy(), self._energies.copy()
 

@@ -52,8 +52,7 @@ class SpatialTrajectory(Trajectory):
         return table
 
     def _in_the_plane(self, what: str) -> Any:
-        given = "in the plane" if not self.scene.arm.spatial else "in the plane alone, which this arm leaves"
-        raise check.InvalidValue("scene", self.scene.name, f"must be a scene {given}, for {what}")
+        raise check.InvalidValue("scene", self.scene.name, f"must be in the plane for {what}; it is in space")
 
     def strain(self, link: int, place: float, distance: float | None = None) -> Array:
         """Not in space yet: `ValueError`."""
@@ -61,7 +60,7 @@ class SpatialTrajectory(Trajectory):
 
     def clip(self, label: str | None = None) -> Any:
         """Not in space yet: `ValueError`. `flexarm_env.plotting.plot_trajectory` draws the run."""
-        return self._in_the_plane("the player; plotting.plot_trajectory draws runs in space")
+        return self._in_the_plane("the player (plotting.plot_trajectory and film_in_space draw runs in space)")
 
     def _repr_html_(self) -> str:
         return f"<pre>{self!r}</pre>".replace("<T", "&lt;T").replace(" s>", " s&gt;")

@@ -450,6 +450,15 @@ def test_scenes_in_space_run_and_are_written(name: str, tmp_path: Any) -> None:
     assert head.startswith("t,energy,start_x,start_y,start_z,tip_x,tip_y,tip_z")
 
 
+def test_all_figures_of_a_run_in_space(tmp_path: Any) -> None:
+    from flexarm_env.plotting import film_in_space, plot_all
+
+    run = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False, duration=0.3)
+    assert all(path.stat().st_size > 10_000 for path in plot_all(run, tmp_path))
+    film = film_in_space(run, tmp_path / "slew.gif", fps=5)
+    assert film.read_bytes()[:4] == b"GIF8"
+
+
 def test_an_arm_without_axes_is_planar_and_keeps_its_kernels() -> None:
     assert not any(arms.named(name).spatial for name in arms.names() if name not in SPATIAL_ARMS)
     assert all(arms.named(name).spatial for name in SPATIAL_ARMS)
@@ -492,7 +501,8 @@ def _run(arm: fx.Arm, formulation: str | None = None, **options: Any) -> Any:
         (lambda: fx.RigidLink(-1.0), "length = -1.0"),
         (lambda: fx.RigidLink(1.0, centre=(0, 0)), "centre"),
         (lambda: gym.make("TwoLinkFlexArm-v0", arm=_arm(torque_limits=(1.0, 1.0))), "space"),
-        (lambda: gym.make("MultiLinkFlexArm-v0", arm="three_dof"), "space"),
+        (lambda: gym.make("MultiLinkFlexArm-v0", arm="three_dof"), "arm = 'three_dof': must move in the x-y plane"),
+        (lambda: gym.make_vec("MultiLinkFlexArm-v0", 2, arm="three_dof", formulation="geometrically_exact"), "plane"),
         (lambda: linearize(fx.Scene("s", _arm(), duration=1.0, dt=1e-3)), "must be a scene in the plane"),
         (lambda: fx.simulate(fx.Scene("s", _arm(), duration=0.01, dt=1e-3)).view(), "in the plane"),
         (lambda: fx.simulate(fx.Scene("s", _arm(), duration=0.01, dt=1e-3)).measured(), "in the plane"),

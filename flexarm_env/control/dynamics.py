@@ -44,6 +44,7 @@ class Dynamics:
 
     def __init__(self, arm: Arm | str | os.PathLike[str], period: float, nodes: int = 4) -> None:
         arm, period = arms.resolve(arm), check.number("period", period, "s", above=0.0)
+        arm.check_planar()
         if arm.torque_limits is None:
             raise check.MissingKey("arm.torque_limits", f"torques are over theirs: {arm.n_links} limit(s) (N m)")
         self.arm = dataclasses.replace(arm, joints=(), joint_limits=None)

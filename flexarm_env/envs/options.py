@@ -239,6 +239,7 @@ def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
 
 def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
     arm = arms.resolve(kind.arm if given is None else given)
+    arm.check_planar()
     least, most = kind.links
     if arm.n_links < least or (most is not None and arm.n_links > most):
         wanted = f"{least}" if most == least else f"at least {least}"

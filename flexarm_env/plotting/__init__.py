@@ -169,7 +169,12 @@ def plot_spectrum(
         axes = figure.add_subplot()
         highest, last = 0.0, 0.0
         for k in range(trajectory.tip_deflection.shape[1]):
-            frequency, amplitude = spectrum(t, trajectory.tip_deflection[chosen, k])
+            own = trajectory.tip_deflection[chosen, k]
+            parts = [own] if own.ndim == 1 else list(own.T)  # in space along y and z: the larger of the two
+            frequency, amplitude = spectrum(t, parts[0])
+            amplitude = np.maximum.reduce([amplitude, *(spectrum(t, part)[1] for part in parts[1:])])
+            if not amplitude[1:].any():  # a rigid link
+                continue
             color = COLORS[k % len(COLORS)]
             axes.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-16), color=color, label=f"link {k + 1}")
             highest = max(highest, float(amplitude[1:].max()))
