@@ -64,7 +64,7 @@ def test_no_command_shows_the_overview(capsys: pytest.CaptureFixture[str]) -> No
 def test_scenes_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes"]) == 0
     text = capsys.readouterr().out
-    assert [line.split()[0] for line in text.splitlines()[1:]] == list(names(parameter_sets=True))
+    assert [line.split()[0] for line in text.splitlines()[1:]] == list(names(parameter_sets=True, space=True))
     assert main(["scenes", "--json"]) == 0
     entries = {entry["name"]: entry for entry in json.loads(capsys.readouterr().out)["scenes"]}
     assert entries["flying_rod"]["reference"] is True

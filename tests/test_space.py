@@ -255,8 +255,12 @@ def test_frequencies_of_a_strip() -> None:
 
 
 @pytest.mark.parametrize(
-    ("spin", "flap"), [(0.0, 3.51602), (1.0, 3.68165), (2.0, 4.13732), (6.0, 7.36037), (12.0, 13.17014)]
-)
+    ("spin", "flap"),
+    [
+        (0.0, 3.51602), (1.0, 3.68165), (2.0, 4.13732), (6.0, 7.36037),
+        pytest.param(12.0, 13.17014, marks=pytest.mark.slow),
+    ],
+)  # fmt: skip
 def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None:
     arm = fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0, stiff=1e8, J=1e-7)),))
     scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, space=True)
