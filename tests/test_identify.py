@@ -318,7 +318,7 @@ def test_cells_of_other_columns_do_not_matter(fitted: tuple[Any, Path], tmp_path
         (("low = 1.0, high", "low = -1.0, high"), '"links[0].section.EI".low = -1.0: must be a value that the arm can'),
         (("low = 0.01, high", "low = -0.01, high"), "payload.mass = -0.01: must"),
         (("links[0].section.EI", "links[9].section.EI"), "= 'links[9].section.EI': must be links[0] to links[0]"),
-        (('EI" = { name', 'EJ" = { start = 2.0, name'), "unknown key 'EJ' of links[0].section; allowed: C, C_y, EA, EI"),
+        (('EI" = { name', 'EJ" = { start = 2.0, name'), "unknown key 'EJ' of links[0].section; allowed: C, C_y, EA"),
         (('links[0].section.EI"', 'links[0].section"'), "must be the key path of a number, which links[0].section is"),
         (('"tau_d" = {', '"joints[0].motor.resistance" = {'), 'resistance".start: missing; the arm has no value'),
         (('"tau_d" = {', '"elbows[0].mass" = { start = 0.01,'), "'elbows[0].mass': there are no elbows"),
