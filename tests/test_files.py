@@ -35,8 +35,11 @@ from flexarm_env.identification.config import read_config
 from flexarm_env.identification.log import read_run
 from flexarm_env.parameters import Arm
 from flexarm_env.physics.assembly import assemble
+from flexarm_env.physics.space.reading import read
 from flexarm_env.recording import Episode, load_episodes, save_episodes
+from flexarm_env.remote.client import Played
 from flexarm_env.scene import Scene
+from flexarm_env.spatial import SpatialTrajectory
 from flexarm_env.suite import results
 from flexarm_env.suite.data import tasks
 from flexarm_env.suite.policies import choose
@@ -111,13 +114,17 @@ def good(folder: Path) -> dict[str, Path]:
     data = resources.files("flexarm_env") / "data"
     made = {name: folder / file for name, file in FILES.items()}
     trajectory(24, even=True).to_npz(made["trajectory"])  # so that sensors' kernels read it
+    trajectory_in_space().to_npz(made["run in space"])
     save_episodes(made["episodes"], episodes())
     shutil.copyfile(str(data / "policies" / "two_link" / "policy.npz"), made["policy"])
     made["run folder"].parent.mkdir()
     shutil.copyfile(made["policy"], made["run folder"].parent / "policy.npz")
     record = {"algorithm": "ppo", "steps": 1000, "wall_s": 3.0, "cpu_s": 4.0, "env_kwargs": {}}
     made["run folder"].write_text(json.dumps(record))
-    for name, file in (("arm", "arms/two_link_geared.toml"), ("scene", "scenes/two_link_free_flight.toml")):
+    for name, file in {
+        "arm": "arms/two_link_geared.toml", "scene": "scenes/two_link_free_flight.toml",
+        "arm in space": "arms/satellite_arm.toml", "scene in space": "scenes/right_angle_frame.toml",
+    }.items():  # fmt: skip
         shutil.copyfile(str(data / file), made[name])
     fitted = {"arm": arms.to_table(arms.named("strip")), "randomization": {"EI": [0.9, 1.1]}}
     made["fitted arm"].write_text(tomli_w.dumps(fitted))
@@ -128,6 +135,7 @@ def good(folder: Path) -> dict[str, Path]:
     ]
     made["log"].write_text("\n".join(["t,u,y", *rows]) + "\n")
     made["packed log"].write_bytes(gzip.compress(made["log"].read_bytes()))
+    made["torques"].write_text("t,torque0\n" + "".join(f"{0.01 * k!r},{0.1 * k!r}\n" for k in range(9)))
     made["motion"].write_text("t,psi,psi_dot\n" + "".join(f"{k},{k * k},{2 * k}\n" for k in range(9)))
     made["reference"].write_text(",".join(scenes.COLUMNS) + "\n" + "".join(f"{k},1,2,3,4,5,6,7\n" for k in range(9)))
     entry = {
@@ -141,10 +149,25 @@ def good(folder: Path) -> dict[str, Path]:
 
 
 FILES = {
-    "trajectory": "run.npz", "episodes": "episodes.npz", "policy": "mine.npz", "run folder": "run/run.json",
-    "arm": "arm.toml", "fitted arm": "fitted.toml", "scene": "scene.toml", "config": "config.toml", "log": "log.csv",
-    "packed log": "log.csv.gz", "motion": "motion.csv", "reference": "reference.csv", "results": "results.json",
+    "trajectory": "run.npz", "run in space": "space.npz", "episodes": "episodes.npz", "policy": "mine.npz",
+    "run folder": "run/run.json", "arm": "arm.toml", "arm in space": "arm_in_space.toml", "fitted arm": "fitted.toml",
+    "scene": "scene.toml", "scene in space": "scene_in_space.toml", "config": "config.toml", "log": "log.csv",
+    "packed log": "log.csv.gz", "torques": "torques.csv", "motion": "motion.csv", "reference": "reference.csv",
+    "results": "results.json",
 }  # fmt: skip
+
+
+def trajectory_in_space(n: int = 6) -> SpatialTrajectory:
+    """The same of the arm `three_dof`."""
+    rng, scene = np.random.default_rng(0), scenes.named("three_dof_slew")
+    settings = scene.settings()
+    names = assemble(scene, settings).names
+    row, joints, q = rng.normal(size=n), rng.normal(size=(n, 3)), rng.normal(size=(n, len(names)))
+    return SpatialTrajectory(
+        scene=scene, settings=settings, t=np.linspace(0.0, 1.0, n), joint_torque=joints, kinetic=row, strain_energy=row,
+        gravity=row, dissipated=row, work=row, q=q, v=q, names=names, status="ok", message="it is well", steps=3,
+        iterations=4, factorizations=5, halvings=0, cpu_seconds=0.1, **read(scene.arm, settings, q, q),
+    )  # fmt: skip
 
 
 # --------------------------------------------------------------------------- reading, and using what was read
@@ -189,6 +212,8 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "trajectory": _shown, "episodes": _replayed, "policy": _acts, "arm": _described, "scene": _told,
     "run folder": lambda path: repr(choose(str(path.parent), tasks()[0]).training),
     "fitted arm": lambda path: (arms.from_toml(path), randomization(path)), "config": _configured, "log": _logged,
+    "run in space": lambda path: Trajectory.from_npz(path).columns(), "arm in space": _described,
+    "scene in space": _told, "torques": lambda path: Played(path, 0.01, np.ones(1)),
     "packed log": _logged, "motion": lambda path: time_functions.from_csv(path)(np.linspace(0.0, 9.0, 5)),
     "reference": lambda path: (scenes.read_trajectory(path), scenes.read_reference(path)), "results": results.read,
 }  # fmt: skip
