@@ -56,6 +56,11 @@ def _energy(lane, model, par, q, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _lost(lane, model, par, q, v):  # type: ignore[no-untyped-def]
+    return protocol.damping_work(lane, model, par, q, v, v)
+
+
+@kernel
 def _factored(lane, model, par, state, u, weights, r, S):  # type: ignore[no-untyped-def]
     protocol.assemble(lane, model, par, state, u, weights, r, S)
     for i in range(model.fixed.shape[0]):
@@ -69,9 +74,10 @@ def _solved(lane, model, S, x):  # type: ignore[no-untyped-def]
 
 
 class Drawn:
-    """A chain with oblique hinges, tensors, offsets, in a drawn state; with `levers` rigid ends and a rigid link."""
+    """A chain with oblique hinges, tensors, offsets, in a drawn state; with `levers` rigid ends and a rigid link; with
+    `damped` time constants that differ from link to link."""
 
-    def __init__(self, levers: bool, bent: float, moving: float) -> None:
+    def __init__(self, levers: bool, bent: float, moving: float, damped: bool = False) -> None:
         def tensor(*own: float) -> Any:
             return tuple(map(tuple, np.diag(own)))
 
@@ -86,6 +92,8 @@ class Drawn:
             fx.Elbow(axis=(1, 0, 1)),
         )
         payload = fx.Payload(0.3, tensor(1e-3, 2e-3, 2.5e-3), (0.05, 0.02, 0.1))
+        if damped:
+            links = (dataclasses.replace(links[0], tau_d=4e-3), links[1], dataclasses.replace(links[2], tau_d=1e-3))
         arm = fx.Arm("drawn", links, elbows=elbows, payload=payload)
         scene = fx.Scene("drawn", arm, duration=1.0, dt=1e-3, gravity=(0, -3, -9), angles=(0.3, 0.4, 0.5))
         system = assembly.assemble(scene, scene.settings(elements=3))
@@ -135,6 +143,20 @@ def test_power_of_all_forces_is_the_rate_of_the_energy(levers: bool) -> None:
 
     power = float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum())
     assert (energy(h) - energy(-h)) / (2.0 * h) == pytest.approx(power, rel=1e-6)
+
+
+@pytest.mark.parametrize("levers", [False, True])
+def test_damping_takes_what_the_power_lacks(levers: bool) -> None:
+    """r . v - d(T + V)/dt = v'C v, which the books count, with a time constant of each link's own: positive."""
+    arm, h = Drawn(levers, 0.02, 1.0, damped=True), 1e-5
+
+    def energy(t: float) -> float:
+        return float(arm.energy(arm.moved(arm.q, t * arm.v + 0.5 * t * t * arm.a), arm.v + t * arm.a).sum())
+
+    power = float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum())
+    lost = float(_lost(SINGLE, arm.model, arm.par, arm.q, arm.v))
+    assert lost > 0.0
+    assert power - (energy(h) - energy(-h)) / (2.0 * h) == pytest.approx(lost, rel=1e-5)
 
 
 @pytest.mark.parametrize("levers", [False, True])
@@ -347,6 +369,40 @@ def test_space_comes_to_the_plane_with_the_mesh(what: str, ratio: float) -> None
     errors = [np.abs(fx.simulate(forced, elements=n, **options).tip[:, :2] - known).max() for n in (6, 12)]
     assert errors[1] < 1e-3
     assert errors[0] / errors[1] > ratio
+
+
+_STRIP = fx.Section.rectangle(0.05, 0.01, 70e9, 2700.0, 26e9)
+_TUBE = fx.Section.tube(0.02, 0.002, 70e9, 2700.0, 26e9)
+_CROSSED: dict[str, fx.Arm] = {
+    "taper": fx.Arm("a", (fx.Link(0.8, fx.Taper((0.05, 0.02), (0.012, 0.006), 70e9, 2700.0, 26e9)),)),
+    "a jump": fx.Arm("a", (fx.Link(0.8, ((0.0, _STRIP), (0.3, _STRIP), (0.3, _TUBE), (0.8, _TUBE))),)),
+    "rigid ends": fx.Arm("a", (
+        fx.Link(0.5, _STRIP, root_offset=0.06, tip_offset=0.04, root_mass=0.2, tip_mass=0.1, tip_inertia=1e-3),
+        fx.Link(0.4, _STRIP, root_offset=0.05),
+    ), elbows=(fx.Elbow(0.3, 2e-3, 1e-3),)),
+    "curved": fx.Arm("a", (fx.Link(0.8, _STRIP, curvature=1.5),), payload=fx.Payload(0.2, 1e-3)),
+    "eccentric": fx.Arm("a", (fx.Link(0.8, _STRIP),), payload=fx.Payload(0.3, 2e-3, (0.08, 0.05))),
+    "hub": fx.Arm("a", (fx.Link(0.8, _STRIP), fx.Link(0.5, _STRIP)), hub_inertia=0.02),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", _CROSSED)
+def test_features_of_planar_arms_are_the_same_in_space(name: str) -> None:
+    """Frequencies in the plane, joints free and held, by the planar kernels: among those of the spatial ones.
+
+    A taper's elements have the properties of their middles and are of second order: it is extrapolated.
+    """
+    arm = _CROSSED[name]
+    angles = (0.2, 0.9)[: arm.n_links]
+    scene = fx.Scene("s", arm, duration=1.0, dt=1e-3, angles=angles)
+    for held in ((), tuple(range(arm.n_links))):
+        plane = modes(scene, 4, "geometrically_exact", elements=10, order=3, clamped=held).frequencies
+        forced, counts = dataclasses.replace(scene, space=True), (16, 32) if name == "taper" else (10, 20)
+        meshes = [modes(forced, 14, elements=n, clamped=held).frequencies for n in counts]
+        for omega in plane[plane > 1.0][:3]:
+            coarse, fine = (float(found[np.abs(found / omega - 1.0).argmin()]) for found in meshes)
+            found = (4.0 * fine - coarse) / 3.0 if name == "taper" else fine
+            assert found == pytest.approx(omega, rel=2e-4 if name == "taper" else 1e-3), (held, omega)
 
 
 def momenta(arm: fx.Arm, simulation: Simulation) -> Array:
