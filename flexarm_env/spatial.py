@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -63,7 +64,7 @@ class SpatialTrajectory(Trajectory):
         return self._in_the_plane("the player (plotting.plot_trajectory and film_in_space draw runs in space)")
 
     def _repr_html_(self) -> str:
-        return f"<pre>{self!r}</pre>".replace("<T", "&lt;T").replace(" s>", " s&gt;")
+        return f"<pre>{html.escape(repr(self))}</pre>"
 
     def measured(self, sensors: Any = None, seed: int = 0) -> dict[str, Array]:
         """Not in space yet: `ValueError`."""
