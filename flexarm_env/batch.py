@@ -234,10 +234,8 @@ class Batch:
     @property
     def estimate(self) -> float:
         """What leaving out stretch and shear costs the elastica, over the arm's length, by a linear estimate that
-        links that whip round are beyond (docs: theory, section 5); infinite for others: not known.
-
-        Infinite and not nan, which no checker of an environment's determinism takes to be equal to itself.
-        """
+        links that whip round are beyond (docs: theory, section 5); infinite for others: not known. (Not nan, which no
+        checker of an environment's determinism takes to be equal to itself.)"""
         return self.system.notes.get("stretch_and_shear", float("inf"))
 
     def _ranges(self) -> Ranges:
@@ -262,6 +260,10 @@ class Batch:
     def record(self, i: int) -> Array:
         """Arm i's record (see `tasks.program.RECORD`), a view."""
         return self._mine(self.layout.record, self.layout.action, i)
+
+    def poses(self, i: int) -> Array:
+        """Poses (N, 12) of arm i's links as its last period, or its start, left them (see `POSE`), a copy."""
+        return self._mine(self.layout.poses, self.layout.record, i).reshape(-1, POSE.end).copy()
 
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:
@@ -391,8 +393,7 @@ class Batch:
     @property
     def counts(self) -> Array:
         """(groups, 4): Newton iterations, factorisations, halvings and steps of each lane group up to now."""
-        first = self._work * len(self.lane)
-        return self.block[:, first : first + 4].copy()
+        return self.block[:, self._work * len(self.lane) :][:, :4].copy()
 
     @property
     def started(self) -> bool:
@@ -434,11 +435,9 @@ class Batch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        names = ("block", "action", "observation", "table", "reward", "terminated", "truncated", "stream")
-        kept = {k: state[k] for k in names}
         self._build()
-        for name, values in kept.items():
-            getattr(self, name)[...] = values
+        for name in ("block", "action", "observation", "table", "reward", "terminated", "truncated", "stream"):
+            getattr(self, name)[...] = state[name]
 
 
 __all__ = [

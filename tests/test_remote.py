@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -162,6 +163,52 @@ def test_one_peer_at_a_time() -> None:
     assert joined(session, ("127.0.0.1", 2)) != first  # the first has been silent for too long
     command(session, first, 7, 1.0)
     assert session.counts["STRANGER"] == 2
+
+
+def test_a_hello_said_twice_and_one_replayed() -> None:
+    """Late answers do not make two connections of one; and what is replayed takes nobody's arm away."""
+    session = made(key=KEY)
+    connection = joined(session)
+    assert joined(session) == connection
+    command(session, connection, 1, 1.0, ARM)
+    assert reading(session).sequence == 2 and session.torque[0] == 1.0
+    assert session.receive(pack(Packet(Kind.HELLO, 5, 0), KEY), PEER) is None and session.counts["busy"] == 1
+    command(session, connection, 2, 0.5)
+    assert reading(session).numbers[4] == 0.5
+
+
+class Slow:
+    """A clock that only sleeping and stepping move; the third period takes five."""
+
+    def __init__(self, session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now, self.steps, self.advance = 0.0, list[float](), session.advance
+        monkeypatch.setattr(session, "advance", self.step)
+        monkeypatch.setattr("flexarm_env.remote.server.time", SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr("flexarm_env.remote.server.select", SimpleNamespace(select=self.sleep))
+
+    def sleep(self, *sockets: Any) -> tuple[list[int], list[int], list[int]]:
+        self.now += sockets[-1] * 1.0001
+        return [], [], []
+
+    def step(self) -> bytes | None:
+        self.steps.append(self.now)
+        self.now += 0.0523 if len(self.steps) == 3 else 0.001
+        return self.advance()
+
+
+def test_periods_are_due_by_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """None drifts; those that are over before they could begin are left out, and the watchdog counts them."""
+    session = made(limits=Limits(watchdog=4))
+    connection = joined(session)
+    command(session, connection, 1, 1.0, ARM)
+    clock, server = Slow(session, monkeypatch), Server(session)
+    server.serve(1.0)
+    server.close()
+    began = np.array(clock.steps)
+    assert server.missed == 4 and len(began) == 96
+    assert np.allclose(began, 0.01 * np.r_[1:4, 8.23, 9:101], atol=1e-5)
+    assert session.reason == "no command for 4 periods"
+    assert np.array(server.times)[:3, 0].tolist() == [0.01, 0.02, 0.03]
 
 
 @pytest.mark.parametrize("key", [None, KEY])
@@ -394,7 +441,9 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["run", "pd", "--to", "127.0.0.1:65536"], "a port from 1 to 65535"),
         (["run", "pd", "--env", "FlexibleArm-v0", "--to", "no.such.host.invalid:7070"], "no.such.host.invalid:7070: "),
         (["serve", "nobody"], "nobody"),
-        (["serve", "FlexibleArm-v0", "--rate", "0"], "--rate"),
+        *((["serve", "FlexibleArm-v0", "--rate", rate], "--rate") for rate in ("0", "nan", "1e9", "-5")),
+        (["serve", "FlexibleArm-v0", "--env-kwargs", '{"control_dt": 1e-7}'], "control_dt = 1e-07: must be left out"),
+        (["serve", "FlexibleArm-v0", "--key", "a\0b"], "null"),
         (["serve", "FlexibleArm-v0", "--host", "0.0.0.0", "--port", "0"], "must be this machine, or be given a key"),
         (["serve", "FlexibleArm-v0", "--key", str(log.with_suffix(".none"))], "run.none"),
         (["run", "pd", "--to", "nowhere"], "must be HOST:PORT"),

@@ -67,7 +67,10 @@ def _until_terminated() -> Iterator[None]:
 def _serve(args: argparse.Namespace) -> int:
     """Serve an arm until it is stopped, and say what came of it."""
     rate = check.number("--rate", args.rate, "Hz", minimum=1.0, maximum=10_000.0)
-    given = {"control_dt": 1.0 / rate, "duration": 1e6} | keywords(args.env_kwargs)
+    own = keywords(args.env_kwargs)
+    if "control_dt" in own:
+        raise check.InvalidValue("--env-kwargs control_dt", own["control_dt"], "must be left out: it is 1 / --rate")
+    given = {"control_dt": 1.0 / rate, "duration": 1e6} | own
     angle, rate_limit, slew = (
         math.inf if value is None else check.number(f"--most-{word}", value, above=0.0)
         for word, value in (("angle", args.most_angle), ("rate", args.most_rate), ("change", args.most_change))
@@ -87,8 +90,9 @@ def _serve(args: argparse.Namespace) -> int:
         pass
     finally:
         server.close()
-    late, busy = (1e3 * np.array(values or [0.0]) for values in (server.late, server.busy))
-    values: dict[str, Any] = {"at": f"{host}:{port}", "periods": session.period, "packets": dict(session.counts)}
+    late, busy = 1e3 * np.diff(server.times or [(0.0, 0.0, 0.0)]).T
+    values: dict[str, Any] = {"at": f"{host}:{port}", "periods": session.period, "missed": server.missed}
+    values["packets"] = dict(session.counts)
     values |= {f"late_ms_{q:g}": float(np.percentile(late, q)) for q in (50, 99, 99.9, 100)}
     show(values | {"busy_ms_50": float(np.median(busy))} | ({"log": str(log)} if log else {}), args.json)
     return DONE

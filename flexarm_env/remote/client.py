@@ -78,13 +78,15 @@ class Wire:
             if packet.kind is not Kind.HELLO:
                 raise ConnectionError(f"nothing can be sent: {error.strerror}") from None
 
-    def _take(self, until: float, kind: Kind) -> Packet | None:
-        """The next packet of a kind that comes before a time; others are left out."""
+    def _take(self, until: float, kind: Kind, wait: bool = True) -> Packet | None:
+        """The next packet of a kind that comes before a time, or has come; others are left out."""
         while (left := until - time.monotonic()) > 0.0:
-            self.socket.settimeout(left)
+            self.socket.settimeout(left if wait else 0.0)  # the system waits for whole ms: none where none is meant
             try:
                 found = unpack(self.socket.recv(2048), self.key)
             except OSError:  # nothing came, or nobody listens
+                if not wait:
+                    return None
                 time.sleep(min(0.01, max(0.0, until - time.monotonic())))
                 continue
             if isinstance(found, Refusal) or found.kind is not kind:
@@ -115,20 +117,19 @@ class Wire:
 
     def read(self) -> bool:
         """Wait for the next reading, the newest of those that have come; whether there is one."""
-        found, n = self._take(time.monotonic() + self.timeout, Kind.READING), len(self.limits)
-        while found is not None:
+        until, n, newest = time.monotonic() + self.timeout, len(self.limits), None
+        while (found := self._take(until, Kind.READING, newest is None)) is not None:
             newest = found
             self.lost += newest.sequence - self._last - 1
             self._last = newest.sequence
-            found = self._take(time.monotonic() + 1e-5, Kind.READING)
-            if found is None:
-                if len(newest.numbers) != 2 + 3 * n + len(self.scales):
-                    raise ConnectionError("a reading of another size than was said")
-                self.status, values, self.flags = newest.numbers[1], np.array(newest.numbers[2:]), newest.flags
-                self.angles, self.rates, self.torques = values[:n], values[n : 2 * n], values[2 * n : 3 * n]
-                self.seen, self.time = values[3 * n :], newest.time
-                return True
-        return False
+        if newest is None:
+            return False
+        if len(newest.numbers) != 2 + 3 * n + len(self.scales):
+            raise ConnectionError("a reading of another size than was said")
+        self.status, values, self.flags = newest.numbers[1], np.array(newest.numbers[2:]), newest.flags
+        self.angles, self.rates, self.torques = values[:n], values[n : 2 * n], values[2 * n : 3 * n]
+        self.seen, self.time = values[3 * n :], newest.time
+        return True
 
     def close(self) -> None:
         """Say goodbye, which holds the arm."""

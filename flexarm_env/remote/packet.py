@@ -55,6 +55,9 @@ class Kind(IntEnum):
     BYE = 5
 
 
+KINDS = frozenset(Kind)
+
+
 class Refusal(Enum):
     """Why a packet is dropped."""
 
@@ -95,7 +98,7 @@ def unpack(content: bytes, key: bytes | None = None) -> Packet | Refusal:
     if key is not None and not hmac.compare_digest(hmac.new(key, body, hashlib.sha256).digest(), content[-tail:]):
         return Refusal.FORGED
     magic, version, kind, flags, connection, sequence, count, time = HEAD.unpack_from(body)
-    if magic != MAGIC or version != VERSION or kind not in set(Kind):
+    if magic != MAGIC or version != VERSION or kind not in KINDS:
         return Refusal.FOREIGN
     if count != size // 8:
         return Refusal.SIZE

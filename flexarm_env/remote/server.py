@@ -10,7 +10,7 @@ import math
 import secrets
 import select
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -101,7 +101,7 @@ class Session:
         assert isinstance(pd, PD)
         self._kp, self._kd = pd.kp, pd.kd
         self.counts: Counter[str] = Counter()
-        self.connection, self.last, self.sent, self.period = 0, 0, 0, 0
+        self.connection, self.last, self.sent, self.period, self._hello = 0, 0, 0, 0, 0
         self.peer: Any = None
         self.silent, self.held, self.reason = 0, True, "not armed"
         self._asked: Packet | None = None
@@ -119,10 +119,11 @@ class Session:
 
     def _joints(self) -> tuple[Array, Array]:
         """Angles and rates, rad and rad/s, of the arm itself."""
-        poses = self.plain.batch.view(0).poses
-        absolute, rates = poses[:, 2], poses[:, 5]
-        before, faster = np.append(0.0, poses[:-1, 8]), np.append(0.0, poses[:-1, 11])
-        return absolute - before, rates - faster
+        poses = self.plain.batch.poses(0)
+        angles, rates = poses[:, 2].copy(), poses[:, 5].copy()
+        angles[1:] -= poses[:-1, 8]
+        rates[1:] -= poses[:-1, 11]
+        return angles, rates
 
     # --- packets ------------------------------------------------------------------------------------
     def receive(self, content: bytes, address: Any) -> bytes | None:
@@ -132,7 +133,7 @@ class Session:
             self.counts[found.name] += 1
             return None
         if found.kind is Kind.HELLO:
-            return self._welcome(address)
+            return self._welcome(found.connection, address)
         if self.peer is None or found.connection != self.connection or address != self.peer:
             self.counts[Refusal.STRANGER.name] += 1
         elif found.sequence <= self.last:
@@ -152,21 +153,22 @@ class Session:
                 self._asked = found
         return None
 
-    def _welcome(self, address: Any) -> bytes | None:
-        if self.peer not in (None, address) and self.silent <= self.limits.watchdog:
-            self.counts["busy"] += 1
-            return None
+    def _welcome(self, hello: int, address: Any) -> bytes | None:
+        """Said again before the first command, it is answered again; replayed later it disturbs nobody."""
+        if (address, hello, 0) != (self.peer, self._hello, self.last):
+            if self.peer is not None and self.silent <= self.limits.watchdog:
+                self.counts["busy"] += 1
+                return None
+            self.connection, self.peer, self._hello = secrets.randbits(64), address, hello
+            self.last, self.sent, self.silent, self._asked = 0, 1, 0, None
+            self._stop("not armed")
         self.counts["accepted"] += 1
-        self.connection, self.peer, self.last, self.sent, self.silent = secrets.randbits(64), address, 0, 0, 0
-        self._stop("not armed")
-        self._asked = None
         about = (self.plain.dt, len(self.torque), len(self.scales), self.limits.watchdog)
         numbers = (*map(float, about), *self.torque_limits.tolist(), *self.scales.tolist())
-        return self._packed(Kind.WELCOME, numbers, 0)
+        return self._packed(Kind.WELCOME, 1, numbers, 0)
 
-    def _packed(self, kind: Kind, numbers: tuple[float, ...], flags: int) -> bytes:
-        self.sent += 1
-        told = Packet(kind, self.connection, self.sent, self.period * self.plain.dt, numbers, flags)
+    def _packed(self, kind: Kind, sequence: int, numbers: tuple[float, ...], flags: int) -> bytes:
+        told = Packet(kind, self.connection, sequence, self.period * self.plain.dt, numbers, flags)
         return pack(told, self.key)
 
     # --- periods ------------------------------------------------------------------------------------
@@ -217,7 +219,8 @@ class Session:
         if self.peer is None:
             return None
         flags = HELD * self.held | LIMITED * limited | OVER * (self.status != 0.0)
-        return self._packed(Kind.READING, (float(self.last), self.status, *self.readings()), flags)
+        self.sent += 1
+        return self._packed(Kind.READING, self.sent, (float(self.last), self.status, *self.readings()), flags)
 
     def _towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
         """PD torques to joint angles."""
@@ -247,7 +250,8 @@ class Server:
         session: the arm. host, port: where it listens, 0 for any port; beyond loopback there has to be a key, or
             `insecure`. log: CSV file, a row a period.
     Attributes:
-        late: s that each period began after its time, the last 100,000. busy: s that it took, likewise.
+        times: of the last 100,000 periods: when each was due, began and was over, s of the monotonic clock.
+        missed: periods that were over before they could begin: they are left out, and the later ones keep time.
     """
 
     session: Session
@@ -263,8 +267,8 @@ class Server:
             self.socket.bind((self.host, self.port))
         self.socket.setblocking(False)
         self.address: Address = self.socket.getsockname()[:2]
-        self.late: list[float] = []
-        self.busy: list[float] = []
+        self.times: deque[tuple[float, float, float]] = deque(maxlen=100_000)
+        self.missed = 0
 
     def serve(self, seconds: float = math.inf, stopped: Callable[[], bool] = lambda: False) -> None:
         """Step the arm at its rate and answer, for so long."""
@@ -282,25 +286,25 @@ class Server:
         session = self.session
         if writer is not None:
             writer.writerow(session.columns())
-        start = due = time.perf_counter()
-        while not stopped() and due - start < seconds:
-            due += period
+        start, k = time.monotonic(), 0
+        while not stopped() and k * period < seconds:
+            k += 1
+            due = start + k * period
             self._listen(due)
-            began = time.perf_counter()
+            began = time.monotonic()
             reading = session.advance()
             if reading is not None:
                 self._send(reading, session.peer)
             if writer is not None:
                 writer.writerow([f"{session.row[0]:.9g}", *map(repr, session.row[1:])])
-            if len(self.late) < 100_000:
-                self.late.append(began - due)
-                self.busy.append(time.perf_counter() - began)
-            if time.perf_counter() > due + period:  # periods that were missed are not caught up
-                due = time.perf_counter()
+            over = time.monotonic()
+            self.times.append((due, began, over))
+            missed = max(0, int((over - start) / period) - k - 1)
+            k, self.missed, session.silent = k + missed, self.missed + missed, session.silent + missed
 
     def _listen(self, until: float) -> None:
         while True:
-            left = until - time.perf_counter()
+            left = until - time.monotonic()
             ready, _, _ = select.select([self.socket], [], [], max(left, 0.0))
             if not ready:
                 return
