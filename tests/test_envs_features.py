@@ -141,6 +141,51 @@ def test_delay_holds_commands_back(delay: float) -> None:
     np.testing.assert_allclose(torques, 2.0 * (1.0 - np.exp(-np.maximum(t, 0.0) / 0.05)), rtol=1e-9, atol=1e-15)
 
 
+def test_jitter_draws_how_late_each_command_comes() -> None:
+    """Commands that alternate under a lag tell at each period's end how long the last one has been there."""
+    dt, lag, most, n = 0.0025, 0.05, 24, 8
+    env = make(actuator={"delay": 2 * dt, "jitter": most * dt, "lag": lag}, dt=dt, duration=20.0)
+    actions = np.random.default_rng(1).uniform(-1.0, 1.0, (400, 1))
+    torques = column(run(env, actions, **START), "hub_torque")
+    asked, share, before, late = 2.0 * np.concatenate([np.zeros(9), actions[:, 0]]), 1.0 - np.exp(-dt / lag), 0.0, []
+    for k, end in enumerate(torques):
+        ends = []
+        for steps in range(2, 2 + most + 1):
+            torque = before
+            for s in range(n):
+                torque += (asked[9 + k - max(0, -(-(steps - s) // n))] - torque) * share
+            ends.append(torque)
+        before = end
+        late.append(2 + int(np.argmin(np.abs(np.array(ends) - end))))
+        assert min(np.abs(np.array(ends) - end)) < 1e-6
+    counts = np.bincount(late[9:], minlength=27)
+    assert set(np.flatnonzero(counts)) == set(range(2, 27)) and counts.max() < 40  # 16 expected of each
+    vector = gym.make_vec(ONE, num_envs=9, actuator={"jitter": 4 * dt, "lag": lag}, dt=dt, threads=1)
+    single = gym.make(ONE, actuator={"jitter": 4 * dt, "lag": lag}, dt=dt)
+    vector.reset(seed=3), single.reset(seed=7)
+    for a in actions[:20]:
+        many, one = vector.step(np.tile(a, (9, 1)).astype(np.float32)), single.step(a.astype(np.float32))
+        np.testing.assert_array_equal(many[0][4], one[0])
+
+
+def test_factors_that_are_drawn_are_told() -> None:
+    strip = arms.named("strip")
+    arm = dataclasses.replace(strip, payload=dataclasses.replace(strip.payload, inertia=0.01))
+    ranges = {"payload": (0.5, 2.0), "torque_constant": (0.9, 1.1), "payload_inertia": (0.5, 1.5)}
+    vector = gym.make_vec(ONE, num_envs=9, arm=arm, randomization=ranges, info_level="numbers")
+    _, first = vector.reset(seed=0)
+    _, _, _, _, info = vector.step(np.full((9, 1), 0.25, np.float32))
+    for name, (low, high) in ranges.items():
+        drawn = info[f"drawn_{name}"]
+        np.testing.assert_array_equal(drawn, first[f"drawn_{name}"])
+        assert ((low <= drawn) & (drawn <= high)).all() and len(set(drawn)) == 9
+    np.testing.assert_allclose(info["hub_torque"], 0.5 * info["drawn_torque_constant"], rtol=1e-6)
+    mass, inertia = vector.unwrapped.batch.parameters(4)[:2]
+    assert mass == arm.payload.mass * info["drawn_payload"][4]
+    assert inertia == pytest.approx(arm.payload.inertia * info["drawn_payload"][4] * info["drawn_payload_inertia"][4])
+    assert "drawn_EI" not in info
+
+
 def test_saturation_limits_the_motor() -> None:
     env = make(actuator={"saturation": 0.4})
     assert column(run(env, np.ones((3, 1)), **START), "hub_torque") == pytest.approx([0.8] * 3)

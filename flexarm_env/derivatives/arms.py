@@ -33,8 +33,8 @@ class Arms(Periods):
 
     A state is a row of numbers that holds all that an arm's future depends on; what it gives is what the environment
     gives, to the last bit of its numbers (actions are float64 here). Nothing ends and nothing is drawn: sensors have no
-    noise, and of pushes there is the one that is on or comes next; time limits, joint limits and autoreset are left to
-    the caller; a solver that fails gives NaN.
+    noise, commands no jitter, and of pushes there is the one that is on or comes next; time limits, joint limits and
+    autoreset are left to the caller; a solver that fails gives NaN.
 
     Args:
         id: of an environment of this package. n: how many arms. threads: at most so many; None: as the vector

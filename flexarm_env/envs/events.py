@@ -94,8 +94,8 @@ def payload_change(frame: Frame, given: Any) -> PayloadChange | None:
     return PayloadChange(time=time / frame.period, factor=factor, resting=(0,) if gripped == GRIPPED[0] else None)
 
 
-def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool) -> dict[str, Any]:
-    """Fields of the task's record that say what is asked for, where it is not the usual."""
+def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool, drawn: bool) -> dict[str, Any]:
+    """Fields of the task's record that say what is asked for, where it is not the usual. drawn: factors are."""
     kind = frame.kind
     table = table_of("success", success, (*kind.bands, "hold", "once", "paid"))
     paid = check.flag("success.paid", table.get("paid", False))
@@ -123,7 +123,7 @@ def aims(frame: Frame, extras: Extras, success: Any, turns: Any, absolute: bool)
         changes["turns"] = (0,)
     if absolute:
         changes["relative"] = 0.0
-    if frame.settings.step_tolerance is not None or any(getattr(extras, name) is not None for name in EVENTS):
+    if drawn or frame.settings.step_tolerance is not None or any(getattr(extras, name) is not None for name in EVENTS):
         changes["further"] = (0,) * FURTHER.end
     return changes
 

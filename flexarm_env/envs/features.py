@@ -106,7 +106,7 @@ def amplified(arm: Arm, mode: Any) -> tuple[Arm, Amplifier | None]:
 
 
 # --- actuators ---------------------------------------------------------------------------------------
-_ACTUATOR = ("lag", "delay", "saturation", "viscous", "coulomb")
+_ACTUATOR = ("lag", "delay", "jitter", "saturation", "viscous", "coulomb")
 
 
 def with_friction(arm: Arm, given: Any) -> Arm:
@@ -131,15 +131,18 @@ def actuator(frame: Frame, given: Any) -> Actuator | None:
     assert dt is not None and arm.torque_limits is not None
     lag = check.number("actuator.lag", table.get("lag", 0.0), "s", minimum=0.0)
     steps = whole("actuator.delay", table.get("delay", 0.0), dt, "dt", minimum=0.0)
+    more = whole("actuator.jitter", table.get("jitter", 0.0), dt, "dt", minimum=0.0)
     per_period = round(frame.period / dt)
     share = check.number("actuator.saturation", table.get("saturation", 1.0), above=0.0, maximum=1.0)
-    if lag == 0.0 and steps == 0 and share == 1.0:
+    if lag == 0.0 and steps == 0 and more == 0 and share == 1.0:
         return None
     return Actuator(
         share=1.0 if lag == 0.0 else 1.0 - math.exp(-dt / lag),
         age=steps // per_period,
         late=steps % per_period,
         limits=share * np.array(arm.torque_limits),
+        rows=(steps + more) // per_period + 2,
+        jitter=(float(more), float(per_period), -(-(steps + more) // per_period)) if more else None,
     )
 
 

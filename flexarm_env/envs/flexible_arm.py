@@ -106,7 +106,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     `solver_status` ("ok" or what failed), `termination_reason` ("" or why). With `step_tolerance` also `step_error`
     (over L: what the period added; above the tolerance where five halvings of `dt` were not enough). With
     `info_level="full"` also `energy_kinetic`, `energy_strain`, `energy_gravity`, `energy_dissipated` and `work` (of the
-    motor), J.
+    motor), J. With `randomization` also `drawn_<key>` of each of its keys: the episode's factor.
 
     ## Arguments
 
@@ -134,7 +134,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `observation` | "full" | or "measured", or names of entries in the order wanted, see below |
     | `history` | 1 | the last so many observations in one, the oldest first |
     | `sensors` | {} | `noise`, `delay`, `strain_gauges`, `encoders`, `accelerometer`, `camera`, see below |
-    | `actuator` | {} | `lag`, `delay`, `saturation`, `viscous`, `coulomb`, see below |
+    | `actuator` | {} | `lag`, `delay`, `jitter`, `saturation`, `viscous`, `coulomb`, see below |
     | `cost` | None | `deflection` (over L), `strain`: limits beyond which a period costs 1, see below |
     | `pushes` | None | `wait`, `force`, `lasting`, `until`: forces on the tip at random times, see below |
     | `payload_change` | None | `time`, `factor`, `gripped`: a payload gripped or let go, see below |
@@ -175,10 +175,11 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     (`frequency`, `order`, `damping`), `quantum` and `delay`: docs/tutorials/sensors.md, `flexarm_env.sensors`. Those of
     the arm itself hold where `observation` is not "full" and nothing else is said.
 
-    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s; `saturation` a
-    share of the torque limit; `viscous` (N m s/rad) and `coulomb` (N m) friction is added to what the arm's joints have
-    (`Joint.friction_viscous`, `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of
-    `energy_dissipated`. What is left at its default costs nothing.
+    Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s; `jitter` the most
+    that is added to it, s, drawn for each period in whole steps; `saturation` a share of the torque limit; `viscous` (N
+    m s/rad) and `coulomb` (N m) friction is added to what the arm's joints have (`Joint.friction_viscous`,
+    `friction_coulomb`): it sticks, and sets no limit to `dt`; its loss is part of `energy_dissipated`. What is left at
+    its default costs nothing.
 
     Targets that move: `reference={"path": "swing", "width": (low, high), "period": (low, high)}` draws swings to and
     fro (rad, s), `{"path": "line", "behind": ..., "rate": ...}` targets that come from behind (rad) and run on at a

@@ -207,7 +207,8 @@ def plan(
     begun = dataclasses.replace(begun, factors=factors, more=more, laws=laws, vibration=vibration)
     if vibration > 0.0:
         begun = dataclasses.replace(begun, shake=shake(own, settings, frame.gravity))
-    aims = events.aims(frame, extras, success, turns, absolute)
+    drawn = {name: k for k, name in enumerate((*FACTORS, *MORE)) if name in (randomization or {})}
+    aims = events.aims(frame, extras, success, turns, absolute, bool(drawn))
     built = kind.build(own, weights, period, aims)
     return Plan(
         kind=kind, task=word, arm=own, settings=settings, period=period, duration=length, limit=limit,
@@ -217,7 +218,8 @@ def plan(
         gauges=tuple((gauge.link, gauge.place) for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
         entries=info_entries(
-            kind, built, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None
+            kind, built, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
+            drawn,
         ),
         action_mode=action_mode,
     )  # fmt: skip

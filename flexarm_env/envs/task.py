@@ -175,12 +175,13 @@ class Entry:
 
 
 def info_entries(
-    kind: Kind, task: Task, full: bool, motors: bool = False, extras: Extras | None = None, fitted: bool = False
+    kind: Kind, task: Task, full: bool, motors: bool = False, extras: Extras | None = None, fitted: bool = False,
+    drawn: Mapping[str, int] | None = None,
 ) -> tuple[Entry, ...]:
     """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them.
 
     motors: with their angles and rates, where joints are not ideal. extras: what more there is to be told of.
-    fitted: steps are, to a tolerance.
+    fitted: steps are, to a tolerance. drawn: where factors that are drawn stand among all of them, by name.
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
@@ -206,6 +207,7 @@ def info_entries(
         entries.append(Entry("push", first + FURTHER.push, 2))
     if fitted:
         entries.append(Entry("step_error", first + FURTHER.step_error, None))
+    entries += [Entry(f"drawn_{name}", first + FURTHER.drawn + k, None) for name, k in (drawn or {}).items()]
     return tuple(entries)
 
 

@@ -243,7 +243,7 @@ def _turn(lane, task, actuator, s, record, w, tape):
     """The motors' torques in step s; what they were before is kept last in the tape's numbers of that step."""
     if actuator is not None:
         n = size(task.links)
-        at, last = record_at(0, n, size(task.acted), 1, actuator.age + 2, 0, 0), 3 * w.q.shape[0] // len(lane) + n
+        at, last = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0), 3 * w.q.shape[0] // len(lane) + n
         for k in range(n):
             store(tape, last + k, load(lane, record, at.torque + k))
         turn_motors(lane, task, actuator, s, record, w)
@@ -254,7 +254,7 @@ def _vjp_turn(lane, task, actuator, s, record, record_bar, bar, tape):
     """`turn_motors`, backwards."""
     if actuator is not None:
         n, zero = size(task.links), splat(lane, 0.0)
-        at, last = record_at(0, n, size(task.acted), 1, actuator.age + 2, 0, 0), 3 * bar.q.shape[0] // len(lane) + n
+        at, last = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0), 3 * bar.q.shape[0] // len(lane) + n
         age = actuator.age + 1 if s < actuator.late else actuator.age
         for k in range(n):
             before, asked = load(lane, tape, last + k), load(lane, record, at.commands + age * n + k)
@@ -272,7 +272,7 @@ def _vjp_record_commands(lane, task, actuator, record_bar, bar):
     """`record_commands`, backwards."""
     if actuator is not None:
         n = size(task.links)
-        at = record_at(0, n, size(task.acted), 1, actuator.age + 2, 0, 0)
+        at = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0)
         for k in range(n):
             store(bar.u, k, load(lane, bar.u, k) + load(lane, record_bar, at.commands + k))
             for j in range(actuator.age + 1):

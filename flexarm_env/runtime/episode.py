@@ -40,6 +40,7 @@ from ..tasks.track import look_ahead, move_targets
 from .events import apply_events, record_events
 from .fitted import move, record_step_error
 from .keeping import keep, put_back
+from .motors import draw_lateness
 from .sensors import read_gauges, record_motor_angles, write_observation
 
 OUTCOME = (0, 0)
@@ -229,6 +230,7 @@ def finish_arm(lane, p, arm, outcome, reason, poses, record, seen, info):
     n_terms, at = size(task.terms), info_of(task)
     if reason == OK or reason == JOINT_LIMIT:
         write_observation(lane, p, arm, poses, record, seen, False)
+        draw_lateness(p.actuator, p.stream, arm, record, lanes)
     else:
         info[SUCCESS * lanes + i] = 0.0
         for k in range(at.terms, at.terms + n_terms):

@@ -17,7 +17,7 @@ def record_sizes(task: Any, entries: int, extras: Any) -> tuple[int, int, int, i
     """Sizes of a `RECORD`: joints, actions, rows of motors and of commands, of past observations, of sensors."""
     motors, sensors, instruments = extras.actuator, extras.sensors, extras.instruments
     return (
-        len(task.links), len(task.acted), int(motors is not None), 0 if motors is None else motors.age + 2,
+        len(task.links), len(task.acted), int(motors is not None), 0 if motors is None else motors.rows,
         0 if sensors is None else entries * sensors.age, 0 if instruments is None else readings_size(instruments),
     )  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ..compiler import kernel, largest, load, select_lt, size, splat, store
 from ..physics.arithmetic import clip, put
 from ..physics.integrator.start import restart
@@ -9,7 +11,8 @@ from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
 from ..physics.layout import POSE
 from ..physics.protocol import link_poses, ports
-from ..tasks.program import GOAL, PERIODS, TORQUE_FACTOR, record_at, saved_at
+from ..tasks.program import GOAL, LATE, PERIODS, TORQUE_FACTOR, record_at, saved_at
+from ..tasks.stream import uniform
 from .events import set_pushes
 
 _ANGLE, _RATE = 0, POSE.rate - POSE.angle
@@ -131,23 +134,38 @@ def _run_motors(lane, p, model, parts, actuator, par, record, saved, block, w):
 def record_commands(lane, task, actuator, record, w):
     """Remember what the motors are asked for, w.u."""
     n = size(task.links)
-    at = record_at(0, n, size(task.acted), 1, actuator.age + 2, 0, 0)
+    at = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0)
     for k in range(n):
-        _shift_in(lane, record, at.commands + k, n, actuator.age + 1, load(lane, w.u, k))
+        _shift_in(lane, record, at.commands + k, n, actuator.rows - 1, load(lane, w.u, k))
 
 
 @kernel
 def turn_motors(lane, task, actuator, s, record, w):
     """w.u <- the motors' torques in step s of a period."""
     n = size(task.links)
-    at = record_at(0, n, size(task.acted), 1, actuator.age + 2, 0, 0)
+    at = record_at(0, n, size(task.acted), 1, actuator.rows, 0, 0)
     age = actuator.age + 1 if s < actuator.late else actuator.age
     for k in range(n):
         asked = load(lane, record, at.commands + age * n + k)
+        if actuator.jitter is not None:
+            _, period, oldest = actuator.jitter
+            for older in range(age + 1, oldest + 1):
+                due = s + (older - 1 - actuator.age) * period - actuator.late
+                before = load(lane, record, at.commands + older * n + k)
+                asked = select_lt(splat(lane, due + 0.5), load(lane, record, LATE), before, asked)
         torque = load(lane, record, at.torque + k)
         torque = clip(torque + (asked - torque) * actuator.share, actuator.limits[k])
         store(record, at.torque + k, torque)
         store(w.u, k, torque)
+
+
+@kernel
+def draw_lateness(actuator, stream, arm, record, lanes):
+    """How late the commands of arm's next period come, where that is drawn."""
+    if actuator is not None:
+        if actuator.jitter is not None:
+            drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))
+            record[LATE * lanes + arm % lanes] = drawn
 
 
 @kernel

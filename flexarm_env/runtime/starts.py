@@ -12,6 +12,7 @@ from ..physics.joints.layout import LAWS
 from ..physics.model import JOINT_LAWS, OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
 from ..physics.protocol import link_poses
 from ..tasks.program import (
+    FURTHER,
     GOAL,
     HOLD,
     MODE,
@@ -31,9 +32,11 @@ from ..tasks.task import aim, info_of, judge, target_from
 from ..tasks.track import start_path
 from .episode import OUTCOME, copy_info, finish_arm, observe_material, observe_state, record_energies, reward
 from .events import draw_events
+from .motors import draw_lateness
 from .sensors import write_observation
 
 _SHAKE = SHAKE.places
+_FACTORS = FURTHER.end - FURTHER.drawn
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
@@ -58,13 +61,13 @@ def _start(lane, p, arm, mode, block, w):
     for k in range(record.shape[0] // lanes):
         record[k * lanes + i] = 0.0
     record[PERIODS_ALLOWED * lanes + i], record[MODE * lanes + i] = limit, float(mode)
-    record[TORQUE_FACTOR * lanes + i] = own[at.torque_factor]
+    record[TORQUE_FACTOR * lanes + i] = own[at.factors + 3]
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[at.target], own[at.target + 1]
     _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     for k in range(PARAMETERS):
         par[k * lanes + i] = own[at.parameters + k]
     if p.ranges.more is not None:
-        _draw_more(p, lanes, i, arm, par)
+        _draw_more(p, lanes, i, arm, own[at.factors + 4 : at.parameters], par)
     for k in range(w.u.shape[0] // lanes):
         w.u[k * lanes + i] = 0.0
     for k in range(n_joints):
@@ -79,6 +82,9 @@ def _start(lane, p, arm, mode, block, w):
     live = _only(lane, i)
     _start_info(lanes, p, arm, record, info)
     draw_events(lanes, p, arm, par, record, info)
+    if size(task.further) > 0:
+        for k in range(_FACTORS):
+            info[(info_of(task).further + FURTHER.drawn + k) * lanes + i] = own[at.factors + k]
     record_energies(lane, p, par, w, live, info)
     _first_observation(lane, p, arm, live, record, action, poses, seen, info)
     copy_info(lane, p, arm // lanes, info)
@@ -108,20 +114,21 @@ def _draw(task, ranges, stream, request, arm, own):
     own[at.target + 1] = _given(request[asked.target + 1], second)
     vibration = (2.0 * uniform(stream, arm) - 1.0) * ranges.vibration
     own[at.vibration] = _given(request[asked.vibration], vibration)
-    payload, stiffness = draw(stream, arm, ranges.factors, 0), draw(stream, arm, ranges.factors, 1)
-    damping, own[at.torque_factor] = draw(stream, arm, ranges.factors, 2), draw(stream, arm, ranges.factors, 3)
-    own[at.parameters + PAYLOAD_MASS] = ranges.nominal[PAYLOAD_MASS] * payload
-    own[at.parameters + PAYLOAD_INERTIA] = ranges.nominal[PAYLOAD_INERTIA] * payload
-    own[at.parameters + STIFFNESS_FACTOR] = ranges.nominal[STIFFNESS_FACTOR] * stiffness
-    own[at.parameters + TAU_D] = ranges.nominal[TAU_D] * damping
+    for k in range(4):
+        own[at.factors + k], own[at.factors + 4 + k] = draw(stream, arm, ranges.factors, k), 1.0
+    own[at.parameters + PAYLOAD_MASS] = ranges.nominal[PAYLOAD_MASS] * own[at.factors]
+    own[at.parameters + PAYLOAD_INERTIA] = ranges.nominal[PAYLOAD_INERTIA] * own[at.factors]
+    own[at.parameters + STIFFNESS_FACTOR] = ranges.nominal[STIFFNESS_FACTOR] * own[at.factors + 1]
+    own[at.parameters + TAU_D] = ranges.nominal[TAU_D] * own[at.factors + 2]
 
 
 @kernel
-def _draw_more(p, lanes, i, arm, par):
-    """What of an arm's own parameters is drawn only where it is asked for."""
-    more = p.ranges.more
-    par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * draw(p.stream, arm, more, 0)
-    friction, play, rotor = draw(p.stream, arm, more, 1), draw(p.stream, arm, more, 2), draw(p.stream, arm, more, 3)
+def _draw_more(p, lanes, i, arm, factors, par):
+    """What of an arm's own parameters is drawn only where it is asked for, by factors that are put there."""
+    for k in range(4):
+        factors[k] = draw(p.stream, arm, p.ranges.more, k)
+    par[PAYLOAD_INERTIA * lanes + i] = par[PAYLOAD_INERTIA * lanes + i] * factors[0]
+    friction, play, rotor = factors[1], factors[2], factors[3]
     if p.ranges.laws is not None:
         for k in range(0, p.model.data.shape[0], LAWS.end):
             for j in range(LAWS.end):
@@ -187,6 +194,7 @@ def _first_observation(lane, p, arm, live, record, action, poses, seen, info):
     for k in range(at.terms, at.terms + size(p.task.terms)):
         info[k * lanes + i] = 0.0
     write_observation(lane, p, arm, poses, record, seen, True)
+    draw_lateness(p.actuator, p.stream, arm, record, lanes)
     p.reward[arm], p.terminated[arm], p.truncated[arm] = 0.0, np.uint8(0), np.uint8(0)
 
 

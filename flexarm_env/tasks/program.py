@@ -80,6 +80,7 @@ RECORD = Layout(
     Field("target_rate", (2,), "m/s or rad/s", "its rate"),
     Field("torque_factor", (), "", "on the torque constant"),
     Field("level", (), "", "halvings of the step that the last period took, where steps are fitted"),
+    Field("late", (), "", "steps more by which this period's commands come late, where that is drawn"),
     Field("cost", (), "", "of the episode so far"),
     Field("change", (2,), "", "period at whose start the payload changes, and to which factor on the nominal"),
     Field("push", (PUSH.length,), "", "a `PUSH`: the present one, or the next"),
@@ -133,7 +134,7 @@ START = Layout(
     "Start", "joints",
     Field("vibration", (), "", "initial tip deflection over L"),
     Field("target", (2,), "m or rad", "as in the record"),
-    Field("torque_factor", (), "", "likewise"),
+    Field("factors", (8,), "", "on the nominal values: payload, EI, damping, torque constant; `Ranges.more`"),
     Field("parameters", (PARAMETERS,), "", "payload mass, payload inertia, EI factor, tau_d"),
     Field("angles", ("joints",), "rad", "joint angles"),
 )  # fmt: skip
@@ -173,15 +174,16 @@ _FURTHER = Layout(
     Field("payload", (), "kg", "mass of the payload"),
     Field("push", (2,), "N", "force on the tip in the period"),
     Field("step_error", (), "", "of the period over L, as fitted steps have it"),
+    Field("drawn", (8,), "", "factors on the nominal values, as in a `START`"),
 )  # fmt: skip
-"""What the caller is told of an arm where there is a cost, a payload that changes, a push, or fitted steps."""
+"""What the caller is told where there is a cost, a payload that changes, a push, fitted steps or drawn factors."""
 
 FURTHER = _FURTHER.places
 """Where these are; FURTHER.end: how many."""
 
 (
-    PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, LEVEL, COST, CHANGE, PUSHED, PATH_AT,
-    GOAL, *_,
+    PERIODS, PERIODS_ALLOWED, MODE, HOLD, TARGET, TARGET_RATE, TORQUE_FACTOR, LEVEL, LATE, COST, CHANGE, PUSHED,
+    PATH_AT, GOAL, *_,
 ) = RECORD.offsets(0, 0, 0, 0, 0, 0, 0)  # fmt: skip
 """Where the fields of a record are that no size moves."""
 
@@ -305,6 +307,8 @@ class Actuator(NamedTuple):
     age: int  # whole control periods by which commands come late
     late: int  # and whole steps
     limits: np.ndarray  # (N,) N m, saturation
+    rows: int  # commands that are remembered, those of this period with them
+    jitter: tuple[float, float, int] | None = None  # most steps more; of a period; greatest age, in periods
 
 
 class Sensors(NamedTuple):
