@@ -1,0 +1,222 @@
+"""How well a served arm keeps its time: docs/results/real_time.md.
+
+python -m benchmarks.real_time [--periods N] [--page] [--out FOLDER]
+
+An arm served in one process, driven by PD from another, on loopback, each on a core of its own; about ten minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import pages
+from benchmarks.machine import table
+from benchmarks.pages import Found
+from flexarm_env import control
+from flexarm_env.remote import Kind, Limits, Packet, RemoteArmEnv, Server, Session, pack, unpack
+from flexarm_env.remote.packet import ARM
+
+Array = NDArray[np.float64]
+
+RATES = (100, 500, 1000)
+BESIDE: dict[str, tuple[bool, bool, dict[int, float]]] = {
+    "nothing": (False, False, {100: 0.06, 500: 1.0, 1000: 1.0}),
+    "a busy process on each core": (True, False, {100: 0.02, 500: 0.2, 1000: 0.5}),
+    "the same, served and driven with `chrt -f 10`": (True, True, {1000: 0.5}),
+}
+"""What runs beside it: whether cores are busy, whether server and peer go first, and shares of the periods by rate."""
+SHARES = (50.0, 99.0, 99.9, 100.0)
+FIRST = 10
+"""Priority of the first come, first served."""
+ARMS: dict[str, tuple[str, dict[str, Any]]] = {
+    f"{count}, {word}": (env_id, {"formulation": formulation})
+    for count, env_id in (("one link", "FlexibleArm-v0"), ("two links", "TwoLinkFlexArm-v0"))
+    for word, formulation in (("elastica", "elastica"), ("exact beam", "geometrically_exact"),
+                              ("floating frame", "floating_frame"))
+}  # fmt: skip
+MEASURED = 3000
+"""Periods for the arm's own share."""
+
+
+def arm_of(env_id: str, rate: float, **kwargs: Any) -> Any:
+    """As `flexarm serve` makes it."""
+    return gym.make(env_id, control_dt=1.0 / rate, duration=1e6, disable_env_checker=True, **kwargs)
+
+
+def alone_on(core: int, first: bool) -> None:
+    """This process on one core, before all that is not as urgent if it may."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[core]})
+    if first:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIRST))
+
+
+def may_go_first() -> bool:
+    """Whether this user may ask for it."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIRST))
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    except (AttributeError, PermissionError):
+        return False
+    return True
+
+
+def serve(rate: float, first: bool, wire: Connection) -> None:
+    """The process of the arm: sends its address, serves until it is told to end, sends what came of it."""
+    session = Session(arm_of("FlexibleArm-v0", rate), Limits(watchdog=int(rate)), seed=0)
+    server = Server(session)
+    alone_on(0, first)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    wire.send(server.address)
+    before = time.process_time()
+    with contextlib.suppress(KeyboardInterrupt):
+        server.serve()
+    spent = time.process_time() - before
+    wire.send((np.array(server.times), session.period, spent))
+    server.close()
+
+
+@contextlib.contextmanager
+def busy(wanted: bool) -> Iterator[None]:
+    """A process that never rests on each core."""
+    cores = sorted(os.sched_getaffinity(0))[:2] if wanted else []
+    beside = [subprocess.Popen([sys.executable, "-c", f"import os\nos.sched_setaffinity(0, {{{c}}})\nwhile True: pass"])
+              for c in cores]  # fmt: skip
+    try:
+        yield
+    finally:
+        for one in beside:
+            one.send_signal(signal.SIGKILL)
+            one.wait()
+
+
+def drive(rate: float, periods: int, first: bool, address: tuple[str, int], wire: Connection) -> None:
+    """The process of the peer: PD, and when it had each reading."""
+    alone_on(1, first)
+    env = RemoteArmEnv(*address)
+    policy = control.make("pd", arm_of("FlexibleArm-v0", rate))
+    observation, _ = env.reset()
+    policy.reset(observation)
+    had, of = np.empty(periods), np.empty(periods)
+    before = time.process_time()
+    for k in range(periods):
+        observation, *_, info = env.step(policy.act(observation))
+        had[k], of[k] = time.monotonic(), info["time"]
+    wire.send((had, of, info["lost"], time.process_time() - before))
+    env.close()
+
+
+def kept(rate: int, periods: int, first: bool) -> Found:
+    """How one server and its peer keep time."""
+    context = multiprocessing.get_context("spawn")
+    (here, there), (mine, theirs) = context.Pipe(), context.Pipe()
+    arm = context.Process(target=serve, args=(rate, first, there))
+    arm.start()
+    peer = context.Process(target=drive, args=(rate, periods, first, here.recv(), theirs))
+    peer.start()
+    had, of, lost, peer_spent = mine.recv()
+    arm.terminate()
+    times, stepped, spent = here.recv()
+    for process in (arm, peer):
+        process.join()
+    due, begun, _ = times.T
+    place = np.rint(of * rate).astype(int) - 1 - (stepped - len(times))  # a reading's period among those kept
+    known, driven = place >= 0, (due > had[0]) & (due < had[-1])
+    missed = int(np.rint(np.diff(due[driven]) * rate).sum()) - driven.sum() + 1
+    late, latency, off = (begun - due)[driven], had[known] - due[place[known]], np.abs(np.diff(had) - 1.0 / rate)
+    told = {"late": late, "latency": latency, "off": off}
+    return {
+        "rate": rate, "periods": periods, "took": float(had[-1] - had[0]), "missed": int(missed), "lost": int(lost),
+        **{key: np.percentile(1e3 * value, SHARES).tolist() for key, value in told.items()},
+        "server_us": 1e6 * spent / stepped, "peer_us": 1e6 * peer_spent / periods,
+    }  # fmt: skip
+
+
+def share(env_id: str, rate: int, kwargs: Found) -> tuple[float, float]:
+    """Median us of a period: of the arm's step alone, and of serving it with its packets."""
+    session = Session(arm_of(env_id, rate, **kwargs), seed=0)
+    welcome = unpack(session.receive(pack(Packet(Kind.HELLO, 1, 0)), 1) or b"")
+    assert isinstance(welcome, Packet)
+    plain, spent = arm_of(env_id, rate, **kwargs), np.empty((MEASURED, 2))
+    plain.reset(seed=0)
+    for k in range(MEASURED):
+        wanted = 0.3 * session.torque_limits * np.sin(6.0 * k / rate)
+        command = pack(Packet(Kind.COMMAND, welcome.connection, k + 1, 0.0, tuple(wanted.tolist()), ARM))
+        at = time.perf_counter()
+        plain.unwrapped.step((wanted / session.torque_limits).astype(np.float32))
+        between = time.perf_counter()
+        session.receive(command, 1)
+        session.advance()
+        spent[k] = between - at, time.perf_counter() - between
+    assert session.status == 0.0
+    alone, whole = 1e6 * np.median(spent, axis=0)
+    return float(alone), float(whole)
+
+
+def measure(options: argparse.Namespace) -> Found:
+    """How time is kept, and what the arms take of it."""
+    found: Found = {"load": os.getloadavg()[0], "kept": [], "arms": []}
+    for name, (env_id, kwargs) in ARMS.items():
+        found["arms"].append({"arm": name, "us": [share(env_id, rate, kwargs) for rate in RATES]})
+        print(found["arms"][-1], flush=True)
+    for beside, (load, first, shares) in BESIDE.items():
+        for rate, part in shares.items():
+            if first and not may_go_first():
+                one: Found = {"rate": rate, "refused": True}
+            else:
+                with busy(load):
+                    one = kept(rate, int(part * options.periods), first)
+            found["kept"].append({"beside": beside} | one)
+            print(found["kept"][-1], flush=True)
+    found["load_after"] = os.getloadavg()[0]
+    return found
+
+
+def blocks(found: Found) -> pages.Blocks:
+    """Tables of the page."""
+    rows = []
+    for one in found["kept"]:
+        if "refused" in one:
+            rows.append((one["beside"], one["rate"], "not permitted here", *[""] * 7))
+            continue
+        told = (" / ".join(f"{x:.3g}" for x in one[key]) for key in ("late", "latency", "off"))
+        rows.append((
+            one["beside"], one["rate"], f"{one['periods']:,}", f"{one['took']:.1f}", *told, one["missed"], one["lost"],
+            f"{one['server_us']:.0f}, {one['peer_us']:.0f}",
+        ))  # fmt: skip
+    arms = []
+    for one in found["arms"]:
+        shares = (f"{alone:.1f}, {whole:.0f}: {alone * r / 1e4:.2g} %, {whole * r / 1e4:.2g} %"
+                  for r, (alone, whole) in zip(RATES, one["us"], strict=True))  # fmt: skip
+        arms.append((one["arm"], *shares))
+    heads = "beside it | Hz | periods | took, s | begins late, ms | latency, ms | off, ms | missed | lost | us a period"
+    quiet = found["load"] < 0.5
+    load = f"Load average {found['load']:.1f} before the first, {found['load_after']:.1f} after the last of them."
+    return {
+        "kept": table(heads, rows),
+        "arms": table(f"arm | {' | '.join(f'{r} Hz' for r in RATES)}", arms),
+        "load": [load + ("" if quiet else " **The machine was not quiet**: other work was on the same cores.")],
+    }
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write."""
+    return pages.run("real_time", __doc__, measure, blocks, arguments, periods=100_000)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
