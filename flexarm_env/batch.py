@@ -21,8 +21,9 @@ from .physics import assembly, precision
 from .physics.gauges import curvature_rows
 from .physics.integrator.work import unpack, work_size
 from .physics.joints.build import with_own_laws
-from .physics.layout import COUNTS, POSE
+from .physics.layout import COUNTS, POSE, SPACE_POSE
 from .physics.model import OK, STIFFNESS_FACTOR, TAU_D, System
+from .physics.space.reading import read
 from .runtime import episode as environment
 from .runtime import starts
 from .runtime.laws import LAW_SIZE, law_of, room_of
@@ -68,6 +69,7 @@ from .tasks.program import (
 )
 from .tasks.reach import Chain, Reach
 from .tasks.slew import Slew
+from .tasks.space import SpaceReach
 from .tasks.task import Task
 
 Array = NDArray[np.float64]
@@ -85,8 +87,9 @@ class Starts:
     """What fresh starts are drawn from, uniformly (see `tasks.program.Ranges`).
 
     start: (low, high) of each joint angle, rad. target: two ranges: rad from the start (slew; the second unused), or
-    m and rad, polar (reach). straight: share of starts with all joints at 0. vibration: largest initial vibration, as
-    a tip deflection over L. factors, more, shake: those of `Ranges`; None: none. laws: joints are drawn.
+    m and rad, polar (reach); in space those of the joint angles at the target, rad. straight: share of starts with all
+    joints at 0. vibration: largest initial vibration, as a tip deflection over L. factors, more, shake: those of
+    `Ranges`; None: none. laws: joints are drawn.
     """
 
     start: Sequence[tuple[float, float]]
@@ -104,28 +107,11 @@ def info_places(task: Task) -> Any:
     return INFO.offsets(0, len(task.links), len(task.targets), len(task.terms), len(task.further))
 
 
-def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> Array:
-    """(n, 1 + 3 N) table with q = table (1, alpha_k, cos alpha_k, sin alpha_k) for straight links at angles alpha."""
-    assert settings.dt is not None
-    count = arm.n_links
-    rng = np.random.default_rng(1)
-    samples = np.concatenate([np.zeros((1, count)), rng.uniform(-3.0, 3.0, (3 * count + 6, count))])
-    rows = [
-        assembly.assemble(standing_scene(arm, settings.dt, gravity, angles), settings).q0 for angles in samples.tolist()
-    ]
-    basis = np.concatenate([np.ones((len(samples), 1)), samples, np.cos(samples), np.sin(samples)], axis=1)
-    table = np.linalg.lstsq(basis, np.array(rows), rcond=None)[0].T
-    table[np.abs(table) < 1e-12] = 0.0
-    exact = np.round(table)
-    table = np.where(np.abs(table - exact) < 1e-12, exact, table)
-    assert np.allclose(basis @ table.T, np.array(rows), atol=1e-9 * max(1.0, arm.total_length))
-    return np.ascontiguousarray(table)
-
-
 @dataclass(frozen=True)
 class View:
     """One arm at an instant: points (n, 2) root to tip, m; poses (N, 12) as `physics.protocol.link_poses`; time, s;
-    target, m or rad; torques (N,), N m; deflection (N,), over L; q, the coordinates of the state."""
+    target, m or rad; torques (N,), N m; deflection (N,), over L; q, the coordinates of the state. In space points
+    (n, 3), poses (N, 23) as `task_poses`, deflection (2 N,): along y, then along z."""
 
     points: Array
     poses: Array
@@ -162,7 +148,7 @@ class Batch:
 
     def __init__(
         self, arm: Arm, settings: Settings, n: int, task: Task, starts: Starts, *,
-        period: float, gravity: tuple[float, float] | None = None, books: bool = False, threads: int = 1,
+        period: float, gravity: tuple[float, ...] | None = None, books: bool = False, threads: int = 1,
         extras: Extras | None = None,
     ) -> None:  # fmt: skip
         assert settings.dt is not None
@@ -177,7 +163,7 @@ class Batch:
         self.lane = SINGLE if n < LANES_FROM or settings.multipliers else WIDEST
         self.groups = -(-n // len(self.lane))
         self.threads = max(1, min(threads, self.groups))
-        self.pose = pose_table(arm, settings, gravity)
+        self.pose = None if arm.spatial else assembly.pose_table(arm, settings, gravity)
         self._build()
 
     def _build(self) -> None:
@@ -204,7 +190,7 @@ class Batch:
         self.reward = np.zeros(count)
         self.terminated, self.truncated = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         self.stream = np.zeros(count, np.uint64)
-        self.request = np.full(REQUEST.offsets(0, links).end, np.nan)
+        self.request = np.full(REQUEST.offsets(0, links, links * self.arm.spatial).end, np.nan)
         n_steps = round(self.period / settings.dt)
         self.program = Program(
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings, self.tolerance), task=task,
@@ -243,8 +229,9 @@ class Batch:
         shake = np.zeros(3 * len(self.system.q0)) if starts.shake is None else starts.shake.ravel()
         ranges = {name: np.array(getattr(starts, name), np.float64).ravel() for name in ("start", "target", "factors")}
         return Ranges(
-            pose=self.pose.ravel(), shake=shake, nominal=self.system.par.copy(), straight=float(starts.straight),
-            vibration=float(starts.vibration), **ranges,
+            pose=None if self.pose is None else self.pose.ravel(), shake=shake,
+            nominal=self.system.par.copy(),
+            straight=float(starts.straight), vibration=float(starts.vibration), **ranges,
             more=None if starts.more is None else np.ravel(starts.more), laws=(0,) if starts.laws else None,
         )  # fmt: skip
 
@@ -287,9 +274,14 @@ class Batch:
         return mine(work.q[0], rows), mine(work.v[0], rows), mine(work.u[0], self.arm.n_links), par
 
     def ask(self, angles: Array, target: Array, vibration: Array) -> None:
-        """What the next start is to be like: joint angles (N,), target (2,), vibration; NaN: drawn."""
-        asked = {"angles": angles, "target": target, "vibration": vibration}
-        self.request[:] = REQUEST.pack({"joints": self.arm.n_links}, **asked)
+        """What the next start is to be like: joint angles (N,), target (2,), vibration; NaN: drawn.
+
+        In space the target is given by joint angles (N,) that reach it.
+        """
+        asked = {"angles": angles, "target": target, "vibration": vibration, "goals": np.zeros(0)}
+        if self.arm.spatial:
+            asked |= {"target": np.full(2, np.nan), "goals": target}
+        self.request[:] = REQUEST.pack({"joints": self.arm.n_links, "goals": len(asked["goals"])}, **asked)
 
     def start(self, arms: Sequence[int], keys: Sequence[int], *, limit: int, mode: int = RUNNING) -> None:
         """Start episodes; keys: 64 random bits for each arm that its draws and noise follow from."""
@@ -408,17 +400,23 @@ class Batch:
     def view(self, i: int) -> View:
         """Where arm i is."""
         links, (q, v) = self.arm.n_links, (rows[i] for rows in self.motions()[:2])
-        poses, points = np.zeros(POSE.end * links), np.full((assembly.room_for_points(self.settings, links), 2), np.nan)
-        count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
+        if self.arm.spatial:
+            points = read(self.arm, self.settings, q[None], v[None])["shapes"][0]
+            poses, size = self._mine(self.layout.poses, self.layout.record, i).copy(), SPACE_POSE.end
+        else:
+            poses, size = np.zeros(POSE.end * links), POSE.end
+            points = np.full((assembly.room_for_points(self.settings, links), 2), np.nan)
+            count = observe_arm(SINGLE, self.system.model, self._par(i).copy(), q, v, poses, np.zeros(3), points)
+            points = points[:count]
         record, targets, at = self.record(i), len(self.task.targets), self.info_at
         info = self._mine(self.layout.info, self.layout.saved, i)
         return View(
-            points=points[:count].copy(),
-            poses=poses.reshape(-1, POSE.end),
+            points=points.copy(),
+            poses=poses.reshape(-1, size),
             time=float(record[PERIODS]) * self.period,
             target=record[TARGET : TARGET + targets].copy(),
             torques=info[at.torque : at.torque + links].copy(),
-            deflection=info[at.deflection : at.deflection + links].copy(),
+            deflection=info[at.deflection : at.twist].copy(),
             q=q,
         )
 
@@ -444,6 +442,6 @@ __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Cost", "Extras", "FRESH",
     "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS",
     "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS",
-    "Selection", "Sensors", "Slew", "Starts", "TARGET", "Task", "View", "gauge_table", "info_places", "law_of",
-    "one_at_a_time", "room_of", "curvature_rows", "standing_scene",
+    "Selection", "Sensors", "Slew", "SpaceReach", "Starts", "TARGET", "Task", "View", "gauge_table", "info_places",
+    "law_of", "one_at_a_time", "room_of", "curvature_rows", "standing_scene",
 ]  # fmt: skip

@@ -72,7 +72,7 @@ class Source:
     @cached_property
     def _known(self) -> dict[str, Any]:
         batch, plan, world = self.batch, self.plan, self.worlds[0]
-        at, request = {key: place[0] for key, place in world.places.items()}, REQUEST.offsets(0, self.joints)
+        at, request = {key: place[0] for key, place in world.places.items()}, REQUEST.offsets(0, self.joints, 0)
         targets = len(batch.task.targets)
         known = {
             "HEAD": self._head(), "VERSION": VERSION, "JOINTS": self.joints, "OBSERVATION": batch.observation.size,

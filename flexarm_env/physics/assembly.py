@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..parameters import Arm
-from ..scene import JointTorque, Motion, Scene
+from ..scene import JointTorque, Motion, Scene, standing_scene
 from ..sections import ACROSS, ENDS, Section
 from ..settings import Settings
 from ..time_functions import PIECE, TimeFunction, constant
@@ -177,6 +177,22 @@ def room_for_points(settings: Settings, n_links: int) -> int:
     """At least as many points as any formulation draws along a chain of links."""
     a_segment = 32 if settings.modes is not None else 8 * (settings.elements or 1)
     return n_links * (2 + max(512, (settings.segments or 1) * a_segment))
+
+
+def pose_table(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
+    """(n, 1 + 3 N) table with q = table (1, alpha_k, cos alpha_k, sin alpha_k) for straight links at angles alpha."""
+    assert settings.dt is not None
+    count = arm.n_links
+    rng = np.random.default_rng(1)
+    samples = np.concatenate([np.zeros((1, count)), rng.uniform(-3.0, 3.0, (3 * count + 6, count))])
+    rows = [assemble(standing_scene(arm, settings.dt, gravity, angles), settings).q0 for angles in samples.tolist()]
+    basis = np.concatenate([np.ones((len(samples), 1)), samples, np.cos(samples), np.sin(samples)], axis=1)
+    table = np.linalg.lstsq(basis, np.array(rows), rcond=None)[0].T
+    table[np.abs(table) < 1e-12] = 0.0
+    exact = np.round(table)
+    table = np.where(np.abs(table - exact) < 1e-12, exact, table)
+    assert np.allclose(basis @ table.T, np.array(rows), atol=1e-9 * max(1.0, arm.total_length))
+    return np.ascontiguousarray(table)
 
 
 def drive(scene: Scene, system: System) -> Drive:

@@ -28,6 +28,22 @@ ROOT, ROOT_RATES = slice(POSE.x, POSE.vx), slice(POSE.vx, POSE.tip_x)
 TIP, TIP_RATES = slice(POSE.tip_x, POSE.tip_vx), slice(POSE.tip_vx, POSE.end)
 """x, y, angle and their rates, of a link's root and of its tip: along the last axis of poses (..., links, POSE.end)."""
 
+SPACE_POSES = Layout(
+    "SpatialPose", "",
+    Field("angle", (), "rad", "of the joint at the link's root"),
+    Field("rate", (), "rad/s", "its rate"),
+    Field("deflection", (2,), "m", "of the tip along y and z of the root"),
+    Field("deflection_rate", (2,), "m/s", ""),
+    Field("twist", (), "rad", "of the tip against the root: x part of the rotation vector between them"),
+    Field("twist_rate", (), "rad/s", ""),
+    Field("tip", (3,), "m", "place"),
+    Field("velocity", (3,), "m/s", "of the tip"),
+    Field("axes", (3, 3), "", "of the root"),
+)  # fmt: skip
+"""What is known of a link in space, as `protocol.task_poses` writes it."""
+
+SPACE_POSE = SPACE_POSES.places
+
 LOAD = Layout(
     "PointLoad", "",
     Field("x", (), "N", "force; as a port: position, m"),

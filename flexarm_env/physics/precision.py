@@ -152,7 +152,7 @@ def check_parameters(arm: Arm, settings: Settings, bending: float, damping: floa
     assert h is not None
     if spring > MOST * torque:
         raise check.InvalidValue(f"{path}.stiffness", spring, refusal(MOST * torque, "N m/rad", settings, torque))
-    bent = max(one.torque for one in stiffnesses(arm, settings, bending, 0.0)) / (MOST * torque)
+    bent = max(one.torque for one in stiffnesses(arm, settings, bending, 0.0, arm.spatial)) / (MOST * torque)
     slow = 1.0 + 2.0 * min(damping, arm.damping[0]) / h
     if bent * slow > 1.0:
         raise check.InvalidValue(f"{path}.EI_factor", bending, refusal(bending / (bent * slow), "", settings, torque))
@@ -166,7 +166,7 @@ def of_torques(arm: Arm, settings: Settings, bending: float = 1.0, damping: floa
     torques, h = arm.torque_limits or (math.inf,), settings.dt
     assert h is not None
     turn = max(torque * h**2 / inertia_beyond(arm, k) for k, torque in enumerate(torques))
-    return tolerance(settings.tolerance, ratio(arm, settings, min(torques), bending, damping), turn)
+    return tolerance(settings.tolerance, ratio(arm, settings, min(torques), bending, damping, arm.spatial), turn)
 
 
 def of_scene(scene: Scene, settings: Settings) -> float:

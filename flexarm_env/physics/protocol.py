@@ -45,6 +45,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
+    task_poses(lane, model, par, q, v, out)  what tasks look at: `link_poses`, in space a `layout.SPACE_POSES` a link
+    stand(lane, model, live, angles, q)  in space: where `live` > 1/2, q of straight links at these joint angles
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
     shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
 """
@@ -112,6 +114,12 @@ def _at_once(lane, model, par, start, y0, q, y):
     ports(lane, model, par, q, y)
 
 
+@inlined
+def _as_link_poses(lane, model, par, q, v, out):
+    """`task_poses` in the plane."""
+    link_poses(lane, model, par, q, v, out)
+
+
 @kernel
 def _no_stiffness(lane, model, S, k, x):
     """`stiffen` of a formulation whose joints have none."""
@@ -143,6 +151,7 @@ def _by_assembling(lane, model, par, state, u, r, S):
 FORMULATIONS = Family(
     "model", predict=_no_guess, update=_add, difference=_subtract, ports_after=_at_once, stiffen=_no_stiffness,
     friction=_no_friction, residual=_by_assembling, constrain=_no_constraint, out_of_range=_everywhere,
+    task_poses=_as_link_poses,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -170,5 +179,7 @@ friction = FORMULATIONS.function("friction", "model")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")
+task_poses = FORMULATIONS.function("task_poses", "lane, model, par, q, v, out")
+stand = FORMULATIONS.function("stand", "lane, model, live, angles, q")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
 shape = FORMULATIONS.function("shape", "model, q, points")

@@ -18,7 +18,7 @@ from ..compiler import absolute, apart, follow, hot, kernel, load, select_lt, si
 from ..physics.integrator.work import unpack
 from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import NEWTON_FAILED, NOT_FINITE, OK, OUT_OF_RANGE
-from ..physics.protocol import energy, link_poses, out_of_range, ports
+from ..physics.protocol import energy, out_of_range, ports, task_poses
 from ..tasks.program import (
     ACTION_NOT_FINITE,
     FRESH,
@@ -67,7 +67,7 @@ def _period(lane, p, g, block, w):
     apply_events(lane, p, g, par, record, w)
     keep(w, record, saved)
     move(lane, p, p.models, par, poses, record, action, saved, scratch, block, w)
-    link_poses(lane, p.model, par, w.q, w.v, poses)
+    task_poses(lane, p.model, par, w.q, w.v, poses)
     move_targets(lane, p.reference, p.task, p.period, record)
     observe_state(lane, p, False, poses, record, seen)
     observe_material(lane, p, par, record, w, seen)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..compiler import size, uncompiled
 from ..physics.integrator.work import work_size
-from ..physics.layout import POSE
+from ..physics.layout import POSE, SPACE_POSE
 from ..tasks.program import CHANNEL, INFO, LAW, PARAMETERS, RECORD, SAVED, SCRATCH, Block
 
 
@@ -45,7 +45,8 @@ def layout_of(lanes: int, model: Any, task: Any, entries: int, extras: Any, fitt
     saved = SAVED.offsets(0, size(model.n), size(model.n_inputs), 0, kept).end
     first = -(-int(uncompiled(work_size)(lanes, model, 0)) // 8) * 8
     starts = [first]
-    for count in (parameters_of(model), POSE.end * links, record, links, entries, info, saved):
+    pose = SPACE_POSE.end if len(task.targets) == 3 else POSE.end
+    for count in (parameters_of(model), pose * links, record, links, entries, info, saved):
         starts.append(starts[-1] + count * lanes)
     scratch = SCRATCH.offsets(0, links, saved).end * lanes if fitted else 0
     return Block(*starts, row=-(-(starts[-1] + scratch) // 8) * 8)  # type: ignore[misc]

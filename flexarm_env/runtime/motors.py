@@ -9,8 +9,8 @@ from ..physics.arithmetic import clip, put
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
-from ..physics.layout import POSE
-from ..physics.protocol import link_poses, ports
+from ..physics.layout import POSE, SPACE_POSE
+from ..physics.protocol import ports, task_poses
 from ..tasks.program import GOAL, LATE, PERIODS, TORQUE_FACTOR, record_at, saved_at
 from ..tasks.stream import uniform
 from .events import set_pushes
@@ -19,8 +19,10 @@ _ANGLE, _RATE = 0, POSE.rate - POSE.angle
 
 
 @kernel
-def _joint(lane, poses, k, rates):
+def _joint(lane, task, poses, k, rates):
     """Angle (_ANGLE) or rate (_RATE) of joint k."""
+    if size(task.targets) == 3:
+        return load(lane, poses, SPACE_POSE.end * k + (SPACE_POSE.rate if rates else SPACE_POSE.angle))
     here = load(lane, poses, POSE.end * k + POSE.angle + rates)
     if k == 0:
         return here
@@ -32,17 +34,17 @@ def _control(lane, task, controller, model, par, poses, record, w):
     """w.u <- what the controllers make of the action's torques in it, by encoders on the links' side of the gears, or
     on motors that have angles of their own."""
     if controller.motors is None:
-        link_poses(lane, model, par, w.q, w.v, poses)
+        task_poses(lane, model, par, w.q, w.v, poses)
     else:
         ports(lane, model, par, w.q, w.y)
     for k in range(size(task.links)):
-        angle = _joint(lane, poses, k, _ANGLE) if controller.motors is None else load(lane, w.y, k)
+        angle = _joint(lane, task, poses, k, _ANGLE) if controller.motors is None else load(lane, w.y, k)
         error = load(lane, record, GOAL + k) - angle
         store(w.u, k, load(lane, w.u, k) * controller.share + error * controller.stiffness[k])
     if controller.motors is not None:
         ports(lane, model, par, w.v, w.y)
     for k in range(size(task.links)):
-        rate = _joint(lane, poses, k, _RATE) if controller.motors is None else load(lane, w.y, k)
+        rate = _joint(lane, task, poses, k, _RATE) if controller.motors is None else load(lane, w.y, k)
         store(w.u, k, clip(load(lane, w.u, k) - rate * controller.damping[k], task.torque_limits[k]))
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from ..compiler import apart, follow, kernel, load, size, splat, stack, store
 from ..physics.integrator.work import unpack
 from ..physics.joints.layout import LAWS
+from ..physics.layout import SPACE_POSE
 from ..physics.model import JOINT_LAWS, OK, PAYLOAD_INERTIA, PAYLOAD_MASS, STIFFNESS_FACTOR, TAU_D
-from ..physics.protocol import link_poses
+from ..physics.protocol import stand, task_poses
 from ..tasks.program import (
     FURTHER,
     GOAL,
@@ -63,21 +64,25 @@ def _start(lane, p, arm, mode, block, w):
     record[PERIODS_ALLOWED * lanes + i], record[MODE * lanes + i] = limit, float(mode)
     record[TORQUE_FACTOR * lanes + i] = own[at.factors + 3]
     record[TARGET * lanes + i], record[(TARGET + 1) * lanes + i] = own[at.target], own[at.target + 1]
-    _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
     for k in range(PARAMETERS):
         par[k * lanes + i] = own[at.parameters + k]
+    if p.ranges.pose is not None:
+        _place(lanes, i, p.ranges.pose, p.ranges.shake, n_joints, own, size(p.model.n), w.q, w.v, w.a, w.b)
+    else:
+        _place_in_space(lane, p, arm, own, par, poses, record, action, w)
     if p.ranges.more is not None:
         _draw_more(p, lanes, i, arm, own[at.factors + 4 : at.parameters], par)
     for k in range(w.u.shape[0] // lanes):
         w.u[k * lanes + i] = 0.0
     for k in range(n_joints):
         action[k * lanes + i] = 0.0
-        record[(GOAL + k) * lanes + i] = own[at.angles + k]
+        if p.ranges.pose is not None:
+            record[(GOAL + k) * lanes + i] = own[at.angles + k]
     for k in range(w.books.shape[0] // lanes):
         w.books[k * lanes + i] = 0.0
     if p.reference is not None:
         start_path(p.reference, task, p.stream, arm, record, lanes)
-    link_poses(lane, p.model, par, w.q, w.v, poses)
+    task_poses(lane, p.model, par, w.q, w.v, poses)
     observe_material(lane, p, par, record, w, seen)
     live = _only(lane, i)
     _start_info(lanes, p, arm, record, info)
@@ -103,7 +108,7 @@ def _only(lane, i):
 def _draw(task, ranges, stream, request, arm, own):
     """own <- a `START`: as requested, or drawn. As many draws for any request."""
     n = size(task.links)
-    at, asked = start_at(0, n), request_at(0, n)
+    at, asked = start_at(0, n), request_at(0, n, 0)
     straight = uniform(stream, arm) < ranges.straight
     for k in range(n):
         angle = draw(stream, arm, ranges.start, k)
@@ -165,6 +170,24 @@ def _place(lanes, i, pose, shake, n_joints, own, rows, q, v, a, b):
         rate = shake[o + _SHAKE.one] + shake[o + _SHAKE.cosine] * cosine + shake[o + _SHAKE.sine] * sine
         v[row * lanes + i] = rate * vibration
         a[row * lanes + i], b[row * lanes + i] = 0.0, 0.0
+
+
+@kernel
+def _place_in_space(lane, p, arm, own, par, poses, record, action, w):
+    """Arm in its lane at rest: first at the goal's angles, drawn, which say where its target is, then at its own."""
+    lanes, i, n = len(lane), arm % len(lane), size(p.task.links)
+    live, at, asked = _only(lane, i), start_at(0, n), request_at(0, n, n)
+    for k in range(0, size(p.model.n) * lanes, lanes):
+        w.q[k + i], w.v[k + i], w.a[k + i], w.b[k + i] = 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        angle = draw(p.stream, arm, p.ranges.target, k)
+        record[(GOAL + k) * lanes + i] = _given(p.request[asked.goals + k], angle)
+        action[k * lanes + i] = own[at.angles + k]
+    stand(lane, p.model, live, record[GOAL * lanes : (GOAL + n) * lanes], w.q)
+    task_poses(lane, p.model, par, w.q, w.v, poses)
+    for d in range(size(p.task.targets)):
+        record[(TARGET + d) * lanes + i] = poses[(SPACE_POSE.end * (n - 1) + SPACE_POSE.tip + d) * lanes + i]
+    stand(lane, p.model, live, action, w.q)
 
 
 @kernel

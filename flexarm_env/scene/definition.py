@@ -317,9 +317,8 @@ def _solver(value: Any) -> tuple[tuple[str, Any], ...]:
 
 
 def standing_scene(
-    arm: Arm, dt: float, gravity: tuple[float, float] | None, angles: Sequence[float] = (), pushed: bool = False
+    arm: Arm, dt: float, gravity: tuple[float, ...] | None, angles: Sequence[float] = (), pushed: bool = False
 ) -> Scene:
-    """The arm, pinned; nothing moves it. pushed: there is room for a force on its tip. ValueError: it is in space."""
-    arm.check_planar()
+    """The arm, pinned; nothing moves it. pushed: there is room for a force on its tip."""
     loads = (PointLoad(arm.n_links - 1, "tip", force_x=constant(0.0)),) if pushed else ()
     return Scene("environment", arm, duration=max(1.0, dt), dt=dt, gravity=gravity, angles=tuple(angles), loads=loads)

@@ -76,7 +76,7 @@ RECORD = Layout(
     Field("periods_allowed", (), "", "control periods until the episode is cut off"),
     Field("mode", (), "", "RUNNING, OVER, FRESH or GUIDED"),
     Field("hold", (), "", "instants in the band"),
-    Field("target", (2,), "m or rad", "a point, or an angle and nothing"),
+    Field("target", (3,), "m or rad", "a point in space or in the plane, or an angle, and nothing"),
     Field("target_rate", (2,), "m/s or rad/s", "its rate"),
     Field("torque_factor", (), "", "on the torque constant"),
     Field("level", (), "", "halvings of the step that the last period took, where steps are fitted"),
@@ -141,18 +141,20 @@ START = Layout(
 """What a fresh start is made of."""
 
 REQUEST = Layout(
-    "Request", "joints",
+    "Request", "joints, goals",
     Field("angles", ("joints",), "rad", "joint angles at the start"),
     Field("target", (2,), "m or rad", "as in the record"),
     Field("vibration", (), "", "initial tip deflection over L"),
+    Field("goals", ("goals",), "rad", "in space: joint angles at the target, which it follows from"),
 )  # fmt: skip
 """What a reset asks for; NaN: to be drawn."""
 
 INFO = Layout(
     "Info", "links, targets, terms, further",
     Field("success", (), "", "1 or 0"),
-    Field("tip", (2,), "m", "where the tip is"),
-    Field("deflection", ("links",), "", "of each link's tip, over its length"),
+    Field("tip", ("2 + targets // 3",), "m", "where the tip is; three numbers where a target has so many, in space"),
+    Field("deflection", ("1 + targets // 3", "links"), "", "of each tip, over its length; in space along y, then z"),
+    Field("twist", ("targets // 3", "links"), "rad", "in space: of each link"),
     Field("target", ("targets",), "m or rad", ""),
     Field("torque", ("links",), "N m", "of each joint, as applied"),
     Field("terms", ("terms",), "", "of the reward, weighted; the last: of failure"),
@@ -188,7 +190,7 @@ FURTHER = _FURTHER.places
 """Where the fields of a record are that no size moves."""
 
 SUCCESS, TIP, DEFLECTION, *_ = INFO.offsets(0, 0, 0, 0, 0)
-"""Likewise of info."""
+"""Likewise of info, the last in the plane."""
 
 SAVED = Layout(
     "Saved", "rows, inputs, motions, record",
@@ -248,7 +250,7 @@ class Block(NamedTuple):
     """Where the sections of a block begin (in float64), lanes inside."""
 
     par: int  # 4: payload mass, payload inertia, EI factor, tau_d
-    poses: int  # a `POSES` a link
+    poses: int  # a `POSES` a link, in space a `SPACE_POSES`
     record: int  # a `RECORD`
     action: int  # 1 a joint, clipped
     seen: int  # the scaled observation
@@ -271,11 +273,11 @@ def sections(layout, block):
 class Ranges(NamedTuple):
     """What a fresh start is drawn from, uniformly; tables by rows, ranges (low, high). N links, n rows of the state."""
 
-    pose: np.ndarray  # (n, 1 + 3 N): q = pose times a `BASIS`
+    pose: np.ndarray | None  # (n, 1 + 3 N): q = pose times a `BASIS`; None: `protocol.stand` says, in space
     shake: np.ndarray  # (n, 3): a `SHAKE` for each row of the state
     nominal: np.ndarray  # (4,) of par
     start: np.ndarray  # (N, 2) rad, joint angles
-    target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar)
+    target: np.ndarray  # (2, 2): rad (slew, from the start), or m and rad (reach, polar); in space (N, 2): joint angles
     straight: float  # share of starts with all joints at 0
     vibration: float  # largest initial vibration, as a tip deflection over L
     factors: np.ndarray  # (4, 2): payload, EI, damping, torque constant

@@ -86,10 +86,17 @@ def reach_judge(lane, task, poses, action, record, live, info):
     vx, vy = vx - load(lane, record, TARGET_RATE), vy - load(lane, record, TARGET_RATE + 1)
     error = square_root(dx * dx + dy * dy) / task.length
     speed = square_root(vx * vx + vy * vy) / task.length
+    record_tip(lane, task, poses, record, live, info)
+    total = pay_point(lane, task, error, speed, shaking, action, record, live, info)
+    return total, past_limits(lane, task, poses)
+
+
+@kernel
+def pay_point(lane, task, error, speed, shaking, action, record, live, info):
+    """The reward where a tip is `error` from its target, over L, and so fast; and whether it has held there."""
     good = select_lt(error, task.bands[0], splat(lane, 1.0), splat(lane, 0.0))
     good = select_lt(speed, task.bands[1], good, splat(lane, 0.0))
     hold(lane, task, good, record, live, info)
-    record_tip(lane, task, poses, record, live, info)
     wide, narrow, slow = error * 10.0, error * 50.0, speed * 10.0
     settle = decay(narrow * narrow + slow * slow)
     if task.paid is not None:
@@ -100,8 +107,7 @@ def reach_judge(lane, task, poses, action, record, live, info):
     total = total + pay(lane, task, live, info, 2, -smaller(error, 1.0))
     total = total + pay(lane, task, live, info, 3, -effort(lane, task, action))
     total = total + pay(lane, task, live, info, 4, -smaller(shaking, 1.0))
-    total = pay_change(lane, task, action, record, live, info, total)
-    return total, past_limits(lane, task, poses)
+    return pay_change(lane, task, action, record, live, info, total)
 
 
 @kernel

@@ -107,14 +107,20 @@ def show_scaled(lane, task, out, k, value):
 
 
 @kernel
+def past_limit(task, k, angle, past):
+    """1 where joint k's angle is beyond its limits, elsewhere `past`."""
+    past = select_lt(angle, task.joint_limits[2 * k], 1.0, past)
+    return select_lt(task.joint_limits[2 * k + 1], angle, 1.0, past)
+
+
+@kernel
 def past_limits(lane, task, poses):
     """1 where a joint's angle is beyond its limits."""
     past = splat(lane, 0.0)
     before = splat(lane, 0.0)
     for k in range(size(task.links)):
         angle = load(lane, poses, POSE.end * k + POSE.angle) - before
-        past = select_lt(angle, task.joint_limits[2 * k], 1.0, past)
-        past = select_lt(task.joint_limits[2 * k + 1], angle, 1.0, past)
+        past = past_limit(task, k, angle, past)
         before = load(lane, poses, POSE.end * k + POSE.tip_angle)
     return past
 

@@ -24,7 +24,19 @@ from .chain import (
 from .element import forces, inertia, middle, tangent
 from .layout import AXES, B, E, F, H, J, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .matrix import factor, matrix_in, pin, put_matrix, solve, stiffen
-from .output import damping_work, difference, energy, link_poses, ports, ports_after, predict, shape, update
+from .output import (
+    damping_work,
+    difference,
+    energy,
+    link_poses,
+    ports,
+    ports_after,
+    predict,
+    shape,
+    stand,
+    task_poses,
+    update,
+)
 from .rotations import add_vector, back, cross, dot, matrix, plus, put_vector, times, turned, vector
 
 
@@ -149,5 +161,5 @@ def _hand_on(lane, model, u, weights, r, S, k):
 register(
     SpatialBeam, assemble=assemble, pin=pin, stiffen=stiffen, factor=factor, solve=solve, update=update,
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
-    link_poses=link_poses, shape=shape, predict=predict,
+    link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
 )  # fmt: skip

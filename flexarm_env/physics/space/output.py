@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store
+from ..arithmetic import put
+from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_MASS
 from ..protocol import State
 from .chain import Vertex, diagonal, energy_of, hinged, place_at, section_at, three_of
@@ -12,9 +14,11 @@ from .rotations import (
     add_vector,
     back,
     composed,
+    cross,
     dot,
     halved,
     inverse,
+    inverse_tangent,
     matrix,
     minus,
     moved,
@@ -217,6 +221,71 @@ def ports_after(lane, model, par, start, y0, q, y):
             after = _loaded_place(lane, model, q, q, link, at_tip)
             turn = rotation_vector(shorter(composed(after.p, inverse(before.p))))
             put_vector(y, j + 3, plus(vector(lane, y0, j + 3), turn))
+
+
+@kernel
+def _tip_lever(model, k):
+    """How far the tip of link k is beyond its last section, m, along x."""
+    if k + 1 < model.links:
+        return model.joints[J.end * (k + 1) + J.before]
+    return 2.0 * model.end[P.centre]  # of a rigid end, whose centre is in its middle
+
+
+@kernel
+def task_poses(lane, model, par, q, v, out):
+    """A `SPACE_POSES` a link."""
+    state, tip = State(q, v, v), place_at(lane, q, v, 0)
+    for k in range(model.links):
+        o, row = SP.end * k, joint_row(model, k)
+        root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
+        tip, frame = root, matrix(root.p)
+        if count_of(model, k) > 0:
+            tip = place_at(lane, q, v, row + 1 + AXES * (count_of(model, k) - 1))
+        A, lever = matrix(tip.p), (splat(lane, _tip_lever(model, k)), splat(lane, 0.0), splat(lane, 0.0))
+        r, rate = plus(tip.r, turned(A, lever)), plus(tip.v, turned(A, cross(tip.spin, lever)))
+        inner = back(frame, minus(r, root.r))
+        slip = minus(back(frame, minus(rate, root.v)), cross(root.spin, inner))
+        relative = shorter(composed(inverse(root.p), tip.p))
+        psi = rotation_vector(relative)
+        T = inverse_tangent(psi, relative)
+        turn = minus(turned(T, tip.spin), back(T, root.spin))
+        for values, to in ((inner, SP.deflection), (slip, SP.deflection_rate)):
+            store(out, o + to, values[1])
+            store(out, o + to + 1, values[2])
+        for value, to in ((load(lane, q, row), SP.angle), (load(lane, v, row), SP.rate), (psi[0], SP.twist)):
+            store(out, o + to, value)
+        store(out, o + SP.twist_rate, turn[0])
+        put_vector(out, o + SP.tip, r)
+        put_vector(out, o + SP.velocity, rate)
+        for a in range(3):
+            put_vector(out, o + SP.axes + 3 * a, frame[a])
+
+
+@kernel
+def _put_place(lane, live, q, i, place):
+    """A section's place and rotation into the rows from i on, where `live` > 1/2."""
+    psi = rotation_vector(shorter(place.p))
+    for a in range(3):
+        put(live, q, i + a, place.r[a], load(lane, q, i + a))
+        put(live, q, i + 3 + a, psi[a], load(lane, q, i + 3 + a))
+
+
+@kernel
+def stand(lane, model, live, angles, q):
+    """See `protocol`; links are straight."""
+    state, tip, element = State(q, q, q), place_at(lane, q, q, 0), 0
+    for k in range(model.links):
+        i = joint_row(model, k)
+        put(live, q, i, load(lane, angles, k), load(lane, q, i))
+        root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
+        A, along, tip = matrix(root.p), 0.0, root
+        for e in range(count_of(model, k)):
+            along += model.sections[E.end * element + E.length]
+            tip = Place(plus(root.r, times((A[0][0], A[1][0], A[2][0]), along)), root.v, root.p, root.spin)
+            element += 1
+            _put_place(lane, live, q, i + 1 + AXES * e, tip)
+        if count_of(model, k) == 0:
+            _put_place(lane, live, q, i + 1, root)
 
 
 @kernel
