@@ -18,6 +18,7 @@ import pytest
 from flexarm_env import Arm, Link, Scene, Section, Trajectory, named, simulate
 from flexarm_env.cli import main
 from flexarm_env.recording import EpisodeRecorder, load_episodes
+from flexarm_env.suite import best, task
 from flexarm_env.trajectory import link_deflection
 from flexarm_env.view import Chart, Clip, Player, magnified
 from flexarm_env.view.clip import cuts_of, thinned
@@ -216,6 +217,20 @@ def test_view_plays_a_policy_against_pd_and_their_recording(tmp_path: Path, caps
     assert np.allclose(clip.points[:, -1], load_episodes(kept)[1].infos["tip_position"], atol=1e-12)
 
 
+def test_a_task_of_the_suite_shows_the_best_that_is_known(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.html"
+    assert main(["view", "slew-measured-v2", "pd", "--seed", "10007", "--out", str(page), "--json"]) == 0
+    (kept, beside), record = told(capsys)["runs"], best.record(task("slew-measured-v2"))
+    assert kept == f"best known ({record.by[7]})" and beside == "pd"
+    data = re.search(r'id="data">(.*?)</script>', page.read_text("utf-8"), re.S)
+    assert data is not None
+    clips = json.loads(data.group(1))["clips"]
+    assert np.array_equal(numbers(clips[0]["target"]), numbers(clips[1]["target"]))
+    rewards = next(chart for chart in clips[0]["charts"] if chart["title"].startswith("reward"))
+    total = float(np.nansum(numbers(rewards["series"]["sum"])))
+    assert abs(total - record.values[7]) < 0.01, (total, record.values[7])
+
+
 @pytest.mark.slow
 def test_an_episode_that_follows_a_motion_is_shown_too() -> None:
     """Its arm has a state of another form than those of a batch."""
@@ -233,8 +248,9 @@ def test_an_episode_that_follows_a_motion_is_shown_too() -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["nothing"], "flexarm view: nothing: unknown scene, controller or policy"),
+        (["nothing"], "flexarm view: nothing: unknown scene, controller, policy or task with a record"),
         (["pd", "--out", "a.txt"], "--out = 'a.txt': must end in .html"),
+        (["slew-limited-v2", "--seed", "3"], "--seed = 3: must be a whole number, from 10000 to 10099"),
         (["two_link", "--env", "FlexibleArm-v0"], "RUN = 'two_link'"),
         (["robot_arm_motion", "--duration", "1e9"], "--duration = 1000000000.0: must be a finite number, above 0 and"),
         (["pd", "--episode", "5"], "--episode = 5: must not be given where no run is a file of recorded episodes"),

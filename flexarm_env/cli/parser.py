@@ -77,11 +77,12 @@ One HTML file that plays runs in a browser, with no network and nothing installe
 drawn larger, links coloured by curvature, charts beside it; several runs over each other or side by side.
 
 RUN is a scene's name or TOML file, a trajectory's .npz, recorded episodes, a controller (pd, lqr, ...), a policy.npz, a
-run folder, or a policy that comes with the package. Controllers play in the environment of the first policy named.
+run folder, a policy that comes with the package, or a task of the suite: the best that is known there. Controllers play
+in the environment of the first policy or task named.
 
   flexarm view robot_arm_motion
   flexarm view two_link pd --seed 7 --out two_link.html
-  flexarm view pd lqg --env flexarm/slew-measured-v2
+  flexarm view slew-measured-v2 lqg --seed 10007
   flexarm view coarse.npz fine.npz --open
 """
 
@@ -303,7 +304,7 @@ def build_parser() -> Parser:
     view.add_argument("--title", metavar="TEXT", help="over the page; default: the runs' names")
     view.add_argument("--open", action="store_true", help="show it in the browser")
     view.add_argument("--env", metavar="ENV", help="of controllers, and of episodes of another package's environment")
-    view.add_argument("--seed", type=int, default=0, metavar="S", help="of the episode that is played (0)")
+    view.add_argument("--seed", type=int, metavar="S", help="of the episode that is played (0; of a record 10000)")
     view.add_argument("--episode", type=int, metavar="K", help="of a file with several (0: the first)")
     view.add_argument("--formulation", metavar="NAME", help="of scenes: floating_frame, geometrically_exact, elastica")
     view.add_argument("--duration", type=float, metavar="T", help="of scenes: how long to run, s")

@@ -21,6 +21,9 @@ from flexarm_env.envs.ids import PACKAGE, own_ids
 from flexarm_env.files import npz_names
 from flexarm_env.recording import EpisodeRecorder, load_episodes
 from flexarm_env.scene import Scene
+from flexarm_env.suite import best
+from flexarm_env.suite.data import task
+from flexarm_env.suite.score import FIRST
 from flexarm_env.trajectory import MOST_SAMPLES, MOST_STEPS, Trajectory
 from flexarm_env.view import Clip
 from flexarm_env.view import Player as Page
@@ -39,9 +42,10 @@ def run(args: argparse.Namespace) -> int:
     target = Path(args.out if args.out is not None else f"{Path(args.runs[0].partition('@')[0]).stem}.html")
     if target.suffix.lower() not in (".html", ".htm"):
         raise check.InvalidValue("--out", args.out, "must end in .html")
-    seed = check.integer("--seed", args.seed, minimum=0)
     kinds = _checked(args)
-    shared = _shared(args, kinds)
+    usual = FIRST if any(word in best.known() for word in args.runs) else 0
+    seed = usual if args.seed is None else check.integer("--seed", args.seed, minimum=0)
+    shared = _shared(args, kinds, seed)
     clips = [_clip(word, kind, seed, args, shared) for word, kind in zip(args.runs, kinds, strict=True)]
     page = Page(clips, args.title)
     path = page.save(target)
@@ -73,10 +77,11 @@ def _kind(word: str) -> str:
         raise check.InvalidValue("RUN", word, what)
     if word in scenes.names(parameter_sets=True, space=True) or path.suffix == ".toml" or ".toml@" in word:
         return "scene"
-    if word in (*control.NAMES, *control.policy_names()) or path.exists():
+    players = (*control.NAMES, *control.policy_names(), *best.known())
+    if word in players or path.exists():
         return "player"
-    known = (*scenes.names(), *control.NAMES, *control.policy_names())
-    raise check.UnknownKey(word, known, "scene, controller or policy (and no file or folder)")
+    known = (*scenes.names(), *players)
+    raise check.UnknownKey(word, known, "scene, controller, policy or task with a record (and no file or folder)")
 
 
 def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dict[str, Any]) -> Clip:
@@ -88,7 +93,17 @@ def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dic
         return Trajectory.from_npz(path).clip(path.stem)
     if kind == "scene":
         return _of_scene(scenes.resolve(word), word, args).clip(path.stem if path.is_file() else word)
-    return _of_player(choose(word), seed, shared)
+    return _of_player(_who(word, seed), seed, shared)
+
+
+def _who(word: str, seed: int) -> Player:
+    """A player by name; of a task of the suite it is the best that is known of the episode with this seed."""
+    if word not in best.known():
+        return choose(word)
+    kept = best.record(task(word))
+    n = kept.actions.shape[1]
+    k = check.integer("--seed", seed, minimum=FIRST, maximum=FIRST + n - 1) - FIRST
+    return Player(f"best known ({kept.by[k]})", task(word).registered, {}, lambda env: best.Actions(kept.actions[:, k]))
 
 
 def _of_episodes(path: Path, args: argparse.Namespace) -> Clip:
@@ -112,11 +127,11 @@ def _of_scene(scene: Scene, word: str, args: argparse.Namespace) -> Trajectory:
         return simulate(scene, args.formulation, duration=length, sample=sample, progress=bar, estimate_error=False)
 
 
-def _shared(args: argparse.Namespace, kinds: Sequence[str]) -> dict[str, Any]:
+def _shared(args: argparse.Namespace, kinds: Sequence[str], seed: int) -> dict[str, Any]:
     """The environment that controllers play in: that of the first policy named, or --env."""
     for word, kind in zip(args.runs, kinds, strict=True):
         if kind == "player" and word not in control.NAMES:
-            player = choose(word)
+            player = _who(word, seed)
             kwargs = {k: v for k, v in player.env_kwargs.items() if k not in OF_THE_POLICY}
             return {"env": _registered(args.env or player.env_id), "kwargs": kwargs}
     return {"env": _registered(args.env or DEFAULT_ENV), "kwargs": {}}
