@@ -36,7 +36,18 @@ CASES: list[Any] = [
     ("lqg", "FlexibleArm-v0", NOISY),
     ("lqg", "FlexibleArm-v0", {"observation": "measured", "arm": "strip_geared"}),
     ("pd", "TwoLinkFlexArm-v0", {"observation": "measured"}),
+    ("pd", "MultiLinkFlexArm-v0", {}),
+    ("zvd", "TwoLinkFlexArm-v0", {}),
+    ("lqr", "TwoLinkFlexArm-v0", {"initial_vibration": 0.02}),
+    ("lqr", "MultiLinkFlexArm-v0", {}),
+    ("lqg", "TwoLinkFlexArm-v0", {"observation": "measured", "history": 2, "arm": "two_link_geared"}),
 ]
+ELBOWS = {("lqr", 3): [(-1.1, -0.9), (-0.8, -0.6)], ("lqg", 2): [(0.3, 1.3)]}
+"""Angles that gains are held for, where it is not all of them."""
+STARTS: dict[str, Any] = {
+    "TwoLinkFlexArm-v0": {"start": [0.2, 0.4], "target": [0.7, 0.45]},
+    "MultiLinkFlexArm-v0": {"start": [0.1, -0.3, -0.2], "target": [0.5, -0.6]},
+}
 
 
 def compiled(folder: Path, source: str) -> ctypes.CDLL:
@@ -54,12 +65,12 @@ def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], t
     env = gym.make(env_id, **kwargs)
     own = control.make(name, env)
     slew = float(np.float32(0.9)) if name == "time_optimal" else None
-    source = controller_source(own, "it", slew)
+    source = controller_source(own, "it", slew, ELBOWS.get((name, own.setup.n_joints)))
     assert not re.search(r"\b(malloc|main)\b", source)
     library, memory = compiled(tmp_path, source), ctypes.create_string_buffer(4096)
     joints, scales = own.setup.n_joints, np.array(own.setup.scales)
     for episode, decide in enumerate((library.it_decide, library.it_act)):
-        options = None if slew is None else {"start": [0.0], "target": slew}
+        options = STARTS.get(env_id) if slew is None else {"start": [0.0], "target": slew}
         observation, _ = env.reset(seed=episode, options=options)
         own.reset(observation)
         library.it_reset(memory)
@@ -81,8 +92,14 @@ def test_what_cannot_leave_is_a_sentence() -> None:
     env = gym.make("FlexibleArm-v0")
     refuses("controller = 'MPC': must be PD,", lambda: controller_source(control.make("mpc", env), "it"))
     refuses("slew = None", lambda: controller_source(control.make("time_optimal", env), "it"))
-    two = gym.make("TwoLinkFlexArm-v0")
-    refuses("must have one link, or be moved by PD", lambda: controller_source(control.make("lqr", two), "it"))
+    three = control.make("lqr", gym.make("MultiLinkFlexArm-v0"))
+    for elbows, sentence in (
+        (None, "elbows = None: must be 2 pairs"), ([(0.0, 1.0)], "2 pairs"), ([(0.0, 1.0), (1.0, 0.0)], "low at most high"),
+        ([(0.0, 1.0), (0.0, np.nan)], "= nan: must be"), ([(-3.0, 3.0), (-3.0, 3.0)], "elbows = '3721 postures'"),
+    ):  # fmt: skip
+        refuses(sentence, lambda elbows=elbows: controller_source(three, "it", elbows=elbows))
+    pd = control.make("pd", gym.make("MultiLinkFlexArm-v0"))
+    refuses("must be left out: gains of PD", lambda: controller_source(pd, "it", elbows=[(0.0, 1.0), (0.0, 1.0)]))
 
 
 @needs_c
@@ -97,3 +114,9 @@ def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     words = ["export", "time_optimal", "--to", "c", "--env", "FlexibleArm-v0", "--out", out]
     assert "slew" in refused(capsys, *words)
     assert main([*words, "--slew", "1.2"]) == 0
+    capsys.readouterr()
+    words = ["export", "zv", "--to", "c", "--env", "TwoLinkFlexArm-v0", "--out", out]
+    for elbows, sentence in (("1", "--elbows = '1'"), ("0:x", "must be LOW:HIGH"), ("0:1,0:1", "must be a sequence of 1 p")):
+        assert sentence in refused(capsys, *words, "--elbows", elbows)
+    assert main([*words, "--elbows", "0:0.5"]) == 0
+    assert "6 postures, elbows from 0 to 0.5 rad" in Path(out).read_text()

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
         raise check.InvalidValue("--out", args.out, f"must end in {FORMS[args.to]} for --to {args.to}")
     if args.what in NAMES:
         return _controller(args, out)
-    for flag, value in (("--env", args.env), ("--slew", args.slew), ("--env-kwargs", args.env_kwargs)):
+    for flag, value in (("--env", args.env), ("--slew", args.slew), ("--elbows", args.elbows), ("--env-kwargs", args.env_kwargs)):
         if value is not None:
             raise check.InvalidValue(flag, value, "must not be given with a policy, which names its own environment")
     policy = load_policy(args.what)
@@ -64,11 +64,20 @@ def _controller(args: argparse.Namespace, out: Path) -> int:
         raise check.InvalidValue("--env", args.env, "must be given for a controller: what it is designed for")
     env = environment(args.env, keywords(args.env_kwargs))
     name = c_name(out.stem)
-    content = controller_source(make(args.what, env), name, args.slew).encode()
+    content = controller_source(make(args.what, env), name, args.slew, _pairs(args.elbows)).encode()
     env.close()
     write_whole(out, content)
     show({"export": str(out), "function": f"{name}_decide", "bytes": len(content)}, args.json)
     return DONE
+
+
+def _pairs(text: str | None) -> list[tuple[float, float]] | None:
+    """LOW:HIGH,LOW:HIGH,... as numbers."""
+    try:
+        found = None if text is None else [tuple(map(float, pair.split(":"))) for pair in text.split(",")]
+        return None if found is None else [(low, high) for low, high in found]
+    except ValueError:
+        raise check.InvalidValue("--elbows", text, "must be LOW:HIGH,..., rad, a pair an elbow") from None
 
 
 def _arm(args: argparse.Namespace, out: Path) -> int:

@@ -170,7 +170,8 @@ observations (n, entries) to actions (n, joints), for any runtime (pip install o
 or the name of a policy that comes with the package.
 
 A controller leaves as C (--to c) in double precision, with what its design came to: pd, zv, zvd, lqr, lqg and the plan
-of time_optimal (--slew), of arms with one link; pd of more where the observation is "measured".
+of time_optimal (--slew, one link). Gains that depend on where elbows are, all but pd's, are held 0.1 rad apart: on two
+links for all angles, or for those of --elbows, which three links and more ask for.
 
 An arm moves there with the bits that it has in Python. --to library: a folder with a shared object that wants no
 Python, a header that says all, an example, a CMake file and a pkg-config file. WHAT is an environment's id, a task of
@@ -377,6 +378,8 @@ def build_parser() -> Parser:
     export.add_argument("--env", metavar="ENV", help="of a controller: what it is designed for")
     export.add_argument("--env-kwargs", metavar="JSON", help="keywords of the environment")
     export.add_argument("--slew", type=float, metavar="RAD", help="of time_optimal: the slew that is planned")
+    what = "angles of each elbow that a controller's gains are held for, rad"
+    export.add_argument("--elbows", metavar="LOW:HIGH[,...]", help=what)
 
     compile_ = add("compile", "compile beforehand what is used first", COMPILE, "compile", "")
     compile_.add_argument("--all", action="store_true", help="every formulation, not the default ones alone")

@@ -1,0 +1,45 @@
+/* Coulomb friction over the next period: what stops the motors by its end, if it can */
+static void NAME_friction(const NAME_memory *m, const double *torque, double sharp, double *taken)
+{
+    const double *by_torque = NAME_OF(by_torque, UPPER_JOINTS, UPPER_JOINTS);
+    double rate[UPPER_JOINTS], change[UPPER_JOINTS];
+    NAME_times(NAME_OF(by_state, UPPER_JOINTS, UPPER_STATES), UPPER_JOINTS, UPPER_STATES, m->x, rate);
+    NAME_times(by_torque, UPPER_JOINTS, UPPER_JOINTS, torque, change);
+    for (int i = 0; i < UPPER_JOINTS; i++) {
+        const double stops = sharp * (rate[i] + change[i]) / by_torque[i * UPPER_JOINTS + i], most = NAME_coulomb[i];
+        taken[i] = stops < -most ? -most : stops > most ? most : stops;
+    }
+}
+
+static void NAME_begin(NAME_memory *m, const double *v, const double *to_go)
+{
+    (void)v;
+    m->posture = NAME_nearest(m->goal);
+    NAME_times(NAME_OF(rigid, UPPER_STATES, UPPER_JOINTS), UPPER_STATES, UPPER_JOINTS, to_go, m->x);
+    for (int i = 0; i < UPPER_STATES; i++) m->x[i] = -m->x[i];
+}
+
+static void NAME_torques(NAME_memory *m, const double *v, const double *to_go, double *torque)
+{
+    const long k = m->step < UPPER_LEARNING ? m->step : UPPER_LEARNING - 1;
+    double y[UPPER_OUTPUTS], angle[UPPER_JOINTS], taken[UPPER_JOINTS];
+    for (int i = 0; i < UPPER_JOINTS; i++) {
+        angle[i] = m->goal[i] - to_go[i];
+        y[i] = -to_go[i];
+    }
+    m->posture = NAME_nearest(angle);
+    GAUGED
+    NAME_update(m, NAME_OF(L, UPPER_LEARNING, UPPER_STATES * UPPER_OUTPUTS) + k * UPPER_STATES * UPPER_OUTPUTS, y);
+    NAME_times(NAME_OF(K, UPPER_JOINTS, UPPER_STATES), UPPER_JOINTS, UPPER_STATES, m->x, torque);
+    for (int i = 0; i < UPPER_JOINTS; i++) torque[i] = -torque[i];
+    NAME_friction(m, torque, SHARP, taken);
+    for (int i = 0; i < UPPER_JOINTS; i++) torque[i] += taken[i];
+}
+
+static void NAME_predict(NAME_memory *m, const double *torque)
+{
+    double left[UPPER_JOINTS], taken[UPPER_JOINTS];
+    NAME_friction(m, torque, 1.0, taken);
+    for (int i = 0; i < UPPER_JOINTS; i++) left[i] = torque[i] - taken[i];
+    NAME_move(m, left);
+}
