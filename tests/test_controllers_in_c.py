@@ -94,7 +94,8 @@ def test_what_cannot_leave_is_a_sentence() -> None:
     refuses("slew = None", lambda: controller_source(control.make("time_optimal", env), "it"))
     three = control.make("lqr", gym.make("MultiLinkFlexArm-v0"))
     for elbows, sentence in (
-        (None, "elbows = None: must be 2 pairs"), ([(0.0, 1.0)], "2 pairs"), ([(0.0, 1.0), (1.0, 0.0)], "low at most high"),
+        (None, "elbows = None: must be 2 pairs"), ([(0.0, 1.0)], "2 pairs"),
+        ([(0.0, 1.0), (1.0, 0.0)], "low at most high"),
         ([(0.0, 1.0), (0.0, np.nan)], "= nan: must be"), ([(-3.0, 3.0), (-3.0, 3.0)], "elbows = '3721 postures'"),
     ):  # fmt: skip
         refuses(sentence, lambda elbows=elbows: controller_source(three, "it", elbows=elbows))
@@ -116,7 +117,7 @@ def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main([*words, "--slew", "1.2"]) == 0
     capsys.readouterr()
     words = ["export", "zv", "--to", "c", "--env", "TwoLinkFlexArm-v0", "--out", out]
-    for elbows, sentence in (("1", "--elbows = '1'"), ("0:x", "must be LOW:HIGH"), ("0:1,0:1", "must be a sequence of 1 p")):
+    for elbows, sentence in (("1", "--elbows = '1'"), ("0:x", "must be LOW:HIGH"), ("0:1,0:1", "sequence of 1 p")):
         assert sentence in refused(capsys, *words, "--elbows", elbows)
     assert main([*words, "--elbows", "0:0.5"]) == 0
-    assert "6 postures, elbows from 0 to 0.5 rad" in Path(out).read_text()
+    assert "6 postures, the elbows from 0 to 0.5 rad" in Path(out).read_text()

@@ -40,8 +40,10 @@ def run(args: argparse.Namespace) -> int:
         raise check.InvalidValue("--out", args.out, f"must end in {FORMS[args.to]} for --to {args.to}")
     if args.what in NAMES:
         return _controller(args, out)
-    for flag, value in (("--env", args.env), ("--slew", args.slew), ("--elbows", args.elbows), ("--env-kwargs", args.env_kwargs)):
+    for word in ("env", "slew", "elbows", "env_kwargs"):
+        value = getattr(args, word)
         if value is not None:
+            flag = f"--{word.replace('_', '-')}"
             raise check.InvalidValue(flag, value, "must not be given with a policy, which names its own environment")
     policy = load_policy(args.what)
     size, joints = policy.weights[0][0].shape[0], policy.weights[-1][0].shape[1]
