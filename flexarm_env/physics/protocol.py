@@ -41,6 +41,8 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     update(lane, model, q, share, d, more)  q <- q moved by the increment share * d and then by `more`, or None: their
         sum, unless a formulation's coordinates add up otherwise, as rotations do; rows of multipliers are zero
     friction(model)  None, or a tag where joints have Coulomb friction, which is in no residual (`joints.friction`)
+    light(model)  None, or a tag where joints may have next to no inertia of their own: a torque that jumps makes an
+        acceleration there that steps do not resolve, which is not to be solved for with M alone
     damping_work(lane, model, par, q, v, x)  x'C(q) v: power of the damping forces at rates v over rates x, W; what is
         lost is that over v itself
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
@@ -143,6 +145,12 @@ def _no_friction(model):
 
 
 @kernel
+def _resolved(model):
+    """`light` of a formulation whose joints carry inertia, or whose sections do."""
+    return None
+
+
+@kernel
 def _by_assembling(lane, model, par, state, u, r, S):
     """`residual` of a formulation that has no shorter way."""
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
@@ -151,7 +159,7 @@ def _by_assembling(lane, model, par, state, u, r, S):
 FORMULATIONS = Family(
     "model", predict=_no_guess, update=_add, difference=_subtract, ports_after=_at_once, stiffen=_no_stiffness,
     friction=_no_friction, residual=_by_assembling, constrain=_no_constraint, out_of_range=_everywhere,
-    task_poses=_as_link_poses,
+    task_poses=_as_link_poses, light=_resolved,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -176,6 +184,7 @@ ports_after = FORMULATIONS.function("ports_after", "lane, model, par, start, y0,
 difference = FORMULATIONS.function("difference", "lane, model, start, q, d")
 update = FORMULATIONS.function("update", "lane, model, q, share, d, more")
 friction = FORMULATIONS.function("friction", "model")
+light = FORMULATIONS.function("light", "model")
 damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x")
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")

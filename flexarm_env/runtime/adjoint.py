@@ -148,7 +148,7 @@ def _torques_jump(lane, p, par, record, saved, block, w):
     if afresh:
         restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
     else:
-        switch(lane, p.model, par, block, 0, p.h)
+        switch(lane, p.model, par, block, 0, p.h, None)
 
 
 @kernel

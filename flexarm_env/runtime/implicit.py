@@ -159,7 +159,7 @@ def _stiff(lane, d, chunks, par, record, saved, block, scratch, w):
         if largest(first) > 0.5:
             _start_tangents(lane, d, model, p, both, w, x)
         before_switch(lane, d.dual, model, _parameters(d, both), w, x)
-    switch(lane, model, par, block, 0, p.h)
+    switch(lane, model, par, block, 0, p.h, None)
     for c in range(chunks):
         both = _chunk(d, c, scratch)
         switch_tangents(lane, d.dual, model, _parameters(d, both), w, unpack(d.dual, model, both, 0))

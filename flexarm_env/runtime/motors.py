@@ -10,7 +10,7 @@ from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
 from ..physics.layout import POSE, SPACE_POSE
-from ..physics.protocol import ports, task_poses
+from ..physics.protocol import light, ports, task_poses
 from ..tasks.program import GOAL, LATE, PERIODS, TORQUE_FACTOR, record_at, saved_at
 from ..tasks.stream import uniform
 from .events import set_pushes
@@ -116,9 +116,12 @@ def _jump(lane, p, model, par, record, saved, block, w):
     """
     if isinstance(model.predictor, tuple):
         restart(lane, model, None, par, block, 0, 0.0, p.h, True)
+    elif light(model) is not None:
+        first = select_lt(load(lane, record, PERIODS), 0.5, splat(lane, 1.0), splat(lane, 0.0))
+        switch(lane, model, par, block, 0, p.h, first)
     else:
         start_stiff(lane, p, model, par, record, saved, block, w)
-        switch(lane, model, par, block, 0, p.h)
+        switch(lane, model, par, block, 0, p.h, None)
 
 
 @kernel

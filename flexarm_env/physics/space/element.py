@@ -24,8 +24,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiler import kernel, store
-from ..arithmetic import add
+import numpy as np
+
+from ...compiler import kernel, select_lt, store
+from ..arithmetic import add, clip, smaller
 from .layout import F
 from .rotations import (
     about_identity,
@@ -52,6 +54,12 @@ from .rotations import (
 
 BOW = 1.0 / 24.0
 """Of the square of its angle: an arc is longer by that share than its chord."""
+
+
+MOST, HEAVY = 0.5, 40.0
+"""Largest force of its own in an element's tangent, over EI / l^2 (its buckling force is pi^2 of that), where inertia
+in steps is more than `HEAVY` times as stiff: as Newton begins, strains are off by second order of a step's turn. Times
+EA that is a force that no tangent should have in it, and forces that are real are little beside such inertia."""
 
 
 class Section(NamedTuple):
@@ -179,11 +187,20 @@ def _columns(A, d):
 
 
 @kernel
-def tangent(section, at, c, cd, S, o):
+def most_force(section, sixth, mass):
+    """See `MOST`; sixth: of the element's mass, mass: that weight of the matrix."""
+    x, y, z = section.bend
+    square = section.length * section.length
+    own = smaller(smaller(x, y), z) / square
+    return select_lt(own * HEAVY, sixth * section.length * (6.0 * mass), own * MOST, np.inf)
+
+
+@kernel
+def tangent(section, at, c, cd, most, S, o):
     """Derivative of `forces`, c times by positions and cd by rates, to the `FACTOR` at o of S.
 
-    What moments change by at second order in the element's own psi is left out, and what rates change by positions:
-    Newton's iteration has no need of it.
+    Forces of its own that are in it are at most `most`. What moments change by at second order in the element's own psi
+    is left out, and what rates change by positions: Newton's iteration has no need of it.
     """
     R, Q, T = at.R, about_identity(0.5, times(at.g, 0.5), 0.0, at.g), at.T
     P, Tt = transposed(Q), transposed(T)
@@ -192,10 +209,12 @@ def tangent(section, at, c, cd, S, o):
         rate = section.tau * cd + c
     share, l = 1.0 / section.length, section.length
     D, b = times(section.stretch, rate), times(section.bend, share * rate)
-    n, e, psi = times(at.n, c), skew(at.e), at.psi
+    arc, e = _arc(at.psi), skew(at.e)
+    kept = clip(at.n[0], most), clip(at.n[1], most), clip(at.n[2], most)
+    n, own = times(kept, c), minus(at.m, times(back(arc, minus(at.n, kept)), l))
     x, y, z = times(n, l * BOW)
     K = (b[0], -y, -z), (-y, x * 2.0 + b[1], x * 0.0), (-z, x * 0.0, x * 2.0 + b[2])
-    nhat, arc = skew(n), _arc(psi)
+    nhat = skew(n)
     left_w = difference(product(e, P), product(arc, Tt))  # of Gamma by the rotations of the ends
     right_w = sum_of(product(e, Q), product(arc, T))
     RD = _columns(R, D)
@@ -206,7 +225,7 @@ def tangent(section, at, c, cd, S, o):
     geometric = scaled(product(nhat, e), l)
     gP, gQ = product(geometric, P), product(geometric, Q)
     lx, rx = transposed(xl), transposed(xr)
-    f, m = skew(times(cross(n, at.e), l * 0.125)), skew(times(at.m, 0.5 * c))
+    f, m = skew(times(cross(n, at.e), l * 0.125)), skew(times(own, 0.5 * c))
     left, right = difference(difference(m, f), product(T, K)), sum_of(sum_of(m, f), product(Tt, K))
     minus_xx = scaled(xx, -1.0)
     ll = sum_of(product(left_D, left_w), difference(product(Q, gP), product(left, Tt)))

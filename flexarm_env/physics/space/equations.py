@@ -21,13 +21,14 @@ from .chain import (
     three_of,
     vertex_at,
 )
-from .element import forces, inertia, middle, tangent
+from .element import forces, inertia, middle, most_force, tangent
 from .layout import AXES, B, E, F, H, J, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .matrix import factor, matrix_in, pin, put_matrix, solve, stiffen
 from .output import (
     damping_work,
     difference,
     energy,
+    light,
     link_poses,
     ports,
     ports_after,
@@ -88,10 +89,10 @@ def assemble(lane, model, par, state, u, weights, r, S):
             right = vertex_at(lane, model, state, j)
             inner = middle(section, left.place, right.place)[1]
             on_left, on_right = forces(section, inner)
-            f = first + F.end * e
+            f, sixth = first + F.end * e, splat(lane, model.sections[E.end * element + E.mass])
             if matrix_too:
-                tangent(section, inner, weights.stiffness, weights.damping, S, f)
-            sixth = splat(lane, model.sections[E.end * element + E.mass])
+                most = most_force(section, sixth, weights.mass)
+                tangent(section, inner, weights.stiffness, weights.damping, most, S, f)
             at_left, at_right = inertia(lane, sixth * 4.0, section.length, left, right, weights, S, f)
             on_left, on_right = _both(on_left, at_left), _both(on_right, at_right)
             I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
@@ -162,4 +163,5 @@ register(
     SpatialBeam, assemble=assemble, pin=pin, stiffen=stiffen, factor=factor, solve=solve, update=update,
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
     link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
+    light=light,
 )  # fmt: skip

@@ -294,6 +294,12 @@ def link_poses(lane, model, par, q, v, out):
 
 
 @kernel
+def light(model):
+    """See `protocol`: elements' ends turn by their sections' rotary inertia alone."""
+    return (0,)
+
+
+@kernel
 def shape(model, q, points):
     """See `link_poses`."""
     return 0
