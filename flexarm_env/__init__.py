@@ -1,7 +1,7 @@
 """Flexible robot arms: planar beam mechanics, scene replay and Gymnasium environments.
 
-Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0 and the tasks of `flexarm_env.suite`; the
-public names below are loaded when they are first used.
+Importing registers FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0, SpatialFlexArm-v0 and the tasks of
+`flexarm_env.suite`; the public names below are loaded when they are first used.
 """
 
 from __future__ import annotations
@@ -65,6 +65,7 @@ _ENVIRONMENTS = {
     "FlexibleArm-v0": "flexible_arm:FlexibleArm",
     "TwoLinkFlexArm-v0": "two_link:TwoLinkFlexArm",
     "MultiLinkFlexArm-v0": "multi_link:MultiLinkFlexArm",
+    "SpatialFlexArm-v0": "spatial:SpatialFlexArm",
 }
 
 

@@ -123,7 +123,7 @@ class View:
 
 
 def gauge_table(
-    arm: Arm, settings: Settings, gravity: tuple[float, float] | None, places: Sequence[tuple[int, float]]
+    arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[tuple[int, float]]
 ) -> Array:
     """(G, n): curvature (1/m) of a link at a place (0 root, 1 tip) from the state, for the arm of a batch."""
     assert settings.dt is not None

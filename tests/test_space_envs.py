@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
-from flexarm_env import arms
+import flexarm_env as fx
+from flexarm_env import arms, time_functions
 from flexarm_env.batch import Batch, SpaceReach, Starts
 from flexarm_env.physics.space.reading import links
 from flexarm_env.rigid import rate_scale
@@ -79,3 +83,152 @@ def test_poses_are_those_of_recorded_coordinates() -> None:
             assert pose[6] == pytest.approx(twists[1], abs=1e-12)
             assert pose[7] == pytest.approx((twists[2] - twists[0]) / (2.0 * eps), abs=1e-8)
         assert view.points[-1] == pytest.approx(motions[-1].tip.r[0])
+
+
+# ------------------------------------------------------------------ the environment
+COARSE: dict[str, Any] = {"elements": 1, "dt": 0.005}
+
+
+def test_every_entry_is_that_of_a_scene_run_beside() -> None:
+    """Torques held for 50 ms in fine steps; rates by differences of what is recorded."""
+    env = gym.make("SpatialFlexArm-v0", elements=1, dt=2e-4, tolerance=1e-9)
+    start, action, target = (0.2, 0.7, -0.4), np.array([0.1, -0.3, 0.2], np.float32), np.array([0.5, 0.3, 0.6])
+    env.reset(seed=0, options={"start": start, "target": target})
+    for _ in range(5):
+        seen, *_, info = env.step(action)
+    torques = np.array(ARM.torque_limits) * action
+    loads = tuple(fx.JointTorque(k, time_functions.constant(float(u))) for k, u in enumerate(torques))
+    scene = fx.Scene("s", ARM, duration=0.0502, dt=2e-4, gravity=(0, 0, -9.81), angles=start, loads=loads)
+    run = fx.simulate(scene, elements=1, tolerance=1e-9, estimate_error=False)
+    at = len(run.t) - 2
+    assert run.t[at] == pytest.approx(0.05)
+    L, w = ARM.total_length, [rate_scale(ARM, k) for k in range(3)]
+    bend, twist = run.tip_deflection, run.twist
+    slope = lambda x: (x[at + 1] - x[at - 1]) / 4e-4  # noqa: E731
+    expected = [f(run.joint_angles[at, k]) for k in range(3) for f in (math.sin, math.cos)]
+    expected += [run.joint_rates[at, k] / w[k] for k in range(3)]
+    for k in (1, 2):
+        expected += [*(bend[at, k] / 0.1), *(slope(bend[:, k]) / (0.3 * w[0]))]
+        expected += [twist[at, k] / 0.1, slope(twist[:, k]) / (0.3 * w[0])]
+    root = matrices(vectors_of(run.link_rotations[at, 0, 0]))
+    expected += [*(root.T @ run.tip_velocity[at, :3] / (w[0] * L)), *(root.T @ (target - run.tip[at]) / (0.5 * L))]
+    assert len(seen) == len(expected) == 27
+    assert seen == pytest.approx(np.array(expected), abs=2e-3)
+    assert info["target"] == pytest.approx(target, abs=1e-9)
+    assert info["tip_position"] == pytest.approx(run.tip[at], abs=1e-4)
+    assert info["tip_deflection"] == pytest.approx(bend[at].T.ravel(), abs=1e-4)
+    assert info["twist"] == pytest.approx(twist[at], abs=1e-4)
+    assert info["joint_torque"] == pytest.approx(torques)
+
+
+def vectors_of(quaternion: np.ndarray) -> np.ndarray:
+    """The rotation vector of a quaternion."""
+    half = math.atan2(float(np.linalg.norm(quaternion[1:])), float(quaternion[0]))
+    return np.asarray(2.0 * half * quaternion[1:] / max(1e-300, math.sin(half)))
+
+
+def test_a_vector_is_single_environments_to_the_bit_and_states_go_between() -> None:
+    n = 5
+    many = gym.make_vec("SpatialFlexArm-v0", num_envs=n, **COARSE)
+    ones = [gym.make("SpatialFlexArm-v0", **COARSE).unwrapped for _ in range(n)]
+    seen, _ = many.reset(seed=7)
+    for i, one in enumerate(ones):
+        assert np.array_equal(one.reset(seed=7 + i)[0], seen[i])
+    rng = np.random.default_rng(0)
+    for step in range(4):
+        if step == 2:
+            many.set_state([ones[3].get_state()], [3])
+        action = rng.uniform(-1.0, 1.0, (n, 3)).astype(np.float32)
+        seen, reward, *_, infos = many.step(action)
+        for i, one in enumerate(ones):
+            alone, pay, *_, info = one.step(action[i])
+            assert np.array_equal(alone, seen[i]) and pay == reward[i]
+            assert all(np.array_equal(infos[name][i], value) for name, value in info.items())
+
+
+def test_gymnasium_checks_it_and_bad_actions_end_an_episode() -> None:
+    env = gym.make("SpatialFlexArm-v0", **COARSE).unwrapped
+    check_env(env)
+    env.reset(seed=0)
+    _, _, terminated, _, info = env.step(np.array([np.nan, 0.0, 0.0], np.float32))
+    assert terminated and info["termination_reason"] == "action_not_finite" and info["reward_failure"] == -5.0
+    huge, full = (gym.make("SpatialFlexArm-v0", **COARSE) for _ in range(2))
+    for one in (huge, full):
+        one.reset(seed=3)
+    pairs = zip(huge.step(np.full(3, 1e30)), full.step(np.ones(3, np.float32)), strict=True)
+    assert all(np.array_equal(a, b) for a, b in list(pairs)[:2])
+
+
+def test_full_torques_stay_sound() -> None:
+    """Bang-bang: no episode fails, and energy keeps its books."""
+    env = gym.make_vec("SpatialFlexArm-v0", num_envs=8, info_level="full", elements=1, dt=5e-4)
+    _, start = env.reset(seed=0)
+    rng, before, turned_over = np.random.default_rng(0), 0.0, np.zeros(8)
+    for _ in range(30):
+        seen, _, terminated, _, info = env.step(np.sign(rng.uniform(-1.0, 1.0, (8, 3))).astype(np.float32))
+        assert not terminated.any() and np.isfinite(seen).all()
+        before, turned_over = info["work"], turned_over + np.abs(info["work"] - before)
+    names = ("energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated")
+    off = sum(info[name] - start[name] for name in names) - info["work"]
+    assert np.abs(off / turned_over).max() < 0.03
+
+
+def test_features_carry_over() -> None:
+    """Chosen entries with history, noise and delay, motors with lag, drawn arms, controllers under the action."""
+    env = gym.make_vec(
+        "SpatialFlexArm-v0", num_envs=3, observation=["hub_error", "elbow_2_error", "target_z", "hub_rate"], history=2,
+        sensors={"encoders": {"counts": 4096}, "noise": 0.001, "delay": 0.01},
+        actuator={"lag": 0.01, "saturation": 0.9},
+        randomization={"payload": (0.5, 2.0), "EI": (0.8, 1.2), "damping": (0.5, 2.0), "torque_constant": (0.9, 1.1)},
+        action_mode="residual_pd", starts={"straight": 0.0, "target": [(0.1, 0.2), (0.3, 0.4), (0.5, 0.6)]}, **COARSE,
+    )  # fmt: skip
+    seen, info = env.reset(seed=0)
+    assert seen.shape == (3, 8)
+    for _ in range(3):
+        seen, *_, info = env.step(np.zeros((3, 3), np.float32))
+    goals = env.unwrapped.batch.record(0)[-100:]
+    assert np.isfinite(seen).all() and np.isfinite(goals).all()
+    assert (np.abs(info["joint_torque"]) > 0.0).all()  # the controllers', who pull towards the goal
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"task": "track"}, "task = 'track': must be \"reach\""),
+        ({"reference": {"path": "circle"}}, "reference = "),
+        ({"motion": "spin_up"}, "motion = 'spin_up'"),
+        ({"cost": {"deflection": 0.1}}, "cost = "),
+        ({"pushes": {"wait": (1, 2), "force": (1, 2)}}, "pushes = "),
+        ({"payload_change": {"time": (1, 2), "factor": (1, 2)}}, "payload_change = "),
+        ({"initial_vibration": 0.1}, "initial_vibration = 0.1"),
+        ({"render_mode": "rgb_array"}, "plotting.film_in_space"),
+        ({"action_mode": "voltage"}, "action_mode = 'voltage'"),
+        ({"sensors": {"strain_gauges": [0.0]}}, "sensors.strain_gauges = [0.0]"),
+        ({"actuator": {"coulomb": 0.1}}, "actuator.coulomb = 0.1"),
+        ({"randomization": {"friction": (0.5, 2.0)}}, "randomization.friction"),
+        ({"formulation": "elastica"}, "formulation = 'elastica'"),
+        ({"arm": "three_strips"}, "arm = 'three_strips': must leave the x-y plane"),
+        ({"gravity": (0.0, -9.81)}, "gravity"),
+        ({"turns": "any"}, "turns = 'any'"),
+    ],
+)
+def test_what_is_not_there_is_refused_by_name(arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        gym.make("SpatialFlexArm-v0", **arguments)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"target": (2.0, 0.0, 0.0)}, "options.target = (2.0, 0.0, 0.0): must be a point"),
+        ({"target": (0.5, 0.5)}, "options.target"),
+        ({"vibration": 0.1}, "options.vibration = 0.1"),
+        ({"motion": "spin_up"}, "options.motion = 'spin_up'"),
+    ],
+)
+def test_wrong_options_are_refused(options: dict[str, Any], words: str) -> None:
+    env = gym.make("SpatialFlexArm-v0", **COARSE)
+    with pytest.raises(ValueError) as caught:
+        env.reset(options=options)
+    assert words in str(caught.value)

@@ -1,1 +1,1 @@
-"""Gymnasium environments: FlexibleArm-v0, TwoLinkFlexArm-v0 and MultiLinkFlexArm-v0."""
+"""Gymnasium environments: FlexibleArm-v0, TwoLinkFlexArm-v0, MultiLinkFlexArm-v0, SpatialFlexArm-v0."""

@@ -150,17 +150,20 @@ def starts(kind: Kind, arm: Arm, given: Any) -> tuple[Starts, bool]:
     return dataclasses.replace(usual, **changes), absolute
 
 
-def _joint(arm: Arm, k: int, row: Any) -> Pair:
-    low, high = check.limits(f"starts.angles[{k}]", row, "rad")
+def _joint(arm: Arm, k: int, row: Any, of: str = "angles") -> Pair:
+    low, high = check.limits(f"starts.{of}[{k}]", row, "rad")
     own = None if arm.joint_limits is None else arm.joint_limits[k]
     if own is not None and not own[0] <= low <= high <= own[1]:
         what = f"must be within the joint's limits, {own[0]:g} to {own[1]:g} rad"
-        raise check.InvalidValue(f"starts.angles[{k}]", (low, high), what)
+        raise check.InvalidValue(f"starts.{of}[{k}]", (low, high), what)
     return low, high
 
 
 def _target(kind: Kind, arm: Arm, value: Any) -> list[Pair]:
     """Two ranges: of the angle, or of distance (m) and bearing (rad) of the point."""
+    if kind.space:
+        rows = check.sequence("starts.target", value, f"{arm.n_links} pairs of joint angles, rad", arm.n_links)
+        return [_joint(arm, k, row, "target") for k, row in enumerate(rows)]
     if kind.target.numbers == 1:
         return [check.limits("starts.target", value, "rad"), (0.0, 0.0)]
     first, second = check.sequence("starts.target", value, "two pairs: distance (m) and bearing (rad)", 2)

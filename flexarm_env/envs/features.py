@@ -34,7 +34,7 @@ class Frame:
     arm: Arm
     settings: Settings
     period: float
-    gravity: tuple[float, float] | None
+    gravity: tuple[float, ...] | None
 
 
 def table_of(path: str, given: Any, keys: Sequence[str]) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def sensors(
     gauges last."""
     table = table_of("sensors", None if isinstance(given, description.Sensors) else given, _SENSORS)
     places = [(gauge.link, gauge.place) for gauge in gauges]
-    rows = gauge_table(frame.arm, frame.settings, frame.gravity, places)
+    rows = gauge_table(frame.arm, frame.settings, frame.gravity, places) if places else np.zeros((0, 0))
     noise = _noise(table.get("noise", 0.0), names, scales)
     age = whole("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt", minimum=0.0)
     if not places and age == 0 and not noise.any():

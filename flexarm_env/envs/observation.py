@@ -77,7 +77,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
         known = {key: value for key, value in table.items() if key in description.KEYS}
         found, named = description.from_table(known), set(known)
     if observation != FULL:
-        base = own or description.Sensors.ideal(n)
+        base = own or (description.Sensors() if arm.spatial else description.Sensors.ideal(n))
         if own is None and observation != MEASURED:
             gauged = any(name.startswith("strain_gauge_") for name in observation)
             base = description.Sensors(strain_gauges=base.strain_gauges if gauged else ())
@@ -112,7 +112,8 @@ def sight(frame: Frame, observation: str | tuple[str, ...], own: description.Sen
 
 def goal_entries(kind: Kind, arm: Arm) -> Entries:
     """Joint angles at the goal less encoder angles; where the target is a point, that too."""
-    point = [(f"target_{axis}", arm.total_length) for axis in "xy"] if kind.target.numbers == 2 else []
+    axes = "xyz"[: kind.target.numbers] if kind.target.numbers > 1 else ""
+    point = [(f"target_{axis}", arm.total_length) for axis in axes]
     return [*((f"{joint}_error", 1.0) for joint in arm.joint_names), *point]
 
 

@@ -27,6 +27,7 @@ from .features import reference as make_reference
 from .features import sensors as make_sensors
 from .motion import Prescribed, prescribed
 from .observation import asked, sensors_of, sight
+from .space import check_arm, refuse
 from .task import Entry, Kind, info_entries, priced, reward_weights
 from .vibration import shake
 
@@ -83,7 +84,7 @@ class Plan:
     duration: float
     limit: int
     max_steps: int | None
-    gravity: tuple[float, float] | None
+    gravity: tuple[float, ...] | None
     full: bool
     words: bool
     render_mode: str | None
@@ -132,7 +133,7 @@ def plan(
     *,
     arm: Arm | str | os.PathLike[str] | None = None,
     formulation: str | None = None,
-    control_dt: float = 0.02,
+    control_dt: float | None = None,
     action_mode: str = "torque",
     residual_share: float | None = None,
     duration: float | None = None,
@@ -161,10 +162,16 @@ def plan(
 ) -> Plan:
     """Check the arguments of an environment (see its class); a ValueError names key, value and what is allowed."""
     kind = priced(kind, reward)
+    if kind.space:
+        refuse(
+            task=task, reference=reference, motion=motion, cost=cost, pushes=pushes, payload_change=payload_change,
+            initial_vibration=initial_vibration, render_mode=render_mode, action_mode=action_mode, sensors=sensors,
+            actuator=actuator, randomization=randomization,
+        )  # fmt: skip
     own = with_friction(_arm(kind, arm, joint_limits), actuator)
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
-    period = check.number("control_dt", control_dt, "s", above=0.0)
-    settings = _settings(formulation, period, options)
+    period = check.number("control_dt", kind.period if control_dt is None else control_dt, "s", above=0.0)
+    settings = _settings(kind, formulation, period, options)
     length = check.number("duration", kind.duration if duration is None else duration, "s", minimum=period)
     if not length / period <= MOST_PERIODS:
         what = f"must be at most {MOST_PERIODS:.0e} control periods of {period:g} s"
@@ -180,7 +187,7 @@ def plan(
     word = check.choice("task", kind.task if task is None else task, (kind.task, "track", "replay"))
     _only_with("reference", reference, word, "track")
     _only_with("motion", motion, word, "replay")
-    frame = Frame(kind, own, settings, period, _gravity(gravity))
+    frame = Frame(kind, own, settings, period, _gravity(kind, gravity))
     wanted, frames = asked(observation, history)
     carried = sensors_of(own, wanted, sensors)
     seen = sight(frame, wanted, carried, kind.target.entries(own) if word == "track" else [])
@@ -241,7 +248,7 @@ def _only_with(name: str, value: Any, task: str, wanted: str) -> None:
 
 def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
     arm = arms.resolve(kind.arm if given is None else given)
-    arm.check_planar()
+    check_arm(arm, kind) if kind.space else arm.check_planar()
     least, most = kind.links
     if arm.n_links < least or (most is not None and arm.n_links > most):
         wanted = f"{least}" if most == least else f"at least {least}"
@@ -257,13 +264,16 @@ def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
     return arm
 
 
-def _settings(formulation: str | None, period: float, options: dict[str, Any]) -> Settings:
-    chosen = formulation or DEFAULT_FORMULATION
+def _settings(kind: Kind, formulation: str | None, period: float, options: dict[str, Any]) -> Settings:
+    chosen = formulation or (DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact")
+    if kind.space and chosen != "geometrically_exact":
+        what = "must be 'geometrically_exact': in space there is no other"
+        raise check.InvalidValue("formulation", chosen, what)
     check_options(chosen, [name for name in options if name in default_options(chosen) or _known(name)])
     for name in options:
         if not _known(name):
             raise check.UnknownArgument(name, ARGUMENTS)
-    base = DEFAULT_OPTIONS[chosen] if options.get("modes") is None else OF_MODES
+    base = dict(kind.settings or DEFAULT_OPTIONS[chosen]) if options.get("modes") is None else OF_MODES
     settings = Settings.make(chosen, **merged(base, options))
     if "dt" not in options or options["dt"] is None:
         assert settings.dt is not None
@@ -286,11 +296,12 @@ def _known(name: str) -> bool:
     return any(name in default_options(f) for f in DEFAULT_OPTIONS)
 
 
-def _gravity(given: Any) -> tuple[float, float] | None:
+def _gravity(kind: Kind, given: Any) -> tuple[float, ...] | None:
     if given is None:
-        return None
-    x, y = check.sequence("gravity", given, "two numbers (m/s^2), (x, y)", 2)
-    return check.number("gravity[0]", x, "m/s^2"), check.number("gravity[1]", y, "m/s^2")
+        return kind.gravity
+    what = "three numbers (m/s^2), (x, y, z)" if kind.space else "two numbers (m/s^2), (x, y)"
+    values = check.sequence("gravity", given, what, 3 if kind.space else 2)
+    return tuple(check.number(f"gravity[{k}]", value, "m/s^2") for k, value in enumerate(values))
 
 
 def _factors(given: Any, arm: Arm) -> tuple[tuple[events.Pair, ...], tuple[events.Pair, ...] | None]:

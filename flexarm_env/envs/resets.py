@@ -16,6 +16,7 @@ from ..trajectory import joint_angles
 from .events import unguided
 from .motion import ANGLE, Guide, Prescribed, guide, prescribed
 from .options import Plan
+from .space import refuse_options
 
 KEYS = ("start", "target", "vibration", "motion", "interpolation")
 
@@ -24,7 +25,8 @@ KEYS = ("start", "target", "vibration", "motion", "interpolation")
 class Request:
     """What a reset asks for; NaN where it is to be drawn.
 
-    angles (N,): at the start, rad. target (2,): as in the record. vibration (1,): over L. motion: prescribed.
+    angles (N,): at the start, rad. target (2,): as in the record; in space (N,): joint angles that reach it.
+    vibration (1,): over L. motion: prescribed.
     """
 
     angles: NDArray[np.float64]
@@ -36,11 +38,14 @@ class Request:
 def request_of(plan: Plan, options: Any, extra: tuple[str, ...] = ()) -> Request:
     """Checked options of one reset. ValueError names the key, the value and what is allowed."""
     n = plan.arm.n_links
-    asked = Request(np.full(n, np.nan), np.full(2, np.nan), np.full(1, np.nan), plan.motion)
+    numbers = n if plan.kind.space else 2
+    asked = Request(np.full(n, np.nan), np.full(numbers, np.nan), np.full(1, np.nan), plan.motion)
     if options is None:
         return asked
     table = check.table_of("options", options)
     check.known_keys("options", table, (*KEYS, *extra), "option")
+    if plan.kind.space:
+        refuse_options(table)
     if table.get("start") is not None:
         asked.angles[:] = _start(plan, table["start"])
     if table.get("target") is not None:

@@ -37,7 +37,8 @@ class Kind:
     them; the last is paid for failure. entries: names and scales of the observation of an arm, in the order in which
     `observe` shows them. record: class of the task's record for an arm, which says the kernels. starts: what fresh
     starts are drawn from. bands: of success, by name: the usual bound, its unit. replays: motion that task="replay"
-    follows where none is given; joints beyond those that it moves follow the last of them.
+    follows where none is given; joints beyond those that it moves follow the last of them. space: arms leave the plane.
+    period: of control, s. gravity: m/s^2, where none is said. settings: where no formulation is said, in space.
     """
 
     id: str
@@ -52,6 +53,10 @@ class Kind:
     starts: Callable[[Arm], Starts]
     bands: Mapping[str, tuple[float, str]]
     replays: str
+    space: bool = False
+    period: float = 0.02
+    gravity: tuple[float, ...] | None = None
+    settings: Mapping[str, Any] | None = None
 
     def build(self, arm: Arm, weights: Array, period: float, aims: Mapping[str, Any] | None = None) -> Task:
         """The record of the task for an arm. weights: of the rewards. period: of control, s. aims: of its fields those
@@ -65,7 +70,7 @@ class Kind:
             terms=(0,) * len(weights),
             entries=(0,) * len(scales),
             length=arm.total_length,
-            lengths=np.array([link.span for link in arm.links]),
+            lengths=np.array([0.0 if link.rigid else link.span for link in arm.links]),
             scales=np.array(scales),
             rates=np.array([rate_scale(arm, k) for k in range(arm.n_links)]),
             weights=weights,
@@ -175,7 +180,12 @@ class Entry:
 
 
 def info_entries(
-    kind: Kind, task: Task, full: bool, motors: bool = False, extras: Extras | None = None, fitted: bool = False,
+    kind: Kind,
+    task: Task,
+    full: bool,
+    motors: bool = False,
+    extras: Extras | None = None,
+    fitted: bool = False,
     drawn: Mapping[str, int] | None = None,
 ) -> tuple[Entry, ...]:
     """Numbers in info, in order; the words (success, range, status, reason) are made from codes beside them.
@@ -185,8 +195,9 @@ def info_entries(
     """
     n, targets, at = len(task.links), len(task.targets), info_places(task)
     entries = [
-        Entry("tip_position", at.tip, 2),
-        Entry("tip_deflection", at.deflection, None if n == 1 else n),
+        Entry("tip_position", at.tip, at.deflection - at.tip),
+        Entry("tip_deflection", at.deflection, None if at.twist - at.deflection == 1 else at.twist - at.deflection),
+        *([Entry("twist", at.twist, n)] if kind.space else []),
         Entry("target", at.target, None if targets == 1 else targets),
         Entry("hub_torque", at.torque, None),
         Entry("joint_torque", at.torque, n),

@@ -17,7 +17,7 @@ from ..trajectory import link_deflection
 Array = NDArray[np.float64]
 
 
-def shake(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> Array:
+def shake(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None) -> Array:
     """Rates that set an arm vibrating in its first mode, at any hub angle alpha_0: the (n, 3) matrix S of
     v = S (1, cos alpha_0, sin alpha_0) for the straight arm.
 
@@ -33,7 +33,7 @@ def shake(arm: Arm, settings: Settings, gravity: tuple[float, float] | None) -> 
     return np.ascontiguousarray(np.where(turning[:, None], turned, still))
 
 
-def _rates(arm: Arm, settings: Settings, gravity: tuple[float, float] | None, angle: float) -> Array:
+def _rates(arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, angle: float) -> Array:
     """The mode's rates with the straight arm at an angle; the first link deflects to the left first."""
     from scipy.linalg import eigh
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..compiler import arms, kernel, load, pick, place, sincos, size, splat, store
 from ..physics.arithmetic import clip
-from ..physics.layout import POSE
+from ..physics.layout import POSE, SPACE_POSE
 from ..physics.protocol import ports
 from ..tasks.program import CLIP, GOAL, TARGET, channel_at
 from .laws import LAW_SIZE, normal, read, read_encoder, tip_acceleration
@@ -106,8 +106,10 @@ def _further(task, reference):
 
 
 @kernel
-def _true_angle(lane, i, k, poses):
+def _true_angle(lane, task, i, k, poses):
     """Angle of joint k."""
+    if size(task.targets) == 3:
+        return pick(lane, poses, SPACE_POSE.end * k + SPACE_POSE.angle, i)
     angle = pick(lane, poses, POSE.end * k + POSE.angle, i)
     if k > 0:
         angle = angle - pick(lane, poses, POSE.end * (k - 1) + POSE.tip_angle, i)
@@ -115,11 +117,11 @@ def _true_angle(lane, i, k, poses):
 
 
 @kernel
-def _angle(lane, instruments, who, k, poses, record):
+def _angle(lane, task, instruments, who, k, poses, record):
     """Angle of joint k as its encoder reads it, or as it is where there is none."""
     if instruments.encoders is not None:
         return pick(lane, record, _channel(instruments, who.base, k).reading, who.i)
-    return _true_angle(lane, who.i, k, poses)
+    return _true_angle(lane, task, who.i, k, poses)
 
 
 @kernel
@@ -128,7 +130,7 @@ def _encoders(lane, p, instruments, who, poses, record, seen):
     if instruments.encoders is not None:
         i, n, encoders = who.i, size(p.task.links), instruments.encoders
         for k in range(n):
-            true = _true_angle(lane, i, k, poses)
+            true = _true_angle(lane, p.task, i, k, poses)
             if instruments.motors is not None:
                 if instruments.motors[k] == 1:  # it turns with the motor
                     true = pick(lane, record, _channel(instruments, who.base, k).motor, i)
@@ -150,7 +152,7 @@ def _turned(lane, p, instruments, who, poses, record, seen):
         if p.reference is not None:
             i, first, count = who.i, size(p.task.entries), p.reference.scales.shape[0]
             if size(p.task.targets) == 2:
-                off = _angle(lane, instruments, who, 0, poses, record)
+                off = _angle(lane, p.task, instruments, who, 0, poses, record)
                 sine, cosine = sincos(off - pick(lane, poses, POSE.angle, i))
                 for k in range(first, first + count, 2):
                     x, y = pick(lane, seen, k, i), pick(lane, seen, k + 1, i)
@@ -164,7 +166,7 @@ def _goals(lane, p, instruments, who, at, poses, record, seen):
     if instruments.goals is not None:
         i, n, targets = who.i, size(p.task.links), size(p.task.targets)
         for k in range(n):
-            angle = _angle(lane, instruments, who, k, poses, record)
+            angle = _angle(lane, p.task, instruments, who, k, poses, record)
             place(lane, seen, at + k, i, clip(pick(lane, record, GOAL + k, i) - angle, CLIP))
         if targets == 1:
             return at + n

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, store
+from ...compiler import kernel, load, select_lt, splat, store
 from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_MASS
@@ -35,12 +35,15 @@ from .rotations import (
 
 @kernel
 def _move_vertex(lane, q, i, share, d, more):
-    """Place and rotation of the rows from i on."""
+    """Place and rotation of the rows from i on; what does not turn, as of arms that are done, stays to the last bit."""
     step, turn = times(vector(lane, d, i), share), times(vector(lane, d, i + 3), share)
     if more is not None:
         step, turn = plus(step, vector(lane, more, i)), plus(turn, vector(lane, more, i + 3))
     add_vector(lane, q, i, step)
-    put_vector(q, i + 3, moved(vector(lane, q, i + 3), turn))
+    old, square = vector(lane, q, i + 3), dot(turn, turn)
+    new = moved(old, turn)
+    for a in range(3):
+        store(q, i + 3 + a, select_lt(0.0, square, new[a], old[a]))
 
 
 @kernel

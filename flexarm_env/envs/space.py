@@ -1,0 +1,145 @@
+"""What environments in space take, and refuse; their task as data."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import sensors as description
+from .. import validation as check
+from ..batch import SpaceReach, Starts, Task
+from ..control.space import angles_at, tip_at
+from ..parameters import Arm
+from ..rigid import rate_scale
+from ..time_functions import TimeFunction
+from .targets import Pair, Target
+from .task import REACH, Kind
+
+Array = NDArray[np.float64]
+
+WHERE = "is not there in space (docs: environments in space)"
+_NOT_YET: dict[str, Any] = dict.fromkeys(("reference", "motion", "cost", "pushes", "payload_change", "render_mode"))
+_NOT_YET |= {"initial_vibration": 0.0}
+
+
+def refuse(**given: Any) -> None:
+    """ValueError for what arms in space have not, by its name; says what there is."""
+    for name, usual in _NOT_YET.items():
+        if given[name] != usual:
+            hint = "; plotting.film_in_space draws runs of scenes" if name == "render_mode" else ""
+            raise check.InvalidValue(name, given[name], f"must be left out: it {WHERE}{hint}")
+    if given["task"] not in (None, "reach"):
+        raise check.InvalidValue("task", given["task"], f'must be "reach": another {WHERE}')
+    if given["action_mode"] in ("current", "voltage"):
+        what = f'must be "torque" or "residual_pd": a motor model {WHERE}'
+        raise check.InvalidValue("action_mode", given["action_mode"], what)
+    sensors = given["sensors"]
+    if isinstance(sensors, description.Sensors):
+        sensors = {name: value for name in description.KEYS if (value := getattr(sensors, name))}
+    for table, path, names in (
+        (sensors, "sensors", ("strain_gauges", "accelerometer", "camera")),
+        (given["actuator"], "actuator", ("viscous", "coulomb")),
+        (given["randomization"], "randomization", ("payload_inertia", "friction", "backlash", "motor_inertia")),
+    ):
+        for name in names:
+            if isinstance(table, Mapping) and table.get(name) is not None:
+                raise check.InvalidValue(f"{path}.{name}", table[name], f"must be left out: it {WHERE}")
+
+
+def refuse_options(table: Mapping[str, Any]) -> None:
+    """The same of options of reset."""
+    for name in ("vibration", "motion", "interpolation"):
+        if table.get(name) is not None:
+            raise check.InvalidValue(f"options.{name}", table[name], f"must be left out: it {WHERE}")
+
+
+def check_arm(arm: Arm, kind: Kind) -> None:
+    """ValueError for an arm of the plane, one whose joints are not ideal, one with sensors that there are not."""
+    if not arm.spatial:
+        what = f"must leave the x-y plane for {kind.id}; FlexibleArm-v0 and MultiLinkFlexArm-v0 have arms of the plane"
+        raise check.InvalidValue("arm", arm.name, what)
+    if arm.jointed:
+        raise check.InvalidValue("arm.joints", arm.name, f"must be ideal: elasticity, rotor and friction {WHERE}")
+    if arm.sensors is not None:
+        refuse_sensors = {name: getattr(arm.sensors, name) for name in description.KEYS if getattr(arm.sensors, name)}
+        for name in refuse_sensors:
+            if name != "encoders":
+                raise check.InvalidValue(f"arm.sensors.{name}", refuse_sensors[name], f"must be left out: it {WHERE}")
+
+
+class Place(Target):
+    """A place of the tip in space, (x, y, z) in m. Asked for by joint angles of the rigid arm there."""
+
+    numbers = 3
+    paths: ClassVar = {}
+
+    def read(self, arm: Arm, value: Any) -> Any:
+        what = "three numbers (m), (x, y, z)"
+        point = [
+            check.number(f"options.target[{k}]", x, "m")
+            for k, x in enumerate(check.sequence("options.target", value, what, 3))
+        ]
+        angles = angles_at(arm, np.array(point))
+        if angles is None:
+            raise check.InvalidValue("options.target", tuple(point), "must be a point that the rigid arm's tip reaches")
+        return angles
+
+    def reached(self, arm: Arm, angles: Sequence[float]) -> Any:
+        return tuple(tip_at(arm, np.array(angles)).tolist())
+
+    def place(self, arm: Arm, target: Array) -> Array:
+        return target
+
+    def entries(self, arm: Arm) -> list[tuple[str, float]]:
+        return []
+
+    def ranges(self, arm: Arm, path: str) -> list[Pair]:
+        return []
+
+    def path(self, given: Any, arm: Arm, t: Array) -> list[TimeFunction]:
+        return []
+
+
+def _entries(arm: Arm) -> list[tuple[str, float]]:
+    hub, length, joints = rate_scale(arm, 0), arm.total_length, arm.joint_names
+    bending = [("tip_deflection_y", 0.1), ("tip_deflection_z", 0.1), ("tip_deflection_rate_y", 0.3 * hub)]
+    bending += [("tip_deflection_rate_z", 0.3 * hub), ("twist", 0.1), ("twist_rate", 0.3 * hub)]
+    named = [(arm.by_link(name), scale) for name, scale in bending]
+    return [
+        *((f"{joint}_{of}", 1.0) for joint in joints for of in ("sin", "cos")),
+        *((f"{joint}_rate", rate_scale(arm, k)) for k, joint in enumerate(joints)),
+        *((names[k], scale) for k, link in enumerate(arm.links) if not link.rigid for names, scale in named),
+        *((f"tip_velocity_{axis}", hub * length) for axis in "xyz"),
+        *((f"to_target_{axis}", 0.5 * length) for axis in "xyz"),
+    ]
+
+
+def _record(arm: Arm) -> type[Task]:
+    return SpaceReach
+
+
+def _within(arm: Arm, ranges: list[Pair]) -> list[Pair]:
+    """Ranges of joint angles within the joints' limits."""
+    limits = arm.joint_limits or (None,) * arm.n_links
+    return [r if own is None else tuple(np.clip(r, *own).tolist()) for r, own in zip(ranges, limits, strict=True)]
+
+
+def _starts(arm: Arm) -> Starts:
+    rest = 3.6 / arm.n_links
+    return Starts(
+        start=_within(arm, [(-1.0, 1.0)] + [(-rest, rest)] * (arm.n_links - 1)),
+        target=_within(arm, [(-2.0 * math.pi / 3, 2.0 * math.pi / 3)] + [(-rest, rest)] * (arm.n_links - 1)),
+        straight=0.5,
+    )
+
+
+SPACE = dataclasses.replace(
+    REACH, id="SpatialFlexArm-v0", links=(1, None), arm="three_dof", duration=5.0, target=Place(), entries=_entries,
+    record=_record, starts=_starts, space=True, period=0.01, gravity=(0.0, 0.0, -9.81),
+    settings={"elements": 2, "dt": 0.0025, "tolerance": 1e-6},
+)  # fmt: skip
