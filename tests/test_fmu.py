@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import shutil
 import zipfile
 from collections.abc import Sequence
@@ -15,10 +16,13 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401
+from flexarm_env import arms
 from flexarm_env.cli import main
 from flexarm_env.compiler import UNCOMPILED
-from flexarm_env.library import build, write_fmu
+from flexarm_env.library import build, fmu, write_fmu
 from flexarm_env.library.fmu import FORMS
+from flexarm_env.library.source import Source
+from flexarm_env.remote import Session
 
 needs_c = pytest.mark.skipif(shutil.which("cc") is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
 
@@ -145,6 +149,25 @@ def test_unit(form: str, tmp_path: Path) -> None:
     assert unit.get("time")[0] == 7.0 and unit.step(7.0, 0.02) == 0 and unit.get("EI_factor")[0] == 0.8
     getattr(unit.code, f"fmi{unit.form}FreeInstance")(unit.at)
     env.close()
+
+
+def test_outputs_of_two_links_are_where_they_lie() -> None:
+    """Each joint's and each link's number by its own name; bits are compared where FMPy is (`make test-fmi`)."""
+    env: Any = gym.make("TwoLinkFlexArm-v0").unwrapped
+    source = Source(env, "arm", (), None, "", (), "")
+    found = {one.name: one.at for one in fmu._variables(source, env.plan) if one.kind == "INFO"}
+    at = env.batch.info_at
+    wanted = {"tip[1]": at.tip + 1, "deflection[1]": at.deflection + 1, "applied_torque[1]": at.torque + 1}
+    wanted["energy.strain"] = at.energies + 1
+    assert {name: found[name] for name in wanted} == wanted
+
+
+def test_an_arm_in_space_is_refused_by_name(tmp_path: Path) -> None:
+    env: Any = gym.make("FlexibleArm-v0")
+    env.unwrapped.plan = dataclasses.replace(env.unwrapped.plan, arm=arms.named("three_dof"))
+    for call in (lambda: write_fmu(env, tmp_path / "x.fmu", "x"), lambda: Session(env)):
+        with pytest.raises(ValueError, match="arm = 'three_dof': must move in the x-y plane"):
+            call()
 
 
 @needs_c

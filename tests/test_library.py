@@ -109,8 +109,8 @@ class Arm:
         self("destroy")
 
 
-def compare(env: Any, arm: Arm, seed: int, periods: int) -> None:
-    """An episode of both, bit for bit: observations, info, poses, rewards."""
+def compare(env: Any, arm: Arm, seed: int, periods: int) -> int:
+    """An episode of both, bit for bit: observations, info, poses, rewards; how many periods it took."""
     batch, rng = env.unwrapped.batch, np.random.default_rng(seed)
     seen, _ = env.reset(seed=seed)
     assert arm.reset(int(np.random.PCG64(np.random.SeedSequence(seed)).random_raw())) == 0
@@ -119,7 +119,7 @@ def compare(env: Any, arm: Arm, seed: int, periods: int) -> None:
         numbers = batch.table[:, 0].copy()
         numbers[batch.info_at.truncated] = 0.0  # a library has no time limit
         assert np.array_equal(arm.row("get_info", len(numbers)), numbers, equal_nan=True)
-        poses = batch.view(0).poses
+        poses = batch.poses(0)
         assert np.array_equal(arm.row("get_poses", poses.size), poses.ravel())
         assert abs(arm("get_time") - k * env.unwrapped.dt) < 1e-9
         action = rng.uniform(-0.7, 0.7, env.action_space.shape).astype(np.float32)
@@ -128,6 +128,7 @@ def compare(env: Any, arm: Arm, seed: int, periods: int) -> None:
         assert arm("get_reward") == reward
         if ended:
             break
+    return k + 1
 
 
 @needs_c
@@ -138,6 +139,24 @@ def test_bits(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
     arm = Arm(built)
     for seed in (1, 2):
         compare(env, arm, seed, 150)
+    arm.destroy()
+    env.close()
+
+
+@needs_c
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("env_id", "keywords"),
+    [
+        ("flexarm/slew-geared-v2", {}),
+        ("FlexibleArm-v0", {"formulation": "floating_frame", "multipliers": True}),
+    ],
+    ids=["gears with friction", "multipliers"],
+)
+def test_ten_thousand_periods(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
+    env = gym.make(env_id, info_level="full", duration=1e4, **keywords)
+    arm = Arm(write(env, tmp_path, "arm", "native", derivatives=False))
+    assert compare(env, arm, 1, 10_000) == 10_000
     arm.destroy()
     env.close()
 

@@ -67,6 +67,8 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     batch, plan = getattr(plain, "batch", None), getattr(plain, "plan", None)
     if batch is None or plan is None or batch.n != 1:
         raise ValueError(f"env = {env}: must be a single environment of flexarm_env")
+    if plan.arm.spatial:
+        raise check.InvalidValue("arm", plan.arm.name, "must move in the x-y plane: no library is made of one in space")
     if plan.motion is not None:
         raise check.InvalidValue(
             "motion", plan.motion, "must be left out: a library's arm is moved by its motors alone"

@@ -16,7 +16,7 @@ from ..files import write_whole
 from ..physics.layout import POSES
 from ..tasks.program import ENERGIES, INFO
 from .build import Built, linked, write
-from .source import VERSION, number
+from .source import VERSION, flat, number
 
 FORMS = {"2.0": "linux64", "3.0": "x86_64-linux"}
 """Versions of the standard that are written, and what they call Linux on x86-64."""
@@ -137,7 +137,7 @@ def _told(field: Any, shape: tuple[int, ...]) -> Iterator[tuple[str, str, str]]:
         for word, own in (("angle", "rad"), ("rate", "rad/s")):
             yield from ((f"motor_{word}[{k}]", own, "of the motor, after the ratio") for k in range(shape[1]))
     else:
-        name = "applied_torque" if field.name == "torque" else field.name
+        name, shape = "applied_torque" if field.name == "torque" else field.name, flat(shape)
         yield from ((f"{name}[{k}]", unit, meaning) for k in range(shape[0])) if shape else [(name, unit, meaning)]
 
 

@@ -196,10 +196,16 @@ def _members(layout: Layout, sizes: dict[str, int], inner: dict[str, Layout]) ->
         if field.name in inner:
             lines += [f"    struct {{\n{_members(inner[field.name], {}, {})}\n    }} {field.name};"]
         elif all(shape):
+            shape = flat(shape)
             told = ", ".join(part for part in (field.unit, re.sub(r"`\w+`", "", field.meaning)) if part)
             name = field.name + "".join(f"[{length}]" for length in shape)
             lines.append(f"    double {name};" + (f" /* {told} */" if told else ""))
     return "\n".join(lines)
+
+
+def flat(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """An entry's shape without the axis that is one of space alone."""
+    return shape[1:] if len(shape) == 2 and shape[0] == 1 else shape
 
 
 def _entries(setup: Setup) -> list[str]:

@@ -88,6 +88,8 @@ class Session:
         plan = getattr(getattr(self.env, "unwrapped", None), "plan", None)
         if plan is None or plan.action_mode != "torque":
             raise ValueError(f"env = {self.env}: must be a single environment of this package, action_mode 'torque'")
+        if plan.arm.spatial:
+            raise check.InvalidValue("arm", plan.arm.name, "must move in the x-y plane: one in space is not served")
         check.instance("limits", self.limits, Limits)
         checked(self.key)
         if self.seed is not None:

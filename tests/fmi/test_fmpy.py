@@ -23,10 +23,11 @@ NAMES = ("tip[0]", "tip[1]", "deflection[0]", "energy.strain", "energy.work")
     ("env_id", "keywords", "periods"),
     [
         ("FlexibleArm-v0", {}, PERIODS),
-        ("flexarm/slew-geared-v2", {}, 500),
+        ("flexarm/slew-geared-v2", {}, PERIODS),
+        ("FlexibleArm-v0", {"formulation": "floating_frame", "multipliers": True}, PERIODS),
         ("TwoLinkFlexArm-v0", {"formulation": "floating_frame", "action_mode": "residual_pd"}, 500),
     ],
-    ids=["strip", "gears and friction", "two links"],
+    ids=["strip", "gears and friction", "multipliers", "two links"],
 )
 def test_a_unit(env_id: str, keywords: dict[str, Any], periods: int, form: str, tmp_path: Path) -> None:
     env = gym.make(env_id, info_level="full", duration=1000.0, disable_env_checker=True, **keywords)
