@@ -249,8 +249,8 @@ class Batch:
         return self._mine(self.layout.record, self.layout.action, i)
 
     def poses(self, i: int) -> Array:
-        """Poses (N, 12) of arm i's links as its last period, or its start, left them (see `POSE`), a copy."""
-        return self._mine(self.layout.poses, self.layout.record, i).reshape(-1, POSE.end).copy()
+        """Poses (N, 12) of arm i's links as its last period, or its start, left them (see `View`), a copy."""
+        return self._mine(self.layout.poses, self.layout.record, i).reshape(self.arm.n_links, -1).copy()
 
     # --- motion ----------------------------------------------------------------------------------
     def parameters(self, i: int) -> Array:
