@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -11,8 +12,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import flexarm_env as fx
-from flexarm_env import arms, time_functions
+from flexarm_env import arms, control, derivatives, library, time_functions
 from flexarm_env.batch import Batch, SpaceReach, Starts
+from flexarm_env.control.space import frames
+from flexarm_env.control.space_pd import holding
 from flexarm_env.physics.space.reading import links
 from flexarm_env.rigid import rate_scale
 from flexarm_env.rotations import matrices, vectors
@@ -216,6 +219,48 @@ def test_what_is_not_there_is_refused_by_name(arguments: dict[str, Any], words: 
     with pytest.raises(ValueError) as caught:
         gym.make("SpatialFlexArm-v0", **arguments)
     assert words in str(caught.value)
+
+
+def test_what_is_built_upon_environments_refuses_them() -> None:
+    env = gym.make("SpatialFlexArm-v0", **COARSE)
+    for make, words in (
+        (lambda: control.make("lqr", env), "controller = 'lqr': must be \"pd\""),
+        (lambda: derivatives.Arms("SpatialFlexArm-v0", 1, **COARSE), "id = 'SpatialFlexArm-v0': must have an arm in"),
+        (lambda: library.write(env, Path("nowhere"), "arm"), "arm = 'three_dof': must move in the x-y plane"),
+        (lambda: env.unwrapped.linearize(), "must be a scene in the plane"),
+    ):
+        env.reset(seed=0)
+        with pytest.raises(ValueError) as caught:
+            make()
+        assert words in str(caught.value)
+
+
+def test_weight_and_inertia_of_the_rigid_arm() -> None:
+    """Torques that hold it beside the slope of the masses' heights; the straight strips' inertia about the elbow."""
+    gravity, angles, eps = np.array([0.0, 0.0, -9.81]), np.array([[0.3, 0.7, -0.5]]), 1e-6
+
+    def height(at: np.ndarray) -> float:
+        places, _, _, tip = frames(ARM, at)
+        middle = 0.5 * (places[0, 2] + tip[0])
+        return 9.81 * 0.3935 * float(0.5 * (places[0, 1] + places[0, 2])[2] + middle[2])
+
+    torques, inertia = holding(ARM, gravity, angles)
+    for k in range(3):
+        step = eps * np.eye(3)[k]
+        assert torques[0, k] == pytest.approx((height(angles + step) - height(angles - step)) / (2 * eps), abs=1e-6)
+    assert inertia[0, 2] == pytest.approx(0.3935 * 0.25**2, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_pd_about_the_rest_under_gravity_settles() -> None:
+    """100 of 100 did where its gains were found."""
+    env = gym.make_vec("SpatialFlexArm-v0", num_envs=6)
+    seen, _ = env.reset(seed=400)
+    controller = control.make("pd", env)
+    controller.reset(seen)
+    for _ in range(500):
+        seen, *_, info = env.step(controller.act(seen))
+    assert info["is_success"].all()
 
 
 @pytest.mark.parametrize(

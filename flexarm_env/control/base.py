@@ -36,6 +36,7 @@ class Setup:
         sensors: that read the entries; None: ideal ones, or not known. noise: that all entries have beside it, in their
             units; (): none.
         action_mode: what an action stands for; "": not known. residual_share: of action_mode="residual_pd".
+        gravity: m/s^2; None: none.
     """
 
     task: str
@@ -49,6 +50,7 @@ class Setup:
     noise: tuple[float, ...] = ()
     action_mode: str = ""
     residual_share: float | None = None
+    gravity: tuple[float, ...] | None = None
 
     @classmethod
     def of(cls, env: Any) -> Setup:
@@ -66,7 +68,7 @@ class Setup:
         share = None if extras.controller is None else float(extras.controller.share)
         return cls(
             plan.kind.task, plan.arm, plan.period, limits, names, scales, plan.history, plan.sensors, noise,
-            plan.action_mode, share,
+            plan.action_mode, share, plan.gravity,
         )  # fmt: skip
 
     @property
@@ -127,6 +129,8 @@ class Reader:
         joints = setup.arm.joint_names
         deflections, deflection_rates = (setup.arm.by_link(f"tip_deflection{rate}") for rate in ("", "_rate"))
         error = ("target_error",) if setup.task == "slew" else ("to_target_x", "to_target_y")
+        if setup.arm.spatial:
+            deflections, deflection_rates, error = (), (), (*error, "to_target_z")
         aims = tuple(f"{joint}_error" for joint in joints)
         self.aimed = goals or (
             not bends and any(name not in place for name in (*error, *deflections)) and aims[0] in place

@@ -15,6 +15,7 @@ from .lqr import LQR, LQRGains
 from .mpc import MPC, MPCGains
 from .pd import PD, PDGains
 from .shaping import ShapedGains, ShapedPD
+from .space_pd import SpatialPD, SpatialPDGains
 from .time_optimal import TimeOptimal, TimeOptimalGains
 
 _KINDS: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
@@ -77,6 +78,10 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         if plan.extras.controller is not None:
             what = 'must be "torque": controllers set torques themselves'
             raise check.InvalidValue("action_mode", "residual_pd", what)
+    if setup.arm.spatial:
+        if name != "pd":
+            raise check.InvalidValue("controller", name, 'must be "pd" for an arm in space: there is no other yet')
+        return SpatialPD(setup, SpatialPDGains() if gains is None else check.instance("gains", gains, SpatialPDGains))
     kind, made = _KINDS[name]
     own = tuned_gains(name, setup.task, setup.n_joints) if gains is None else check.instance("gains", gains, kind)
     return made(setup, own)

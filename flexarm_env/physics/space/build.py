@@ -74,13 +74,13 @@ def _tip_end(link: Link) -> Body:
     return Body(link.tip_mass, 0.5 * tip_lever(link), bodies.tensor(link.tip_inertia))
 
 
-def _near(arm: Arm, k: int) -> Body:
+def near_body(arm: Arm, k: int) -> Body:
     """What turns with the tip of link k - 1."""
     before, elbow = arm.links[k - 1], arm.elbow(k)
     return together([_tip_end(before), Body(elbow.mass, tip_lever(before), bodies.tensor(elbow.inertia_left))])
 
 
-def _far(arm: Arm, k: int) -> Body:
+def far_body(arm: Arm, k: int) -> Body:
     """What turns with the root of link k."""
     link = arm.links[k]
     own = arm.hub_inertia if k == 0 else arm.elbow(k).inertia_right
@@ -111,10 +111,10 @@ def levers(arm: Arm, k: int) -> tuple[Array, Array]:
 def _joint(arm: Arm, k: int) -> Array:
     mount = mount_of(arm, k)
     before, beyond = levers(arm, k)
-    near = together([]) if k == 0 else _near(arm, k)
+    near = together([]) if k == 0 else near_body(arm, k)
     return JOINT.pack(
         {}, axis=axis_of(arm, k), mount=mount, quaternion=rotations.quaternions(mount), before=before, beyond=beyond,
-        near=packed(near), far=packed(_far(arm, k)),
+        near=packed(near), far=packed(far_body(arm, k)),
     )  # fmt: skip
 
 
@@ -199,7 +199,7 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
 def _check_inertia(arm: Arm) -> None:
     """The last link has inertia, or nothing says how it moves."""
     k = arm.n_links - 1
-    far, own, payload = _far(arm, k), arm.links[k], arm.payload
+    far, own, payload = far_body(arm, k), arm.links[k], arm.payload
     beyond = payload.mass + float(np.trace(bodies.tensor(payload.inertia)))
     if own.rigid and far.mass + float(np.trace(far.inertia)) + beyond == 0.0:
         what = "must be positive (kg), or the payload must have a mass: nothing there has any inertia"

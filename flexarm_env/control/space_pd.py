@@ -1,0 +1,135 @@
+"""PD control of joints in space, about the arm's rest at its target under gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parameters import Arm
+from ..physics.space.build import Body, far_body, near_body
+from ..physics.space.reading import tips
+from ..scene import Scene
+from .base import Controller, Setup, Signals
+from .space import approach, frames, jacobian, tip_at
+
+Array = NDArray[np.float64]
+
+NEAR, MOST = 5e-4, 12
+"""How far the tip may rest from its target, over the arm's length; rests that are looked at from one start."""
+
+BENT = 0.8
+"""rad: joints of postures from which goals are looked for."""
+
+
+@dataclass(frozen=True)
+class SpatialPDGains:
+    """rate: rad/s, of each joint under its spring, others still. ratio: of damping. lag: s, of the filter of rates: a
+    beam's root turns so lightly that what is sampled of it must not come back at once."""
+
+    rate: float = 4.5
+    ratio: float = 1.0
+    lag: float = 0.03
+
+
+def lumps(arm: Arm) -> list[tuple[int, Body]]:
+    """Bodies of the rigid arm: which link they turn with, and they, from its root."""
+    found, X = [], np.array([1.0, 0.0, 0.0])
+    for k, link in enumerate(arm.links):
+        far = far_body(arm, k)
+        parts = [Body(far.mass, far.centre + (0.0 if link.rigid else link.root_offset) * X, far.inertia)]
+        if not link.rigid:
+            beyond = X * (link.root_offset + link.moment(1) / link.mass if link.mass else 0.0)
+            parts.append(Body(link.mass, beyond, np.zeros((3, 3))))
+        if k + 1 < arm.n_links:
+            near = near_body(arm, k + 1)
+            parts.append(Body(near.mass, link.span * X, near.inertia))
+        else:
+            offset = np.array((*arm.payload.offset, 0.0)[:3])
+            parts.append(Body(arm.payload.mass, link.span * X + offset, np.zeros((3, 3))))
+        found += [(k, part) for part in parts]
+    return [(k, part) for k, part in found if part.mass > 0.0 or part.inertia.any()]
+
+
+def holding(arm: Arm, gravity: Array, angles: Array) -> tuple[Array, Array]:
+    """Of the rigid arm at joint angles (n, N): torques that hold it, N m; inertia about each joint, kg m^2."""
+    places, axes, links, _ = frames(arm, angles)
+    torques, inertia = np.zeros(angles.shape), np.zeros(angles.shape)
+    for k, part in lumps(arm):
+        r = places[:, k] + links[:, k] @ part.centre
+        for j in range(k + 1):
+            swing = np.cross(axes[:, j], r - places[:, j])
+            own = np.swapaxes(links[:, k], -1, -2) @ axes[:, j, :, None]
+            torques[:, j] -= part.mass * swing @ gravity
+            turning = (own[..., 0] * (own[..., 0] @ part.inertia)).sum(axis=1)
+            inertia[:, j] += part.mass * (swing**2).sum(axis=1) + turning
+    return torques, inertia
+
+
+class SpatialPD(Controller):
+    """Torques of the arm at rest at its target, what the rigid arm's weight asks for elsewhere, and a PD about it.
+
+    Goals follow from static rests of the flexible arm (`linear.static_equilibrium`), some tenths of a second an arm.
+    """
+
+    def __init__(self, setup: Setup, gains: SpatialPDGains) -> None:
+        super().__init__(setup)
+        self.gains, self.gravity = gains, np.array(setup.gravity or (0.0, 0.0, 0.0))
+
+    def _rest(self, angles: Array) -> tuple[Array, Array]:
+        """Place of the tip, m, and torques, N m, where joints are held at angles (N,)."""
+        from ..linear import static_equilibrium
+
+        weight = tuple(self.gravity.tolist())
+        scene = Scene("rest", self.setup.arm, duration=1.0, dt=1e-3, gravity=weight, angles=tuple(angles.tolist()))
+        found = static_equilibrium(scene, elements=2, hold_joints=True, require_stable=False)
+        return tips(self.setup.arm, found.settings, found.work.q[None])[0], np.array(found.joint_torques())
+
+    def _settle(self, target: Array, angles: Array) -> tuple[float, Array, Array]:
+        """(distance of the tip, joint angles, torques) of the rest nearest to the target, by Broyden's method."""
+        arm = self.setup.arm
+        J, (tip, torques) = jacobian(arm, angles), self._rest(angles)
+        best = np.inf, angles, torques
+        for _ in range(MOST):
+            off = target - tip
+            size = float(np.linalg.norm(off))
+            if size < best[0]:
+                best = size, angles, torques
+            if size < NEAR * arm.total_length:
+                break
+            step = J.T @ np.linalg.solve(J @ J.T + 1e-4 * arm.total_length**2 * np.eye(3), off)
+            step *= min(1.0, 0.3 / float(np.abs(step).max()))
+            after, torques = self._rest(angles + step)
+            J = J + np.outer(after - tip - J @ step, step) / (step @ step)
+            angles, tip = angles + step, after
+        return best
+
+    def _goal(self, signals: Signals) -> Array:
+        """Arms stand straight where an episode begins, or nearly so."""
+        arm, now = self.setup.arm, signals.angles
+        targets = tip_at(arm, now) + (frames(arm, now)[2][:, 0] @ signals.error[..., None])[..., 0]
+        goals, self.torque = np.zeros(now.shape), np.zeros(now.shape)
+        for i, target in enumerate(targets):
+            sides = [[now[i, 0], *(BENT * side * (-1.0) ** k for k in range(arm.n_links - 1))] for side in (1, -1)]
+            best: tuple[float, Array, Array] | None = None
+            for start in (now[i] + 0.3, *np.array(sides)):
+                found = self._settle(target, approach(arm, start, target))
+                best = found if best is None or found[0] < best[0] else best
+                if best[0] < NEAR * arm.total_length:
+                    break
+            assert best is not None
+            goals[i], self.torque[i] = best[1:]
+        return goals
+
+    def initialise(self, signals: Signals, to_go: Array) -> None:
+        weight, self.inertia = holding(self.setup.arm, self.gravity, self.goal)
+        self.torque, self.rates = self.torque - weight, signals.rates.copy()
+
+    def torques(self, signals: Signals, to_go: Array) -> Array:
+        rate, ratio = self.gains.rate, self.gains.ratio
+        self.rates += (1.0 - np.exp(-self.setup.control_dt / self.gains.lag)) * (signals.rates - self.rates)
+        pull = rate * rate * np.clip(to_go, -1.0, 1.0) - 2.0 * ratio * rate * self.rates
+        weight = holding(self.setup.arm, self.gravity, self.goal - to_go)[0]
+        wanted: Array = self.torque + weight + self.inertia * pull
+        return wanted
