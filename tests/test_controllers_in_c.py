@@ -75,11 +75,15 @@ def test_c_acts_as_python_does(name: str, env_id: str, kwargs: dict[str, Any], t
         own.reset(observation)
         library.it_reset(memory)
         moved = 0.0
-        for _ in range(150):
-            wanted, found = own.act(observation), np.zeros(joints, np.float32)
+        for k in range(150):
+            wanted, found = own.act(observation), np.ones(joints, np.float32)
             seen = np.ascontiguousarray(observation, np.float32)
             if episode:
                 seen = np.ascontiguousarray(observation[-len(scales) :].astype(np.float64) * scales)
+            if k in (0, 50):  # a broken sensor: no torque, nothing remembered of it
+                broken = np.full_like(seen, np.nan if k else np.inf)
+                decide(memory, broken.ctypes.data_as(ctypes.c_void_p), found.ctypes.data_as(ctypes.c_void_p))
+                assert not found.any()
             decide(memory, seen.ctypes.data_as(ctypes.c_void_p), found.ctypes.data_as(ctypes.c_void_p))
             assert np.abs(found - wanted).max() <= CLOSE
             moved = max(moved, float(np.abs(wanted).max()))

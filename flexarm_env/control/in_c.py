@@ -159,7 +159,7 @@ def _head(own: Controller, slew: float | None, held: Held) -> str:
         "  void NAME_reset(NAME_memory *memory)",
         "      before an episode",
         "  void NAME_act(NAME_memory *memory, const double measured[UPPER_ENTRIES], float action[UPPER_JOINTS])",
-        "      what is measured now, in SI units, to actions; once a control period",
+        "      what is measured now, in SI units, to actions; once a control period (0 where a number is not finite)",
         "  void NAME_decide(NAME_memory *memory, const float observation[UPPER_HISTORY * UPPER_ENTRIES],",
         "                   float action[UPPER_JOINTS])",
         "      the same from the environment's observation, the newest instant last",

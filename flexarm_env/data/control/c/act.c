@@ -7,6 +7,9 @@ void NAME_act(NAME_memory *memory, const double measured[UPPER_ENTRIES], float a
 {
     double to_go[UPPER_JOINTS], torque[UPPER_JOINTS];
     const int first = !memory->begun;
+    for (int i = 0; i < UPPER_JOINTS; i++) action[i] = 0.0f;
+    for (int i = 0; i < UPPER_ENTRIES; i++)
+        if (!(fabs(measured[i]) <= 1e30)) return; /* not finite: no torque, and what is remembered stays */
     if (first) {
         memory->begun = 1;
         memory->step = 0;
