@@ -130,7 +130,7 @@ STUBBY = 5e-3
 def clamped(scene: Scene, settings: Settings) -> Settings | None:
     """Settings of the same mesh with frames clamped at the roots, where what chords leave out of shear may count."""
     along = settings.formulation == "floating_frame" and settings.frame == "chord" and settings.coupling == "von_karman"
-    if along and any(link.slenderness > STUBBY for link in scene.arm.links):
+    if along and not scene.spatial and any(link.slenderness > STUBBY for link in scene.arm.links):
         return settings.replace(frame="root")
     return None
 

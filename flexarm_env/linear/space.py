@@ -25,7 +25,7 @@ from ..compiler import SINGLE, uncompiled
 from ..physics.equations import equations as evaluate
 from ..physics.protocol import State, update
 from ..physics.space.build import axis_of, mount_of
-from ..physics.space.layout import AXES
+from ..physics.space.layout import AXES, PL
 from ..physics.space.reading import read
 from ..rest import NoEquilibrium, resting
 from ..scene import Scene
@@ -80,8 +80,10 @@ class SmallMotions:
     def slopes(self, q0: Array, which: int, rows: NDArray[np.int64]) -> Array:
         """Of `rows` of the residual by those of d (which = 0), d' (1) or d'' (2)."""
         found = np.empty((len(rows), len(rows)))
+        # a chord's length is no polynomial of places: short steps beside its segment
+        least = 1.0 if self.model.frames is None else 0.25 / max(1, int(self.model.places[PL.elements :: PL.end].max()))
         for j, row in enumerate(rows):
-            size = 1.0 / self.model.weight[row] if which == 0 else 1.0
+            size = least / self.model.weight[row] if which == 0 else 1.0
             # by rates central differences are exact: forces are linear and quadratic in them
             terms = [(i * STEP * size, w / (STEP * size)) for i, w in WEIGHTS] if which == 0 else [(1.0, 0.5)]
             total = np.zeros(self.n)

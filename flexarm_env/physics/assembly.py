@@ -75,12 +75,12 @@ def assemble(scene: Scene, settings: Settings) -> System:
 
 def _in_space(scene: Scene, settings: Settings) -> System:
     """`assemble` of a scene in space."""
-    if settings.formulation != "geometrically_exact":
+    if settings.formulation == "elastica":
         why = "the arm or what acts on it leaves the x-y plane, or a link is rigid"
-        what = f"must be 'geometrically_exact' in space ({why}); {settings.formulation} is one of the plane"
+        what = f"must be 'geometrically_exact' or 'floating_frame' in space ({why}); elastica is one of the plane"
         raise check.InvalidValue("formulation", settings.formulation, what)
     builder = importlib.import_module(".space.build", __package__)
-    _check_honoured(scene.arm, "", "geometrically_exact in space", builder.HONOURS)
+    _check_honoured(scene.arm, "", f"{settings.formulation} in space", builder.HONOURS)
     system: System = builder.build(scene, settings)
     return system
 

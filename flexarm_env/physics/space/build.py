@@ -15,6 +15,7 @@ from ...scene import PointLoad, Scene
 from ...sections import ACROSS, ENDS
 from ...settings import Settings, default_options
 from ..model import System
+from . import segments
 from .chain import SpatialBeam
 from .element import BOW
 from .layout import AXES, BODY, ELEMENT, JOINT, LOAD, PLACE, B, F, H
@@ -60,9 +61,9 @@ def packed(one: Body) -> Array:
 
 
 def count_elements(link: Link, settings: Settings) -> int:
-    """Elements of a link in space."""
+    """Elements of a link in space, or segments with floating frames."""
     assert settings.elements is not None
-    return 0 if link.rigid else settings.elements
+    return 0 if link.rigid else settings.elements * (settings.segments or 1)
 
 
 def tip_lever(link: Link) -> Array:
@@ -158,6 +159,16 @@ def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _natural(link: Link, n: int, settings: Settings) -> list[tuple[float, float, float]]:
+    """Of each element without stress: by what its chord is turned from its left end, rad, how long that is, m, and by
+    what its right end is turned from it."""
+    if settings.formulation == "floating_frame":
+        return [natural for _, natural in segments.frames(link, n)]
+    ends = link.mesh(n, "elements") if n else np.zeros(1)
+    pairs = zip(np.diff(ends), turns_of(link, ends), strict=True)
+    return [(0.5 * turn, length * (1.0 - BOW * turn**2), 0.5 * turn) for length, turn in pairs]
+
+
 def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
     """Coordinates of links without stress at the scene's angles, and their rates as it moves before t = 0."""
     arm = scene.arm
@@ -183,10 +194,10 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
         q.append(joint)
         v.append(own)
         n = count_elements(link, settings)
-        ends = link.mesh(n, "elements") if n else np.zeros(1)
-        for length, turn in zip(np.diff(ends), turns_of(link, ends), strict=True):
-            step = A @ rotations.matrices([0.0, 0.0, 0.5 * turn]) @ (length * (1.0 - BOW * turn**2) * X)
-            A = A @ rotations.matrices([0.0, 0.0, turn])
+        for near_turn, length, far_turn in _natural(link, n, settings):
+            A = A @ rotations.matrices([0.0, 0.0, near_turn])
+            step = A @ (length * X)
+            A = A @ rotations.matrices([0.0, 0.0, far_turn])
             r, rate = r + step, rate + np.cross(spin, step)
             q += [*r, *rotations.vectors(A)]
             v += [*rate, *A.T @ spin]
@@ -218,7 +229,10 @@ def _loads(scene: Scene) -> list[Array]:
 
 def build(scene: Scene, settings: Settings) -> System:
     """The scene's chain, `elements` of two vertices a link."""
-    if settings.order != default_options("geometrically_exact")["order"]:
+    floating = settings.formulation == "floating_frame"
+    if floating:
+        segments.refuse(settings)
+    elif settings.order != default_options("geometrically_exact")["order"]:
         raise check.InvalidValue("order", settings.order, "must not be given in space, where elements are of one kind")
     if settings.period_correction:
         raise check.InvalidValue("period_correction", True, "must be False in space")
@@ -235,8 +249,10 @@ def build(scene: Scene, settings: Settings) -> System:
     largest, shares = arm.damping
     counts = [count_elements(link, settings) for link in arm.links]
     sections: list[Array] = []
+    frames: list[Array] = []
     for k, (link, n) in enumerate(zip(arm.links, counts, strict=True)):
         sections += _elements(link, n, 1.0 if shares is None else shares[k])
+        frames += [packed for packed, _ in segments.frames(link, n)] if floating else []
     rows = [names.index(f"joint{k}") for k in range(arm.n_links)]
     first = B.end + H.end * arm.n_links
     places = []
@@ -272,6 +288,7 @@ def build(scene: Scene, settings: Settings) -> System:
         links=arm.n_links,
         places=np.concatenate(places).astype(np.int64),
         sections=np.concatenate([np.zeros(0), *sections]),
+        frames=np.concatenate([np.zeros(0), *frames]) if floating else None,
         joints=np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
         end=packed(_tip_end(last)),
         payload=packed(Body(0.0, tip_lever(last) + offset, bodies.tensor(payload.inertia))),

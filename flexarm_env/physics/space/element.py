@@ -172,7 +172,7 @@ def _put(S, o, i, j, A):
 
 
 @kernel
-def _fill(S, o, xx, xt, tx, tt):
+def fill(S, o, xx, xt, tx, tt):
     """The 6 x 6 matrix at o from its blocks: of places (x) and rotations (t)."""
     _put(S, o, 0, 0, xx)
     _put(S, o, 0, 1, xt)
@@ -232,10 +232,10 @@ def tangent(section, at, c, cd, most, S, o):
     lr = sum_of(product(left_D, right_w), sum_of(product(Q, gQ), product(left, T)))
     rl = sum_of(product(right_D, left_w), difference(product(P, gP), product(right, Tt)))
     rr = sum_of(product(right_D, right_w), sum_of(product(P, gQ), product(right, T)))
-    _fill(S, o + F.LL, xx, scaled(xl, -1.0), scaled(lx, -1.0), ll)
-    _fill(S, o + F.LR, minus_xx, scaled(xr, -1.0), lx, lr)
-    _fill(S, o + F.RL, minus_xx, xl, scaled(rx, -1.0), rl)
-    _fill(S, o + F.RR, xx, xr, rx, rr)
+    fill(S, o + F.LL, xx, scaled(xl, -1.0), scaled(lx, -1.0), ll)
+    fill(S, o + F.LR, minus_xx, scaled(xr, -1.0), lx, lr)
+    fill(S, o + F.RL, minus_xx, xl, scaled(rx, -1.0), rl)
+    fill(S, o + F.RR, xx, xr, rx, rr)
 
 
 class Tangent(NamedTuple):
@@ -308,7 +308,7 @@ def inertia(lane, mass, length, left, right, weights, S, o):
 
 @kernel
 def _add(lane, S, o, x, xt, tx, tt):
-    """`_fill`, added to what is there; x: of places, along each axis."""
+    """`fill`, added to what is there; x: of places, along each axis."""
     for a in range(3):
         add(lane, S, o + 7 * a, x)
     add_block(lane, S, o, 0, 1, xt)

@@ -22,6 +22,7 @@ from .chain import (
     vertex_at,
 )
 from .element import forces, inertia, middle, most_force, tangent
+from .frame import framed
 from .layout import AXES, B, E, F, H, J, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .matrix import factor, matrix_in, pin, put_matrix, solve, stiffen
 from .output import (
@@ -87,21 +88,16 @@ def assemble(lane, model, par, state, u, weights, r, S):
         for e in range(count):
             section = section_at(lane, model, par, element)
             right = vertex_at(lane, model, state, j)
-            inner = middle(section, left.place, right.place)[1]
-            on_left, on_right = forces(section, inner)
-            f, sixth = first + F.end * e, splat(lane, model.sections[E.end * element + E.mass])
-            if matrix_too:
-                most = most_force(section, sixth, weights.mass)
-                tangent(section, inner, weights.stiffness, weights.damping, most, S, f)
-            at_left, at_right = inertia(lane, sixth * 4.0, section.length, left, right, weights, S, f)
-            on_left, on_right = _both(on_left, at_left), _both(on_right, at_right)
-            I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
-            on_left = _both(on_left, lump(lane, sixth, I, left, weights, S, f + F.LL))
+            f = first + F.end * e
+            if model.frames is None:
+                on_left, on_right = _exact(lane, model, section, left, right, element, weights, S, f)
+            else:
+                on_left, on_right = framed(lane, model, par, section, left, right, element, weights, S, f)
             if e == 0:
                 on_root = on_left
             else:
                 _add(lane, r, j - AXES, on_left)
-            _add(lane, r, j, _both(on_right, lump(lane, sixth, I, right, weights, S, f + F.RR)))
+            _add(lane, r, j, on_right)
             left = right
             j += AXES
             element += 1
@@ -117,6 +113,21 @@ def assemble(lane, model, par, state, u, weights, r, S):
     _add(lane, r, i, loaded(lane, model, u, model.links - 1, True, tip, weights, S, o))
     for back_k in range(model.links):
         _hand_on(lane, model, u, weights, r, S, model.links - 1 - back_k)
+
+
+@kernel
+def _exact(lane, model, section, left, right, element, weights, S, f):
+    """((force, moment) of the left end, of the right) of an element of the exact beam; its `FACTOR` at f of S."""
+    inner = middle(section, left.place, right.place)[1]
+    on_left, on_right = forces(section, inner)
+    sixth = splat(lane, model.sections[E.end * element + E.mass])
+    if weights.mass != 0.0:
+        most = most_force(section, sixth, weights.mass)
+        tangent(section, inner, weights.stiffness, weights.damping, most, S, f)
+    at_left, at_right = inertia(lane, sixth * 4.0, section.length, left, right, weights, S, f)
+    I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
+    on_left = _both(_both(on_left, at_left), lump(lane, sixth, I, left, weights, S, f + F.LL))
+    return on_left, _both(_both(on_right, at_right), lump(lane, sixth, I, right, weights, S, f + F.RR))
 
 
 @kernel

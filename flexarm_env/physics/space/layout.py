@@ -24,6 +24,33 @@ ELEMENT = Layout(
     Field("damping", (), "", "its time constant over the arm's largest"),
 )  # fmt: skip
 
+POINTS = 4
+"""Gauss points of a segment's mass."""
+
+WEIGHT = Layout(
+    "Weight", "",
+    Field("xi", (), "", "where on the segment, from 0 to 1"),
+    Field("mass", (), "kg", "of the point"),
+    Field("left", (3,), "m", "by what it is off the chord along y, z for rotations phi of the left end: h (phi x e_x)"),
+    Field("right", (3,), "m", "likewise, of the right end"),
+)  # fmt: skip
+
+FRAME = Layout(
+    "SpatialFrame", "",
+    Field("length", (), "m", "of a segment"),
+    Field("pull", (), "N/m", "EA / l"),
+    Field("bend", (3, 3), "N m", "K about x, y, z of the rotations (left, left), (left, right), (right, right)"),
+    Field("coupling", (3, 3), "m", "likewise H of stretch with bending"),
+    Field("moment", (2, 3), "N m", "K phi of the rotations without stress, left and right"),
+    Field("spent", (), "J", "half that times these"),
+    Field("rotary", (6, 3), "kg m^2", "of sections: (l, l), (l, r), (r, r), (l, frame), (r, frame), (frame, frame)"),
+    Field("mass", (3,), "kg", "of the ends' places: (l, l), (l, r), (r, r)"),
+    Field("near", (2, 3), "kg m", "of the left place and the rotations left and right, h of `WEIGHT`"),
+    Field("far", (2, 3), "kg m", "of the right place"),
+    Field("lateral", (3, 3), "kg m^2", "of the rotations, about x, y, z: (l, l), (l, r), (r, r)"),
+    Field("points", (POINTS, WEIGHT.length), "", "a `WEIGHT` each"),
+)  # fmt: skip
+
 BODY = Layout(
     "Body", "",
     Field("mass", (), "kg", "the payload's is the arm's own parameter"),
@@ -88,7 +115,7 @@ LOAD = Layout(
 )  # fmt: skip
 
 E, J, P, F, H, B = ELEMENT.places, JOINT.places, BODY.places, FACTOR.places, HINGE.places, BASE.places
-PL, L = PLACE.places, LOAD.places
+PL, L, R, W = PLACE.places, LOAD.places, FRAME.places, WEIGHT.places
 
 
 @kernel

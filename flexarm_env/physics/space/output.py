@@ -9,6 +9,7 @@ from ..model import PAYLOAD_MASS
 from ..protocol import State
 from .chain import Vertex, diagonal, energy_of, hinged, place_at, section_at, three_of
 from .element import Place, middle, middle_of, rates, scale
+from .frame import frame_damping, frame_energy
 from .layout import AXES, E, J, L, P, count_of, joint_row
 from .rotations import (
     add_vector,
@@ -115,6 +116,26 @@ def predict(lane, model, start, q):
 
 
 @kernel
+def _element_energy(lane, model, par, left, right, element):
+    """(kinetic, strain, gravity), J, of an element of the exact beam."""
+    section = section_at(lane, model, par, element)
+    gamma, bent = middle(section, left, right)[0]
+    stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
+    strain = (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
+    sixth, gravity = splat(lane, model.sections[E.end * element + E.mass]), splat(lane, 0.0)
+    r, rate = middle_of(section.length, left, right)
+    kinetic = dot(rate, rate) * (2.0 * sixth)
+    if model.gravity is not None:
+        gravity = gravity - dot(three_of(lane, model.gravity, 0), r) * (4.0 * sixth)
+    I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
+    for end in (left, right):
+        kinetic = kinetic + (dot(end.v, end.v) * sixth + dot(end.spin, turned(I, end.spin))) * 0.5
+        if model.gravity is not None:
+            gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * sixth
+    return kinetic, strain, gravity
+
+
+@kernel
 def energy(lane, model, par, q, v):
     """(kinetic, strain, gravity), J."""
     state, tip, element = State(q, v, v), place_at(lane, q, v, 0), 0
@@ -131,21 +152,12 @@ def energy(lane, model, par, q, v):
         more, fall = energy_of(lane, model, model.joints, at + J.far, mass, left)
         kinetic, gravity = kinetic + more, gravity + fall
         for _ in range(count_of(model, k)):
-            section, right = section_at(lane, model, par, element), place_at(lane, q, v, i)
-            gamma, bent = middle(section, left, right)[0]
-            stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
-            strain = strain + (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
-            sixth = splat(lane, model.sections[E.end * element + E.mass])
-            r, rate = middle_of(section.length, left, right)
-            kinetic = kinetic + dot(rate, rate) * (2.0 * sixth)
-            if model.gravity is not None:
-                gravity = gravity - dot(three_of(lane, model.gravity, 0), r) * (4.0 * sixth)
-            I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
-            for end in (left, right):
-                moving = dot(end.v, end.v) * sixth + dot(end.spin, turned(I, end.spin))
-                kinetic = kinetic + moving * 0.5
-                if model.gravity is not None:
-                    gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * sixth
+            right = place_at(lane, q, v, i)
+            if model.frames is None:
+                more, bent, fall = _element_energy(lane, model, par, left, right, element)
+            else:
+                more, bent, fall = frame_energy(lane, model, par, left, right, element)
+            kinetic, strain, gravity = kinetic + more, strain + bent, gravity + fall
             left = right
             i += AXES
             element += 1
@@ -172,10 +184,14 @@ def damping_work(lane, model, par, q, v, x):
         for _ in range(count_of(model, k)):
             section = section_at(lane, model, par, element)
             right_v, right_x = place_at(lane, q, v, i), place_at(lane, q, x, i)
-            stretch, bend = rates(section, tip_v, right_v)
-            of_stretch, of_bend = rates(section, tip_x, right_x)
-            power = dot(of_stretch, scale(stretch, section.stretch)) * section.length
-            total = total + (power + dot(of_bend, scale(bend, section.bend)) / section.length) * section.tau
+            if model.frames is None:
+                stretch, bend = rates(section, tip_v, right_v)
+                of_stretch, of_bend = rates(section, tip_x, right_x)
+                power = dot(of_stretch, scale(stretch, section.stretch)) * section.length
+                power = power + dot(of_bend, scale(bend, section.bend)) / section.length
+            else:
+                power = frame_damping(lane, model, par, tip_v, right_v, tip_x, right_x, element)
+            total = total + power * section.tau
             tip_v, tip_x = right_v, right_x
             i += AXES
             element += 1

@@ -1,0 +1,186 @@
+"""Floating frames in space: the planar ones in drawn planes, known answers, the exact beam."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import flexarm_env as fx
+from flexarm_env import arms, scenes
+from flexarm_env.linear import modes, static_equilibrium
+from flexarm_env.physics.space.reading import tips
+from flexarm_env.simulation import Simulation
+from flexarm_env.time_functions import constant, cycloid, pulse
+
+Array = NDArray[np.float64]
+FLOATING = "floating_frame"
+
+
+def section(EI: float, GJ: float, EI_y: float | None = None, stiff: float = 1e6, J: float = 1e-6) -> fx.Section:
+    """A section whose stretch and shear hardly count."""
+    EI_y = EI if EI_y is None else EI_y
+    return fx.Section(EI=EI, EA=stiff, C=stiff, m=1.0, J=J, EI_y=EI_y, C_y=stiff, J_y=J, GJ=GJ)
+
+
+STUBBY = fx.Section(EI=5.0, EA=1e3, C=500.0, m=1.0, J=2e-3, EI_y=9.0, C_y=700.0, J_y=1e-3, GJ=2.0)
+TAPER = fx.Taper((0.05, 0.02), (0.012, 0.006), 7e9, 2700.0, 2.6e9)
+
+
+def rest(arm: fx.Arm, segments: int, *loads: fx.PointLoad) -> Array:
+    """Where the tip of a clamped arm is at rest."""
+    scene = fx.Scene("rest", arm, duration=1.0, dt=1e-3, loads=loads, start="held", space=True)
+    simulation = Simulation(scene, scene.settings(FLOATING, segments=segments))
+    return np.asarray(tips(arm, simulation.settings, simulation.system.q0[None])[0])
+
+
+# ------------------------------------------------------------------ the plane
+def extrapolated(scene: fx.Scene, **options: Any) -> Array:
+    """Tips of a run in steps of no length: coordinates in space differ from those of the plane, and so, in second
+    order of the step, do runs."""
+    runs = [fx.simulate(dataclasses.replace(scene, dt=h), FLOATING, estimate_error=False, tolerance=1e-12, **options)
+            for h in (1e-3, 5e-4, 2.5e-4)]  # fmt: skip
+    a, b, c = (run.tip[:, :3] if scene.spatial else run.tip[:, :2] for run in runs)
+    return np.asarray((64.0 * c - 20.0 * b + a) / 45.0)
+
+
+@pytest.fixture(scope="module")
+def swing() -> tuple[dict[str, Any], Array]:
+    """Two links that fall and are bent by far, in the plane: their arm's fields, and tips."""
+    fields: dict[str, Any] = {
+        "links": (fx.Link(0.6, section(5.0, 2.0, 9.0, 1e4, 1e-3)), fx.Link(0.5, STUBBY)),
+        "elbows": (fx.Elbow(0.2, 1e-3, 1e-3),), "payload": fx.Payload(0.3, 1e-3, (0.05, 0.02)), "tau_d": 1e-3,
+    }  # fmt: skip
+    scene = fx.Scene("flat", fx.Arm("a", **fields), gravity=(0.0, -9.81), loads=_TORQUE, angles=(0.3, 0.8), **_TIMES)
+    tip = extrapolated(scene, segments=3)
+    return fields, np.column_stack([tip, np.zeros(len(tip))])
+
+
+_TORQUE = (fx.JointTorque(1, constant(0.7)),)
+_TIMES: dict[str, Any] = {"duration": 0.3, "dt": 1e-3, "sample": 0.05}
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 10))])
+def test_a_planar_scene_in_a_drawn_plane_is_that_of_the_plane(seed: int, swing: tuple[dict[str, Any], Array]) -> None:
+    fields, plane = swing
+    turn = Rotation.random(random_state=seed)
+    arm, g = fx.Arm("a", hub_mount=turn.as_matrix(), **fields), tuple(turn.apply([0.0, -9.81, 0.0]))
+    scene = fx.Scene("turned", arm, gravity=g, loads=_TORQUE, angles=(0.3, 0.5), **_TIMES)
+    assert np.abs(extrapolated(scene, segments=3) - turn.apply(plane)).max() < 1e-7 * arm.total_length
+
+
+_PUSH = fx.PointLoad(0, "root", force_y=pulse(4.0, 0.1))
+_CASES: dict[str, tuple[fx.Arm, dict[str, Any]]] = {
+    "taper": (fx.Arm("a", (fx.Link(0.8, TAPER),), payload=fx.Payload(0.1)), {}),
+    "curved": (fx.Arm("a", (fx.Link(0.8, STUBBY, curvature=1.5),), payload=fx.Payload(0.2, 1e-3)), {}),
+    "rigid ends": (
+        fx.Arm("a", (fx.Link(0.5, STUBBY, root_offset=0.06, tip_offset=0.04, tip_mass=0.1, tip_inertia=1e-3),)), {}
+    ),
+    "motion": (fx.Arm("a", (fx.Link(0.8, STUBBY),)), {"motions": (fx.Motion("joint0", cycloid(1.0, 0.2)),)}),
+    "free": (fx.Arm("a", (fx.Link(0.8, STUBBY),)), {"root": "free", "loads": (_PUSH,)}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["taper", *(pytest.param(n, marks=pytest.mark.slow) for n in list(_CASES)[1:])])
+def test_features_are_those_of_the_plane(name: str) -> None:
+    arm, fields = _CASES[name]
+    scene = fx.Scene("s", arm, gravity=(0.0, -3.0), duration=0.2, dt=1e-3, sample=0.05, **fields)
+    plane, space = (extrapolated(s, segments=2) for s in (scene, dataclasses.replace(scene, space=True)))
+    assert np.abs(space[:, :2] - plane).max() < 1e-7 and not space[:, 2].any()
+
+
+def test_modes_about_a_sagging_rest_are_those_of_the_plane() -> None:
+    arm = fx.Arm("a", (fx.Link(1.0, STUBBY), fx.Link(0.7, STUBBY)), elbows=(fx.Elbow(0.2, 1e-3, 1e-3),))
+    scene = fx.Scene("s", arm, duration=0.5, dt=1e-3, gravity=(0.0, -9.81), angles=(0.3, 0.8))
+    plane = modes(scene, 4, FLOATING, segments=3).frequencies
+    space = modes(dataclasses.replace(scene, space=True), 12, FLOATING, segments=3).frequencies
+    assert max(np.abs(space / omega - 1.0).min() for omega in plane) < 1e-7
+
+
+# ------------------------------------------------------------------ known answers
+def test_frequencies_of_a_strip() -> None:
+    """Clamped: flap, lateral, and torsion (2k - 1)/(4L) sqrt(GJ / rho I_p)."""
+    s = fx.Section.rectangle(0.05, 0.002, 200e9, 7870.0, 200e9 / 2.6)
+    scene = fx.Scene("strip", fx.Arm("strip", (fx.Link(0.5, s),)), duration=1.0, dt=1e-3, space=True)
+    found = modes(scene, 8, FLOATING, segments=12, clamped=True).frequencies / (2.0 * math.pi)
+    for known, share in ((6.5147, 2e-5), (40.824, 2e-5), (114.297, 2e-4), (123.370, 1e-3), (161.59, 2e-4)):
+        assert np.abs(found / known - 1.0).min() < share
+
+
+@pytest.mark.parametrize(("spin", "flap"), [(2.0, 4.13732), pytest.param(6.0, 7.36037, marks=pytest.mark.slow)])
+def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None:
+    arm = fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0, stiff=1e8, J=1e-7)),))
+    scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, space=True)
+    found = modes(scene, 2, FLOATING, segments=12, clamped=True, spin=spin).frequencies
+    assert found == pytest.approx([math.sqrt(flap**2 - spin**2), flap], rel=2e-4)
+
+
+def test_bend_of_45_degrees_in_second_order() -> None:
+    """Bathe & Bolourchi 1979; displacements by shooting on the boundary-value problem, GJ = EI."""
+    s = fx.Section(EI=8.3333e5, EA=1e7, C=4.16667e6, m=1.0, J=1.0, EI_y=8.3333e5, C_y=4.16667e6, J_y=1.0, GJ=8.3333e5)
+    arm = fx.Arm("bend", (fx.Link(25.0 * math.pi, s, curvature=0.01),))
+    load = fx.PointLoad(0, "tip", force_z=constant(600.0))
+    known = np.array([-23.56065, -13.60467, 53.47554]) + 100.0 * np.array([math.sqrt(0.5), 1.0 - math.sqrt(0.5), 0.0])
+    errors = [float(np.abs(rest(arm, n, load) - known).max()) for n in (4, 8, 16)]
+    assert errors[1] < 0.08
+    assert all(a / b > 3.7 for a, b in pairwise(errors))
+
+
+@pytest.mark.slow
+def test_lateral_torsional_buckling_in_second_order() -> None:
+    """P L^2 / sqrt(EI_w GJ) = 4.0126: of segments, whose rotations couple bending with torsion; not of one frame."""
+
+    def smallest(P: float, segments: int) -> float:
+        arm = fx.Arm("blade", (fx.Link(1.0, section(1e5, 1.0, EI_y=1.0, stiff=1e9, J=1e-3)),))
+        load = fx.PointLoad(0, "tip", force_y=constant(-P))
+        scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, loads=(load,), space=True)
+        return static_equilibrium(scene, FLOATING, segments=segments, require_stable=False).stability.smallest
+
+    def buckling(segments: int) -> float:
+        low, high = smallest(3.9, segments), smallest(4.2, segments)
+        return 3.9 + 0.3 * low / (low - high)
+
+    assert smallest(4.2, 1) > 0.0
+    coarse, fine = buckling(4), buckling(8)
+    assert fine == pytest.approx(4.0126, rel=0.02)
+    assert (4.0 * fine - coarse) / 3.0 == pytest.approx(4.0126, rel=3e-3)
+
+
+# ------------------------------------------------------------------ motion
+@pytest.mark.slow
+def test_segments_come_to_the_exact_beam() -> None:
+    """A slew that bends a strip by a third of its length and twists it by 52 degrees."""
+    scene = dataclasses.replace(scenes.named("three_dof_slew"), duration=0.4)
+    exact = fx.simulate(scene, elements=24, estimate_error=False)
+    runs = [fx.simulate(scene, FLOATING, segments=n, estimate_error=False) for n in (4, 8)]
+    errors = [float(np.abs(run.tip - exact.tip).max()) / scene.arm.total_length for run in runs]
+    assert np.abs(exact.tip_deflection).max() > 0.3 and np.degrees(np.abs(exact.twist)).max() > 50.0
+    assert errors[1] < 1e-3 and errors[0] / errors[1] > 3.3
+
+
+@pytest.mark.slow
+def test_a_run_tells_its_error() -> None:
+    run = fx.simulate(dataclasses.replace(scenes.named("three_dof_slew"), duration=0.1), FLOATING)
+    assert run.finished and 0.0 < run.error_estimate < 0.01
+    assert arms.named("three_dof").n_links == 3 and np.abs(run.balance).max() < 0.01 * run.turned_over
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"modes": 2}, "modes = 2: is one of the plane; in space take segments"),
+        ({"multipliers": True}, "multipliers = True"), ({"frame": "root"}, "frame = 'root'"),
+        ({"coupling": "paper"}, "coupling = 'paper'"), ({"elements": 2}, "elements = 2"),
+        ({"step_tolerance": 1e-4}, "step_tolerance = 0.0001"),
+    ],
+)  # fmt: skip
+def test_what_is_not_there_is_refused_by_name(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        fx.simulate(scenes.named("three_dof_slew"), FLOATING, **options)
+    assert str(caught.value).startswith(words)
