@@ -1,17 +1,15 @@
 """A segment with a floating frame between two sections in space: forces of its ends, tangent, energy, damping.
 
 The frame begins at the left section's place, its x axis (the chord) goes through the right one's, and its roll about
-that follows both sections' y axes: z is at right angles to their sum. The sections' rotation vectors phi_l, phi_r against
-it and e = |r_r - r_l| - l are the elastic coordinates of a Timoshenko element of 12, of which 6 are left:
+that follows both sections' y axes: z is at right angles to their sum. The sections' rotation vectors phi_l, phi_r
+against it and e = |r_r - r_l| - l are the elastic coordinates of a Timoshenko element of 12, of which 6 are left:
 
     r(x) = (1 - x/l) r_l + x/l r_r + A n(x),   n = h_l (phi_l x e_x) + h_r (phi_r x e_x)     [41], h of either plane
     U = (phi' K phi + EA/l (e + phi' H phi / 2)^2) / 2                    (docs: theory, eq. 1.2, of both bendings)
 
 By rotation increments in the sections' and the frame's own axes, d phi_i = T_i^-1 dth_i - T_i^-T dbeta, with
 
-    dbeta_y = -d_z/l,  dbeta_z = d_y/l,  dbeta_x = g_l dth_l + g_r dth_r + k dbeta_y,   d = A'(dr_r - dr_l),
-
-l the chord's.
+    dbeta_y = -d_z/l, dbeta_z = d_y/l, dbeta_x = g_l dth_l + g_r dth_r + k dbeta_y, d = A'(dr_r - dr_l), the chord's l
 
 Sections at x have the rotary inertia of the rates a w_l + b w_r + c w, [41] again, each in axes of its own.
 """
@@ -388,12 +386,11 @@ def _tangent(lane, model, par, tau, frame, stiff, pull, now, o, weights, S, f):
     if tau is not None:
         rate = tau * weights.damping + rate
     a, b, A, share, zero = frame.left, frame.right, frame.A, 1.0 / frame.length, frame.length * 0.0
-    none = zero, zero, zero
-    nothing, one = (none, none, none), about_identity(zero + 1.0, none, zero, none)
+    none, full = (zero, zero, zero), zero + 1.0
+    nothing, one = (none, none, none), about_identity(full, none, zero, none)
     beta = (zero, zero, -(frame.k * share)), (zero, zero, -share), (zero, share, zero)
     dl, dr = scaled(product(transposed(a.T), beta), -1.0), scaled(product(transposed(b.T), beta), -1.0)
-    to_left, full = (scaled(dl, -1.0), scaled(dr, -1.0), scaled(beta, -1.0)), zero + 1.0
-    left = Column(-full, full, zero, to_left[0], to_left[1], to_left[2], nothing, nothing)
+    left = Column(-full, full, zero, scaled(dl, -1.0), scaled(dr, -1.0), scaled(beta, -1.0), nothing, nothing)
     right = Column(full, zero, full, dl, dr, beta, nothing, nothing)
     ll, lr = difference(a.T, _outer(a.T[0], a.g)), scaled(_outer(a.T[0], b.g), -1.0)
     rl, rr = scaled(_outer(b.T[0], a.g), -1.0), difference(b.T, _outer(b.T[0], b.g))
