@@ -301,6 +301,30 @@ def test_over_loopback(server: Server, tmp_path: Path, monkeypatch: pytest.Monke
     assert rows[0].startswith("t,angle0,rate0,torque0,hub_sin,hub_cos")
 
 
+class Stream:
+    """A socket that has two readings, and for whoever waits longer always one more."""
+
+    def __init__(self) -> None:
+        self.count, self.wait = 1, 0.0
+
+    def settimeout(self, wait: float) -> None:
+        self.wait = wait
+
+    def recv(self, size: int) -> bytes:
+        self.count += 1
+        if (self.count > 3 and self.wait == 0.0) or self.count > 100:
+            raise BlockingIOError
+        return pack(Packet(Kind.READING, 9, self.count, 0.01 * self.count, (0.0,) * 6))
+
+
+def test_a_reading_is_not_waited_for_behind_another() -> None:
+    """The peer of an arm at 1000 Hz was always shown one more while it looked whether there was one."""
+    wire: Any = object.__new__(Wire)
+    vars(wire).update(socket=Stream(), key=None, connection=9, timeout=1.0, lost=0, _last=1)
+    wire.limits, wire.scales = np.ones(1), np.ones(1)
+    assert wire.read() and wire.time == 0.03 and wire.lost == 0
+
+
 LIES: tuple[tuple[tuple[float, ...], tuple[float, ...], str], ...] = (
     ((0.01, 1, 1, 5, 1.0, 0.0), (), "a welcome that"),
     ((0.0, 1, 1, 5, 1.0, 1.0), (), "a welcome that"),
