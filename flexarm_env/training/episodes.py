@@ -80,16 +80,16 @@ def run(env: Any, policy: Policy, first: int = TEST) -> Episodes:
     policy.reset(observation)
     alive, success = np.ones(n, bool), np.zeros(n, bool)
     returns, effort = np.zeros(n), np.zeros(n)
-    misses = np.full((limit + 1, n, 2 if setup.task == "reach" else 1), np.nan)
+    miss = _miss(setup, info, np.zeros((n, 2)))
+    misses = np.full((limit + 1, *miss.shape), np.nan)
     bends = np.full((limit + 1, n, setup.n_joints), np.nan)
     last = np.full(n, limit)
-    miss, bends[0] = _miss(setup, info, np.zeros((n, 2))), _bend(info, n) * lengths
-    misses[0] = miss
+    misses[0], bends[0] = miss, _bend(setup, info, n) * lengths
     for k in range(1, limit + 1):
         observation, reward, terminated, truncated, info = env.step(policy.act(observation))
         miss = _miss(setup, info, miss)
         misses[k, alive] = miss[alive]
-        bends[k, alive] = (_bend(info, n) * lengths)[alive]
+        bends[k, alive] = (_bend(setup, info, n) * lengths)[alive]
         returns += np.where(alive, reward, 0.0)
         load = np.sum((info["joint_torque"].reshape(n, -1) / limits) ** 2, axis=1) * setup.control_dt
         effort += np.where(alive, load, 0.0)
@@ -120,9 +120,10 @@ def _miss(setup: Setup, info: Mapping[str, Any], before: Array) -> Array:
     return miss
 
 
-def _bend(info: Mapping[str, Any], n: int) -> Array:
-    bend: Array = np.asarray(info["tip_deflection"]).reshape(n, -1)
-    return bend
+def _bend(setup: Setup, info: Mapping[str, Any], n: int) -> Array:
+    """Tip deflections over length, (n, N); in space how large they are."""
+    bend: Array = np.asarray(info["tip_deflection"]).reshape(n, -1, setup.n_joints)
+    return bend[:, 0] if bend.shape[1] == 1 else np.asarray(np.linalg.norm(bend, axis=1))
 
 
 def _settling(setup: Setup, errors: Array, early: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
