@@ -75,9 +75,8 @@ def main() -> None:
         single.append(rate(one, 1000))
         vector.append(rate(many, 100, 1024))
     found = (np.median(base), np.median(single), np.median(vector))
-    print(
-        f"Pendulum-v1 {found[0]:.0f}/s, one arm {found[1] / found[0]:.3f}, 1024 arms {found[2] / found[0]:.2f} of it on one thread"
-    )
+    ratios = f"one arm {found[1] / found[0]:.3f}, 1024 arms {found[2] / found[0]:.2f} of it on one thread"
+    print(f"Pendulum-v1 {found[0]:.0f}/s, {ratios}")
 
 
 if __name__ == "__main__":
