@@ -79,15 +79,16 @@ _PUSH = fx.PointLoad(0, "root", force_y=pulse(4.0, 0.1))
 _CASES: dict[str, tuple[fx.Arm, dict[str, Any]]] = {
     "taper": (fx.Arm("a", (fx.Link(0.8, TAPER),), payload=fx.Payload(0.1)), {}),
     "curved": (fx.Arm("a", (fx.Link(0.8, STUBBY, curvature=1.5),), payload=fx.Payload(0.2, 1e-3)), {}),
-    "rigid ends": (
-        fx.Arm("a", (fx.Link(0.5, STUBBY, root_offset=0.06, tip_offset=0.04, tip_mass=0.1, tip_inertia=1e-3),)), {}
-    ),
     "motion": (fx.Arm("a", (fx.Link(0.8, STUBBY),)), {"motions": (fx.Motion("joint0", cycloid(1.0, 0.2)),)}),
-    "free": (fx.Arm("a", (fx.Link(0.8, STUBBY),)), {"root": "free", "loads": (_PUSH,)}),
+    "rigid ends, free": (
+        fx.Arm("a", (fx.Link(0.5, STUBBY, root_offset=0.06, tip_offset=0.04, tip_mass=0.1, tip_inertia=1e-3),)),
+        {"root": "free", "loads": (_PUSH,)},
+    ),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["taper", *(pytest.param(n, marks=pytest.mark.slow) for n in list(_CASES)[1:])])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", _CASES)
 def test_features_are_those_of_the_plane(name: str) -> None:
     arm, fields = _CASES[name]
     scene = fx.Scene("s", arm, gravity=(0.0, -3.0), duration=0.2, dt=1e-3, sample=0.05, **fields)
@@ -95,6 +96,7 @@ def test_features_are_those_of_the_plane(name: str) -> None:
     assert np.abs(space[:, :2] - plane).max() < 1e-7 and not space[:, 2].any()
 
 
+@pytest.mark.slow
 def test_modes_about_a_sagging_rest_are_those_of_the_plane() -> None:
     arm = fx.Arm("a", (fx.Link(1.0, STUBBY), fx.Link(0.7, STUBBY)), elbows=(fx.Elbow(0.2, 1e-3, 1e-3),))
     scene = fx.Scene("s", arm, duration=0.5, dt=1e-3, gravity=(0.0, -9.81), angles=(0.3, 0.8))
@@ -113,7 +115,8 @@ def test_frequencies_of_a_strip() -> None:
         assert np.abs(found / known - 1.0).min() < share
 
 
-@pytest.mark.parametrize(("spin", "flap"), [(2.0, 4.13732), pytest.param(6.0, 7.36037, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("spin", "flap"), [(2.0, 4.13732), (6.0, 7.36037)])
 def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None:
     arm = fx.Arm("blade", (fx.Link(1.0, section(1.0, 1.0, stiff=1e8, J=1e-7)),))
     scene = fx.Scene("blade", arm, duration=1.0, dt=1e-3, space=True)
@@ -121,6 +124,7 @@ def test_flap_and_lag_of_a_rotating_cantilever(spin: float, flap: float) -> None
     assert found == pytest.approx([math.sqrt(flap**2 - spin**2), flap], rel=2e-4)
 
 
+@pytest.mark.slow
 def test_bend_of_45_degrees_in_second_order() -> None:
     """Bathe & Bolourchi 1979; displacements by shooting on the boundary-value problem, GJ = EI."""
     s = fx.Section(EI=8.3333e5, EA=1e7, C=4.16667e6, m=1.0, J=1.0, EI_y=8.3333e5, C_y=4.16667e6, J_y=1.0, GJ=8.3333e5)
