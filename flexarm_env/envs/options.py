@@ -267,7 +267,7 @@ def _arm(kind: Kind, given: Any, joint_limits: Any) -> Arm:
 def _settings(kind: Kind, formulation: str | None, period: float, options: dict[str, Any]) -> Settings:
     chosen = formulation or (DEFAULT_FORMULATION if kind.settings is None else "geometrically_exact")
     if kind.space and chosen != "geometrically_exact":
-        what = "must be 'geometrically_exact': in space there is no other"
+        what = "must be 'geometrically_exact': environments in space have no other"
         raise check.InvalidValue("formulation", chosen, what)
     check_options(chosen, [name for name in options if name in default_options(chosen) or _known(name)])
     for name in options:
