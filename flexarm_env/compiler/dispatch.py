@@ -15,16 +15,17 @@ class Family:
 
     Compiled, the choice is made where the call is written out.
 
-    `family.register(Class, name=kernel, ...)` binds a class's kernels; `family.function(name, arguments)` is what other
-    kernels (and Python) call.
+    `family.register(Class, kernel, ..., name=kernel)` binds a class's kernels, by their own names or others;
+    `family.function(name, arguments)` is what other kernels (and Python) call.
     """
 
     def __init__(self, argument: str, **defaults: Callable[..., Any]) -> None:
         self.argument, self.defaults = argument, defaults
         self.members: dict[type, dict[str, Callable[..., Any]]] = {}
 
-    def register(self, kind: type, **functions: Callable[..., Any]) -> None:
+    def register(self, kind: type, *named: Callable[..., Any], **functions: Callable[..., Any]) -> None:
         """Bind the kernels of a class, or more of them."""
+        functions = {function.__name__: function for function in named} | functions
         self.members[kind] = {**self.defaults, **self.members.get(kind, {}), **functions}
         for name, function in functions.items():
             if {kind.__module__.split(".")[0], function.__module__.split(".")[0]} != {__name__.split(".")[0]}:

@@ -32,13 +32,13 @@ from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
 from ..physics.integrator.tangents import prepare
-from ..physics.integrator.work import unpack
+from ..physics.integrator.work import copy_rows, unpack
 from ..physics.layout import POSE
 from ..physics.protocol import link_poses, vjp_poses
-from ..tasks.program import PERIODS, record_at, saved_at
+from ..tasks.program import PERIODS, record_at, saved_at, sections
 from ..tasks.task import info_of, judge, observe
 from .derivative import fill
-from .keeping import keep
+from .keeping import keep, read_parts, write_parts
 from .motors import command, record_commands, start_stiff, turn_motors
 
 
@@ -85,17 +85,11 @@ def adjoint(address, first, last):
 def _period(lane, d, g, block, bars, tape):
     p, layout, model = d.program, d.plain, d.program.model
     w, bar = unpack(lane, model, block, 0), unpack(lane, model, bars, 0)
-    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
-    record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
-    seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
-    par_bar, poses_bar = bars[layout.par : layout.poses], bars[layout.poses : layout.record]
-    record_bar, saved = bars[layout.record : layout.action], block[layout.saved : layout.end]
-    action_bar, seen_bar = bars[layout.action : layout.seen], bars[layout.seen : layout.info]
-    reward_bar = bars[layout.info : layout.saved]
+    par, poses, record, action, seen, info, saved, _ = sections(layout, block)
+    par_bar, poses_bar, record_bar, action_bar, seen_bar, reward_bar, _, _ = sections(layout, bars)
     fill(lane, d, d.places, layout, g, block)
     keep(w, record, saved)
-    for k in range(size(model.n_inputs)):
-        store(w.u0, k, load(lane, w.u, k))
+    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
     if p.actuator is not None:
         record_commands(lane, p.task, p.actuator, record, w)
@@ -105,10 +99,10 @@ def _period(lane, d, g, block, bars, tape):
         _turn(lane, p.task, p.actuator, s, record, w, tape[(s + 1) * length :])
         if s == 0:
             _torques_jump(lane, p, par, record, saved, block, w)
-            _keep(lane, model, p.task, w, tape)
-            _keep_start(lane, model, w, start)
+            write_parts(_of_step(lane, p.task, w), tape)
+            write_parts(_of_jump(w), start)
         advance(lane, model, None, par, block, 0, 0.0, p.h, 1, p.scheme, None)
-        _keep(lane, model, p.task, w, tape[(s + 1) * length :])
+        write_parts(_of_step(lane, p.task, w), tape[(s + 1) * length :])
     for i in range(arms(lane)):
         if g * arms(lane) + i < d.n:
             d.failed[g * arms(lane) + i] = np.uint8(w.flag[i])
@@ -118,12 +112,12 @@ def _period(lane, d, g, block, bars, tape):
     vjp_poses(lane, model, par, par_bar, w.q, w.v, poses, bar.q, bar.v, poses_bar)
     slopes = slopes_of(p.scheme, p.h)
     for s in range(p.n_steps - 1, -1, -1):
-        _recall(lane, model, p.task, w, tape[(s + 1) * length :])
+        read_parts(_of_step(lane, p.task, w), tape[(s + 1) * length :])
         prepare(lane, model, par, w, slopes)
         vjp_step(lane, model, par, par_bar, w, bar, slopes, p.scheme, d.passes)
         if s == 0:
-            _recall(lane, model, p.task, w, tape)
-            _recall_start(lane, model, w, start)
+            read_parts(_of_step(lane, p.task, w), tape)
+            read_parts(_of_jump(w), start)
             _vjp_torques_jump(lane, p, par, par_bar, record, saved, block, w, bar)
         _vjp_turn(lane, p.task, p.actuator, s, record, record_bar, bar, tape[(s + 1) * length :])
     _vjp_record_commands(lane, p.task, p.actuator, record_bar, bar)
@@ -131,8 +125,7 @@ def _period(lane, d, g, block, bars, tape):
         lane, model, p.task, p.controller, p.amplifier, par, w.q, w.v, record, action, w.u,
         par_bar, bar.q, bar.v, record_bar, action_bar, bar.u,
     )  # fmt: skip
-    for k in range(size(model.n_inputs)):
-        store(bar.u, k, load(lane, bar.u0, k))
+    copy_rows(lane, size(model.n_inputs), bar.u0, bar.u)
     _read_off(lane, d, g, bars)
 
 
@@ -143,8 +136,7 @@ def _torques_jump(lane, p, par, record, saved, block, w):
     afresh = isinstance(p.model.predictor, tuple)
     if not afresh:
         start_stiff(lane, p, p.model, par, record, saved, block, w)
-    for k in range(size(p.model.n)):
-        store(w.a0, k, load(lane, w.a, k))
+    copy_rows(lane, size(p.model.n), w.a, w.a0)
     if afresh:
         restart(lane, p.model, None, par, block, 0, 0.0, p.h, True)
     else:
@@ -193,48 +185,15 @@ def room_of(model, task, n_steps):
 
 
 @kernel
-def _keep(lane, model, task, w, tape):
-    n = size(model.n)
-    for k in range(n):
-        store(tape, k, load(lane, w.q, k))
-        store(tape, n + k, load(lane, w.v, k))
-        store(tape, 2 * n + k, load(lane, w.a, k))
-    for k in range(size(task.links)):
-        store(tape, 3 * n + k, load(lane, w.u, k))
+def _of_step(lane, task, w):
+    """What is kept where a step ends."""
+    return w.q, w.v, w.a, w.u[: size(task.links) * len(lane)]
 
 
 @kernel
-def _recall(lane, model, task, w, tape):
-    n = size(model.n)
-    for k in range(n):
-        store(w.q, k, load(lane, tape, k))
-        store(w.v, k, load(lane, tape, n + k))
-        store(w.a, k, load(lane, tape, 2 * n + k))
-    for k in range(size(task.links)):
-        store(w.u, k, load(lane, tape, 3 * n + k))
-
-
-@kernel
-def _keep_start(lane, model, w, start):
-    """The matrix where torques jump, factored; accelerations and torques before."""
-    n, length = size(model.n), size(model.n_factor)
-    for k in range(length):
-        store(start, k, load(lane, w.S, k))
-    for k in range(n):
-        store(start, length + k, load(lane, w.a0, k))
-    for k in range(size(model.n_inputs)):
-        store(start, length + n + k, load(lane, w.u0, k))
-
-
-@kernel
-def _recall_start(lane, model, w, start):
-    n, length = size(model.n), size(model.n_factor)
-    for k in range(length):
-        store(w.S, k, load(lane, start, k))
-    for k in range(n):
-        store(w.a0, k, load(lane, start, length + k))
-    for k in range(size(model.n_inputs)):
-        store(w.u0, k, load(lane, start, length + n + k))
+def _of_jump(w):
+    """What is kept where torques jump: the matrix, factored; accelerations and torques before."""
+    return w.S, w.a0, w.u0
 
 
 # --- motors -----------------------------------------------------------------------------------------

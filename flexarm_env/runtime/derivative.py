@@ -20,7 +20,7 @@ from ..compiler import arms, follow, kernel, load, size, splat, store
 from ..physics.integrator.work import unpack
 from ..physics.model import OK
 from ..physics.protocol import link_poses
-from ..tasks.program import PERIODS, Block, Program
+from ..tasks.program import PERIODS, Block, Program, sections
 from ..tasks.task import info_of, judge
 from ..tasks.track import move_targets
 from .episode import observe_material, observe_state
@@ -215,16 +215,14 @@ def _go(lane, p, guide, models, model, parts, layout, block, w, moves, anew):
     """One control period of the arms in a block, where `moves` is a tag; and what is to be seen then. anew: see
     `guided.follow_motions`."""
     if moves is not None:
-        par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
-        record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
+        par, poses, record, action, _, _, saved, scratch = sections(layout, block)
         if guide is None:
-            saved = block[layout.saved : layout.end]
             change_payloads(lane, p, par, record, w)
             keep(w, record, saved)
             if models is None:
                 take_steps(lane, p, model, parts, p.controller, p.actuator, par, poses, record, action, saved, block, w)
             else:
-                move(lane, p, models, par, poses, record, action, saved, block[layout.end : layout.row], block, w)
+                move(lane, p, models, par, poses, record, action, saved, scratch, block, w)
         else:
             follow_motions(lane, guide, p, model, par, record, action, w, anew)
         close(lane, p, layout, block, w)
@@ -246,9 +244,7 @@ def close(lane, p, layout, block, w):
 @kernel
 def see(lane, p, layout, block, w):
     """Poses, the observation and the reward of the arms in a block."""
-    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
-    record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
-    seen, info = block[layout.seen : layout.info], block[layout.info : layout.saved]
+    par, poses, record, action, seen, info, _, _ = sections(layout, block)
     link_poses(lane, p.model, par, w.q, w.v, poses)
     observe_state(lane, p, True, poses, record, seen)
     observe_material(lane, p, par, record, w, seen)

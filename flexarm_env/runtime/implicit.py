@@ -7,7 +7,7 @@ carries some of the columns (`physics.integrator.tangents`).
 
 from __future__ import annotations
 
-from ..compiler import follow, kernel, largest, load, select_lt, size, splat, store
+from ..compiler import follow, kernel, largest, load, select_lt, size, splat
 from ..physics.arithmetic import put
 from ..physics.integrator.newton import slopes_of
 from ..physics.integrator.start import restart
@@ -21,8 +21,8 @@ from ..physics.integrator.tangents import (
     step_tangents,
     switch_tangents,
 )
-from ..physics.integrator.work import unpack
-from ..tasks.program import PERIODS
+from ..physics.integrator.work import copy_rows, unpack
+from ..tasks.program import PERIODS, sections
 from .derivative import at_once, close, fill, seed, take_columns, write_outcome
 from .events import change_payloads, set_pushes
 from .keeping import keep
@@ -60,14 +60,11 @@ def _record(d, both):
 @kernel
 def _period(lane, d, g, chunks, block, scratch, w):
     p, layout, model = d.program, d.plain, d.program.model
-    par, poses = block[layout.par : layout.poses], block[layout.poses : layout.record]
-    record, action = block[layout.record : layout.action], block[layout.action : layout.seen]
-    saved = block[layout.saved : layout.end]
+    par, poses, record, action, _, _, saved, _ = sections(layout, block)
     fill(lane, d, d.places, layout, g, block)
     change_payloads(lane, p, par, record, w)
     keep(w, record, saved)
-    for k in range(size(model.n_inputs)):
-        store(w.u0, k, load(lane, w.u, k))
+    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
     set_pushes(lane, p, record, w)
     command(lane, p.task, p.controller, p.amplifier, model, par, action, poses, record, w)
     for c in range(chunks):
@@ -110,8 +107,7 @@ def _open(d, g, c, both):
     fill(lane, d, d.twice, d.both, g, both)
     seed(lane, d, c * at_once(d), min((c + 1) * at_once(d), d.columns), both)
     change_payloads(lane, p, _parameters(d, both), _record(d, both), x)
-    for k in range(size(p.model.n_inputs)):
-        store(x.u0, k, load(lane, x.u, k))
+    copy_rows(lane, size(p.model.n_inputs), x.u, x.u0)
     set_pushes(lane, p, _record(d, both), x)
     command(lane, p.task, p.controller, p.amplifier, p.model, _parameters(d, both), action, poses, _record(d, both), x)
     if p.actuator is not None:
@@ -144,9 +140,8 @@ def _afresh(lane, d, chunks, par, block, scratch, w):
         both = _chunk(d, c, scratch)
         x = unpack(d.dual, model, both, 0)
         restart_tangents(lane, d.dual, model, _parameters(d, both), w, x)
-        for k in range(size(model.n)):
-            store(x.a, k, load(d.dual, x.r, k))
-            store(x.b, k, load(d.dual, x.r, k))
+        copy_rows(d.dual, size(model.n), x.r, x.a)
+        copy_rows(d.dual, size(model.n), x.r, x.b)
 
 
 @kernel
@@ -170,8 +165,7 @@ def _start_tangents(lane, d, model, p, both, w, x):
     """Tangents of lanes where an episode begins."""
     wide, zero = d.dual, splat(d.dual, 0.0)
     first = select_lt(load(wide, _record(d, both), PERIODS), 0.5, splat(wide, 1.0), zero)
-    for k in range(size(model.n)):
-        store(x.v0, k, load(wide, x.a, k))
+    copy_rows(wide, size(model.n), x.a, x.v0)
     restart_tangents(lane, wide, model, _parameters(d, both), w, x)
     for k in range(size(model.n)):
         put(first, x.a, k, load(wide, x.r, k), load(wide, x.v0, k))

@@ -13,13 +13,29 @@ def _parts(w, record, saved):
 
 
 @kernel
+def write_parts(parts, kept):
+    """Rows of numbers into `kept`, one behind the other."""
+    first = 0
+    for part in parts:
+        for k in range(part.shape[0]):
+            kept[first + k] = part[k]
+        first += part.shape[0]
+
+
+@kernel
+def read_parts(parts, kept):
+    """`write_parts`, undone."""
+    first = 0
+    for part in parts:
+        for k in range(part.shape[0]):
+            part[k] = kept[first + k]
+        first += part.shape[0]
+
+
+@kernel
 def keep(w, record, saved):
     """All lanes into `saved`."""
-    first = 0
-    for part in _parts(w, record, saved):
-        for k in range(part.shape[0]):
-            saved[first + k] = part[k]
-        first += part.shape[0]
+    write_parts(_parts(w, record, saved), saved)
 
 
 @kernel

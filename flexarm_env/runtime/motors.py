@@ -9,6 +9,7 @@ from ..physics.arithmetic import clip, put
 from ..physics.integrator.start import restart
 from ..physics.integrator.step import advance
 from ..physics.integrator.switching import switch
+from ..physics.integrator.work import copy_rows
 from ..physics.layout import POSE, SPACE_POSE
 from ..physics.protocol import light, ports, task_poses
 from ..tasks.program import GOAL, LATE, PERIODS, TORQUE_FACTOR, record_at, saved_at
@@ -80,8 +81,7 @@ def command(lane, task, controller, amplifier, model, par, action, poses, record
 @kernel
 def take_steps(lane, p, model, parts, controller, actuator, par, poses, record, action, saved, block, w):
     """The steps of one period under an action, each in so many parts."""
-    for k in range(size(model.n_inputs)):
-        store(w.u0, k, load(lane, w.u, k))
+    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
     set_pushes(lane, p, record, w)
     command(lane, p.task, controller, p.amplifier, model, par, action, poses, record, w)
     if actuator is None:

@@ -41,4 +41,4 @@ def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
     _vjp_poses(lane, model, par, q, v, poses, par_bar, q_bar, v_bar, poses_bar)
 
 
-register(Elastica, solve_transposed=solve_transposed, vjp_residual=vjp_residual, vjp_poses=vjp_poses)
+register(Elastica, solve_transposed, vjp_residual, vjp_poses)

@@ -336,17 +336,4 @@ def solve(lane, model, S, x):
         store(x, i, total * load(lane, S, i * rows + i))
 
 
-register(
-    Elastica,
-    assemble=assemble,
-    residual=residual,
-    pin=pin,
-    stiffen=stiffen,
-    factor=factor,
-    solve=solve,
-    ports=ports,
-    damping_work=damping_work,
-    energy=energy,
-    link_poses=link_poses,
-    shape=shape,
-)
+register(Elastica, assemble, residual, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses, shape)

@@ -142,4 +142,4 @@ def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
                 store(poses_bar, at + POSE.vx + j, zero)
 
 
-register(ExactBeam, solve_transposed=solve, vjp_residual=vjp_residual, vjp_poses=vjp_poses)
+register(ExactBeam, vjp_residual, vjp_poses, solve_transposed=solve)

@@ -412,18 +412,6 @@ def solve(lane, model, S, x):
 
 
 register(
-    ExactBeam,
-    predict=predict,
-    assemble=assemble,
-    inertia=inertia,
-    rotate=rotate,
-    pin=pin,
-    stiffen=stiffen,
-    factor=factor,
-    solve=solve,
-    ports=ports,
-    damping_work=damping_work,
-    energy=energy,
-    link_poses=link_poses,
-    shape=shape,
-)
+    ExactBeam, predict, assemble, inertia, rotate, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses,
+    shape,
+)  # fmt: skip

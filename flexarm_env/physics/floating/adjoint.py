@@ -16,7 +16,7 @@ from ..protocol import register
 from .body import carry, constants, forces, product, tip, turn_of_root
 from .chain_output import place
 from .layout import KNOWN, NOW, PASSED, elastic_row, elbow_row
-from .rigid import OF_FACTORS, ROOT_END, TIP_END, lever, move, moved, reach, resist
+from .rigid import OF_FACTORS, ROOT_END, TIP_END, end_of, move, moved, reach, resist, to_payload
 
 X, Y, TURN = range(PASSED.end, PASSED.end + 3)
 """Of a section, behind `PASSED`: the rates at which its place and its angle move."""
@@ -92,39 +92,21 @@ _vjp_lever = vjp_of(_lever, ("section", "power"))
 
 
 @kernel
-def _over(lane, rigid, k, at_end, section, room):
-    """section <- that at the far point of an end of link k; room <- what it was."""
-    if rigid is not None:
-        length, _, _, _ = lever(rigid, k, at_end)
+def _over(lane, own, section, room):
+    """section <- that at the far point of a lever, where there is one; room <- what it was."""
+    if own is not None:
         _keep(lane, section, room)
-        _pass_over(lane, length, None, section, stack(lane, FACTORS))
+        _pass_over(lane, own.along, own.across, section, stack(lane, FACTORS))
 
 
 @kernel
-def _back_over(lane, rigid, k, at_end, room, section_bar):
+def _back_over(lane, own, room, section_bar):
     """The lever, backwards."""
-    if rigid is not None:
-        length, mass, inertia, far = lever(rigid, k, at_end)
+    if own is not None:
         power_bar = stack(lane, ONE)
         store(power_bar, 0, splat(lane, 1.0))
-        _vjp_lever(lane, length, None, mass, inertia, far, room, room, section_bar, power_bar)
-
-
-@kernel
-def _to_payload(lane, eccentric, section, room):
-    """`_over` the lever from the tip to the payload."""
-    if eccentric is not None:
-        _keep(lane, section, room)
-        _pass_over(lane, eccentric[0], eccentric[1], section, stack(lane, FACTORS))
-
-
-@kernel
-def _from_payload(lane, eccentric, room, section_bar):
-    """That one, backwards."""
-    if eccentric is not None:
-        power_bar = stack(lane, ONE)
-        store(power_bar, 0, splat(lane, 1.0))
-        _vjp_lever(lane, eccentric[0], eccentric[1], 0.0, 0.0, 0.0, room, room, section_bar, power_bar)
+        mass, inertia, far = own.mass, own.inertia, own.far
+        _vjp_lever(lane, own.along, own.across, mass, inertia, far, room, room, section_bar, power_bar)
 
 
 @kernel
@@ -179,13 +161,13 @@ def _go_out(lane, model, state, rates, section, S):
             add(lane, section, PASSED.rate, load(lane, v, elbow))
             add(lane, section, PASSED.second, load(lane, a, elbow))
             add(lane, section, TURN, load(lane, rates, elbow))
-        _over(lane, model.rigid, k, ROOT_END, section, _room(lane, model, S, k, ROOT_END))
+        _over(lane, end_of(model, k, ROOT_END), section, _room(lane, model, S, k, ROOT_END))
         for b in range(k * model.segments, (k + 1) * model.segments):
             e = elastic_row(model, b) * L
             _keep(lane, section, S[LENGTH * b * L :])
             _pass(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], rates[e:], section, now)
-        _over(lane, model.rigid, k, TIP_END, section, _room(lane, model, S, k, TIP_END))
-    _to_payload(lane, model.eccentric, section, _room(lane, model, S, model.links, ROOT_END))
+        _over(lane, end_of(model, k, TIP_END), section, _room(lane, model, S, k, TIP_END))
+    _over(lane, to_payload(model), section, _room(lane, model, S, model.links, ROOT_END))
 
 
 @kernel
@@ -197,9 +179,9 @@ def _come_back(lane, model, par, par_bar, state, rates, S, section_bar, bar):
     store(carried, 1, load(lane, par, PAYLOAD_INERTIA))
     for i in range(2):
         store(carried_bar, i, splat(lane, 0.0))
-    _from_payload(lane, model.eccentric, _room(lane, model, S, model.links, ROOT_END), section_bar)
+    _back_over(lane, to_payload(model), _room(lane, model, S, model.links, ROOT_END), section_bar)
     for k in range(model.links - 1, -1, -1):
-        _back_over(lane, model.rigid, k, TIP_END, _room(lane, model, S, k, TIP_END), section_bar)
+        _back_over(lane, end_of(model, k, TIP_END), _room(lane, model, S, k, TIP_END), section_bar)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             D, e, room = model.data[model.block * b :], elastic_row(model, b) * L, S[LENGTH * b * L :]
             store(power_bar, 0, splat(lane, 1.0))
@@ -212,7 +194,7 @@ def _come_back(lane, model, par, par_bar, state, rates, S, section_bar, bar):
                 add(lane, par_bar, PAYLOAD_INERTIA, load(lane, carried_bar, 1))
                 store(carried, 0, splat(lane, 0.0))
                 store(carried, 1, splat(lane, 0.0))
-        _back_over(lane, model.rigid, k, ROOT_END, _room(lane, model, S, k, ROOT_END), section_bar)
+        _back_over(lane, end_of(model, k, ROOT_END), _room(lane, model, S, k, ROOT_END), section_bar)
         if k > 0:
             _turn_back(lane, section_bar, bar, elbow_row(model, k))
     _turn_back(lane, section_bar, bar, 2)
@@ -252,11 +234,10 @@ _vjp_move = vjp_of(move, ("pose",))
 
 
 @kernel
-def _moved_back(lane, rigid, k, at_end, pose, pose_bar):
-    """Over the lever at an end of link k; of pose, the one or the other, the angle and its rate are looked at."""
-    if rigid is not None:
-        length, _, _, _ = lever(rigid, k, at_end)
-        _vjp_move(lane, length, None, pose, pose_bar)
+def _moved_back(lane, own, pose, pose_bar):
+    """`moved`, backwards; of pose, the one or the other, the angle and its rate are looked at."""
+    if own is not None:
+        _vjp_move(lane, own.along, own.across, pose, pose_bar)
 
 
 @kernel
@@ -278,17 +259,17 @@ def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
         root, first = POSE.end * k, k * model.segments
         far = root + POSE.tip_x
         _take(lane, poses_bar[far * L :], pose_bar)
-        _moved_back(lane, model.rigid, k, TIP_END, poses[far * L :], pose_bar)
+        _moved_back(lane, end_of(model, k, TIP_END), poses[far * L :], pose_bar)
         for b in range(first + model.segments - 1, first - 1, -1):
             for i in range(len(SIX)):
                 store(pose, i, load(lane, poses, root + i))
-            moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
+            moved(lane, end_of(model, k, ROOT_END), pose)
             for j in range(first, b):
                 e = elastic_row(model, j) * L
                 place(lane, model.mesh, model.data[model.block * j :], q[e:], v[e:], pose, frame)
             D, e = model.data[model.block * b :], elastic_row(model, b) * L
             _vjp_place(lane, model.mesh, D, q[e:], v[e:], pose, q_bar[e:], v_bar[e:], pose_bar)
-        _moved_back(lane, model.rigid, k, ROOT_END, poses[root * L :], pose_bar)
+        _moved_back(lane, end_of(model, k, ROOT_END), poses[root * L :], pose_bar)
         _take(lane, poses_bar[root * L :], pose_bar)
         if k > 0:
             add(lane, q_bar, elbow_row(model, k), load(lane, pose_bar, POSE.angle))
@@ -298,4 +279,4 @@ def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
         add(lane, v_bar, i, load(lane, pose_bar, POSE.vx + i))
 
 
-register(FloatingChain, vjp_residual=vjp_residual, vjp_poses=vjp_poses)
+register(FloatingChain, vjp_residual, vjp_poses)

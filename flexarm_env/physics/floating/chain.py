@@ -19,20 +19,7 @@ from .body import carry, forces
 from .chain_output import damping_work, energy, link_poses, out_of_range, ports, shape
 from .layout import JOINT, KNOWN, LOADED, PASSED, ROOT, acts_at, cell, elastic_row, elbow_row, factors_at
 from .matrix import condense, reduce, reduce_transposed, restore, restore_transposed, tangent
-from .rigid import (
-    ACROSS,
-    ROOT_END,
-    SWEPT,
-    TIP_END,
-    from_payload,
-    inward,
-    near,
-    near_payload,
-    outward,
-    swept,
-    to_payload,
-    with_moment,
-)
+from .rigid import ACROSS, ROOT_END, SWEPT, TIP_END, end_of, inward, near, outward, swept, to_payload, with_moment
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
 NUMBERS = (0,) * KNOWN.end
@@ -91,22 +78,22 @@ def assemble(lane, model, par, state, u, weights, r, S):
             store(pose, PASSED.angle, load(lane, pose, PASSED.angle) + load(lane, q, elbow))
             store(pose, PASSED.rate, load(lane, pose, PASSED.rate) + load(lane, v, elbow))
             store(pose, PASSED.second, load(lane, pose, PASSED.second) + load(lane, a, elbow))
-        outward(lane, model.rigid, k, ROOT_END, pose, S, levers)
+        outward(lane, end_of(model, k, ROOT_END), pose, S, levers)
         for b in range(k * model.segments, (k + 1) * model.segments):
             e = elastic_row(model, b) * L
             carry(lane, mesh, model.data[model.block * b :], q[e:], v[e:], a[e:], pose, S[(first + stride * b) * L :])
-        outward(lane, model.rigid, k, TIP_END, pose, S, levers)
-    to_payload(lane, model.eccentric, model, pose, S, levers)
+        outward(lane, end_of(model, k, TIP_END), pose, S, levers)
+    outward(lane, to_payload(model), pose, S, levers)
     mass, inertia = load(lane, par, 0), load(lane, par, 1)
     store(force, OF_LOAD.x, load(lane, pose, PASSED.ax) * mass)
     store(force, OF_LOAD.y, load(lane, pose, PASSED.ay) * mass)
     store(force, OF_LOAD.torque, load(lane, pose, PASSED.second) * inertia)
     store(carried, 0, mass)
     store(carried, 1, inertia)
-    from_payload(lane, model.eccentric, model, force, cm, cc, ck, S, levers)
+    inward(lane, to_payload(model), force, cm, cc, ck, S, levers)
     for k in range(model.links - 1, -1, -1):
         less_loads(lane, model, k, 1, u, force)
-        inward(lane, model.rigid, k, TIP_END, force, cm, cc, ck, S, levers)
+        inward(lane, end_of(model, k, TIP_END), force, cm, cc, ck, S, levers)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             e, D, own = elastic_row(model, b) * L, model.data[model.block * b :], S[(first + stride * b) * L :]
             forces(
@@ -118,7 +105,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
                 )  # fmt: skip
             store(carried, 0, splat(lane, 0.0))
             store(carried, 1, splat(lane, 0.0))
-        inward(lane, model.rigid, k, ROOT_END, force, cm, cc, ck, S, levers)
+        inward(lane, end_of(model, k, ROOT_END), force, cm, cc, ck, S, levers)
         less_loads(lane, model, k, 0, u, force)
         if k > 0:
             store(r, elbow_row(model, k), load(lane, force, OF_LOAD.torque) - load(lane, u, k))
@@ -174,12 +161,12 @@ def factor(lane, model, S):
     store(tail, cell(1, 1), load(lane, S, ROOT.tail + 1))
     store(tail, cell(2, 2), load(lane, S, ROOT.tail))
     levers = _levers_at(model)
-    near_payload(lane, model.eccentric, model, S, levers, tail)
+    near(lane, to_payload(model), S, levers, tail)
     for k in range(model.links - 1, -1, -1):
-        near(lane, model.rigid, k, TIP_END, S, levers, tail)
+        near(lane, end_of(model, k, TIP_END), S, levers, tail)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             condense(lane, model.mesh, model.data[model.block * b :], S[(first + stride * b) * L :], tail)
-        near(lane, model.rigid, k, ROOT_END, S, levers, tail)
+        near(lane, end_of(model, k, ROOT_END), S, levers, tail)
         if k > 0:
             o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
@@ -231,11 +218,11 @@ def solve(lane, model, S, x):
         store(flow, i, splat(lane, 0.0))
     levers = _levers_at(model)
     for k in range(model.links - 1, -1, -1):
-        with_moment(lane, model.rigid, k, TIP_END, S, levers, ACROSS, flow)
+        with_moment(lane, end_of(model, k, TIP_END), S, levers, ACROSS, flow)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
             reduce(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
-        with_moment(lane, model.rigid, k, ROOT_END, S, levers, ACROSS, flow)
+        with_moment(lane, end_of(model, k, ROOT_END), S, levers, ACROSS, flow)
         if k > 0:
             o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
@@ -277,11 +264,11 @@ def solve(lane, model, S, x):
                 turn = _with_own(lane, model, S, o + JOINT.own, turn, before)
             store(x, elbow_row(model, k), turn - before)
             store(flow, 2, turn)
-        swept(lane, model.rigid, k, ROOT_END, S, levers, SWEPT, flow)
+        swept(lane, end_of(model, k, ROOT_END), S, levers, SWEPT, flow)
         for b in range(k * model.segments, (k + 1) * model.segments):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
             restore(lane, mesh, D, own, x[elastic_row(model, b) * L :], flow)
-        swept(lane, model.rigid, k, TIP_END, S, levers, SWEPT, flow)
+        swept(lane, end_of(model, k, TIP_END), S, levers, SWEPT, flow)
 
 
 @kernel
@@ -292,12 +279,12 @@ def solve_transposed(lane, model, S, x):
     for i in range(3):
         store(flow, i, splat(lane, 0.0))
     for k in range(model.links - 1, -1, -1):
-        with_moment(lane, model.rigid, k, TIP_END, S, levers, SWEPT, flow)
+        with_moment(lane, end_of(model, k, TIP_END), S, levers, SWEPT, flow)
         for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
             own_x = x[elastic_row(model, b) * L :]
             restore_transposed(lane, mesh, D, own, own_x, flow, own_x, flow)
-        with_moment(lane, model.rigid, k, ROOT_END, S, levers, SWEPT, flow)
+        with_moment(lane, end_of(model, k, ROOT_END), S, levers, SWEPT, flow)
         if k > 0:
             o = _joint_at(k)
             if S[(o + JOINT.pinned) * L] == 0.0:
@@ -338,26 +325,15 @@ def solve_transposed(lane, model, S, x):
                 left = _with_own(lane, model, S, o + JOINT.own, left, -turn)
                 store(x, elbow_row(model, k), turn + left)
                 store(flow, 2, -left)
-        swept(lane, model.rigid, k, ROOT_END, S, levers, ACROSS, flow)
+        swept(lane, end_of(model, k, ROOT_END), S, levers, ACROSS, flow)
         for b in range(k * model.segments, (k + 1) * model.segments):
             D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
             own_x = x[elastic_row(model, b) * L :]
             reduce_transposed(lane, mesh, D, own, own_x, flow, own_x, flow)
-        swept(lane, model.rigid, k, TIP_END, S, levers, ACROSS, flow)
+        swept(lane, end_of(model, k, TIP_END), S, levers, ACROSS, flow)
 
 
 register(
-    FloatingChain,
-    assemble=assemble,
-    pin=pin,
-    stiffen=stiffen,
-    factor=factor,
-    solve=solve,
-    solve_transposed=solve_transposed,
-    ports=ports,
-    damping_work=damping_work,
-    energy=energy,
-    link_poses=link_poses,
-    out_of_range=out_of_range,
-    shape=shape,
-)
+    FloatingChain, assemble, pin, stiffen, factor, solve, solve_transposed, ports, damping_work, energy, link_poses,
+    out_of_range, shape,
+)  # fmt: skip

@@ -11,7 +11,7 @@ from ..layout import OF_LOAD, POSE
 from ..model import DIVERGED, OUT_OF_RANGE
 from .body import along, constants, damping_time, dot, in_window, product, tip, turn_of_root
 from .layout import ELASTIC, FRAME, LOADED, START, acts_at, elastic_row, elbow_row, span_at, station_at, window
-from .rigid import ROOT_END, TIP_END, moved, moved_to_payload, passed
+from .rigid import ROOT_END, TIP_END, end_of, moved, passed, to_payload
 
 SIX, FOUR = (0,) * 6, (0,) * 4
 
@@ -103,10 +103,10 @@ def ports_of_loads(lane, model, q, y):
                     left -= _at_loads(lane, model, k, 0, pose, y)
                     if left == 0:
                         return
-                    moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
+                    moved(lane, end_of(model, k, ROOT_END), pose)
                 own = q[_elastic(model, b) * len(lane) :]
                 place(lane, model.mesh, model.data[model.block * b :], own, own, pose, frame)
-            moved(lane, model.rigid, k, TIP_END, pose, 1.0)
+            moved(lane, end_of(model, k, TIP_END), pose)
             left -= _at_loads(lane, model, k, 1, pose, y)
             if left == 0:
                 return
@@ -229,14 +229,14 @@ def energy(lane, model, par, q, v):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, q, v, k, b, pose)
             if b == k * model.segments:
-                passed(lane, model.rigid, k, ROOT_END, pose, ends)
+                passed(lane, end_of(model, k, ROOT_END), pose, ends)
             e, D = _elastic(model, b) * L, model.data[model.block * b :]
             x, y, mass = load(lane, pose, POSE.x), load(lane, pose, POSE.y), D[constants(model.mesh).mass]
             place(lane, model.mesh, D, q[e:], v[e:], pose, frame)
             _energies(lane, model.mesh, D, par, q[e:], v[e:], frame, totals)
             gravity = gravity - (load(lane, totals, 2) + x * mass) * gx - (load(lane, totals, 3) + y * mass) * gy
-        passed(lane, model.rigid, k, TIP_END, pose, ends)
-    moved_to_payload(lane, model.eccentric, pose)
+        passed(lane, end_of(model, k, TIP_END), pose, ends)
+    moved(lane, to_payload(model), pose)
     vx, vy, w = load(lane, pose, POSE.vx), load(lane, pose, POSE.vy), load(lane, pose, POSE.rate)
     mass = load(lane, par, 0)
     kinetic = load(lane, totals, 0) + ((vx * vx + vy * vy) * mass + (w * w) * load(lane, par, 1)) * 0.5
@@ -258,10 +258,10 @@ def link_poses(lane, model, par, q, v, out):
             if b == k * model.segments:
                 for i in range(6):
                     store(out, POSE.end * k + i, load(lane, pose, i))
-                moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
+                moved(lane, end_of(model, k, ROOT_END), pose)
             e = _elastic(model, b) * L
             place(lane, model.mesh, model.data[model.block * b :], q[e:], v[e:], pose, frame)
-        moved(lane, model.rigid, k, TIP_END, pose, 1.0)
+        moved(lane, end_of(model, k, TIP_END), pose)
         for i in range(6):
             store(out, POSE.end * k + POSE.tip_x + i, load(lane, pose, i))
 
@@ -347,7 +347,7 @@ def shape(model, q, points):
         for b in range(k * model.segments, (k + 1) * model.segments):
             _enter(lane, model, q, q, k, b, pose)
             if b == k * model.segments:
-                moved(lane, model.rigid, k, ROOT_END, pose, 1.0)
+                moved(lane, end_of(model, k, ROOT_END), pose)
             D, e = model.data[model.block * b :], q[_elastic(model, b) :]
             x0, y0 = pose[POSE.x], pose[POSE.y]
             place(lane, mesh, D, e, e, pose, frame)
@@ -358,7 +358,7 @@ def shape(model, q, points):
                         return count
                     points[count, 0], points[count, 1] = line[i], line[many + i]
                     count += 1
-        moved(lane, model.rigid, k, TIP_END, pose, 1.0)
+        moved(lane, end_of(model, k, TIP_END), pose)
         if model.rigid is not None:  # a link's last point is where its rigid end ends
             points[count - 1, 0], points[count - 1, 1] = pose[POSE.x], pose[POSE.y]
     return count

@@ -232,16 +232,5 @@ def ports(lane, model, par, q, y):
 
 
 register(
-    FloatingFrame,
-    assemble=assemble,
-    constrain=constrain,
-    pin=pin,
-    factor=factor,
-    solve=solve,
-    ports=ports,
-    damping_work=damping_work,
-    energy=energy,
-    link_poses=link_poses,
-    out_of_range=out_of_range,
-    shape=shape,
+    FloatingFrame, assemble, constrain, pin, factor, solve, ports, damping_work, energy, link_poses, out_of_range, shape
 )

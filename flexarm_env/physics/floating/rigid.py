@@ -1,4 +1,5 @@
-"""Rigid ends of links in a chain of floating frames: levers between a joint and the link's first or last body.
+"""Levers in a chain of floating frames: rigid ends of links, between a joint and the link's first or last body, and
+that from the tip to the payload's centre.
 
 At the near point of a lever a section has an acceleration a (less gravity), an angle, its rate w and second rate; at
 its far point, l e away, a + l (alpha n - w^2 e), n = E e. A force there is a moment here besides. A lever has
@@ -6,6 +7,8 @@ a mass in its middle, and an elbow's mass at its far point.
 """
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 from ...compiler import kernel, load, sincos, splat, store
 from ..layout import LEVER, OF_LOAD, POSE
@@ -17,22 +20,33 @@ ACROSS, SWEPT = OF_FACTORS.nx, OF_FACTORS.wx
 """Where change of the far point's place by the angle begins, and that of its acceleration."""
 
 
+class Lever(NamedTuple):
+    """One of them."""
+
+    number: int  # in the order of their factors in S
+    along: float  # m, from the near point to the far one, along the section's tangent
+    across: Any  # m, across it, or None
+    mass: float  # kg
+    inertia: float  # kg m^2
+    far: float  # kg, of a mass at the far point
+
+
 @kernel
-def lever(rigid, k, end):
-    """Length, mass, inertia and mass at the far point of an end of link k."""
+def end_of(model, k, end):
+    """The rigid end of link k, or None."""
+    if model.rigid is None:
+        return None
     at = OF_LEVER.end * (2 * k + end)
-    return (
-        rigid[at + OF_LEVER.length],
-        rigid[at + OF_LEVER.mass],
-        rigid[at + OF_LEVER.inertia],
-        rigid[at + OF_LEVER.far],
-    )
+    mass, inertia = model.rigid[at + OF_LEVER.mass], model.rigid[at + OF_LEVER.inertia]
+    return Lever(2 * k + end, model.rigid[at + OF_LEVER.length], None, mass, inertia, model.rigid[at + OF_LEVER.far])
 
 
 @kernel
-def payload_at(model, first):
-    """Where the factors of the lever to the payload are in S: behind those of all rigid ends."""
-    return first + OF_FACTORS.end * 2 * model.links
+def to_payload(model):
+    """The lever to the payload, or None."""
+    if model.eccentric is None:
+        return None
+    return Lever(2 * model.links, model.eccentric[0], model.eccentric[1], 0.0, 0.0, 0.0)
 
 
 @kernel
@@ -55,18 +69,10 @@ def reach(lane, along, across, pose, S, at):
 
 
 @kernel
-def outward(lane, rigid, k, end, pose, S, first):
+def outward(lane, lever, pose, S, first):
     """pose <- that of the far point; what is known of the lever is kept in S."""
-    if rigid is not None:
-        length, _, _, _ = lever(rigid, k, end)
-        reach(lane, length, None, pose, S, first + OF_FACTORS.end * (2 * k + end))
-
-
-@kernel
-def to_payload(lane, eccentric, model, pose, S, first):
-    """pose <- that of the payload's centre, from that of the tip."""
-    if eccentric is not None:
-        reach(lane, eccentric[0], eccentric[1], pose, S, payload_at(model, first))
+    if lever is not None:
+        reach(lane, lever.along, lever.across, pose, S, first + OF_FACTORS.end * lever.number)
 
 
 @kernel
@@ -97,23 +103,15 @@ def resist(lane, mass, inertia, far, force, cm, cc, ck, S, at):
 
 
 @kernel
-def inward(lane, rigid, k, end, force, cm, cc, ck, S, first):
-    """`resist` of an end of link k, where links have rigid ends."""
-    if rigid is not None:
-        _, mass, inertia, far = lever(rigid, k, end)
-        resist(lane, mass, inertia, far, force, cm, cc, ck, S, first + OF_FACTORS.end * (2 * k + end))
-
-
-@kernel
-def from_payload(lane, eccentric, model, force, cm, cc, ck, S, first):
-    """force <- force and moment that the payload needs at the tip, from those at its centre."""
-    if eccentric is not None:
-        resist(lane, 0.0, 0.0, 0.0, force, cm, cc, ck, S, payload_at(model, first))
+def inward(lane, lever, force, cm, cc, ck, S, first):
+    """`resist` of a lever, where there is one."""
+    if lever is not None:
+        at = first + OF_FACTORS.end * lever.number
+        resist(lane, lever.mass, lever.inertia, lever.far, force, cm, cc, ck, S, at)
 
 
 @kernel
 def _near(lane, mass, far, S, at, tail):
-    """tail <- the matrix of force and moment by acceleration and angle at the near point, from that at the far one."""
     nx, ny = load(lane, S, at + OF_FACTORS.nx), load(lane, S, at + OF_FACTORS.ny)
     wx, wy = load(lane, S, at + OF_FACTORS.wx), load(lane, S, at + OF_FACTORS.wy)
     for i in range(2):
@@ -136,36 +134,28 @@ def _near(lane, mass, far, S, at, tail):
 
 
 @kernel
-def near(lane, rigid, k, end, S, first, tail):
+def near(lane, lever, S, first, tail):
     """tail <- the matrix of force and moment by acceleration and angle at the near point, from that at the far one."""
-    if rigid is not None:
-        _, mass, _, far = lever(rigid, k, end)
-        _near(lane, mass, far, S, first + OF_FACTORS.end * (2 * k + end), tail)
+    if lever is not None:
+        _near(lane, lever.mass, lever.far, S, first + OF_FACTORS.end * lever.number, tail)
 
 
 @kernel
-def near_payload(lane, eccentric, model, S, first, tail):
-    """tail <- the payload's at the tip, from that at its centre."""
-    if eccentric is not None:
-        _near(lane, 0.0, 0.0, S, payload_at(model, first), tail)
-
-
-@kernel
-def with_moment(lane, rigid, k, end, S, first, arm, flow):
+def with_moment(lane, lever, S, first, arm, flow):
     """flow <- that of the near point, where it is a force and a moment; arm: ACROSS, or SWEPT if transposed."""
-    if rigid is not None:
-        at = first + OF_FACTORS.end * (2 * k + end) + arm
+    if lever is not None:
+        at = first + OF_FACTORS.end * lever.number + arm
         moment = load(lane, S, at) * load(lane, flow, 0)
         moment = moment + load(lane, S, at + 1) * load(lane, flow, 1)
         store(flow, 2, load(lane, flow, 2) + moment)
 
 
 @kernel
-def swept(lane, rigid, k, end, S, first, arm, flow):
+def swept(lane, lever, S, first, arm, flow):
     """flow <- that of the far point, where it is a change of acceleration and angle; arm: SWEPT, or ACROSS if
     transposed."""
-    if rigid is not None:
-        at = first + OF_FACTORS.end * (2 * k + end) + arm
+    if lever is not None:
+        at = first + OF_FACTORS.end * lever.number + arm
         turn = load(lane, flow, 2)
         store(flow, 0, load(lane, flow, 0) + load(lane, S, at) * turn)
         store(flow, 1, load(lane, flow, 1) + load(lane, S, at + 1) * turn)
@@ -184,18 +174,10 @@ def move(lane, along, across, pose):
 
 
 @kernel
-def moved(lane, rigid, k, end, pose, share):
-    """pose (x, y, angle and rates) <- that of a point at a share of a lever."""
-    if rigid is not None:
-        length, _, _, _ = lever(rigid, k, end)
-        move(lane, length * share, None, pose)
-
-
-@kernel
-def moved_to_payload(lane, eccentric, pose):
-    """pose <- that of the payload's centre, from that of the tip."""
-    if eccentric is not None:
-        move(lane, eccentric[0], eccentric[1], pose)
+def moved(lane, lever, pose):
+    """pose (x, y, angle and rates) <- that of the far point."""
+    if lever is not None:
+        move(lane, lever.along, lever.across, pose)
 
 
 @kernel
@@ -209,11 +191,10 @@ def _body(lane, pose, mass, inertia, totals):
 
 
 @kernel
-def passed(lane, rigid, k, end, pose, totals):
-    """pose <- that of a lever's far point; totals += kinetic energy and first moments on the way."""
-    if rigid is not None:
-        _, mass, inertia, far = lever(rigid, k, end)
-        moved(lane, rigid, k, end, pose, 0.5)
-        _body(lane, pose, mass, inertia, totals)
-        moved(lane, rigid, k, end, pose, 0.5)
-        _body(lane, pose, far, 0.0, totals)
+def passed(lane, lever, pose, totals):
+    """pose <- that of a rigid end's far point; totals += kinetic energy and first moments on the way."""
+    if lever is not None:
+        move(lane, lever.along * 0.5, None, pose)
+        _body(lane, pose, lever.mass, lever.inertia, totals)
+        move(lane, lever.along * 0.5, None, pose)
+        _body(lane, pose, lever.far, 0.0, totals)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from ...compiler import kernel, load, select_lt, size, splat, store
 from ..joints.friction import friction_cotangents, note_branch, note_cotangents
 from ..protocol import MASS_ALONE, State, Weights, solve_transposed, vjp_residual
-from .work import state_of, take_out_known
+from .work import copy_rows, state_of, take_out_known
 
 
 @kernel
@@ -87,5 +87,4 @@ def vjp_restart(lane, model, par, par_bar, w, bar, fresh, h):
     friction_cotangents(lane, model, MASS_ALONE, 0.5 * h, w.S, bar.r, bar.v, bar.a)
     _multiply(lane, model, w, bar)
     vjp_residual(lane, model, par, par_bar, state_of(w), w.u, bar.S, state_of(bar), bar.u, bar.r)
-    for k in range(size(model.n)):
-        store(bar.a, k, load(lane, bar.q0, k))
+    copy_rows(lane, size(model.n), bar.q0, bar.a)

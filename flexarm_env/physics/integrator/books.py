@@ -12,8 +12,7 @@ from .work import copy_rows, state_of
 @kernel
 def open_books(lane, model, drive, par, w):
     """Remember ports and forces at the start of a smooth stretch."""
-    for i in range(size(model.n_inputs)):
-        store(w.u0, i, load(lane, w.u, i))
+    copy_rows(lane, size(model.n_inputs), w.u, w.u0)
     ports(lane, model, par, w.q, w.y0)
     note_friction(lane, model, par, state_of(w), w.u, w.r, w.S)
     if drive is not None:

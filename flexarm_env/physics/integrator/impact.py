@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 from ...compiler import kernel, load, select_lt, size, splat, store
-from ..layout import DISSIPATED, FACTORISATIONS, WORK_DONE
+from ..layout import DISSIPATED, WORK_DONE
 from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
-from ..protocol import (
-    MASS_ALONE,
-    RESIDUAL_ALONE,
-    Weights,
-    assemble,
-    constrain,
-    energy,
-    factor,
-    solve,
-)
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, energy
 from .start import SMALL
 from .switching import jump_multipliers
-from .work import move_multipliers, state_of, take_out_known
+from .work import copy_rows, move_multipliers, solve_known, state_of
 
 
 @kernel
@@ -46,10 +37,9 @@ def _change(lane, model, resting, par, new, live, w, h, books):
     before = energy(lane, model, par, w.q, w.v)
     struck = _struck(lane, resting, par, new, live)
     assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
-    for k in range(n):
-        store(w.b0, k, load(lane, w.r, k))
-        store(w.v0, k, load(lane, w.v, k))
-        store(w.a0, k, load(lane, w.a, k))
+    copy_rows(lane, n, w.r, w.b0)
+    copy_rows(lane, n, w.v, w.v0)
+    copy_rows(lane, n, w.a, w.a0)
     _of_momentum(lane, model, par, new, w)
     for k in range(n):
         v = load(lane, w.v0, k)
@@ -92,8 +82,7 @@ def _of_momentum(lane, model, par, new, w):
     """r <- M+^-1 (M+ - M-) v-, by which velocities fall; q0 <- the forces at rest; par <- the new payload."""
     n = size(model.n)
     _at_rest(lane, model, par, w, True, RESIDUAL_ALONE)
-    for k in range(n):
-        store(w.q0, k, load(lane, w.r, k))
+    copy_rows(lane, n, w.r, w.q0)
     _at_rest(lane, model, par, w, False, RESIDUAL_ALONE)
     for k in range(n):
         store(w.q0, k, load(lane, w.q0, k) - load(lane, w.r, k))
@@ -108,7 +97,7 @@ def _of_momentum(lane, model, par, new, w):
         store(w.r, k, load(lane, w.q0, k) - rest)
         store(w.q0, k, rest)
     move_multipliers(lane, model.algebraic, w.r, w.r, True)
-    _solve(lane, model, w, True)
+    solve_known(lane, model, None, w, True)
 
 
 @kernel
@@ -137,17 +126,7 @@ def _damp(lane, model, par, w, h, matrix):
     for k in range(size(model.n)):
         store(w.r, k, (load(lane, w.r, k) - load(lane, w.q0, k)) * (1.0 / SMALL))
     move_multipliers(lane, model.algebraic, w.r, w.r, True)
-    _solve(lane, model, w, matrix)
-
-
-@kernel
-def _solve(lane, model, w, matrix):
-    """r <- S^-1 r; `matrix`: S is new."""
-    take_out_known(lane, model, None, w.r, w.S, matrix)
-    if matrix:
-        factor(lane, model, w.S)
-        w.counts[FACTORISATIONS] += 1.0
-    solve(lane, model, w.S, w.r)
+    solve_known(lane, model, None, w, matrix)
 
 
 @kernel
@@ -160,7 +139,7 @@ def _accelerate(lane, model, par, w, h):
         for k in range(size(model.n)):
             store(w.r, k, load(lane, w.r, k) - load(lane, w.b0, k))
         constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
-        _solve(lane, model, w, first)
+        solve_known(lane, model, None, w, first)
         jump_multipliers(lane, model.algebraic, w.q, w.r)
         for k in range(size(model.n)):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))

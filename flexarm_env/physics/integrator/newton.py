@@ -21,10 +21,10 @@ from ...compiler import (
     store,
 )
 from ..joints.friction import apply_friction
-from ..layout import FACTORISATIONS, ITERATIONS
+from ..layout import ITERATIONS
 from ..protocol import RESIDUAL_ALONE, Weights, assemble, constrain, factor, solve, update
 from .period import correct_period
-from .work import state_of, take_out_known
+from .work import solve_known, state_of, take_out_known
 
 
 class Slopes(NamedTuple):
@@ -128,11 +128,7 @@ def newton(lane, model, drive, par, w, slopes, scheme, plain):
         weights = Weights(slopes.a, slopes.v, 1.0)
         assemble(lane, model, par, state_of(w), w.u, weights if fresh else RESIDUAL_ALONE, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 0, slopes.a, w.r)
-        take_out_known(lane, model, drive, w.r, w.S, fresh)
-        if fresh:
-            factor(lane, model, w.S)
-            w.counts[FACTORISATIONS] += 1.0
-        solve(lane, model, w.S, w.r)
+        solve_known(lane, model, drive, w, fresh)
         apply_friction(lane, model, par, state_of(w), weights, slopes.v / slopes.a, w.S, w.r)
         corrected = correct_period(lane, model, drive, par, scheme.tolerance, w, corrected, active, slopes)
         increment = _move(lane, model, w, active, slopes)

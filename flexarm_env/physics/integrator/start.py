@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from ...compiler import alone, apart, kernel, load, size, splat, store
 from ..joints.friction import apply_friction, note_friction
-from ..layout import DISSIPATED, FACTORISATIONS, OF_MOTION, WORK_DONE
-from ..protocol import (
-    MASS_ALONE,
-    RESIDUAL_ALONE,
-    Weights,
-    assemble,
-    constrain,
-    damping_work,
-    factor,
-    solve,
-)
+from ..layout import DISSIPATED, OF_MOTION, WORK_DONE
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, Weights, assemble, constrain, damping_work
 from .drive import set_inputs, set_motions
-from .work import copy_rows, move_multipliers, note_reactions, set_known, state_of, take_out_known, unpack
+from .work import copy_rows, move_multipliers, note_reactions, set_known, solve_known, state_of, unpack
 
 SMALL = 1e-3
 """Share of a velocity at which the damping of all of it is asked for, so that forces of its square do not count."""
@@ -80,16 +71,6 @@ def _set_b(lane, n, drive, w, fresh):
             return
     for k in range(n):
         store(w.b, k, load(lane, w.a, k))
-
-
-@kernel
-def _solve(lane, model, drive, w, matrix):
-    """r <- S^-1 r without the known rows; `matrix`: S is new."""
-    take_out_known(lane, model, drive, w.r, w.S, matrix)
-    if matrix:
-        factor(lane, model, w.S)
-        w.counts[FACTORISATIONS] += 1.0
-    solve(lane, model, w.S, w.r)
 
 
 @kernel
@@ -174,7 +155,7 @@ def _solve_jump(lane, model, drive, par, w):
     for k in range(n):
         store(w.v, k, load(lane, w.v0, k) + load(lane, w.a0, k))
     constrain(lane, model, w.psi, state_of(w), 1, 1.0, w.r)
-    _solve(lane, model, drive, w, True)
+    solve_known(lane, model, drive, w, True)
     for k in range(n):
         dv = load(lane, w.a0, k) - load(lane, w.r, k)
         store(w.v, k, splat(lane, 0.0))
@@ -235,7 +216,7 @@ def _damp(lane, model, drive, par, w, h, matrix, fresh, share):
     assemble(lane, model, par, state_of(w), w.u, Weights(1.0 if matrix else 0.0, 0.5 * h, 0.0), w.r, w.S)
     _less(lane, size(model.n), w.r, w.b0, 1.0 / SMALL)
     move_multipliers(lane, model.algebraic, w.r, w.r, True)
-    _solve(lane, model, drive, w, matrix)
+    solve_known(lane, model, drive, w, matrix)
     if not fresh:
         for k in range(size(model.n)):
             store(w.q0, k, load(lane, w.q0, k) - load(lane, w.r, k) * (2.0 * share / h))
@@ -273,7 +254,7 @@ def restart_within(lane, model, drive, par, w, t, h, fresh):
         weights = Weights(1.0 if matrix else 0.0, half, half * half)
         assemble(lane, model, par, state_of(w), w.u, weights, w.r, w.S)
         constrain(lane, model, w.psi, state_of(w), 2, 1.0, w.r)
-        _solve(lane, model, drive, w, matrix)
+        solve_known(lane, model, drive, w, matrix)
         apply_friction(lane, model, par, state_of(w), MASS_ALONE, 0.5 * h, w.S, w.r)
         for k in range(n):
             store(w.a, k, load(lane, w.a, k) - load(lane, w.r, k))

@@ -11,24 +11,13 @@ others go on, so a batch and a single arm give the same bits.
 from __future__ import annotations
 
 from ...compiler import apart, arms, inlined, kernel, largest, load, select_lt, size, splat, store
-from ..layout import FACTORISATIONS, HALVINGS, STEPS
+from ..layout import HALVINGS, STEPS
 from ..model import NEWTON_FAILED
-from ..protocol import (
-    MASS_ALONE,
-    RESIDUAL_ALONE,
-    assemble,
-    constrain,
-    difference,
-    factor,
-    out_of_range,
-    predict,
-    solve,
-    update,
-)
+from ..protocol import MASS_ALONE, RESIDUAL_ALONE, assemble, constrain, difference, out_of_range, predict, update
 from .books import keep_books, open_books
 from .drive import set_inputs, set_motions
 from .newton import newton, slopes_of
-from .work import note_reactions, set_known, state_of, take_out_known, unpack
+from .work import copy_rows, note_reactions, set_known, solve_known, state_of, unpack
 
 
 @kernel
@@ -83,8 +72,7 @@ def _stay(lane, model, w, slopes):
 def _guess(lane, model, predictor, w, slopes):
     """Start of Newton where the formulation knows better (predictor None)."""
     if predictor is None:
-        for k in range(size(model.n)):
-            store(w.r, k, load(lane, w.q, k))
+        copy_rows(lane, size(model.n), w.q, w.r)
         predict(lane, model, w.q0, w.r)
         for k in range(size(model.n)):
             q = load(lane, w.r, k)
@@ -138,11 +126,7 @@ def _across(lane, model, drive, w, level):
     for k in range(size(model.n)):
         store(w.r, k, splat(lane, 0.0))
     constrain(lane, model, w.psi, state_of(w), level, 1.0, w.r)
-    take_out_known(lane, model, drive, w.r, w.S, level == 1)
-    if level == 1:
-        factor(lane, model, w.S)
-        w.counts[FACTORISATIONS] += 1.0
-    solve(lane, model, w.S, w.r)
+    solve_known(lane, model, drive, w, level == 1)
 
 
 @inlined
@@ -157,11 +141,11 @@ def _react(lane, model, drive, par, w):
 @kernel
 def _go_back(lane, model, w):
     """To where the step began."""
-    for k in range(size(model.n)):
-        store(w.q, k, load(lane, w.q0, k))
-        store(w.v, k, load(lane, w.v0, k))
-        store(w.a, k, load(lane, w.a0, k))
-        store(w.b, k, load(lane, w.b0, k))
+    n = size(model.n)
+    copy_rows(lane, n, w.q0, w.q)
+    copy_rows(lane, n, w.v0, w.v)
+    copy_rows(lane, n, w.a0, w.a)
+    copy_rows(lane, n, w.b0, w.b)
 
 
 @apart

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, size, splat, store
 from ..protocol import Weights, assemble, factor, residual, solve
-from .work import state_of, take_out_known
+from .work import copy_rows, state_of, take_out_known
 
 
 @kernel
@@ -97,8 +97,7 @@ def before_switch(lane, wide, model, parx, w, x):
     """x.q0 <- the residual before the torques jump from u0 to u."""
     copy_state(lane, wide, model, w, x)
     residual(wide, model, parx, state_of(x), x.u0, x.r, x.S)
-    for k in range(size(model.n)):
-        store(x.q0, k, load(wide, x.r, k))
+    copy_rows(wide, size(model.n), x.r, x.q0)
 
 
 @kernel

@@ -6,8 +6,8 @@ from typing import Any
 
 from ...compiler import inlined, kernel, load, size, splat, store
 from ...layout import Field, Layout
-from ..layout import BOOKS, COUNTS, MOTION, OF_MOTION
-from ..protocol import State, pin
+from ..layout import BOOKS, COUNTS, FACTORISATIONS, MOTION, OF_MOTION
+from ..protocol import State, factor, pin, solve
 
 _ROWS = ("n", "lanes")
 _INPUTS = ("inputs", "lanes")
@@ -93,6 +93,16 @@ def take_out_known(lane, model, drive, r, S, matrix):
                 store(r, k, splat(lane, 0.0))
                 if matrix:
                     pin(lane, model, S, k)
+
+
+@kernel
+def solve_known(lane, model, drive, w, matrix):
+    """r <- S^-1 r without the known rows; `matrix`: S is new, and is factored."""
+    take_out_known(lane, model, drive, w.r, w.S, matrix)
+    if matrix:
+        factor(lane, model, w.S)
+        w.counts[FACTORISATIONS] += 1.0
+    solve(lane, model, w.S, w.r)
 
 
 @kernel

@@ -40,4 +40,4 @@ def vjp_poses(lane, model, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar):
     protocol.vjp_poses(lane, model.arm, par, par_bar, q, v, poses, q_bar, v_bar, poses_bar)
 
 
-register(Jointed, vjp_residual=vjp_residual, vjp_poses=vjp_poses)
+register(Jointed, vjp_residual, vjp_poses)

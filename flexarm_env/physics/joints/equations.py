@@ -98,11 +98,6 @@ def assemble(lane, model, par, state, u, weights, r, S):
 
 
 @kernel
-def constrain(lane, model, psi, state, level, scale, r):
-    """No constraint is left: joints are coordinates."""
-
-
-@kernel
 def pin(lane, model, S, k):
     """Flag a motor, or pin one of the arm's coordinates."""
     if k < size(model.arm.n):
@@ -278,22 +273,6 @@ def shape(model, q, points):
 
 
 register(
-    Jointed,
-    assemble=assemble,
-    constrain=constrain,
-    pin=pin,
-    factor=factor,
-    solve=solve,
-    solve_transposed=solve_transposed,
-    predict=predict,
-    update=update,
-    inertia=inertia,
-    rotate=rotate,
-    ports=ports,
-    friction=friction,
-    damping_work=damping_work,
-    energy=energy,
-    link_poses=link_poses,
-    out_of_range=out_of_range,
-    shape=shape,
-)
+    Jointed, assemble, pin, factor, solve, solve_transposed, predict, update, inertia, rotate, ports,
+    friction, damping_work, energy, link_poses, out_of_range, shape,
+)  # fmt: skip
