@@ -106,41 +106,27 @@ def _values_of(d, first, g, moves):
     p, block = d.program, d.block[first * d.plain.row : (first + 1) * d.plain.row]
     fill(d.lane, d, d.places, d.plain, g, block)
     _go(d.lane, p, d.guide, p.models, p.model, 1, d.plain, block, unpack(d.lane, p.model, block, 0), moves, False)
-    _note_levels(d, p.models, g, block)
+    if p.models is not None:
+        for i in range(len(d.lane)):
+            if g * len(d.lane) + i < d.n:
+                d.level[g * len(d.lane) + i] = block[d.plain.end + TAKEN * len(d.lane) + i]
     write_outcome(d.lane, d, d.places, d.plain, g, block)
 
 
 @kernel
-def _note_levels(d, models, g, block):
-    if models is not None:
-        for i in range(len(d.lane)):
-            if g * len(d.lane) + i < d.n:
-                d.level[g * len(d.lane) + i] = block[d.plain.end + TAKEN * len(d.lane) + i]
-
-
-@kernel
 def _columns(d, first, last, moves):
-    """Likewise the derivative, some columns at a time."""
+    """Likewise the derivative, some columns at a time. Where steps are fitted, each arm's are as many as it took."""
+    p, block = d.program, d.scratch[first * d.both.row : (first + 1) * d.both.row]
     for g in range(first, last):
-        _columns_of(d, d.program.models, first, g, moves)
+        if p.models is None or moves is None:
+            _all_columns(d, p.model, 1, -1, g, block, moves)
+            write_outcome(d.dual, d, d.twice, d.both, g, block)
+        else:
+            _values_of(d, first, g, moves)
+            for k in range(FITS):
+                if _taken(d, k, g):
+                    _all_columns(d, p.models[k], 2**k, k, g, block, moves)
     return 0
-
-
-@kernel
-def _columns_of(d, models, first, g, moves):
-    """Where steps are fitted, each arm's with as many halvings as it took: these are held."""
-    block = d.scratch[first * d.both.row : (first + 1) * d.both.row]
-    if models is None:
-        _all_columns(d, d.program.model, 1, -1, g, block, moves)
-        write_outcome(d.dual, d, d.twice, d.both, g, block)
-    elif moves is None:
-        _all_columns(d, d.program.model, 1, -1, g, block, moves)
-        write_outcome(d.dual, d, d.twice, d.both, g, block)
-    else:
-        _values_of(d, first, g, moves)
-        for k in range(FITS):
-            if _taken(d, k, g):
-                _all_columns(d, models[k], 2**k, k, g, block, moves)
 
 
 @kernel

@@ -104,9 +104,8 @@ def read(lane, laws, room, c, memory, base, stream, arm, value, first):
     if since > laws[o + _LAW.every] - 0.5:
         here = here * memory[at.gain * len(lane) + i] + memory[at.bias * len(lane) + i]
         noise, quantum = laws[o + _LAW.noise], laws[o + _LAW.quantum]
-        if stream is not None:
-            if noise > 0.0:
-                here = here + noise * normal(stream, arm)
+        if stream is not None and noise > 0.0:
+            here = here + noise * normal(stream, arm)
         if quantum > 0.0:
             here = with_slope(quantum * math.floor(alone(here) / quantum + 0.5), here, 1.0)
         place(lane, memory, at.reading, i, here)

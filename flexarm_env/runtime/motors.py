@@ -167,10 +167,9 @@ def turn_motors(lane, task, actuator, s, record, w):
 @kernel
 def draw_lateness(actuator, stream, arm, record, lanes):
     """How late the commands of arm's next period come, where that is drawn."""
-    if actuator is not None:
-        if actuator.jitter is not None:
-            drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))
-            record[LATE * lanes + arm % lanes] = drawn
+    if actuator is not None and actuator.jitter is not None:
+        drawn = math.floor(uniform(stream, arm) * (actuator.jitter[0] + 1.0))
+        record[LATE * lanes + arm % lanes] = drawn
 
 
 @kernel

@@ -151,10 +151,9 @@ def shape(model, q, points):
             if count < points.shape[0]:
                 share = j / p
                 left = q[i + X], q[i + Y]
-                if model.rigid is not None:
-                    if e % model.elements == 0:
-                        x, y, _, _ = beginning((0,), model, q, q, e // model.elements)
-                        left = x, y
+                if model.rigid is not None and e % model.elements == 0:
+                    x, y, _, _ = beginning((0,), model, q, q, e // model.elements)
+                    left = x, y
                 for axis in range(2):
                     value = left[axis] * (1.0 - share) + q[i + at.right + axis] * share
                     for k in range(p - 1):

@@ -25,9 +25,8 @@ def constants(model):
 def damping_time(lane, model, D, par):
     """tau_d of the body, s."""
     tau = load(lane, par, TAU_D)
-    if model.damped is not None:
-        if len(model.damped) > 1:
-            tau = tau * D[constants(model).damped]
+    if model.damped is not None and len(model.damped) > 1:
+        tau = tau * D[constants(model).damped]
     return tau
 
 

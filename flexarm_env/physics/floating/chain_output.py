@@ -119,9 +119,8 @@ def _damping(lane, model, D, par, q, v, x, total):
     own, n, wide = constants(model), size(model.n), len(model.window)
     if model.damped is not None:
         part = product(lane, model, D, own.K_bend, x, v) * load(lane, par, 2)
-        if model.full is None:
-            if model.modal is None:
-                part = part + product(lane, model, D, own.K_axial, x, v)
+        if model.full is None and model.modal is None:
+            part = part + product(lane, model, D, own.K_axial, x, v)
         else:
             span = span_at(own.spans, wide)
             for e in range(len(model.elements)):

@@ -28,14 +28,9 @@ def change_payload(lane, model, resting, par, new, live, w, h, books):
     and b keeps its distance from a: see `start.restart`. h: a step. books: a tag, or None. What the impact and
     that damping take, T- - T+, goes to what is dissipated; the energy of the payload that comes or goes to the work.
     """
-    _change(lane, model, resting, par, new, load(lane, live, 0), w, h, books)
-
-
-@kernel
-def _change(lane, model, resting, par, new, live, w, h, books):
-    n = size(model.n)
+    n, here = size(model.n), load(lane, live, 0)
     before = energy(lane, model, par, w.q, w.v)
-    struck = _struck(lane, resting, par, new, live)
+    struck = _struck(lane, resting, par, new, here)
     assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
     copy_rows(lane, n, w.r, w.b0)
     copy_rows(lane, n, w.v, w.v0)
@@ -53,9 +48,9 @@ def _change(lane, model, resting, par, new, live, w, h, books):
     _accelerate(lane, model, par, w, h)
     for k in range(n):
         a = load(lane, w.a0, k)
-        new_a = select_lt(0.5, live, load(lane, w.a, k), a)
+        new_a = select_lt(0.5, here, load(lane, w.a, k), a)
         store(w.a, k, new_a)
-        store(w.b, k, select_lt(0.5, live, load(lane, w.b, k) + (new_a - a), load(lane, w.b, k)))
+        store(w.b, k, select_lt(0.5, here, load(lane, w.b, k) + (new_a - a), load(lane, w.b, k)))
     _book(lane, model, books, par, w, before, struck)
 
 

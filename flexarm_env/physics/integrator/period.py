@@ -40,13 +40,7 @@ def _filtered(lane, model, drive, par, w, c_m, x, y):
 def correct_period(lane, model, drive, par, tolerance, w, corrected, active, slopes):
     """Where Newton's increment -r of an `active` arm is small for the first time in a step, w.shift <- the correction d
     and r <- what brings a and v to the step so corrected; elsewhere w.shift <- 0. Returns which arms are corrected."""
-    return _correct(lane, model, drive, par, model.correction, tolerance, w, corrected, active, slopes)
-
-
-@kernel
-def _correct(lane, model, drive, par, correction, tolerance, w, corrected, active, slopes):
-    """`correct_period` where the formulation has one."""
-    if correction is None:
+    if model.correction is None:
         return corrected
     n = size(model.n)
     zero, increment = splat(lane, 0.0), splat(lane, 0.0)
@@ -65,7 +59,7 @@ def _correct(lane, model, drive, par, correction, tolerance, w, corrected, activ
         take_out_known(lane, model, drive, y, w.S, False)
         shift = zero
         for k in range(n):
-            moved = load(lane, y, k) * (-correction * slopes.h * slopes.h)
+            moved = load(lane, y, k) * (-model.correction * slopes.h * slopes.h)
             shift = maximum(absolute(moved) * model.weight[k], shift)
             store(d, k, moved)
         small = select_lt(shift, FAR, now, zero)

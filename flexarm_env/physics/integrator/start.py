@@ -48,29 +48,25 @@ def _keep(lane, n, algebraic, w):
 @kernel
 def _take_multipliers(lane, drive, algebraic, w, fresh):
     """Multipliers from where the accelerations were solved for: the new ones, or what is added to those kept."""
-    if drive is not None:
-        if not fresh:
-            if algebraic is not None:
-                for i in range(algebraic.shape[0]):
-                    k = algebraic[i]
-                    store(w.a, k, load(lane, w.a, k) + load(lane, w.q, k))
+    if drive is not None and algebraic is not None and not fresh:
+        for i in range(algebraic.shape[0]):
+            k = algebraic[i]
+            store(w.a, k, load(lane, w.a, k) + load(lane, w.q, k))
     move_multipliers(lane, algebraic, w.q, w.a, False)
 
 
 @kernel
 def _set_b(lane, n, drive, w, fresh):
     """b = a, or at the distance that was kept; prescribed coordinates have none."""
-    if drive is not None:
-        if not fresh:
-            for i in range(drive.known.shape[0]):
-                k = drive.known[i]
-                if k >= 0:
-                    store(w.b, k, splat(lane, 0.0))
-            for k in range(n):
-                store(w.b, k, load(lane, w.b, k) + load(lane, w.a, k))
-            return
-    for k in range(n):
-        store(w.b, k, load(lane, w.a, k))
+    if drive is not None and not fresh:
+        for i in range(drive.known.shape[0]):
+            k = drive.known[i]
+            if k >= 0:
+                store(w.b, k, splat(lane, 0.0))
+        for k in range(n):
+            store(w.b, k, load(lane, w.b, k) + load(lane, w.a, k))
+    else:
+        copy_rows(lane, n, w.a, w.b)
 
 
 @kernel
@@ -227,10 +223,9 @@ def restart_within(lane, model, drive, par, w, t, h, fresh):
     """`restart` of a work array that has been unpacked."""
     n = size(model.n)
     times, half = 1, 0.0
-    if drive is not None:
-        if not fresh:
-            for i in range(drive.entries.shape[0]):  # others that have changed stand in u0 as they were
-                store(w.u0, drive.entries[i], load(lane, w.u, drive.entries[i]))
+    if drive is not None and not fresh:
+        for i in range(drive.entries.shape[0]):  # others that have changed stand in u0 as they were
+            store(w.u0, drive.entries[i], load(lane, w.u, drive.entries[i]))
     note_friction(lane, model, par, state_of(w), w.u0, w.r, w.S)
     if drive is not None:
         if not fresh:

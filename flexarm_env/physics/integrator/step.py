@@ -132,10 +132,9 @@ def _across(lane, model, drive, w, level):
 @inlined
 def _react(lane, model, drive, par, w):
     """Forces that hold the prescribed coordinates at the step's end, where there are any."""
-    if drive is not None:
-        if drive.known.shape[0] > 0:
-            assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
-            note_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
+    if drive is not None and drive.known.shape[0] > 0:
+        assemble(lane, model, par, state_of(w), w.u, RESIDUAL_ALONE, w.r, w.S)
+        note_reactions(lane, drive.known, model.algebraic, w.r, w.q, w.reaction)
 
 
 @kernel
@@ -170,34 +169,31 @@ def advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books):
         start = t + done * h + (h - left)
         slopes = slopes_of(scheme, part)
         _predict(lane, model, w, part, scheme)
-        if arms(lane) == 1:
-            if again:
-                _stay(lane, model, w, slopes)
+        if arms(lane) == 1 and again:
+            _stay(lane, model, w, slopes)
         _prescribe(lane, drive, w, start + part, part)
         _guess(lane, model, model.predictor, w, slopes)
         active = newton(lane, model, drive, par, w, slopes, scheme, again)
         _settle(lane, model, drive, par, model.algebraic, w)
         _react(lane, model, drive, par, w)
         flag = select_lt(0.5, active, splat(lane, float(NEWTON_FAILED)), load(lane, w.flag, 0))
-        if arms(lane) == 1:
-            if largest(flag) > 0.5:
-                _go_back(lane, model, w)
-                if again:
-                    part *= 0.5
-                    w.counts[HALVINGS] += 1.0
-                again = True
-                if part < h * 0.5**scheme.max_halvings:
-                    store(w.flag, 0, flag)
-                    return start
-                continue
+        if arms(lane) == 1 and largest(flag) > 0.5:
+            _go_back(lane, model, w)
+            if again:
+                part *= 0.5
+                w.counts[HALVINGS] += 1.0
+            again = True
+            if part < h * 0.5**scheme.max_halvings:
+                store(w.flag, 0, flag)
+                return start
+            continue
         w.counts[STEPS] += 1.0
         if books is not None:
             keep_books(lane, model, drive, par, w, part)
         flag = select_lt(flag, 0.5, out_of_range(lane, model, par, w.q), flag)
         store(w.flag, 0, flag)
-        if arms(lane) == 1:
-            if largest(flag) > 0.5:
-                return start + part
+        if arms(lane) == 1 and largest(flag) > 0.5:
+            return start + part
         left -= part
         if left <= 1e-9 * h:
             done += 1

@@ -149,10 +149,9 @@ def _without_motors(lane, model, S, x):
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
-        if motor >= 0:
-            if S[(g + GEAR.held) * len(lane)] == 0.0:
-                share = load(lane, S, g + GEAR.slope) * load(lane, S, g + GEAR.pivot)
-                store(x, row, load(lane, x, row) + share * load(lane, x, motor))
+        if motor >= 0 and S[(g + GEAR.held) * len(lane)] == 0.0:
+            share = load(lane, S, g + GEAR.slope) * load(lane, S, g + GEAR.pivot)
+            store(x, row, load(lane, x, row) + share * load(lane, x, motor))
 
 
 @kernel
@@ -160,10 +159,9 @@ def _turn_motors(lane, model, S, x):
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
-        if motor >= 0:
-            if S[(g + GEAR.pinned) * len(lane)] == 0.0:
-                turned = load(lane, x, motor) + load(lane, S, g + GEAR.slope) * load(lane, x, row)
-                store(x, motor, turned * load(lane, S, g + GEAR.pivot))
+        if motor >= 0 and S[(g + GEAR.pinned) * len(lane)] == 0.0:
+            turned = load(lane, x, motor) + load(lane, S, g + GEAR.slope) * load(lane, x, row)
+            store(x, motor, turned * load(lane, S, g + GEAR.pivot))
 
 
 @kernel
