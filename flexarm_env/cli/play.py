@@ -107,13 +107,8 @@ def choose(word: str) -> Player:
     if not Path(word).exists() and word not in control.policy_names():
         raise check.UnknownKey(word, (KEYBOARD, *control.NAMES, *control.policy_names()), "policy (and no policy.npz)")
     policy = load_policy(word)
-
-    def make(env: Any) -> Any:
-        policy.check(Setup.of(env))
-        return policy
-
     kwargs = {k: v for k, v in policy.meta["env_kwargs"].items() if k not in NOT_PLAYED}
-    return Player(Path(word).stem, str(policy.meta["env_id"]), kwargs, make)
+    return Player(Path(word).stem, str(policy.meta["env_id"]), kwargs, lambda env: policy.check(Setup.of(env)))
 
 
 def play(env: Any, player: Player, seeds: range, outcomes: list[dict[str, Any]]) -> Iterator[NDArray[np.uint8]]:

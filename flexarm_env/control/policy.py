@@ -73,8 +73,8 @@ class NumpyPolicy:
         action = np.tanh(x) if self.meta["squash"] else np.clip(x, -1.0, 1.0)
         return action.astype(np.float32)
 
-    def check(self, setup: Setup) -> None:
-        """ValueError unless the environment's observation and action are those that the policy was trained on.
+    def check(self, setup: Setup) -> NumpyPolicy:
+        """The policy; ValueError unless the environment's observation and action are those that it was trained on.
 
         Entries of the same names in other scales, those of another arm, are brought to the policy's own from here on.
         """
@@ -91,6 +91,7 @@ class NumpyPolicy:
                 f"the policy makes {given} actions of {taken} entries of an observation; this environment's are "
                 f"{setup.n_joints} and {setup.size}"
             )
+        return self
 
     def _check_action(self, setup: Setup) -> None:
         """An action stands for what it stood for in training."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,8 @@ Rows = NDArray[np.int64]
 STEP = 5e-3
 """Step of differences by q, times the size that matters of a coordinate (1 rad, the arm's length)."""
 
-WEIGHTS = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
-"""(how many steps to both sides, weight) of differences of sixth order."""
+SIXTH, SECOND = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60)), ((1, 1 / 2),)
+"""(how many steps to both sides, weight) of differences of these orders."""
 _NONE = np.zeros(0, np.int64)
 
 
@@ -96,14 +97,14 @@ class Reduced:
         return found[:, : right.shape[1] - len(driven)], found[:, right.shape[1] - len(driven) :]
 
 
-def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array) -> Array:
-    """df/dx over some rows of x, by sixth-order central differences; one column a row."""
+def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array, weights: Any = SIXTH) -> Array:
+    """df/dx over some rows of x, by central differences; one column a row."""
     if not len(rows):
         return np.zeros((f(x).size, 0))
     columns = []
     for k in rows:
         moved, total = x.copy(), np.zeros(())
-        for i, weight in WEIGHTS:
+        for i, weight in weights:
             moved[k] = x[k] + i * steps[k]
             ahead = f(moved)
             moved[k] = x[k] - i * steps[k]
@@ -114,15 +115,7 @@ def slopes(f: Callable[[Array], Array], x: Array, rows: Rows, steps: Array) -> A
 
 def exact_slopes(f: Callable[[Array], Array], x: Array, rows: Rows) -> Array:
     """The same for an f of at most second degree in x: central differences with a step of 1 are exact."""
-    if not len(rows):
-        return np.zeros((f(x).size, 0))
-    columns = []
-    for k in rows:
-        up, down = x.copy(), x.copy()
-        up[k] += 1.0
-        down[k] -= 1.0
-        columns.append(0.5 * (f(up) - f(down)))
-    return np.array(columns).T
+    return slopes(f, x, rows, np.ones(len(x)), SECOND)
 
 
 class Equations:

@@ -30,7 +30,7 @@ from ..physics.space.reading import read
 from ..rest import NoEquilibrium, resting
 from ..scene import Scene
 from ..simulation import Simulation
-from .equations import STEP, WEIGHTS, Reduced
+from .equations import SIXTH, STEP, Reduced
 from .stability import Stability, eigenpairs, undamped
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ class SmallMotions:
         for j, row in enumerate(rows):
             size = least / self.model.weight[row] if which == 0 else 1.0
             # by rates central differences are exact: forces are linear and quadratic in them
-            terms = [(i * STEP * size, w / (STEP * size)) for i, w in WEIGHTS] if which == 0 else [(1.0, 0.5)]
+            terms = [(i * STEP * size, w / (STEP * size)) for i, w in SIXTH] if which == 0 else [(1.0, 0.5)]
             total = np.zeros(self.n)
             for step, weight in terms:
                 for sign in (1.0, -1.0):

@@ -115,10 +115,9 @@ def controller(name: str, env: Any) -> Policy:
 def _fitting(policy: control.NumpyPolicy, source: str, env: Any) -> Policy:
     setup = control.Setup.of(env)
     try:
-        policy.check(setup)
+        return policy.check(setup)
     except ValueError as error:
         raise ValueError(f"--policy {source}: {error}") from None
-    return policy
 
 
 def _training(path: Path) -> dict[str, Any] | None:

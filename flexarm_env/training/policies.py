@@ -86,7 +86,7 @@ def choose(word: str, env_id: str) -> Chosen:
     policy = load_policy(word)
     _same_env(word, policy.meta["env_id"], env_id)
     name = path.name if path.suffix != ".npz" else path.stem
-    return Chosen(name, policy.meta["env_kwargs"], lambda env: _checked(policy, env))
+    return Chosen(name, policy.meta["env_kwargs"], lambda env: policy.check(Setup.of(env)))
 
 
 def _gains(name: str, path: Path) -> Any:
@@ -99,11 +99,6 @@ def _gains(name: str, path: Path) -> Any:
     if not isinstance(tables.get(name), dict):
         raise ValueError(f"{path}: no table [{name}]; it has {', '.join(tables) or 'none'}")
     return gains_from(name, tables[name])
-
-
-def _checked(policy: NumpyPolicy, env: Any) -> NumpyPolicy:
-    policy.check(Setup.of(env))
-    return policy
 
 
 def _from_model(run: Path, env_id: str) -> Chosen:
