@@ -1,0 +1,331 @@
+"""Every feature of an arm or a scene in space, alone and in pairs, on arms that are bent by a fifth of their length and
+twisted by ten degrees and more, against an oracle of another derivation (`oracle_space.py`).
+
+``python -m tests.feature_matrix_space [METHOD ...] [page]`` prints all cells, the worst last, and writes the page;
+``python -m tests.feature_matrix_space make [WORD]`` computes the oracle's side (of cells with this word in their names)
+anew, which takes minutes, into ``feature_matrix_space.npz``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from multiprocessing import Pool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks import pages
+from benchmarks.machine import DOCS, table
+from flexarm_env.bodies import RigidLink
+from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
+from flexarm_env.scene import JointTorque, Load, Motion, PointLoad, Scene
+from flexarm_env.simulation import simulate
+from flexarm_env.time_functions import cycloid, sine, spin_up
+from tests.oracle_space import Array, SpatialOracle
+
+DURATION, SAMPLE = 0.8, 0.04
+STORED = Path(__file__).with_suffix(".npz")
+STRIP = Section(2.0, 2e6, 7e5, 0.3, 1e-4, 4.0, 7e5, 2e-4, 1.0)
+FAST = 2.0 * math.pi
+
+
+def tensor(*own: float) -> Any:
+    """One with these principal values, its axes turned about (1, 2, 2)."""
+    turn = Rotation.from_rotvec([0.2, 0.4, 0.4]).as_matrix()
+    return tuple(map(tuple, turn @ np.diag(own) @ turn.T))
+
+
+@dataclass
+class Draft:
+    """A scene in the making."""
+
+    links: int = 1
+    tau_d: float = 2e-3
+    payload: Payload = field(default_factory=lambda: Payload(0.1, 2e-4))
+    hub: dict[str, Any] = field(default_factory=dict)
+    elbow: Elbow = field(default_factory=lambda: Elbow(0.05, 2e-4, 2e-4, (0.0, 1.0, 0.0)))
+    root: str = "pinned"
+    pillar: bool = False
+    rigid: tuple[int, ...] = ()
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # always there, so that cells share one compiled form
+    rates: tuple[float, ...] = ()
+    push: float = 1.0
+    link: Callable[[float], Link] = field(default=lambda length: Link(length, STRIP))
+    motions: list[Motion] = field(default_factory=list)
+    loads: list[Load] = field(default_factory=list)
+
+    def scene(self) -> Scene:
+        """The scene: one link of 1 m, or two of 0.6 and 0.4 m, perhaps behind a pillar."""
+        links = [self.link(length) for length in ((1.0,) if self.links == 1 else (0.6, 0.4))]
+        elbows = [self.elbow] * (self.links - 1)
+        if self.pillar:
+            links.insert(0, RigidLink(0.15, 0.5, (0.08, 0.01, 0.02), tensor(2e-3, 3e-3, 4e-3)))
+            elbows.insert(0, Elbow(axis=(0.0, 1.0, 0.0), mount=((1.0, 0.0, 0.0), 0.4)))
+        n = len(links)
+        arm = Arm(
+            "cell",
+            tuple(links),
+            hub_inertia=0.02,
+            elbows=tuple(elbows),
+            payload=self.payload,
+            tau_d=self.tau_d,
+            **self.hub,
+        )
+        p = self.push
+        tip = {
+            "force_y": (1.2 * p, 5.0),
+            "force_z": (1.6 * p, 4.0),
+            "torque_x": (0.35 * p, 6.0),
+            "torque": (0.1 * p, 3.0),
+        }
+        loads = [*self.loads, PointLoad(n - 1, "tip", **{name: sine(*of) for name, of in tip.items()})]
+        held = {motion.joint for motion in self.motions} | set(self.rigid)
+        if self.root == "pinned":
+            torques = (2.0, 0.8, 0.5)[:n]
+            loads += [JointTorque(k, sine(torque, FAST)) for k, torque in enumerate(torques) if k not in held]
+        angles = (0.2, 0.5, -0.4)[:n]
+        return Scene(
+            "cell", arm, duration=DURATION, dt=5e-4, sample=SAMPLE, root=self.root, angles=angles, rates=self.rates,
+            rigid_joints=self.rigid, motions=tuple(self.motions), loads=tuple(loads), gravity=self.gravity, space=True,
+        )  # fmt: skip
+
+
+def _sets(**values: Any) -> Callable[[Draft], None]:
+    return lambda d: vars(d).update(values)
+
+
+def _elbow(d: Draft) -> None:
+    d.links = 2
+    d.elbow = Elbow(
+        0.2, tensor(1e-3, 2e-3, 2.5e-3), tensor(2e-3, 1e-3, 1.5e-3), (0.6, 0.0, 0.8), ((0.0, 1.0, 1.0), 0.5)
+    )
+
+
+def _prescribed_elbow(d: Draft) -> None:
+    d.links = 2
+    k = 1 + d.pillar
+    d.motions.append(Motion(f"joint{k}", cycloid(1.5, 0.5, 0.5 if k == 1 else -0.4)))
+
+
+def _shaken(d: Draft) -> None:
+    for name, size, time in (("root_x", 0.1, 0.3), ("root_y", 0.2, 0.4), ("root_z", -0.25, 0.35)):
+        d.motions.append(Motion(name, cycloid(size, time)))
+
+
+def _root_load(d: Draft) -> None:
+    d.links = 2
+    of = {"force_x": (1.0, 4.0), "force_z": (-3.0, 5.0), "torque_x": (0.3, 7.0), "torque_y": (0.5, 6.0)}
+    d.loads.append(PointLoad(d.links - 1, "root", **{name: sine(*pair) for name, pair in of.items()}))
+
+
+def _free(d: Draft) -> None:
+    d.root = "free"
+    of = {"force_y": (6.0, FAST), "force_z": (-8.0, 5.0), "torque_x": (-0.4, 6.0), "torque": (-2.0, 5.0)}
+    d.loads.append(PointLoad(0, "root", **{name: sine(*pair) for name, pair in of.items()}))
+
+
+def _changed(change: Callable[[float, Link], Link]) -> Callable[[Draft], None]:
+    def feature(d: Draft) -> None:
+        made = d.link
+        d.link = lambda length: change(length, made(length))
+
+    return feature
+
+
+def _own_damping(d: Draft) -> None:
+    d.links = 2
+    made, taus = d.link, iter((6e-3, 5e-4))
+    d.link = lambda length: dataclasses.replace(made(length), tau_d=next(taus))
+
+
+ENDS = {"root_mass": 0.05, "root_inertia": 1e-4, "tip_mass": 0.04, "tip_inertia": 2e-4}
+FEATURES: dict[str, Callable[[Draft], None]] = {
+    "torques and tip load": _sets(),
+    "light damping": _sets(tau_d=2e-4),
+    "heavy damping": _sets(tau_d=0.02),
+    "oblique hub": _sets(hub={"hub_axis": (1.0, 2.0, 2.0), "hub_mount": ((0.3, 0.2, 0.5), 0.6)}),
+    "gravity": _sets(gravity=(1.0, -4.0, -8.0)),
+    "payload": _sets(payload=Payload(0.1, tensor(3e-4, 5e-4, 7e-4), (0.05, 0.06, -0.08))),
+    "elbow": _elbow,
+    "prescribed hub": lambda d: d.motions.append(Motion("joint0", spin_up(5.0, 0.7, 0.2))),
+    "prescribed elbow": _prescribed_elbow,
+    "rigid elbow": _sets(links=2, rigid=(1,)),
+    "shaken base": _shaken,
+    "root load": _root_load,
+    "free flight": _free,
+    "turning start": lambda d: vars(d).update(rates=(3.0, -2.0)[: d.links]),
+    "pillar": _sets(pillar=True),
+    "rigid ends": _changed(
+        lambda length, link: dataclasses.replace(
+            link, length=0.85 * length, root_offset=0.1 * length, tip_offset=0.05 * length, **ENDS
+        )
+    ),
+    "curved": _changed(lambda length, link: dataclasses.replace(link, curvature=((0.0, 1.6), (length, 0.4)))),
+    "tapered": _changed(
+        lambda length, link: Link.tapered(length, (0.024, 0.016), (0.02, 0.012), E=2e8, rho=800.0, G=1e8)
+    ),
+    "own damping": _own_damping,
+    "soft": _changed(lambda length, link: Link(length, dataclasses.replace(STRIP, EA=400.0, C=150.0, C_y=200.0))),
+}
+"""In the order in which they are applied."""
+
+SINGLE = [(name,) for name in FEATURES]
+PAIRS = [
+    ("elbow", "gravity"), ("elbow", "payload"), ("elbow", "oblique hub"), ("elbow", "heavy damping"),
+    ("elbow", "prescribed hub"), ("elbow", "shaken base"), ("elbow", "root load"), ("elbow", "free flight"),
+    ("elbow", "turning start"), ("elbow", "pillar"), ("elbow", "rigid ends"), ("elbow", "curved"),
+    ("elbow", "soft"), ("prescribed elbow", "gravity"), ("prescribed elbow", "free flight"),
+    ("rigid elbow", "payload"), ("rigid elbow", "free flight"),
+    ("pillar", "gravity"), ("pillar", "payload"), ("pillar", "free flight"), ("rigid ends", "payload"),
+    ("rigid ends", "free flight"), ("curved", "gravity"), ("curved", "free flight"), ("payload", "prescribed hub"),
+    ("payload", "free flight"), ("payload", "shaken base"), ("soft", "free flight"),
+    ("light damping", "prescribed hub"),
+    ("heavy damping", "free flight"), ("gravity", "shaken base"), ("tapered", "gravity"),
+]  # fmt: skip
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {"exact": ("geometrically_exact", {"elements": 32, "rho_inf": 0.9})}
+"""Formulations with the meshes that are held to it."""
+TIP = {"exact": 5e-4}
+"""Largest distance of the tip from the oracle's, over the arm's length."""
+TURN, TORQUE, DISSIPATED, BALANCE = 0.01, 0.02, 0.03, 0.02
+"""Of the tip's axes, rad; relative: of what enforces motions, what is dissipated, the energy's balance."""
+OWN = 5e-5
+"""Largest distance of the oracle's tip from that of one with a polynomial less, over the arm's length."""
+
+
+def scene_of(features: tuple[str, ...]) -> Scene:
+    """The scene with these features."""
+    draft = Draft()
+    for name in FEATURES:
+        if name in features:
+            FEATURES[name](draft)
+    return draft.scene()
+
+
+def times() -> Array:
+    """The instants that are compared."""
+    return np.linspace(0.0, DURATION, round(DURATION / SAMPLE) + 1)
+
+
+def computed(features: tuple[str, ...], n: int = 6) -> dict[str, Array]:
+    """The oracle's run."""
+    return SpatialOracle(scene_of(features), n, soft=not {"soft", "tapered"}.isdisjoint(features)).run(times())
+
+
+def row_of(features: tuple[str, ...], found: dict[str, Array], own: float) -> dict[str, Array]:
+    """What is kept of a run of the oracle: where the tip is, rotation vectors of its axes, torques; and in `numbers`
+    what is dissipated, how far a link is bent (of its length, from where it is without stress) and twisted (degrees),
+    how far the tip is from that of an oracle with a polynomial less (m)."""
+    spans = [link.span for link in scene_of(features).arm.links]
+    bent = np.linalg.norm((found["bent"] - found["bent"][0])[..., 1:], axis=-1) / spans
+    torque = np.zeros((len(found["tip"]), 3))
+    torque[:, : found["torque"].shape[1]] = found["torque"]
+    numbers = [found["dissipated"][-1], bent.max(), np.degrees(np.abs(found["twist"]).max()), own]
+    turn = Rotation.from_matrix(found["axes"]).as_rotvec()
+    return {"tip": found["tip"], "turn": turn, "torque": torque, "numbers": np.array(numbers)}
+
+
+def _made(features: tuple[str, ...]) -> dict[str, Array]:
+    fine, coarse = computed(features), computed(features, 5)
+    return row_of(features, fine, float(np.linalg.norm(fine["tip"] - coarse["tip"], axis=1).max()))
+
+
+def keep(rows: dict[str, dict[str, Array]]) -> None:
+    """Write all cells."""
+    np.savez_compressed(
+        STORED, names=np.array(list(rows)),
+        **{key: np.array([row[key] for row in rows.values()], np.float64 if key == "tip" else np.float32)
+           for key in ("tip", "turn", "torque", "numbers")},
+    )  # fmt: skip
+
+
+def make(word: str = "") -> None:
+    """Compute the cells with this word in their names, and keep them with the others."""
+    kept = _kept() if STORED.exists() else {}
+    cells = [cell for cell in SINGLE + PAIRS if word in name_of(cell)]
+    with Pool(2) as pool:
+        for cell, found in zip(cells, pool.imap(_made, cells), strict=True):
+            print(f"{name_of(cell)}: {found['numbers'][3]:.1e}", flush=True)
+            kept[name_of(cell)] = found
+            keep(kept)
+
+
+@cache
+def _kept() -> dict[str, dict[str, Array]]:
+    found = dict(np.load(STORED))
+    return {str(name): {k: v[i] for k, v in found.items() if k != "names"} for i, name in enumerate(found["names"])}
+
+
+def reference(features: tuple[str, ...]) -> dict[str, Array]:
+    """What is kept of the oracle's run."""
+    return _kept()[name_of(features)]
+
+
+def name_of(features: tuple[str, ...]) -> str:
+    """A cell's name."""
+    return " + ".join(features)
+
+
+def measure(features: tuple[str, ...], method: str) -> dict[str, float]:
+    """How far a cell is off: tip (of L), turn (rad), torque, dissipated, balance; bent, twist: see `row_of`.
+
+    nan where the run did not come to its end; torque 0 where no motion is prescribed.
+    """
+    other, scene = reference(features), scene_of(features)
+    formulation, options = METHODS[method]
+    run = simulate(scene, formulation, estimate_error=False, **options)
+    dissipated, bent, twist, _ = map(float, other["numbers"])
+    row = {"bent": bent, "twist": twist}
+    if not run.finished:
+        return row | dict.fromkeys(("tip", "turn", "torque", "dissipated", "balance"), math.nan)
+    joints = [motion.joint for motion in scene.motions if motion.joint is not None]
+    torque = 0.0
+    if joints:
+        wanted = other["torque"][:, joints]
+        torque = float(np.abs(run.joint_torque[:, joints] - wanted).max() / np.abs(wanted).max())
+    quaternions = np.roll(run.tip_rotation, -1, axis=1)
+    apart = Rotation.from_quat(quaternions).inv() * Rotation.from_rotvec(other["turn"])
+    return row | {
+        "tip": float(np.linalg.norm(run.tip - other["tip"], axis=1).max()) / scene.arm.total_length,
+        "turn": float(apart.magnitude().max()),
+        "torque": torque,
+        "dissipated": abs(float(run.dissipated[-1]) / dissipated - 1.0),
+        "balance": float(np.abs(run.balance).max()) / run.turned_over,
+    }
+
+
+def _print(methods: list[str], paged: bool) -> None:
+    rows = []
+    for features in SINGLE + PAIRS:
+        for method in methods or METHODS:
+            row = measure(features, method)
+            rows.append((row["tip"] / TIP[method], features, method, row))
+            numbers = "  ".join(f"{name} {value:.2g}" for name, value in row.items())
+            print(f"{name_of(features):32s} {method:8s} {numbers}", flush=True)
+    worst = sorted(rows, key=lambda row: row[0])[-5:][::-1]
+    print("\nworst tips, as shares of what is allowed")
+    for share, features, method, _ in worst:
+        print(f"{share:.2f}  {name_of(features)}, {method}")
+    if paged:
+        heads = "cell | formulation | bent | twist, ° | tip, of L | axes, rad | torque | dissipated | balance"
+        cells = [
+            [name_of(features), method, f"{row['bent']:.2f}", f"{row['twist']:.0f}",
+             *(f"{row[key]:.1e}" for key in ("tip", "turn", "torque", "dissipated", "balance"))]
+            for _, features, method, row in rows
+        ]  # fmt: skip
+        first = [[name_of(features), method, f"{share:.2f}"] for share, features, method, _ in worst]
+        blocks = {"CELLS": table(heads, cells), "WORST": table("cell | formulation | tip, of what is allowed", first)}
+        pages.write_page(DOCS / "results", "space_matrix", blocks)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["make"]:
+        make(*sys.argv[2:])
+    else:
+        _print([word for word in sys.argv[1:] if word != "page"], "page" in sys.argv)
