@@ -110,8 +110,8 @@ def middle(section, left, right):
     g = relative[1] * w, relative[2] * w, relative[3] * w
     T = inverse_tangent(psi, relative)
     e = times(back(R, minus(right.r, left.r)), share)
-    arc = cross(psi, (psi[0] * 0.0, psi[2], -psi[1]))  # psi x (psi x e_x)
-    gamma = e[0] - 1.0 - arc[0] * BOW, e[1] - arc[1] * BOW, e[2] - arc[2] * BOW
+    bow = bow_of(psi)
+    gamma = e[0] - 1.0 - bow[0], e[1] - bow[1], e[2] - bow[2]
     bent = minus(psi, section.rest)
     n, m = gamma, bent
     if section.tau is not None:
@@ -126,8 +126,14 @@ def middle(section, left, right):
 
 
 @kernel
+def bow_of(psi):
+    """What a chord has beside e_x and Gamma, an arc bent by psi: psi x (psi x e_x) / 24."""
+    return times(cross(psi, (psi[0] * 0.0, psi[2], -psi[1])), BOW)
+
+
+@kernel
 def _arc(psi):
-    """Derivative by psi of the arc's term in Gamma."""
+    """Derivative of Gamma by psi: of - `bow_of`."""
     x, y, z = times(psi, BOW)
     zero = x * 0.0
     return (zero, y * 2.0, z * 2.0), (-y, -x, zero), (-z, zero, -x)

@@ -8,7 +8,7 @@ from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_MASS
 from ..protocol import State
 from .chain import Vertex, diagonal, energy_of, hinged, place_at, section_at, three_of
-from .element import Place, middle, middle_of, rates, scale
+from .element import Place, bow_of, middle, middle_of, rates, scale
 from .frame import frame_damping, frame_energy
 from .layout import AXES, E, J, L, P, count_of, joint_row
 from .rotations import (
@@ -92,26 +92,34 @@ def difference(lane, model, start, q, d):
 
 
 @kernel
-def _axes_of_middle(left, right):
-    return matrix(composed(left.p, halved(shorter(composed(inverse(left.p), right.p)))))
+def _middle_of(model, left, right):
+    """Axes of an element's middle, and what its chord has beside e_x and Gamma."""
+    relative = shorter(composed(inverse(left.p), right.p))
+    bow = bow_of(rotation_vector(relative)) if model.frames is None else times(left.r, 0.0)
+    return matrix(composed(left.p, halved(relative))), bow
 
 
 @kernel
 def predict(lane, model, start, q):
-    """Places in q anew: from the base's, with the rotations of q and the strains of `start` (see `exact.output`)."""
+    """Places in q anew: from the base's, with the rotations of q and the strains of `start` (see `exact.output`); a
+    chord is shorter by the bow that it has there."""
     old, new = State(start, start, start), State(q, q, q)
-    tip, moved_tip = place_at(lane, start, start, 0), place_at(lane, q, q, 0)
+    tip, moved_tip, element = place_at(lane, start, start, 0), place_at(lane, q, q, 0), 0
     for k in range(model.links):
         i = joint_row(model, k) + 1
         left = hinged(lane, model, old, k, Vertex(tip, tip.v, tip.spin)).root.place
         moved_left = hinged(lane, model, new, k, Vertex(moved_tip, moved_tip.v, moved_tip.spin)).root.place
         for _ in range(count_of(model, k)):
             right, after = place_at(lane, start, start, i), place_at(lane, q, q, i)
-            inner = back(_axes_of_middle(left, right), minus(right.r, left.r))
-            r = plus(moved_left.r, turned(_axes_of_middle(moved_left, after), inner))
+            axes, bow = _middle_of(model, left, right)
+            moved_axes, moved_bow = _middle_of(model, moved_left, after)
+            shorter_by = times(minus(bow, moved_bow), splat(lane, model.sections[E.end * element + E.length]))
+            inner = minus(back(axes, minus(right.r, left.r)), shorter_by)
+            r = plus(moved_left.r, turned(moved_axes, inner))
             put_vector(q, i, r)
             left, moved_left = right, Place(r, after.v, after.p, after.spin)
             i += AXES
+            element += 1
         tip, moved_tip = left, moved_left
 
 
