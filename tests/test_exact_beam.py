@@ -194,7 +194,7 @@ def swing(
         if k == 0:
             restart(lane, s.model, None, par, flat, 0, 0.0, dt, True)
         else:
-            switch(lane, s.model, par, flat, 0, dt)
+            switch(lane, s.model, par, flat, 0, dt, None)
         advance(lane, s.model, None, par, flat, 0, 0.0, dt, round(0.02 / dt), rule, None)
     return np.column_stack([w.q[-3 * count : -2 * count], w.q[-2 * count : -count]]), w.flag.copy()
 

@@ -531,7 +531,7 @@ def test_a_policy_is_known_by_what_it_holds(kept: dict[str, Path]) -> None:
     """And not by its file's name: a page of it alone is played in its own environment."""
     words = [str(kept["policy"])]
     args = build_parser().parse_args(["view", *words])
-    assert _shared(args, [_kind(word) for word in words])["env"] == "TwoLinkFlexArm-v0"
+    assert _shared(args, [_kind(word) for word in words], 0)["env"] == "TwoLinkFlexArm-v0"
 
 
 FULL = """
