@@ -1,14 +1,9 @@
-"""How exact `SpatialFlexArm-v0` is under random torques, and how fast: docs/environments/spatial.md.
-
-python -m benchmarks.space_envs [--episodes 32]
-
-Prints the table of the page: the distance of the tip from that of a refined run, over the reach, that 98 % of the
-episodes do not exceed; then steps a CPU second beside `Pendulum-v1`, of one arm and of 1024 on one thread.
-"""
+"""How exact `SpatialFlexArm-v0` is under random torques and under PD, and how fast: docs/environments/spatial.md."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from typing import Any
 
@@ -17,25 +12,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 import flexarm_env  # noqa: F401  (registers the environments)
+from benchmarks import pages
+from benchmarks.machine import table
+from flexarm_env import control
 
+ID = "SpatialFlexArm-v0"
 REFERENCE: dict[str, Any] = {"elements": 6, "dt": 1.25e-4, "tolerance": 1e-9}
 CANDIDATES: tuple[dict[str, Any], ...] = (
-    {"elements": 2, "dt": 2.5e-3}, {"elements": 3, "dt": 2.5e-3}, {"elements": 4, "dt": 1e-3, "tolerance": 1e-8},
+    {"elements": 2, "dt": 2.5e-3}, {"elements": 3, "dt": 2.5e-3}, {"elements": 4, "dt": 1e-3},
     {"elements": 6, "dt": 2.5e-4, "tolerance": 1e-9},
 )  # fmt: skip
 TIMES = (10, 20, 30, 50)
 """Control periods."""
+ENERGIES = ("energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated")
 
 
 def tips(share: float, episodes: int, **settings: Any) -> NDArray[np.float64]:
     """Places of the tips (periods, episodes, 3) under torques drawn anew in each control period."""
-    env = gym.make_vec("SpatialFlexArm-v0", num_envs=episodes, **settings)
+    env = gym.make_vec(ID, num_envs=episodes, **settings)
     env.reset(seed=1)
     rng, found = np.random.default_rng(5), []
     for _ in range(TIMES[-1]):
         action = share * rng.uniform(-1.0, 1.0, env.action_space.shape)
         found.append(env.step(action.astype(np.float32))[-1]["tip_position"].copy())
     return np.array(found)
+
+
+def books(who: str, periods: int = 100, **settings: Any) -> float:
+    """Largest error of an arm's books over what work has turned over, median of eight episodes. who: "pd", or "full":
+    torques of full size whose signs are drawn in each period."""
+    env: Any = gym.make(ID, info_level="full", **settings)
+    rng, found = np.random.default_rng(5), []
+    for seed in range(8):
+        observation, info = env.reset(seed=seed)
+        controller = control.make("pd", env) if who == "pd" else None
+        if controller is not None:
+            controller.reset(observation)
+        begun, work, turned, worst = sum(info[name] for name in ENERGIES), 0.0, 0.0, 0.0
+        for _ in range(periods):
+            action = rng.choice([-1.0, 1.0], 3) if controller is None else controller.act(observation)
+            observation, *_, info = env.step(np.asarray(action, np.float32))
+            turned, work = turned + abs(info["work"] - work), info["work"]
+            worst = max(worst, abs(sum(info[name] for name in ENERGIES) - begun - work))
+        found.append(worst / turned)
+    return float(np.median(found))
 
 
 def rate(env: Any, steps: int, n: int = 1) -> float:
@@ -52,32 +72,60 @@ def rate(env: Any, steps: int, n: int = 1) -> float:
     return n * steps / (time.process_time() - begun)
 
 
-def main() -> None:
-    """Both tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--episodes", type=int, default=32)
-    parser.add_argument("--rates", action="store_true", help="these alone")
-    given = parser.parse_args()
-    episodes = given.episodes
-    for share in () if given.rates else (1.0, 0.25):
-        exact = tips(share, episodes, **REFERENCE)
-        for settings in CANDIDATES:
-            off = np.linalg.norm(tips(share, episodes, **settings) - exact, axis=2) / 1.15
-            errors = ", ".join(f"{100.0 * np.quantile(off[:k].max(0), 0.98):.2f} %" for k in TIMES)
-            print(f"{share:g} of the torques, {settings}: {errors}", flush=True)
-    one, many = gym.make("SpatialFlexArm-v0"), gym.make_vec("SpatialFlexArm-v0", num_envs=1024, threads=1)
-    pendulum = gym.make("Pendulum-v1")
-    for env, n in ((one, 1), (many, 1024)):
+def rates() -> pages.Found:
+    """Of `Pendulum-v1`, one arm, and 1024 on one thread, in turns."""
+    one, many = gym.make(ID), gym.make_vec(ID, num_envs=1024, threads=1)
+    environments = ((gym.make("Pendulum-v1"), 4000, 1), (one, 1000, 1), (many, 100, 1024))
+    for env, _, n in environments:
         rate(env, 20, n)  # what is compiled when first needed
-    base, single, vector = [], [], []
-    for _ in range(5):
-        base.append(rate(pendulum, 4000))
-        single.append(rate(one, 1000))
-        vector.append(rate(many, 100, 1024))
-    found = (np.median(base), np.median(single), np.median(vector))
-    ratios = f"one arm {found[1] / found[0]:.3f}, 1024 arms {found[2] / found[0]:.2f} of it on one thread"
-    print(f"Pendulum-v1 {found[0]:.0f}/s, {ratios}")
+    found = [[rate(*each) for each in environments] for _ in range(5)]
+    return dict(zip(("pendulum", "one", "many"), np.median(found, axis=0).tolist(), strict=True))
+
+
+def measure(options: argparse.Namespace) -> pages.Found:
+    """Tips against a refined run, books of energy, steps a second."""
+    rows = []
+    for share in (1.0, 0.25):
+        exact = tips(share, options.episodes, **REFERENCE)
+        for settings in CANDIDATES:
+            off = np.linalg.norm(tips(share, options.episodes, **settings) - exact, axis=2) / 1.15
+            errors = [float(np.quantile(off[:k].max(0), 0.98)) for k in TIMES]
+            rows.append({"share": share, **settings, "errors": errors})
+    kept = [
+        {"elements": elements, "dt": dt, **{who: books(who, elements=elements, dt=dt) for who in ("pd", "full")}}
+        for elements, dt in ((2, 2.5e-3), (2, 1e-3), (4, 1e-3), (2, 5e-4))
+    ]
+    return {"accuracy": rows, "books": kept, "rates": rates()}
+
+
+def blocks(found: pages.Found) -> pages.Blocks:
+    """The page's tables."""
+    percent = "{:.2g} %".format
+    shares, step = {1.0: "full", 0.25: "a quarter"}, "{:g} ms".format
+    tables = {
+        "accuracy": [
+            (shares[row["share"]], row["elements"], step(1e3 * row["dt"]), *(percent(100 * e) for e in row["errors"]))
+            for row in found["accuracy"]
+        ],
+        "books": [
+            (row["elements"], step(1e3 * row["dt"]), percent(100 * row["pd"]), percent(100 * row["full"]))
+            for row in found["books"]
+        ],
+    }
+    heads = {
+        "accuracy": "torques | elements | dt | after 0.1 s | 0.2 s | 0.3 s | 0.5 s",
+        "books": "elements | dt | under `pd` | full torques of random sign",
+    }
+    base, one, many = (found["rates"][name] for name in ("pendulum", "one", "many"))
+    told = f"one arm {one / base:.2f} of it, 1024 arms on one thread {many / base:.2f} of it"
+    written = {name: table(heads[name], rows) for name, rows in tables.items()}
+    return {**written, "rates": [f"Steps a CPU second, `Pendulum-v1` making {base:,.0f} in the same run: {told}."]}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write."""
+    return pages.run("space_envs", __doc__, measure, blocks, arguments, page="environments/spatial", episodes=32)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
