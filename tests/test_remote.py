@@ -489,4 +489,4 @@ def test_a_served_arm_that_is_terminated_leaves_its_log_whole(tmp_path: Path) ->
         assert "periods: " in server.communicate()[0]
     assert server.returncode == 0
     lines = log.read_text().splitlines()
-    assert len(lines) > 20 and {line.count(",") for line in lines} == {lines[0].count(",")}
+    assert len(lines) > 2 and {line.count(",") for line in lines} == {lines[0].count(",")}
