@@ -16,8 +16,9 @@ import flexarm_env as fx
 from benchmarks import pages
 from benchmarks.machine import DOCS, table
 from flexarm_env import arms, scenes
+from flexarm_env.envs.video import pictures, write_film
 from flexarm_env.linear import modes, static_equilibrium
-from flexarm_env.plotting import film_in_space, plot_trajectory
+from flexarm_env.plotting import plot_trajectory
 from flexarm_env.time_functions import constant, cycloid
 
 Found = dict[str, Any]
@@ -186,7 +187,7 @@ def measure(_: argparse.Namespace) -> Found:
     for name in ("three_dof_slew", "right_angle_frame"):
         plot_trajectory(fx.simulate(scenes.named(name), estimate_error=False), figures / f"{name}.png")
     film = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False, sample=0.01)
-    film_in_space(film, figures / "three_dof_slew.gif", fps=20, slower=3.0)
+    write_film(figures / "three_dof_slew.gif", pictures(film, 20.0, 1.0 / 3.0, (480, 480)), 20.0)
     return {
         "known": known_answers(), "plane": beside_the_plane(), "omission": omission(),
         "floating": floating(),

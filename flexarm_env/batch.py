@@ -26,6 +26,7 @@ from .physics.model import OK, STIFFNESS_FACTOR, TAU_D, System
 from .physics.space.reading import read
 from .runtime import episode as environment
 from .runtime import starts
+from .runtime.keep_out import KeepOut, packed, with_room
 from .runtime.laws import LAW_SIZE, law_of, room_of
 from .runtime.layout import aligned, layout_of, readings_size
 from .runtime.sampling import observe_arm
@@ -192,13 +193,15 @@ class Batch:
         self.stream = np.zeros(count, np.uint64)
         self.request = np.full(REQUEST.offsets(0, links, links * self.arm.spatial).end, np.nan)
         n_steps = round(self.period / settings.dt)
+        room = np.zeros((assembly.room_for_points(settings, links), 3 if self.arm.spatial else 2))
+        shapes = with_room(self.extras.keep_out, model, self.system.q0, room, self.groups)
         self.program = Program(
             lane=self.lane, model=model, scheme=assembly.scheme_of(settings, self.tolerance), task=task,
             models=Models(*(system.model for system in self.systems)) if fitted else None,
             allowed=(settings.step_tolerance or 0.0) * self.arm.total_length,
-            ranges=self._ranges(), **vars(self.extras), layout=self.layout, entries=self.entries,
-            books=(0,) if self.books else None, estimate=self.estimate, period=self.period,
-            h=self.period / n_steps, n_steps=n_steps, n=count,
+            ranges=self._ranges(), **(vars(self.extras) | {"keep_out": shapes}), layout=self.layout,
+            entries=self.entries, books=(0,) if self.books else None, estimate=self.estimate,
+            period=self.period, h=self.period / n_steps, n_steps=n_steps, n=count,
             block=self.block.reshape(-1), action=self.action.reshape(-1), queue=self.queue,
             observation=self.observation.reshape(-1), table=self.table.reshape(-1), reward=self.reward,
             terminated=self.terminated.view(np.uint8), truncated=self.truncated.view(np.uint8),
@@ -440,8 +443,8 @@ class Batch:
 
 __all__ = [
     "ACTION_NOT_FINITE", "Actuator", "Amplifier", "Batch", "CLIP", "Chain", "Controller", "Cost", "Extras", "FRESH",
-    "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS",
+    "FURTHER", "GOAL", "GUIDED", "INFO", "Instruments", "KeepOut", "LAW_SIZE", "MODE", "OVER", "OneAtATime", "PERIODS",
     "PERIODS_ALLOWED", "PayloadChange", "Pushes", "REASONS", "RUNNING", "Reach", "Reference", "STATUS_WORDS", "SUCCESS",
     "Selection", "Sensors", "Slew", "SpaceReach", "Starts", "TARGET", "Task", "View", "gauge_table", "info_places",
-    "law_of", "one_at_a_time", "room_of", "curvature_rows", "standing_scene",
+    "law_of", "one_at_a_time", "packed", "room_of", "curvature_rows", "standing_scene",
 ]  # fmt: skip

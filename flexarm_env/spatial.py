@@ -61,7 +61,7 @@ class SpatialTrajectory(Trajectory):
 
     def clip(self, label: str | None = None) -> Any:
         """Not in space yet: `ValueError`. `flexarm_env.plotting.plot_trajectory` draws the run."""
-        return self._in_the_plane("the player (plotting.plot_trajectory and film_in_space draw runs in space)")
+        return self._in_the_plane("the player (plotting.plot_trajectory and envs.video.pictures draw runs in space)")
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(repr(self))}</pre>"

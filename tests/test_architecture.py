@@ -22,7 +22,7 @@ _BASICS = {
     "validation", "curves", "rotations", "sections", "bodies", "parameters", "sensors", "rigid", "settings", "files",
     "time_functions",
 }  # fmt: skip
-_DESCRIPTION = {*_BASICS, "arms", "scene", "scenes"}
+_DESCRIPTION = {*_BASICS, "arms", "scene", "scenes", "shapes"}
 _COMPILED = {"compiler", "physics", "runtime", "tasks"}
 _PHYSICS = {*_DESCRIPTION, "physics", "trajectory", "accuracy", "simulation", "batch", "linear"}
 _PUBLIC = {
@@ -38,6 +38,7 @@ ROOMS: dict[str, set[str]] = {
     "rotations": set(),
     "bodies": {"validation", "rotations", "sections"},
     "sensors": {"validation"},
+    "shapes": {"validation", "bodies"},
     "parameters": {"validation", "sections", "bodies", "sensors"},
     "rigid": {"validation", "bodies", "parameters"},
     "settings": {"validation"},

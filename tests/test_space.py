@@ -523,11 +523,12 @@ def test_scenes_in_space_run_and_are_written(name: str, tmp_path: Any) -> None:
 
 
 def test_all_figures_of_a_run_in_space(tmp_path: Any) -> None:
-    from flexarm_env.plotting import film_in_space, plot_all
+    from flexarm_env.envs.video import pictures, write_film
+    from flexarm_env.plotting import plot_all
 
     run = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False, duration=0.3)
     assert all(path.stat().st_size > 10_000 for path in plot_all(run, tmp_path))
-    film = film_in_space(run, tmp_path / "slew.gif", fps=5)
+    film = write_film(tmp_path / "slew.gif", pictures(run, 20.0), 20.0)
     assert film.read_bytes()[:4] == b"GIF8"
 
 

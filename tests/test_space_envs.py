@@ -204,7 +204,7 @@ def test_features_carry_over() -> None:
         ({"pushes": {"wait": (1, 2), "force": (1, 2)}}, "pushes = "),
         ({"payload_change": {"time": (1, 2), "factor": (1, 2)}}, "payload_change = "),
         ({"initial_vibration": 0.1}, "initial_vibration = 0.1"),
-        ({"render_mode": "rgb_array"}, "plotting.film_in_space"),
+        ({"keep_out": [{"shape": "sphere", "center": (0, 0), "radius": 1}]}, "must be in space"),
         ({"action_mode": "voltage"}, "action_mode = 'voltage'"),
         ({"sensors": {"strain_gauges": [0.0]}}, "sensors.strain_gauges = [0.0]"),
         ({"actuator": {"coulomb": 0.1}}, "actuator.coulomb = 0.1"),

@@ -97,12 +97,6 @@ def report(trajectory: Any, compile_seconds: float) -> dict[str, Any]:
 
 def _film(trajectory: Any, path: Path, speed: float) -> Path:
     """A film of the run; 25 pictures a second, or as many as were recorded."""
-    if trajectory.scene.spatial:
-        if path.suffix != ".gif":
-            raise check.InvalidValue("video", str(path), "must end in .gif for a run in space")
-        from flexarm_env.plotting import film_in_space
-
-        return film_in_space(trajectory, path, slower=1.0 / speed)
     from flexarm_env.envs.video import pictures, write_film
 
     interval = float(np.diff(trajectory.t).mean()) if trajectory.t.size > 1 else 1.0

@@ -71,6 +71,12 @@ class Sheet:
         for end in (0, -1):
             self.pg.draw.circle(self.canvas, color, line[end], 0.5 * widths[end])
 
+    def area(self, corners: Array, color: Color, edge: Color) -> None:
+        """A filled polygon (n, 2) with a fine edge."""
+        seen = self.pixels(corners)
+        self.pg.draw.polygon(self.canvas, color, seen)
+        self.pg.draw.lines(self.canvas, edge, True, seen, max(1, round(1.4 * self.point)))
+
     def trace(self, points: Array, colors: list[Color], width: float) -> None:
         """A line through points (n, 2), one colour a piece (n - 1)."""
         line = self.pixels(points)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..batch import FURTHER, Cost, Extras, PayloadChange, Pushes, Starts, gauge_table
+from ..batch import FURTHER, Cost, Extras, KeepOut, PayloadChange, Pushes, Starts, gauge_table, packed
 from ..parameters import Arm
 from ..rigid import reach
 from ..sensors import surface
+from ..shapes import Shape, shape_of
 from .features import Frame, for_each, table_of
 from .task import Kind
 
@@ -25,7 +27,8 @@ STATIONS = (0.0, 0.25, 0.5, 0.75)
 
 TURNS = ("exact", "any")
 GRIPPED = ("resting", "moving")
-EVENTS = ("cost", "pushes", "payload_change")
+PARTS = ("arm", "tip")
+EVENTS = ("cost", "pushes", "payload_change", "keep_out")
 """Keywords, and fields of `Extras`, that add to info."""
 
 
@@ -57,6 +60,31 @@ def _strains(frame: Frame) -> Array:
             raise check.InvalidValue(f"arm.links[{k}].section.J", float(there.J), what)
         distances.append(surface(float(there.m), float(there.J)))
     return np.asarray(gauge_table(frame.arm, frame.settings, frame.gravity, places) * np.array(distances)[:, None])
+
+
+def shapes_of(space: bool, given: Any) -> tuple[Shape, ...]:
+    """The shapes that `keep_out` names; none where it is not given."""
+    if given is None:
+        return ()
+    rows = given.get("shapes") if isinstance(given, Mapping) and "shapes" in given else given
+    rows, path = [rows] if isinstance(rows, Shape | Mapping) else rows, "keep_out"
+    what = "shapes (flexarm_env.shapes, or tables such as {'shape': 'sphere', 'center': ..., 'radius': ...})"
+    rows = check.sequence(path, rows, what)
+    if not rows:
+        raise check.InvalidValue(path, given, f"must hold {what}")
+    return tuple(shape_of(f"{path}[{k}]", row, 3 if space else 2) for k, row in enumerate(rows))
+
+
+def keep_out(frame: Frame, given: Any) -> KeepOut | None:
+    """Shapes that the arm, or its tip, is to stay out of."""
+    shapes = shapes_of(frame.kind.space, given)
+    if not shapes:
+        return None
+    table = dict(given) if isinstance(given, Mapping) and "shapes" in given else {}
+    check.known_keys("keep_out", table, ("shapes", "margin", "of"))
+    margin = check.number("keep_out.margin", table.get("margin", 0.0), "m", minimum=0.0)
+    only_tip = check.choice("keep_out.of", table.get("of", PARTS[0]), PARTS) == "tip"
+    return KeepOut(packed(shapes), margin, (0,) if only_tip else None)
 
 
 def pushes(frame: Frame, given: Any) -> Pushes | None:

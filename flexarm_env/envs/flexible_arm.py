@@ -136,6 +136,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     | `sensors` | {} | `noise`, `delay`, `strain_gauges`, `encoders`, `accelerometer`, `camera`, see below |
     | `actuator` | {} | `lag`, `delay`, `jitter`, `saturation`, `viscous`, `coulomb`, see below |
     | `cost` | None | `deflection` (over L), `strain`: limits beyond which a period costs 1, see below |
+    | `keep_out` | None | shapes that the arm is to stay out of, see below |
     | `pushes` | None | `wait`, `force`, `lasting`, `until`: forces on the tip at random times, see below |
     | `payload_change` | None | `time`, `factor`, `gripped`: a payload gripped or let go, see below |
     | `success` | {} | bounds `position` (rad), `speed` (of the tip's angle less the target's, rad/s), `vibration` \
@@ -190,6 +191,14 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     strain of the surface at one of the places 0, 1/4, 1/2 and 3/4 along the link, otherwise 0; `info["episode_cost"]`
     its sum.
 
+    Keep out: `keep_out` is a shape, a list of them, or a table of `shapes`, `of` ("arm", the default, or "tip") and
+    `margin` (m, 0). A shape is one of `flexarm_env.shapes` or a table: `shape` "half_space" (`point`, `normal`, which
+    points to where the arm may be), "sphere" (`center`, `radius`), "box" (`center`, `sides`, `turn`) or, in space,
+    "cylinder" (`start`, `end`, `radius`). `info["clearance"]` is the signed distance, m, of the nearest shape from the
+    nearest of the points along the arm's line that are drawn (joints and tip among them, the root left out), negative
+    within a shape; `info["penetration"]` how deep that point is in it; a period at whose end the clearance is below
+    `margin` costs 1, as above. Nothing is pushed back: contact is not computed.
+
     Pushes: `wait` s (drawn) after the start, or after the last push, a force (`force`, N, drawn; in any direction of
     the plane) acts on the tip for `lasting` s (a control period); none begins after `until` s. `info["push"]` (2,) N.
     Times come at control instants. The pushes' work is part of `work`.
@@ -199,8 +208,8 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     stay, velocities jump, and what the impact takes is part of `energy_dissipated`; or it moves with the tip
     (`gripped="moving"`). What is let go takes its own along. The energy that comes or goes with it is part of `work`.
 
-    Prescribed motions do not go together with `cost`, `pushes` and `payload_change`; `turns="any"`, where the term
-    `distance` is paid in half turns and not in rad, not with "residual_pd" and "measured".
+    Prescribed motions do not go together with `cost`, `keep_out`, `pushes` and `payload_change`; `turns="any"`, where
+    the term `distance` is paid in half turns and not in rad, not with "residual_pd" and "measured".
 
     Joints that are not ideal: the torque acts on the motor, and with `info_level` "full" info has `motor_angle` and
     `motor_rate`, (N,) each, after the ratio.

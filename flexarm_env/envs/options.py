@@ -20,6 +20,7 @@ from ..parameters import Arm
 from ..physics import precision
 from ..sensors import Sensors
 from ..settings import Settings, check_options, default_options, merged
+from ..shapes import Shape
 from . import events
 from .features import ACTION_MODES, Frame, amplified, controller, gauge_scales, table_of, with_friction
 from .features import actuator as make_actuator
@@ -73,7 +74,7 @@ class Plan:
     first. aims: those fields of the task's record that are not the usual. gauges, gauge_scales: link and place of each
     strain gauge, 1/m. limit: control periods to `duration` or max_episode_steps; max_steps: the latter. motion: of
     every episode of task="replay". entries: of info. full: energies in it; words: words in it.
-    action_mode: what an action stands for.
+    action_mode: what an action stands for. keep_out: shapes that it is to stay out of.
     """
 
     kind: Kind
@@ -101,6 +102,7 @@ class Plan:
     motion: Prescribed | None
     entries: tuple[Entry, ...]
     action_mode: str
+    keep_out: tuple[Shape, ...]
 
     def batch(self, n: int, threads: int = 1) -> Batch:
         """n arms of this environment."""
@@ -149,6 +151,7 @@ def plan(
     cost: Mapping[str, Any] | None = None,
     pushes: Mapping[str, Any] | None = None,
     payload_change: Mapping[str, Any] | None = None,
+    keep_out: Any = None,
     success: Mapping[str, Any] | None = None,
     turns: str = "exact",
     starts: Mapping[str, Any] | None = None,
@@ -165,8 +168,8 @@ def plan(
     if kind.space:
         refuse(
             task=task, reference=reference, motion=motion, cost=cost, pushes=pushes, payload_change=payload_change,
-            initial_vibration=initial_vibration, render_mode=render_mode, action_mode=action_mode, sensors=sensors,
-            actuator=actuator, randomization=randomization,
+            initial_vibration=initial_vibration, action_mode=action_mode, sensors=sensors, actuator=actuator,
+            randomization=randomization,
         )  # fmt: skip
     own = with_friction(_arm(kind, arm, joint_limits), actuator)
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
@@ -203,6 +206,7 @@ def plan(
         cost=events.cost(frame, cost),
         pushes=events.pushes(frame, pushes),
         payload_change=events.payload_change(frame, payload_change),
+        keep_out=events.keep_out(frame, keep_out),
     )
     if word == "replay":
         events.unguided(extras, "task", word)
@@ -228,7 +232,7 @@ def plan(
             kind, built, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,
             drawn,
         ),
-        action_mode=action_mode,
+        action_mode=action_mode, keep_out=events.shapes_of(kind.space, keep_out),
     )  # fmt: skip
 
 

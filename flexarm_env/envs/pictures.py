@@ -11,10 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
-from ..physics.layout import ROOT
+from ..control.space import frames
+from ..parameters import Arm
+from ..physics.layout import ROOT, SPACE_POSE
+from ..view.ribbons import ribbons, sides
 from .drawing import PAPER, pygame_module
 from .options import Plan
 from .rendering import Renderer, end_of_scale
+from .space_rendering import SpaceRenderer
 
 SIDE = 640
 """Width and height of a picture, pixels."""
@@ -28,9 +32,34 @@ def renderer(plan: Plan, mode: str, size: tuple[int, int] = (SIDE, SIDE)) -> Ren
     arm, limits = plan.arm, plan.arm.torque_limits
     assert limits is not None
     softest = [min(float(link.along(x * link.length).EI) for x in (0.0, 0.5, 1.0)) for link in arm.links]
-    bend = max(t * link.span / (2.0 * EI) for t, link, EI in zip(limits, arm.links, softest, strict=True))
-    payload, deflection = arm.payload.mass > 0.0, end_of_scale(bend)
-    return Renderer(mode, arm.total_length, size, fps=1.0 / plan.period, payload=payload, deflection=deflection)
+    rows = zip(limits, arm.links, softest, strict=True)
+    bend = max((t * link.span / (2.0 * EI) for t, link, EI in rows if not link.rigid), default=0.2)
+    usual: dict[str, Any] = {"size": size, "fps": 1.0 / plan.period, "deflection": end_of_scale(bend)}
+    usual["payload"] = arm.payload.mass > 0.0
+    pen: Renderer
+    if plan.kind.space:
+        pen = SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), **usual)
+    else:
+        pen = Renderer(mode, arm.total_length, **usual)
+    pen.keep_out = plan.keep_out
+    return pen
+
+
+def bending(arm: Arm) -> list[str]:
+    """Names of the links that bend."""
+    return [f"link {k + 1}" for k, link in enumerate(arm.links) if not link.rigid]
+
+
+def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far the tips of links that bend are off, over their lengths, of (N, 2): along y and z."""
+    y, z = deflection[[not link.rigid for link in arm.links]].T
+    return np.asarray(np.hypot(y, z))
+
+
+def straight(arm: Arm, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N + 1, 3) m: joints and tip of the rigid arm in space at joint angles (N,), its root at 0."""
+    places, _, _, tip = frames(arm, angles)
+    return np.vstack([places, tip])
 
 
 class Wall:
@@ -71,6 +100,11 @@ def draw(pen: Renderer, plan: Plan, view: View) -> Any:
     """A picture of an arm as it is now."""
     target = plan.kind.target.place(plan.arm, view.target)
     limits = np.array(plan.arm.torque_limits)
+    if isinstance(pen, SpaceRenderer):
+        ribbon = ribbons(plan.arm, plan.settings, view.q[None])
+        off = bent(plan.arm, view.deflection.reshape(2, -1).T)
+        rigid = straight(plan.arm, view.poses[:, SPACE_POSE.angle])
+        return pen.frame_of(ribbon.chain(0), target, view.time, view.torques / limits, off, rigid)
     shapes = chain(view.points, view.poses)
     return pen.frame(shapes, view.poses, target, view.time, view.torques / limits, view.deflection)
 

@@ -19,7 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..physics.layout import POSE
+from ..shapes import Shape
 from ..trajectory import joint_angles
+from ..view.outlines import outline_of
 from .drawing import (
     FAINT,
     INK,
@@ -57,6 +59,7 @@ PAYLOAD: Color = (232, 134, 46)
 TARGET: Color = (34, 152, 92)
 TORQUE: Color = (122, 94, 172)
 DEFLECTION: Color = (204, 84, 62)
+KEEP_OUT: Color = (196, 66, 66)
 
 
 class Renderer:
@@ -92,6 +95,12 @@ class Renderer:
         pygame_module()
         self.mode, self.reach, self.size, self.fps = mode, float(reach), (int(size[0]), int(size[1])), fps
         self.hub, self.payload, self.ends = hub, payload, (float(deflection), float(torque))
+        self.links: list[str] | None = None
+        """Names of the bars of deflections, where they are not those of all links."""
+        self.ghost = True
+        """Whether the rigid arm is drawn, which the picture then says."""
+        self.keep_out: Sequence[Shape] = ()
+        """What the arm is to stay out of, drawn beside it."""
         self.closed = False
         """Whether the window was closed, by the user or by `close`."""
         self._cell = round_step(self.reach / 3.0)
@@ -147,12 +156,19 @@ class Renderer:
         sheet = Sheet(self.size, self.reach, MARGIN, self._center, self._cell)
         if good:
             chain = [smooth(p, pose[k, POSE.angle], pose[k, POSE.tip_angle]) for k, p in enumerate(points)]
+            for shape in self.keep_out:
+                sheet.area(outline_of(shape, self._center, 3.0 * self.reach), blend(KEEP_OUT, PAPER, 0.82), KEEP_OUT)
             _draw_ghost(sheet, rigid_arm(chain, pose))
             _draw_trace(sheet, self._trace)
             if target is not None:
                 _draw_target(sheet, np.asarray(target, dtype=np.float64), chain)
             self._draw_links(sheet, chain)
-        picture = sheet.picture()
+        return self._told(sheet.picture(), time, torques, deflection, good)
+
+    def _told(
+        self, picture: Any, time: float, torques: ArrayLike | None, deflection: ArrayLike | None, good: bool
+    ) -> NDArray[np.uint8] | None:
+        """The picture with its panels: its pixels, or None where it is shown in a window."""
         self._draw_panels(picture, time, torques, deflection, good)
         if self.mode == "rgb_array":
             return array_of(picture)
@@ -242,12 +258,12 @@ class Renderer:
         pg, u = pygame_module(), max(0.75, min(self.size) / 640.0)
         width, height = self.size
         write(picture, f"{time:.2f} s", (14 * u, 12 * u), 28 * u, INK, "topleft")
-        if good:
+        if good and self.ghost:
             key = pg.Rect(round(14 * u), round(46 * u), round(26 * u), max(3, round(7 * u)))
             pg.draw.rect(picture, GHOST_EDGE, key)
             pg.draw.rect(picture, GHOST, key.inflate(-2, -2))
             write(picture, "rigid arm, same joint angles", (46 * u, 49.5 * u), 17 * u, FAINT, "midleft")
-        else:
+        if not good:
             write(picture, "the state is not finite", (width / 2, height / 2), 28 * u, DEFLECTION, "center")
         long = round(self._cell * scale_of(self.size, self.reach, MARGIN))
         right, top = round(width - 16 * u), round(32 * u)
@@ -257,7 +273,8 @@ class Renderer:
             pg.draw.line(picture, FAINT, (x, top - round(3 * u)), (x, top + round(3 * u)))
         if deflection is not None:
             values = np.atleast_1d(np.asarray(deflection, dtype=np.float64))
-            names = [f"link {k + 1}" for k in range(len(values))] if len(values) > 1 else ["tip"]
+            usual = [f"link {k + 1}" for k in range(len(values))] if len(values) > 1 else ["tip"]
+            names = usual if self.links is None else self.links
             note = f"deflection, ±{100 * self.ends[0]:g} % of L"
             _draw_bars(picture, u, 14 * u, note, names, values / self.ends[0], values, DEFLECTION)
         if torques is not None:

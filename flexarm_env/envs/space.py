@@ -23,7 +23,7 @@ from .task import REACH, Kind
 Array = NDArray[np.float64]
 
 WHERE = "is not there in space (docs: environments in space)"
-_NOT_YET: dict[str, Any] = dict.fromkeys(("reference", "motion", "cost", "pushes", "payload_change", "render_mode"))
+_NOT_YET: dict[str, Any] = dict.fromkeys(("reference", "motion", "cost", "pushes", "payload_change"))
 _NOT_YET |= {"initial_vibration": 0.0}
 
 
@@ -31,8 +31,7 @@ def refuse(**given: Any) -> None:
     """ValueError for what arms in space have not, by its name; says what there is."""
     for name, usual in _NOT_YET.items():
         if given[name] != usual:
-            hint = "; plotting.film_in_space draws runs of scenes" if name == "render_mode" else ""
-            raise check.InvalidValue(name, given[name], f"must be left out: it {WHERE}{hint}")
+            raise check.InvalidValue(name, given[name], f"must be left out: it {WHERE}")
     if given["task"] not in (None, "reach"):
         raise check.InvalidValue("task", given["task"], f'must be "reach": another {WHERE}')
     if given["action_mode"] in ("current", "voltage"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 from gymnasium.vector import VectorEnv
@@ -93,7 +93,9 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Info
 
     As in TwoLinkFlexArm-v0, with `tip_position` (3,) and `target` (3,) m, `joint_torque` (N,) N m, `tip_deflection`
-    (2 N,) over length, of all links along y, then along z, and `twist` (N,) rad; those of rigid links are 0.
+    (2 N,) over length, of all links along y, then along z, and `twist` (N,) rad; those of rigid links are 0. With
+    `keep_out` also `clearance` and `penetration`, m, `cost` and `episode_cost`, as in FlexibleArm-v0; looked at are
+    five points of each element, on the cubic between its ends, and of a rigid link.
 
     ## Arguments and options
 
@@ -117,11 +119,9 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     """
 
     kind = SPACE
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 100}  # type: ignore[misc]
 
 
 class SpatialFlexArmVectorEnv(VectorArmEnv, VectorEnv[Array32, Array32, NDArray[Any]]):
     """Many SpatialFlexArm-v0 at once, each as :class:`SpatialFlexArmEnv` describes it."""
 
     kind = SPACE
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 100}  # type: ignore[misc]

@@ -210,8 +210,10 @@ def info_entries(
     if motors:
         entries += [Entry("motor_angle", at.motors, n), Entry("motor_rate", at.motors + n, n)]
     told, first = extras or Extras(), at.further
-    if told.cost is not None:
+    if told.cost is not None or told.keep_out is not None:
         entries += [Entry(name, first + getattr(FURTHER, name), None) for name in ("cost", "episode_cost")]
+    if told.keep_out is not None:
+        entries += [Entry(name, first + getattr(FURTHER, name), None) for name in ("clearance", "penetration")]
     if told.payload_change is not None:
         entries.append(Entry("payload_mass", first + FURTHER.payload, None))
     if told.pushes is not None:

@@ -6,7 +6,7 @@ import errno
 import importlib
 import os
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,15 @@ from .. import validation as check
 from ..physics.layout import POSE, ROOT, TIP
 from ..trajectory import Trajectory
 from ..view.clip import cuts_of
+from ..view.ribbons import ribbons, sides
+from .pictures import bending, bent, straight
 from .rendering import Renderer, end_of_scale
+from .space_rendering import SpaceRenderer
 
 FILMS = (".mp4", ".webm", ".mkv", ".mov")
 """Endings of film files, which imageio-ffmpeg writes; .gif is written by Pillow."""
+
+Draw = Callable[[int, Any], Any]
 
 ROOM = 1 << 20
 """A disk with less than this free is full, bytes."""
@@ -51,25 +56,49 @@ def pictures(
     times = t[0] + np.arange(count) * speed / fps
     after = np.clip(np.searchsorted(t, times), min(1, t.size - 1), t.size - 1)
     nearest = np.where(times - t[after - 1] <= t[after] - times, after - 1, after) if t.size > 1 else 0 * after
-    hinges = cuts_of(trajectory.shapes, trajectory.hinges)
     shares = np.zeros((1, 1)) if limits is None else trajectory.joint_torque / np.asarray(limits)
-    renderer = Renderer(
-        mode, arm.total_length, size, fps, hub=scene.root == "pinned", payload=arm.payload.mass > 0.0,
-        deflection=end_of_scale(float(np.abs(trajectory.tip_deflection).max())),
-        torque=max(1.0, end_of_scale(float(np.abs(shares).max()))),
-    )  # fmt: skip
+    usual: dict[str, Any] = {
+        "size": size, "fps": fps, "hub": scene.root == "pinned", "payload": arm.payload.mass > 0.0,
+        "deflection": end_of_scale(float(np.abs(trajectory.tip_deflection).max())),
+        "torque": max(1.0, end_of_scale(float(np.abs(shares).max()))),
+    }  # fmt: skip
+    renderer, draw = (_in_space if scene.spatial else _in_the_plane)(trajectory, mode, usual)
     try:
-        for i in nearest:
-            chain = [trajectory.shapes[i, a : b + 1] for a, b in pairwise(hinges)]
-            torques = None if limits is None else shares[i]
-            poses = _poses(trajectory, int(i), chain)
-            picture = renderer.frame(chain, poses, None, float(t[i]), torques, trajectory.tip_deflection[i])
+        for i in nearest.tolist():
+            picture = draw(i, None if limits is None else shares[i])
             if renderer.closed:
                 break
             if picture is not None:
                 yield picture
     finally:
         renderer.close()
+
+
+def _in_the_plane(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple[Renderer, Draw]:
+    hinges = cuts_of(trajectory.shapes, trajectory.hinges)
+    pen = Renderer(mode, trajectory.scene.arm.total_length, **usual)
+
+    def draw(i: int, torques: Any) -> Any:
+        chain = [trajectory.shapes[i, a : b + 1] for a, b in pairwise(hinges)]
+        poses, time = _poses(trajectory, i, chain), float(trajectory.t[i])
+        return pen.frame(chain, poses, None, time, torques, trajectory.tip_deflection[i])
+
+    return pen, draw
+
+
+def _in_space(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple[Renderer, Draw]:
+    arm, found = trajectory.scene.arm, ribbons(trajectory.scene.arm, trajectory.settings, trajectory.q)
+    ground = min(float(trajectory.shapes[..., 2].min()), 0.0)
+    pen = SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), ground=ground, **usual)
+
+    held = trajectory.scene.root == "pinned" and not trajectory.q[:, 3:6].any()
+
+    def draw(i: int, torques: Any) -> Any:
+        off = bent(arm, trajectory.tip_deflection[i])
+        rigid = straight(arm, trajectory.joint_angles[i]) + trajectory.start[i] if held else None
+        return pen.frame_of(found.chain(i), None, float(trajectory.t[i]), torques, off, rigid)
+
+    return pen, draw
 
 
 def film_path(path: str | os.PathLike[str]) -> Path:

@@ -37,40 +37,6 @@ def plot_in_space(trajectory: Any, path: str | os.PathLike[str], shapes: int, ti
     return Path(path)
 
 
-def film_in_space(trajectory: Any, path: str | os.PathLike[str], fps: int = 25, slower: float = 1.0) -> Path:
-    """A film (.gif) of a run in space: the arm, its shadow and the path of its tip up to then.
-
-    Args:
-        trajectory: a `SpatialTrajectory`. path: the file to write. fps: pictures a second. slower: seconds of film for
-            one of the run.
-    Returns:
-        The path.
-    """
-    from matplotlib.animation import FuncAnimation, PillowWriter
-
-    span = float(trajectory.t[-1] - trajectory.t[0])
-    instants = trajectory.t[0] + np.linspace(0.0, span, max(2, round(span * slower * fps)))
-    frames = np.unique(np.abs(trajectory.t[:, None] - instants).argmin(axis=0))
-    with styled_figure(Path(path).with_name(f"{Path(path).stem}_film.png"), 6.4, 5.6, trajectory.scene.name) as figure:
-        axes: Any = figure.add_subplot(projection="3d")
-
-        def draw(k: int) -> None:
-            axes.clear()
-            ground = _frame(axes, trajectory)
-            x, y, z = trajectory.shapes[k].T
-            axes.plot(x, y, np.full(len(x), ground), color=FAINT, lw=1.6, alpha=0.5)
-            axes.plot(x, y, z, color=COLORS[0], lw=3.0, solid_capstyle="round")
-            joints = np.vstack([trajectory.start[k], trajectory.hinges[k]])
-            axes.plot(*joints.T, "o", color=INK, ms=4.0)
-            axes.plot(*trajectory.tip[: k + 1].T, color=COLORS[1], lw=0.9)
-            axes.set_title(f"{trajectory.t[k]:.2f} s")
-
-        animation = FuncAnimation(figure, draw, frames=frames.tolist())
-        animation.save(os.fspath(path), writer=PillowWriter(fps=fps))
-        draw(int(frames[len(frames) // 5]))  # the picture beside the film
-    return Path(path)
-
-
 def _frame(axes: Any, trajectory: Any) -> float:
     """Axes that hold all of a run; where the ground is."""
     points = trajectory.shapes.reshape(-1, 3)

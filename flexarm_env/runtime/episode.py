@@ -39,6 +39,7 @@ from ..tasks.task import info_of, judge, observe, put_info
 from ..tasks.track import look_ahead, move_targets
 from .events import apply_events, record_events
 from .fitted import move, record_step_error
+from .keep_out import record_clearance
 from .keeping import keep, put_back
 from .motors import draw_lateness
 from .sensors import read_gauges, record_motor_angles, write_observation
@@ -73,6 +74,7 @@ def _period(lane, p, g, block, w):
     observe_material(lane, p, par, record, w, seen)
     live = find_sound(lane, p.entries, w.flag, seen)
     reward(lane, p, live, poses, action, record, info, outcome)
+    record_clearance(lane, p, g, w.q, live, info)
     record_period(lane, p, par, record, scratch, w, live, info)
     return finish(lane, p, g, w, poses, record, seen, info, saved, outcome)
 

@@ -99,7 +99,10 @@ def record_events(lane, p, par, record, w, live, info):
     """Cost, payload and push of the period into info; the episode's cost grows."""
     if size(p.task.further) > 0:
         at, first = info_of(p.task).further, size(p.task.links)
-        cost = select_lt(0.5, live, _cost(lane, p.cost, size(p.model.n), w.q, info), splat(lane, 0.0))
+        passed = _cost(lane, p.cost, size(p.model.n), w.q, info)
+        if p.keep_out is not None:
+            passed = select_lt(load(lane, info, at + FURTHER.clearance), p.keep_out.margin, splat(lane, 1.0), passed)
+        cost = select_lt(0.5, live, passed, splat(lane, 0.0))
         before = load(lane, record, COST)
         put(live, record, COST, before + cost, before)
         store(info, at + FURTHER.cost, cost)

@@ -33,11 +33,12 @@ from ..tasks.task import aim, info_of, judge, target_from
 from ..tasks.track import start_path
 from .episode import OUTCOME, copy_info, finish_arm, observe_material, observe_state, record_energies, reward
 from .events import draw_events
+from .keep_out import record_clearance
 from .motors import draw_lateness
 from .sensors import write_observation
 
 _SHAKE = SHAKE.places
-_FACTORS = FURTHER.end - FURTHER.drawn
+_FACTORS = FURTHER.clearance - FURTHER.drawn
 _ONE, _RECORD, _START = (0,), (0,) * GOAL, (0,) * START.offsets(0, 0).end
 
 
@@ -87,6 +88,7 @@ def _start(lane, p, arm, mode, block, w):
     live = _only(lane, i)
     _start_info(lanes, p, arm, record, info)
     draw_events(lanes, p, arm, par, record, info)
+    record_clearance(lane, p, arm // lanes, w.q, live, info)
     if size(task.further) > 0:
         for k in range(_FACTORS):
             info[(info_of(task).further + FURTHER.drawn + k) * lanes + i] = own[at.factors + k]

@@ -11,6 +11,7 @@ from ..compiler import inlined, kernel
 from ..layout import Field, Layout
 from ..physics.layout import BOOKS
 from ..physics.model import STATUS
+from ..physics.obstacles import KeepOut
 
 PARAMETERS = 4
 """Numbers of an arm's own parameters `par`, see `physics.model.PAYLOAD_MASS`."""
@@ -22,8 +23,7 @@ PATH = Layout(
     Field("size", (), "m or rad", "radius, or width of the swing"),
     Field("rate", (), "rad/s", "of the angle on the circle, or of the swing's phase"),
     Field("phase", (), "rad", "of that angle at t = 0"),
-    Field("vx", (), "m/s or rad/s", "at which all of it moves on"),
-    Field("vy", (), "m/s", ""),
+    Field("vx", (), "m/s or rad/s", "at which all of it moves on"), Field("vy", (), "m/s", ""),
 )  # fmt: skip
 """Numbers of a moving target's path that was drawn."""
 
@@ -65,8 +65,7 @@ PUSH = Layout(
     "Push", "",
     Field("first", (), "", "control period in which it begins"),
     Field("over", (), "", "and the first without it"),
-    Field("x", (), "N", "force on the tip"),
-    Field("y", (), "N", ""),
+    Field("x", (), "N", "force on the tip"), Field("y", (), "N", ""),
 )  # fmt: skip
 """A push at the tip."""
 
@@ -108,8 +107,7 @@ BASIS = Layout(
     "Basis", "joints",
     Field("one", (), "", "1"),
     Field("angles", ("joints",), "rad", "absolute angles of the links"),
-    Field("cosines", ("joints",), "", "of these"),
-    Field("sines", ("joints",), "", ""),
+    Field("cosines", ("joints",), "", "of these"), Field("sines", ("joints",), "", ""),
 )  # fmt: skip
 """What coordinates of straight links are linear in: columns of `Ranges.pose`."""
 
@@ -177,6 +175,8 @@ _FURTHER = Layout(
     Field("push", (2,), "N", "force on the tip in the period"),
     Field("step_error", (), "", "of the period over L, as fitted steps have it"),
     Field("drawn", (8,), "", "factors on the nominal values, as in a `START`"),
+    Field("clearance", (), "m", "from the shapes that it keeps out of; negative within one"),
+    Field("penetration", (), "m", "how deep it is in one, or 0"),
 )  # fmt: skip
 """What the caller is told where there is a cost, a payload that changes, a push, fitted steps or drawn factors."""
 
@@ -195,9 +195,7 @@ SUCCESS, TIP, DEFLECTION, *_ = INFO.offsets(0, 0, 0, 0, 0)
 SAVED = Layout(
     "Saved", "rows, inputs, motions, record",
     Field("q", ("rows",), "", "state, at the start of the period or stretch"),
-    Field("v", ("rows",), "", ""),
-    Field("a", ("rows",), "", ""),
-    Field("b", ("rows",), "", ""),
+    Field("v", ("rows",), "", ""), Field("a", ("rows",), "", ""), Field("b", ("rows",), "", ""),
     Field("books", (BOOKS.length,), "J", "a `BOOKS`"),
     Field("inputs", ("inputs",), "N m", "torques and loads"),
     Field("psi", ("motions", 3), "", "prescribed coordinates, their rates and accelerations"),
@@ -394,6 +392,7 @@ class Extras:
     cost: Cost | None = None
     pushes: Pushes | None = None
     payload_change: PayloadChange | None = None
+    keep_out: KeepOut | None = None
 
 
 class Models(NamedTuple):
@@ -430,6 +429,7 @@ class Program(NamedTuple):
     cost: Cost | None
     pushes: Pushes | None
     payload_change: PayloadChange | None
+    keep_out: KeepOut | None
     layout: Block
     entries: int  # S
     books: tuple[int, ...] | None  # a tag where energies are kept

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, select_lt, splat, store
+from ...compiler import kernel, load, select_lt, splat, square_root, store
 from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_MASS
@@ -326,7 +326,54 @@ def light(model):
     return (0,)
 
 
+STATIONS = 4
+"""Points that are drawn of an element, or of a rigid link."""
+
+
+@kernel
+def _drawn(points, count, r):
+    """Row `count` of the points <- r, where there is room; how many there are then."""
+    if count == points.shape[0]:
+        return count
+    for d in range(3):
+        points[count, d] = r[d]
+    return count + 1
+
+
+@kernel
+def _cubic(left, right, s):
+    """A place between sections, on the cubic that leaves one and reaches the other along their x axes."""
+    A, B, chord = matrix(left.p), matrix(right.p), minus(right.r, left.r)
+    length = square_root(dot(chord, chord))
+    a, b, c, d = (2.0 * s - 3.0) * s * s + 1.0, ((s - 2.0) * s + 1.0) * s, (3.0 - 2.0 * s) * s * s, (s - 1.0) * s * s
+    ends = plus(times(left.r, a), times(right.r, c))
+    leaving, reaching = (A[0][0], A[1][0], A[2][0]), (B[0][0], B[1][0], B[2][0])
+    return plus(ends, plus(times(leaving, b * length), times(reaching, d * length)))
+
+
 @kernel
 def shape(model, q, points):
-    """See `link_poses`."""
-    return 0
+    """Places along the chain into points (P, 3): the base, then of each link its beginning, STATIONS of each element
+    or of a rigid link, its tip; their number. None where points have two numbers: they are read off elsewhere."""
+    if points.shape[1] < 3:
+        return 0
+    lane = (0,)
+    state, tip = State(q, q, q), place_at(lane, q, q, 0)
+    count = _drawn(points, 0, tip.r)
+    for k in range(model.links):
+        i = joint_row(model, k) + 1
+        left = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root.place
+        count = _drawn(points, count, left.r)
+        for _ in range(count_of(model, k)):
+            right = place_at(lane, q, q, i)
+            for j in range(1, STATIONS + 1):
+                count = _drawn(points, count, _cubic(left, right, j / STATIONS))
+            left = right
+            i += AXES
+        tip, A = left, matrix(left.p)
+        along = times((A[0][0], A[1][0], A[2][0]), _tip_lever(model, k))
+        if count_of(model, k) == 0:
+            for j in range(1, STATIONS):
+                count = _drawn(points, count, plus(tip.r, times(along, j / STATIONS)))
+        count = _drawn(points, count, plus(tip.r, along))
+    return count

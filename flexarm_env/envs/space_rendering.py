@@ -1,0 +1,293 @@
+"""Pictures of arms in space, drawn with pygame: in perspective over a ground, links as lit ribbons that show how they
+bend and twist, with shadows and plumb lines that say where things are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..view.outlines import faces_of
+from .drawing import (
+    AXIS,
+    FAINT,
+    GRID,
+    INK,
+    PAPER,
+    SHADE,
+    SUPERSAMPLING,
+    Array,
+    Color,
+    blend,
+    pygame_module,
+    write,
+)
+from .rendering import GHOST, GHOST_EDGE, KEEP_OUT, LINKS, MARGIN, PAYLOAD, STEEL, TARGET, WHITE, Renderer
+
+AZIMUTH, ELEVATION = math.radians(-58.0), math.radians(20.0)
+"""From where it is looked at: about z from the x axis, and above the ground."""
+FAR = 5.0
+"""How far away, in reaches."""
+LIGHT = np.array([-0.25, -0.55, 0.8]) / np.linalg.norm([-0.25, -0.55, 0.8])
+GROUND: Color = (243, 245, 248)
+SHADOW: Color = (214, 219, 227)
+ROUND = 10
+"""Corners of what stands for a round bar."""
+
+Solid = tuple[Array, Array, NDArray[np.float64]]
+
+
+class Camera:
+    """Where points appear. center (3,): m, in the middle of the picture. Lengths named in points: see `Sheet`."""
+
+    def __init__(self, size: tuple[int, int], reach: float, center: Array) -> None:
+        c, s, up = math.cos(AZIMUTH), math.sin(AZIMUTH), math.sin(ELEVATION)
+        flat = math.cos(ELEVATION)
+        self.toward = np.array([c * flat, s * flat, up])  # the eye, seen from the center
+        self.axes = np.array([[-s, c, 0.0], [-up * c, -up * s, flat], self.toward])
+        self.size, self.center, self.far = size, np.asarray(center, np.float64), FAR * reach
+        self.scale = min(size) * SUPERSAMPLING / (2.0 * MARGIN * reach) * self.far
+        self.point = min(size) / 640.0 * SUPERSAMPLING
+        self.eye = self.center + self.far * self.toward
+
+    def see(self, points: ArrayLike) -> tuple[Array, Array]:
+        """Canvas coordinates (..., 2), and distances (...) along the way that it looks, m."""
+        x, y, z = np.moveaxis((np.asarray(points, np.float64) - self.center) @ self.axes.T, -1, 0)
+        away = np.maximum(self.far - z, 0.05 * self.far)
+        middle = 0.5 * SUPERSAMPLING * np.array(self.size)
+        flat = middle + np.stack([x, -y], axis=-1) * (self.scale / away)[..., None]
+        return np.clip(flat, -30000.0, 30000.0), away
+
+
+class SpaceRenderer(Renderer):
+    """Draws arms in space, one picture a call; arguments as those of `rendering.Renderer`, and
+
+    Args:
+        sides: (N, 2), width and thickness of each link, m (`view.ribbons.Ribbons`). ground: height of the ground, m.
+        links: names of the bars of deflections.
+    """
+
+    def __init__(
+        self, mode: str, reach: float, size: tuple[int, int] = (640, 640), fps: float = 50.0, *,
+        sides: Array, ground: float = 0.0, links: Sequence[str] = (), payload: bool = True, **more: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(mode, reach, size, fps, payload=payload, **more)
+        least = np.array([0.03, 0.007]) * self.reach
+        self.half = 0.5 * np.where(np.asarray(sides) > 0.0, np.maximum(sides, least), 0.06 * self.reach)
+        self.ground, self.links = ground, list(links)
+
+    def _restart(self) -> None:
+        super()._restart()
+        self._center = np.array([0.0, 0.0, 0.12 * self.reach])
+
+    def frame_of(
+        self,
+        chain: Sequence[tuple[Array, Array]],
+        target: ArrayLike | None,
+        time: float,
+        torques: ArrayLike | None = None,
+        deflection: ArrayLike | None = None,
+        rigid: ArrayLike | None = None,
+    ) -> NDArray[np.uint8] | None:
+        """Draw one instant.
+
+        Args:
+            chain: for each of the N links points (P, 3), m, and directions of its width there. rigid: (N + 1, 3), m:
+                joints and tip of the rigid arm, or None. The others: as those of `Renderer.frame`; target (3,).
+        Returns:
+            (height, width, 3) uint8, or None in a window.
+        """
+        if not self.ready():
+            return None
+        if time < self._time:
+            self._restart()
+        good = bool(all(np.isfinite(points).all() and np.isfinite(across).all() for points, across in chain))
+        if good:
+            self._follow(np.concatenate([points for points, _ in chain]))
+            if time > self._time:
+                self._trace.append(chain[-1][0][-1].copy())
+        self._time, self.ghost = time, rigid is not None
+        camera = Camera(self.size, self.reach, self._center)
+        canvas = _empty(self.size, self.reach, tuple(self._center), self.ground, self._cell).copy()
+        if good:
+            self._draw_scene(canvas, camera, chain, target, rigid)
+        picture = pygame_module().transform.smoothscale(canvas, self.size)
+        return self._told(picture, time, torques, deflection, good)
+
+    def _follow(self, points: Array) -> None:
+        room = 0.94 * MARGIN * self.reach
+        low, high = points.max(axis=0) - room, points.min(axis=0) + room
+        inside = np.clip(self._center, low, np.maximum(low, high))
+        self._center = np.where(low > high, 0.5 * (low + high), inside)
+
+    # ---------------------------------------------------------------- the scene
+    def _draw_scene(
+        self, canvas: Any, camera: Camera, chain: Sequence[tuple[Array, Array]], target: ArrayLike | None, rigid: Any
+    ) -> None:
+        pg, tip = pygame_module(), chain[-1][0][-1]
+        for (points, across), half in zip(chain, self.half, strict=True):
+            flat = _quads(_ring(points, across, half))
+            flat = flat[flat[..., 2].mean(axis=1) >= self.ground]
+            flat[..., 2] = self.ground
+            for quad in camera.see(flat)[0]:
+                pg.draw.polygon(canvas, SHADOW, quad)
+        self._plumb(canvas, camera, tip, PAYLOAD)
+        if target is not None:
+            self._plumb(canvas, camera, np.asarray(target, np.float64), TARGET)
+        if rigid is not None:
+            seen, width = camera.see(rigid)[0], round(5.0 * camera.point)
+            for color, wide in ((GHOST_EDGE, width), (GHOST, width - round(1.6 * camera.point))):
+                for a, b in pairwise(seen):
+                    pg.draw.line(canvas, color, a, b, wide)
+        if len(self._trace) > 1:
+            seen = camera.see(np.array(self._trace))[0]
+            for k, (a, b) in enumerate(pairwise(seen)):
+                color = blend(PAPER, PAYLOAD, 0.2 + 0.5 * k / len(seen))
+                pg.draw.line(canvas, color, a, b, round(2.0 * camera.point))
+        if target is not None:
+            self._draw_target(canvas, camera, np.asarray(target, np.float64))
+        around = [face for shape in self.keep_out for face in faces_of(shape, self._center, 0.7 * self.reach)]
+        self._draw_faces(canvas, camera, [face for face in around if not _facing(face, camera.eye)])
+        for _, draw in sorted(self._pieces(canvas, camera, chain), key=lambda piece: -piece[0]):
+            draw()
+        self._draw_faces(canvas, camera, [face for face in around if _facing(face, camera.eye)])
+
+    def _draw_faces(self, canvas: Any, camera: Camera, faces: Sequence[Array]) -> None:
+        """Faces of what is kept out of, seen through."""
+        pygame_module()
+        from pygame import gfxdraw
+
+        for face in faces:
+            seen = camera.see(face)[0].round().astype(int).tolist()
+            gfxdraw.filled_polygon(canvas, seen, (*KEEP_OUT, 46))
+            gfxdraw.aapolygon(canvas, seen, (*KEEP_OUT, 150 if len(faces) < 12 else 36))
+
+    def _plumb(self, canvas: Any, camera: Camera, at: Array, color: Color) -> None:
+        """A broken line from a point to the ground, and a cross there."""
+        pg, foot = pygame_module(), np.array([at[0], at[1], self.ground])
+        (a, b), wide = camera.see(np.stack([at, foot]))[0], max(1, round(1.1 * camera.point))
+        pale = blend(color, GROUND, 0.45)
+        count = max(1, round(float(np.hypot(*(b - a))) / (8.0 * camera.point)))
+        for k in range(count):
+            pg.draw.line(canvas, pale, a + (b - a) * (k / count), a + (b - a) * ((k + 0.5) / count), wide)
+        for arm in 0.022 * self.reach * np.eye(3)[:2]:
+            pg.draw.line(canvas, color, *camera.see(np.stack([foot - arm, foot + arm]))[0], round(1.8 * camera.point))
+
+    def _draw_target(self, canvas: Any, camera: Camera, at: Array) -> None:
+        pg, seen = pygame_module(), camera.see(at)[0]
+        pg.draw.circle(canvas, PAPER, seen, 12.0 * camera.point)
+        pg.draw.circle(canvas, TARGET, seen, 12.0 * camera.point, round(2.4 * camera.point))
+        pg.draw.circle(canvas, TARGET, seen, 2.6 * camera.point)
+
+    def _pieces(self, canvas: Any, camera: Camera, chain: Sequence[tuple[Array, Array]]) -> list[tuple[float, Any]]:
+        """Parts of the arm with their distances, to be drawn from far to near."""
+        pieces: list[tuple[float, Any]] = []
+        for k, ((points, across), half) in enumerate(zip(chain, self.half, strict=True)):
+            solid = half[0] == half[1]
+            color = STEEL if solid else LINKS[k % len(LINKS)]
+            ring = _ring(points, across, half, ROUND if solid else 4)
+            faces = _quads(ring)
+            seen, away = camera.see(faces)
+            normals = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
+            size = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+            normals /= size
+            facing = ((camera.eye - faces.mean(axis=1)) * normals).sum(axis=1) > 0.0
+            light = 0.5 + 0.5 * (normals @ LIGHT)
+            sides = np.arange(len(faces)) % ring.shape[1]
+            for f in np.flatnonzero(facing).tolist():
+                own = blend(color, WHITE, 0.3) if not solid and sides[f] == 0 else color
+                tone = _lit(own, float(light[f]))
+                if faces[f, :, 2].mean() < self.ground:  # seen through the ground
+                    tone = blend(tone, GROUND, 0.6)
+                edge = 0.0 if solid or sides[f] % 2 == 0 else float(half[0])  # behind the faces that it borders
+                pieces.append((float(away[f].mean()) + edge, _polygon(canvas, tone, seen[f])))
+            for end in (0, -1):
+                cap, distance = camera.see(ring[end])
+                pieces.append((float(distance.mean()) + 1e-3 * self.reach, _polygon(canvas, _lit(color, 0.35), cap)))
+        for k, (points, _) in enumerate(chain):
+            if k or self.hub:
+                pieces.append(self._ball(canvas, camera, points[0], 0.026 if k else 0.034, STEEL))
+        if self.payload:
+            pieces.append(self._ball(canvas, camera, chain[-1][0][-1], 0.026, PAYLOAD))
+        return pieces
+
+    def _ball(self, canvas: Any, camera: Camera, at: Array, share: float, color: Color) -> tuple[float, Any]:
+        """A sphere; its radius in reaches."""
+        pg, (seen, away) = pygame_module(), camera.see(at)
+        radius = share * self.reach * camera.scale / float(away)
+        color = color if at[2] >= self.ground else blend(color, GROUND, 0.6)
+
+        def draw() -> None:
+            for part, shift, tone in ((1.0, 0.0, -0.45), (0.9, 0.0, -0.1), (0.66, 0.2, 0.12), (0.3, 0.38, 0.5)):
+                own = blend(color, WHITE, tone) if tone > 0.0 else blend(color, INK, -tone)
+                pg.draw.circle(canvas, own, seen + radius * shift * np.array([-0.6, -0.8]), part * radius)
+
+        return float(away) - share * self.reach, draw
+
+
+def _facing(face: Array, eye: Array) -> bool:
+    """Whether it is seen from outside; of a free face, a wall's, from behind."""
+    return bool(np.cross(face[1] - face[0], face[2] - face[1]) @ (eye - face[0]) > 0.0)
+
+
+def _polygon(canvas: Any, color: Color, corners: Array) -> Any:
+    return lambda: pygame_module().draw.polygon(canvas, color, corners)
+
+
+def _lit(color: Color, light: float) -> Color:
+    """A colour in this share of the light, from 0 to 1."""
+    over = (light - 0.6) / 0.4 if light > 0.6 else (0.6 - light) / 0.6
+    return blend(color, WHITE, 0.45 * over) if light > 0.6 else blend(color, INK, 0.75 * over)
+
+
+def _ring(points: Array, across: Array, half: Array, corners: int = 4) -> Array:
+    """(P, corners, 3): outlines of the sections along a line; of four the first side is that of +y."""
+    along = np.gradient(points, axis=0) if len(points) > 2 else np.repeat(points[1:] - points[:1], len(points), axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
+    up = np.cross(across, along)
+    if corners == 4:
+        turn = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
+    else:
+        angle = 2.0 * math.pi * np.arange(corners) / corners
+        turn = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(
+        points[:, None] + across[:, None] * (half[0] * turn[:, :1]) + up[:, None] * (half[1] * turn[:, 1:])
+    )
+
+
+def _quads(ring: Array) -> Array:
+    """Faces (F, 4, 3) between outlines, those of one part after the other."""
+    after = np.roll(ring, -1, axis=1)
+    return np.stack([ring[:-1], ring[1:], after[1:], after[:-1]], axis=2).reshape(-1, 4, 3)
+
+
+@lru_cache(maxsize=4)
+def _empty(size: tuple[int, int], reach: float, center: tuple[float, ...], ground: float, cell: float) -> Any:
+    """The picture without an arm: a round piece of ground with a grid, and its axes."""
+    pg, camera = pygame_module(), Camera(size, reach, np.array(center))
+    canvas = pg.Surface((size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING), 0, 32)
+    canvas.fill(PAPER)
+    turn = np.linspace(0.0, 2.0 * math.pi, 97)
+    middle, radius = np.array([center[0], center[1], ground]), 1.02 * reach
+    rim = camera.see(middle + radius * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1))[0]
+    pg.draw.polygon(canvas, GROUND, rim)
+    for axis in (0, 1):
+        first, last = (math.ceil((center[axis] + way * radius) / cell) for way in (-1.0, 1.0))
+        for k in range(first, last):
+            off = k * cell - center[axis]
+            long = math.sqrt(max(radius * radius - off * off, 0.0))
+            ends = np.array([middle, middle])
+            ends[:, axis] += off
+            ends[:, 1 - axis] += [-long, long]
+            wide = round((1.6 if k == 0 else 1.0) * camera.point)
+            pg.draw.line(canvas, AXIS if k == 0 else blend(GRID, SHADE, 0.6), *camera.see(ends)[0], wide)
+    pg.draw.lines(canvas, AXIS, True, rim, round(1.4 * camera.point))
+    for name, way in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0))):
+        at = camera.see(middle + 1.05 * radius * np.array(way))[0]
+        write(canvas, name, (float(at[0]), float(at[1])), 17.0 * camera.point, FAINT, "center")
+    return canvas

@@ -1,0 +1,105 @@
+"""What `shapes` describes, for kernels: signed distances and their slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import absolute, kernel, maximum, select_lt, square_root
+from ..layout import Field, Layout
+from ..shapes import SHAPES, Shape
+
+Array = NDArray[np.float64]
+
+OBSTACLE = Layout(
+    "Obstacle", "",
+    Field("kind", (), "", "which of `shapes.SHAPES`"),
+    Field("place", (3,), "m", ""),
+    Field("axes", (3, 3), "", "its own, as columns; of a half-space the first is its normal"),
+    Field("sizes", (3,), "m", "radius; radius and half length; halves of a box's sides"),
+)  # fmt: skip
+O = OBSTACLE.places
+HALF_SPACE, SPHERE, BOX, CYLINDER = range(4)
+
+ENDLESS = 1e300
+"""Half of what a shape of the plane measures along z, m."""
+
+
+class KeepOut(NamedTuple):
+    """Shapes that an arm is to stay out of."""
+
+    shapes: np.ndarray  # an `OBSTACLE` each
+    margin: float  # m: what is nearer costs
+    tip: tuple[int, ...] | None  # a tag where only the tip is looked at, and not all of the arm
+    rows: tuple[int, ...] = ()  # a zero for each row of the state
+    points: np.ndarray = np.zeros((0, 0, 2))  # (groups, P, 2 or 3) m: room for points along an arm
+
+
+def packed(shapes: Sequence[Shape]) -> Array:
+    """An `OBSTACLE` each; those of the plane stand in z = 0."""
+    rows = []
+    for shape in shapes:
+        d, kind = shape.dimension, SHAPES.index(type(shape))
+        axes, place, sizes = np.eye(3), np.zeros(3), np.full(3, ENDLESS)
+        axes[:d, :d], place[:d], sizes[: len(shape.sizes)] = shape.axes, shape.place, shape.sizes
+        if kind == HALF_SPACE:
+            axes[:, 0] = 0.0
+            axes[:d, 0] = shape.normal  # type: ignore[attr-defined]
+        rows.append(OBSTACLE.pack({}, kind=kind, place=place, axes=axes, sizes=sizes))
+    return np.concatenate(rows)
+
+
+@kernel
+def _signed(y, slope):
+    return select_lt(y, 0.0, -slope, slope)
+
+
+@kernel
+def _corner(a, b, c):
+    """Distance from a corner whose sides are coordinates, all below 0 inside, and its slope."""
+    zero = a * 0.0
+    x, y, z = maximum(a, zero), maximum(b, zero), maximum(c, zero)
+    far = square_root((x * x + y * y) + z * z)
+    inside = maximum(maximum(a, b), c)
+    scale = 1.0 / maximum(far, 1e-300)
+    first = select_lt(a, inside, zero, zero + 1.0)
+    second = select_lt(b, inside, zero, zero + 1.0) * (1.0 - first)
+    third = (1.0 - first) * (1.0 - second)
+    out = select_lt(zero, inside, zero + 1.0, zero)
+    slope = (
+        select_lt(0.5, out, x * scale, first), select_lt(0.5, out, y * scale, second),
+        select_lt(0.5, out, z * scale, third),
+    )  # fmt: skip
+    return far + select_lt(inside, 0.0, inside, zero), slope[0], slope[1], slope[2]
+
+
+@kernel
+def look(table, s, x, y, z):
+    """(distance, slope x, y, z) of shape s of a table of `OBSTACLE` from a point; lanes as the point's."""
+    o, zero = O.end * s, x * 0.0
+    kind, p, A, h = table[o + O.kind], o + O.place, o + O.axes, o + O.sizes
+    dx, dy, dz = x - table[p], y - table[p + 1], z - table[p + 2]
+    a = (dx * table[A] + dy * table[A + 3]) + dz * table[A + 6]
+    b = (dx * table[A + 1] + dy * table[A + 4]) + dz * table[A + 7]
+    c = (dx * table[A + 2] + dy * table[A + 5]) + dz * table[A + 8]
+    far, ga, gb, gc = a, zero + 1.0, zero, zero
+    if kind == SPHERE:
+        length = square_root((a * a + b * b) + c * c)
+        scale = 1.0 / maximum(length, 1e-300)
+        far, ga, gb, gc = length - table[h], a * scale, b * scale, c * scale
+    elif kind == BOX:
+        far, ga, gb, gc = _corner(absolute(a) - table[h], absolute(b) - table[h + 1], absolute(c) - table[h + 2])
+        ga, gb, gc = _signed(a, ga), _signed(b, gb), _signed(c, gc)
+    elif kind == CYLINDER:
+        out = square_root(a * a + b * b)
+        scale = 1.0 / maximum(out, 1e-300)
+        far, ga, gc, gb = _corner(out - table[h], absolute(c) - table[h + 1], zero - ENDLESS)
+        ga, gb, gc = ga * (a * scale), ga * (b * scale), _signed(c, gc)
+    return (
+        far, (table[A] * ga + table[A + 1] * gb) + table[A + 2] * gc,
+        (table[A + 3] * ga + table[A + 4] * gb) + table[A + 5] * gc,
+        (table[A + 6] * ga + table[A + 7] * gb) + table[A + 8] * gc,
+    )  # fmt: skip

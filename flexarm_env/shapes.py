@@ -1,0 +1,272 @@
+"""Shapes that an arm is to stay out of, in the plane and in space: their signed distances and the slopes of these.
+
+A distance is that from the nearest point of the surface, in m: negative inside. All are exact. Where several points of
+the surface are nearest, the slope is that of one of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import bodies
+from . import validation as check
+
+Array = NDArray[np.float64]
+Point = tuple[float, ...]
+
+
+def _point(path: str, value: object, unit: str = "m") -> Point:
+    """Two or three finite numbers."""
+    given = check.sequence(path, value, f"two numbers (x, y) or three (x, y, z){f', {unit}' if unit else ''}")
+    if len(given) not in (2, 3):
+        raise check.InvalidValue(path, value, "must be two numbers (x, y), in the plane, or three, in space")
+    return tuple(check.number(f"{path}[{k}]", x, unit) for k, x in enumerate(given))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is common: where it is, and how it is turned.
+
+    `dimension` is 2 in the plane, 3 in space.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    def place(self) -> Point:
+        """A point that it is described from, m."""
+        raise NotImplementedError
+
+    @property
+    def axes(self) -> Array:
+        """(d, d): its own axes, as columns."""
+        return np.eye(self.dimension)
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return len(self.place)
+
+    @property
+    def sizes(self) -> Point:
+        """Half of what it measures along its axes, m; see the classes."""
+        return ()
+
+    def distance(self, points: ArrayLike) -> Array:
+        """(...,) m, from points (..., d)."""
+        return self.look(points)[0]
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """(..., d), unit vectors: the direction in which the distance grows at points (..., d)."""
+        return self.look(points)[1]
+
+    def look(self, points: ArrayLike) -> tuple[Array, Array]:
+        """Distances and their slopes."""
+        given = np.asarray(points, np.float64)
+        if given.shape[-1:] != (self.dimension,):
+            what = f"must have {self.dimension} numbers along its last axis, as the {self.name} has"
+            raise check.InvalidValue("points", given.shape, what)
+        distance, slope = self._local((given - np.array(self.place)) @ self.axes)
+        return np.asarray(distance), np.asarray(slope @ self.axes.T)
+
+    def _local(self, y: Array) -> tuple[Array, Array]:
+        raise NotImplementedError
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table that `shape_of` reads."""
+        fields = {name: getattr(self, name) for name in check.names_of(type(self))}
+        return {"shape": self.name, **{name: value for name, value in fields.items() if value is not None}}
+
+
+@dataclass(frozen=True)
+class HalfSpace(Shape):
+    """All behind a plane (in the plane: a line): a wall, a floor.
+
+    point: on it, m. normal: out of it, to the side that is free; of any length.
+    """
+
+    point: Point
+    normal: Point
+    name: ClassVar[str] = "half_space"
+
+    def __post_init__(self) -> None:
+        point, normal = _point("point", self.point), _point("normal", self.normal, "")
+        if len(point) != len(normal):
+            raise check.InvalidValue("normal", self.normal, f"must have {len(point)} numbers, as point has")
+        length = math.hypot(*normal)
+        if not 1e-150 < length < 1e150:
+            raise check.InvalidValue("normal", self.normal, "must be a direction: not all of its numbers 0")
+        check.store(self, point=point, normal=tuple(x / length for x in normal))
+
+    @property
+    def place(self) -> Point:
+        """A point on it."""
+        return self.point
+
+    def _local(self, y: Array) -> tuple[Array, Array]:
+        normal = np.array(self.normal)
+        return y @ normal, np.broadcast_to(normal, y.shape)
+
+
+@dataclass(frozen=True)
+class Sphere(Shape):
+    """A ball (in the plane: a disc). center, radius: m."""
+
+    center: Point
+    radius: float
+    name: ClassVar[str] = "sphere"
+
+    def __post_init__(self) -> None:
+        center, radius = _point("center", self.center), check.number("radius", self.radius, "m", above=0.0)
+        check.store(self, center=center, radius=radius)
+
+    @property
+    def place(self) -> Point:
+        """Its centre."""
+        return self.center
+
+    @property
+    def sizes(self) -> Point:
+        """Its radius."""
+        return (self.radius,)
+
+    def _local(self, y: Array) -> tuple[Array, Array]:
+        far, slope = _unit(y)
+        return far - self.radius, slope
+
+
+@dataclass(frozen=True)
+class Box(Shape):
+    """A cuboid (in the plane: a rectangle).
+
+    center: m. sides: whole lengths along its axes, m. turn: of its axes, in the plane an angle (rad), in space a matrix
+    of three rows or (axis, angle); None: they are x, y, z.
+    """
+
+    center: Point
+    sides: Point
+    turn: Any = None
+    name: ClassVar[str] = "box"
+
+    def __post_init__(self) -> None:
+        center, sides = _point("center", self.center), _point("sides", self.sides)
+        if len(center) != len(sides):
+            raise check.InvalidValue("sides", self.sides, f"must have {len(center)} numbers, as center has")
+        for k, side in enumerate(sides):
+            check.number(f"sides[{k}]", side, "m", above=0.0)
+        turn = self.turn
+        if turn is not None:
+            turn = check.number("turn", turn, "rad") if len(center) == 2 else bodies.mount("turn", turn)
+        check.store(self, center=center, sides=sides, turn=turn)
+
+    @property
+    def place(self) -> Point:
+        """Its centre."""
+        return self.center
+
+    @property
+    def axes(self) -> Array:
+        """Along its sides."""
+        if self.turn is None or self.dimension == 3:
+            return np.eye(self.dimension) if self.turn is None else np.array(self.turn)
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        return np.array([(c, -s), (s, c)])
+
+    @property
+    def sizes(self) -> Point:
+        """Half of its sides."""
+        return tuple(0.5 * side for side in self.sides)
+
+    def _local(self, y: Array) -> tuple[Array, Array]:
+        distance, slope = _corner(np.abs(y) - np.array(self.sizes))
+        return distance, slope * np.where(y < 0.0, -1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Cylinder(Shape):
+    """A round bar with flat ends, in space. start, end: of its axis, m. radius: m."""
+
+    start: Point
+    end: Point
+    radius: float
+    name: ClassVar[str] = "cylinder"
+
+    def __post_init__(self) -> None:
+        start, end = bodies.vector("start", self.start, "m"), bodies.vector("end", self.end, "m")
+        if not math.dist(start, end) > 0.0:
+            raise check.InvalidValue("end", self.end, "must be another point than start")
+        check.store(self, start=start, end=end, radius=check.number("radius", self.radius, "m", above=0.0))
+
+    @property
+    def place(self) -> Point:
+        """The middle of its axis."""
+        return tuple(0.5 * (a + b) for a, b in zip(self.start, self.end, strict=True))
+
+    @property
+    def axes(self) -> Array:
+        """The third along its own axis."""
+        along = np.subtract(self.end, self.start) / math.dist(self.start, self.end)
+        least = np.eye(3)[np.argmin(np.abs(along))]
+        first = np.cross(least, along)
+        first /= np.linalg.norm(first)
+        return np.column_stack([first, np.cross(along, first), along])
+
+    @property
+    def sizes(self) -> Point:
+        """Radius and half of its length."""
+        return self.radius, 0.5 * math.dist(self.start, self.end)
+
+    def _local(self, y: Array) -> tuple[Array, Array]:
+        radius, half = self.sizes
+        out, way = _unit(y[..., :2])
+        distance, slope = _corner(np.stack([out - radius, np.abs(y[..., 2]) - half], axis=-1))
+        along = slope[..., 1] * np.where(y[..., 2] < 0.0, -1.0, 1.0)
+        return distance, np.concatenate([way * slope[..., :1], along[..., None]], axis=-1)
+
+
+def _unit(y: Array) -> tuple[Array, Array]:
+    """Lengths and directions; of 0 the first axis."""
+    length = np.linalg.norm(y, axis=-1)
+    first = np.eye(y.shape[-1])[0]
+    return length, np.where(length[..., None] > 0.0, y / np.where(length > 0.0, length, 1.0)[..., None], first)
+
+
+def _corner(q: Array) -> tuple[Array, Array]:
+    """Distance and slope by coordinates, from a corner: all below 0 is inside."""
+    outside, inside = np.maximum(q, 0.0), q.max(axis=-1)
+    length, slope = _unit(outside)
+    nearest = np.eye(q.shape[-1])[np.argmax(q, axis=-1)]
+    return length + np.minimum(inside, 0.0), np.where((inside > 0.0)[..., None], slope, nearest)
+
+
+SHAPES: tuple[type[Shape], ...] = (HalfSpace, Sphere, Box, Cylinder)
+
+
+def shape_of(path: str, value: Any, dimension: int) -> Shape:
+    """A shape, or the one that a table describes: `shape` ("half_space", "sphere", "box", "cylinder") and its fields.
+
+    Raises:
+        ValueError: neither, or one that is not of these dimensions.
+    """
+    shape = value if isinstance(value, Shape) else _made(path, value)
+    if shape.dimension != dimension:
+        where = "the plane: points of two numbers" if dimension == 2 else "space: points of three numbers"
+        raise check.InvalidValue(path, shape.to_dict(), f"must be in {where}")
+    return shape
+
+
+def _made(path: str, value: Any) -> Shape:
+    table = check.table_of(path, value)
+    kinds: Mapping[str, Any] = {kind.name: kind for kind in SHAPES}
+    words = tuple(kinds)
+    word = check.choice(f"{path}.shape", check.needed(path, table, "shape", f"must be {', '.join(words)}"), words)
+    fields = {k: v for k, v in table.items() if k != "shape"}
+    wanted = {k: f"a {word} needs it" for k in check.names_of(kinds[word]) if k != "turn"}
+    found: Shape = check.made(path, kinds[word], fields, **wanted)
+    return found

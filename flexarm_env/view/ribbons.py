@@ -1,0 +1,79 @@
+"""Links in space as ribbons: smooth lines with the direction of their width, read off coordinates."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parameters import Arm
+from ..physics.space.reading import Frame, links
+from ..rotations import matrices, turned, vectors
+from ..sections import Link
+from ..settings import Settings
+
+Array = NDArray[np.float64]
+
+
+class Ribbons(NamedTuple):
+    """N links at n instants, P points in all; link k has the points cuts[k] to cuts[k + 1] - 1, from root to tip.
+
+    points (n, P, 3): m. across (n, P, 3): unit vectors along the width, the z axes of sections.
+    """
+
+    points: Array
+    across: Array
+    cuts: tuple[int, ...]
+
+    def chain(self, i: int) -> list[tuple[Array, Array]]:
+        """Points (P_k, 3) and widths' directions of each link at instant i."""
+        return [(self.points[i, a:b], self.across[i, a:b]) for a, b in pairwise(self.cuts)]
+
+
+def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
+    """The links of states q (n, rows).
+
+    Between sections the line is the cubic that leaves one and reaches the next along their x axes, and the width turns
+    evenly about one axis; pieces: of each such part.
+    """
+    lines, cuts = [], [0]
+    for link, motion in zip(arm.links, links(arm, settings, q, np.zeros_like(q)), strict=True):
+        bent = [] if link.rigid else motion.sections
+        root = [_at(motion.root)] if link.rigid or link.root_offset > 0.0 else []
+        tip = [_at(motion.tip)] if link.rigid or link.tip_offset > 0.0 else []
+        parts = [_between(a, b, pieces) for a, b in pairwise(bent)]
+        lines += [*root, *(_at(first) for first in bent[:1]), *parts, *tip]
+        cuts.append(sum(points.shape[1] for points, _ in lines))
+    points, across = (np.concatenate(parts, axis=1) for parts in zip(*lines, strict=True))
+    return Ribbons(points, across, tuple(cuts))
+
+
+def sides(arm: Arm) -> Array:
+    """(N, 2): width and thickness of each link, m, as the stiffnesses of its middle tell them; 0 of rigid links."""
+    return np.array([_sides(link) for link in arm.links])
+
+
+def _sides(link: Link) -> tuple[float, float]:
+    if link.rigid:
+        return 0.0, 0.0
+    middle = np.array([0.5 * link.length])
+    at, wide = link.along(middle), float(link.across(middle)["EI_y"][0])
+    return math.sqrt(12.0 * wide / float(at.EA[0])), math.sqrt(12.0 * float(at.EI[0]) / float(at.EA[0]))
+
+
+def _at(section: Frame) -> tuple[Array, Array]:
+    return section.r[:, None], section.A[:, None, :, 2]
+
+
+def _between(a: Frame, b: Frame, pieces: int) -> tuple[Array, Array]:
+    """Places and widths behind section a up to section b, (n, pieces, 3)."""
+    s = (np.arange(1, pieces + 1) / pieces)[:, None]
+    chord = np.linalg.norm(b.r - a.r, axis=1)[:, None, None]
+    leaving, reaching = chord * a.A[:, None, :, 0], chord * b.A[:, None, :, 0]
+    h = (2 * s - 3) * s * s + 1, ((s - 2) * s + 1) * s, (3 - 2 * s) * s * s, (s - 1) * s * s
+    r = h[0] * a.r[:, None] + h[1] * leaving + h[2] * b.r[:, None] + h[3] * reaching
+    psi = vectors(np.swapaxes(a.A, 1, 2) @ b.A)[:, None, :] * s
+    return r, turned(a.A[:, None], matrices(psi)[..., 2])
