@@ -83,7 +83,10 @@ class Drawn:
     """A chain with oblique hinges, tensors, offsets, in a drawn state; with `levers` rigid ends and a rigid link; with
     `damped` time constants that differ from link to link."""
 
-    def __init__(self, levers: bool, bent: float, moving: float, damped: bool = False, how: str = EXACT) -> None:
+    def __init__(
+        self, levers: bool, bent: float, moving: float, damped: bool = False, how: str = EXACT,
+        joints: tuple[fx.Joint, ...] = (),
+    ) -> None:  # fmt: skip
         def tensor(*own: float) -> Any:
             return tuple(map(tuple, np.diag(own)))
 
@@ -100,7 +103,7 @@ class Drawn:
         payload = fx.Payload(0.3, tensor(1e-3, 2e-3, 2.5e-3), (0.05, 0.02, 0.1))
         if damped:
             links = (dataclasses.replace(links[0], tau_d=4e-3), links[1], dataclasses.replace(links[2], tau_d=1e-3))
-        arm = fx.Arm("drawn", links, elbows=elbows, payload=payload)
+        arm = fx.Arm("drawn", links, elbows=elbows, payload=payload, joints=joints)
         scene = fx.Scene("drawn", arm, duration=1.0, dt=1e-3, gravity=(0, -3, -9), angles=(0.3, 0.4, 0.5))
         system = assembly.assemble(scene, scene.settings(how, **{MESH[how]: 3}))
         self.model, self.par, self.n = system.model, system.par, int(system.model.n)
@@ -151,6 +154,28 @@ def test_power_of_all_forces_is_the_rate_of_the_energy(levers: bool, how: str) -
     assert (energy(h) - energy(-h)) / (2.0 * h) == pytest.approx(power, rel=1e-6)
 
 
+GEARED = (
+    fx.Joint(motor_inertia=2e-3, gear_ratio=20.0, friction_viscous=0.1),
+    fx.Joint(stiffness=30.0, damping=0.05, motor_inertia=1e-3, gear_ratio=30.0),
+    fx.Joint(stiffness=20.0, motor_inertia=2e-3, gear_ratio=25.0, friction_viscous=0.2, friction_side="link"),
+)
+"""Rotors on hinges that turn, whose momentum is that of the links."""
+
+
+@CHAINS
+def test_power_of_geared_joints_is_the_rate_of_the_energy(levers: bool, how: str) -> None:
+    """The same with rotors, gears and friction: gyroscopic moments of rotors do no work; what is lost is counted."""
+    arm, h = Drawn(levers, 0.1, 1.0, how=how, joints=GEARED), 1e-5
+
+    def energy(t: float) -> float:
+        return float(arm.energy(arm.moved(arm.q, t * arm.v + 0.5 * t * t * arm.a), arm.v + t * arm.a).sum())
+
+    power = float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum())
+    lost = float(_lost(SINGLE, arm.model, arm.par, arm.q, arm.v))
+    assert lost > 0.0
+    assert power - (energy(h) - energy(-h)) / (2.0 * h) == pytest.approx(lost, rel=1e-5, abs=1e-7 * abs(power))
+
+
 @CHAINS
 def test_damping_takes_what_the_power_lacks(levers: bool, how: str) -> None:
     """r . v - d(T + V)/dt = v'C v, which the books count, with a time constant of each link's own: positive."""
@@ -166,14 +191,15 @@ def test_damping_takes_what_the_power_lacks(levers: bool, how: str) -> None:
 
 
 @CHAINS
+@pytest.mark.parametrize("joints", [(), GEARED], ids=["ideal", "geared"])
 @pytest.mark.parametrize(("bent", "moving", "most"), [(0.0, 0.0, 1e-6), (1e-3, 0.1, 1e-3), (0.01, 0.3, 0.05)])
 def test_the_iteration_matrix_is_the_derivative(
-    levers: bool, bent: float, moving: float, most: float, how: str
+    levers: bool, bent: float, moving: float, most: float, how: str, joints: tuple[fx.Joint, ...]
 ) -> None:
     """Newton's contraction |S^-1 dr - 1|: nothing in the state without stress, little near it. A frame's leaves out how
     a link that is bent without stress stands off its chord, to second order."""
     most = max(most, 2e-3) if how == FLOATING else most
-    arm, weights = Drawn(levers, bent, moving, how=how), Weights(1e4, 1e2, 1.0)
+    arm, weights = Drawn(levers, bent, moving, how=how, joints=joints), Weights(1e4, 1e2, 1.0)
     rows = np.array([k for k in arm.rows if k not in arm.model.fixed])
     S, columns = arm.room.copy(), np.zeros((arm.n, arm.n))
     _factored(SINGLE, arm.model, arm.par, State(arm.q, arm.v, arm.a), arm.u, weights, np.zeros(arm.n), S)
@@ -557,7 +583,6 @@ def _run(arm: fx.Arm, formulation: str | None = None, **options: Any) -> Any:
         (lambda: _run(_arm(), "elastica"), "formulation = 'elastica'"),
         (lambda: _run(_arm(), order=3), "order = 3"),
         (lambda: _run(_arm(), period_correction=True), "period_correction = True"),
-        (lambda: _run(_arm(joints=(fx.Joint(friction_viscous=1.0), fx.Joint()))), "joints"),
         (lambda: _run(_arm(mass_damping=0.1)), "mass_damping = 0.1"),
         (lambda: _run(_arm(), step_tolerance=1e-4), "step_tolerance = 0.0001: must not be given in space"),
         (lambda: _run(fx.Arm("a", (fx.RigidLink(1.0),))), "links[0].mass = 0.0"),

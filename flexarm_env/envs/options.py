@@ -168,8 +168,7 @@ def plan(
     if kind.space:
         refuse(
             task=task, reference=reference, motion=motion, cost=cost, pushes=pushes, payload_change=payload_change,
-            initial_vibration=initial_vibration, action_mode=action_mode, sensors=sensors, actuator=actuator,
-            randomization=randomization,
+            initial_vibration=initial_vibration, sensors=sensors, randomization=randomization,
         )  # fmt: skip
     own = with_friction(_arm(kind, arm, joint_limits), actuator)
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))

@@ -34,16 +34,12 @@ def refuse(**given: Any) -> None:
             raise check.InvalidValue(name, given[name], f"must be left out: it {WHERE}")
     if given["task"] not in (None, "reach"):
         raise check.InvalidValue("task", given["task"], f'must be "reach": another {WHERE}')
-    if given["action_mode"] in ("current", "voltage"):
-        what = f'must be "torque" or "residual_pd": a motor model {WHERE}'
-        raise check.InvalidValue("action_mode", given["action_mode"], what)
     sensors = given["sensors"]
     if isinstance(sensors, description.Sensors):
         sensors = {name: value for name in description.KEYS if (value := getattr(sensors, name))}
     for table, path, names in (
         (sensors, "sensors", ("strain_gauges", "accelerometer", "camera")),
-        (given["actuator"], "actuator", ("viscous", "coulomb")),
-        (given["randomization"], "randomization", ("payload_inertia", "friction", "backlash", "motor_inertia")),
+        (given["randomization"], "randomization", ("payload_inertia",)),
     ):
         for name in names:
             if isinstance(table, Mapping) and table.get(name) is not None:
@@ -58,12 +54,10 @@ def refuse_options(table: Mapping[str, Any]) -> None:
 
 
 def check_arm(arm: Arm, kind: Kind) -> None:
-    """ValueError for an arm of the plane, one whose joints are not ideal, one with sensors that there are not."""
+    """ValueError for an arm of the plane, one with sensors that there are not."""
     if not arm.spatial:
         what = f"must leave the x-y plane for {kind.id}; FlexibleArm-v0 and MultiLinkFlexArm-v0 have arms of the plane"
         raise check.InvalidValue("arm", arm.name, what)
-    if arm.jointed:
-        raise check.InvalidValue("arm.joints", arm.name, f"must be ideal: elasticity, rotor and friction {WHERE}")
     if arm.sensors is not None:
         refuse_sensors = {name: getattr(arm.sensors, name) for name in description.KEYS if getattr(arm.sensors, name)}
         for name in refuse_sensors:

@@ -104,7 +104,7 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
 
     | name | default | meaning |
     |---|---|---|
-    | `arm` | "three_dof" | another that leaves the plane, with torque limits, straight links and ideal joints |
+    | `arm` | "three_dof" | another that leaves the plane, with torque limits and straight links |
     | `control_dt` | 0.01 | s |
     | `gravity` | (0, 0, -9.81) | (x, y, z), m/s^2 |
     | `elements`, `dt`, `tolerance` | 2, 0.001, 1e-6 | elements a link; s; of Newton's increments |

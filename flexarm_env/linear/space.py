@@ -23,6 +23,7 @@ from .. import rotations
 from .. import validation as check
 from ..compiler import SINGLE, uncompiled
 from ..physics.equations import equations as evaluate
+from ..physics.model import Jointed
 from ..physics.protocol import State, update
 from ..physics.space.build import axis_of, mount_of
 from ..physics.space.layout import AXES, PL
@@ -44,10 +45,12 @@ class SmallMotions:
         model, arm = simulation.model, simulation.scene.arm
         self.n, self._room = int(model.n), np.zeros(int(model.n_factor))
         known = [int(k) for k in simulation.drive.known]
-        self.hub = simulation.system.coordinates["joint0"]
         still = {*known, *model.fixed.tolist(), *np.flatnonzero(model.weight == 0.0).tolist()}
         self.free = np.array([k for k in range(self.n) if k not in still], np.int64)
-        self.joints = [simulation.system.coordinates[f"joint{k}"] for k in range(arm.n_links)]
+        rows = simulation.system.coordinates
+        self.joints = [rows.get(f"motor{k}", rows[f"joint{k}"]) for k in range(arm.n_links)]  # that can be held
+        self.spun = [rows[name] for name in ("joint0", "motor0") if name in rows]
+        self.chain = model.arm if isinstance(model, Jointed) else model
         self.omega = spin * (mount_of(arm, 0) @ axis_of(arm, 0))
         self.spin = spin
 
@@ -57,7 +60,7 @@ class SmallMotions:
         uncompiled(update)(SINGLE, self.model, q, 1.0, d, None)
         v, a = d1.copy(), d2.copy()
         if self.spin:
-            v[self.hub] += self.spin
+            v[self.spun] += self.spin
             for i in self._vertices():
                 w = rotations.back(rotations.matrices(q[i + 3 : i + AXES]), self.omega)
                 v[i : i + 3] += np.cross(self.omega, q[i : i + 3])
@@ -81,7 +84,8 @@ class SmallMotions:
         """Of `rows` of the residual by those of d (which = 0), d' (1) or d'' (2)."""
         found = np.empty((len(rows), len(rows)))
         # a chord's length is no polynomial of places: short steps beside its segment
-        least = 1.0 if self.model.frames is None else 0.25 / max(1, int(self.model.places[PL.elements :: PL.end].max()))
+        most = max(1, int(self.chain.places[PL.elements :: PL.end].max()))
+        least = 1.0 if self.chain.frames is None else 0.25 / most
         for j, row in enumerate(rows):
             size = least / self.model.weight[row] if which == 0 else 1.0
             # by rates central differences are exact: forces are linear and quadratic in them
@@ -130,7 +134,8 @@ def rest_of(scene: Scene, settings: Any, hold_joints: bool, kind: Callable[..., 
     r = motions.residual(np.zeros((3, motions.n)), found.work.q)
     torques = found.work.u[: scene.arm.n_links].copy()
     for k, row in enumerate(motions.joints):
-        if held.motion_of(f"joint{k}") is not None and scene.motion_of(f"joint{k}") is None:
+        name = f"{'motor' if scene.arm.joint(k).elastic else 'joint'}{k}"
+        if held.motion_of(name) is not None and scene.motion_of(name) is None:
             torques[k] += r[row]
     found.set_torques(torques)
     return found

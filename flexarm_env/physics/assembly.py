@@ -81,8 +81,7 @@ def _in_space(scene: Scene, settings: Settings) -> System:
         raise check.InvalidValue("formulation", settings.formulation, what)
     builder = importlib.import_module(".space.build", __package__)
     _check_honoured(scene.arm, "", f"{settings.formulation} in space", builder.HONOURS)
-    system: System = builder.build(scene, settings)
-    return system
+    return jointed(scene, settings, builder.build(scene, settings))
 
 
 def _builder(formulation: str) -> Any:

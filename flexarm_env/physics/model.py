@@ -285,6 +285,7 @@ class Jointed(NamedTuple):
     table  int64: for each joint that is not ideal `physics.joints.layout.PLACE`; data  float64: `LAW` each
     friction  (0,) where a joint has Coulomb friction, otherwise None
     play   (0,) where a gear has backlash, otherwise None
+    spin   in space, where there are rotors, of each of these joints one over its gear's ratio; otherwise None
     own    (0,) where the laws are each arm's own, in `par` from JOINT_LAWS on, and not those of `data`; otherwise None
     """
 
@@ -302,6 +303,7 @@ class Jointed(NamedTuple):
     data: np.ndarray
     friction: tuple[int, ...] | None
     play: tuple[int, ...] | None
+    spin: np.ndarray | None
     own: tuple[int, ...] | None
 
 

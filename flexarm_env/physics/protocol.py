@@ -29,6 +29,10 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
         the constraint rows of r: scale * Phi (level 0), its velocity (1) or acceleration (2) form, eq. [65]
     pin(lane, model, S, k)           replace row and column k of S by those of the identity; k: of the root or a joint
     stiffen(lane, model, S, k, x)    add x to row k of S, that of a joint's angle, in column k; before `factor`
+    gyrate(lane, model, S, k, momentum)  in space, before `assemble`: the rotor of joint k has this angular momentum
+        (N m s) along the joint's axis e, against the section before, which turns by w: a moment of momentum times w x e
+    sway(lane, model, S, k)          that w x e, in the section's axes, of S; its rows are the three before the joint's
+    lean(lane, model, S, k, x)       before `factor`: column k of S has x times it in these rows
     factor(lane, model, S)           factor S in place
     solve(lane, model, S, x)         x <- S^-1 x in place
     solve_transposed(lane, model, S, x)  only for derivatives backwards: x <- S^-T x
@@ -174,6 +178,9 @@ predict = FORMULATIONS.function("predict", "lane, model, start, q")
 constrain = FORMULATIONS.function("constrain", "lane, model, psi, state, level, scale, r")
 pin = FORMULATIONS.function("pin", "lane, model, S, k")
 stiffen = FORMULATIONS.function("stiffen", "lane, model, S, k, x")
+gyrate = FORMULATIONS.function("gyrate", "lane, model, S, k, momentum")
+sway = FORMULATIONS.function("sway", "lane, model, S, k")
+lean = FORMULATIONS.function("lean", "lane, model, S, k, x")
 factor = FORMULATIONS.function("factor", "lane, model, S")
 solve = FORMULATIONS.function("solve", "lane, model, S, x")
 solve_transposed = FORMULATIONS.function("solve_transposed", "lane, model, S, x")

@@ -36,6 +36,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
     laws = [_law(scene, k, row, motors.get(k, -1)) for k, row in zip(joints, rows, strict=True)]
     friction = any(joint.friction_coulomb > 0.0 for joint in arm.joints)
     play = any(joint.backlash > 0.0 for joint in arm.joints)
+    turning = getattr(inner, "rotors", None) is not None
     more = GEAR.end + (first + count + len(joints) + 1 if friction else 0)
     model = Jointed(
         n=_longer(inner.n, count),
@@ -52,6 +53,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         data=np.concatenate([law for _, law in laws]),
         friction=(0,) if friction else None,
         play=(0,) if play else None,
+        spin=np.array([1.0 / arm.joint(k).gear_ratio for k in joints]) if turning else None,
         own=None,
     )
     wound = [scene.initial_value(f"motor{k}") for k in elastic]
@@ -59,7 +61,7 @@ def jointed(scene: Scene, settings: Settings, system: System) -> System:
         system,
         model=model,
         q0=np.concatenate([system.q0, wound]),
-        v0=np.concatenate([system.v0, np.zeros(count)]),
+        v0=np.concatenate([system.v0, [system.v0[system.coordinates[f"joint{k}"]] for k in elastic]]),
         coordinates={**system.coordinates, **{f"motor{k}": row for k, row in motors.items()}},
         names=(*system.names, *(f"motor{k}" for k in elastic)),
         absolute=(*system.absolute, *(motors[k] for k in elastic if k == 0)),

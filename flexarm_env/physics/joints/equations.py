@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from ...compiler import absolute, kernel, load, select_lt, size, splat, store
 from .. import protocol
-from ..arithmetic import clip
+from ..arithmetic import clip, put
 from ..model import Jointed
 from ..protocol import register
 from .friction import count, direction, gear_at, law, note_columns
@@ -84,8 +84,22 @@ def _at_joint(lane, model, i, one, state, weights, r, S):
 
 
 @kernel
+def _spin_rotors(lane, model, par, state, weights, S):
+    """Tell the arm how fast its rotors turn: by that their momentum along an axis that turns asks for a moment."""
+    for i in range(count(model)):
+        at, share = PLACES * i, law(lane, model, par, i).rotor * model.spin[i]
+        row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
+        rate = load(lane, state.v, motor if motor >= 0 else row)
+        protocol.gyrate(lane, model.arm, S, model.table[at + PLACE.joint], rate * share)
+        if weights.mass != 0.0:
+            store(S, gear_at(model, i) + GEAR.sway, splat(lane, 0.0) + share * weights.damping)
+
+
+@kernel
 def assemble(lane, model, par, state, u, weights, r, S):
     """The arm's own, and what turns its joints."""
+    if model.spin is not None:
+        _spin_rotors(lane, model, par, state, weights, S)
     protocol.assemble(lane, model.arm, par, state, u, weights, r, S)
     for i in range(count(model)):
         one = law(lane, model, par, i)
@@ -115,13 +129,16 @@ def factor(lane, model, S):
     """Motors eliminated, and the arm's matrix factored."""
     for i in range(count(model)):
         g, row = gear_at(model, i), model.table[PLACES * i + PLACE.row]
-        own = load(lane, S, g + GEAR.own)
+        own, through = load(lane, S, g + GEAR.own), splat(lane, 1.0)
         if model.table[PLACES * i + PLACE.motor] >= 0:
             inverse, slope = splat(lane, 0.0), load(lane, S, g + GEAR.slope)
             if S[(g + GEAR.pinned) * len(lane)] == 0.0:
                 inverse = 1.0 / load(lane, S, g + GEAR.pivot)
             store(S, g + GEAR.pivot, inverse)
-            own = own + (slope - slope * (slope * inverse))
+            own, through = own + (slope - slope * (slope * inverse)), slope * inverse
+        if model.spin is not None:
+            share = load(lane, S, g + GEAR.sway) * through
+            protocol.lean(lane, model.arm, S, model.table[PLACES * i + PLACE.joint], share)
         if S[(g + GEAR.held) * len(lane)] == 0.0:
             protocol.stiffen(lane, model.arm, S, row, own)
     protocol.factor(lane, model.arm, S)
@@ -131,36 +148,54 @@ def factor(lane, model, S):
 @kernel
 def solve(lane, model, S, x):
     """x <- S^-1 x with the factors of `factor`; a motor that is pinned keeps what stands in its row."""
-    _without_motors(lane, model, S, x)
+    _without_motors(lane, model, S, x, False)
     protocol.solve(lane, model.arm, S, x)
-    _turn_motors(lane, model, S, x)
+    _turn_motors(lane, model, S, x, False)
 
 
 @kernel
 def solve_transposed(lane, model, S, x):
     """See `protocol`: motors are coupled with joints as these are with them."""
-    _without_motors(lane, model, S, x)
+    _without_motors(lane, model, S, x, True)
     protocol.solve_transposed(lane, model.arm, S, x)
-    _turn_motors(lane, model, S, x)
+    _turn_motors(lane, model, S, x, True)
 
 
 @kernel
-def _without_motors(lane, model, S, x):
+def _sway_of(lane, model, S, i):
+    """The column of a motor's rate in the three rows before its joint's."""
+    a, b, c = protocol.sway(lane, model.arm, S, model.table[PLACES * i + PLACE.joint])
+    share = load(lane, S, gear_at(model, i) + GEAR.sway)
+    return a * share, b * share, c * share
+
+
+@kernel
+def _without_motors(lane, model, S, x, across):
+    """across: of the transposed system."""
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
         if motor >= 0 and S[(g + GEAR.held) * len(lane)] == 0.0:
             share = load(lane, S, g + GEAR.slope) * load(lane, S, g + GEAR.pivot)
             store(x, row, load(lane, x, row) + share * load(lane, x, motor))
+        if model.spin is not None and not across:
+            if motor >= 0:
+                column, turned = _sway_of(lane, model, S, i), load(lane, x, motor) * load(lane, S, g + GEAR.pivot)
+                for j in range(3):
+                    store(x, row - 3 + j, load(lane, x, row - 3 + j) - column[j] * turned)
 
 
 @kernel
-def _turn_motors(lane, model, S, x):
+def _turn_motors(lane, model, S, x, across):
     for i in range(count(model)):
         at, g = PLACES * i, gear_at(model, i)
         row, motor = model.table[at + PLACE.row], model.table[at + PLACE.motor]
         if motor >= 0 and S[(g + GEAR.pinned) * len(lane)] == 0.0:
             turned = load(lane, x, motor) + load(lane, S, g + GEAR.slope) * load(lane, x, row)
+            if model.spin is not None and across:
+                column = _sway_of(lane, model, S, i)
+                for j in range(3):
+                    turned = turned - column[j] * load(lane, x, row - 3 + j)
             store(x, motor, turned * load(lane, S, g + GEAR.pivot))
 
 
@@ -176,6 +211,14 @@ def update(lane, model, q, share, d, more):
     protocol.update(lane, model.arm, q, share, d, more)
     for k in range(size(model.arm.n), size(model.n)):
         store(q, k, protocol.added(lane, q, share, d, more, k))
+
+
+@kernel
+def difference(lane, model, start, q, d):
+    """The arm's own, and angles that add up."""
+    protocol.difference(lane, model.arm, start, q, d)
+    for k in range(size(model.arm.n), size(model.n)):
+        store(d, k, load(lane, q, k) - load(lane, start, k))
 
 
 @kernel
@@ -201,6 +244,18 @@ def rotate(lane, model, start, q, share, x):
 def ports(lane, model, par, q, y):
     """The arm's own, but a torque works on its motor's angle."""
     protocol.ports(lane, model.arm, par, q, y)
+    _at_motors(lane, model, q, y)
+
+
+@kernel
+def ports_after(lane, model, par, start, y0, q, y):
+    """Likewise."""
+    protocol.ports_after(lane, model.arm, par, start, y0, q, y)
+    _at_motors(lane, model, q, y)
+
+
+@kernel
+def _at_motors(lane, model, q, y):
     for i in range(count(model)):
         motor = model.table[PLACES * i + PLACE.motor]
         if motor >= 0:
@@ -259,6 +314,28 @@ def link_poses(lane, model, par, q, v, out):
 
 
 @kernel
+def task_poses(lane, model, par, q, v, out):
+    """The arm's own."""
+    protocol.task_poses(lane, model.arm, par, q, v, out)
+
+
+@kernel
+def stand(lane, model, live, angles, q):
+    """The arm's own, and gears without a torque."""
+    protocol.stand(lane, model.arm, live, angles, q)
+    for i in range(count(model)):
+        row, motor = model.table[PLACES * i + PLACE.row], model.table[PLACES * i + PLACE.motor]
+        if motor >= 0:
+            put(live, q, motor, load(lane, q, row), load(lane, q, motor))
+
+
+@kernel
+def light(model):
+    """The arm's own."""
+    return protocol.light(model.arm)
+
+
+@kernel
 def out_of_range(lane, model, par, q):
     """The arm's own."""
     return protocol.out_of_range(lane, model.arm, par, q)
@@ -272,5 +349,5 @@ def shape(model, q, points):
 
 register(
     Jointed, assemble, pin, factor, solve, solve_transposed, predict, update, inertia, rotate, ports,
-    friction, damping_work, energy, link_poses, out_of_range, shape,
+    friction, damping_work, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses, stand, light,
 )  # fmt: skip

@@ -32,6 +32,7 @@ GEAR = Layout(
     Field("pivot", (), "", "of the motor's row; factored: its inverse, 0 where it is pinned"),
     Field("slope", (), "", "of the gear's torque"),
     Field("own", (), "", "what is added to the joint's row in its own column"),
+    Field("sway", (), "N m s", "share of `protocol.sway` in the column of what turns the rotor, in space"),
     Field("gap", (), "", "of the unknown that is solved for, what would leave the joint at rest without friction"),
     Field("bound", (), "N m", "Coulomb friction where it slides"),
     Field("sticks", (), "", "1: friction holds the joint"),

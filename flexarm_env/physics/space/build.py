@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from ... import bodies, curves, rotations
 from ... import validation as check
 from ...bodies import RigidLink
-from ...parameters import Arm, Elbow, Link, Payload, Section, Taper
+from ...parameters import Arm, Elbow, Joint, Link, Motor, Payload, Section, Taper
 from ...scene import PointLoad, Scene
 from ...sections import ACROSS, ENDS
 from ...settings import Settings, default_options
-from ..model import System
+from ..model import BEAM, Honours, System
 from . import segments
 from .chain import SpatialBeam
 from .element import BOW
@@ -22,16 +22,17 @@ from .layout import AXES, BODY, ELEMENT, JOINT, LOAD, PLACE, B, F, H
 
 Array = NDArray[np.float64]
 
-HONOURS: dict[type, tuple[str, ...]] = {
-    Arm: ("links", "hub_inertia", "hub_axis", "hub_mount", "elbows", "payload", "tau_d"),
+HONOURS: Honours = {
+    Arm: ("links", "hub_inertia", "hub_axis", "hub_mount", "elbows", "payload", "tau_d", "joints"),
     Link: ("length", "section", "tau_d", *ENDS, "curvature"),
     RigidLink: ("length", "mass", "centre", "inertia", "section", "tau_d", *ENDS, "curvature"),
     Section: ("EI", "EA", "C", "m", "J", *ACROSS),
     Taper: ("widths", "thicknesses", "E", "rho", "G", "kappa"),
     Elbow: ("mass", "inertia_left", "inertia_right", "axis", "mount"),
     Payload: ("mass", "inertia", "offset"),
+    **{kind: BEAM[kind] for kind in (Joint, Motor)},
 }
-"""See `exact.build.HONOURS`. Joints that are not ideal are among what is refused."""
+"""See `model.Honours`."""
 
 LEAST_ROTARY = 1e-8
 """Rotary inertia about any axis, over m l^2 of its element, that none falls below: vertices turn by themselves."""
@@ -276,6 +277,7 @@ def build(scene: Scene, settings: Settings) -> System:
     loads, q0_v0 = _loads(scene), _start(scene, settings)
     last, payload = arm.links[-1], arm.payload
     offset = np.array((*payload.offset, 0.0)[:3])
+    rotors = [arm.joint(k).rotor for k in range(arm.n_links)]
     model = SpatialBeam(
         n=len(names),
         n_factor=first,
@@ -296,6 +298,7 @@ def build(scene: Scene, settings: Settings) -> System:
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.concatenate(loads) if loads else None,
         damped=(0,) if largest > 0.0 else None,
+        rotors=np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
     )
     coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
     par = np.array([payload.mass, 0.0, 1.0, largest])

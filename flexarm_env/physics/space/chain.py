@@ -10,7 +10,7 @@ from ...compiler import kernel, load, sincos, splat, store
 from ..arithmetic import add
 from ..model import STIFFNESS_FACTOR, TAU_D
 from .element import Place, Section, add_block
-from .layout import E, J, L, P, joint_row
+from .layout import E, H, J, L, P, hinge_at, joint_row
 from .rotations import (
     about_identity,
     back,
@@ -22,6 +22,7 @@ from .rotations import (
     minus,
     plus,
     product,
+    put_vector,
     quaternion,
     scaled,
     skew,
@@ -45,6 +46,7 @@ class SpatialBeam(NamedTuple):
     gravity   float64 (3,) m/s^2, or None
     loads     float64: a `LOAD` each, whose inputs are a force and a moment along inertial axes; or None
     damped    (0,) with Kelvin-Voigt damping, otherwise None
+    rotors    int64: of each joint 1 where it has a rotor, which `physics.joints` turns; None: no joint has
     """
 
     n: int
@@ -66,6 +68,7 @@ class SpatialBeam(NamedTuple):
     gravity: np.ndarray | None
     loads: np.ndarray | None
     damped: tuple[int, ...] | None
+    rotors: np.ndarray | None
 
 
 class Vertex(NamedTuple):
@@ -206,6 +209,19 @@ def body(lane, array, o, mass, at, weights, S, to):
         add_block(lane, S, to, 1, 0, scaled(product(chat, transposed(A)), mass * cm))
         add_block(lane, S, to, 1, 1, sum_of(product(chat, inner), _turning_slope(I, w, cm, cd)))
     return turned(A, pull), moment
+
+
+@kernel
+def rotor_moment(lane, model, S, k, at, weights, o):
+    """(force, moment) of joint k's rotor on the section before: its momentum along an axis e that turns, h w x e; and
+    its part of the matrix. e is fixed in that section."""
+    zero, h = splat(lane, 0.0), hinge_at(k)
+    axis = turned(nine_of(lane, model.joints, J.end * k + J.mount), three_of(lane, model.joints, J.end * k + J.axis))
+    sway, spin = cross(at.place.spin, axis), load(lane, S, h + H.now_spin)
+    if weights.mass != 0.0:
+        put_vector(S, h + H.sway, sway)
+        add_block(lane, S, o, 1, 1, scaled(skew(axis), -(spin * weights.damping)))
+    return (zero, zero, zero), times(sway, spin)
 
 
 @kernel

@@ -17,6 +17,7 @@ from .chain import (
     hinged,
     loaded,
     lump,
+    rotor_moment,
     section_at,
     three_of,
     vertex_at,
@@ -24,7 +25,7 @@ from .chain import (
 from .element import forces, inertia, middle, most_force, tangent
 from .frame import framed
 from .layout import AXES, B, E, F, H, J, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
-from .matrix import factor, matrix_in, pin, put_matrix, solve, stiffen
+from .matrix import factor, gyrate, lean, matrix_in, pin, put_matrix, solve, stiffen, sway
 from .output import (
     damping_work,
     difference,
@@ -79,6 +80,9 @@ def assemble(lane, model, par, state, u, weights, r, S):
             mass = splat(lane, model.joints[at + J.near + P.mass])
             _add(lane, r, i, body(lane, model.joints, at + J.near, mass, tip, weights, S, o))
             _add(lane, r, i, loaded(lane, model, u, k - 1, True, tip, weights, S, o))
+        if model.rotors is not None:
+            if model.rotors[k] != 0:
+                _add(lane, r, i, rotor_moment(lane, model, S, k, tip, weights, o))
         hinge = hinged(lane, model, state, k, tip)
         root, left, j = hinge.root, hinge.root, row + 1
         on_root = (zero, zero, zero), (zero, zero, zero)
@@ -174,5 +178,5 @@ register(
     SpatialBeam, assemble=assemble, pin=pin, stiffen=stiffen, factor=factor, solve=solve, update=update,
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
     link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
-    light=light,
+    light=light, gyrate=gyrate, lean=lean, sway=sway,
 )  # fmt: skip

@@ -91,11 +91,14 @@ HINGE = Layout(
     Field("pinned", (), "", "1 where it does not move"),
     Field("shift", (3, 3), "m", "what the beginning moves by when the section before turns, in its axes"),
     Field("swing", (3,), "m", "what it moves by when the joint turns"),
+    Field("sway", (3,), "rad/s", "w x e of the section before and the joint's axis e; where there are rotors"),
+    Field("lean", (), "N m s", "times it: what the joint's column has of it, for `lean`"),
     Field("now_turn", (3, 3), "", "the first of these of the residual made last, which `solve` does not read"),
     Field("now_lever", (3,), "m", ""),
     Field("now_frame", (3, 3), "", ""),
     Field("now_force", (3,), "N", "on the link's beginning, inertial axes"),
     Field("now_moment", (3,), "N m", ""),
+    Field("now_spin", (), "N m s", "angular momentum of the joint's rotor along its axis, against the section before"),
 )  # fmt: skip
 
 BASE = Layout("Base", "", Field("matrix", (6, 6), "", "of the base"), Field("pinned", (6,), "", "1 where it is held"))

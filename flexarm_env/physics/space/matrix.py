@@ -73,6 +73,24 @@ def stiffen(lane, model, S, k, x):
 
 
 @kernel
+def gyrate(lane, model, S, k, momentum):
+    """See `protocol`."""
+    store(S, hinge_at(k) + H.now_spin, momentum)
+
+
+@kernel
+def sway(lane, model, S, k):
+    """See `protocol`."""
+    return vector(lane, S, hinge_at(k) + H.sway)
+
+
+@kernel
+def lean(lane, model, S, k, x):
+    """See `protocol`."""
+    store(S, hinge_at(k) + H.lean, x)
+
+
+@kernel
 def _factor_six(lane, S, o):
     """L and U of the 6 x 6 matrix at o, in place, its pivots inverted, no rows exchanged: mass outweighs the rest."""
     for k in range(6):
@@ -142,6 +160,9 @@ def _eliminate_joint(lane, model, S, k):
         by_place = plus(by_place, back(xx, c))
         force = plus(force, sideways)
         on_section = plus(plus(on_section, turned(turn, turned(tx, c))), plus(turned(Xt, force), cross(swing, pull)))
+    if model.rotors is not None:
+        if model.rotors[k] != 0:
+            on_section = plus(on_section, times(sway(lane, model, S, k), load(lane, S, h + H.lean)))
     add_block(lane, S, below, 0, 0, xx)
     add_block(lane, S, below, 0, 1, upper)
     add_block(lane, S, below, 1, 0, lower)

@@ -75,11 +75,13 @@ def read(arm: Arm, settings: Settings, q: Array, v: Array) -> dict[str, Any]:
         twist[:, k] = vectors(np.swapaxes(motion.root.A, 1, 2) @ motion.tip.A)[:, 0]
         shapes += [frame.r for frame in motion.sections] + [motion.tip.r]
     tip, rows = found[-1].tip, _joint_rows(arm, settings)
+    motors = _motor_rows(arm, settings)
     return {
         "start": found[0].root.r, "tip": tip.r, "tip_rotation": quaternions(tip.A),
         "tip_velocity": np.hstack([tip.v, tip.w]),
         "hinges": np.stack([m.root.r for m in found[1:]], axis=1) if N > 1 else np.zeros((n, 0, 3)),
-        "joint_angles": q[:, rows], "joint_rates": v[:, rows], "motor_angles": q[:, rows], "motor_rates": v[:, rows],
+        "joint_angles": q[:, rows], "joint_rates": v[:, rows], "motor_angles": q[:, motors],
+        "motor_rates": v[:, motors],
         "tip_deflection": deflection, "twist": twist, "shapes": np.stack(shapes, axis=1),
         "link_rotations": np.stack(
             [np.stack([quaternions(m.root.A), quaternions(m.tip.A)], axis=1) for m in found], axis=1
@@ -91,6 +93,16 @@ def tips(arm: Arm, settings: Settings, q: Array) -> Array:
     """Places of the tip, (n, 3), of coordinates (n, rows)."""
     *_, last = links(arm, settings, q, np.zeros_like(q))
     return last.tip.r
+
+
+def _motor_rows(arm: Arm, settings: Settings) -> list[int]:
+    """Of motors that have angles of their own, behind all others; of the rest those of their joints."""
+    rows = _joint_rows(arm, settings)
+    behind = rows[-1] + 1 + AXES * max(1, count_elements(arm.links[-1], settings))
+    for k in range(arm.n_links):
+        if arm.joint(k).elastic:
+            rows[k], behind = behind, behind + 1
+    return rows
 
 
 def _joint_rows(arm: Arm, settings: Settings) -> list[int]:

@@ -1,0 +1,213 @@
+"""What turns the joints of arms in space: rotors on axes that turn, gears, play and friction; motors in environments."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import flexarm_env as fx
+from flexarm_env import arms
+from flexarm_env.linear import modes, static_equilibrium
+from flexarm_env.time_functions import constant, ramp, sine
+
+EXACT, FLOATING = "geometrically_exact", "floating_frame"
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+
+def tensor(*own: float) -> Any:
+    return tuple(map(tuple, np.diag(own)))
+
+
+def gimbal(*joints: fx.Joint, mass: float = 0.4) -> fx.Arm:
+    """Yaw about z, pitch about y, then a wheel about the x axis of the pitching link: all rigid, of 0.1, 0.2, 0.1 m."""
+    links = (
+        fx.RigidLink(0.1, 1.0, (0.0, 0.0, 0.0), tensor(0.01, 0.01, 0.01)),
+        fx.RigidLink(0.2, 0.0, (0.0, 0.0, 0.0), tensor(1e-4, 1e-4, 1e-4)),
+        fx.RigidLink(0.1, mass, (0.0, 0.0, 0.0), tensor(2e-3, 1e-3, 1e-3)),
+    )
+    return fx.Arm("gimbal", links, elbows=(fx.Elbow(axis=Y), fx.Elbow(axis=X)), joints=joints)
+
+
+def run(scene: fx.Scene, how: str = EXACT, **options: Any) -> Any:
+    found = fx.simulate(scene, how, estimate_error=False, **options)
+    assert found.finished, found.message
+    return found
+
+
+# ------------------------------------------------------------------ rotors on axes that turn
+@pytest.mark.parametrize("stiffness", [math.inf, 50.0])
+def test_a_rotor_on_an_axis_that_turns_asks_for_its_gyroscopic_moment(stiffness: float) -> None:
+    """Yaw at W, the wheel's motor at n w: the pitching joint must give I n w W more than without the rotor."""
+    inertia, ratio, yaw, spin = 3e-4, 40.0, 1.5, 2.0
+    torques = []
+    for rotor in (0.0, inertia):
+        joint = fx.Joint(stiffness=stiffness, motor_inertia=rotor, gear_ratio=ratio)
+        name = "joint2" if stiffness == math.inf else "motor2"
+        motions = (
+            fx.Motion("joint0", ramp(yaw, 1.0)), fx.Motion("joint1", constant(0.0)), fx.Motion(name, ramp(spin, 1.0)),
+        )  # fmt: skip
+        arm = gimbal(fx.Joint(), fx.Joint(), joint)
+        scene = fx.Scene("s", arm, duration=0.5, dt=1e-3, motions=motions, rates=(yaw, 0.0, spin))
+        found = run(scene)
+        assert np.ptp(found.joint_torque[5:, 1]) < 1e-8
+        torques.append(found.joint_torque[-1, 1])
+    # w x e = yaw z x (x axis) = yaw y, so that the moment about the pitching axis y is I n w W
+    assert torques[1] - torques[0] == pytest.approx(inertia * ratio * spin * yaw, rel=1e-8)
+    # the wheel's own momentum: 2e-3 kg m^2 about its axis
+    assert torques[0] == pytest.approx(2e-3 * spin * yaw, rel=1e-8)
+
+
+@pytest.mark.parametrize("stiffness", [math.inf, 50.0])
+def test_a_spinning_rotor_carries_its_arm_round(stiffness: float) -> None:
+    """A level top: m g l = (I n + I_wheel) w W, all joints free; without the rotor it falls."""
+    inertia, ratio, spin, mass = 4e-3, 30.0, 20.0, 0.4
+    lever, gravity = 0.2, 9.81
+    momentum = (inertia * ratio + 2e-3) * spin
+    yaw = -mass * gravity * lever / momentum  # the weight turns about +y (x down), the momentum along x needs yaw < 0
+    joints = (fx.Joint(), fx.Joint(), fx.Joint(stiffness=stiffness, motor_inertia=inertia, gear_ratio=ratio))
+    scene = fx.Scene(
+        "top", gimbal(*joints), duration=1.0, dt=5e-4, sample=0.05, gravity=(0.0, 0.0, -gravity), rates=(yaw, 0.0, spin)
+    )
+    found = run(scene, rho_inf=1.0)
+    assert np.abs(found.joint_angles[:, 1]).max() < 1e-5
+    np.testing.assert_allclose(found.joint_angles[:, 0], yaw * found.t, atol=2e-5)
+    np.testing.assert_allclose(found.joint_rates[:, 2], spin, rtol=1e-6)
+    fallen = run(dataclasses.replace(scene, arm=gimbal(), duration=0.3))
+    assert fallen.joint_angles[-1, 1] > 0.2
+
+
+# ------------------------------------------------------------------ friction
+@pytest.mark.parametrize("how", [EXACT, FLOATING])
+def test_what_friction_takes_of_a_swinging_link(how: str) -> None:
+    """A rigid link swings down about a level axis: Coulomb friction takes T_C times its way, viscous friction the
+    integral of c w^2, both as the rigid pendulum has them."""
+    mass, length, gravity, coulomb, viscous = 1.2, 0.6, 9.81, 0.3, 0.05
+    inertia, weight = mass * length**2 / 3.0, mass * gravity * 0.5 * length
+    link = fx.RigidLink(length, mass, (0.5 * length, 0.0, 0.0), tensor(1e-5, *(mass * length**2 / 12.0,) * 2))
+    joint = fx.Joint(friction_coulomb=coulomb, friction_viscous=viscous)
+    arm = fx.Arm("p", (link,), hub_axis=Y, hub_mount=((0.0, 0.0, 1.0), 0.4), joints=(joint,))
+    scene = fx.Scene("p", arm, duration=0.4, dt=5e-4, sample=0.01, gravity=(0.0, 0.0, -gravity))
+    found = run(scene, how, rho_inf=1.0)
+
+    def pendulum(t: float, y: np.ndarray) -> list[float]:
+        q, w, _ = y
+        return [w, (weight * math.cos(q) - coulomb - viscous * w) / inertia, viscous * w * w]
+
+    exact = solve_ivp(pendulum, (0.0, 0.4), [0.0, 0.0, 0.0], t_eval=found.t, rtol=1e-11, atol=1e-12).y
+    np.testing.assert_allclose(found.joint_angles[:, 0], exact[0], atol=2e-6)
+    assert exact[0, -1] > 1.0
+    np.testing.assert_allclose(found.dissipated, coulomb * exact[0] + exact[2], atol=5e-6)
+    assert np.abs(found.balance).max() < 1e-5
+
+
+def test_below_friction_nothing_moves_and_a_level_arm_stays() -> None:
+    """The yaw joint of a bent arm sticks while its torque is below T_C, to the last bit, and slides above it."""
+    arm = dataclasses.replace(arms.named("three_dof"), joints=(fx.Joint(friction_coulomb=2.0), fx.Joint(), fx.Joint()))
+    motions = (fx.Motion("joint1", constant(0.9)), fx.Motion("joint2", constant(0.4)))
+    scene = fx.Scene(
+        "s", arm, duration=0.1, dt=1e-3, angles=(0.0, 0.9, 0.4), motions=motions, gravity=(0.0, 0.0, -9.81), start="held",
+        loads=(fx.JointTorque(0, sine(1.8, 20.0)),),
+    )  # fmt: skip
+    assert np.abs(run(scene).joint_angles[:, 0]).max() == 0.0
+    more = dataclasses.replace(scene, loads=(fx.JointTorque(0, constant(4.0)),))
+    assert run(more).joint_angles[-1, 0] > 1e-3
+
+
+# ------------------------------------------------------------------ beside the plane
+STRIP = fx.Section(EI=2.0, EA=2e5, C=7e4, m=0.3, J=1e-5, EI_y=8.0, C_y=7e4, J_y=1e-5, GJ=2.0)
+
+
+def geared(**changes: Any) -> fx.Arm:
+    """Two strips on damped elastic gears with rotors, friction and play."""
+    common: dict[str, Any] = {"damping": 0.05, "backlash": 0.02, "friction_coulomb": 0.05, "friction_viscous": 0.02}
+    gears = (fx.Joint(stiffness=30.0, motor_inertia=2e-4, gear_ratio=10.0, **common | changes),
+             fx.Joint(stiffness=10.0, motor_inertia=1e-4, gear_ratio=8.0, **common | changes))  # fmt: skip
+    return fx.Arm(
+        "two", (fx.Link(0.6, STRIP), fx.Link(0.4, STRIP)), hub_inertia=0.02, elbows=(fx.Elbow(0.05, 1e-3, 1e-3),),
+        payload=fx.Payload(0.1, 1e-4), tau_d=2e-3, joints=gears,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("how", "side", "most"),
+    [(EXACT, "motor", 1e-3), pytest.param(EXACT, "link", 1e-3, marks=pytest.mark.slow),
+     pytest.param(FLOATING, "motor", 2e-3, marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_gears_play_and_friction_are_those_of_the_plane(how: str, side: str, most: float) -> None:
+    """A planar scene in space beside the planar kernels: tip over L, motors, what is dissipated; the books close."""
+    loads = (fx.JointTorque(0, sine(2.2, 2.0 * math.pi)), fx.JointTorque(1, sine(1.0, 2.0 * math.pi)))
+    scene = fx.Scene(
+        "s", geared(friction_side=side), duration=1.0, dt=1e-3, sample=0.02, loads=loads, gravity=(0.0, -4.0)
+    )
+    plane = run(scene, EXACT, elements=8, order=2)
+    mesh: dict[str, Any] = {EXACT: {"elements": 8}, FLOATING: {"segments": 8}}[how]
+    space = run(dataclasses.replace(scene, space=True), how, **mesh)
+    assert np.abs(plane.tip_deflection).max() > 0.1
+    assert np.abs(plane.motor_angles - plane.joint_angles).max() > 0.02
+    assert np.linalg.norm(space.tip[:, :2] - plane.tip[:, :2], axis=1).max() < most
+    assert np.abs(space.motor_angles - plane.motor_angles).max() < 3.0 * most
+    assert space.dissipated[-1] == pytest.approx(plane.dissipated[-1], rel=0.01)
+    assert np.abs(space.balance).max() < 3e-3 * space.turned_over
+
+
+def test_modes_and_rest_on_a_gear_are_those_of_the_plane() -> None:
+    """Frequencies with the motor free and held; the rest under gravity, the motor held."""
+    arm = geared(backlash=0.0, friction_coulomb=0.0)
+    scene = fx.Scene("s", arm, duration=1.0, dt=1e-3, angles=(0.2, 0.9))
+    for held in ((), (0,), (0, 1)):
+        plane = modes(scene, 5, EXACT, elements=8, order=2, clamped=held).frequencies
+        space = modes(dataclasses.replace(scene, space=True), 16, elements=8, clamped=held).frequencies
+        for omega in plane[plane > 1.0][:3]:
+            assert np.abs(space / omega - 1.0).min() < 2e-3
+    heavy = dataclasses.replace(scene, gravity=(0.0, -1.0))
+    rests = [
+        static_equilibrium(s, EXACT, **o)
+        for s, o in ((heavy, {"elements": 8, "order": 2}), (dataclasses.replace(heavy, space=True), {"elements": 8}))
+    ]
+    torques = np.array([rest.joint_torques() for rest in rests])
+    np.testing.assert_allclose(torques[1], torques[0], rtol=1e-4)
+    for name in ("motor0", "motor1", "joint0", "joint1"):
+        at = [rest.work.q[rest.system.coordinates[name]] for rest in rests]
+        assert at[1] == pytest.approx(at[0], abs=1e-4)
+
+
+# ------------------------------------------------------------------ environments
+MOTOR = fx.Motor(torque_constant=0.05, resistance=1.0, current_limit=6.0, voltage_limit=24.0)
+GEAR = fx.Joint(
+    stiffness=300.0, damping=0.3, motor_inertia=2e-5, gear_ratio=40.0, friction_coulomb=0.1, backlash=0.002, motor=MOTOR
+)
+
+
+def test_lanes_and_single_environments_with_geared_joints_are_equal_to_the_last_bit() -> None:
+    """Motors that stick and slip behind gears with play under currents, drawn friction; energies add up."""
+    arm = dataclasses.replace(arms.named("three_dof"), joints=(GEAR,) * 3)
+    keywords: dict[str, Any] = {
+        "arm": arm, "elements": 1, "dt": 1e-3, "info_level": "full", "action_mode": "current",
+        "randomization": {"friction": (0.5, 1.5), "motor_inertia": (0.8, 1.2), "backlash": (0.5, 1.5)},
+    }  # fmt: skip
+    many, one = gym.make_vec("SpatialFlexArm-v0", num_envs=3, **keywords), gym.make("SpatialFlexArm-v0", **keywords)
+    _, began = many.reset(seed=5)
+    one.reset(seed=6)
+    rng = np.random.default_rng(2)
+    turned_over, before = 0.0, 0.0
+    for _ in range(15):
+        actions = 0.7 * rng.uniform(-1.0, 1.0, many.action_space.shape).astype(np.float32)
+        seen, reward, *_, infos = many.step(actions)
+        own = one.step(actions[1])
+        np.testing.assert_array_equal(seen[1], own[0])
+        assert reward[1] == own[1]
+        for key in ("motor_angle", "motor_rate", "tip_position", "energy_dissipated"):
+            np.testing.assert_array_equal(infos[key][1], own[-1][key])
+        limits = np.minimum(40.0 * 0.05 * 6.0, np.array(arm.torque_limits))
+        np.testing.assert_allclose(infos["joint_torque"], np.clip(actions * 12.0, -limits, limits), rtol=1e-6)
+        turned_over, before = turned_over + abs(infos["work"] - before), infos["work"]
+    names = ("energy_kinetic", "energy_strain", "energy_gravity", "energy_dissipated")
+    off = sum(infos[name] - began[name] for name in names) - infos["work"]
+    assert (infos["energy_dissipated"] > 0.0).all()
+    assert (np.abs(off) < 0.03 * turned_over).all()
