@@ -150,7 +150,7 @@ class Joint:
         damping: of the gear, N m s/rad, beside the spring; 0 where the stiffness is infinite.
         motor_inertia: of the rotor about its own axis, kg m^2: its energy is 1/2 motor_inertia (gear_ratio rate)^2,
             rate being that of the motor's angle relative to the link before. An elastic gear needs one, unless a
-            motion prescribes the motor's angle.
+            motion prescribes the motor's angle. In space its momentum along an axis that turns asks for a moment.
         gear_ratio: turns of the rotor for one of the joint, positive.
         friction_viscous: N m s/rad. friction_coulomb: N m: the torque that the joint withstands before it moves, and
             that brakes it while it does.
