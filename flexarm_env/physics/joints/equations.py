@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from ...compiler import absolute, kernel, load, select_lt, size, splat, store
 from .. import protocol
-from ..arithmetic import clip, put
+from ..arithmetic import add, clip, put
 from ..model import Jointed
 from ..protocol import register
 from .friction import count, direction, gear_at, law, note_columns
@@ -181,8 +181,8 @@ def _without_motors(lane, model, S, x, across):
         if model.spin is not None and not across:
             if motor >= 0:
                 column, turned = _sway_of(lane, model, S, i), load(lane, x, motor) * load(lane, S, g + GEAR.pivot)
-                for j in range(3):
-                    store(x, row - 3 + j, load(lane, x, row - 3 + j) - column[j] * turned)
+                for j in range(len(column)):
+                    add(lane, x, row - len(column) + j, -(column[j] * turned))
 
 
 @kernel
@@ -194,8 +194,8 @@ def _turn_motors(lane, model, S, x, across):
             turned = load(lane, x, motor) + load(lane, S, g + GEAR.slope) * load(lane, x, row)
             if model.spin is not None and across:
                 column = _sway_of(lane, model, S, i)
-                for j in range(3):
-                    turned = turned - column[j] * load(lane, x, row - 3 + j)
+                for j in range(len(column)):
+                    turned = turned - column[j] * load(lane, x, row - len(column) + j)
             store(x, motor, turned * load(lane, S, g + GEAR.pivot))
 
 
