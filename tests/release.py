@@ -5,8 +5,8 @@
 newest requirements of every Python from 3.11 on that the machine has and under the oldest of 3.11 (as
 `tests.versions`), and the source distribution under the newest. In each of these environments, from an empty folder,
 the command line checks itself and makes two players: a scene, a packaged policy beside PD. The browser of `make
-test-browser` opens them, and pictures are left in runs/release/; without a browser that is said, all else is checked,
-and the page stays as it is. Compilation left out, all that takes a minute at most (of processor time: other work on the
+test-browser` opens them, and pictures are left in runs/release/; without a browser that is said, and all else is
+checked. Compilation left out, all that takes a minute at most (of processor time: other work on the
 machine does not count). The wheel with its extra "train" is installed once more, by the Python that runs this: there a
 policy is trained for a moment, judged, exported to C, and drives an arm that is served. The exit code is 1 where
 something fails; the table at the end says what was tried, and `python -m tests.release --page` keeps it as
@@ -48,10 +48,15 @@ HEAD = """# What was tried where
 
 Where the package is known to work: wheel and source distribution, each installed alone into an empty environment, under
 the oldest and the newest releases of what it asks for. From an empty folder `flexarm doctor` checks itself, `flexarm
-view two_link_motion` and `flexarm view two_link pd` make players, and a browser (headless Chromium) shows both.
+view two_link_motion` and `flexarm view two_link pd` make players, which headless Chromium shows where it is.
 Times are those of the processor, without compilation. Written by `python -m tests.release --page` (`make release-check`
 without the page)."""
 REST = "Not tried, for want of such machines: macOS, Windows, ARM; other browsers, touch screens and screen readers."
+WITH_TRAIN = (
+    "with the extra `train`, likewise alone: policies trained for a moment by PPO and by gradients, judged, a "
+    "controller's gains tuned, a policy exported to C, an arm as a C library and as a mock-up unit, an arm served and "
+    "the policy driving it"
+)
 UNSEEN = f"not opened in a browser, for none of {', '.join(NAMES)} is here; FLEXARM_BROWSER names one elsewhere"
 VIEWS = {"scene": ("two_link_motion",), "policy": ("two_link", "pd")}
 
@@ -115,6 +120,8 @@ TRAINED = (
     "evaluate --policy run,pd --episodes 4 --out judged",
     "tune --env FlexibleArm-v0 --controllers pd --samples 2 --refinements 2 --episodes 4",
     "export run --to c --out policy.c",
+    "export FlexibleArm-v0 --to library --out strip",
+    "export FlexibleArm-v0 --to fmu --out strip.fmu",
 )
 """What the wheel with the extra "train" is asked to do, each a command of `flexarm`."""
 
@@ -127,6 +134,7 @@ def trained(python: Path, folder: Path) -> None:
         if done.returncode:
             raise RuntimeError(f"flexarm {words}: {(done.stdout + done.stderr)[-2000:]!r}")
     written = ("run/policy.npz", "g/policy.npz", "judged/table.md", "policy.c", "runs/gains/slew.toml")
+    written += ("strip/libstrip.so", "strip.fmu")
     missing = [name for name in written if not (folder / name).is_file()]
     if missing:
         raise RuntimeError(f"not written: {', '.join(missing)}")
@@ -230,18 +238,20 @@ def main(arguments: list[str]) -> int:
             inside = installed(own, "train", Path(f"{wheel}[train]"))
             with tempfile.TemporaryDirectory() as empty:
                 trained(inside, Path(empty))
-            print(f"{own}, with the extra train: trained, judged, tuned, exported, served and driven", flush=True)
+            print(f"{own}, {WITH_TRAIN}", flush=True)
         except (subprocess.CalledProcessError, RuntimeError, OSError) as error:
             failed += 1
             print(f"the extra train: FAILED: {error}", flush=True)
     columns = f"python | {' | '.join(NEEDED)} | from | install | two players | pictures | in all, by the clock"
     where = f"{platform.system()}, {platform.machine()}, {date.today()}"
-    lines = [*table(columns, rows), "", f"{sizes}. {where}.", "", REST]
-    print("", *lines, sep="\n")
     good, seen = bool(rows) and not faults and not failed, program() is not None
+    lines = [*table(columns, rows), "", f"{sizes}. {where}.", ""]
+    lines += [f"Python {platform.python_version()}, {WITH_TRAIN}.", ""]
+    lines += [REST if seen else f"The players were {UNSEEN}. {REST}"]
+    print("", *lines, sep="\n")
     outcome = "All of this holds" if good else "Not all of this holds"
     print(f"\n{outcome}." if seen else f"\n{outcome}; the players were {UNSEEN}.")
-    if good and seen and "--page" in arguments:
+    if good and "--page" in arguments:
         write_text(PAGE, "\n".join([HEAD, "", *lines, ""]))
     return 0 if good else 1
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import dataclasses
 import shutil
 import zipfile
 from collections.abc import Sequence
@@ -16,13 +15,14 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401
-from flexarm_env import arms
+from flexarm_env import control
 from flexarm_env.cli import main
 from flexarm_env.compiler import UNCOMPILED
-from flexarm_env.library import build, fmu, write_fmu
+from flexarm_env.library import build, fmu, write_controller_fmu, write_fmu
 from flexarm_env.library.fmu import FORMS
 from flexarm_env.library.source import Source
-from flexarm_env.remote import Session
+from flexarm_env.physics.layout import SPACE_POSE
+from tests.cli_tools import refused
 
 needs_c = pytest.mark.skipif(shutil.which("cc") is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
 
@@ -162,12 +162,103 @@ def test_outputs_of_two_links_are_where_they_lie() -> None:
     assert {name: found[name] for name in wanted} == wanted
 
 
-def test_an_arm_in_space_is_refused_by_name(tmp_path: Path) -> None:
-    env: Any = gym.make("FlexibleArm-v0")
-    env.unwrapped.plan = dataclasses.replace(env.unwrapped.plan, arm=arms.named("three_dof"))
-    for call in (lambda: write_fmu(env, tmp_path / "x.fmu", "x"), lambda: Session(env)):
-        with pytest.raises(ValueError, match="arm = 'three_dof': must move in the x-y plane"):
-            call()
+def test_units_are_defined() -> None:
+    env: Any = gym.make("FlexibleArm-v0", arm="strip_geared").unwrapped
+    found = list(fmu._variables(Source(env, "arm", (), None, "", (), ""), env.plan))
+    assert {"stiffness[0]", "rotor[0]", "coulomb[0]", "torque_factor"} <= {one.name for one in found}
+    assert {one.unit for one in found} <= {"", *fmu.UNITS}
+
+
+def test_variables_of_an_arm_in_space() -> None:
+    """Three components, both planes, a target by joint angles; what its programs do not read is not there."""
+    env: Any = gym.make("SpatialFlexArm-v0").unwrapped
+    source = Source(env, "arm", (), None, "", (), "")
+    found = {one.name: (one.kind, one.at, one.unit) for one in fmu._variables(source, env.plan)}
+    at, posed = env.batch.info_at, SPACE_POSE
+    assert found["tip[2]"] == ("INFO", at.tip + 2, "m") and found["deflection[1,2]"] == ("INFO", at.deflection + 5, "")
+    assert found["twist[1]"][1] == at.twist + 1 and found["energy.work"][1] == at.energies + 4
+    assert found["link[2].axes[1,0]"] == ("POSE", 2 * posed.end + posed.axes + 3, "")
+    assert found["link[1].rate"] == ("POSE", posed.end + posed.rate, "rad/s")
+    assert found["target[2]"] == ("TARGET", 2, "rad") and "payload_inertia" not in found
+    assert "payload_mass" in found and "observation.twist_2" in found
+
+
+@needs_c
+@pytest.mark.slow
+def test_an_arm_in_space(tmp_path: Path) -> None:
+    env = gym.make("SpatialFlexArm-v0", info_level="full", duration=1000.0)
+    write_fmu(env, tmp_path / "arm.fmu", "arm")
+    unit, plain, joints = Unit(tmp_path / "arm.fmu", tmp_path / "unit", "3.0"), env.unwrapped, np.arange(3)
+    start, goal = np.array([0.3, -0.2, 0.5]), np.array([-0.5, 0.4, 0.6])
+    starts = {f"start_angle__{k}": float(start[k]) for k in joints} | {f"target__{k}": float(goal[k]) for k in joints}
+    assert unit.set(**starts) == 0 and unit.start() == 0
+    env.reset(seed=0)
+    plain.batch.ask(start, goal, np.zeros(1))
+    plain.batch.start((0,), (0,), limit=10**6)
+    names = ["tip[0]", "tip[1]", "tip[2]", "target[0]", "energy.strain", "twist[2]", "link[1].velocity[2]"]
+    at = plain.batch.info_at
+    for k in range(300):
+        table, pose = plain.batch.table[:, 0], plain.batch.poses(0)[1, SPACE_POSE.velocity + 2]
+        wanted = [*table[at.tip : at.tip + 3], goal[0], table[at.energies + 1], table[at.twist + 2], pose]
+        assert unit.get(*names).tolist() == wanted
+        action = (0.3 * np.sin(0.2 * k + joints)).astype(np.float32)
+        torques = {f"torque__{j}": float(action[j]) * plain.plan.arm.torque_limits[j] for j in joints}
+        assert unit.set(**torques) == 0 and unit.step(0.01 * k, 0.01) == 0
+        plain.step(action)
+    env.close()
+
+
+def coupled(arm: Unit, controller: Unit, period: float, length: float, seconds: float) -> Array:
+    """Where the hub is after each 0.08 s, the controller stepped before the arm; units as just begun."""
+    names = [name for name in controller.places if name.startswith("observation")]
+    angles = []
+    for k in range(round(seconds / length)):
+        at = k * length
+        assert controller.set(**dict(zip(names, arm.get(*names).tolist(), strict=True))) == 0
+        assert controller.step(at, length) == 0
+        assert arm.set(torque__0=float(controller.get("torque[0]")[0])) == 0 and arm.step(at, length) == 0
+        if abs((at + length) / 0.08 - round((at + length) / 0.08)) < 1e-6:
+            angles.append(arm.get("link[0].root_angle")[0])
+    return np.array(angles)
+
+
+@needs_c
+@pytest.mark.parametrize("form", ["3.0", pytest.param("2.0", marks=pytest.mark.slow)])
+def test_an_arm_and_its_controller_are_two_units(form: str, tmp_path: Path) -> None:
+    """Over communication steps of one period they are Python's closed loop; longer steps err by their length."""
+    period, seconds = 0.00125, 0.8
+    env: Any = gym.make("FlexibleArm-v0", control_dt=period, dt=period, duration=1000.0)
+    own = control.make("pd", env)
+    write_fmu(env, tmp_path / "arm.fmu", "arm", form)
+    write_controller_fmu(own, tmp_path / "pd.fmu", "pd", form)
+    arm, controller = (Unit(tmp_path / f"{name}.fmu", tmp_path / name, form) for name in ("arm", "pd"))
+    found = {}
+    for many in (1, 2, 4, 8):
+        for unit in (arm, controller):
+            assert unit("Reset") == 0
+        assert arm.set(start_angle__0=0.0, target__0=0.8) == 0 and arm.start() == 0 and controller.start() == 0
+        found[many] = coupled(arm, controller, period, many * period, seconds)
+    seen, _ = env.reset(options={"start": 0.0, "target": 0.8, "vibration": 0.0})
+    own.reset(seen)
+    wanted = []
+    for k in range(round(seconds / period)):
+        seen = env.step(own.act(seen))[0]
+        if (k + 1) % 64 == 0:
+            wanted.append(env.unwrapped.batch.poses(0)[0, 2])
+    assert abs(found[1] - wanted).max() < 1e-5
+    errors = [float(abs(found[many] - found[1]).max()) for many in (2, 4, 8)]
+    assert errors[0] > 1e-5 and 2.5 < errors[1] / errors[0] < 3.5 and 2.0 < errors[2] / errors[1] < 2.7
+
+    controller.set(**{"observation.hub_sin": 0.1})
+    kept, at = controller.state(), controller.get("time")[0]
+    assert controller.step(at, period) == 0
+    once = controller.get("torque[0]", "time").tolist()
+    assert controller("SetFMUState" if form == "3.0" else "SetFMUstate", kept) == 0
+    assert controller.step(at, period) == 0 and controller.get("torque[0]", "time").tolist() == once
+    assert controller.step(0.0, period) == 3 and "communication point" in controller.said[-1]
+    assert controller.set(**{"observation.hub_sin": np.inf}) == 3 and "not finite" in controller.said[-1]
+    assert controller.set(torque__0=1.0) == 3 and "cannot be set" in controller.said[-1]
+    env.close()
 
 
 @needs_c
@@ -175,8 +266,17 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     out = tmp_path / "strip.fmu"
     assert main(["export", "strip", "--to", "fmu", "--out", str(out), "--fmi", "2.0"]) == 0
     assert zipfile.is_zipfile(out) and str(out) in capsys.readouterr().out
-    assert main(["export", "strip", "--to", "fmu", "--out", str(tmp_path / "strip.zip")]) == 2
-    assert "must end in .fmu" in capsys.readouterr().err
+    assert main(["export", "pd", "--env", "FlexibleArm-v0", "--to", "fmu", "--out", str(tmp_path / "pd.fmu")]) == 0
+    assert zipfile.is_zipfile(tmp_path / "pd.fmu") and "pd.fmu" in capsys.readouterr().out
+    pd = ("pd", "--env", "FlexibleArm-v0", "--to")
+    for words, sentence in (
+        (("strip", "--to", "fmu", "--out", "strip.zip"), "must end in .fmu"),
+        ((*pd, "fmu", "--out", "pd.c"), "must end in .fmu"),
+        ((*pd, "library", "--out", "pd"), "must be c or fmu for a controller"),
+        ((*pd, "fmu", "--out", "pd.fmu", "--name", "1"), "must be a C identifier"),
+        (("mpc", *pd[1:], "fmu", "--out", "x.fmu"), "must be PD"),
+    ):
+        assert sentence in refused(capsys, "export", *words)
 
 
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

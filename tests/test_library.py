@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import shutil
 import subprocess
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401
+from flexarm_env import arms
 from flexarm_env.cli import main
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.derivatives import Periods
@@ -57,14 +59,17 @@ int main(void)
 {
     arm_arm *arm = arm_create();
     const long before = count;
-    double action[ARM_JOINTS], x[ARM_STATES], y[ARM_OBSERVATION], r, xb[ARM_STATES];
+    double action[ARM_JOINTS];
     for (int k = 0; k < 2000; k++) {
         for (int i = 0; i < ARM_JOINTS; i++) action[i] = 0.3 * sin(0.04 * k + i);
         if (k == 0 || arm_step(arm, action)) arm_reset(arm, k, NULL, NULL, NAN);
     }
+#ifdef ARM_STATES
+    double x[ARM_STATES], y[ARM_OBSERVATION], r, xb[ARM_STATES];
     arm_get_states(arm, x);
     arm_jvp(arm, x, action, x, action, x, y, &r);
     arm_vjp(arm, x, action, x, y, r, xb, action);
+#endif
     const long after = count;
     printf("%ld %ld\\n", before, after - before);
     arm_destroy(arm);
@@ -109,7 +114,7 @@ class Arm:
         self("destroy")
 
 
-def compare(env: Any, arm: Arm, seed: int, periods: int) -> int:
+def compare(env: Any, arm: Arm, seed: int, periods: int, most: float = 0.7) -> int:
     """An episode of both, bit for bit: observations, info, poses, rewards; how many periods it took."""
     batch, rng = env.unwrapped.batch, np.random.default_rng(seed)
     seen, _ = env.reset(seed=seed)
@@ -122,7 +127,7 @@ def compare(env: Any, arm: Arm, seed: int, periods: int) -> int:
         poses = batch.poses(0)
         assert np.array_equal(arm.row("get_poses", poses.size), poses.ravel())
         assert abs(arm("get_time") - k * env.unwrapped.dt) < 1e-9
-        action = rng.uniform(-0.7, 0.7, env.action_space.shape).astype(np.float32)
+        action = rng.uniform(-most, most, env.action_space.shape).astype(np.float32)
         seen, reward, ended, *_ = env.step(action)
         assert arm("step", action.astype(np.float64)) == (0 if not ended else numbers[batch.info_at.reason])
         assert arm("get_reward") == reward
@@ -150,41 +155,25 @@ def test_bits(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
     [
         ("flexarm/slew-geared-v2", {}),
         ("FlexibleArm-v0", {"formulation": "floating_frame", "multipliers": True}),
+        ("SpatialFlexArm-v0", {}),
     ],
-    ids=["gears with friction", "multipliers"],
+    ids=["gears with friction", "multipliers", "space"],
 )
 def test_ten_thousand_periods(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
     env = gym.make(env_id, info_level="full", duration=1e4, **keywords)
     arm = Arm(write(env, tmp_path, "arm", "native", derivatives=False))
-    assert compare(env, arm, 1, 10_000) == 10_000
+    assert compare(env, arm, 1, 10_000, 0.2 if env.unwrapped.plan.arm.spatial else 0.7) == 10_000
     arm.destroy()
     env.close()
 
 
-@needs_c
-@pytest.mark.parametrize(
-    ("env_id", "keywords"),
-    [
-        ("FlexibleArm-v0", {}),
-        pytest.param("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
-        pytest.param("FlexibleArm-v0", {"actuator": {"lag": 0.03}, "step_tolerance": 1e-4}, marks=pytest.mark.slow),
-    ],
-)
-def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
-    """Built for every x86-64: episodes, states kept and put back, parameters, derivatives, refusals, the example."""
-    env = gym.make(env_id, info_level="full", **keywords)
-    built = write(env, tmp_path, "arm")
-    assert {"arm.h", "arm.c", "example.c", "CMakeLists.txt", "arm.pc", "libarm.so"} <= set(built.files)
-    arm, other, joints = Arm(built), Arm(built), env.action_space.shape[0]
-    zero = np.zeros(joints)
-    assert arm("step", zero) == -1 and arm.status(-1).startswith("the episode has ended")
-    compare(env, arm, 3, 100)
-
+def same_derivatives(env: Any, arm: Arm) -> None:
+    """jvp and vjp of a period from where both are are Python's."""
+    joints, rng = env.action_space.shape[0], np.random.default_rng(0)
     periods = Periods(env.unwrapped.batch)
     x, size = np.zeros(periods.state_size), periods.observation_size
     arm("get_states", x)
     assert np.array_equal(x[None], periods.states())
-    rng = np.random.default_rng(0)
     action = rng.uniform(-0.5, 0.5, joints)
     found = periods.jacobians(x[None], action[None])
     dx, da = rng.normal(size=x.size), rng.normal(size=joints)
@@ -199,22 +188,49 @@ def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> No
         assert abs(one - wanted.ravel()).max() <= 1e-12 * abs(wanted).max()
     periods.close()
 
-    state = np.zeros(build_bytes(tmp_path / "arm.h"), np.uint8)
+
+@needs_c
+@pytest.mark.parametrize(
+    ("env_id", "keywords"),
+    [
+        ("FlexibleArm-v0", {}),
+        pytest.param("TwoLinkFlexArm-v0", {"formulation": "geometrically_exact"}, marks=pytest.mark.slow),
+        pytest.param("FlexibleArm-v0", {"actuator": {"lag": 0.03}, "step_tolerance": 1e-4}, marks=pytest.mark.slow),
+        pytest.param("SpatialFlexArm-v0", {}, marks=pytest.mark.slow),
+    ],
+)
+def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
+    """Built for every x86-64: episodes, states kept and put back, parameters, derivatives, refusals, the example."""
+    env = gym.make(env_id, info_level="full", **keywords)
+    built = write(env, tmp_path, "arm")
+    assert {"arm.h", "arm.c", "example.c", "CMakeLists.txt", "arm.pc", "libarm.so"} <= set(built.files)
+    arm, other, joints = Arm(built), Arm(built), env.action_space.shape[0]
+    zero, poses = np.zeros(joints), env.unwrapped.batch.poses(0).size
+    assert arm("step", zero) == -1 and arm.status(-1).startswith("the episode has ended")
+    compare(env, arm, 3, 100)
+
+    if built.source.periods is not None:
+        same_derivatives(env, arm)
+    action = np.random.default_rng(0).uniform(-0.5, 0.5, joints)
+    state = np.zeros(told_by(tmp_path / "arm.h", "STATE_BYTES"), np.uint8)
     arm("get_state", state)
     for _ in range(5):
         arm("step", action)
     assert other("set_state", state) == 0
     for _ in range(5):
         other("step", action)
-    assert np.array_equal(arm.row("get_poses", 12 * joints), other.row("get_poses", 12 * joints))
+    assert np.array_equal(arm.row("get_poses", poses), other.row("get_poses", poses))
 
-    own = np.zeros(4)
+    own, names = np.zeros(told_by(tmp_path / "arm.h", "PARAMETERS")), [one.name for one in built.source.parameters]
     arm("get_parameters", own)
-    assert np.array_equal(own, env.unwrapped.batch.parameters(0))
+    words = "payload_mass", "payload_inertia", "EI_factor", "tau_d"
+    nominal = dict(zip(words, env.unwrapped.batch.parameters(0), strict=True))
+    assert own.tolist() == [nominal.get(name, 1.0) for name in names] and names[-1] == "torque_factor"
     assert arm("set_parameters", own * 1.1) == 0
-    for k, value in ((0, -1.0), (1, np.nan), (2, 0.0), (2, 1e15), (3, np.inf)):
+    wrongs = ("payload_mass", -1.0), ("EI_factor", np.nan), ("EI_factor", 0.0), ("EI_factor", 1e15), ("tau_d", np.inf)
+    for name, value in wrongs:
         wrong = own.copy()
-        wrong[k] = value
+        wrong[names.index(name)] = value
         assert arm("set_parameters", wrong) == -2
     assert arm("reset", ctypes.c_uint64(1), np.full(joints, np.inf), None, ctypes.c_double(0.0)) == -2
     assert arm.reset(1) == 0 and arm("step", np.full(joints, np.nan)) == 100
@@ -224,7 +240,7 @@ def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> No
     assert arm.reset(1) == 0 and other.reset(1) == 0
     arm("step_torques", action * limits)
     other("step", action * limits / limits)
-    assert np.array_equal(arm.row("get_poses", 12 * joints), other.row("get_poses", 12 * joints))
+    assert np.array_equal(arm.row("get_poses", poses), other.row("get_poses", poses))
 
     told = run_c(tmp_path, "example")
     assert told.count("tip") == 10 and told.endswith("\nok\n")
@@ -236,6 +252,52 @@ def test_everything(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> No
     env.close()
 
 
+@needs_c
+@pytest.mark.slow
+def test_joints_numbers_are_set(tmp_path: Path) -> None:
+    """A library that is given another arm's stiffness, friction, ... moves as that arm does, to the last bit."""
+    base: Any = arms.named("strip_geared")
+    joint = base.joints[0]
+    factors = {"stiffness": 0.9, "damping": 1.2, "friction_viscous": 0.7, "friction_coulomb": 1.4}
+    given = {"info_level": "full", "randomization": {"torque_constant": (0.8, 0.8)}}
+    built = write(gym.make("FlexibleArm-v0", arm=base, **given), tmp_path, "arm", "native")
+    arm, names = Arm(built), [one.name for one in built.source.parameters]
+    arm.reset(1)
+    nominal = arm_parameters(arm, len(names))
+    own = np.array(nominal)
+    assert own[names.index("torque_factor")] == 0.8
+    for rotor in (1.3, 1.0):  # of which the scales of an observation are, too
+        all_ = factors | {"motor_inertia": rotor}
+        changed = dataclasses.replace(joint, **{name: getattr(joint, name) * by for name, by in all_.items()})
+        laws = {"stiffness": changed.stiffness, "damping": changed.damping, "rotor": changed.rotor}
+        laws |= {"viscous": changed.friction_viscous, "coulomb": changed.friction_coulomb}
+        for name, value in laws.items():
+            own[names.index(f"{name}[0]")] = value
+        env: Any = gym.make("FlexibleArm-v0", arm=dataclasses.replace(base, joints=(changed,)), **given)
+        env.reset(seed=4)
+        arm.reset(int(np.random.PCG64(np.random.SeedSequence(4)).random_raw()))
+        assert arm_parameters(arm, len(names)) == nominal  # a reset puts them back
+        assert arm("set_parameters", own) == 0
+        for k in range(150):
+            action = np.float32([0.7 * np.sin(0.3 * k)])
+            env.step(action)
+            assert arm("step", action.astype(np.float64)) == 0
+        poses = env.unwrapped.batch.poses(0)
+        assert np.array_equal(arm.row("get_poses", poses.size), poses.ravel())
+    same_derivatives(env, arm)
+    own[names.index("stiffness[0]")] = 0.0
+    assert arm("set_parameters", own) == -2
+    arm.destroy()
+    env.close()
+
+
+def arm_parameters(arm: Arm, count: int) -> list[float]:
+    """As the library says them."""
+    own = np.zeros(count)
+    arm("get_parameters", own)
+    return list(own.tolist())
+
+
 def run_c(folder: Path, name: str) -> str:
     """What a program that uses the library prints."""
     command = [str(COMPILER), "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"{name}.c", "-o", name]
@@ -243,9 +305,9 @@ def run_c(folder: Path, name: str) -> str:
     return subprocess.run([f"./{name}"], cwd=folder, check=True, capture_output=True, text=True).stdout
 
 
-def build_bytes(header: Path) -> int:
-    """Bytes of a state, as a header says."""
-    line = next(line for line in header.read_text().splitlines() if line.startswith("#define ARM_STATE_BYTES"))
+def told_by(header: Path, word: str) -> int:
+    """A number that a header says."""
+    line = next(line for line in header.read_text().splitlines() if line.startswith(f"#define ARM_{word} "))
     return int(line.split()[2])
 
 

@@ -22,6 +22,7 @@ import flexarm_env  # noqa: F401
 from flexarm_env.cli import main
 from flexarm_env.cli.remote import key_of
 from flexarm_env.control import make as controller
+from flexarm_env.physics.layout import SPACE_POSE
 from flexarm_env.remote import (
     MOST_NUMBERS,
     Kind,
@@ -150,6 +151,45 @@ def test_limits() -> None:
         made(hold="up")
     with pytest.raises(ValueError, match="action_mode 'torque'"):
         Session(gym.make("FlexibleArm-v0", action_mode="residual_pd"))
+
+
+def in_space(**arguments: Any) -> Session:
+    env = gym.make("SpatialFlexArm-v0", control_dt=0.01, duration=1000.0, disable_env_checker=True)
+    return Session(env, seed=0, **arguments)
+
+
+def test_an_arm_in_space_is_served_and_held() -> None:
+    """Its joints' own angles and rates; held, and turned to set points, against its weight."""
+    session, rng = in_space(limits=Limits(watchdog=3), hold="angles"), np.random.default_rng(0)
+    answer = session.receive(pack(Packet(Kind.HELLO, 5, 0)), PEER)
+    welcome = unpack(answer or b"")
+    assert isinstance(welcome, Packet) and welcome.numbers[1:3] == (3.0, 27.0) and welcome.numbers[4] == 20.0
+
+    def ask(numbers: Any, flags: int = 0) -> Packet:
+        told = Packet(Kind.COMMAND, welcome.connection, session.last + 1, 0.0, tuple(numbers), flags)
+        session.receive(pack(told), PEER)
+        return reading(session)
+
+    same = gym.make("SpatialFlexArm-v0", control_dt=0.01, duration=1000.0)
+    same.reset(seed=0)
+    for k in range(20):
+        torques = 0.05 * rng.uniform(-1.0, 1.0, 3) * session.torque_limits
+        found = ask(torques, ARM if k == 0 else 0)
+        seen = same.step((torques / session.torque_limits).astype(np.float32))[0]
+        poses = same.unwrapped.batch.view(0).poses
+        assert found.numbers[2:8] == (*poses[:, SPACE_POSE.angle], *poses[:, SPACE_POSE.rate])
+        assert found.numbers[8:11] == tuple(torques)
+        assert np.array_equal(np.float32(found.numbers[11:] / session.scales), seen)
+    for _ in range(200):
+        found = reading(session)
+    assert found.flags & HELD and session.reason == "no command for 3 periods"
+    assert np.abs(np.array(found.numbers[2:5]) - session._angles).max() < 0.06
+    assert np.abs(np.array(found.numbers[5:8])).max() < 0.1
+    wanted = np.array(found.numbers[2:5]) + (0.3, -0.2, 0.25)
+    for k in range(300):
+        found = ask(wanted, SET_POINTS | (ARM if k == 0 else 0))
+    assert found.flags == 0 and np.abs(np.array(found.numbers[2:5]) - wanted).max() < 0.06
+    same.close()
 
 
 def test_one_peer_at_a_time() -> None:
@@ -299,6 +339,36 @@ def test_over_loopback(server: Server, tmp_path: Path, monkeypatch: pytest.Monke
     simulated.close()
     rows = (tmp_path / "log.csv").read_text().splitlines()
     assert rows[0].startswith("t,angle0,rate0,torque0,hub_sin,hub_cos")
+
+
+class Slowly:
+    """A policy that thinks, before its first action, for longer than the watchdog bears."""
+
+    def reset(self, observation: Any) -> None:
+        time.sleep(0.4)
+
+    def act(self, observation: Any) -> Any:
+        return np.zeros(3, np.float32)
+
+
+@pytest.mark.slow
+def test_an_arm_in_space_over_loopback(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Driven by PD, whose goals take some tenths of a second to find, and by whoever thinks as long."""
+    served = Server(in_space(limits=Limits(watchdog=20), hold="angles"))
+    over = threading.Event()
+    thread = threading.Thread(target=served.serve, kwargs={"stopped": over.is_set})
+    thread.start()
+    env: Any = gym.make("RemoteArm-v0", host=served.address[0], port=served.address[1]).unwrapped
+    model = gym.make("SpatialFlexArm-v0", control_dt=0.01)
+    for policy in (controller("pd", model), Slowly()):
+        told = run_policy(policy, env, 0.5)
+        assert told["ended"] == "time" and told["steps"] >= 5
+    assert run_policy(Slowly(), env, 5.0, most_rate=1e-3)["ended"] == "rate"
+    assert run_policy(Slowly(), env, 5.0, most_angle=1e-9)["ended"] == "angle"
+    env.close()
+    over.set()
+    thread.join()
+    served.close()
 
 
 class Stream:

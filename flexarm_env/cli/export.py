@@ -18,10 +18,10 @@ from flexarm_env.control.export import Entries, c_name, c_source, onnx_bytes
 from flexarm_env.control.in_c import controller_source
 from flexarm_env.envs.ids import own_ids, permitted
 from flexarm_env.files import write_whole
-from flexarm_env.library import write, write_fmu
+from flexarm_env.library import write, write_controller_fmu, write_fmu
 
-FORMS = {"onnx": ".onnx", "c": ".c"}
-"""What --to takes, and how such a file's name ends."""
+FORMS = {"onnx": ".onnx", "c": ".c", "fmu": ".fmu"}
+"""What --to takes for a file, and how its name ends."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,13 +31,13 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     if args.fmi is not None and args.to != "fmu":
         raise check.InvalidValue("--fmi", args.fmi, "must not be given but with --to fmu")
-    if args.to in ("library", "fmu"):
+    if out.suffix.lower() != FORMS.get(args.to, out.suffix.lower()):
+        raise check.InvalidValue("--out", args.out, f"must end in {FORMS[args.to]} for --to {args.to}")
+    if args.to in ("library", "fmu") and args.what not in NAMES:
         return _arm(args, out)
-    for flag, value in (("--name", args.name), ("--cpu", args.cpu)):
+    for flag, value in (("--name", None if args.to == "fmu" else args.name), ("--cpu", args.cpu)):
         if value is not None:
             raise check.InvalidValue(flag, value, "must not be given but with --to library or fmu")
-    if out.suffix.lower() != FORMS[args.to]:
-        raise check.InvalidValue("--out", args.out, f"must end in {FORMS[args.to]} for --to {args.to}")
     if args.what in NAMES:
         return _controller(args, out)
     for word in ("env", "slew", "elbows", "env_kwargs"):
@@ -60,14 +60,18 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _controller(args: argparse.Namespace, out: Path) -> int:
-    if args.to != "c":
-        raise check.InvalidValue("--to", args.to, "must be c for a controller")
+    if args.to not in ("c", "fmu"):
+        raise check.InvalidValue("--to", args.to, "must be c or fmu for a controller")
     if args.env is None:
         raise check.InvalidValue("--env", args.env, "must be given for a controller: what it is designed for")
     env = environment(args.env, keywords(args.env_kwargs))
-    name = c_name(out.stem)
-    content = controller_source(make(args.what, env), name, args.slew, _pairs(args.elbows)).encode()
+    name, own, elbows = args.name or c_name(out.stem), make(args.what, env), _pairs(args.elbows)
     env.close()
+    if args.to == "fmu":
+        write_controller_fmu(own, out, name, args.fmi or "3.0", args.slew, elbows)
+        show({"export": str(out), "bytes": out.stat().st_size}, args.json)
+        return DONE
+    content = controller_source(own, name, args.slew, elbows).encode()
     write_whole(out, content)
     show({"export": str(out), "function": f"{name}_decide", "bytes": len(content)}, args.json)
     return DONE
@@ -84,8 +88,6 @@ def _pairs(text: str | None) -> list[tuple[float, float]] | None:
 
 def _arm(args: argparse.Namespace, out: Path) -> int:
     fmu = args.to == "fmu"
-    if fmu and out.suffix.lower() != ".fmu":
-        raise check.InvalidValue("--out", args.out, "must end in .fmu for --to fmu")
     env = environment(args.what, keywords(args.env_kwargs))
     name = args.name if args.name is not None else c_name(out.resolve().stem if fmu else out.resolve().name)
     if fmu:
@@ -108,8 +110,9 @@ def environment(word: str, given: dict[str, Any]) -> Any:
     if word.removeprefix("flexarm_env:") in own_ids():
         return gym.make(word, **given)
     if word in arms.names() or Path(word).suffix == ".toml":
-        ids = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}
-        return gym.make(ids.get(arms.resolve(word).n_links, "MultiLinkFlexArm-v0"), arm=word, **given)
+        ids, arm = {1: "FlexibleArm-v0", 2: "TwoLinkFlexArm-v0"}, arms.resolve(word)
+        planar = ids.get(arm.n_links, "MultiLinkFlexArm-v0")
+        return gym.make("SpatialFlexArm-v0" if arm.spatial else planar, arm=word, **given)
     raise check.UnknownKey(word, (*own_ids(), *known, *arms.names()), "environment, task or arm (and no TOML file)")
 
 

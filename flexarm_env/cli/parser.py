@@ -176,7 +176,7 @@ links for all angles, or for those of --elbows, which three links and more ask f
 An arm moves there with the bits that it has in Python. --to library: a folder with a shared object that wants no
 Python, a header that says all, an example, a CMake file and a pkg-config file. WHAT is an environment's id, a task of
 the suite, or an arm, by its name or its TOML file. Linux on x86-64; the C compiler there links it. --to fmu: the same
-as a functional mock-up unit for co-simulation, for any tool that imports FMI.
+as a functional mock-up unit for co-simulation, for any tool that imports FMI; of a controller (--env) a unit for it.
 
   flexarm export two_link --to c --out two_link.c
   flexarm export runs/ppo-FlexibleArm-v0-0 --to onnx --out arm.onnx
@@ -366,6 +366,7 @@ def build_parser() -> Parser:
     run.add_argument("--env-kwargs", metavar="JSON", help="its keywords")
     run.add_argument("--seconds", type=float, metavar="T", help="how long (10; of a file: as long as it is)")
     run.add_argument("--most-angle", type=float, metavar="RAD", help="of a joint; beyond, it lets go of the arm")
+    run.add_argument("--most-rate", type=float, metavar="RAD/S", help="likewise of its rate")
 
     export = add("export", "a trained policy as ONNX or C, an arm as a C library", EXPORT, "export")
     what = "a policy or a controller; for --to library or fmu an environment, a task or an arm"

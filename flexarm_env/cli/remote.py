@@ -103,13 +103,16 @@ def _drive(args: argparse.Namespace) -> int:
     host, _, port = args.to.rpartition(":")
     if not host or not (port.isascii() and port.isdecimal() and 0 < int(port[:6]) < 65536 and len(port) < 6):
         raise check.InvalidValue("--to", args.to, "must be HOST:PORT, a port from 1 to 65535")
-    most = math.inf if args.most_angle is None else check.number("--most-angle", args.most_angle, "rad", above=0.0)
+    most = [
+        math.inf if value is None else check.number(f"--most-{word}", value, unit, above=0.0)
+        for word, value, unit in (("angle", args.most_angle, "rad"), ("rate", args.most_rate, "rad/s"))
+    ]
     seconds = None if args.seconds is None else check.number("--seconds", args.seconds, "s", above=0.0)
     if Path(args.policy).suffix.lower() == ".csv":
         env = RemoteArmEnv(host, int(port), key_of(args.key))
         try:
             played = Played(args.policy, env.wire.period, env.wire.limits)
-            values = run_policy(played, env, seconds or played.seconds, most)
+            values = run_policy(played, env, seconds or played.seconds, *most)
         finally:
             env.close()
         show({"to": args.to, "policy": args.policy} | values, args.json)
@@ -127,7 +130,7 @@ def _drive(args: argparse.Namespace) -> int:
         if scales.shape != env.wire.scales.shape or not np.allclose(scales, env.wire.scales):
             what = f"must be of an environment that observes what the arm at {args.to} reads, and as often"
             raise check.InvalidValue("POLICY", args.policy, what)
-        values = run_policy(player.make(model), env, seconds or 10.0, most)
+        values = run_policy(player.make(model), env, seconds or 10.0, *most)
         model.close()
     finally:
         env.close()

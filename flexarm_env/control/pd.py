@@ -41,5 +41,13 @@ class PD(Controller):
         super().__init__(setup)
         self.kp, self.kd = gains.of(setup.arm)
 
+    passed = 1.0
+    """Of a change of the rates, by the filter of one period, where there is one."""
+
     def torques(self, signals: Signals, to_go: Array) -> Array:
         return self.kp * to_go - self.kd * signals.rates
+
+    def towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
+        """Torques (N,), N m, that turn joints at angles, with filtered rates, to the angles wanted, all (N,)."""
+        found: Array = self.kp * (wanted - angles) - self.kd * rates
+        return found

@@ -76,6 +76,8 @@ class SpatialPD(Controller):
     def __init__(self, setup: Setup, gains: SpatialPDGains) -> None:
         super().__init__(setup)
         self.gains, self.gravity = gains, np.array(setup.gravity or (0.0, 0.0, 0.0))
+        self.passed = float(1.0 - np.exp(-setup.control_dt / gains.lag))
+        """Of a change of the rates, by their filter, in a period."""
 
     def _rest(self, angles: Array) -> tuple[Array, Array]:
         """Place of the tip, m, and torques, N m, where joints are held at angles (N,)."""
@@ -127,9 +129,20 @@ class SpatialPD(Controller):
         self.torque, self.rates = self.torque - weight, signals.rates.copy()
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        rate, ratio = self.gains.rate, self.gains.ratio
-        self.rates += (1.0 - np.exp(-self.setup.control_dt / self.gains.lag)) * (signals.rates - self.rates)
-        pull = rate * rate * np.clip(to_go, -1.0, 1.0) - 2.0 * ratio * rate * self.rates
+        self.rates += self.passed * (signals.rates - self.rates)
         weight = holding(self.setup.arm, self.gravity, self.goal - to_go)[0]
-        wanted: Array = self.torque + weight + self.inertia * pull
+        wanted: Array = self.torque + weight + self.inertia * self._pull(to_go, self.rates)
         return wanted
+
+    def _pull(self, to_go: Array, rates: Array) -> Array:
+        """Accelerations of the joints, rad/s^2."""
+        rate, ratio = self.gains.rate, self.gains.ratio
+        found: Array = rate * rate * np.clip(to_go, -1.0, 1.0) - 2.0 * ratio * rate * rates
+        return found
+
+    def towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
+        """Torques (N,), N m, that hold the rigid arm's weight and turn joints at angles, with filtered rates, to the
+        angles wanted, all (N,)."""
+        weight, inertia = holding(self.setup.arm, self.gravity, angles[None])
+        found: Array = weight[0] + inertia[0] * self._pull(wanted - angles, rates)
+        return found

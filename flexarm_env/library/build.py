@@ -19,7 +19,9 @@ from ..compiler.image import Image
 from ..compiler.program import is_processor
 from ..derivatives import Periods
 from ..files import write_whole
+from ..physics.model import Jointed
 from ..runtime import adjoint, episode, starts
+from ..tasks.program import Models
 from .source import Source
 
 CPU = "x86-64-v2"
@@ -29,6 +31,9 @@ CHANGING = (
     "block", "action", "queue", "observation", "table", "reward", "terminated", "truncated", "stream", "request",
 )  # fmt: skip
 """Arrays of a `tasks.program.Program` that stepping and starting write to."""
+
+LAWS = ("model.data", *(f"models.{word}.data" for word in Models._fields))
+"""And those that hold the numbers of joints, which may be set."""
 
 
 @dataclass(frozen=True)
@@ -67,20 +72,17 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     batch, plan = getattr(plain, "batch", None), getattr(plain, "plan", None)
     if batch is None or plan is None or batch.n != 1:
         raise ValueError(f"env = {env}: must be a single environment of flexarm_env")
-    if plan.arm.spatial:
-        raise check.InvalidValue("arm", plan.arm.name, "must move in the x-y plane: no library is made of one in space")
     if plan.motion is not None:
         raise check.InvalidValue(
             "motion", plan.motion, "must be left out: a library's arm is moved by its motors alone"
         )
-    if not re.fullmatch(r"[A-Za-z_]\w{0,59}", name, flags=re.ASCII):
-        raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _, at most 60")
+    check_name(name)
     target = None if cpu == "native" else CPU if cpu is None else cpu
     if target not in (None, CPU) and not is_processor(target):
         raise check.InvalidValue("cpu", cpu, "must be native, or x86-64-v3, znver4, ... as LLVM calls them")
     folder.mkdir(parents=True, exist_ok=True)  # what cannot be written is told before anything is compiled
     program = batch.program._replace(action=np.zeros(batch.action.size), books=(0,))
-    worlds = [Image.of(program, CHANGING)]
+    worlds = [Image.of(program, (*CHANGING, *(LAWS if isinstance(program.model, Jointed) else ())))]
     made = [(f"{name}_step_program", episode.step), (f"{name}_start_program", starts.start_episodes)]
     periods, absent = _periods(batch) if derivatives else (None, "left out")
     images = [worlds[0], worlds[0]]
@@ -104,8 +106,16 @@ def write(env: Any, folder: Path, name: str, cpu: str | None = None, derivatives
     return Built(folder, name, (*files, *([library] if library else [])), tuple(objects), source, library, why)
 
 
+def check_name(name: str) -> None:
+    """ValueError for what C has for no name."""
+    if not re.fullmatch(r"[A-Za-z_]\w{0,59}", name, flags=re.ASCII):
+        raise check.InvalidValue("name", name, "must be a C identifier: letters, digits, _, at most 60")
+
+
 def _periods(batch: Any) -> tuple[Periods | None, str]:
     """The derivatives of the batch's one arm, or why there are none."""
+    if batch.arm.spatial:
+        return None, "there are none in space"
     try:
         periods = Periods(batch)
     except (ValueError, NotImplementedError) as error:

@@ -11,12 +11,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
+import numpy as np
+
 from .. import validation as check
+from ..control.base import Controller, Setup
+from ..control.in_c import Pairs, controller_source
 from ..files import write_whole
-from ..physics.layout import POSES
+from ..layout import Layout
 from ..tasks.program import ENERGIES, INFO
-from .build import Built, linked, write
-from .source import VERSION, flat, number
+from .build import Built, check_name, linked, write
+from .source import VERSION, fill, flat, number
 
 FORMS = {"2.0": "linux64", "3.0": "x86_64-linux"}
 """Versions of the standard that are written, and what they call Linux on x86-64."""
@@ -24,9 +28,13 @@ FORMS = {"2.0": "linux64", "3.0": "x86_64-linux"}
 UNITS: dict[str, dict[str, int]] = {
     "m": {"m": 1}, "s": {"s": 1}, "kg": {"kg": 1}, "rad": {"rad": 1}, "m/s": {"m": 1, "s": -1},
     "rad/s": {"rad": 1, "s": -1}, "kg m2": {"kg": 1, "m": 2}, "J": {"kg": 1, "m": 2, "s": -2},
-    "N m": {"kg": 1, "m": 2, "s": -2},
+    "N m": {"kg": 1, "m": 2, "s": -2}, "N m/rad": {"kg": 1, "m": 2, "s": -2, "rad": -1},
+    "N m s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1},
 }  # fmt: skip
 """In the base units of SI."""
+
+UNIT = "co-simulation.c"
+"""No C identifier, of which other files here have their names."""
 
 LEFT_OUT = ("target", "terms", "reason", "reward", "truncated", "further")
 """Of what is told of an arm: the task's, and what fails a step here."""
@@ -60,33 +68,91 @@ def write_fmu(env: Any, path: Path, name: str, form: str = "3.0", cpu: str | Non
     Raises:
         ValueError: as `build.write`; no C compiler is there.
     """
-    if form not in FORMS:
-        raise check.InvalidValue("form", form, f"must be {' or '.join(FORMS)}")
+    _check_form(form)
     with tempfile.TemporaryDirectory() as folder:
         built = write(env, Path(folder), name, cpu, derivatives=False)
         if built.library is None:
             raise ValueError(f"{path}: a unit holds machine code: {built.why}")
         source, plan = built.source, env.unwrapped.plan
         variables = list(_variables(source, plan))
-        token = hashlib.sha256(source.files()[f"{name}.c"].encode()).hexdigest()[:32]
         first, aim = (
             ", ".join(number(one.start or 0.0) for one in variables if one.kind == kind)
             for kind in ("PARAMETER", "TARGET")
         )
-        text = source.filled(
-            "fmu.c", TOKEN=token, PARAMETERS=first, AIM=aim,
-            VARIABLES="\n".join(f"    {{{one.kind}, {one.at}}}," for one in variables),
-            STEP=f"{name}_step_torques" if plan.action_mode == "torque" else f"{name}_step",
-        )  # fmt: skip
-        (Path(folder) / "fmu.c").write_text(text)
-        code, _ = linked(Path(folder), f"{name}.so", ["fmu.c", f"{name}.c", *built.objects])
-        binary = (Path(folder) / str(code)).read_bytes()
+        step = f"{name}_step_torques" if plan.action_mode == "torque" else f"{name}_step"
+        part = source.filled("fmu_arm.c", PARAMETERS=first, AIM=aim, STEP=step)
+        about = _About(name, form, "a flexible-link robot arm", plan.period, plan.duration)
+        files = [Path(folder) / word for word in (f"{name}.h", f"{name}.c", *built.objects)]
+        _pack(path, about, variables, part, f"{name}.h", source.files()[f"{name}.c"], files)
+    return built
+
+
+def write_controller_fmu(
+    controller: Controller, path: Path, name: str, form: str = "3.0",
+    slew: float | None = None, elbows: Pairs | None = None,
+) -> None:  # fmt: skip
+    """A controller as a co-simulation unit: what the sensors read in, as an arm's unit tells it; torques out, N m.
+
+    A communication step decides for each of its control periods by what is seen at its start, and says the torques of
+    the last: an importing tool steps the controller before the arm.
+
+    Args:
+        controller, slew, elbows: see `control.in_c.controller_source`. path, form: see `write_fmu`.
+    Raises:
+        ValueError: as `controller_source`; no C compiler is there.
+    """
+    _check_form(form)
+    check_name(name)
+    code, setup = controller_source(controller, name, slew, elbows), controller.setup
+    variables = [Variable("time", "TIME", 0, "s", "since the start")]
+    for k in range(setup.size):
+        variables.append(Variable(*_seen(setup, k), 0.0)._replace(kind="INPUT"))
+    for k in range(setup.n_joints):
+        variables.append(Variable(f"torque[{k}]", "INFO", k, "N m", "of the motor, through a period"))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{name}.c"
+        file.write_text(code)
+        what = f"{type(controller).__name__}, a controller of a flexible-link robot arm"
+        about = _About(name, form, what, setup.control_dt, 1.0)
+        _pack(path, about, variables, fill("fmu_controller.c", name, {}), file.name, code, [file])
+
+
+class _About(NamedTuple):
+    """What a unit is. period, stop: s."""
+
+    name: str
+    form: str
+    what: str
+    period: float
+    stop: float
+
+
+def _check_form(form: str) -> None:
+    if form not in FORMS:
+        raise check.InvalidValue("form", form, f"must be {' or '.join(FORMS)}")
+
+
+def _pack(
+    path: Path, about: _About, variables: list[Variable], part: str, inside: str, code: str, files: list[Path]
+) -> None:
+    """The unit: compiled in the folder of `files`, of which those that `inside` does not include are linked."""
+    name, folder = about.name, files[0].parent
+    token = hashlib.sha256(code.encode()).hexdigest()[:32]
+    types, functions = part.split("/* --- */\n")
+    rows = "\n".join(f"    {{{one.kind}, {one.at}}}," for one in variables)
+    text = fill("fmu.c", name, {
+        "INSIDE": inside, "TYPES": types, "FUNCTIONS": functions, "TOKEN": token, "VARIABLES": rows,
+        "PERIOD": repr(about.period),
+    })  # fmt: skip
+    (folder / UNIT).write_text(text)
+    code_file, why = linked(folder, f"{name}.so", [UNIT, *(file.name for file in files if file.name != inside)])
+    if code_file is None:
+        raise ValueError(f"{path}: a unit holds machine code: {why}")
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as unit:
-        unit.writestr("modelDescription.xml", _description(name, token, form, plan, variables))
-        unit.writestr(f"binaries/{FORMS[form]}/{name}.so", binary)
+        unit.writestr("modelDescription.xml", _description(about, token, variables))
+        unit.writestr(f"binaries/{FORMS[about.form]}/{name}.so", (folder / code_file).read_bytes())
     write_whole(path, held.getvalue())
-    return built
 
 
 def _variables(source: Any, plan: Any) -> Iterator[Variable]:
@@ -97,14 +163,14 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
     for k in joints:
         what = "asked of the motor, through a period" if torque else f'action_mode "{plan.action_mode}", within +-1'
         yield Variable(f"{'torque' if torque else 'action'}[{k}]", "INPUT", k, "N m" if torque else "", what, 0.0)
-    own = zip(("payload_mass", "payload_inertia", "EI_factor", "tau_d"), ("kg", "kg m2", "", "s"), strict=True)
-    for k, (word, unit) in enumerate(own):
-        yield Variable(word, "PARAMETER", k, unit, "of the arm, tunable", float(batch.system.par[k]))
+    for k, one in enumerate(source.parameters):
+        yield Variable(one.name, "PARAMETER", k, one.unit, f"{one.meaning}, tunable", one.start)
     for k in joints:
         yield Variable(f"start_angle[{k}]", "ANGLE", k, "rad", "of the joint, at the start", 0.0)
-    length, point = plan.arm.total_length, len(batch.task.targets) > 1
-    for k, value in enumerate((0.6 * length, 0.3 * length) if point else (0.5,)):
-        yield Variable(f"target[{k}]", "TARGET", k, "m" if point else "rad", "of the task", value)
+    length, point = plan.arm.total_length, not plan.arm.spatial and len(batch.task.targets) > 1
+    what = "of the joint where the rigid arm's tip reaches the target" if plan.arm.spatial else "of the task"
+    for k, value in enumerate((0.6 * length, 0.3 * length) if point else (0.5,) * len(joints)):
+        yield Variable(f"target[{k}]", "TARGET", k, "m" if point else "rad", what, value)
     yield Variable("start_vibration", "VIBRATION", 0, "", "tip deflection over the arm's length, at the start", 0.0)
     yield Variable("seed", "SEED", 0, "", "that sensor noise follows from", 0)
     at = 0
@@ -113,19 +179,34 @@ def _variables(source: Any, plan: Any) -> Iterator[Variable]:
             if field.name not in LEFT_OUT:
                 yield Variable(word, "INFO", at, unit, meaning)
             at += 1
+    posed = list(_spatial(source.poses) if plan.arm.spatial else _planar(source.poses))
     for link in joints:
-        for k, field in enumerate(POSES.fields):
-            where = "tip" if field.name.startswith("tip_") else "root"
-            word = field.name.removeprefix("tip_")
-            unit = {"angle": "rad", "rate": "rad/s"}.get(word, "m/s" if word.startswith("v") else "m")
-            place = len(POSES.fields) * link + k
-            yield Variable(f"link[{link}].{where}_{word}", "POSE", place, unit, f"of link {link}'s {where}")
-    setup = source.setup
-    for k in range(setup.size):
-        instant, entry = divmod(k, len(setup.names))
-        past, scale = "" if setup.history == 1 else f"[{instant}]", setup.scales[entry]
-        what = f"read by the sensors, over {scale:.9g}"
-        yield Variable(f"observation{past}.{setup.names[entry]}", "OBSERVATION", k, "", what)
+        for k, (word, unit, meaning) in enumerate(posed):
+            yield Variable(f"link[{link}].{word}", "POSE", len(posed) * link + k, unit, f"link {link}: {meaning}")
+    for k in range(source.setup.size):
+        yield Variable(*_seen(source.setup, k))
+
+
+def _seen(setup: Setup, k: int) -> tuple[str, str, int, str, str]:
+    """Number k of an observation as a variable."""
+    instant, entry = divmod(k, len(setup.names))
+    past, told = "" if setup.history == 1 else f"[{instant}]", f"read by the sensors, over {setup.scales[entry]:.9g}"
+    return f"observation{past}.{setup.names[entry]}", "OBSERVATION", k, "", told
+
+
+def _planar(layout: Layout) -> Iterator[tuple[str, str, str]]:
+    """Name, unit and meaning of the numbers of a link's pose."""
+    for field in layout.fields:
+        where, word = "tip" if field.name.startswith("tip_") else "root", field.name.removeprefix("tip_")
+        unit = {"angle": "rad", "rate": "rad/s"}.get(word, "m/s" if word.startswith("v") else "m")
+        yield f"{where}_{word}", unit, f"of its {where}"
+
+
+def _spatial(layout: Layout) -> Iterator[tuple[str, str, str]]:
+    """The same in space."""
+    for field, shape in zip(layout.fields, layout.shapes(), strict=True):
+        for place in np.ndindex(shape):
+            yield f"{field.name}{list(place) if place else ''}".replace(" ", ""), field.unit, field.meaning
 
 
 def _told(field: Any, shape: tuple[int, ...]) -> Iterator[tuple[str, str, str]]:
@@ -138,15 +219,16 @@ def _told(field: Any, shape: tuple[int, ...]) -> Iterator[tuple[str, str, str]]:
             yield from ((f"motor_{word}[{k}]", own, "of the motor, after the ratio") for k in range(shape[1]))
     else:
         name, shape = "applied_torque" if field.name == "torque" else field.name, flat(shape)
-        yield from ((f"{name}[{k}]", unit, meaning) for k in range(shape[0])) if shape else [(name, unit, meaning)]
+        for place in np.ndindex(shape):
+            yield f"{name}{list(place) if place else ''}".replace(" ", ""), unit, meaning
 
 
-def _description(name: str, token: str, form: str, plan: Any, variables: list[Variable]) -> bytes:
+def _description(about: _About, token: str, variables: list[Variable]) -> bytes:
     """modelDescription.xml."""
-    new = form == "3.0"
+    name, form, new = about.name, about.form, about.form == "3.0"
     tree = ElementTree.Element("fmiModelDescription", {
         "fmiVersion": form, "modelName": name, "instantiationToken" if new else "guid": token,
-        "description": "a flexible-link robot arm", "generationTool": f"flexarm_env {VERSION}",
+        "description": about.what, "generationTool": f"flexarm_env {VERSION}",
         "variableNamingConvention": "flat",
     })  # fmt: skip
     states = "State" if new else "state"
@@ -155,30 +237,30 @@ def _description(name: str, token: str, form: str, plan: Any, variables: list[Va
         f"canGetAndSetFMU{states}": "true", f"canSerializeFMU{states}": "true",
     }  # fmt: skip
     if new:
-        how["fixedInternalStepSize"] = number(plan.period)
+        how["fixedInternalStepSize"] = number(about.period)
     ElementTree.SubElement(tree, "CoSimulation", how)
     units = ElementTree.SubElement(tree, "UnitDefinitions")
     for unit, base in UNITS.items():
         found = ElementTree.SubElement(units, "Unit", name=unit)
         ElementTree.SubElement(found, "BaseUnit", {key: str(power) for key, power in base.items()})
     ElementTree.SubElement(
-        tree, "DefaultExperiment", startTime="0", stopTime=number(plan.duration), stepSize=number(plan.period)
+        tree, "DefaultExperiment", startTime="0", stopTime=number(about.stop), stepSize=number(about.period)
     )
     listed = ElementTree.SubElement(tree, "ModelVariables")
     for k, one in enumerate(variables):
-        about = {"name": one.name, "valueReference": str(k), "description": one.meaning, "causality": one.causality}
+        told = {"name": one.name, "valueReference": str(k), "description": one.meaning, "causality": one.causality}
         whole = isinstance(one.start, int)
         kinds = {"parameter": "tunable" if one.kind == "PARAMETER" else "fixed", "input": "continuous"}
-        about["variability"] = kinds.get(one.causality, "continuous")
+        told["variability"] = kinds.get(one.causality, "continuous")
         value = {} if one.start is None else {"start": str(one.start)}
         if one.unit:
             value["unit"] = one.unit
         if new:
-            ElementTree.SubElement(listed, "Int32" if whole else "Float64", about | value)
+            ElementTree.SubElement(listed, "Int32" if whole else "Float64", told | value)
         else:
             if one.causality == "parameter":
-                about["initial"] = "exact"
-            found = ElementTree.SubElement(listed, "ScalarVariable", about)
+                told["initial"] = "exact"
+            found = ElementTree.SubElement(listed, "ScalarVariable", told)
             ElementTree.SubElement(found, "Integer" if whole else "Real", value)
     shape = ElementTree.SubElement(tree, "ModelStructure")
     out = [k for k, one in enumerate(variables) if one.causality == "output"]

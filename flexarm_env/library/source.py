@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from importlib import metadata, resources
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,10 +17,21 @@ from ..compiler.image import Image
 from ..control.base import Setup
 from ..layout import Layout
 from ..physics import precision
-from ..physics.layout import POSES
-from ..tasks.program import ENERGIES, INFO, REQUEST
+from ..physics.joints.layout import LAW, PLACES
+from ..physics.layout import POSES, SPACE_POSES
+from ..physics.model import JOINT_LAWS, Jointed
+from ..tasks.program import ENERGIES, INFO, REQUEST, TORQUE_FACTOR
 
 VERSION = metadata.version("flexarm_env")
+
+LEAST = 1e-30
+"""Of what must be positive."""
+
+_OWN = (
+    ("payload_mass", "kg", "of the arm", 0.0), ("payload_inertia", "kg m2", "of the arm", 0.0),
+    ("EI_factor", "", "on all stiffness to bending", LEAST), ("tau_d", "s", "of the damping", 0.0),
+)  # fmt: skip
+"""Of an arm's own parameters the name, unit, meaning and what each is at least."""
 
 SENTENCES = {
     "ok": "ok",
@@ -33,6 +44,27 @@ SENTENCES = {
     "joint_limit": "a joint is beyond its limits",
 }
 """Of the words of `REASONS`; "ok" where there is none."""
+
+
+def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
+    """A template with its marks replaced: @WORD@ by what is known, NAME, UPPER."""
+    text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
+    text = re.sub("@([A-Z_]+)@", lambda word: str(known[word[1]]), text)
+    return re.sub("NAME|UPPER", lambda word: name if word[0] == "NAME" else name.upper(), text)
+
+
+class Parameter(NamedTuple):
+    """A number of the arm that programs read as they run. start: as the environment has it. least, most: what it may
+    be. law: which of the joints' numbers; None: it is drawn at each reset, and `at` says where in the block it is."""
+
+    name: str
+    unit: str
+    meaning: str
+    start: float
+    least: float
+    most: float
+    law: int | None
+    at: int
 
 
 class Source:
@@ -49,7 +81,8 @@ class Source:
         self.env, self.name, self.worlds, self.periods = env, name, worlds, periods
         self.absent, self.symbols, self.cpu = absent, symbols, cpu
         self.batch, self.plan, self.setup = env.unwrapped.batch, env.unwrapped.plan, Setup.of(env)
-        self.joints = self.plan.arm.n_links
+        self.joints, self.spatial = self.plan.arm.n_links, self.plan.arm.spatial
+        self.poses = SPACE_POSES if self.spatial else POSES
 
     def files(self) -> dict[str, str]:
         """Names and contents."""
@@ -62,32 +95,32 @@ class Source:
         }
 
     def filled(self, file: str, **more: str) -> str:
-        """A template with its marks replaced: @WORD@, NAME, UPPER."""
-        text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
-        known = self._known | more
-        text = re.sub("@([A-Z_]+)@", lambda word: str(known[word[1]]), text)
-        return re.sub("NAME|UPPER", lambda word: self.name if word[0] == "NAME" else self.name.upper(), text)
+        """See `fill`."""
+        return fill(file, self.name, self._known | more)
 
     # --- the numbers ------------------------------------------------------------------------------
     @cached_property
     def _known(self) -> dict[str, Any]:
         batch, plan, world = self.batch, self.plan, self.worlds[0]
         at, request = {key: place[0] for key, place in world.places.items()}, REQUEST.offsets(0, self.joints, 0)
-        targets = len(batch.task.targets)
+        targets = self.joints if self.spatial else len(batch.task.targets)
+        meant = "joint angles that bring the rigid arm's tip there, rad" if self.spatial else "x and y, m"
         known = {
             "HEAD": self._head(), "VERSION": VERSION, "JOINTS": self.joints, "OBSERVATION": batch.observation.size,
-            "PERIOD": repr(plan.period), "STATE": world.changing, "CLIP": f"{CLIP:g}", "TARGETS": targets,
-            "TARGET": "an angle, rad" if targets == 1 else "x and y, m", "ACTION": self._action(),
+            "PERIOD": repr(plan.period), "STATE": world.changing, "CLIP": f"{CLIP:g}", "GIVEN": targets,
+            "TARGET": meant if targets > 1 or self.spatial else "an angle, rad", "ACTION": self._action(),
+            "FROM": "" if self.spatial else "; angles from the world's x axis",
             "ENTRIES": _listed(_entries(self.setup)), "STATUSES": self._statuses(), "SENTENCES": self._sentences(),
-            "INFO": _members(INFO, self.sizes, {"energies": ENERGIES}), "POSE": _members(POSES, {}, {}),
+            "INFO": _members(INFO, self.sizes, {"energies": ENERGIES}), "POSE": _members(self.poses, {}, {}),
             "DECLARED": "\n".join(f"extern int64_t {symbol}(int64_t, int64_t, int64_t);" for symbol in self.symbols),
             "TABLES": "\n".join(self._tables()), "WORLDS": len(self.worlds), "REQUEST": at["request"],
-            "RECORD": at["block"] + 8 * batch.layout.record, "ANGLES": request.angles, "TARGET_AT": request.target,
-            "VIBRATION": request.vibration, "STREAM": at["stream"], "QUEUE": at["queue"], "ALLOWED": PERIODS_ALLOWED,
+            "RECORD": at["block"] + 8 * batch.layout.record, "ANGLES": request.angles,
+            "TARGET_AT": request.goals if self.spatial else request.target, "VIBRATION": request.vibration,
+            "STREAM": at["stream"], "QUEUE": at["queue"], "ALLOWED": PERIODS_ALLOWED,
             "MODE": MODE, "PERIODS": PERIODS, "TABLE": at["table"], "POSES": at["block"] + 8 * batch.layout.poses,
-            "SEEN": at["observation"], "PAR": at["block"] + 8 * batch.layout.par, "BLOCK": at["block"],
+            "SEEN": at["observation"], "BLOCK": at["block"],
             "ACTION_AT": at["action"], "FARTHEST": number(min(plan.farthest, 1e9)),
-            "MOST": ", ".join(map(number, self._most())), "CPU": self.cpu,
+            "CPU": self.cpu, "PARAMETERS": len(self.parameters), **self._settable(at["block"]),
             "OBJECTS": " ".join(f"{symbol}.o" for symbol in self.symbols),
         }  # fmt: skip
         return known
@@ -117,7 +150,53 @@ class Source:
             low, high = (middle, high) if carried(2.0**middle, damping) else (low, middle)
         return check.LARGEST, check.LARGEST, 2.0**low, damping
 
+    @cached_property
+    def parameters(self) -> list[Parameter]:
+        """What may be set between periods."""
+        batch, system = self.batch, self.batch.system
+        own = zip(_OWN, self._most(), strict=True)
+        found = [
+            Parameter(name, unit, meaning, float(system.par[k]), least, most, None, batch.layout.par + k)
+            for k, ((name, unit, meaning, least), most) in enumerate(own)
+            if not (self.spatial and name == "payload_inertia")
+        ]
+        factor = batch.layout.record + TORQUE_FACTOR
+        found.append(Parameter("torque_factor", "", "on the motors' torques", 1.0, 0.0, check.LARGEST, None, factor))
+        if not isinstance(system.model, Jointed):
+            return found
+        stiffest, drawn = precision.MOST * min(self.plan.arm.torque_limits), system.model.own is not None
+        for k, value in enumerate(system.model.data.tolist()):
+            i, number = divmod(k, len(LAW.fields))
+            field, joint = LAW.fields[number], int(system.model.table[i * PLACES])
+            if value == 0.0:  # what the arm has not
+                continue
+            least = LEAST if field.name in ("stiffness", "rotor") else 0.0
+            most = stiffest if field.name == "stiffness" else check.LARGEST
+            at = batch.layout.par + JOINT_LAWS + k
+            about = f"{field.name}[{joint}]", field.unit.replace("^", ""), f"of joint {joint}: {field.meaning}", value
+            found.append(Parameter(*about, least, most, None if drawn else k, at if drawn else 0))
+        return found
+
+    def _laws(self, world: int, first: str) -> list[int]:
+        """Bytes at which the joints' numbers begin, in each model of a world."""
+        known = self.worlds[world].places.items()
+        return [place[0] for key, place in known if re.fullmatch(rf"{first}(model|models\.\w+)\.data", key)]
+
     # --- the texts --------------------------------------------------------------------------------
+    def _settable(self, block: int) -> dict[str, Any]:
+        """Where parameters are, and what is told of them."""
+        copies = [(k, at + 8 * p.law) for k, p in enumerate(self.parameters) if p.law is not None
+                  for at in self._laws(0, "")]  # fmt: skip
+        first = dict(reversed(copies))
+        places = [first.get(k, block + 8 * p.at) for k, p in enumerate(self.parameters)]
+        limits = [f"{number(p.least)}, {number(p.most)}" for p in self.parameters]
+        rows = [f"    {{{at}, {pair}}}," for at, pair in zip(places, limits, strict=True)]
+        told = [f"{k}: {p.name}{p.unit and ', '}{p.unit}; {p.meaning}" for k, p in enumerate(self.parameters)]
+        return {
+            "SETTABLE": "\n".join(rows), "COPIES": len(copies), "TOLD": _listed(told),
+            "COPIED": ", ".join(f"{{{k}, {at}}}" for k, at in copies) or "{0, 0}",
+        }  # fmt: skip
+
     def _head(self) -> str:
         spec = self.env.spec
         what = f"{spec.id} {json.dumps(spec.kwargs, default=str)}" if spec is not None else type(self.env).__name__
@@ -170,10 +249,13 @@ class Source:
             return ""
         p, world = self.periods, self.worlds[1]
         at = {f"D_{key.upper()}": str(place[0]) for key, place in world.places.items() if "." not in key}
+        laws = [p.law for p in self.parameters if p.law is not None]
+        shared = [(8 * k + to, 8 * k + self._laws(0, "")[0]) for k in laws for to in self._laws(1, r"program\.")]
         return self.filled(
             "derivatives.c", MOVING=str(p.moving), COLUMNS=str(p.moving + p.action_size),
             D_CHANGING=str(world.changing), PLACES=", ".join(map(str, p._own.tolist())),
-            BACKWARDS=str(int(p.backwards)), **at,
+            BACKWARDS=str(int(p.backwards)), SHARING=str(len(shared)),
+            SHARED=", ".join(f"{{{to}, {of}}}" for to, of in shared) or "{0, 0}", **at,
         )  # fmt: skip
 
     def _tables(self) -> Iterator[str]:

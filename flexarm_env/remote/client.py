@@ -170,9 +170,13 @@ class RemoteArmEnv(gym.Env[Array32, Array32]):
         super().reset(seed=seed)
         if options:
             raise check.InvalidValue("options", options, "must be left out: a remote arm has none")
+        return self.arm(RESET)
+
+    def arm(self, flags: int = 0) -> tuple[Array32, dict[str, Any]]:
+        """Arm it where it is (or with `RESET`), and wait for the first reading."""
         ends = time.monotonic() + PATIENCE
         while time.monotonic() < ends:
-            self.wire.command(np.zeros(len(self.wire.limits)), ARM | RESET)
+            self.wire.command(np.zeros(len(self.wire.limits)), ARM | flags)
             if self.wire.read() and not self.wire.flags & HELD:
                 return self._observation(), self._info("")
         raise ConnectionError(f"the arm cannot be armed within {PATIENCE:g} s")
@@ -238,17 +242,27 @@ class Played:
         return found
 
 
-def run_policy(policy: Any, env: RemoteArmEnv, seconds: float, most_angle: float = math.inf) -> dict[str, Any]:
+def run_policy(
+    policy: Any, env: RemoteArmEnv, seconds: float, most_angle: float = math.inf, most_rate: float = math.inf
+) -> dict[str, Any]:
     """Drive an arm by a policy (`reset(observation)`, `act(observation)`) for so long; what came of it.
 
-    most_angle: rad; where a joint is beyond it, it ends there, and closing the environment holds the arm.
+    A policy that thinks for longer than the watchdog bears before its first action finds the arm held, and arms it.
+
+    most_angle: rad, most_rate: rad/s; where a joint is beyond it, it ends there, and closing the environment holds the
+    arm.
     """
     observation, info = env.reset()
+    began = time.monotonic()
     policy.reset(observation)
+    if time.monotonic() - began > env.wire.watchdog * env.wire.period:
+        observation, info = env.arm()
     start, steps, reason = info["time"], 0, ""
     while info["time"] - start < seconds and not reason:
         observation, _, _, _, info = env.step(policy.act(observation))
         steps, reason = steps + 1, info["reason"]
         if np.abs(info["angles"]).max() > most_angle:
             reason = reason or "angle"
+        if np.abs(info["rates"]).max() > most_rate:
+            reason = reason or "rate"
     return {"steps": steps, "seconds": info["time"] - start, "lost": info["lost"], "ended": reason or "time"}

@@ -24,6 +24,7 @@ from .. import validation as check
 from ..control import make as controller
 from ..control.base import Setup
 from ..control.pd import PD
+from ..control.space_pd import SpatialPD
 from .packet import (
     ARM,
     HELD,
@@ -88,8 +89,6 @@ class Session:
         plan = getattr(getattr(self.env, "unwrapped", None), "plan", None)
         if plan is None or plan.action_mode != "torque":
             raise ValueError(f"env = {self.env}: must be a single environment of this package, action_mode 'torque'")
-        if plan.arm.spatial:
-            raise check.InvalidValue("arm", plan.arm.name, "must move in the x-y plane: one in space is not served")
         check.instance("limits", self.limits, Limits)
         checked(self.key)
         if self.seed is not None:
@@ -100,8 +99,8 @@ class Session:
         self.torque_limits = np.array(plan.arm.torque_limits)
         self.scales = np.tile(np.array(self.setup.scales), self.setup.history)
         pd = controller("pd", self.env)
-        assert isinstance(pd, PD)
-        self._kp, self._kd = pd.kp, pd.kd
+        assert isinstance(pd, PD | SpatialPD)
+        self._pd = pd
         self.counts: Counter[str] = Counter()
         self.connection, self.last, self.sent, self.period, self._hello = 0, 0, 0, 0, 0
         self.peer: Any = None
@@ -117,11 +116,13 @@ class Session:
     def _reset(self) -> None:
         self.observation, _ = self.env.reset(seed=self.seed)
         self.status, self.torque = 0.0, np.zeros(len(self.torque_limits))
-        self._angles, self.row = self._joints()[0], tuple[float, ...]()
+        (self._angles, self._slow), self.row = self._joints(), tuple[float, ...]()
 
     def _joints(self) -> tuple[Array, Array]:
         """Angles and rates, rad and rad/s, of the arm itself."""
         poses = self.plain.batch.poses(0)
+        if self.plain.plan.arm.spatial:
+            return poses[:, 0], poses[:, 1]
         angles, rates = poses[:, 2].copy(), poses[:, 5].copy()
         angles[1:] -= poses[:-1, 8]
         rates[1:] -= poses[:-1, 11]
@@ -191,13 +192,15 @@ class Session:
         elif self.silent > self.limits.watchdog and not self.held:
             self._stop(f"no command for {self.limits.watchdog} periods")
         angles, rates = self._joints()
+        self._slow += self._pd.passed * (rates - self._slow)
         if not self.held and (np.abs(angles).max() > self.limits.angle or np.abs(rates).max() > self.limits.rate):
             self._stop("a joint is beyond its limits of angle or rate")
         wanted = self.torque
         if self.held:
-            wanted = self._towards(self._angles, angles, rates) if self.hold == "angles" else np.zeros_like(angles)
+            still = self.hold == "angles"
+            wanted = self._pd.towards(self._angles, angles, self._slow) if still else np.zeros_like(angles)
         elif asked is not None and asked.flags & SET_POINTS:
-            wanted = self._towards(np.array(asked.numbers), angles, rates)
+            wanted = self._pd.towards(np.array(asked.numbers), angles, self._slow)
         elif asked is not None:
             wanted = np.array(asked.numbers)
         near = self.limits.slew * self.torque_limits
@@ -223,11 +226,6 @@ class Session:
         flags = HELD * self.held | LIMITED * limited | OVER * (self.status != 0.0)
         self.sent += 1
         return self._packed(Kind.READING, self.sent, (float(self.last), self.status, *self.readings()), flags)
-
-    def _towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
-        """PD torques to joint angles."""
-        found: Array = self._kp * (wanted - angles) - self._kd * rates
-        return found
 
     def readings(self) -> tuple[float, ...]:
         """Joint angles, rates, torques, and what the sensors read, in SI units."""

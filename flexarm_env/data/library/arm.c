@@ -21,6 +21,13 @@ typedef struct {
 
 @TABLES@
 
+/* Parameters: where they are, and what they may be; of those that are not drawn which they are, and all places. */
+static const struct { uint32_t at; double least, most; } known[UPPER_PARAMETERS] = {
+@SETTABLE@
+};
+enum { COPIES = @COPIES@ };
+static const uint32_t copies[][2] = {@COPIED@};
+
 struct NAME_arm {
     void *memory;
     uint64_t *words[@WORLDS@];
@@ -70,17 +77,19 @@ static int finite_all(const double *values, int count, int nan_too)
 int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *target, double vibration)
 {
     double *request = numbers(arm, 0, @REQUEST@), *record = numbers(arm, 0, @RECORD@);
-    if (!finite_all(angles, UPPER_JOINTS, 1) || !finite_all(target, @TARGETS@, 1) || isinf(vibration))
+    if (!finite_all(angles, UPPER_JOINTS, 1) || !finite_all(target, UPPER_TARGET, 1) || isinf(vibration))
         return UPPER_REFUSED;
     for (int k = 0; k < UPPER_JOINTS; k++) {
         if (angles != NULL && fabs(angles[k]) > @FARTHEST@) return UPPER_REFUSED;
         request[@ANGLES@ + k] = angles == NULL ? NAN : angles[k];
     }
-    for (int k = 0; k < 2; k++) request[@TARGET_AT@ + k] = target == NULL || k >= @TARGETS@ ? NAN : target[k];
+    for (int k = 0; k < UPPER_TARGET; k++) request[@TARGET_AT@ + k] = target == NULL ? NAN : target[k];
     request[@VIBRATION@] = vibration;
     *(uint64_t *)(void *)(arm->data[0] + @STREAM@) = key;
     *(int64_t *)(void *)(arm->data[0] + @QUEUE@) = 0;
     record[@ALLOWED@] = 1e15;
+    for (int i = 0; i < COPIES; i++) /* what is not drawn */
+        memcpy(arm->data[0] + copies[i][1], (const unsigned char *)worlds[0].data + copies[i][1], sizeof(double));
     NAME_start_program(place(arm, 0), RUNNING, 1);
     return code(arm);
 }
@@ -107,18 +116,17 @@ int NAME_set_state(NAME_arm *arm, const void *state)
     return code(arm);
 }
 
-void NAME_get_parameters(const NAME_arm *arm, double parameters[4])
+void NAME_get_parameters(const NAME_arm *arm, double parameters[UPPER_PARAMETERS])
 {
-    memcpy(parameters, arm->data[0] + @PAR@, 4 * sizeof(double));
+    for (int k = 0; k < UPPER_PARAMETERS; k++) parameters[k] = *numbers(arm, 0, known[k].at);
 }
 
-int NAME_set_parameters(NAME_arm *arm, const double parameters[4])
+int NAME_set_parameters(NAME_arm *arm, const double parameters[UPPER_PARAMETERS])
 {
-    static const double most[4] = {@MOST@};
-    for (int k = 0; k < 4; k++)
-        if (!(parameters[k] >= 0.0 && parameters[k] <= most[k])) return UPPER_REFUSED;
-    if (parameters[2] == 0.0) return UPPER_REFUSED;
-    memcpy(arm->data[0] + @PAR@, parameters, 4 * sizeof(double));
+    for (int k = 0; k < UPPER_PARAMETERS; k++)
+        if (!(parameters[k] >= known[k].least && parameters[k] <= known[k].most)) return UPPER_REFUSED;
+    for (int k = 0; k < UPPER_PARAMETERS; k++) *numbers(arm, 0, known[k].at) = parameters[k];
+    for (int i = 0; i < COPIES; i++) *numbers(arm, 0, copies[i][1]) = parameters[copies[i][0]];
     return code(arm);
 }
 

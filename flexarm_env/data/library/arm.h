@@ -15,7 +15,9 @@ extern "C" {
 #endif
 
 #define UPPER_JOINTS @JOINTS@
+#define UPPER_TARGET @GIVEN@ /* numbers that say a target */
 #define UPPER_OBSERVATION @OBSERVATION@ /* numbers in an observation */
+#define UPPER_PARAMETERS @PARAMETERS@
 #define UPPER_PERIOD @PERIOD@ /* s, of control */
 #define UPPER_STATE_BYTES @STATE@ /* of NAME_get_state */
 
@@ -34,7 +36,7 @@ typedef struct {
 @INFO@
 } NAME_info;
 
-/* Where a link is, and how it moves; angles from the world's x axis. */
+/* Where a link is, and how it moves@FROM@. */
 typedef struct {
 @POSE@
 } NAME_pose;
@@ -46,7 +48,7 @@ void NAME_destroy(NAME_arm *arm);
 /*
  * Start an episode. key: 64 random bits that all draws and noise follow from (in Python, of reset(seed=s):
  * numpy.random.Generator(numpy.random.PCG64(numpy.random.SeedSequence(s))).bit_generator.random_raw()).
- * angles (UPPER_JOINTS, rad), target (@TARGET@), vibration (tip deflection over the arm's length): NULL or NAN: drawn.
+ * angles (UPPER_JOINTS, rad), target (UPPER_TARGET numbers: @TARGET@), vibration (tip deflection over the arm's length): NULL or NAN: drawn.
  */
 int NAME_reset(NAME_arm *arm, uint64_t key, const double *angles, const double *target, double vibration);
 
@@ -68,9 +70,13 @@ double NAME_get_time(const NAME_arm *arm); /* s since the reset */
 void NAME_get_state(const NAME_arm *arm, void *state);
 int NAME_set_state(NAME_arm *arm, const void *state);
 
-/* The arm's own payload mass (kg) and inertia (kg m^2), factor on EI, damping time tau_d (s); a reset draws them. */
-void NAME_get_parameters(const NAME_arm *arm, double parameters[4]);
-int NAME_set_parameters(NAME_arm *arm, const double parameters[4]);
+/*
+ * Numbers of the arm that may be set between periods; a reset draws them, or puts them back. Those of joints are there
+ * where the arm has them:
+@TOLD@
+ */
+void NAME_get_parameters(const NAME_arm *arm, double parameters[UPPER_PARAMETERS]);
+int NAME_set_parameters(NAME_arm *arm, const double parameters[UPPER_PARAMETERS]);
 @DERIVATIVES@
 #ifdef __cplusplus
 }

@@ -10,7 +10,10 @@ void NAME_get_states(const NAME_arm *arm, double x[UPPER_STATES])
 
 static void put(NAME_arm *arm, const double *x, const double *action)
 {
+    enum { SHARING = @SHARING@ };
+    static const uint32_t shared[][2] = {@SHARED@}; /* the joints' numbers, there and here */
     double *given = numbers(arm, 1, @D_ACTION@);
+    for (int i = 0; i < SHARING; i++) *numbers(arm, 1, shared[i][0]) = *numbers(arm, 0, shared[i][1]);
     memcpy(arm->data[1] + @D_STATE@, x, UPPER_STATES * sizeof(double));
     for (int k = 0; k < UPPER_JOINTS; k++)
         given[k] = isfinite(action[k]) ? fmin(fmax(action[k], -1.0), 1.0) : NAN;

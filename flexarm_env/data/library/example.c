@@ -13,8 +13,11 @@ int main(void)
         double action[UPPER_JOINTS];
         for (int i = 0; i < UPPER_JOINTS; i++) action[i] = 0.3 * sin(2.0 * NAME_get_time(arm) + i);
         status = NAME_step(arm, action);
+        if (k % 10 != 9) continue;
         const NAME_info *info = NAME_get_info(arm);
-        if (k % 10 == 9) printf("%6.3f s  tip %9.6f %9.6f m\n", NAME_get_time(arm), info->tip[0], info->tip[1]);
+        printf("%6.3f s  tip", NAME_get_time(arm));
+        for (size_t i = 0; i < sizeof(info->tip) / sizeof(double); i++) printf(" %9.6f", info->tip[i]);
+        puts(" m");
     }
     printf("%s\n", NAME_status(status));
     NAME_destroy(arm);

@@ -1,7 +1,8 @@
-/* NAME as a functional mock-up unit: co-simulation, FMI 2.0 and 3.0, around the library NAME. */
-#include "NAME.h"
+/* NAME as a functional mock-up unit: co-simulation, FMI 2.0 and 3.0, around what NAME is. */
+#include "@INSIDE@"
 
 #include <math.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,20 +14,15 @@ enum { INPUT, PARAMETER, ANGLE, TARGET, VIBRATION, SEED, INFO, POSE, OBSERVATION
 static const struct { int kind, at; } variables[] = {
 @VARIABLES@
 };
-enum { COUNT = sizeof(variables) / sizeof(variables[0]), KNOWN = 4 + UPPER_JOINTS + 2 + 2 };
+enum { COUNT = sizeof(variables) / sizeof(variables[0]) };
 
 typedef void (*logger2)(void *, const char *, int, const char *, const char *, ...);
 typedef void (*logger3)(void *, int, const char *, const char *);
 
-/* What the environment sets lies together, so that a state is this and the arm's bytes. */
+@TYPES@
 typedef struct {
-    double input[UPPER_JOINTS], parameters[4], angles[UPPER_JOINTS], target[2], vibration, start, time;
-    int seed, begun, fresh;
-} outside;
-
-typedef struct {
-    NAME_arm *arm;
     outside now;
+    inner own;
     char *name;
     void *environment;
     logger2 told2;
@@ -40,21 +36,14 @@ static int say(unit *u, int status, const char *text)
     return status;
 }
 
-static void set_up(unit *u)
-{
-    static const outside first = {.parameters = {@PARAMETERS@}, .target = {@AIM@}};
-    u->now = first;
-}
-
+@FUNCTIONS@
 static unit *made(const char *name, const char *token)
 {
     if (token == NULL || strcmp(token, "@TOKEN@") != 0) return NULL;
     unit *u = calloc(1, sizeof(unit));
     if (u == NULL) return NULL;
     u->name = malloc(strlen(name) + 1);
-    u->arm = NAME_create();
-    if (u->arm == NULL || u->name == NULL) {
-        NAME_destroy(u->arm);
+    if (u->name == NULL || !create(u)) {
         free(u->name);
         free(u);
         return NULL;
@@ -67,99 +56,38 @@ static unit *made(const char *name, const char *token)
 static void ended(unit *u)
 {
     if (u == NULL) return;
-    NAME_destroy(u->arm);
+    destroy(u);
     free(u->name);
     free(u);
 }
 
-/* Put the arm where it starts, as it has been asked for. */
-static int started(unit *u)
-{
-    outside *now = &u->now;
-    if (now->fresh) return OK;
-    now->time = now->start;
-    int status = NAME_reset(u->arm, (uint64_t)(uint32_t)now->seed, now->angles, now->target, now->vibration);
-    if (status == UPPER_OK) status = NAME_set_parameters(u->arm, now->parameters);
-    if (status != UPPER_OK) return say(u, ERROR, NAME_status(status));
-    now->fresh = 1;
-    return OK;
-}
-
-static int get(unit *u, uint32_t k, double *value)
-{
-    if (k >= COUNT || variables[k].kind == SEED) return say(u, ERROR, "a value reference that is no number's");
-    const int at = variables[k].at;
-    const outside *now = &u->now;
-    if (variables[k].kind >= INFO && started(u) != OK) return ERROR;
-    switch (variables[k].kind) {
-    case INPUT: *value = now->input[at]; break;
-    case PARAMETER: *value = now->parameters[at]; break;
-    case ANGLE: *value = now->angles[at]; break;
-    case TARGET: *value = now->target[at]; break;
-    case VIBRATION: *value = now->vibration; break;
-    case INFO: *value = ((const double *)(const void *)NAME_get_info(u->arm))[at]; break;
-    case POSE: *value = ((const double *)(const void *)NAME_get_poses(u->arm))[at]; break;
-    case OBSERVATION: *value = NAME_get_observation(u->arm)[at]; break;
-    default: *value = now->time;
-    }
-    return OK;
-}
-
-static int set(unit *u, uint32_t k, double value)
-{
-    if (k >= COUNT || variables[k].kind >= SEED) return say(u, ERROR, "a value reference that cannot be set");
-    if (!isfinite(value)) return say(u, ERROR, "a number that is not finite");
-    const int at = variables[k].at;
-    outside *now = &u->now;
-    if (variables[k].kind == INPUT) {
-        now->input[at] = value;
-        return OK;
-    }
-    if (variables[k].kind == PARAMETER) {
-        const double before = now->parameters[at];
-        now->parameters[at] = value;
-        if (now->begun && NAME_set_parameters(u->arm, now->parameters) == UPPER_REFUSED) {
-            now->parameters[at] = before;
-            return say(u, ERROR, NAME_status(UPPER_REFUSED));
-        }
-    } else {
-        if (now->begun) return say(u, ERROR, "where the arm starts is set before it starts");
-        *(variables[k].kind == ANGLE ? &now->angles[at] : variables[k].kind == TARGET ? &now->target[at] : &now->vibration) = value;
-    }
-    if (!now->begun) now->fresh = 0;
-    return OK;
-}
-
-/* Whole control periods. The torques that are asked for act through each of them. */
+/* Whole control periods. */
 static int step(unit *u, double from, double length)
 {
-    outside *now = &u->now;
+    const outside *now = &u->now;
     const double periods = length / UPPER_PERIOD, whole = floor(periods + 0.5);
     if (started(u) != OK) return ERROR;
     if (fabs(from - now->time) > 1e-6 * UPPER_PERIOD + 1e-12 * fabs(from))
         return say(u, ERROR, "the communication point is not where the last step ended");
     if (!(whole >= 1.0) || fabs(periods - whole) > 1e-6)
         return say(u, ERROR, "a communication step is @PERIOD@ s, or a whole number of times that");
-    for (double k = 0.0; k < whole; k++) {
-        const int status = @STEP@(u->arm, now->input);
-        if (status != UPPER_OK) return say(u, ERROR, NAME_status(status));
-        now->time = now->start + NAME_get_time(u->arm);
-    }
+    for (double k = 0.0; k < whole; k++)
+        if (period(u) != OK) return ERROR;
     return OK;
 }
 
-enum { SAVED = sizeof(outside) + UPPER_STATE_BYTES };
+enum { SAVED = sizeof(outside) + INNER };
 
 static void save(const unit *u, unsigned char *to)
 {
     memcpy(to, &u->now, sizeof(outside));
-    NAME_get_state(u->arm, to + sizeof(outside));
+    save_own(u, to + sizeof(outside));
 }
 
 static void restore(unit *u, const unsigned char *from)
 {
     memcpy(&u->now, from, sizeof(outside));
-    NAME_set_state(u->arm, from + sizeof(outside));
+    restore_own(u, from + sizeof(outside));
 }
 
 static int kept(unit *u, void **state)
@@ -206,7 +134,7 @@ static int seeds(unit *u, const uint32_t *which, size_t count, int *out, const i
     return OK;
 }
 
-/* What is not in an arm: arguments are as the standard has them, and not looked at. */
+/* What is not there: arguments are as the standard has them, and not looked at. */
 #define ABSENT(name) int name(void); int name(void) { return ERROR; }
 #define DONE(name) int name(void *u); int name(void *u) { (void)u; return OK; }
 

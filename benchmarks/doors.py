@@ -1,0 +1,405 @@
+"""What goes through the doors: docs/results/doors.md.
+
+python -m benchmarks.doors [--periods N] [--page] [--out FOLDER]
+
+Arms as C libraries beside Python, their steps timed in C with allocations counted; units in FMPy, alone and an arm with
+its controller; packets of all kinds at a served arm. Needs a C compiler and the extra `fmi`; a few minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import math
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import pages
+from benchmarks.machine import table
+from benchmarks.pages import Found
+from flexarm_env import control
+from flexarm_env.library import write, write_controller_fmu, write_fmu
+from flexarm_env.remote import Kind, Limits, Packet, Session, pack, unpack
+from flexarm_env.remote.packet import ARM
+
+Array = NDArray[np.float64]
+
+GEARED: dict[str, Any] = {"arm": "strip_geared"}
+ARMS: dict[str, tuple[str, dict[str, Any]]] = {
+    "one link, elastica": ("FlexibleArm-v0", {}),
+    "one link, exact beam": ("FlexibleArm-v0", {"formulation": "geometrically_exact"}),
+    "one link, floating frame": ("FlexibleArm-v0", {"formulation": "floating_frame"}),
+    "one link, gear and dry friction": ("FlexibleArm-v0", GEARED),
+    "two links, elastica": ("TwoLinkFlexArm-v0", {}),
+    "three joints in space, exact beam": ("SpatialFlexArm-v0", {}),
+}
+UNITS = ("one link, elastica", "one link, gear and dry friction", "three joints in space, exact beam")
+"""Of these also as mock-up units."""
+COMPARED = 10_000
+"""Periods in which numbers are compared."""
+SHARE = 0.2
+"""Of the torques."""
+PERIOD, SECONDS, MANY = 0.00125, 0.8, (1, 2, 4, 8, 16)
+"""Of the arm with its controller: control period and time, s; periods in a communication step."""
+
+TIMING = r"""
+#define _GNU_SOURCE
+#include <math.h>
+#include <sched.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/resource.h>
+#include <time.h>
+#include "arm.h"
+
+void *__libc_malloc(size_t);
+void *__libc_calloc(size_t, size_t);
+void *__libc_realloc(void *, size_t);
+static long count;
+void *malloc(size_t n) { count++; return __libc_malloc(n); }
+void *calloc(size_t n, size_t m) { count++; return __libc_calloc(n, m); }
+void *realloc(void *p, size_t n) { count++; return __libc_realloc(p, n); }
+
+enum { MOST = 1000000 };
+static double wall[MOST], spent[MOST];
+
+static double now(clockid_t which)
+{
+    struct timespec t;
+    clock_gettime(which, &t);
+    return 1e6 * t.tv_sec + 1e-3 * t.tv_nsec;
+}
+
+static int larger(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+int main(int argc, char **argv)
+{
+    const int n = atoi(argv[1]);
+    const struct sched_param first = {.sched_priority = 10};
+    const int urgent = argc > 2 && sched_setscheduler(0, SCHED_FIFO, &first) == 0;
+    arm_arm *arm = arm_create();
+    double action[ARM_JOINTS];
+    struct rusage use;
+    long before = 0, faults = 0, ended = 0;
+    for (int k = 0; k < MOST; k++) wall[k] = spent[k] = 0.0;
+    for (int k = -1000, over = 1; k < n; k++) { /* what comes first warms up */
+        if (over || k % 500 == 0) arm_reset(arm, k + 1000, NULL, NULL, NAN);
+        if (k == 0) {
+            before = count;
+            getrusage(RUSAGE_SELF, &use);
+            faults = use.ru_minflt + use.ru_majflt;
+        }
+        for (int i = 0; i < ARM_JOINTS; i++) action[i] = 0.3 * sin(2.0 * k * ARM_PERIOD + i);
+        const double c = now(CLOCK_THREAD_CPUTIME_ID), t = now(CLOCK_MONOTONIC);
+        over = arm_step(arm, action) != ARM_OK;
+        const double later = now(CLOCK_MONOTONIC) - t, more = now(CLOCK_THREAD_CPUTIME_ID) - c;
+        if (k >= 0) wall[k] = later, spent[k] = more, ended += over;
+    }
+    const long calls = count - before;
+    getrusage(RUSAGE_SELF, &use);
+    faults = use.ru_minflt + use.ru_majflt - faults;
+    qsort(wall, n, sizeof(double), larger);
+    qsort(spent, n, sizeof(double), larger);
+    printf("{\"urgent\": %d, \"allocations\": %ld, \"faults\": %ld, \"ended\": %ld, ", urgent, calls, faults, ended);
+    printf("\"wall\": [%.3f, %.3f, %.3f], ", wall[n / 2], wall[n - 1 - n / 1000], wall[n - 1]);
+    printf("\"spent\": [%.3f, %.3f, %.3f]}\n", spent[n / 2], spent[n - 1 - n / 1000], spent[n - 1]);
+    arm_destroy(arm);
+    return 0;
+}
+"""
+
+
+def made(name: str) -> Any:
+    """An arm of `ARMS`."""
+    env_id, kwargs = ARMS[name]
+    return gym.make(env_id, info_level="full", duration=1e6, disable_env_checker=True, **kwargs)
+
+
+def asked(env: Any, k: int) -> Array:
+    """Actions of period k, as float32 has them."""
+    joints = np.arange(env.action_space.shape[0])
+    return (SHARE * np.sin(2.0 * k * env.unwrapped.dt + joints)).astype(np.float32).astype(np.float64)
+
+
+def same_bits(env: Any, library: Path) -> tuple[int, int]:
+    """All that a library tells of an arm in each period: how many numbers, and how many are not Python's."""
+    code, plain = ctypes.CDLL(str(library)), env.unwrapped
+    for word in ("create", "get_info", "get_observation", "get_poses"):
+        getattr(code, f"arm_{word}").restype = ctypes.c_void_p
+    arm = ctypes.c_void_p(code.arm_create())
+    env.reset(seed=1)
+    key = int(np.random.PCG64(np.random.SeedSequence(1)).random_raw())
+    code.arm_reset(arm, ctypes.c_uint64(key), None, None, ctypes.c_double(math.nan))
+    batch, compared, different = plain.batch, 0, 0
+    rows = {"info": len(batch.table), "poses": batch.poses(0).size, "observation": batch.observation.size}
+    views = {}
+    for word, size in rows.items():
+        kind = ctypes.c_float if word == "observation" else ctypes.c_double
+        at = getattr(code, f"arm_get_{word}")(arm)
+        views[word] = np.ctypeslib.as_array(ctypes.cast(at, ctypes.POINTER(kind)), (size,))
+    for k in range(COMPARED):
+        action = asked(env, k)
+        plain.step(action.astype(np.float32))
+        code.arm_step(arm, action.ctypes.data_as(ctypes.c_void_p))
+        wanted = {"info": batch.table[:, 0], "poses": batch.poses(0).ravel(), "observation": batch.observation[0]}
+        for word, view in views.items():
+            different += int((view != wanted[word]).sum() - (np.isnan(view) & np.isnan(wanted[word])).sum())
+            compared += view.size
+    code.arm_destroy(arm)
+    return compared, different
+
+
+def timed(folder: Path, periods: int) -> list[Found]:
+    """Steps of a library in C, as an ordinary process and before all others."""
+    (folder / "timing.c").write_text(TIMING)
+    command = ["cc", "-O2", "timing.c", "-o", "timing", "-I.", "-L.", "-larm", "-Wl,-rpath,.", "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
+    found = []
+    for more in ((), ("first",)):
+        done = subprocess.run(["./timing", str(periods), *more], cwd=folder, check=True, capture_output=True, text=True)
+        found.append(json.loads(done.stdout))
+    return found
+
+
+def unit(name: str, form: str, folder: Path) -> Found:
+    """A unit validated and simulated by FMPy, beside Python."""
+    from fmpy import simulate_fmu
+    from fmpy.validation import validate_fmu
+
+    env, path = made(name), folder / "unit.fmu"
+    plain, dt, joints = env.unwrapped, env.unwrapped.dt, range(env.action_space.shape[0])
+    write_fmu(env, path, "arm", form)
+    messages = validate_fmu(str(path))
+    limits, t = plain.plan.arm.torque_limits, dt * np.arange(COMPARED + 1)
+    inputs = np.zeros(len(t), [("time", float), *((f"torque[{i}]", float) for i in joints)])
+    inputs["time"] = t
+    actions = np.array([asked(env, k) for k in range(COMPARED + 1)])
+    for i in joints:
+        inputs[f"torque[{i}]"] = actions[:, i] * limits[i]
+    words = [*(f"energy.{word}" for word in ("kinetic", "strain", "gravity", "dissipated", "work"))]
+    words += [f"tip[{k}]" for k in range(3 if plain.plan.arm.spatial else 2)] + [f"applied_torque[{k}]" for k in joints]
+    goal = [0.5] * len(joints)
+    run = simulate_fmu(
+        str(path), stop_time=float(t[-1]), output_interval=dt, input=inputs, output=words, set_stop_time=False,
+        start_values={f"start_angle[{i}]": 0.2 for i in joints} | {f"target[{i}]": goal[i] for i in joints},
+    )  # fmt: skip
+    env.reset(seed=0)
+    target = np.array(goal if plain.plan.arm.spatial else [*goal, 0.0])
+    plain.batch.ask(np.full(len(joints), 0.2), target, np.zeros(1))  # by the joint angles there, in space
+    plain.batch.start((0,), (0,), limit=10**9)
+    at, rows = plain.batch.info_at, []
+    places = [*range(at.energies, at.energies + 5), *range(at.tip, at.deflection)]
+    places += range(at.torque, at.torque + len(joints))
+    for k in range(COMPARED + 1):
+        rows.append(plain.batch.table[places, 0].tolist())
+        if k < COMPARED:
+            plain.step(actions[k].astype(np.float32))
+    told, wanted = np.array([run[word] for word in words]).T, np.array(rows)
+    env.close()
+    return {
+        "unit": name, "form": form, "messages": messages, "periods": COMPARED, "numbers": int(told.size),
+        "different": int((told != wanted).sum()) if told.shape == wanted.shape else -1,
+    }  # fmt: skip
+
+
+class Slave:
+    """A unit of FMI 3.0, stepped by FMPy."""
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        from fmpy import extract, read_model_description
+        from fmpy.fmi3 import FMU3Slave
+
+        about = read_model_description(str(path))
+        self.places = {one.name: one.valueReference for one in about.modelVariables}
+        self.unit = FMU3Slave(
+            guid=about.guid, unzipDirectory=extract(str(path), str(folder)), instanceName="it",
+            modelIdentifier=about.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        self.unit.instantiate()
+
+    def begin(self, **values: float) -> None:
+        self.unit.reset()
+        self.put({name.replace("__", "[") + "]": value for name, value in values.items()})
+        self.unit.enterInitializationMode()
+        self.unit.exitInitializationMode()
+
+    def put(self, values: dict[str, float]) -> None:
+        if values:
+            self.unit.setFloat64([self.places[name] for name in values], list(values.values()))
+
+    def get(self, names: list[str]) -> list[float]:
+        return list(self.unit.getFloat64([self.places[name] for name in names]))
+
+
+def coupled(folder: Path) -> Found:
+    """An arm and its controller, two units, over communication steps of several lengths; and the loop in Python."""
+    env = gym.make("FlexibleArm-v0", control_dt=PERIOD, dt=PERIOD, duration=1e6, disable_env_checker=True)
+    own = control.make("pd", env)
+    write_fmu(env, folder / "arm.fmu", "arm")
+    write_controller_fmu(own, folder / "pd.fmu", "pd")
+    arm, pd = (Slave(folder / f"{word}.fmu", folder / word) for word in ("arm", "pd"))
+    names, each = [name for name in pd.places if name.startswith("observation")], PERIOD * MANY[-1]
+    found: dict[int, Array] = {}
+    for many in MANY:
+        arm.begin(start_angle__0=0.0, target__0=0.8)
+        pd.begin()
+        length, angles = many * PERIOD, []
+        for k in range(round(SECONDS / length)):
+            pd.put(dict(zip(names, arm.get(names), strict=True)))
+            pd.unit.doStep(k * length, length)
+            arm.put({"torque[0]": pd.get(["torque[0]"])[0]})
+            arm.unit.doStep(k * length, length)
+            if (k + 1) * many % MANY[-1] == 0:
+                angles.append(arm.get(["link[0].root_angle"])[0])
+        found[many] = np.array(angles)
+    seen, _ = env.reset(options={"start": 0.0, "target": 0.8, "vibration": 0.0})
+    own.reset(seen)
+    wanted = []
+    for k in range(round(SECONDS / PERIOD)):
+        seen = env.step(own.act(seen))[0]
+        if (k + 1) % MANY[-1] == 0:
+            wanted.append(float(env.unwrapped.batch.poses(0)[0, 2]))
+    assert len(wanted) == round(SECONDS / each)
+    env.close()
+    return {
+        "python": float(np.abs(found[1] - wanted).max()),
+        "errors": [[1e3 * many * PERIOD, float(np.abs(found[many] - found[1]).max())] for many in MANY[1:]],
+    }
+
+
+def packets(count: int) -> Found:
+    """What a served arm makes of packets that are sound, cut, grown, turned over, replayed, foreign, lost."""
+    env = gym.make("FlexibleArm-v0", control_dt=0.01, duration=1e6, disable_env_checker=True)
+    key, peer, rng = b"a key that both ends know", ("127.0.0.1", 1), np.random.default_rng(1)
+    session = Session(env, Limits(watchdog=10**6), key, seed=0)
+    welcome = unpack(session.receive(pack(Packet(Kind.HELLO, 5, 0), key), peer) or b"", key)
+    assert isinstance(welcome, Packet)
+    first = Packet(Kind.COMMAND, welcome.connection, 1, 0.0, (0.0,), ARM)
+    sent: Counter[str] = Counter(sound=2)
+    session.receive(pack(first, key), peer)
+    sequence, ways = 1, ("sound", "cut", "grown", "a bit turned over", "old", "of another connection", "not finite",
+                         "of another size", "noise", "lost")  # fmt: skip
+    for _ in range(count):
+        way = str(rng.choice(ways))
+        good = Packet(Kind.COMMAND, welcome.connection, sequence + 1, 0.0, (float(rng.uniform(-1.0, 1.0)),))
+        content = pack(good, key)
+        at = int(rng.integers(len(content)))
+        sent[way] += 1
+        if way in ("sound", "lost"):
+            sequence += 1
+        if way == "lost":
+            continue
+        made: dict[str, bytes] = {
+            "sound": content,
+            "cut": content[:at],
+            "grown": content + bytes(1 + at),
+            "a bit turned over": content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :],
+            "old": pack(good._replace(sequence=int(rng.integers(0, session.last + 1))), key),
+            "of another connection": pack(good._replace(connection=int(rng.integers(2**63))), key),
+            "not finite": pack(good._replace(numbers=(float(rng.choice([math.nan, math.inf])),)), key),
+            "of another size": pack(good._replace(numbers=(0.1,) * int(rng.choice([0, 2, 7]))), key),
+            "noise": rng.bytes(at),
+        }
+        session.receive(made[way], peer)
+    session.receive(pack(first._replace(sequence=sequence + 1, flags=0), key), peer)
+    sent["sound"] += 1
+    return {"sent": dict(sent), "counts": dict(session.counts)}
+
+
+def measure(options: argparse.Namespace) -> Found:
+    """All of it."""
+    found: Found = {"arms": [], "units": []}
+    for name in ARMS:
+        env = made(name)
+        with tempfile.TemporaryDirectory() as folder:
+            built = write(env, Path(folder), "arm", derivatives=False)
+            assert built.library is not None, built.why
+            compared, different = same_bits(env, Path(folder) / built.library)
+            one = {"arm": name, "compared": compared, "different": different}
+            found["arms"].append(one | {"runs": timed(Path(folder), options.periods)})
+        env.close()
+        print(found["arms"][-1], flush=True)
+    for name in UNITS:
+        for form in ("2.0", "3.0"):
+            with tempfile.TemporaryDirectory() as folder:
+                found["units"].append(unit(name, form, Path(folder)))
+            print(found["units"][-1], flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        found["coupled"] = coupled(Path(folder))
+    found["packets"] = packets(100_000)
+    counts, told = found["packets"]["counts"], found["packets"]["sent"]
+    errors = [error for _, error in found["coupled"]["errors"]]
+    found["verdicts"] = {
+        "libraries have the bits of Python": not any(one["different"] for one in found["arms"]),
+        "no library allocates after its start": not any(r["allocations"] for one in found["arms"] for r in one["runs"]),
+        "FMPy finds no fault in a unit": not any(one["messages"] for one in found["units"]),
+        "units have the bits of Python": not any(one["different"] for one in found["units"]),
+        "an arm and its controller over one period are the loop in Python, within 1e-5 rad":
+            found["coupled"]["python"] < 1e-5,
+        "over longer steps they err in proportion, at most":
+            all(later < 3.5 * one for one, later in pairwise(errors)),
+        "packets accepted, dropped and missing are those sent": sum(counts.values()) == sum(told.values()),
+    }  # fmt: skip
+    return found
+
+
+def blocks(found: Found) -> pages.Blocks:
+    """Tables of the page."""
+    steps, bits = [], []
+    for one in found["arms"]:
+        bits.append((one["arm"], f"{COMPARED:,}", f"{one['compared']:,}", one["different"]))
+        for run, how in zip(one["runs"], ("ordinary", "`SCHED_FIFO`"), strict=True):
+            if how != "ordinary" and not run["urgent"]:
+                how = "`SCHED_FIFO` is not permitted here"
+            wall, spent = (" / ".join(f"{us:.3g}" for us in run[word]) for word in ("wall", "spent"))
+            steps.append((one["arm"], how, wall, spent, run["allocations"], run["faults"], run["ended"]))
+    units = []
+    for one in found["units"]:
+        counted = f"{one['periods']:,}", f"{one['numbers']:,}", one["different"]
+        units.append((one["unit"], one["form"], "; ".join(one["messages"]) or "none", *counted))
+    errors, rows = found["coupled"]["errors"], []
+    for k, (length, error) in enumerate(errors):
+        rows.append((f"{length:g}", f"{error:.3g}", f"{error / errors[k - 1][1]:.2f}" if k else ""))
+    counts = dict(sorted(found["packets"]["counts"].items()))
+    told = [(key, f"{count:,}") for key, count in found["packets"]["sent"].items()]
+    sent = sum(found["packets"]["sent"].values())
+    total = f"{sum(counts.values()):,} are counted of {sent:,} sent: "
+    heads = "communication step, ms | hub's largest distance from that, rad | times the one before"
+    exact = f"Over one period ({1e3 * PERIOD:g} ms) the hub is where Python's loop has it within"
+    return {
+        "bits": table("arm | periods | numbers | different", bits),
+        "steps": table(
+            "arm | as | by the clock, µs | of the processor, µs | allocations | page faults | ended early", steps,
+        ),
+        "units": table("unit | FMI | FMPy's messages | periods | numbers | different", units),
+        "coupled": [
+            f"{exact} {found['coupled']['python']:.1e} rad.", "", *table(heads, rows),
+        ],
+        "packets": [
+            total + ", ".join(f"{key} {count:,}" for key, count in counts.items()) + ".", "",
+            *table("sent | packets", told),
+        ],
+    }  # fmt: skip
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write."""
+    return pages.run("doors", __doc__, measure, blocks, arguments, packages=("fmpy",), periods=100_000)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
