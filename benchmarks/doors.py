@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from benchmarks import pages
 from benchmarks.machine import table
 from benchmarks.pages import Found
-from flexarm_env import control
+from flexarm_env import Joint, arms, control
 from flexarm_env.library import write, write_controller_fmu, write_fmu
 from flexarm_env.remote import Kind, Limits, Packet, Session, pack, unpack
 from flexarm_env.remote.packet import ARM
@@ -35,6 +36,8 @@ from flexarm_env.remote.packet import ARM
 Array = NDArray[np.float64]
 
 GEARED: dict[str, Any] = {"arm": "strip_geared"}
+GEAR = Joint(stiffness=2000.0, damping=2.0, motor_inertia=1e-5, gear_ratio=50.0, friction_coulomb=0.2)
+GEARED_IN_SPACE: dict[str, Any] = {"arm": replace(arms.named("three_dof"), joints=(GEAR,) * 3)}
 ARMS: dict[str, tuple[str, dict[str, Any]]] = {
     "one link, elastica": ("FlexibleArm-v0", {}),
     "one link, exact beam": ("FlexibleArm-v0", {"formulation": "geometrically_exact"}),
@@ -42,6 +45,7 @@ ARMS: dict[str, tuple[str, dict[str, Any]]] = {
     "one link, gear and dry friction": ("FlexibleArm-v0", GEARED),
     "two links, elastica": ("TwoLinkFlexArm-v0", {}),
     "three joints in space, exact beam": ("SpatialFlexArm-v0", {}),
+    "the same, gears and dry friction": ("SpatialFlexArm-v0", GEARED_IN_SPACE),
 }
 UNITS = ("one link, elastica", "one link, gear and dry friction", "three joints in space, exact beam")
 """Of these also as mock-up units."""

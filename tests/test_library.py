@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import flexarm_env  # noqa: F401
-from flexarm_env import arms
+from flexarm_env import Joint, arms
 from flexarm_env.cli import main
 from flexarm_env.compiler import UNCOMPILED
 from flexarm_env.derivatives import Periods
@@ -26,6 +26,12 @@ COMPILER = shutil.which("cc")
 
 needs_c = pytest.mark.skipif(COMPILER is None or UNCOMPILED, reason="no C compiler, or nothing is compiled")
 
+GEARED_IN_SPACE: dict[str, Any] = {
+    "arm": dataclasses.replace(
+        arms.named("three_dof"),
+        joints=(Joint(stiffness=2000.0, damping=2.0, motor_inertia=1e-5, gear_ratio=50.0, friction_coulomb=0.2),) * 3,
+    )
+}
 CASES: list[Any] = [
     pytest.param("flexarm/slew-geared-v2", {}, id="gears with friction, delay"),
     pytest.param("flexarm/reach-measured-v1", {}, id="noise", marks=pytest.mark.slow),
@@ -156,8 +162,9 @@ def test_bits(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
         ("flexarm/slew-geared-v2", {}),
         ("FlexibleArm-v0", {"formulation": "floating_frame", "multipliers": True}),
         ("SpatialFlexArm-v0", {}),
+        ("SpatialFlexArm-v0", GEARED_IN_SPACE),
     ],
-    ids=["gears with friction", "multipliers", "space"],
+    ids=["gears with friction", "multipliers", "space", "gears with friction in space"],
 )
 def test_ten_thousand_periods(env_id: str, keywords: dict[str, Any], tmp_path: Path) -> None:
     env = gym.make(env_id, info_level="full", duration=1e4, **keywords)
