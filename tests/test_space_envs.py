@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import flexarm_env as fx
-from flexarm_env import arms, control, derivatives, time_functions
+from flexarm_env import arms, control, time_functions
 from flexarm_env.batch import Batch, SpaceReach, Starts
 from flexarm_env.control.space import frames
 from flexarm_env.control.space_pd import holding
@@ -224,7 +224,6 @@ def test_what_is_built_upon_environments_refuses_them() -> None:
     env = gym.make("SpatialFlexArm-v0", **COARSE)
     for make, words in (
         (lambda: control.make("lqr", env), "controller = 'lqr': must be \"pd\""),
-        (lambda: derivatives.Arms("SpatialFlexArm-v0", 1, **COARSE), "id = 'SpatialFlexArm-v0': must have an arm in"),
         (lambda: env.unwrapped.linearize(), "must be a scene in the plane"),
     ):
         env.reset(seed=0)

@@ -64,8 +64,6 @@ class Arms(Periods):
             id, num_envs=check.integer("n", n, minimum=1), threads=threads,
             vectorization_mode=gym.VectorizeMode.VECTOR_ENTRY_POINT, **keywords,
         ).unwrapped  # fmt: skip
-        if made.plan.arm.spatial:
-            raise check.InvalidValue("id", id, "must have an arm in the plane: there are no derivatives in space yet")
         self.environment = made
         self.observation_space, self.action_space = made.single_observation_space, made.single_action_space
         self._parts: list[Part] = []

@@ -162,7 +162,8 @@ class Periods:
         lane = SINGLE if joined or guided else WIDEST
         lanes, columns = len(lane), core + self.action_size
         decided = model.correction is None and not (fitted or joined or kept)  # by a step's equations, but for friction
-        implied = decided and getattr(model, "friction", None) is None
+        turned = batch.arm.spatial  # what rotations add up to depends on Newton's way to where a step ends
+        implied = decided and getattr(model, "friction", None) is None and not turned
         at_once = -(-columns // -(-columns // MOST_AT_ONCE)) if implied or joined or guided else 1
         self._derivative, chunks = (implicit, -(-columns // at_once)) if implied else (derivative.tangents, 1)
         both = dual(lane, at_once)

@@ -78,7 +78,7 @@ def places_of(
         moving += own
     else:
         given += own
-    given += drawn + recorded("target", TARGET, 2) + recorded("target_rate", TARGET_RATE, 2)
+    given += drawn + recorded("target", TARGET, max(2, len(task.targets))) + recorded("target_rate", TARGET_RATE, 2)
     if any(part is not None for part in (extras.controller, extras.instruments, extras.reference)):
         given += recorded("goal", at.goal, links)
     if extras.pushes is not None:

@@ -19,7 +19,7 @@ import numpy as np
 from ..compiler import arms, follow, kernel, load, size, splat, store
 from ..physics.integrator.work import unpack
 from ..physics.model import OK
-from ..physics.protocol import link_poses
+from ..physics.protocol import task_poses
 from ..tasks.program import PERIODS, Block, Program, sections
 from ..tasks.task import info_of, judge
 from ..tasks.track import move_targets
@@ -231,7 +231,7 @@ def close(lane, p, layout, block, w):
 def see(lane, p, layout, block, w):
     """Poses, the observation and the reward of the arms in a block."""
     par, poses, record, action, seen, info, _, _ = sections(layout, block)
-    link_poses(lane, p.model, par, w.q, w.v, poses)
+    task_poses(lane, p.model, par, w.q, w.v, poses)
     observe_state(lane, p, True, poses, record, seen)
     observe_material(lane, p, par, record, w, seen)
     reward, past = judge(lane, p.task, poses, action, record, splat(lane, 1.0), info)

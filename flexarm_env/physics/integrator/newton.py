@@ -161,7 +161,8 @@ def _sharpen(lane, model, drive, par, w, slopes):
     _sharpen_multipliers(lane, model.algebraic, w, slopes.a)
     for k in range(size(model.n)):
         d = change(-load(lane, w.r, k))
-        store(w.q, k, load(lane, w.q, k) + d)
+        store(w.r, k, d)
         store(w.v, k, load(lane, w.v, k) + d * slopes.v)
         store(w.a, k, load(lane, w.a, k) + d * slopes.a)
         store(w.b, k, load(lane, w.b, k) + d * slopes.b)
+    update(lane, model, w.q, 1.0, w.r, None)

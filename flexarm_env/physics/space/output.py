@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, select_lt, splat, square_root, store
+from ...compiler import alone, change, kernel, load, select_lt, splat, square_root, store
 from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_MASS
@@ -44,7 +44,7 @@ def _move_vertex(lane, q, i, share, d, more):
     old, square = vector(lane, q, i + 3), dot(turn, turn)
     new = moved(old, turn)
     for a in range(3):
-        store(q, i + 3 + a, select_lt(0.0, square, new[a], old[a]))
+        store(q, i + 3 + a, select_lt(0.0, square, new[a], alone(old[a]) + change(new[a])))
 
 
 @kernel
