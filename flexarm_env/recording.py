@@ -37,7 +37,8 @@ from flexarm_env.files import from_json, read_npz, write_npz
 from flexarm_env.parameters import Arm
 from flexarm_env.scene import Scene
 from flexarm_env.sensors import Sensors
-from flexarm_env.view import Clip, Player
+from flexarm_env.shapes import Shape
+from flexarm_env.view import Clip, Player, SpaceClip
 from flexarm_env.view.sources import of_episode
 
 FORMAT = 1
@@ -89,7 +90,7 @@ class Episode:
         names = ("observations", *STEPS)
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
-    def clip(self, label: str | None = None, env_id: str | None = None) -> Clip:
+    def clip(self, label: str | None = None, env_id: str | None = None) -> Clip | SpaceClip:
         """What a player shows of the episode, which is played again for it.
 
         Args:
@@ -395,6 +396,8 @@ def _plain(path: str, value: Any) -> Any:
         return {"scene.toml": value.to_toml()}
     if isinstance(value, Sensors):
         return _plain(path, sensors.to_table(value))
+    if isinstance(value, Shape):
+        return _plain(path, value.to_dict())
     if isinstance(value, Mapping):
         return {str(k): _plain(check.joined(path, str(k)), v) for k, v in value.items()}
     if isinstance(value, np.ndarray):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,20 +57,9 @@ class SpatialTrajectory(Trajectory):
         """Not in space yet: `ValueError`."""
         return np.asarray(self._in_the_plane("strains at a place"))
 
-    def clip(self, label: str | None = None) -> Any:
-        """Not in space yet: `ValueError`. `flexarm_env.plotting.plot_trajectory` draws the run."""
-        return self._in_the_plane("the player (plotting.plot_trajectory and envs.video.pictures draw runs in space)")
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(repr(self))}</pre>"
-
     def measured(self, sensors: Any = None, seed: int = 0) -> dict[str, Array]:
         """Not in space yet: `ValueError`."""
         return dict(self._in_the_plane("what sensors read"))
-
-    def view(self, *others: Trajectory, labels: Sequence[str] | None = None) -> Any:
-        """Not in space yet: `ValueError`."""
-        return self.clip()
 
 
 SpatialTrajectory.arrays = {

@@ -26,7 +26,7 @@ from .scene import Scene
 from .scenes import COLUMNS
 from .sensors import Sensors, StrainGauge, from_table
 from .settings import Settings
-from .view import Clip, Player
+from .view import Clip, Player, SpaceClip
 from .view.sources import of_trajectory
 
 Array = NDArray[np.float64]
@@ -193,7 +193,7 @@ class Trajectory:
         return curvatures(self.scene, self.settings, self.names, places, self.q)
 
     # --- to be looked at ---------------------------------------------------------------------------
-    def clip(self, label: str | None = None) -> Clip:
+    def clip(self, label: str | None = None) -> Clip | SpaceClip:
         """What a player shows of the run; label: what it is called beside others, default the scene's name.
 
         ValueError for a run of no instant, or whose arrays do not fit together.

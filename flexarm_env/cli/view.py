@@ -25,7 +25,7 @@ from flexarm_env.suite import best
 from flexarm_env.suite.data import task
 from flexarm_env.suite.score import FIRST
 from flexarm_env.trajectory import MOST_SAMPLES, MOST_STEPS, Trajectory
-from flexarm_env.view import Clip
+from flexarm_env.view import Clip, SpaceClip
 from flexarm_env.view import Player as Page
 
 OF_THE_POLICY = ("action_mode", "residual_share", "observation", "history", "sensors")
@@ -84,7 +84,7 @@ def _kind(word: str) -> str:
     raise check.UnknownKey(word, known, "scene, controller, policy or task with a record (and no file or folder)")
 
 
-def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dict[str, Any]) -> Clip:
+def _clip(word: str, kind: str, seed: int, args: argparse.Namespace, shared: dict[str, Any]) -> Clip | SpaceClip:
     """Of what a word stands for."""
     path = Path(word)
     if kind == "episodes":
@@ -106,7 +106,7 @@ def _who(word: str, seed: int) -> Player:
     return Player(f"best known ({kept.by[k]})", task(word).registered, {}, lambda env: best.Actions(kept.actions[:, k]))
 
 
-def _of_episodes(path: Path, args: argparse.Namespace) -> Clip:
+def _of_episodes(path: Path, args: argparse.Namespace) -> Clip | SpaceClip:
     """The first episode of a recording, or that of --episode."""
     kept = load_episodes(path)
     k = 0 if args.episode is None else check.integer("--episode", args.episode, minimum=0, maximum=len(kept) - 1)
@@ -142,7 +142,7 @@ def _registered(env_id: str) -> str:
     return env_id.removeprefix(f"{PACKAGE}:")
 
 
-def _of_player(player: Player, seed: int, shared: dict[str, Any]) -> Clip:
+def _of_player(player: Player, seed: int, shared: dict[str, Any]) -> Clip | SpaceClip:
     """An episode of a controller or a policy."""
     env_id, kwargs = (player.env_id, player.env_kwargs) if player.env_id else (shared["env"], shared["kwargs"])
     env_id = _registered(env_id)

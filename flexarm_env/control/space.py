@@ -8,26 +8,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import rotations
 from ..parameters import Arm
-from ..physics.space.build import axis_of, mount_of
+from ..physics.space.reading import frames
 
 Array = NDArray[np.float64]
-
-
-def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
-    """Of each joint at angles (..., N): its place (..., N, 3), m, axis (..., N, 3), the axes of the link behind it
-    (..., N, 3, 3); and the tip (..., 3)."""
-    A, r = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3)), np.zeros((*angles.shape[:-1], 3))
-    places, axes, links = [], [], []
-    for k, link in enumerate(arm.links):
-        axis = axis_of(arm, k)
-        A = A @ mount_of(arm, k) @ rotations.matrices(angles[..., k, None] * axis)
-        places.append(r)
-        axes.append(A @ axis)
-        links.append(A)
-        r = r + link.span * A[..., 0]
-    return np.stack(places, -2), np.stack(axes, -2), np.stack(links, -3), r
 
 
 def tip_at(arm: Arm, angles: Array) -> Array:

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..parameters import Arm
 from ..physics.space.build import Body, far_body, near_body
-from ..physics.space.reading import tips
+from ..physics.space.reading import frames, tips
 from ..scene import Scene
 from .base import Controller, Setup, Signals
-from .space import approach, frames, jacobian, tip_at
+from .space import approach, jacobian, tip_at
 
 Array = NDArray[np.float64]
 

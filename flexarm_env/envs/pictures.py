@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..batch import View
-from ..control.space import frames
 from ..parameters import Arm
 from ..physics.layout import ROOT, SPACE_POSE
+from ..physics.space.reading import straight
 from ..view.ribbons import ribbons, sides
 from .drawing import PAPER, pygame_module
 from .options import Plan
@@ -54,12 +54,6 @@ def bent(arm: Arm, deflection: NDArray[np.float64]) -> NDArray[np.float64]:
     """How far the tips of links that bend are off, over their lengths, of (N, 2): along y and z."""
     y, z = deflection[[not link.rigid for link in arm.links]].T
     return np.asarray(np.hypot(y, z))
-
-
-def straight(arm: Arm, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N + 1, 3) m: joints and tip of the rigid arm in space at joint angles (N,), its root at 0."""
-    places, _, _, tip = frames(arm, angles)
-    return np.vstack([places, tip])
 
 
 class Wall:

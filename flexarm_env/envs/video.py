@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..physics.layout import POSE, ROOT, TIP
+from ..physics.space.reading import straight
 from ..trajectory import Trajectory
 from ..view.clip import cuts_of
 from ..view.ribbons import ribbons, sides
-from .pictures import bending, bent, straight
+from .pictures import bending, bent
 from .rendering import Renderer, end_of_scale
 from .space_rendering import SpaceRenderer
 

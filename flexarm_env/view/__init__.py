@@ -6,5 +6,6 @@ Player([quick.clip("8 segments"), exact.clip("exact beam")]).save("both.html")
 
 from .clip import Chart, Clip, Pull, magnified
 from .page import Player
+from .space import SpaceClip
 
-__all__ = ["Chart", "Clip", "Player", "Pull", "magnified"]
+__all__ = ["Chart", "Clip", "Player", "Pull", "SpaceClip", "magnified"]

@@ -19,14 +19,16 @@ Array = NDArray[np.float64]
 class Pull:
     """A force or a torque on a point of the chain.
 
-    name: in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force. limit: N m of a
-    torque at its largest; None, or where they are larger: the largest of these values.
+    name: in the legend. point: index of the point. values: (n,) N m, a torque; or (n, 2) N, a force, in space (n, 3).
+    limit: N m of a torque at its largest; None, or where they are larger: the largest of these values. axis (n, 3): of
+    a torque in space.
     """
 
     name: str
     point: int
     values: Array
     limit: float | None = None
+    axis: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Clip:
         surface: m, from the neutral axis to the surface, where one number tells it; strain is curvature times that.
         target (n, 2): m, or None. polar: the target is an angle, and its distance means nothing.
         pulls: forces and torques. charts: what is drawn over time, in order.
-        pinned: the root stands on a motor. payload: the tip carries something.
+        pinned: the root stands on a motor. payload: the tip carries something. walls: outlines of what it keeps out of.
     """
 
     label: str
@@ -70,18 +72,25 @@ class Clip:
     charts: Sequence[Chart] = ()
     pinned: bool = True
     payload: bool = False
+    walls: Sequence[Array] = ()
     skipped: int = field(default=1)  # of so many instants one is left
 
     def every(self, step: int) -> Clip:
         """Every `step`-th instant and the last, which is what it ends with."""
-        if step <= 1:
-            return self
-        i = np.unique(np.append(np.arange(0, len(self.t), step), len(self.t) - 1))
         names = ("t", "points", "angles", "rigid", "curvature", *(() if self.target is None else ("target",)))
-        fields: dict[str, Any] = {name: getattr(self, name)[i] for name in names}
-        pulls = [replace(p, values=p.values[i]) for p in self.pulls]
-        charts = [Chart(c.title, {name: x[i] for name, x in c.series.items()}) for c in self.charts]
-        return replace(self, **fields, pulls=pulls, charts=charts, skipped=step * self.skipped)
+        thin: Clip = thinner(self, names, step)
+        return thin
+
+
+def thinner(clip: Any, names: Sequence[str], step: int) -> Any:
+    """A clip with every `step`-th instant and the last; names: of its arrays over time."""
+    if step <= 1:
+        return clip
+    i = np.unique(np.append(np.arange(0, len(clip.t), step), len(clip.t) - 1))
+    fields: dict[str, Any] = {name: getattr(clip, name)[i] for name in names}
+    pulls = [replace(p, values=p.values[i], axis=None if p.axis is None else p.axis[i]) for p in clip.pulls]
+    charts = [Chart(c.title, {name: x[i] for name, x in c.series.items()}) for c in clip.charts]
+    return replace(clip, **fields, pulls=pulls, charts=charts, skipped=step * clip.skipped)
 
 
 def cuts_of(points: Array, hinges: Array) -> tuple[int, ...]:

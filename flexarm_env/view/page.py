@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..files import write_whole
 from .clip import Chart, Clip
+from .space import SpaceClip, check_alike
 
 Array = NDArray[np.float64]
 
@@ -37,13 +39,16 @@ class Player:
         ValueError: no clip, or clips that do not fit even with two instants each.
     """
 
-    def __init__(self, clips: Sequence[Clip], title: str | None = None, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(
+        self, clips: Sequence[Clip | SpaceClip], title: str | None = None, most_bytes: int = MOST_BYTES
+    ) -> None:
         if not clips:
             raise check.InvalidValue("clips", clips, "must hold at least one")
         self.title = _listed([clip.label for clip in clips]) if title is None else title
+        check_alike(clips)
         own = _apart(list(clips))
         step = 1
-        while len(text := _json(own, step, self.title)) + len(_script()) + 20_000 > most_bytes:
+        while len(text := _json(own, step, self.title)) + len(_script(text)) + 20_000 > most_bytes:
             if all(len(clip.every(step).t) <= 2 for clip in own):
                 raise check.InvalidValue("most_bytes", most_bytes, f"must be at least {len(text) + 100_000} here")
             step += 1 if step < 4 else step // 3
@@ -74,7 +79,7 @@ def frame(source: str, title: str) -> str:
 
 def page(data: str, title: str) -> str:
     """The page for what `Player.data` holds."""
-    style, script = _part("player.css"), _script()
+    style, script = _part("player.css"), _script(data)
     own = f"script-src {_hash(script)}; style-src {_hash(style)}"
     policy = f"default-src 'none'; {own}; base-uri 'none'; form-action 'none'"
     parts = {"title": html.escape(title), "policy": policy, "style": style, "script": script, "data": data}
@@ -85,8 +90,10 @@ def _part(name: str) -> str:
     return (resources.files(__package__) / name).read_text("utf-8")
 
 
-def _script() -> str:
-    return _part("arm.js") + _part("player.js")
+def _script(data: str) -> str:
+    """Of arms in the plane, or in space, which needs three.js."""
+    stage = ("three.min.js", "space.js") if '"across":' in data else ("arm.js",)
+    return "".join(_part(name) for name in ("clip.js", *stage, "player.js"))
 
 
 def _hash(text: str) -> str:
@@ -94,25 +101,48 @@ def _hash(text: str) -> str:
 
 
 # ------------------------------------------------------------------ numbers
-def _json(clips: Sequence[Clip], step: int, title: str) -> str:
+def _json(clips: Sequence[Any], step: int, title: str) -> str:
     known = {"title": title, "clips": [_clip(clip.every(step)) for clip in clips]}
     return json.dumps(known, separators=(",", ":")).replace("<", "\\u003c")  # no </script> in it
 
 
-def _clip(clip: Clip) -> dict[str, Any]:
+def _clip(clip: Clip | SpaceClip) -> dict[str, Any]:
+    if isinstance(clip, SpaceClip):
+        return _space_clip(clip)
     roots = clip.points[:, :1]
     return {
-        "label": clip.label,
-        "note": clip.note + (f", one instant of {clip.skipped}" if clip.skipped > 1 else ""),
-        "t": _packed("f8", clip.t),
+        **_common(clip),
         "root": _packed("f8", roots[:, 0]),
         "points": _packed("f4", clip.points - roots),  # of the arm's size wherever it is: good to 1e-7 of it
         **{name: _packed("f4", getattr(clip, name)) for name in ("angles", "rigid", "rest")},
         **{name: getattr(clip, name) for name in ("cuts", "surface", "polar", "pinned", "payload")},
         "curvature": _short(clip.curvature),
         "target": None if clip.target is None else _packed("f4", clip.target),
+    } | ({"walls": [_packed("f4", wall) for wall in clip.walls]} if clip.walls else {})
+
+
+def _space_clip(clip: SpaceClip) -> dict[str, Any]:
+    roots, faces = clip.points[:, :1], [[face[0], *pair] for face in clip.walls for pair in pairwise(face[1:])]
+    optional = {name: getattr(clip, name) for name in ("rigid", "target")}
+    return _common(clip) | {
+        "root": _packed("f8", roots[:, 0]),
+        "points": _packed("f4", clip.points - roots),
+        "across": _short(clip.across),
+        "sides": clip.sides.tolist(),
+        **{name: None if x is None else _packed("f4", x) for name, x in optional.items()},
+        **{name: getattr(clip, name) for name in ("cuts", "length", "ground", "pinned", "payload")},
+        "walls": _packed("f4", np.array(faces)) if faces else None,
+    }
+
+
+def _common(clip: Clip | SpaceClip) -> dict[str, Any]:
+    return {
+        "label": clip.label,
+        "note": clip.note + (f", one instant of {clip.skipped}" if clip.skipped > 1 else ""),
+        "t": _packed("f8", clip.t),
         "pulls": [
             {"name": p.name, "point": p.point, "values": _short(p.values), "most": _most(p.values, p.limit)}
+            | ({} if p.axis is None else {"axis": _packed("f4", p.axis)})
             for p in clip.pulls
         ],
         "charts": [
@@ -123,7 +153,7 @@ def _clip(clip: Clip) -> dict[str, Any]:
 
 
 def _most(values: Array, limit: float | None) -> float:
-    size = np.hypot(*values.T) if values.ndim == 2 else np.abs(values)
+    size = np.linalg.norm(values, axis=1) if values.ndim == 2 else np.abs(values)
     known = limit if limit is not None and np.isfinite(limit) else 0.0
     return max(float(known), float(size.max()))  # a motion that is prescribed takes what it needs, beyond any limit
 
@@ -149,7 +179,7 @@ def _listed(labels: Sequence[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def _apart(clips: list[Clip]) -> list[Clip]:
+def _apart(clips: list[Any]) -> list[Any]:
     """Labels that differ; and where no clip has a tip error of its own, how far each tip is from the first clip's."""
     seen: dict[str, int] = {}
     own = []
@@ -165,7 +195,8 @@ def _apart(clips: list[Clip]) -> list[Clip]:
     return own
 
 
-def _between(first: Clip, other: Clip) -> Mapping[str, Array]:
-    known = [np.interp(other.t, first.t, first.points[:, -1, axis]) for axis in (0, 1)]
-    apart = np.hypot(other.points[:, -1, 0] - known[0], other.points[:, -1, 1] - known[1])
+def _between(first: Any, other: Any) -> Mapping[str, Array]:
+    tip, own = first.points[:, -1], other.points[:, -1]
+    known = np.column_stack([np.interp(other.t, first.t, column) for column in tip.T])
+    apart = np.linalg.norm(own - known, axis=1)
     return {"tip": np.where(other.t <= first.t[-1] * (1.0 + 1e-9), apart, np.nan)}

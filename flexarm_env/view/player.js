@@ -174,7 +174,8 @@ function makeLegend() {
     add(`run ${k}`, (CLIPS.length > 1 ? clip.label : clip.links > 1 ? "flexible links" : "flexible link"),
       () => `${stroke(color(), 'stroke-linecap="round"').replace('"3"', '"9"')}${stroke(COLORS["bend-none"], 'stroke-linecap="round"').replace('"3"', '"5"')}`);
   });
-  add("ghost", "rigid arm, same joint angles", () => stroke(COLORS.ghost, 'stroke-dasharray="5 4"'));
+  if (CLIPS.some((clip) => clip.rigid)) add("ghost", "rigid arm, same joint angles", () => stroke(COLORS.ghost, 'stroke-dasharray="5 4"'));
+  if (CLIPS.some((clip) => clip.walls)) add("walls", "to be kept out of", () => `<rect x="4" y="1" width="18" height="14" fill="${COLORS.wall}" fill-opacity="0.25" stroke="${COLORS.wall}"/>`);
   add("trace", "path of the tip, last second bold", () => stroke(CLIPS.length > 1 ? COLORS.soft : runColor(0)));
   if (CLIPS.some((clip) => clip.target))
     add("target", "target", () => `<circle cx="13" cy="8" r="6" fill="none" stroke="${COLORS.target}" stroke-width="2.5"/><circle cx="13" cy="8" r="1.8" fill="${COLORS.target}"/>`);
@@ -191,7 +192,7 @@ function tellPulls() {
   for (const { name, unit, output } of PULLS) {
     const told = CLIPS.flatMap((clip, k) => clip.pulls.filter((pull) => pull.name === name).map((pull) => {
       const i = last(clip.t, state.time), value = make("span", CLIPS.length > 1 ? `run${k % 6}` : "");
-      value.textContent = short(pull.shape.length > 1 ? Math.hypot(pull.values[2 * i], pull.values[2 * i + 1]) : pull.values[i]);
+      value.textContent = short(pull.shape.length > 1 ? Math.hypot(...pull.values.subarray(pull.shape[1] * i, pull.shape[1] * (i + 1))) : pull.values[i]);
       return value;
     }));
     output.replaceChildren(...told, unit);
@@ -281,7 +282,7 @@ const KEYS = {
   " ": toggle, k: toggle, ArrowLeft: (e) => step(e.shiftKey ? -10 : -1), ArrowRight: (e) => step(e.shiftKey ? 10 : 1),
   Home: () => step(-TIMES.length), End: () => step(TIMES.length), "+": () => setSpeed(1), "=": () => setSpeed(1), "-": () => setSpeed(-1),
   ArrowUp: () => setMagnify(state.magnify + 1), ArrowDown: () => setMagnify(state.magnify - 1),
-  s: () => setBeside(!state.beside), t: nextTheme,
+  s: () => setBeside(!state.beside), t: nextTheme, ...STAGE_KEYS,
   f: () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()),
 };
 document.addEventListener("keydown", (event) => {
@@ -317,10 +318,7 @@ function draw() {
   $("sign").setAttribute("d", state.playing ? PAUSE : PLAY);
   $("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
   if (!state.playing) {
-    const tips = CLIPS.map((clip) => {
-      const k = last(clip.t, state.time), p = pose(clip, k, 1).subarray(-2);
-      return `${CLIPS.length > 1 ? `${clip.label}: ` : ""}tip at x ${short(p[0])} m, y ${short(p[1])} m`;
-    });
+    const tips = CLIPS.map((clip) => `${CLIPS.length > 1 ? `${clip.label}: ` : ""}${tipText(clip)}`);
     stage.setAttribute("aria-label", `The arm at ${clock()}; ${tips.join("; ")}`);
   }
 }
@@ -340,7 +338,7 @@ $("time").addEventListener("input", (event) => { pause(); seek(Number(event.targ
 $("back").addEventListener("click", () => step(-1));
 $("forward").addEventListener("click", () => step(1));
 $("play").addEventListener("click", toggle);
-stage.addEventListener("click", toggle);
+stage.addEventListener("click", (event) => { if (!dragged(event)) toggle(); });
 $("theme").addEventListener("click", nextTheme);
 $("speed").addEventListener("change", () => setSpeed(0));
 $("magnify").addEventListener("input", (event) => setMagnify(Number(event.target.value)));
@@ -355,4 +353,5 @@ window.flexarm = {
   now: () => ({ time: state.time, magnify: state.magnify, playing: state.playing, speed: state.speed, beside: state.beside }),
   pose: (k = 0) => Array.from(poseAt(CLIPS[k], state.time, state.magnify)),
   ghost: (k = 0) => ghost(CLIPS[k], last(CLIPS[k].t, state.time)),
+  ...HOOKS,
 };

@@ -16,7 +16,10 @@ from ..physics.layout import POSE
 from ..scene import PointLoad, Scene
 from ..sensors import surface
 from ..settings import Settings
+from . import space
 from .clip import Chart, Clip, Pull, cuts_of, magnified, rigid_angles, thinned
+from .outlines import outline_of
+from .space import SpaceClip
 
 Array = NDArray[np.float64]
 
@@ -25,27 +28,37 @@ MOST_POINTS = 21
 
 
 # ------------------------------------------------------------- trajectories
-def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip:
+def of_trajectory(run: Any, label: str | None, curvature: Any) -> Clip | SpaceClip:
     """The clip of a `Trajectory`. curvature: gives (n, G) 1/m at places, each (link, 0 to 1)."""
     scene: Scene = run.scene
     arm = scene.arm
+    if scene.spatial:
+        charts = [c for c in _forces(arm, run.joint_torque, _energies(run), _moving) if c.series]
+        return space.of_run(run, label, _note(run.settings, _ended(run)), charts)
     kept, cuts = thinned(cuts_of(run.shapes, run.hinges), MOST_POINTS)
     points = run.shapes[:, kept]
-    energies = {"kinetic": run.kinetic, "strain": run.strain_energy, "gravity": run.gravity}
-    energies |= {"dissipated": run.dissipated, "work": run.work}
     charts = _reference_error(run)
-    charts += _common(arm, run.tip_deflection, run.joint_torque, energies, _moving)
+    charts += _common(arm, run.tip_deflection, run.joint_torque, _energies(run), _moving)
     charts += _sensors(run)
     curved = curvature(_places(arm, points[0], cuts))
     return Clip(
         label=scene.name if label is None else label,
-        note=_note(run.settings, "" if run.finished else f"{run.status} after {run.t[-1]:g} s"),
+        note=_note(run.settings, _ended(run)),
         t=run.t, points=points, cuts=cuts, angles=run.link_angles,
         rigid=rigid_angles(run.joint_angles, turns_of(arm)), rest=rest_of(arm, points[0], cuts),
         curvature=curved, surface=_surface(arm, curved),
         pulls=[*_torques(arm, cuts, run.joint_torque), *_loads(scene, cuts, run.t)],
         charts=[c for c in charts if c.series], pinned=scene.root == "pinned", payload=arm.payload.mass > 0.0,
     )  # fmt: skip
+
+
+def _ended(run: Any) -> str:
+    return "" if run.finished else f"{run.status} after {run.t[-1]:g} s"
+
+
+def _energies(run: Any) -> dict[str, Array]:
+    energies = {"kinetic": run.kinetic, "strain": run.strain_energy, "gravity": run.gravity}
+    return energies | {"dissipated": run.dissipated, "work": run.work}
 
 
 def _note(settings: Settings, ended: str) -> str:
@@ -59,8 +72,12 @@ def _common(arm: Arm, bend: Array, torque: Array, energies: Mapping[str, Array],
     """Deflections, torques and energies; shown: which torques, `_moving` ones or all of a dict."""
     links = [f"link {k + 1}" for k in range(arm.n_links)] if arm.n_links > 1 else ["tip"]
     deflection = Chart("tip deflection / length", dict(zip(links, bend.T, strict=True)))
+    return [deflection, *_forces(arm, torque, energies, shown)]
+
+
+def _forces(arm: Arm, torque: Array, energies: Mapping[str, Array], shown: Any) -> list[Chart]:
     torques = Chart("joint torque (N m)", shown(dict(zip(_joints(arm), torque.T, strict=True))))
-    return [deflection, torques, Chart("energy (J)", _moving(energies))]
+    return [torques, Chart("energy (J)", _moving(energies))]
 
 
 def _joints(arm: Arm) -> list[str]:
@@ -187,7 +204,7 @@ def _sensors(run: Any) -> list[Chart]:
 # ----------------------------------------------------------------- episodes
 def of_episode(
     plan: Any, views: Sequence[Any], rows: Mapping[str, Array], rewards: Array, label: str, rate: Any
-) -> Clip:
+) -> Clip | SpaceClip:
     """The clip of an episode.
 
     Args:
@@ -195,6 +212,15 @@ def of_episode(
         rewards: of its steps. label: what it is called. rate: gives (G, rows) curvature, 1/m, from the state at places.
     """
     arm: Arm = plan.arm
+    energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
+    terms = {k.removeprefix("reward_"): x for k, x in rows.items() if k.startswith("reward_")}
+    total = np.concatenate([[math.nan], rewards])
+    seen = {k.removeprefix("seen_").replace("_", " "): x for k, x in rows.items() if k.startswith("seen_")}
+    others = [Chart("reward a step", {"sum": total} | _moving(terms)), Chart("observation, in its scales", seen)]
+    torque = np.array([view.torques for view in views])
+    if plan.kind.space:
+        others = [*_forces(arm, torque, energies, dict), *others]
+        return space.of_episode(plan, views, label, _note(plan.settings, ""), [c for c in others if c.series])
     t = np.array([view.time for view in views])
     shapes = np.array([view.points for view in views])
     poses = np.array([view.poses for view in views])
@@ -204,24 +230,17 @@ def of_episode(
     kept, cuts = thinned(cuts_of(shapes, poses[:, 1:, [POSE.x, POSE.y]]), MOST_POINTS)
     target = np.array([plan.kind.target.place(arm, view.target) for view in views])
     polar = plan.kind.target.numbers == 1
-    torque = np.array([view.torques for view in views])
     bend = np.array([view.deflection for view in views])
     table = rate(_places(arm, shapes[0][kept], cuts))
     charts = [_miss(poses[:, -1], target, np.array([view.target for view in views]), polar)]
-    energies = {k.removeprefix("energy_"): x for k, x in rows.items() if k.startswith("energy_") or k == "work"}
-    charts += _common(arm, bend, torque, energies, dict)
-    terms = {k.removeprefix("reward_"): x for k, x in rows.items() if k.startswith("reward_")}
-    total = np.concatenate([[math.nan], rewards])
-    charts.append(Chart("reward a step", {"sum": total} | _moving(terms)))
-    seen = {k.removeprefix("seen_").replace("_", " "): x for k, x in rows.items() if k.startswith("seen_")}
-    charts.append(Chart("observation, in its scales", seen))
+    charts += [*_common(arm, bend, torque, energies, dict), *others]
     curvature = np.array([view.q for view in views]) @ table.T
     return Clip(
         label=label, note=_note(plan.settings, ""), t=t, points=shapes[:, kept], cuts=cuts, angles=angles,
         rigid=rigid_angles(joints, turns_of(arm)), rest=rest_of(arm, shapes[0][kept], cuts), curvature=curvature,
         surface=_surface(arm, curvature), target=target, polar=polar, pulls=_torques(arm, cuts, torque),
-        charts=[c for c in charts if c.series],
-        payload=arm.payload.mass > 0.0,
+        charts=[c for c in charts if c.series], payload=arm.payload.mass > 0.0,
+        walls=[outline_of(x, np.zeros(2), 3.0 * arm.total_length) for x in plan.keep_out],
     )  # fmt: skip
 
 

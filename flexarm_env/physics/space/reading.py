@@ -111,3 +111,24 @@ def _joint_rows(arm: Arm, settings: Settings) -> list[int]:
         rows.append(i)
         i += 1 + AXES * max(1, count_elements(link, settings))
     return rows
+
+
+def frames(arm: Arm, angles: Array) -> tuple[Array, Array, Array, Array]:
+    """Of each joint at angles (..., N): its place (..., N, 3), m, axis (..., N, 3), the axes of the link behind it
+    (..., N, 3, 3); and the tip (..., 3)."""
+    A, r = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3)), np.zeros((*angles.shape[:-1], 3))
+    places, axes, links = [], [], []
+    for k, link in enumerate(arm.links):
+        axis = axis_of(arm, k)
+        A = A @ mount_of(arm, k) @ matrices(angles[..., k, None] * axis)
+        places.append(r)
+        axes.append(A @ axis)
+        links.append(A)
+        r = r + link.span * A[..., 0]
+    return np.stack(places, -2), np.stack(axes, -2), np.stack(links, -3), r
+
+
+def straight(arm: Arm, angles: Array) -> Array:
+    """Joints and tip of the rigid arm with its root at 0, (..., N + 1, 3) m, at joint angles (..., N)."""
+    places, _, _, tip = frames(arm, angles)
+    return np.concatenate([places, tip[..., None, :]], axis=-2)

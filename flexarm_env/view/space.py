@@ -1,0 +1,143 @@
+"""What is shown of a run in space: ribbons, what pulls at them, charts, and the shapes that it keeps out of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..parameters import Arm
+from ..physics.space.build import axis_of
+from ..physics.space.reading import links, straight
+from ..rotations import turned
+from ..scene import PointLoad, Scene
+from ..settings import Settings
+from .clip import Chart, Pull, thinner
+from .outlines import faces_of
+from .ribbons import ribbons, sides
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SpaceClip:
+    """A run of n instants in space as it is shown, N links, P points; SI units.
+
+    Attributes:
+        label, note, t, pulls, charts, pinned, payload: as those of a `Clip`; forces are (n, 3).
+        points, across (n, P, 3), cuts (N + 1,): see `view.ribbons.Ribbons`. sides (N, 2): width and thickness, m.
+        length: of the arm, m. ground: its height, m. rigid (n, N + 1, 3): joints and tip of the rigid arm, m, or None.
+        target (n, 3): m, or None. walls: faces of what it keeps out of, (corners, 3) m each.
+    """
+
+    label: str
+    note: str
+    t: Array
+    points: Array
+    across: Array
+    cuts: tuple[int, ...]
+    sides: Array
+    length: float
+    ground: float = 0.0
+    rigid: Array | None = None
+    target: Array | None = None
+    pulls: Sequence[Pull] = ()
+    charts: Sequence[Chart] = ()
+    walls: Sequence[Array] = ()
+    pinned: bool = True
+    payload: bool = False
+    skipped: int = field(default=1)
+
+    def every(self, step: int) -> SpaceClip:
+        """Every `step`-th instant and the last."""
+        names = [name for name in ("t", "points", "across", "rigid", "target") if getattr(self, name) is not None]
+        thin: SpaceClip = thinner(self, names, step)
+        return thin
+
+
+def _clip(
+    arm: Arm, settings: Settings, q: Array, torque: Array, joints: Array | None, loads: Sequence[PointLoad] = (),
+    **more: Any,
+) -> SpaceClip:
+    """joints (n, N): angles of the rigid arm that is drawn beside, from a root at rest; None: it is not."""
+    found = ribbons(arm, settings, q, 4)
+    limits = arm.torque_limits or (None,) * arm.n_links
+    pulls = []
+    for k, motion in enumerate(links(arm, settings, q, np.zeros_like(q))):
+        if np.any(torque[:, k] != 0.0):
+            axis = turned(motion.root.A, axis_of(arm, k))
+            name = f"{arm.joint_names[k].replace('_', ' ')} torque"
+            pulls.append(Pull(name, found.cuts[k], torque[:, k], limits[k], axis))
+    pulls += _loads(loads, found.cuts, more["t"])
+    rigid = None if joints is None else straight(arm, joints) + found.points[:, :1]
+    return SpaceClip(
+        points=found.points, across=found.across, cuts=found.cuts, sides=sides(arm), length=arm.total_length,
+        rigid=rigid, pulls=pulls, payload=arm.payload.mass > 0.0, **more,
+    )  # fmt: skip
+
+
+def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
+    """deflection (n, N, 2), twist (n, N) rad; of links that bend."""
+    soft = [k for k, link in enumerate(arm.links) if not link.rigid]
+    bend = {f"link {k + 1}, {axis}": deflection[:, k, i] for k in soft for i, axis in enumerate("yz")}
+    turn = {f"link {k + 1}": np.degrees(twist[:, k]) for k in soft}
+    return [Chart("tip deflection / length, along y and z", bend), Chart("twist (degrees)", turn)]
+
+
+def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
+    """The clip of a `SpatialTrajectory`; charts: of torques and energies."""
+    scene: Scene = run.scene
+    held = scene.root == "pinned" and not run.q[:, 3:6].any()
+    return _clip(
+        scene.arm, run.settings, run.q, run.joint_torque, run.joint_angles if held else None,
+        label=scene.name if label is None else label, note=note, t=run.t, pinned=scene.root == "pinned",
+        loads=[load for load in scene.loads if isinstance(load, PointLoad)],
+        charts=[*_bending(scene.arm, run.tip_deflection, run.twist), *charts],
+        ground=0.0 if held else min(float(run.shapes[..., 2].min()), 0.0),
+    )  # fmt: skip
+
+
+def _loads(loads: Sequence[PointLoad], cuts: Sequence[int], t: Array) -> list[Pull]:
+    """Forces and torques in global axes on roots and tips."""
+    pulls = []
+    for load in loads:
+        point = cuts[load.link] if load.end == "root" else cuts[load.link + 1] - 1
+        where = f"at the {load.end} of link {load.link + 1}"
+        force, torque = (
+            np.column_stack([np.zeros(len(t)) if f is None else np.asarray(f(t)) for f in parts])
+            for parts in ((load.force_x, load.force_y, load.force_z), (load.torque_x, load.torque_y, load.torque))
+        )
+        if force.any():
+            pulls.append(Pull(f"force {where}", point, force))
+        if torque.any():
+            size = np.linalg.norm(torque, axis=1)
+            axis = torque / np.where(size > 0.0, size, 1.0)[:, None]
+            pulls.append(Pull(f"torque {where}", point, size, None, axis))
+    return pulls
+
+
+def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: Sequence[Chart]) -> SpaceClip:
+    """The clip of an episode. views: `batch.View` of each instant; charts: the others."""
+    arm, q = plan.arm, np.array([view.q for view in views])
+    target = np.array([view.target for view in views])
+    poses = np.array([view.poses for view in views])
+    bend = np.array([view.deflection for view in views]).reshape(len(views), 2, -1).swapaxes(1, 2)
+    tip = ribbons(arm, plan.settings, q, 1).points[:, -1]
+    miss = Chart("tip error: distance from the target (m)", {"tip": np.linalg.norm(tip - target, axis=1)})
+    walls = [face for shape in plan.keep_out for face in faces_of(shape, np.zeros(3), 0.7 * arm.total_length)]
+    return _clip(
+        arm, plan.settings, q, np.array([view.torques for view in views]), poses[..., 0], label=label, note=note,
+        t=np.array([view.time for view in views]), target=target, walls=walls,
+        charts=[miss, *_bending(arm, bend, poses[..., 6]), *charts],
+    )  # fmt: skip
+
+
+def check_alike(clips: Sequence[Any]) -> None:
+    """ValueError where some are in the plane and some in space."""
+    if len({isinstance(clip, SpaceClip) for clip in clips}) > 1:
+        labels = [clip.label for clip in clips]
+        raise check.InvalidValue("clips", labels, "must all be of the plane, or all of space")
