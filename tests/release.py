@@ -85,7 +85,9 @@ def faults_of(wheel: Path, sdist: Path) -> list[str]:
         f"at most {MOST_BYTES} bytes, not {wheel.stat().st_size}": wheel.stat().st_size <= MOST_BYTES,
         "the licence in the wheel": f"{info}/licenses/LICENSE" in names,
         "nothing compiled in the wheel": not [n for n in names if n.endswith((".pyc", ".so", ".o"))],
-        "the player in the wheel": "flexarm_env/view/player.js" in names and "flexarm_env/view/player.html" in names,
+        "the player in the wheel, three.js with its licence":
+            {f"flexarm_env/view/{name}" for name in ("player.js", "player.html", "three.min.js", "three.LICENSE.txt")}
+            <= names,
         "licence, citation, changes in the source": {"LICENSE", "CITATION.cff", "CHANGELOG.md"} <= source,
         f"version {version} in flexarm_env/__init__.py": f'__version__ = "{version}"' in inside,
         f"version {version} in CITATION.cff": f"\nversion: {version}\n" in texts["CITATION.cff"],
