@@ -87,7 +87,7 @@ def faults_of(wheel: Path, sdist: Path) -> list[str]:
         "nothing compiled in the wheel": not [n for n in names if n.endswith((".pyc", ".so", ".o"))],
         "the player in the wheel, three.js with its licence":
             {f"flexarm_env/view/{name}" for name in ("player.js", "player.html", "three.min.js", "three.LICENSE.txt")}
-            <= names,
+            <= set(names),
         "licence, citation, changes in the source": {"LICENSE", "CITATION.cff", "CHANGELOG.md"} <= source,
         f"version {version} in flexarm_env/__init__.py": f'__version__ = "{version}"' in inside,
         f"version {version} in CITATION.cff": f"\nversion: {version}\n" in texts["CITATION.cff"],
