@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -56,9 +57,10 @@ def together(parts: list[Body]) -> Body:
     return Body(mass, centre, inertia)
 
 
-def packed(one: Body) -> Array:
+def packed(one: Body, there: bool = False) -> Array:
     """Its `BODY`."""
-    return BODY.pack({}, mass=one.mass, centre=one.centre, inertia=one.inertia)
+    there = there or one.mass > 0.0 or bool(np.any(one.inertia))
+    return BODY.pack({}, mass=one.mass, there=there, centre=one.centre, inertia=one.inertia)
 
 
 def count_elements(link: Link, settings: Settings) -> int:
@@ -120,27 +122,51 @@ def _joint(arm: Arm, k: int) -> Array:
     )  # fmt: skip
 
 
+POINTS = np.polynomial.legendre.leggauss(4)
+"""Of an element, over which its stiffnesses are averaged."""
+
+
 def _elements(link: Link, n: int, damping: float) -> list[Array]:
-    """An `ELEMENT` each, of the properties at its middle."""
+    """An `ELEMENT` each: stiffnesses of what lies along it in series, masses as Simpson's rule has them."""
     if n == 0:
         return []
     ends = link.mesh(n, "elements")
-    lengths, middles = np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
-    plane, across, turns = link.along(middles), link.across(middles), turns_of(link, ends)
+    lengths, turns, chords = np.diff(ends), turns_of(link, ends), chords_of(link, ends)
+    x, share = POINTS[0], 0.5 * POINTS[1]
+    inner = ends[:-1, None] + 0.5 * lengths[:, None] * (1.0 + x)
+    plane, across = link.along(inner), link.across(inner)
+    every = {**{name: getattr(plane, name) for name in ("EI", "EA", "C")}, **across}
+    series = {name: 1.0 / ((1.0 / values) @ share) for name, values in every.items() if name != "J_y"}
+    tilt = {name: series[name] * ((1.0 / every[name]) @ (0.5 * x * share)) for name in ("EI_y", "EI")}
+    second = {name: (0.5 * x - tilt[name][:, None]) ** 2 / every[name] @ share for name in tilt}
+    thirds = [link.along(ends[:-1]).m, 4.0 * link.along(0.5 * (ends[1:] + ends[:-1])).m, link.along(ends[1:], True).m]
+    masses = np.array(thirds).T * lengths[:, None] / 6.0
+    J, J_y = plane.J @ share, across["J_y"] @ share
     rows = []
     for e, length in enumerate(lengths.tolist()):
-        least = LEAST_ROTARY * plane.m[e] * length**2
-        rotary = np.maximum([plane.J[e] + across["J_y"][e], across["J_y"][e], plane.J[e]], least)
-        pairs = ((plane.C[e], plane.EI[e]), (across["C_y"][e], across["EI_y"][e]))
-        shears = [1.0 / (1.0 / C + length**2 / (12.0 * EI)) for C, EI in pairs]
+        rotary = np.maximum([J[e] + J_y[e], J_y[e], J[e]], LEAST_ROTARY * masses[e].sum() * length)
+        pairs = (("C", "EI"), ("C_y", "EI_y"))
+        shears = [1.0 / (1.0 / series[C][e] + length**2 * second[EI][e]) for C, EI in pairs]
+        tilts = np.array([tilt["EI_y"][e], tilt["EI"][e]])
         rows.append(
             ELEMENT.pack(
-                {}, length=length, mass=plane.m[e] * length / 6.0, inertia=0.5 * length * rotary,
-                stretch=[plane.EA[e], *shears],
-                bend=[across["GJ"][e], across["EI_y"][e], plane.EI[e]], rest=[0.0, 0.0, turns[e]], damping=damping,
+                {}, length=length, mass=masses[e], inertia=0.5 * length * rotary, stretch=[series["EA"][e], *shears],
+                bend=[series["GJ"][e], series["EI_y"][e], series["EI"][e]], rest=[0.0, 0.0, turns[e]],
+                chord=chords[e] + [0.0, tilts[1] * turns[e], 0.0], tilt=tilts, damping=damping,
             )
         )  # fmt: skip
     return rows
+
+
+def chords_of(link: Link, ends: Array) -> Array:
+    """What chords of the elements between `ends` have without stress beside those of circular arcs, (elements, 3)."""
+    found = np.zeros((len(ends) - 1, 3))
+    if link.curved:
+        angles = np.array([float(curves.angle(link.curvature, s)) for s in ends])
+        middle = 0.5 * (angles[1:] + angles[:-1])
+        chord = np.diff(curves.place(link.curvature, ends)) / np.diff(ends) * np.exp(-1j * middle)
+        found[:, 0], found[:, 1] = chord.real - 1.0 + BOW * np.diff(angles) ** 2, chord.imag
+    return found
 
 
 def turns_of(link: Link, ends: Array) -> Array:
@@ -166,8 +192,12 @@ def _natural(link: Link, n: int, settings: Settings) -> list[tuple[float, float,
     if settings.formulation == "floating_frame":
         return [natural for _, natural in segments.frames(link, n)]
     ends = link.mesh(n, "elements") if n else np.zeros(1)
-    pairs = zip(np.diff(ends), turns_of(link, ends), strict=True)
-    return [(0.5 * turn, length * (1.0 - BOW * turn**2), 0.5 * turn) for length, turn in pairs]
+    found = []
+    for length, turn, own in zip(np.diff(ends), turns_of(link, ends), chords_of(link, ends), strict=True):
+        chord = complex(1.0 - BOW * turn**2 + own[0], own[1])
+        aside = math.atan2(chord.imag, chord.real)
+        found.append((0.5 * turn + aside, length * abs(chord), 0.5 * turn - aside))
+    return found
 
 
 def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
@@ -293,12 +323,13 @@ def build(scene: Scene, settings: Settings) -> System:
         frames=np.concatenate([np.zeros(0), *frames]) if floating else None,
         joints=np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
         end=packed(_tip_end(last)),
-        payload=packed(Body(0.0, tip_lever(last) + offset, bodies.tensor(payload.inertia))),
+        payload=packed(Body(0.0, tip_lever(last) + offset, bodies.tensor(payload.inertia)), True),
         levers=(0,) if any(np.any(lever) for k in range(arm.n_links) for lever in levers(arm, k)) else None,
         gravity=None if scene.gravity is None else np.array(scene.gravity),
         loads=np.concatenate(loads) if loads else None,
         damped=(0,) if largest > 0.0 else None,
         rotors=np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
+        uneven=None if floating or all(link.rigid or link.uniform is not None for link in arm.links) else (0,),
     )
     coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
     par = np.array([payload.mass, 0.0, 1.0, largest])

@@ -20,12 +20,15 @@ from .rotations import (
     dot,
     matrix,
     minus,
+    outer,
     plus,
+    plus_identity,
     product,
     put_vector,
     quaternion,
     scaled,
     skew,
+    skewed,
     sum_of,
     times,
     transposed,
@@ -47,6 +50,7 @@ class SpatialBeam(NamedTuple):
     loads     float64: a `LOAD` each, whose inputs are a force and a moment along inertial axes; or None
     damped    (0,) with Kelvin-Voigt damping, otherwise None
     rotors    int64: of each joint 1 where it has a rotor, which `physics.joints` turns; None: no joint has
+    uneven    (0,) where a section or a curvature varies along an element, otherwise None
     """
 
     n: int
@@ -69,6 +73,7 @@ class SpatialBeam(NamedTuple):
     loads: np.ndarray | None
     damped: tuple[int, ...] | None
     rotors: np.ndarray | None
+    uneven: tuple[int, ...] | None
 
 
 class Vertex(NamedTuple):
@@ -101,13 +106,24 @@ def nine_of(lane, array, k):
 
 
 @kernel
+def uneven_of(lane, model, i):
+    """What is uneven of element i: see `element.Section`."""
+    if model.uneven is None:
+        return None
+    o = E.end * i
+    tilt = splat(lane, model.sections[o + E.tilt]), splat(lane, model.sections[o + E.tilt + 1])
+    return three_of(lane, model.sections, o + E.chord), tilt[0], tilt[1]
+
+
+@kernel
 def section_at(lane, model, par, i):
     """Constants of element i of the chain."""
     o, factor = E.end * i, load(lane, par, STIFFNESS_FACTOR)
     x, y, z = three_of(lane, model.sections, o + E.bend)
     tau = None if model.damped is None else load(lane, par, TAU_D) * model.sections[o + E.damping]
     stretch, rest = three_of(lane, model.sections, o + E.stretch), three_of(lane, model.sections, o + E.rest)
-    return Section(splat(lane, model.sections[o + E.length]), stretch, (x, y * factor, z * factor), rest, tau)
+    bend, uneven = (x, y * factor, z * factor), uneven_of(lane, model, i)
+    return Section(splat(lane, model.sections[o + E.length]), stretch, bend, rest, uneven, tau)
 
 
 @kernel
@@ -138,9 +154,9 @@ def hinged(lane, model, state, k, tip):
     q, v, a = state
     o, row = J.end * k, joint_row(model, k)
     axis, mount = three_of(lane, model.joints, o + J.axis), nine_of(lane, model.joints, o + J.mount)
-    sine, cosine = sincos(load(lane, q, row))
-    turn = product(mount, about_identity(cosine, times(axis, sine), 1.0 - cosine, axis))
     half_sine, half_cosine = sincos(load(lane, q, row) * 0.5)
+    sine, less = half_sine * half_cosine * 2.0, half_sine * half_sine * 2.0  # less: 1 - cos
+    turn = product(mount, about_identity(1.0 - less, times(axis, sine), less, axis))
     vector_part = three_of(lane, model.joints, o + J.quaternion + 1)
     held = splat(lane, model.joints[o + J.quaternion]), vector_part[0], vector_part[1], vector_part[2]
     own = half_cosine, axis[0] * half_sine, axis[1] * half_sine, axis[2] * half_sine
@@ -160,55 +176,55 @@ def hinged(lane, model, state, k, tip):
 
 
 @kernel
-def diagonal(a):
-    """The matrix of a."""
-    zero = a[0] * 0.0
-    return (a[0], zero, zero), (zero, a[1], zero), (zero, zero, a[2])
-
-
-@kernel
 def turning(I, spin, alpha):
     """I alpha + w x I w."""
     return plus(turned(I, alpha), cross(spin, turned(I, spin)))
 
 
 @kernel
-def _turning_slope(I, spin, cm, cd):
-    """Derivative of `turning`: cm I + cd (w^ I - (I w)^)."""
-    return sum_of(scaled(I, cm), scaled(difference(product(skew(spin), I), skew(turned(I, spin))), cd))
-
-
-@kernel
 def lump(lane, mass, I, at, weights, S, o):
-    """(force, moment) of a mass with its centre in a section, and its part of the matrix at o."""
-    if weights.mass != 0.0:
-        for a in range(3):
-            add(lane, S, o + 7 * a, mass * weights.mass)
-        add_block(lane, S, o, 1, 1, _turning_slope(I, at.place.spin, weights.mass, weights.damping))
-    return times(at.a, mass), turning(I, at.place.spin, at.alpha)
+    """(force, moment) of a mass with its centre in a section and inertia I about its axes, and its part of the matrix
+    at o."""
+    w, alpha = at.place.spin, at.alpha
+    x, y, z = I[2] - I[1], I[0] - I[2], I[1] - I[0]
+    if weights.mass != 0.0:  # I cm + (w^ I - (I w)^) cd
+        cm, a, b, c = weights.mass, w[0] * weights.damping, w[1] * weights.damping, w[2] * weights.damping
+        for k in range(3):
+            add(lane, S, o + 7 * k, mass * cm)
+            add(lane, S, o + 21 + 7 * k, I[k] * cm)
+        add(lane, S, o + 22, c * x)
+        add(lane, S, o + 23, b * x)
+        add(lane, S, o + 27, c * y)
+        add(lane, S, o + 29, a * y)
+        add(lane, S, o + 33, b * z)
+        add(lane, S, o + 34, a * z)
+    moment = I[0] * alpha[0] + w[1] * w[2] * x, I[1] * alpha[1] + w[0] * w[2] * y, I[2] * alpha[2] + w[0] * w[1] * z
+    return times(at.a, mass), moment
 
 
 @kernel
 def body(lane, array, o, mass, at, weights, S, to):
     """(force, moment) of the `BODY` at o of `array`, of this mass, on a section, and its part of the matrix at `to`."""
-    c, I = three_of(lane, array, o + P.centre), nine_of(lane, array, o + P.inertia)
-    A, w = matrix(at.place.p), at.place.spin
-    swing = _swung(w, at.alpha, c)
-    pull = times(plus(back(A, at.a), swing), mass)  # force, in its axes
-    moment = plus(turning(I, w, at.alpha), cross(c, pull))
-    if weights.mass != 0.0:
-        cm, cd, ck = weights.mass, weights.damping, weights.stiffness
-        chat, arm = skew(c), times(c, mass)
-        # of alpha x c + w x (w x c) by the rotation: -cm c^ - cd ((w x c)^ + w^ c^)
-        by_rate = sum_of(skew(cross(w, arm)), product(skew(w), skew(arm)))
-        by_turn = scaled(sum_of(scaled(skew(arm), cm), scaled(by_rate, cd)), -1.0)
-        inner = sum_of(by_turn, scaled(skew(times(back(A, at.a), mass)), ck))
-        for a in range(3):
-            add(lane, S, to + 7 * a, mass * cm)
-        add_block(lane, S, to, 0, 1, product(A, difference(by_turn, scaled(skew(times(swing, mass)), ck))))
-        add_block(lane, S, to, 1, 0, scaled(product(chat, transposed(A)), mass * cm))
-        add_block(lane, S, to, 1, 1, sum_of(product(chat, inner), _turning_slope(I, w, cm, cd)))
-    return turned(A, pull), moment
+    zero = splat(lane, 0.0)
+    force, moment = (zero, zero, zero), (zero, zero, zero)
+    if array[o + P.there] != 0.0:
+        c, I = three_of(lane, array, o + P.centre), nine_of(lane, array, o + P.inertia)
+        A, w, arm = matrix(at.place.p), at.place.spin, times(c, mass)
+        own, swing = times(back(A, at.a), mass), _swung(w, at.alpha, arm)  # of the force, in its axes
+        force, moment = turned(A, plus(own, swing)), plus(turning(I, w, at.alpha), cross(c, plus(own, swing)))
+        if weights.mass != 0.0:
+            cm, cd, ck = weights.mass, weights.damping, weights.stiffness
+            # of alpha x c + w x (w x c) by the rotation: -cm c^ - cd ((w x c)^ + w^ c^)
+            turn = skew(plus(times(arm, cm), times(cross(w, arm), cd)))
+            by_turn = scaled(sum_of(turn, plus_identity(scaled(outer(arm, w), cd), dot(w, arm) * -cd)), -1.0)
+            inner = skewed(c, sum_of(by_turn, skew(times(own, ck))))
+            slope = sum_of(scaled(I, cm), scaled(difference(skewed(w, I), skew(turned(I, w))), cd))
+            for a in range(3):
+                add(lane, S, to + 7 * a, mass * cm)
+            add_block(lane, S, to, 0, 1, product(A, difference(by_turn, skew(times(swing, ck)))))
+            add_block(lane, S, to, 1, 0, skewed(times(arm, cm), transposed(A)))
+            add_block(lane, S, to, 1, 1, sum_of(inner, slope))
+    return force, moment
 
 
 @kernel

@@ -14,6 +14,11 @@ increments in body axes dth,
 
     R^T dR = (P dth_l + Q dth_r)^,  P, Q = 1/2 -+ g^/2,  g = tan(|psi|/4) psi/|psi|;   dpsi = T^-1 dth_r - T^-T dth_l.
 
+Where sections vary, the element bends about the centre of its flexibility, a l from the middle, and moments are those
+there: the chord is that of the part beyond, which turns by (1/2 - a) psi, and so Gamma_y + a_z psi_z, Gamma_z - a_y
+psi_y. Shear has the flexibility's second moment about there in place of l^2 / (12 EI). Where a curvature varies, the
+chord without stress is the curve's own (`layout.ELEMENT`).
+
 Mass is where a cubic of the vertices' places and tangents t = A e_x has it, by Simpson's rule: a sixth at each vertex,
 four at r_m = (r_l + r_r)/2 + (t_l - t_r) l/8. With these an element's error is of fourth order in l where it bends.
 
@@ -35,20 +40,22 @@ from .rotations import (
     composed,
     cross,
     difference,
-    halved,
+    dot,
     inverse,
-    inverse_tangent,
     matrix,
     minus,
+    outer,
     plus,
+    plus_identity,
     product,
-    rotation_vector,
     scaled,
     shorter,
     skew,
     sum_of,
+    symmetric,
     times,
     transposed,
+    turn_of,
     turned,
 )
 
@@ -56,10 +63,11 @@ BOW = 1.0 / 24.0
 """Of the square of its angle: an arc is longer by that share than its chord."""
 
 
-MOST, HEAVY = 0.5, 40.0
+MOST, PULL, HEAVY = 0.5, 16.0, 40.0
 """Largest force of its own in an element's tangent, over EI / l^2 (its buckling force is pi^2 of that), where inertia
 in steps is more than `HEAVY` times as stiff: as Newton begins, strains are off by second order of a step's turn. Times
-EA that is a force that no tangent should have in it, and forces that are real are little beside such inertia."""
+EA that is a force that no tangent should have in it, and forces that are real are little beside such inertia. One that
+pulls buckles nothing: `PULL` times as much of it."""
 
 
 class Section(NamedTuple):
@@ -69,6 +77,7 @@ class Section(NamedTuple):
     stretch: Any
     bend: Any
     rest: Any
+    uneven: Any  # (chord, tilt, tilt) of `layout.ELEMENT`, or None
     tau: Any  # s, of Kelvin-Voigt
 
 
@@ -104,13 +113,10 @@ def middle(section, left, right):
     """Strains, and stress resultants of the middle: (Gamma, l kappa less its rest), Middle."""
     share = 1.0 / section.length
     relative = shorter(composed(inverse(left.p), right.p))
-    psi, half = rotation_vector(relative), halved(relative)
+    psi, half, g, T = turn_of(relative)
     R = matrix(composed(left.p, half))
-    w = 1.0 / (relative[0] + 1.0)
-    g = relative[1] * w, relative[2] * w, relative[3] * w
-    T = inverse_tangent(psi, relative)
     e = times(back(R, minus(right.r, left.r)), share)
-    bow = bow_of(psi)
+    arc, bow = _arc(section.uneven, psi), bow_of(section.uneven, psi)
     gamma = e[0] - 1.0 - bow[0], e[1] - bow[1], e[2] - bow[2]
     bent = minus(psi, section.rest)
     n, m = gamma, bent
@@ -118,39 +124,43 @@ def middle(section, left, right):
         turn = mean(g, left.spin, right.spin)
         rate = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
         bend = minus(turned(T, right.spin), back(T, left.spin))
-        n = plus(n, times(plus(rate, turned(_arc(psi), bend)), section.tau))
+        n = plus(n, times(plus(rate, turned(arc, bend)), section.tau))
         m = plus(m, times(bend, section.tau))
     n = scale(n, section.stretch)
-    m = plus(times(scale(m, section.bend), share), times(back(_arc(psi), n), section.length))
+    m = plus(times(scale(m, section.bend), share), times(back(arc, n), section.length))
     return (gamma, bent), Middle(psi, R, e, g, T, n, m)
 
 
 @kernel
-def bow_of(psi):
-    """What a chord has beside e_x and Gamma, an arc bent by psi: psi x (psi x e_x) / 24."""
-    return times(cross(psi, (psi[0] * 0.0, psi[2], -psi[1])), BOW)
+def bow_of(uneven, psi):
+    """What a chord has beside e_x and Gamma, an arc bent by psi: psi x (psi x e_x) / 24, and what is uneven."""
+    arc = times(cross(psi, (psi[0] * 0.0, psi[2], -psi[1])), BOW)
+    if uneven is None:
+        return arc
+    chord, y, z = uneven
+    return arc[0] + chord[0], arc[1] + chord[1] - z * psi[2], arc[2] + chord[2] + y * psi[1]
 
 
 @kernel
-def _arc(psi):
+def _arc(uneven, psi):
     """Derivative of Gamma by psi: of - `bow_of`."""
     x, y, z = times(psi, BOW)
     zero = x * 0.0
-    return (zero, y * 2.0, z * 2.0), (-y, -x, zero), (-z, zero, -x)
+    if uneven is None:
+        return (zero, y * 2.0, z * 2.0), (-y, -x, zero), (-z, zero, -x)
+    return (zero, y * 2.0, z * 2.0), (-y, -x, uneven[2]), (-z, -uneven[1], -x)
 
 
 @kernel
 def rates(section, left, right):
     """Rates of the strains of `middle`: of Gamma, and of kappa times the length."""
     relative = shorter(composed(inverse(left.p), right.p))
-    psi, half = rotation_vector(relative), halved(relative)
-    w = 1.0 / (relative[0] + 1.0)
-    share, R, T = 1.0 / section.length, matrix(composed(left.p, half)), inverse_tangent(psi, relative)
-    turn = mean((relative[1] * w, relative[2] * w, relative[3] * w), left.spin, right.spin)
+    psi, half, g, T = turn_of(relative)
+    share, R, turn = 1.0 / section.length, matrix(composed(left.p, half)), mean(g, left.spin, right.spin)
     e = times(back(R, minus(right.r, left.r)), share)
     stretch = plus(times(back(R, minus(right.v, left.v)), share), cross(e, turn))
     bend = minus(turned(T, right.spin), back(T, left.spin))
-    return plus(stretch, turned(_arc(psi), bend)), bend
+    return plus(stretch, turned(_arc(section.uneven, psi), bend)), bend
 
 
 @kernel
@@ -205,43 +215,98 @@ def most_force(section, sixth, mass):
 def tangent(section, at, c, cd, most, S, o):
     """Derivative of `forces`, c times by positions and cd by rates, to the `FACTOR` at o of S.
 
-    Forces of its own that are in it are at most `most`. What moments change by at second order in the element's own psi
-    is left out, and what rates change by positions: Newton's iteration has no need of it.
+    Forces of its own that are in it are bounded by `most` (see `MOST`). What moments change by at third order in the
+    element's own psi is left out, and what rates change by positions: Newton's iteration has no need of it.
     """
-    R, Q, T = at.R, about_identity(0.5, times(at.g, 0.5), 0.0, at.g), at.T
-    P, Tt = transposed(Q), transposed(T)
-    rate = c
+    R, g, T, e, psi, l = at.R, at.g, at.T, at.e, at.psi, section.length
+    Tt, rate = transposed(T), c
     if section.tau is not None:
         rate = section.tau * cd + c
-    share, l = 1.0 / section.length, section.length
+    share = 1.0 / l
     D, b = times(section.stretch, rate), times(section.bend, share * rate)
-    arc, e = _arc(at.psi), skew(at.e)
-    kept = clip(at.n[0], most), clip(at.n[1], most), clip(at.n[2], most)
+    arc = _arc(section.uneven, psi)
+    kept = smaller(-smaller(-at.n[0], most), most * PULL), clip(at.n[1], most), clip(at.n[2], most)
     n, own = times(kept, c), minus(at.m, times(back(arc, minus(at.n, kept)), l))
+    # of Gamma by the rotations of the ends: e^ P - arc T^T, e^ Q + arc T; P, Q = 1/2 -+ g^/2
+    swing, straight = _half_of_both(e, g)
+    left_w, right_w = (
+        difference(difference(straight, swing), product(arc, Tt)),
+        sum_of(sum_of(straight, swing), product(arc, T)),
+    )
+    left_D, right_D = _rows(D, left_w), _rows(D, right_w)
+    xx = scaled(symmetric(_rows(D, transposed(R)), transposed(R)), share)
+    swing, straight = _half_of_both(n, g)
+    xl, xr = (
+        product(R, sum_of(difference(left_D, straight), swing)),
+        product(R, difference(difference(right_D, straight), swing)),
+    )
+    # l n^ e^ between P or Q and P or Q
+    Qe, Pe, Qn, Pn = _half(g, e), _half(times(g, -1.0), e), _half(g, times(n, l)), _half(times(g, -1.0), times(n, l))
+    along, square = dot(n, e) * l, dot(g, g)
+    gg = scaled(outer(g, g), 0.25 * along)
+    crossing, turning = (
+        plus_identity(gg, along * (square + 1.0) * -0.25),
+        plus_identity(scaled(gg, -1.0), along * (square - 1.0) * 0.25),
+    )
+    spin = skew(times(g, 0.5 * along))
     x, y, z = times(n, l * BOW)
-    K = (b[0], -y, -z), (-y, x * 2.0 + b[1], x * 0.0), (-z, x * 0.0, x * 2.0 + b[2])
-    nhat = skew(n)
-    left_w = difference(product(e, P), product(arc, Tt))  # of Gamma by the rotations of the ends
-    right_w = sum_of(product(e, Q), product(arc, T))
-    RD = _columns(R, D)
-    xx = scaled(product(RD, transposed(R)), share)
-    Rn = product(R, nhat)
-    xl, xr = difference(product(RD, left_w), product(Rn, P)), difference(product(RD, right_w), product(Rn, Q))
-    left_D, right_D = scaled(_columns(transposed(left_w), D), l), scaled(_columns(transposed(right_w), D), l)
-    geometric = scaled(product(nhat, e), l)
-    gP, gQ = product(geometric, P), product(geometric, Q)
-    lx, rx = transposed(xl), transposed(xr)
-    f, m = skew(times(cross(n, at.e), l * 0.125)), skew(times(own, 0.5 * c))
-    left, right = difference(difference(m, f), product(T, K)), sum_of(sum_of(m, f), product(Tt, K))
-    minus_xx = scaled(xx, -1.0)
-    ll = sum_of(product(left_D, left_w), difference(product(Q, gP), product(left, Tt)))
-    lr = sum_of(product(left_D, right_w), sum_of(product(Q, gQ), product(left, T)))
-    rl = sum_of(product(right_D, left_w), difference(product(P, gP), product(right, Tt)))
-    rr = sum_of(product(right_D, right_w), sum_of(product(P, gQ), product(right, T)))
+    f, m = times(cross(n, e), l * 0.125), times(own, 0.5 * c)
+    swing = _second(psi, times(own, c * (1.0 / 12.0)))  # of psi x (psi x m) / 12 in T m
+    left = difference(difference(skew(minus(m, f)), swing), _by_bend(T, b, x, y, z))
+    right = sum_of(sum_of(skew(plus(m, f)), swing), _by_bend(Tt, b, x, y, z))
+    both = scaled(product(transposed(left_w), right_D), l)
+    ll = sum_of(scaled(symmetric(left_w, left_D), l), difference(sum_of(outer(Qe, Qn), crossing), product(left, Tt)))
+    lr = sum_of(both, sum_of(difference(sum_of(outer(Qe, Pn), turning), spin), product(left, T)))
+    rl = sum_of(transposed(both), difference(sum_of(sum_of(outer(Pe, Qn), turning), spin), product(right, Tt)))
+    rr = sum_of(scaled(symmetric(right_w, right_D), l), sum_of(sum_of(outer(Pe, Pn), crossing), product(right, T)))
+    lx, rx, minus_xx = transposed(xl), transposed(xr), scaled(xx, -1.0)
     fill(S, o + F.LL, xx, scaled(xl, -1.0), scaled(lx, -1.0), ll)
     fill(S, o + F.LR, minus_xx, scaled(xr, -1.0), lx, lr)
     fill(S, o + F.RL, minus_xx, xl, scaled(rx, -1.0), rl)
     fill(S, o + F.RR, xx, xr, rx, rr)
+
+
+@kernel
+def _rows(d, A):
+    """diag(d) A."""
+    return times(A[0], d[0]), times(A[1], d[1]), times(A[2], d[2])
+
+
+@kernel
+def _half_of_both(a, g):
+    """a^ g^ / 2 and a^ / 2: a^ P is the second less the first, a^ Q their sum."""
+    half = times(a, 0.5)
+    return plus_identity(outer(g, half), -dot(half, g)), skew(half)
+
+
+@kernel
+def _half(g, a):
+    """(a + g x a) / 2."""
+    return times(plus(a, cross(g, a)), 0.5)
+
+
+@kernel
+def _by_bend(A, b, x, y, z):
+    """A times what psi changes moments by: by bending b and the force on the arc."""
+    u, v = x * 2.0 + b[1], x * 2.0 + b[2]
+    one, two, three = A
+    return (
+        (one[0] * b[0] - (one[1] * y + one[2] * z), one[1] * u - one[0] * y, one[2] * v - one[0] * z),
+        (two[0] * b[0] - (two[1] * y + two[2] * z), two[1] * u - two[0] * y, two[2] * v - two[0] * z),
+        (three[0] * b[0] - (three[1] * y + three[2] * z), three[1] * u - three[0] * y, three[2] * v - three[0] * z),
+    )
+
+
+@kernel
+def _second(a, m):
+    """Derivative of a x (a x m) by a: a m^T + (a . m) 1 - 2 m a^T."""
+    x, y = dot(a, m), times(m, -2.0)
+    rows = (
+        plus(times(m, a[0]), times(a, y[0])),
+        plus(times(m, a[1]), times(a, y[1])),
+        plus(times(m, a[2]), times(a, y[2])),
+    )
+    return sum_of(rows, about_identity(x, times(a, 0.0), 0.0, a))
 
 
 class Tangent(NamedTuple):
@@ -264,12 +329,6 @@ def tangent_of(at):
 def _crossed(g):
     """e_x x g."""
     return g[0] * 0.0, -g[2], g[1]
-
-
-@kernel
-def _below(A):
-    """e_x^ A."""
-    return times(A[0], 0.0), times(A[2], -1.0), A[1]
 
 
 @kernel
@@ -296,30 +355,39 @@ def inertia(lane, mass, length, left, right, weights, S, o):
     f = times(plus(times(plus(left.a, right.a), 0.5), times(bent, arm)), mass)
     half, own_l, own_r = times(f, 0.5), back(tl.A, f), back(tr.A, f)
     if weights.mass != 0.0:
-        Bl, Br = scaled(_by_turn(tl, weights), arm), scaled(_by_turn(tr, weights), -arm)
-        quarter = 0.25 * weights.mass * mass
-        xl, xr = scaled(product(tl.A, Bl), 0.5 * mass), scaled(product(tr.A, Br), 0.5 * mass)
-        lx = scaled(_below(transposed(tl.A)), arm * 0.5 * weights.mass * mass)
-        rx = scaled(_below(transposed(tr.A)), arm * -0.5 * weights.mass * mass)
-        across = scaled(product(transposed(tl.A), tr.A), arm * mass)
-        ll = sum_of(scaled(_below(Bl), arm * mass), scaled(_below(skew(own_l)), arm * weights.stiffness))
-        rr = sum_of(scaled(_below(Br), -arm * mass), scaled(_below(skew(own_r)), -arm * weights.stiffness))
-        lr, rl = _below(product(across, Br)), scaled(_below(product(transposed(across), Bl)), -1.0)
-        _add(lane, S, o + F.LL, quarter, xl, lx, ll)
-        _add(lane, S, o + F.LR, quarter, xr, lx, lr)
-        _add(lane, S, o + F.RL, quarter, xl, rx, rl)
-        _add(lane, S, o + F.RR, quarter, xr, rx, rr)
+        share = mass * arm
+        Bl, Br = scaled(_by_turn(tl, weights), share), scaled(_by_turn(tr, weights), -share)
+        xl, xr = product(tl.A, Bl), product(tr.A, Br)
+        quarter, own, turn = 0.25 * weights.mass * mass, 0.5 * weights.mass * share, arm * weights.stiffness
+        _add(lane, S, o + F.LL, quarter, xl, tl.A, own, Bl, arm)
+        _add(lane, S, o + F.LR, quarter, xr, tl.A, own, product(transposed(tl.A), xr), arm)
+        _add(lane, S, o + F.RL, quarter, xl, tr.A, -own, product(transposed(tr.A), xl), -arm)
+        _add(lane, S, o + F.RR, quarter, xr, tr.A, -own, Br, -arm)
+        _add_turn(lane, S, o + F.LL, times(own_l, turn))
+        _add_turn(lane, S, o + F.RR, times(own_r, -turn))
     return (half, times(_crossed(own_l), arm)), (half, times(_crossed(own_r), -arm))
 
 
 @kernel
-def _add(lane, S, o, x, xt, tx, tt):
-    """`fill`, added to what is there; x: of places, along each axis."""
+def _add(lane, S, o, x, xt, A, tx, tt, arm):
+    """To a matrix of an element: x along each axis; half of xt; e_x^ A^T tx; e_x^ tt arm."""
     for a in range(3):
         add(lane, S, o + 7 * a, x)
-    add_block(lane, S, o, 0, 1, xt)
-    add_block(lane, S, o, 1, 0, tx)
-    add_block(lane, S, o, 1, 1, tt)
+        for b in range(3):
+            add(lane, S, o + 6 * a + 3 + b, xt[a][b] * 0.5)
+        add(lane, S, o + 24 + a, A[a][2] * -tx)
+        add(lane, S, o + 30 + a, A[a][1] * tx)
+        add(lane, S, o + 27 + a, tt[2][a] * -arm)
+        add(lane, S, o + 33 + a, tt[1][a] * arm)
+
+
+@kernel
+def _add_turn(lane, S, o, f):
+    """e_x^ f^ to the rotations' block: f e_x^T - f_x."""
+    add(lane, S, o + 27, f[1])
+    add(lane, S, o + 28, -f[0])
+    add(lane, S, o + 33, f[2])
+    add(lane, S, o + 35, -f[0])
 
 
 @kernel

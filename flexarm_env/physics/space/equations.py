@@ -13,7 +13,6 @@ from .chain import (
     SpatialBeam,
     body,
     clear,
-    diagonal,
     hinged,
     loaded,
     lump,
@@ -124,14 +123,14 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
     """((force, moment) of the left end, of the right) of an element of the exact beam; its `FACTOR` at f of S."""
     inner = middle(section, left.place, right.place)[1]
     on_left, on_right = forces(section, inner)
-    sixth = splat(lane, model.sections[E.end * element + E.mass])
+    masses = three_of(lane, model.sections, E.end * element + E.mass)
     if weights.mass != 0.0:
-        most = most_force(section, sixth, weights.mass)
+        most = most_force(section, masses[1] * 0.25, weights.mass)
         tangent(section, inner, weights.stiffness, weights.damping, most, S, f)
-    at_left, at_right = inertia(lane, sixth * 4.0, section.length, left, right, weights, S, f)
-    I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
-    on_left = _both(_both(on_left, at_left), lump(lane, sixth, I, left, weights, S, f + F.LL))
-    return on_left, _both(_both(on_right, at_right), lump(lane, sixth, I, right, weights, S, f + F.RR))
+    at_left, at_right = inertia(lane, masses[1], section.length, left, right, weights, S, f)
+    I = three_of(lane, model.sections, E.end * element + E.inertia)
+    on_left = _both(_both(on_left, at_left), lump(lane, masses[0], I, left, weights, S, f + F.LL))
+    return on_left, _both(_both(on_right, at_right), lump(lane, masses[2], I, right, weights, S, f + F.RR))
 
 
 @kernel

@@ -30,17 +30,16 @@ from .rotations import (
     cross,
     difference,
     dot,
-    inverse_tangent,
     matrix,
     minus,
     plus,
     product,
-    rotation_vector,
     scaled,
     skew,
     sum_of,
     times,
     transposed,
+    turn_of,
     turned,
 )
 
@@ -95,8 +94,8 @@ def _turn(A, own, share):
     w = square_root(E[0][0] + E[1][1] + E[2][2] + 1.0) * 0.5
     part = 0.25 / w
     p = w, (E[2][1] - E[1][2]) * part, (E[0][2] - E[2][0]) * part, (E[1][0] - E[0][1]) * part
-    phi = rotation_vector(p)
-    return Turn(E, phi, inverse_tangent(phi, p), (E[2][2] * share, E[2][0] * 0.0, -(E[2][0] * share)))
+    found = turn_of(p)
+    return Turn(E, found.psi, found.T, (E[2][2] * share, E[2][0] * 0.0, -(E[2][0] * share)))
 
 
 @kernel

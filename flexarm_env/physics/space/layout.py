@@ -16,11 +16,13 @@ AXES = 6
 ELEMENT = Layout(
     "Element", "",
     Field("length", (), "m", "of the element"),
-    Field("mass", (), "kg", "a sixth of it, which is at each of its ends; four are at its middle"),
+    Field("mass", (3,), "kg", "of its left end, its middle and its right end (Simpson's rule)"),
     Field("inertia", (3,), "kg m^2", "of sections, half of it at each end, about their axes"),
     Field("stretch", (3,), "N", "EA, and stiffnesses to shear along y and z, softened by bending within the element"),
     Field("bend", (3,), "N m^2", "GJ, EI_y about y, EI about z"),
     Field("rest", (3,), "", "curvatures times length without stress, about x, y, z"),
+    Field("chord", (3,), "", "Gamma without stress; where sections or curvatures vary, and so are the next two"),
+    Field("tilt", (2,), "", "of the centre of flexibility about y, about z: distance from the middle over the length"),
     Field("damping", (), "", "its time constant over the arm's largest"),
 )  # fmt: skip
 
@@ -54,6 +56,7 @@ FRAME = Layout(
 BODY = Layout(
     "Body", "",
     Field("mass", (), "kg", "the payload's is the arm's own parameter"),
+    Field("there", (), "", "0 where there is none; the payload always is"),
     Field("centre", (3,), "m", "from the place of a section, in its axes"),
     Field("inertia", (3, 3), "kg m^2", "about there"),
 )  # fmt: skip

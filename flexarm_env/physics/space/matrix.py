@@ -9,7 +9,7 @@ with A the axes of the section before and s the lever to the link's beginning; w
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, splat, store
+from ...compiler import kernel, load, splat, store, traced
 from ..arithmetic import add
 from .chain import clear, three_of
 from .element import add_block
@@ -90,33 +90,63 @@ def lean(lane, model, S, k, x):
     store(S, hinge_at(k) + H.lean, x)
 
 
-@kernel
-def _factor_six(lane, S, o):
-    """L and U of the 6 x 6 matrix at o, in place, its pivots inverted, no rows exchanged: mass outweighs the rest."""
+def _factors(lane, A):
+    """L and U of a 6 x 6 matrix, in place, its pivots inverted, no rows exchanged: mass outweighs the rest."""
+    a = [[load(lane, A, 6 * i + j) for j in range(6)] for i in range(6)]
     for k in range(6):
-        inverse = 1.0 / load(lane, S, o + 7 * k)
-        store(S, o + 7 * k, inverse)
+        a[k][k] = 1.0 / a[k][k]
         for i in range(k + 1, 6):
-            factor = load(lane, S, o + 6 * i + k) * inverse
-            store(S, o + 6 * i + k, factor)
+            a[i][k] = a[i][k] * a[k][k]
             for j in range(k + 1, 6):
-                add(lane, S, o + 6 * i + j, -(factor * load(lane, S, o + 6 * k + j)))
+                a[i][j] = a[i][j] - a[i][k] * a[k][j]
+    for i in range(6):
+        for j in range(6):
+            store(A, 6 * i + j, a[i][j])
+
+
+def _solution(lane, A, x):
+    """Of six numbers, by the factors in A."""
+    for k in range(6):
+        for j in range(k):
+            x[k] = x[k] - load(lane, A, 6 * k + j) * x[j]
+    for k in range(5, -1, -1):
+        for j in range(k + 1, 6):
+            x[k] = x[k] - load(lane, A, 6 * k + j) * x[j]
+        x[k] = x[k] * load(lane, A, 7 * k)
+    return x
+
+
+@traced
+def _factor_six(lane, A):
+    """`_factors`."""
+    _factors(lane, A)
+
+
+@traced
+def _solve_six(lane, A, x):
+    """x <- `_solution`."""
+    for k, value in enumerate(_solution(lane, A, [load(lane, x, k) for k in range(6)])):
+        store(x, k, value)
+
+
+@traced
+def _eliminate(lane, LL, LR, RL, RR):
+    """A vertex, of the four matrices of the element before it: RR <- factors, RL <- RR^-1 RL, LL <- LL - LR RL."""
+    _factors(lane, RR)
+    for j in range(6):
+        column = _solution(lane, RR, [load(lane, RL, 6 * i + j) for i in range(6)])
+        for i in range(6):
+            store(RL, 6 * i + j, column[i])
+            total = load(lane, LL, 6 * i + j)
+            for m in range(6):
+                total = total - load(lane, LR, 6 * i + m) * column[m]
+            store(LL, 6 * i + j, total)
 
 
 @kernel
-def _solve_six(lane, S, o, x, i, stride):
-    """Six elements of x from i on, `stride` apart, by the factors at o."""
-    for k in range(1, 6):
-        total = load(lane, x, i + stride * k)
-        for j in range(k):
-            total = total - load(lane, S, o + 6 * k + j) * load(lane, x, i + stride * j)
-        store(x, i + stride * k, total)
-    for back_k in range(6):
-        k = 5 - back_k
-        total = load(lane, x, i + stride * k)
-        for j in range(k + 1, 6):
-            total = total - load(lane, S, o + 6 * k + j) * load(lane, x, i + stride * j)
-        store(x, i + stride * k, total * load(lane, S, o + 7 * k))
+def _part(lane, S, o, n):
+    """n numbers of S from o on."""
+    return S[o * len(lane) : (o + n) * len(lane)]
 
 
 @kernel
@@ -189,15 +219,8 @@ def factor(lane, model, S):
         k = model.links - 1 - back_k
         for back_e in range(count_of(model, k)):
             o = factor_at(model, k, count_of(model, k) - 1 - back_e)
-            _factor_six(lane, S, o + F.RR)
-            for j in range(6):
-                _solve_six(lane, S, o + F.RR, S, o + F.RL + j, 6)
-            for i in range(6):
-                for j in range(6):
-                    total = load(lane, S, o + F.LL + 6 * i + j)
-                    for m in range(6):
-                        total = total - load(lane, S, o + F.LR + 6 * i + m) * load(lane, S, o + F.RL + 6 * m + j)
-                    store(S, o + F.LL + 6 * i + j, total)
+            left, right = _part(lane, S, o + F.LL, 36), _part(lane, S, o + F.RR, 36)
+            _eliminate(lane, left, _part(lane, S, o + F.LR, 36), _part(lane, S, o + F.RL, 36), right)
             if back_e < count_of(model, k) - 1:
                 for i in range(36):
                     add(lane, S, o - F.end + F.RR + i, load(lane, S, o + F.LL + i))
@@ -209,7 +232,7 @@ def factor(lane, model, S):
                 store(S, B.matrix + 6 * i + j, zero)
                 store(S, B.matrix + 6 * j + i, zero)
             store(S, B.matrix + 7 * i, one)
-    _factor_six(lane, S, B.matrix)
+    _factor_six(lane, _part(lane, S, B.matrix, 36))
 
 
 @kernel
@@ -227,7 +250,7 @@ def _down(lane, model, S, k, x):
     for back_e in range(count):
         e = count - 1 - back_e
         o, i = factor_at(model, k, e), row + 1 + AXES * e
-        _solve_six(lane, S, o + F.RR, x, i, 1)
+        _solve_six(lane, _part(lane, S, o + F.RR, 36), _part(lane, x, i, 6))
         if e > 0:
             a, b = _times(lane, S, o + F.LR, vector(lane, x, i), vector(lane, x, i + 3))
             add_vector(lane, x, i - 6, times(a, -1.0))
@@ -283,6 +306,6 @@ def solve(lane, model, S, x):
     for i in range(6):
         if S[(B.pinned + i) * len(lane)] != 0.0:
             store(x, i, splat(lane, 0.0))
-    _solve_six(lane, S, B.matrix, x, 0, 1)
+    _solve_six(lane, _part(lane, S, B.matrix, 36), _part(lane, x, 0, 6))
     for k in range(model.links):
         _up(lane, model, S, k, x)

@@ -7,7 +7,7 @@ from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
 from ..model import PAYLOAD_MASS
 from ..protocol import State
-from .chain import Vertex, diagonal, energy_of, hinged, place_at, section_at, three_of
+from .chain import Vertex, energy_of, hinged, place_at, section_at, three_of, uneven_of
 from .element import Place, bow_of, middle, middle_of, rates, scale
 from .frame import frame_damping, frame_energy
 from .layout import AXES, E, J, L, P, count_of, joint_row
@@ -17,9 +17,7 @@ from .rotations import (
     composed,
     cross,
     dot,
-    halved,
     inverse,
-    inverse_tangent,
     matrix,
     minus,
     moved,
@@ -29,6 +27,7 @@ from .rotations import (
     rotation_vector,
     shorter,
     times,
+    turn_of,
     turned,
     vector,
 )
@@ -92,11 +91,12 @@ def difference(lane, model, start, q, d):
 
 
 @kernel
-def _middle_of(model, left, right):
+def _middle_of(lane, model, element, left, right):
     """Axes of an element's middle, and what its chord has beside e_x and Gamma."""
-    relative = shorter(composed(inverse(left.p), right.p))
-    bow = bow_of(rotation_vector(relative)) if model.frames is None else times(left.r, 0.0)
-    return matrix(composed(left.p, halved(relative))), bow
+    turn, bow = turn_of(shorter(composed(inverse(left.p), right.p))), times(left.r, 0.0)
+    if model.frames is None:
+        bow = bow_of(uneven_of(lane, model, element), turn.psi)
+    return matrix(composed(left.p, turn.half)), bow
 
 
 @kernel
@@ -111,8 +111,8 @@ def predict(lane, model, start, q):
         moved_left = hinged(lane, model, new, k, Vertex(moved_tip, moved_tip.v, moved_tip.spin)).root.place
         for _ in range(count_of(model, k)):
             right, after = place_at(lane, start, start, i), place_at(lane, q, q, i)
-            axes, bow = _middle_of(model, left, right)
-            moved_axes, moved_bow = _middle_of(model, moved_left, after)
+            axes, bow = _middle_of(lane, model, element, left, right)
+            moved_axes, moved_bow = _middle_of(lane, model, element, moved_left, after)
             shorter_by = times(minus(bow, moved_bow), splat(lane, model.sections[E.end * element + E.length]))
             inner = minus(back(axes, minus(right.r, left.r)), shorter_by)
             r = plus(moved_left.r, turned(moved_axes, inner))
@@ -130,16 +130,16 @@ def _element_energy(lane, model, par, left, right, element):
     gamma, bent = middle(section, left, right)[0]
     stretch = dot(gamma, scale(gamma, section.stretch)) * section.length
     strain = (stretch + dot(bent, scale(bent, section.bend)) / section.length) * 0.5
-    sixth, gravity = splat(lane, model.sections[E.end * element + E.mass]), splat(lane, 0.0)
+    masses, gravity = three_of(lane, model.sections, E.end * element + E.mass), splat(lane, 0.0)
     r, rate = middle_of(section.length, left, right)
-    kinetic = dot(rate, rate) * (2.0 * sixth)
+    kinetic = dot(rate, rate) * (0.5 * masses[1])
     if model.gravity is not None:
-        gravity = gravity - dot(three_of(lane, model.gravity, 0), r) * (4.0 * sixth)
-    I = diagonal(three_of(lane, model.sections, E.end * element + E.inertia))
-    for end in (left, right):
-        kinetic = kinetic + (dot(end.v, end.v) * sixth + dot(end.spin, turned(I, end.spin))) * 0.5
+        gravity = gravity - dot(three_of(lane, model.gravity, 0), r) * masses[1]
+    I = three_of(lane, model.sections, E.end * element + E.inertia)
+    for end, own in ((left, masses[0]), (right, masses[2])):
+        kinetic = kinetic + (dot(end.v, end.v) * own + dot(end.spin, scale(end.spin, I))) * 0.5
         if model.gravity is not None:
-            gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * sixth
+            gravity = gravity - dot(three_of(lane, model.gravity, 0), end.r) * own
     return kinetic, strain, gravity
 
 
@@ -272,9 +272,8 @@ def task_poses(lane, model, par, q, v, out):
         r, rate = plus(tip.r, turned(A, lever)), plus(tip.v, turned(A, cross(tip.spin, lever)))
         inner = back(frame, minus(r, root.r))
         slip = minus(back(frame, minus(rate, root.v)), cross(root.spin, inner))
-        relative = shorter(composed(inverse(root.p), tip.p))
-        psi = rotation_vector(relative)
-        T = inverse_tangent(psi, relative)
+        relative = turn_of(shorter(composed(inverse(root.p), tip.p)))
+        psi, T = relative.psi, relative.T
         turn = minus(turned(T, tip.spin), back(T, root.spin))
         for values, to in ((inner, SP.deflection), (slip, SP.deflection_rate)):
             store(out, o + to, values[1])

@@ -7,8 +7,14 @@ exp(psi^) exp(d^) (Bruels & Cardona 2010). p and -p are the same rotation.
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, select_lt, sincos, square_root, store
-from ..arithmetic import arctangent
+import math
+from typing import Any, NamedTuple
+
+from ...compiler import kernel, load, select_lt, square_root, store
+
+_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8, -1, -1))
+_COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(9, -1, -1))
+_ARCTANGENT = tuple((-1.0) ** k / (2 * k + 1) for k in range(11, -1, -1))
 
 
 @kernel
@@ -121,6 +127,36 @@ def skew(a):
 
 
 @kernel
+def skewed(a, A):
+    """a^ A."""
+    return (
+        minus(times(A[2], a[1]), times(A[1], a[2])),
+        minus(times(A[0], a[2]), times(A[2], a[0])),
+        minus(times(A[1], a[0]), times(A[0], a[1])),
+    )
+
+
+@kernel
+def outer(a, b):
+    """a b^T."""
+    return times(b, a[0]), times(b, a[1]), times(b, a[2])
+
+
+@kernel
+def plus_identity(A, x):
+    """A + x 1."""
+    return (A[0][0] + x, A[0][1], A[0][2]), (A[1][0], A[1][1] + x, A[1][2]), (A[2][0], A[2][1], A[2][2] + x)
+
+
+@kernel
+def symmetric(A, B):
+    """A^T B where that is symmetric."""
+    C, D = transposed(A), transposed(B)
+    xy, xz, yz = dot(C[0], D[1]), dot(C[0], D[2]), dot(C[1], D[2])
+    return (dot(C[0], D[0]), xy, xz), (xy, dot(C[1], D[1]), yz), (xz, yz, dot(C[2], D[2]))
+
+
+@kernel
 def about_identity(x, a, y, b):
     """x 1 + a^ + y b b^T: x, y numbers, a, b vectors."""
     c = times(b, y)
@@ -132,15 +168,21 @@ def about_identity(x, a, y, b):
 
 
 @kernel
+def _sum(series, z):
+    """A polynomial's value, its coefficients from the highest power on."""
+    total = z * 0.0
+    for x in series:
+        total = total * z + x
+    return total
+
+
+@kernel
 def quaternion(psi):
-    """That of exp(psi^)."""
-    square = dot(psi, psi)
-    near = select_lt(square, 1e-6, 1.0, square)
-    angle = square_root(near)
-    sine, cosine = sincos(angle * 0.5)
-    part = select_lt(square, 1e-6, 0.5 - square * (1.0 / 48.0 - square * (1.0 / 3840.0)), sine / angle)
-    w = select_lt(square, 1e-6, 1.0 - square * (1.0 / 8.0 - square * (1.0 / 384.0)), cosine)
-    return w, psi[0] * part, psi[1] * part, psi[2] * part
+    """That of exp(psi^), twice its half: to 1e-16 for |psi| <= pi, to 1e-12 up to 2 pi."""
+    z = dot(psi, psi) * 0.0625
+    sine, cosine = _sum(_SINE, z), _sum(_COSINE, z)  # of a quarter of the angle; the first over that
+    part = sine * cosine * 0.5
+    return 1.0 - z * (sine * sine) * 2.0, psi[0] * part, psi[1] * part, psi[2] * part
 
 
 @kernel
@@ -164,15 +206,46 @@ def shorter(p):
     return p[0] * sign, p[1] * sign, p[2] * sign, p[3] * sign
 
 
+class Turn(NamedTuple):
+    """A rotation of at most pi: its vector psi; half of it; tan(|psi|/4) psi/|psi|; T^-1, (exp(psi^))^T d exp(psi^) =
+    (T d psi)^, of any psi 1 + psi^/2 + c psi^ psi^ with c = (1 - |psi|/2 cot(|psi|/2)) / |psi|^2."""
+
+    psi: Any
+    half: Any
+    g: Any
+    T: Any
+
+
+@kernel
+def _unwound(square):
+    """Of g = tan(a/4), whose square this is, at most 1: a / g, and 1 / cos(a/4)."""
+    whole = square_root(square + 1.0)
+    near = 1.0 / (whole + 1.0)  # tan(a/8) = g near
+    z = square * near * near
+    far = 1.0 / (square_root(z + 1.0) + 1.0)  # tan(a/16) = g near far
+    return _sum(_ARCTANGENT, z * far * far) * (near * far * 16.0), whole
+
+
 @kernel
 def rotation_vector(p):
     """psi of at most pi with exp(psi^) that of p, which has w >= 0 (see `shorter`)."""
-    a = (p[1], p[2], p[3])
-    square = dot(a, a)
-    near = select_lt(square, 1e-6, 1.0, square)
-    sine = square_root(near)
-    series = square * (square * (3.0 / 20.0) + 1.0 / 3.0) + 2.0  # of 2 asin(s) / s
-    return times(a, select_lt(square, 1e-6, series, arctangent(sine, p[0]) * 2.0 / sine))
+    share = 1.0 / (p[0] + 1.0)
+    g = p[1] * share, p[2] * share, p[3] * share
+    return times(g, _unwound(dot(g, g))[0])
+
+
+@kernel
+def turn_of(p):
+    """The `Turn` of p, which has w >= 0."""
+    share = 1.0 / (p[0] + 1.0)
+    g = p[1] * share, p[2] * share, p[3] * share
+    wound, whole = _unwound(dot(g, g))
+    psi, cosine = times(g, wound), 1.0 / whole
+    square = dot(psi, psi)
+    closed = (1.0 - wound * share * p[0] * 0.5) / select_lt(square, 1e-3, 1.0, square)
+    c = select_lt(square, 1e-3, 1.0 / 12.0 + square * (1.0 / 720.0 + square * (1.0 / 30240.0)), closed)
+    T = about_identity(1.0 - c * square, times(psi, 0.5), c, psi)
+    return Turn(psi, (cosine, g[0] * cosine, g[1] * cosine, g[2] * cosine), g, T)
 
 
 @kernel
@@ -183,29 +256,6 @@ def matrix(p):
     xx, yy, zz = x * x2, y * y2, z * z2
     xy, xz, yz, wx, wy, wz = x * y2, x * z2, y * z2, w * x2, w * y2, w * z2
     return (1.0 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1.0 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1.0 - (xx + yy))
-
-
-@kernel
-def halved(p):
-    """Half the rotation of p, which has w > -1."""
-    whole = square_root((p[0] + 1.0) * 2.0)
-    share = 1.0 / whole
-    return whole * 0.5, p[1] * share, p[2] * share, p[3] * share
-
-
-@kernel
-def inverse_tangent(psi, p):
-    """T^-1 of psi = `rotation_vector`(p): (exp(psi^))^T d exp(psi^) = (T d psi)^.
-
-    T^-1 = 1 + psi^/2 + c psi^ psi^, c = (1 - a/2 cot(a/2)) / a^2.
-    """
-    square = dot(psi, psi)
-    v = p[1] * p[1] + p[2] * p[2] + p[3] * p[3]
-    near = select_lt(square, 1e-3, 1.0, v)
-    a = square_root(select_lt(square, 1e-3, 1.0, square))
-    closed = (1.0 - a * 0.5 * p[0] / square_root(near)) / (a * a)
-    c = select_lt(square, 1e-3, 1.0 / 12.0 + square * (1.0 / 720.0 + square * (1.0 / 30240.0)), closed)
-    return about_identity(1.0 - c * square, times(psi, 0.5), c, psi)
 
 
 @kernel
