@@ -1,4 +1,5 @@
-"""`make demo`: replay two scenes against their references, train a first policy, judge it beside classical control.
+"""`make demo`: replay two scenes against their references and one in space, train a first policy, judge it beside
+classical control.
 
     python -m agents.demo [--out runs/demo] [--steps 600000] [--seed 0] [--fresh]
 
@@ -27,6 +28,7 @@ FORMULATIONS: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("geometrically exact, 5 quadratic elements", "geometrically_exact", {"elements": 5, "dt": 0.005}),
     ("elastica, 8 nodes", "elastica", {"nodes": 8, "dt": 0.005}),
 )
+SPACE = "three_dof_slew"
 ENV = "FlexibleArm-v0"
 CONTROLLERS = ("pd", "zvd", "lqr", "time_optimal")
 
@@ -88,6 +90,28 @@ def replay(out: Path) -> list[str]:
     return lines
 
 
+def in_space(out: Path) -> list[str]:
+    """Run an arm that leaves the plane; draw, film and show it; lines of the report."""
+    from flexarm_env.envs.video import pictures, write_film
+    from flexarm_env.plotting import plot_trajectory
+    from flexarm_env.scenes import named
+    from flexarm_env.simulation import simulate
+
+    run = simulate(named(SPACE), sample=0.01)
+    plot_trajectory(run, out / f"{SPACE}.png")
+    write_film(out / f"{SPACE}.gif", pictures(run, 20.0, 1.0 / 3.0, (480, 480)), 20.0)
+    run.view().save(out / f"{SPACE}.html")
+    return [
+        "## An arm in space",
+        "",
+        f"{SPACE} ({run.status}), three times as slow, and [to be turned and followed]({SPACE}.html). Yaw under gravity",
+        f"bends its links by up to {np.abs(run.tip_deflection).max():.0%} of their lengths and twists them by up to",
+        f"{np.degrees(np.abs(run.twist).max()):.0f} degrees.",
+        "",
+        f"![film]({SPACE}.gif)\n\n![{SPACE}]({SPACE}.png)\n",
+    ]
+
+
 def train(arguments: Arguments) -> list[str]:
     """Lines of the report."""
     from flexarm_env.training import train as train_ppo
@@ -140,7 +164,7 @@ def demonstrate(arguments: Arguments) -> None:
     """Run the demonstration."""
     out, clock = own_folder(arguments.out, arguments.fresh), time.perf_counter()
     say("1/3 replaying scenes (the first call compiles; later ones do not)")
-    lines = replay(out)
+    lines = [*replay(out), *in_space(out)]
     say(f"2/3 training PPO on {ENV}, {arguments.steps} steps")
     lines += train(arguments)
     say("3/3 judging it beside classical controllers")

@@ -106,10 +106,12 @@ def test_the_page_holds_the_run_and_allows_nothing_else() -> None:
 def test_the_sites_players_are_of_this_form() -> None:
     """`python docs/players/make.py` makes them anew."""
     now = set(json.loads(run().view().data)["clips"][0])
+    space = simulate(named("three_dof_slew"), duration=0.01, elements=1, estimate_error=False)
+    forms = now, set(json.loads(space.view().data)["clips"][0])
     files = sorted((ROOT / "docs" / "players").glob("*.json"))
     pages = "".join(path.read_text("utf-8") for path in (ROOT / "docs").rglob("*.md"))
     assert files and not [f.stem for f in files if f"{{player}} {f.stem}\n" not in pages]
-    assert all(set(clip) == now for f in files for clip in json.loads(f.read_text("utf-8"))["clips"])
+    assert all(set(clip) in forms for f in files for clip in json.loads(f.read_text("utf-8"))["clips"])
 
 
 def test_a_name_cannot_break_out_of_the_page() -> None:

@@ -23,7 +23,7 @@ def plot_in_space(trajectory: Any, path: str | os.PathLike[str], shapes: int, ti
         for k, link in enumerate(trajectory.scene.arm.links):
             if link.rigid:
                 continue
-            color, name = COLORS[k % len(COLORS)], f"link {k}"
+            color, name = COLORS[k % len(COLORS)], f"link {k + 1}"
             deflection.plot(trajectory.t, trajectory.tip_deflection[:, k, 0], color=color, label=f"{name}, along y")
             deflection.plot(trajectory.t, trajectory.tip_deflection[:, k, 1], color=color, ls="--", label="along z")
             twist.plot(trajectory.t, np.degrees(trajectory.twist[:, k]), color=color, label=name)
