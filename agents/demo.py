@@ -104,7 +104,7 @@ def in_space(out: Path) -> list[str]:
     return [
         "## An arm in space",
         "",
-        f"{SPACE} ({run.status}), three times as slow, and [to be turned and followed]({SPACE}.html). Yaw under gravity",
+        f"{SPACE} ({run.status}), three times as slow, and [to be turned and followed]({SPACE}.html). A blow about yaw",
         f"bends its links by up to {np.abs(run.tip_deflection).max():.0%} of their lengths and twists them by up to",
         f"{np.degrees(np.abs(run.twist).max()):.0f} degrees.",
         "",

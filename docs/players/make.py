@@ -20,8 +20,8 @@ from flexarm_env import control, named, scenes, simulate, suite
 from flexarm_env.cli.play import NOT_PLAYED
 from flexarm_env.control import load_policy
 from flexarm_env.recording import EpisodeRecorder
-from flexarm_env.suite.policies import choose
 from flexarm_env.shapes import Cylinder, HalfSpace
+from flexarm_env.suite.policies import choose
 from flexarm_env.view import Clip, Player, SpaceClip
 
 HOME = Path(__file__).parent
