@@ -19,12 +19,13 @@ from flexarm_env.compiler import SINGLE, kernel, uncompiled
 from flexarm_env.linear import linearize, modes, static_equilibrium
 from flexarm_env.linear.space import stability_of
 from flexarm_env.physics import assembly, protocol
+from flexarm_env.physics.layout import STEPS
 from flexarm_env.physics.protocol import RESIDUAL_ALONE, State, Weights
 from flexarm_env.physics.space.reading import tips
 from flexarm_env.sections import torsion_constant
 from flexarm_env.simulation import Simulation
 from flexarm_env.spatial import SpatialTrajectory
-from flexarm_env.time_functions import constant, cycloid, pulse
+from flexarm_env.time_functions import constant, cycloid, pulse, sine
 
 Array = NDArray[np.float64]
 
@@ -491,12 +492,49 @@ def test_a_free_arm_keeps_its_momentum(how: str) -> None:
         start, energy, apart = momenta(arm, simulation), sum(simulation.observe()[1]), []
         for t in np.linspace(0.2, 2.0, 10):
             assert simulation.advance_to(float(t))
-            apart.append(np.abs(momenta(arm, simulation) - start).max() / np.abs(start).max())
+            off = np.abs(momenta(arm, simulation) - start)
+            assert off[:3].max() < 1e-11 * np.abs(start[:3]).max()
+            apart.append(off.max() / np.abs(start).max())
         assert abs(sum(simulation.observe()[1]) - energy) < 0.02 * energy
         ripple.append((max(apart[:5]), max(apart[5:])))
     assert max(ripple[0]) < 2e-3
     assert ripple[0][1] < 2.0 * ripple[0][0]  # no drift
     assert ripple[0][0] / ripple[1][0] > 3.5
+
+
+@pytest.mark.slow
+def test_a_free_arm_over_100_000_steps() -> None:
+    """rho_inf = 1, no damping, 200 s: linear momentum to round-off; angular momentum and energy without drift."""
+    arm = dataclasses.replace(arms.named("satellite_arm"), tau_d=0.0)
+    push = fx.PointLoad(1, "tip", **{n: pulse(4.0, 0.1) for n in ("force_y", "force_z")})
+    scene = fx.Scene("f", arm, duration=200.0, dt=2e-3, root="free", angles=(0.0, 0.5, -1.0), loads=(push,))
+    simulation = Simulation(scene, scene.settings(elements=2, rho_inf=1.0))
+    simulation.advance_to(0.102)
+    start, energy, off = momenta(arm, simulation), sum(simulation.observe()[1]), []
+    for t in np.linspace(10.0, 200.0, 20):
+        assert simulation.advance_to(float(t))
+        apart = np.abs(momenta(arm, simulation) - start)
+        sizes = np.abs(start[:3]).max(), np.abs(start[3:]).max()
+        off.append((apart[:3].max() / sizes[0], apart[3:].max() / sizes[1], sum(simulation.observe()[1]) / energy - 1))
+    linear, angular, energies = np.abs(np.array(off)).T
+    assert simulation.work.counts[STEPS] >= 1e5
+    assert linear.max() < 1e-11
+    assert angular.max() < 3e-5 and energies.max() < 3e-3
+    assert energies[10:].max() < 3.0 * energies[:10].max()
+
+
+def test_gravity_and_loads_are_all_that_changes_linear_momentum() -> None:
+    """M g t with a smooth load's impulse by the steps' own mean."""
+    arm, g = arms.named("satellite_arm"), (0.0, 0.3, -1.0)
+    load, h = fx.PointLoad(0, "tip", force_x=sine(3.0, 5.0)), 2e-3
+    scene = fx.Scene("f", arm, duration=0.5, dt=h, root="free", angles=(0.0, 0.5, -1.0), loads=(load,), gravity=g)
+    simulation = Simulation(scene, scene.settings(elements=3))
+    before = momenta(arm, simulation)[:3]
+    assert simulation.advance_to(0.4)
+    mass = sum(link.moment(0) for link in arm.links) + sum(elbow.mass for elbow in arm.elbows) + arm.payload.mass
+    impulse = np.array(g) * mass * 0.4
+    impulse[0] += np.trapezoid(3.0 * np.sin(5.0 * np.linspace(0.0, 0.4, 201)), dx=h)
+    assert momenta(arm, simulation)[:3] - before == pytest.approx(impulse, rel=1e-10, abs=1e-10)
 
 
 def test_books_balance_as_the_step_shrinks() -> None:

@@ -336,6 +336,12 @@ def light(model):
 
 
 @kernel
+def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
+    """See `protocol`."""
+    return protocol.conserve(lane, model.arm, par, before, h, q, v, u, zero, r, S)
+
+
+@kernel
 def out_of_range(lane, model, par, q):
     """The arm's own."""
     return protocol.out_of_range(lane, model.arm, par, q)
@@ -350,4 +356,5 @@ def shape(model, q, points):
 register(
     Jointed, assemble, pin, factor, solve, solve_transposed, predict, update, inertia, rotate, ports,
     friction, damping_work, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses, stand, light,
+    conserve,
 )  # fmt: skip

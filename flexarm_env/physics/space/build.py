@@ -19,7 +19,7 @@ from ..model import BEAM, Honours, System
 from . import segments
 from .chain import SpatialBeam
 from .element import BOW
-from .layout import AXES, BODY, ELEMENT, JOINT, LOAD, PLACE, B, F, H
+from .layout import AXES, BODY, ELEMENT, JOINT, LOAD, PLACE, POINTS, B, E, F, H, R, W
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,7 @@ def _joint(arm: Arm, k: int) -> Array:
     )  # fmt: skip
 
 
-POINTS = np.polynomial.legendre.leggauss(4)
+GAUSS = np.polynomial.legendre.leggauss(4)
 """Of an element, over which its stiffnesses are averaged."""
 
 
@@ -132,7 +132,7 @@ def _elements(link: Link, n: int, damping: float) -> list[Array]:
         return []
     ends = link.mesh(n, "elements")
     lengths, turns, chords = np.diff(ends), turns_of(link, ends), chords_of(link, ends)
-    x, share = POINTS[0], 0.5 * POINTS[1]
+    x, share = GAUSS[0], 0.5 * GAUSS[1]
     inner = ends[:-1, None] + 0.5 * lengths[:, None] * (1.0 + x)
     plane, across = link.along(inner), link.across(inner)
     every = {**{name: getattr(plane, name) for name in ("EI", "EA", "C")}, **across}
@@ -248,6 +248,14 @@ def _check_inertia(arm: Arm) -> None:
         raise check.InvalidValue(f"links[{k}].mass", 0.0, what)
 
 
+def _mass(arm: Arm, sections: list[Array], frames: list[Array]) -> float:
+    """kg, of all but the payload, as the elements have it."""
+    points = [R.points + W.end * p + W.mass for p in range(POINTS)]
+    beams = [row[points].sum() for row in frames] if frames else [row[E.mass : E.mass + 3].sum() for row in sections]
+    near = [near_body(arm, k).mass for k in range(1, arm.n_links)] + [_tip_end(arm.links[-1]).mass]
+    return float(sum(beams) + sum(near) + sum(far_body(arm, k).mass for k in range(arm.n_links)))
+
+
 def _loads(scene: Scene) -> list[Array]:
     found = []
     for load in scene.loads:
@@ -329,6 +337,7 @@ def build(scene: Scene, settings: Settings) -> System:
         loads=np.concatenate(loads) if loads else None,
         damped=(0,) if largest > 0.0 else None,
         rotors=np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
+        free=_mass(arm, sections, frames) if scene.root == "free" else None,
         uneven=None if floating or all(link.rigid or link.uniform is not None for link in arm.links) else (0,),
     )
     coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}

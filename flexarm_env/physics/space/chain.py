@@ -50,6 +50,7 @@ class SpatialBeam(NamedTuple):
     loads     float64: a `LOAD` each, whose inputs are a force and a moment along inertial axes; or None
     damped    (0,) with Kelvin-Voigt damping, otherwise None
     rotors    int64: of each joint 1 where it has a rotor, which `physics.joints` turns; None: no joint has
+    free      kg, of all but the payload, where nothing holds the arm, otherwise None
     uneven    (0,) where a section or a curvature varies along an element, otherwise None
     """
 
@@ -73,6 +74,7 @@ class SpatialBeam(NamedTuple):
     loads: np.ndarray | None
     damped: tuple[int, ...] | None
     rotors: np.ndarray | None
+    free: float | None
     uneven: tuple[int, ...] | None
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store
 from ..model import PAYLOAD_MASS
-from ..protocol import register
+from ..protocol import RESIDUAL_ALONE, State, register
 from .chain import (
     SpatialBeam,
     body,
@@ -23,7 +23,7 @@ from .chain import (
 )
 from .element import forces, inertia, middle, most_force, tangent
 from .frame import framed
-from .layout import AXES, B, E, F, H, J, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
+from .layout import AXES, B, E, F, H, J, L, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .matrix import factor, gyrate, lean, matrix_in, pin, put_matrix, solve, stiffen, sway
 from .output import (
     damping_work,
@@ -39,7 +39,7 @@ from .output import (
     task_poses,
     update,
 )
-from .rotations import add_vector, back, cross, dot, matrix, plus, put_vector, times, turned, vector
+from .rotations import add_vector, back, cross, dot, matrix, minus, plus, put_vector, times, turned, vector
 
 
 @kernel
@@ -134,6 +134,37 @@ def _exact(lane, model, section, left, right, element, weights, S, f):
 
 
 @kernel
+def conserve(lane, model, par, before, h, q, v, u, zero, r, S):
+    """See `protocol`: sections turn, and places of centres and middles are no linear function of what the integrator
+    moves. Inertial forces of the accelerations v are M v, whose sum is the momentum; no other equation sees a rigid
+    translation."""
+    if model.free is None:
+        return None
+    clear(lane, zero, 0, model.n)
+    assemble(lane, model, par, State(q, zero, v), u, RESIDUAL_ALONE, r, S)
+    mass, nothing = load(lane, par, PAYLOAD_MASS) + model.free, splat(lane, 0.0)
+    momentum, push = vector(lane, r, 0), (nothing, nothing, nothing)
+    for k in range(model.links):
+        for e in range(count_of(model, k)):
+            momentum = plus(momentum, vector(lane, r, joint_row(model, k) + 1 + AXES * e))
+    if model.gravity is not None:
+        push = times(three_of(lane, model.gravity, 0), mass)
+    if model.loads is not None:
+        for f in range(model.loads.shape[0] // L.end):
+            push = plus(push, vector(lane, u, model.links + AXES * f))
+    momentum = plus(momentum, push)
+    if before is None:
+        return momentum, push
+    wanted = plus(before[0], times(plus(before[1], push), 0.5 * h))
+    shift = times(minus(wanted, momentum), 1.0 / mass)
+    add_vector(lane, v, 0, shift)
+    for k in range(model.links):
+        for e in range(max(count_of(model, k), 1)):
+            add_vector(lane, v, joint_row(model, k) + 1 + AXES * e, shift)
+    return wanted, push
+
+
+@kernel
 def _note(lane, model, S, h, hinge, tip, on_root):
     """What `_hand_on` needs of a joint."""
     put_matrix(S, h + H.now_turn, hinge.turn)
@@ -177,5 +208,5 @@ register(
     SpatialBeam, assemble=assemble, pin=pin, stiffen=stiffen, factor=factor, solve=solve, update=update,
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
     link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
-    light=light, gyrate=gyrate, lean=lean, sway=sway,
+    light=light, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway,
 )  # fmt: skip
