@@ -143,8 +143,9 @@ def test_unit(form: str, tmp_path: Path) -> None:
     assert unit.set(torque__0=np.nan) == 3 and "not finite" in unit.said[-1]
     assert unit.set(EI_factor=0.0) == 3 and "not allowed" in unit.said[-1]
     assert unit.set(start_angle__0=1.0) == 3 and "before it starts" in unit.said[-1]
-    assert unit.set(payload_mass=0.3) == 0 and unit.get("payload_mass")[0] == 0.3
-    assert unit.step(at, 0.02) == 0
+    assert unit.set(payload_mass=0.3, torque_factor=0.5) == 0 and unit.get("payload_mass")[0] == 0.3
+    assert unit.set(torque__0=0.3) == 0 and unit.step(at, 0.02) == 0
+    assert unit.get("applied_torque[0]")[0] == 0.15
     assert unit("Reset") == 0 and unit.set(EI_factor=0.8) == 0 and unit.start(7.0) == 0
     assert unit.get("time")[0] == 7.0 and unit.step(7.0, 0.02) == 0 and unit.get("EI_factor")[0] == 0.8
     getattr(unit.code, f"fmi{unit.form}FreeInstance")(unit.at)

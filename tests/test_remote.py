@@ -541,10 +541,25 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         (["serve", "FlexibleArm-v0", "--host", "0.0.0.0", "--port", "0"], "must be this machine, or be given a key"),
         (["serve", "FlexibleArm-v0", "--key", str(log.with_suffix(".none"))], "run.none"),
         (["run", "pd", "--to", "nowhere"], "must be HOST:PORT"),
+        (["run", "no_such:thing", "--to", "127.0.0.1:9"], "POLICY no_such:thing: cannot be imported"),
         (["run", "pd", "--to", "127.0.0.1:9"], "with --env for its model"),
         (["run", "pd", "--env", "FlexibleArm-v0", "--to", "127.0.0.1:9"], "no answer within"),
     ):
         assert sentence in refused(capsys, *words)
+
+
+def test_a_function_in_python_drives(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`flexarm run module:name`, of a module in the current folder."""
+    (tmp_path / "driving.py").write_text("def act(observation):\n    return 0.25 * observation[:1]\n")
+    key = tmp_path / "key"
+    key.write_bytes(KEY)
+    key.chmod(0o600)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    host, port = server.address
+    to = ["--to", f"{host}:{port}", "--seconds", "0.2", "--key", str(key)]
+    assert main(["run", "driving:act", *to]) == 0
+    assert server.session.counts["accepted"] > 10 and abs(server.session.readings()[1]) > 0.01  # it turns
 
 
 def test_a_served_arm_that_is_terminated_leaves_its_log_whole(tmp_path: Path) -> None:

@@ -198,7 +198,7 @@ for, or hold the arm. This machine alone is listened to unless --host names anot
 RUN = """\
 Drive an arm that answers packets, a served one or a real one, by a trained policy or a controller. What it reads must
 be what the policy's environment observes. A file of torques, FILE.csv with t, torque0, ... (flexarm excite), is played
-as it is, a row a period.
+as it is, a row a period. MODULE:NAME is a Python function of observations, or a class with reset and act.
 
   flexarm run pd --env FlexibleArm-v0 --to 127.0.0.1:7070 --seconds 5
   flexarm run runs/ppo-FlexibleArm-v0-0 --to 192.168.0.7:7070 --key FILE

@@ -24,6 +24,7 @@ from flexarm_env.cli.progress import show
 from flexarm_env.control import Setup
 from flexarm_env.remote import Limits, Played, RemoteArmEnv, Server, Session, run_policy
 from flexarm_env.remote.packet import SHORTEST
+from flexarm_env.suite.policies import function_named
 
 LONGEST = 4096
 """Bytes of a key."""
@@ -108,11 +109,13 @@ def _drive(args: argparse.Namespace) -> int:
         for word, value, unit in (("angle", args.most_angle, "rad"), ("rate", args.most_rate, "rad/s"))
     ]
     seconds = None if args.seconds is None else check.number("--seconds", args.seconds, "s", above=0.0)
-    if Path(args.policy).suffix.lower() == ".csv":
+    listed, named = Path(args.policy).suffix.lower() == ".csv", ":" in args.policy and not Path(args.policy).exists()
+    if listed or named:
+        own = function_named(args.policy, "POLICY") if named else None
         env = RemoteArmEnv(host, int(port), key_of(args.key))
         try:
-            played = Played(args.policy, env.wire.period, env.wire.limits)
-            values = run_policy(played, env, seconds or played.seconds, *most)
+            played = own or Played(args.policy, env.wire.period, env.wire.limits)
+            values = run_policy(played, env, seconds or getattr(played, "seconds", 10.0), *most)
         finally:
             env.close()
         show({"to": args.to, "policy": args.policy} | values, args.json)

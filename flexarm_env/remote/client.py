@@ -245,7 +245,8 @@ class Played:
 def run_policy(
     policy: Any, env: RemoteArmEnv, seconds: float, most_angle: float = math.inf, most_rate: float = math.inf
 ) -> dict[str, Any]:
-    """Drive an arm by a policy (`reset(observation)`, `act(observation)`) for so long; what came of it.
+    """Drive an arm by a policy (`reset(observation)`, `act(observation)`, or a function of observations) for so long;
+    what came of it.
 
     A policy that thinks for longer than the watchdog bears before its first action finds the arm held, and arms it.
 
@@ -254,12 +255,13 @@ def run_policy(
     """
     observation, info = env.reset()
     began = time.monotonic()
-    policy.reset(observation)
+    act = getattr(policy, "act", policy)
+    getattr(policy, "reset", lambda seen: None)(observation)
     if time.monotonic() - began > env.wire.watchdog * env.wire.period:
         observation, info = env.arm()
     start, steps, reason = info["time"], 0, ""
     while info["time"] - start < seconds and not reason:
-        observation, _, _, _, info = env.step(policy.act(observation))
+        observation, _, _, _, info = env.step(act(observation))
         steps, reason = steps + 1, info["reason"]
         if np.abs(info["angles"]).max() > most_angle:
             reason = reason or "angle"

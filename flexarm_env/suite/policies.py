@@ -69,7 +69,7 @@ def choose(word: str, task: Task) -> Chosen:
         content = path.read_bytes() + (beside.read_bytes() if beside.is_file() else b"")
         return Chosen("onnx", source, _hash(content), lambda env: OnnxPolicy(path, env))
     if ":" in source and not path.exists():
-        function = _function(source)
+        function = function_named(source)
         return Chosen("function", source, _hash(_text_of(function)), lambda env: FunctionPolicy(source, function, env))
     if not path.exists() and source not in control.policy_names():
         known = ", ".join((*control.NAMES, *control.policy_names()))
@@ -235,8 +235,11 @@ def _is_policy(found: Any) -> bool:
     return all(callable(getattr(found, name, None)) for name in ("reset", "act"))
 
 
-def _function(word: str) -> Any:
-    """module:name, looked for in the current folder too: a function, a policy, or a class of one or the other, made."""
+def function_named(word: str, path: str = "--policy") -> Any:
+    """module:name, looked for in the current folder too: a function, a policy, or a class of one or the other, made.
+
+    path: what a ValueError of one that is none begins with.
+    """
     module, _, name = word.partition(":")
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
@@ -245,14 +248,14 @@ def _function(word: str) -> Any:
         for part in name.split("."):
             found = getattr(found, part)
     except (Exception, SystemExit) as error:
-        raise ValueError(f"--policy {word}: cannot be imported ({_words(error)})") from None
+        raise ValueError(f"{path} {word}: cannot be imported ({_words(error)})") from None
     if inspect.isclass(found):
         try:
             found = found()
         except (Exception, SystemExit) as error:
-            raise ValueError(f"--policy {word}: cannot be made without arguments ({_words(error)})") from None
+            raise ValueError(f"{path} {word}: cannot be made without arguments ({_words(error)})") from None
     if not callable(found) and not _is_policy(found):
-        raise check.InvalidValue("--policy", word, "must name a function of observations, or a policy: reset and act")
+        raise check.InvalidValue(path, word, "must name a function of observations, or a policy: reset and act")
     return found
 
 
