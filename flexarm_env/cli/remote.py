@@ -115,7 +115,7 @@ def _drive(args: argparse.Namespace) -> int:
         env = RemoteArmEnv(host, int(port), key_of(args.key))
         try:
             played = own or Played(args.policy, env.wire.period, env.wire.limits)
-            values = run_policy(played, env, seconds or getattr(played, "seconds", 10.0), *most)
+            values = run_policy(played, env, seconds or float(getattr(played, "seconds", 10.0)), *most)
         finally:
             env.close()
         show({"to": args.to, "policy": args.policy} | values, args.json)
