@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .parameters import Arm, Elbow, Joint, Link, Motor, Payload, RigidLink, Section, Taper
     from .scene import JointTorque, Motion, PointLoad, Scene
     from .scenes import named
-    from .sensors import Accelerometer, Camera, Encoder, LowPass, Sensors, StrainGauge
+    from .sensors import Accelerometer, Camera, Encoder, Gyroscope, LowPass, Sensors, StrainGauge
     from .settings import Settings
     from .simulation import Simulation, simulate
     from .time_functions import TimeFunction
@@ -33,7 +33,9 @@ _HOME = {
     ),
     **dict.fromkeys(("JointTorque", "Motion", "PointLoad", "Scene"), "scene"),
     "named": "scenes",
-    **dict.fromkeys(("Accelerometer", "Camera", "Encoder", "LowPass", "Sensors", "StrainGauge"), "sensors"),
+    **dict.fromkeys(
+        ("Accelerometer", "Camera", "Encoder", "Gyroscope", "LowPass", "Sensors", "StrainGauge"), "sensors"
+    ),
     "identify": "identification",
     "Settings": "settings",
     **dict.fromkeys(("Simulation", "simulate"), "simulation"),
@@ -43,9 +45,9 @@ _HOME = {
 """Where each public name is defined."""
 
 __all__ = [
-    "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "Joint", "JointTorque", "Link", "LowPass", "Motion", "Motor",
-    "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings", "Simulation", "StrainGauge",
-    "Taper", "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
+    "Accelerometer", "Arm", "Camera", "Elbow", "Encoder", "Gyroscope", "Joint", "JointTorque", "Link", "LowPass",
+    "Motion", "Motor", "Payload", "PointLoad", "RigidLink", "Scene", "Section", "Sensors", "Settings", "Simulation",
+    "StrainGauge", "Taper", "TimeFunction", "Trajectory", "__version__", "identify", "named", "simulate",
 ]  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from . import physics  # noqa: F401  (registers the formulations)
 from .compiler import SINGLE, WIDEST, Crew, OneAtATime, Placed, entry, holders, native, one_at_a_time, uncompiled
 from .parameters import Arm
 from .physics import assembly, precision
-from .physics.gauges import curvature_rows
+from .physics.gauges import Spot, curvature_rows
 from .physics.integrator.work import unpack, work_size
 from .physics.joints.build import with_own_laws
 from .physics.layout import COUNTS, POSE, SPACE_POSE
@@ -124,9 +124,9 @@ class View:
 
 
 def gauge_table(
-    arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[tuple[int, float]]
+    arm: Arm, settings: Settings, gravity: tuple[float, ...] | None, places: Sequence[Spot]
 ) -> Array:
-    """(G, n): curvature (1/m) of a link at a place (0 root, 1 tip) from the state, for the arm of a batch."""
+    """(G, n): `curvature_rows` of a link at a place (0 root, 1 tip), for the arm of a batch."""
     assert settings.dt is not None
     scene = standing_scene(arm, settings.dt, gravity)
     return curvature_rows(scene, settings, assembly.assemble(scene, settings), places)

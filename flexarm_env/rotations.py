@@ -50,7 +50,11 @@ def quaternions(A: Any) -> Array:
 
 def vectors(A: Any) -> Array:
     """Rotation vectors of at most pi, (..., 3) rad, of matrices (..., 3, 3)."""
-    p = quaternions(A)
+    return of_quaternions(quaternions(A))
+
+
+def of_quaternions(p: Array) -> Array:
+    """The same of quaternions (..., 4), w >= 0 first."""
     sine = np.sqrt((p[..., 1:] ** 2).sum(axis=-1))
     angle = 2.0 * np.arctan2(sine, p[..., 0])
     share = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0)

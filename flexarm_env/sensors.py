@@ -23,6 +23,7 @@ from flexarm_env import validation as check
 
 Range = tuple[float, float]
 UNITS = ("curvature", "strain")
+MEASURES = ("xy", "xz", "torsion")
 SIDES = ("link", "motor")
 RATE_FREQUENCY = 20.0
 """Hz, of the first-order low-pass on an encoder's differences, where nothing is said."""
@@ -148,19 +149,22 @@ class Encoder(Law):
 
 @dataclass(frozen=True, kw_only=True)
 class StrainGauge(Law):
-    """Bending of a link at a place.
+    """Bending of a link at a place; in space also that out of the x-y plane, and torsion.
 
     Args:
         link: 0 is the first. place: along it, from 0 (root) to 1 (tip).
         unit: "curvature", 1/m, or "strain": curvature times the distance.
         distance: m, of the gauge from the neutral axis. None: half the thickness of the rectangle that has the
-            section's m and J, sqrt(3 J / m).
+            section's m and J, sqrt(3 J / m), or J_y for bending in x-z; of torsion it must be given for a strain.
+        measures: "xy": curvature in the x-y plane, positive where the link bends towards y; "xz": in the x-z plane,
+            towards z; "torsion": twist over length, positive about x. In the plane there is "xy" alone.
     """
 
     link: int = 0
     place: float = 0.0
     unit: str = "curvature"
     distance: float | None = None
+    measures: str = "xy"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -170,14 +174,28 @@ class StrainGauge(Law):
             place=check.number("place", self.place, minimum=0.0, maximum=1.0),
         )
         check.choice("unit", self.unit, UNITS)
+        check.choice("measures", self.measures, MEASURES)
         if self.distance is not None:
             check.store(self, distance=check.number("distance", self.distance, "m", above=0.0))
+        elif self.unit == "strain" and self.measures == "torsion":
+            raise check.InvalidValue("distance", None, "must be given (m) for the shear strain that torsion makes")
+
+    @property
+    def spot(self) -> tuple[int, float, str]:
+        """Where it is and what it measures."""
+        return self.link, self.place, self.measures
 
     def per_curvature(self, m: float, J: float) -> float:
         """The quantity over the curvature, for a link of mass m (kg/m) and rotary inertia J (kg m) per length there."""
         if self.unit == "curvature":
             return 1.0
         return surface(m, J) if self.distance is None else self.distance
+
+    def per_curvature_of(self, link: Any) -> float:
+        """The same for a `Link`."""
+        s = self.place * link.length
+        there, across = link.along(s), self.measures == "xz"
+        return self.per_curvature(float(there.m), float(link.across(np.array(s))["J_y"] if across else there.J))
 
 
 def surface(m: float, J: float) -> float:
@@ -189,7 +207,8 @@ def surface(m: float, J: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer(Law):
-    """Specific force of the arm's tip, m/s^2: its acceleration less gravity along its tangent (x) and across it (y).
+    """Specific force of the arm's tip, m/s^2: its acceleration less gravity along its tangent (x) and across it (y); in
+    space along the three axes of the tip.
 
     u is the mean over the time since the last instant of what it is in the tip's own axes at each of these times. In a
     steady spin it is -w^2 r along the tangent and 0 across, in free fall 0, however long that time. The first has no
@@ -198,8 +217,14 @@ class Accelerometer(Law):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Gyroscope(Law):
+    """Angular velocity of the arm's tip about its own axes x, y, z, rad/s; of arms in space."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Camera(Law):
-    """Position of the tip, m, along fixed axes.
+    """Position of the tip, m, along fixed axes; in space also two angles of the tip's x axis, rad: by which it rises
+    out of the x-z plane, towards y, and out of the x-y plane, towards z, -pi/2 to pi/2 each.
 
     Args:
         period: s from one picture to the next, a whole number of control periods (or samples); None: at each. The
@@ -219,6 +244,23 @@ class Camera(Law):
         return self.period or 0.0
 
 
+SINGLES: dict[str, type[Law]] = {"accelerometer": Accelerometer, "camera": Camera, "gyroscope": Gyroscope}
+"""Those that an arm has one of, by their keys."""
+
+OF_THE_TIP: dict[bool, dict[str, tuple[str, ...]]] = {
+    False: {
+        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y"),
+        "camera": ("camera_x", "camera_y"),
+    },
+    True: {
+        "accelerometer": ("tip_acceleration_x", "tip_acceleration_y", "tip_acceleration_z"),
+        "gyroscope": ("gyroscope_x", "gyroscope_y", "gyroscope_z"),
+        "camera": ("camera_x", "camera_y", "camera_z", "camera_rise_y", "camera_rise_z"),
+    },
+}
+"""What they read, in the plane and in space, in the order in which it stands."""
+
+
 @dataclass(frozen=True)
 class Sensors:
     """The sensors of an arm.
@@ -226,13 +268,14 @@ class Sensors:
     Args:
         encoders: one for each joint; one: for all alike; (): none.
         strain_gauges: named strain_gauge_1, strain_gauge_2, ... in this order.
-        accelerometer, camera: or None.
+        accelerometer, camera, gyroscope: or None.
     """
 
     encoders: tuple[Encoder, ...] = ()
     strain_gauges: tuple[StrainGauge, ...] = ()
     accelerometer: Accelerometer | None = None
     camera: Camera | None = None
+    gyroscope: Gyroscope | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("encoders", Encoder), ("strain_gauges", StrainGauge)):
@@ -240,7 +283,7 @@ class Sensors:
             for i, part in enumerate(parts):
                 check.instance(f"{name}[{i}]", part, kind)
             check.store(self, **{name: parts})
-        for name, single in (("accelerometer", Accelerometer), ("camera", Camera)):
+        for name, single in SINGLES.items():
             if getattr(self, name) is not None:
                 check.instance(name, getattr(self, name), single)
 
@@ -248,27 +291,30 @@ class Sensors:
         """The encoder of a joint."""
         return self.encoders[joint if len(self.encoders) > 1 else 0]
 
-    def readings(self, arm: Any) -> dict[str, tuple[str, Law]]:
+    def readings(self, arm: Any, space: bool = False) -> dict[str, tuple[str, Law]]:
         """What they read on an arm, in order, as `Trajectory.measured` names it: of each reading the key path of its
-        sensor below "sensors", and the sensor, an encoder as it reads behind the joint's gear."""
+        sensor below "sensors", and the sensor, an encoder as it reads behind the joint's gear. space: in space."""
         found: dict[str, tuple[str, Law]] = {}
         for k, joint in enumerate(arm.joint_names if self.encoders else ()):
             own = self.encoder(k).behind(arm.joint(k).gear_ratio)
             found |= {f"{joint}_{of}": (f"encoders[{k}]", own) for of in ("angle", "rate")}
-        for name, place, law in (
-            ("tip_acceleration", "accelerometer", self.accelerometer), ("camera", "camera", self.camera),
-        ):  # fmt: skip
-            if law is not None:
-                found |= {f"{name}_{axis}": (place, law) for axis in "xy"}
+        for place, names in OF_THE_TIP[space].items():
+            if (law := getattr(self, place)) is not None:
+                found |= dict.fromkeys(names, (place, law))
         gauges = enumerate(self.strain_gauges)
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
-    def check_for(self, n_links: int) -> None:
-        """ValueError unless an arm of so many links can carry them."""
+    def check_for(self, n_links: int, space: bool = True) -> None:
+        """ValueError unless an arm of so many links can carry them; space: whether it is one in space."""
+        if not space and self.gyroscope is not None:
+            what = "must be left out: there are gyroscopes in space alone"
+            raise check.InvalidValue("gyroscope", self.gyroscope, what)
         if len(self.encoders) not in (0, 1, n_links):
             raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {n_links}")
         for i, gauge in enumerate(self.strain_gauges):
             check.integer(f"strain_gauges[{i}].link", gauge.link, minimum=0, maximum=n_links - 1)
+            if not space and gauge.measures != "xy":
+                raise check.InvalidValue(f"strain_gauges[{i}].measures", gauge.measures, 'must be "xy" in the plane')
 
     @classmethod
     def ideal(cls, n_links: int) -> Sensors:
@@ -280,7 +326,8 @@ def from_table(table: Mapping[str, Any], path: str = "sensors") -> Sensors:
     """Sensors from a table: a TOML file's, or what an environment is given. ValueError names the key path.
 
     encoders: a table for all joints, or a list of one each; {} are ideal ones. strain_gauges: a list of places (of link
-    0), of pairs link and place, and of tables. accelerometer, camera: a table each. Keys are the classes' arguments.
+    0), of pairs link and place, and of tables. accelerometer, camera, gyroscope: a table each. Keys are the classes'
+    arguments.
     """
     check.known_keys(path, table, KEYS)
     values: dict[str, Any] = {}
@@ -292,7 +339,7 @@ def from_table(table: Mapping[str, Any], path: str = "sensors") -> Sensors:
         values["encoders"] = (_read(f"{path}.encoders", Encoder, encoders),)
     places = check.sequence(f"{path}.strain_gauges", table.get("strain_gauges", ()), "places")
     values["strain_gauges"] = tuple(_gauge(f"{path}.strain_gauges[{i}]", entry) for i, entry in enumerate(places))
-    for name, kind in (("accelerometer", Accelerometer), ("camera", Camera)):
+    for name, kind in SINGLES.items():
         if table.get(name) is not None:
             values[name] = _read(f"{path}.{name}", kind, table[name])
     with check.under(path):

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import rotations
 from . import validation as check
+from .sensors import Sensors
 from .trajectory import ARRAYS, Trajectory
 
 Array = NDArray[np.float64]
@@ -53,13 +55,14 @@ class SpatialTrajectory(Trajectory):
     def _in_the_plane(self, what: str) -> Any:
         raise check.InvalidValue("scene", self.scene.name, f"must be in the plane for {what}; it is in space")
 
-    def strain(self, link: int, place: float, distance: float | None = None) -> Array:
-        """Not in space yet: `ValueError`."""
-        return np.asarray(self._in_the_plane("strains at a place"))
-
-    def measured(self, sensors: Any = None, seed: int = 0) -> dict[str, Array]:
-        """Not in space yet: `ValueError`."""
-        return dict(self._in_the_plane("what sensors read"))
+    def _tip_inputs(self, own: Sensors) -> list[Array]:
+        turn = rotations.of_quaternions(self.tip_rotation)
+        A = rotations.matrices(turn)
+        spin, inputs = rotations.back(A, self.tip_velocity[:, 3:]), []
+        if own.accelerometer is not None:
+            inputs += [self.tip, turn, self.tip_velocity[:, :3], spin]
+        inputs += [spin] if own.gyroscope is not None else []
+        return inputs + ([self.tip, np.arcsin(np.clip(A[:, 1:, 0], -1.0, 1.0))] if own.camera is not None else [])
 
 
 SpatialTrajectory.arrays = {

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from . import validation as check
 from .files import from_json, read_npz, write_npz, write_whole
 from .physics.assembly import assemble
-from .physics.gauges import curvatures
+from .physics.gauges import Spot, curvatures
 from .physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
 from .physics.model import STATUS
 from .physics.space.reading import read as read_in_space
@@ -183,12 +183,10 @@ class Trajectory:
 
     def _bending(self, gauges: Sequence[StrainGauge]) -> Array:
         """What ideal gauges read, (n, gauges)."""
-        links = self.scene.arm.links
-        there = [links[gauge.link].along(gauge.place * links[gauge.link].length) for gauge in gauges]
-        units = [gauge.per_curvature(float(s.m), float(s.J)) for gauge, s in zip(gauges, there, strict=True)]
-        return np.asarray(self._curvature([(gauge.link, gauge.place) for gauge in gauges]) * np.array(units))
+        units = [gauge.per_curvature_of(self.scene.arm.links[gauge.link]) for gauge in gauges]
+        return np.asarray(self._curvature([gauge.spot for gauge in gauges]) * np.array(units))
 
-    def _curvature(self, places: Sequence[tuple[int, float]]) -> Array:
+    def _curvature(self, places: Sequence[Spot]) -> Array:
         """(n, places), 1/m."""
         return curvatures(self.scene, self.settings, self.names, places, self.q)
 
@@ -236,7 +234,7 @@ class Trajectory:
         own = Sensors.ideal(arm.n_links) if own is None else own
         own = own if isinstance(own, Sensors) else from_table(check.table_of("sensors", own))
         with check.under("sensors"):
-            own.check_for(arm.n_links)
+            own.check_for(arm.n_links, self.scene.spatial)
         steps = np.diff(self.t)
         if not len(steps) or np.ptp(steps) > 1e-6 * steps[0]:
             what = (
@@ -246,27 +244,34 @@ class Trajectory:
         return self._read(own, float(self.t[-1] - self.t[0]) / len(steps), seed)
 
     def _read(self, own: Sensors, period: float, seed: int) -> dict[str, Array]:
-        from .runtime.laws import law_of, memory_of, read_rows, room_of
+        from .runtime.laws import law_of, memory_of, room_of
+        from .runtime.readings import read_rows
 
-        arm, readings = self.scene.arm, own.readings(self.scene.arm)
+        arm, space = self.scene.arm, self.scene.spatial
+        readings = own.readings(arm, space)
         if not readings:
             return {}
         joints = range(arm.n_links if own.encoders else 0)
         at_motor = [own.encoder(k).side == "motor" for k in joints]
         inputs = [np.where(at_motor, self.motor_angles, self.joint_angles)] if joints else []
-        inputs += [self.tip, self.tip_velocity] if own.accelerometer is not None else []
-        inputs += [self.tip[:, :2]] if own.camera is not None else []
+        inputs += self._tip_inputs(own)
         inputs += [self._bending(own.strain_gauges)] if own.strain_gauges else []
         channels = [place for name, place in readings.items() if not name.endswith("_rate")]  # made of the angle
         laws = np.array([law_of(law, 1.0, period, f"sensors.{place}") for place, law in channels])
         room, out = room_of(laws), np.empty((len(self.t), len(readings)))
-        gravity = self.scene.gravity or (0.0, 0.0)
+        gravity = np.array((*(self.scene.gravity or ()), 0.0, 0.0, 0.0)[:3])
+        shaken = None if own.accelerometer is None else (0,) * (2 + space)
         stream = np.array(np.random.SeedSequence(seed).generate_state(1, np.uint64))
         read_rows(
-            laws.ravel(), room, memory_of(len(laws), room), stream, period, float(gravity[0]), float(gravity[1]),
-            len(joints), int(own.accelerometer is not None), np.ascontiguousarray(np.hstack(inputs)), out,
+            laws.ravel(), room, memory_of(len(laws), room), stream, period, gravity, len(joints), shaken,
+            np.ascontiguousarray(np.hstack(inputs)), out,
         )  # fmt: skip
         return dict(zip(readings, out.T.copy(), strict=True))
+
+    def _tip_inputs(self, own: Sensors) -> list[Array]:
+        """What sensors on the tip read, in the order of `sensors.OF_THE_TIP`."""
+        inputs = [self.tip, self.tip_velocity] if own.accelerometer is not None else []
+        return inputs + ([self.tip[:, :2]] if own.camera is not None else [])
 
     def columns(self) -> dict[str, Array]:
         """The table that `to_csv` writes."""

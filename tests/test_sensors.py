@@ -14,7 +14,8 @@ import pytest
 from flexarm_env import Arm, Joint, JointTorque, Link, Motion, PointLoad, Scene, Section, arms, sensors, simulate
 from flexarm_env.envs.options import plan
 from flexarm_env.envs.task import SLEW
-from flexarm_env.runtime.laws import law_of, memory_of, read_rows, room_of
+from flexarm_env.runtime.laws import law_of, memory_of, room_of
+from flexarm_env.runtime.readings import read_rows
 from flexarm_env.sensors import Accelerometer, Camera, Encoder, Law, LowPass, Sensors, StrainGauge
 from flexarm_env.time_functions import constant, cycloid, ramp, sine
 from tests.env_tools import assert_pair_same, assert_same, episode, pair
@@ -29,7 +30,10 @@ def read(law: Law, u: np.ndarray, seed: int = 0, period: float = T) -> np.ndarra
     laws, encoder = law_of(law, 1.0, period)[None], isinstance(law, Encoder)
     out, stream = np.empty((len(u), 2 if encoder else 1)), np.array([seed * 7919 + 1], np.uint64)
     room = room_of(laws)
-    read_rows(laws.ravel(), room, memory_of(1, room), stream, period, 0.0, 0.0, int(encoder), 0, u[:, None].copy(), out)
+    none = np.zeros(3)
+    read_rows(
+        laws.ravel(), room, memory_of(1, room), stream, period, none, int(encoder), None, u[:, None].copy(), out
+    )
     return out if encoder else out[:, 0]
 
 
@@ -207,7 +211,8 @@ def specific_force(t: np.ndarray, r: Any, v: Any, psi: Any, w: Any, gravity: com
     period, laws = t[1] - t[0], np.array([law_of(Accelerometer(), 1.0, t[1] - t[0])] * 2)
     out, inputs = np.empty((t.size, 2)), np.column_stack([r.real, r.imag, psi, v.real, v.imag, w])
     stream = np.zeros(1, np.uint64)
-    read_rows(laws.ravel(), 0, memory_of(2, 0), stream, period, gravity.real, gravity.imag, 0, 1, inputs, out)
+    along = np.array([gravity.real, gravity.imag, 0.0])
+    read_rows(laws.ravel(), 0, memory_of(2, 0), stream, period, along, 0, (0,) * 2, inputs, out)
     return out[:, 0] + 1j * out[:, 1]
 
 

@@ -76,7 +76,7 @@ def test_poses_are_those_of_recorded_coordinates() -> None:
             assert pose[4:6] == pytest.approx(slip[1:], abs=1e-10)
             assert pose[8:11] == pytest.approx(tip.r[0], abs=1e-12)
             assert pose[11:14] == pytest.approx(tip.v[0], abs=1e-10)
-            assert pose[14:].reshape(3, 3) == pytest.approx(root.A[0], abs=1e-12)
+            assert pose[14:23].reshape(3, 3) == pytest.approx(root.A[0], abs=1e-12)
             twists = [
                 vectors((matrices(t * root.w[0]) @ root.A[0]).T @ matrices(t * tip.w[0]) @ tip.A[0])[0]
                 for t in (-eps, 0.0, eps)
@@ -204,7 +204,7 @@ def test_features_carry_over() -> None:
         ({"initial_vibration": 0.1}, "initial_vibration = 0.1"),
         ({"keep_out": [{"shape": "sphere", "center": (0, 0), "radius": 1}]}, "must be in space"),
         ({"action_mode": "voltage"}, "arm.joints[0].motor: missing"),
-        ({"sensors": {"strain_gauges": [0.0]}}, "sensors.strain_gauges = [0.0]"),
+        ({"sensors": {"strain_gauges": [0.0]}}, "links[0] is rigid"),
         ({"randomization": {"friction": (0.5, 2.0)}}, "randomization.friction"),
         ({"randomization": {"payload_inertia": (0.5, 2.0)}}, "randomization.payload_inertia"),
         ({"formulation": "elastica"}, "formulation = 'elastica'"),

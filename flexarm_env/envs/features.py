@@ -15,6 +15,7 @@ from .. import validation as check
 from ..batch import Actuator, Amplifier, Controller, Reference, Sensors, gauge_table
 from ..control.base import RESIDUAL_SHARE
 from ..parameters import Arm
+from ..physics.gauges import over
 from ..settings import Settings
 from .targets import AHEAD
 from .task import Kind, controller_gains
@@ -156,14 +157,17 @@ def sensors(
     """Noise and delay of all entries, and the gauges; None where there is nothing of it. names, scales: of all entries,
     gauges last."""
     table = table_of("sensors", None if isinstance(given, description.Sensors) else given, _SENSORS)
-    places = [(gauge.link, gauge.place) for gauge in gauges]
+    places = [gauge.spot for gauge in gauges]
     rows = gauge_table(frame.arm, frame.settings, frame.gravity, places) if places else np.zeros((0, 0))
     noise = _noise(table.get("noise", 0.0), names, scales)
     age = whole("sensors.delay", table.get("delay", 0.0), frame.period, "control_dt", minimum=0.0)
     if not places and age == 0 and not noise.any():
         return None
     own = np.array(gauge_scales(frame, gauges))
-    return Sensors(noise=noise, age=age, gauges=(rows / own[:, None]).ravel() if places else np.zeros(0))
+    return Sensors(noise=noise, age=age, gauges=over(rows, own, frame.kind.space).ravel() if places else np.zeros(0))
+
+
+_STIFFNESS = {"xz": "EI_y", "torsion": "GJ"}
 
 
 def gauge_names(count: int) -> tuple[str, ...]:
@@ -172,11 +176,15 @@ def gauge_names(count: int) -> tuple[str, ...]:
 
 
 def gauge_scales(frame: Frame, gauges: Sequence[description.StrainGauge]) -> list[float]:
-    """Scale of each gauge, 1/m: the curvature under the full torque of the link's joint."""
+    """Scale of each gauge, 1/m: the curvature, or the twist, under the full torque of the link's joint."""
     limits, links = frame.arm.torque_limits, frame.arm.links
     assert limits is not None
-    there = (links[gauge.link].along(gauge.place * links[gauge.link].length) for gauge in gauges)
-    return [limits[gauge.link] / float(place.EI) for gauge, place in zip(gauges, there, strict=True)]
+    sizes = []
+    for gauge in gauges:
+        link, s = links[gauge.link], np.array(gauge.place * links[gauge.link].length)
+        stiff = link.along(s).EI if gauge.measures == "xy" else link.across(s)[_STIFFNESS[gauge.measures]]
+        sizes.append(limits[gauge.link] / float(stiff))
+    return sizes
 
 
 def _noise(given: Any, names: Sequence[str], scales: Sequence[float]) -> Array:

@@ -21,7 +21,7 @@ from .. import scenes, time_functions
 from .. import validation as check
 from ..accuracy import in_steps
 from ..batch import CLIP, View
-from ..physics.gauges import curvature_rows
+from ..physics.gauges import Spot, curvature_rows
 from ..physics.layout import DISSIPATED, WORK_DONE
 from ..physics.model import DIVERGED
 from ..scene import Motion, Scene
@@ -176,7 +176,7 @@ class Guide:
 
     def __init__(
         self, scene: Scene, settings: Settings, period: float, limits: Array,
-        gauges: tuple[tuple[int, float], ...] = (), gauge_scales: tuple[float, ...] = (),
+        gauges: tuple[Spot, ...] = (), gauge_scales: tuple[float, ...] = (),
     ) -> None:  # fmt: skip
         self.scene, self.period, self.limits = scene, period, limits
         self.settings = in_steps(scene, settings, scene.duration, period)

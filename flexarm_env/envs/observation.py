@@ -85,7 +85,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
         if observation == MEASURED and not found.encoders:
             found = dataclasses.replace(found, encoders=(description.Encoder(),))
     with check.under("sensors"):
-        found.check_for(n)
+        found.check_for(n, arm.spatial)
     return found
 
 
@@ -97,16 +97,16 @@ def sight(frame: Frame, observation: str | tuple[str, ...], own: description.Sen
     aimed = observation == MEASURED or (observation != FULL and any(name in observation for name, _ in goals))
     entries = [*task, *further, *(goals if aimed else [])]
     push = rate_scale(arm, 0) ** 2 * arm.total_length
-    if own.accelerometer is not None:
-        entries += [("tip_acceleration_x", push), ("tip_acceleration_y", push)]
-    if own.camera is not None:
-        entries += [("camera_x", arm.total_length), ("camera_y", arm.total_length)]
+    sizes = {"accelerometer": push, "gyroscope": rate_scale(arm, 0), "camera": arm.total_length}
+    for sensor, readings in description.OF_THE_TIP[kind.space].items():
+        if getattr(own, sensor) is not None:
+            entries += [(name, 1.0 if "_rise_" in name else sizes[sensor]) for name in readings]
     gauges = list(zip(gauge_names(len(own.strain_gauges)), _scales(frame, own.strain_gauges), strict=True))
     entries += gauges
     names, scales = tuple(name for name, _ in entries), tuple(scale for _, scale in entries)
     joints = [[names.index(f"{joint}_{of}") for of in ("sin", "cos", "rate")] for joint in arm.joint_names]
     added = len(entries) - len(task) - len(further) - len(gauges)
-    instruments = _instruments(frame, own, aimed, joints, push, [scale for _, scale in gauges], added)
+    instruments = _instruments(frame, own, aimed, joints, entries, [scale for _, scale in gauges], added)
     return Sight(names, scales, _chosen(observation, names, len(task), joints), instruments)
 
 
@@ -136,10 +136,8 @@ def _scales(frame: Frame, gauges: Gauges) -> list[float]:
     """Scale of each gauge, in its unit."""
     sizes = []
     for i, (gauge, scale) in enumerate(zip(gauges, gauge_scales(frame, gauges), strict=True)):
-        link = frame.arm.links[gauge.link]
-        there = link.along(gauge.place * link.length)
         with check.under(f"sensors.strain_gauges[{i}]"):
-            sizes.append(scale * gauge.per_curvature(float(there.m), float(there.J)))
+            sizes.append(scale * gauge.per_curvature_of(frame.arm.links[gauge.link]))
     return sizes
 
 
@@ -148,7 +146,7 @@ def _instruments(
     own: description.Sensors,
     aimed: bool,
     joints: list[list[int]],
-    push: float,
+    entries: Entries,
     sizes: list[float],
     added: int,
 ) -> Instruments | None:
@@ -159,10 +157,10 @@ def _instruments(
         each = [own.encoder(k).behind(frame.arm.joint(k).gear_ratio) for k in range(len(joints))]
         laws += [law_of(encoder, 1.0, period, f"sensors.encoders[{k}]") for k, encoder in enumerate(each)]
         motors = [int(encoder.side == "motor" and frame.arm.joint(k).elastic) for k, encoder in enumerate(each)]
-    if own.accelerometer is not None:
-        laws += [law_of(own.accelerometer, push, period, "sensors.accelerometer")] * 2
-    if own.camera is not None:
-        laws += [law_of(own.camera, length, period, "sensors.camera")] * 2
+    scales, space = dict(entries), frame.kind.space
+    for sensor, readings in description.OF_THE_TIP[space].items():
+        if getattr(own, sensor) is not None:
+            laws += [law_of(getattr(own, sensor), scales[name], period, f"sensors.{sensor}") for name in readings]
     lawful = not all(gauge.is_ideal for gauge in own.strain_gauges)
     if lawful:
         sized = zip(own.strain_gauges, sizes, strict=True)
@@ -170,6 +168,7 @@ def _instruments(
     if not laws and not aimed:
         return None
     table = np.array(laws) if laws else np.zeros((0, LAW_SIZE))
+    gravity = frame.gravity or (0.0, 0.0, 0.0)[: 2 + space]
     return Instruments(
         period=period,
         laws=table.ravel(),
@@ -178,7 +177,8 @@ def _instruments(
         goals=(0,) if aimed else None,
         encoders=np.array(joints, np.int64).ravel() if own.encoders else None,
         motors=np.array(motors, np.int64) if any(motors) else None,
-        accelerometer=None if own.accelerometer is None else np.array([*(frame.gravity or (0.0, 0.0)), push]),
+        accelerometer=None if own.accelerometer is None else np.array([*gravity, scales["tip_acceleration_x"]]),
         camera=None if own.camera is None else length,
         gauges=(0,) * len(own.strain_gauges) if lawful else None,
+        gyroscope=None if own.gyroscope is None else scales["gyroscope_x"],
     )

@@ -18,6 +18,7 @@ from .. import validation as check
 from ..batch import CLIP, Batch, Extras, Starts
 from ..parameters import Arm
 from ..physics import precision
+from ..physics.gauges import Spot
 from ..sensors import Sensors
 from ..settings import Settings, check_options, default_options, merged
 from ..shapes import Shape
@@ -97,7 +98,7 @@ class Plan:
     scales: tuple[float, ...]
     history: int
     sensors: Sensors
-    gauges: tuple[tuple[int, float], ...]
+    gauges: tuple[Spot, ...]
     gauge_scales: tuple[float, ...]
     motion: Prescribed | None
     entries: tuple[Entry, ...]
@@ -168,7 +169,7 @@ def plan(
     if kind.space:
         refuse(
             task=task, reference=reference, motion=motion, cost=cost, pushes=pushes, payload_change=payload_change,
-            initial_vibration=initial_vibration, sensors=sensors, randomization=randomization,
+            initial_vibration=initial_vibration, randomization=randomization,
         )  # fmt: skip
     own = with_friction(_arm(kind, arm, joint_limits), actuator)
     own, amplifier = amplified(own, check.choice("action_mode", action_mode, ACTION_MODES))
@@ -225,7 +226,7 @@ def plan(
         max_steps=max_episode_steps, gravity=frame.gravity, full=full, words=words, render_mode=render_mode,
         starts=begun, rewards=tuple(weights.tolist()), aims=aims, extras=extras,
         names=seen.of(seen.names), scales=seen.of(seen.scales), history=frames, sensors=carried,
-        gauges=tuple((gauge.link, gauge.place) for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
+        gauges=tuple(gauge.spot for gauge in gauges), gauge_scales=tuple(gauge_scales(frame, gauges)),
         motion=_replayed(kind, own.n_links, motion) if word == "replay" else None,
         entries=info_entries(
             kind, built, full, full and own.jointed and word != "replay", extras, settings.step_tolerance is not None,

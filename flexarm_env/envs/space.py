@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import sensors as description
 from .. import validation as check
 from ..batch import SpaceReach, Starts, Task
 from ..control.space import angles_at, tip_at
@@ -34,16 +33,9 @@ def refuse(**given: Any) -> None:
             raise check.InvalidValue(name, given[name], f"must be left out: it {WHERE}")
     if given["task"] not in (None, "reach"):
         raise check.InvalidValue("task", given["task"], f'must be "reach": another {WHERE}')
-    sensors = given["sensors"]
-    if isinstance(sensors, description.Sensors):
-        sensors = {name: value for name in description.KEYS if (value := getattr(sensors, name))}
-    for table, path, names in (
-        (sensors, "sensors", ("strain_gauges", "accelerometer", "camera")),
-        (given["randomization"], "randomization", ("payload_inertia",)),
-    ):
-        for name in names:
-            if isinstance(table, Mapping) and table.get(name) is not None:
-                raise check.InvalidValue(f"{path}.{name}", table[name], f"must be left out: it {WHERE}")
+    table, name = given["randomization"], "payload_inertia"
+    if isinstance(table, Mapping) and table.get(name) is not None:
+        raise check.InvalidValue(f"randomization.{name}", table[name], f"must be left out: it {WHERE}")
 
 
 def refuse_options(table: Mapping[str, Any]) -> None:
@@ -54,15 +46,10 @@ def refuse_options(table: Mapping[str, Any]) -> None:
 
 
 def check_arm(arm: Arm, kind: Kind) -> None:
-    """ValueError for an arm of the plane, one with sensors that there are not."""
+    """ValueError for an arm of the plane."""
     if not arm.spatial:
         what = f"must leave the x-y plane for {kind.id}; FlexibleArm-v0 and MultiLinkFlexArm-v0 have arms of the plane"
         raise check.InvalidValue("arm", arm.name, what)
-    if arm.sensors is not None:
-        refuse_sensors = {name: getattr(arm.sensors, name) for name in description.KEYS if getattr(arm.sensors, name)}
-        for name in refuse_sensors:
-            if name != "encoders":
-                raise check.InvalidValue(f"arm.sensors.{name}", refuse_sensors[name], f"must be left out: it {WHERE}")
 
 
 class Place(Target):

@@ -60,8 +60,11 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `hub_rate`, ..., `tip_deflection_y_2` (of the second link), `tip_deflection_z_2`, `tip_deflection_rate_y_2`,
     `tip_deflection_rate_z_2`, `twist_2`, `twist_rate_2`, ..., `tip_velocity_x`, ..., `to_target_x`, ...; `hub_error`,
     `elbow_1_error`, ...: joint angles at which the rigid arm reaches the target less the joints' (scale 1 rad);
-    `target_x`, `target_y`, `target_z`: the target in fixed axes (scale L). `observation="measured"`: sines, cosines and
-    rates of encoders, these errors and the target.
+    `target_x`, `target_y`, `target_z`: the target in fixed axes (scale L). Of sensors: `tip_acceleration_x`, `_y`, `_z`
+    (m/s^2, scale w_0^2 L), `gyroscope_x`, `_y`, `_z` (rad/s, scale w_0), `camera_x`, `_y`, `_z` (m, scale L),
+    `camera_rise_y`, `_z` (rad, scale 1), `strain_gauge_1`, ... (1/m, or strain; scale: under the full torque of the
+    link's joint). `observation="measured"`: sines, cosines and rates of encoders, these errors, the target, and what the
+    sensors read that there are.
 
     ## Reward
 

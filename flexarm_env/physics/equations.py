@@ -1,9 +1,9 @@
-"""Entry point from Python to the equations of motion themselves, to be differentiated and solved in `linear`."""
+"""Entry points from Python: the equations of motion themselves, to be differentiated and solved in `linear`; gauges."""
 
 from __future__ import annotations
 
-from ..compiler import kernel
-from .protocol import RESIDUAL_ALONE, assemble, constrain, out_of_range
+from ..compiler import SINGLE, kernel, store
+from .protocol import RESIDUAL_ALONE, assemble, constrain, gauge, out_of_range
 
 
 @kernel
@@ -16,3 +16,11 @@ def equations(lane, model, par, state, u, psi, level, r, S):
     assemble(lane, model, par, state, u, RESIDUAL_ALONE, r, S)
     constrain(lane, model, psi, state, level, 1.0, r)
     return out_of_range(lane, model, par, state.q)
+
+
+@kernel
+def read_gauges(model, q, rows, out):
+    """out (m, G) <- what gauges with these rows (G, ...) read of coordinates q (m, n)."""
+    for i in range(q.shape[0]):
+        for g in range(rows.shape[0]):
+            store(out[i], g, gauge(SINGLE, model, q[i], rows[g]))

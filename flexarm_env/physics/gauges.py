@@ -1,4 +1,4 @@
-"""Strain gauges: the curvature of a link at a place, as a linear function of the state, in every formulation.
+"""Strain gauges: the curvature of a link at a place, in the plane a linear function of the state in every formulation.
 
 Floating-frame bodies resolve it as the mean curvature between two drawing stations; the others give it at the point.
 """
@@ -16,17 +16,26 @@ from ..scene import Scene
 from ..settings import Settings
 from .assembly import assemble
 from .elastica.chain import chain
+from .equations import read_gauges
 from .exact.tables import functions
 from .floating import build as floating_chain
 from .model import System
+from .space.gauges import gauges
+from .space.layout import GAUGE
 
 Array = NDArray[np.float64]
+Spot = tuple[int, float] | tuple[int, float, str]
+"""Link, place from 0 (root) to 1 (tip), and of `sensors.MEASURES`, in the plane always the first."""
 
 
 def curvatures(
-    scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[tuple[int, float]], q: Array
+    scene: Scene, settings: Settings, names: Sequence[str], places: Sequence[Spot], q: Array
 ) -> Array:
-    """(n, G) 1/m at each (link, place), over what it is without stress, for states q (n, rows)."""
+    """(n, G) 1/m at each `Spot`, over what it is without stress, for states q (n, rows)."""
+    if scene.spatial:
+        out = np.empty((len(q), len(places)))
+        read_gauges(assemble(scene, settings).model, np.ascontiguousarray(q), gauges(scene, settings, places), out)
+        return out
     like: Any = SimpleNamespace(q0=q[0], names=names)
     rows = curvature_rows(scene, settings, like, places)
     if any(link.curved for link in scene.arm.links):
@@ -34,15 +43,29 @@ def curvatures(
     return np.asarray(q @ rows.T)
 
 
-def curvature_rows(scene: Scene, settings: Settings, system: System, places: Sequence[tuple[int, float]]) -> Array:
-    """(G, n): curvature (1/m) = row . q at each (link, place), place from 0 (root) to 1 (tip)."""
+def over(rows: Array, sizes: Array, space: bool) -> Array:
+    """Rows of `curvature_rows` for readings over these sizes, (G,)."""
+    if not space:
+        return np.asarray(rows / sizes[:, None])
+    found = rows.copy()
+    found[:, GAUGE.places.near :] /= sizes[:, None]
+    return found
+
+
+def curvature_rows(scene: Scene, settings: Settings, system: System, places: Sequence[Spot]) -> Array:
+    """(G, n): what `protocol.gauge` takes for each `Spot`: in the plane curvature (1/m) = row . q; in space the first
+    numbers of a row are a `GAUGE`."""
+    if scene.spatial:
+        table, own = np.zeros((len(places), len(system.q0))), gauges(scene, settings, places)
+        table[:, : own.shape[1]] = own
+        return table
     rows = {
         "elastica": _elastica,
         "geometrically_exact": _exact,
         "floating_frame": _floating,
     }[settings.formulation]
-    table = [rows(scene, settings, system, link, place * scene.arm.links[link].length) for link, place in places]
-    return np.array(table).reshape(len(places), len(system.q0))
+    found = [rows(scene, settings, system, spot[0], spot[1] * scene.arm.links[spot[0]].length) for spot in places]
+    return np.array(found).reshape(len(places), len(system.q0))
 
 
 def _elastica(scene: Scene, settings: Settings, system: System, link: int, s: float) -> Array:

@@ -39,6 +39,8 @@ SPACE_POSES = Layout(
     Field("tip", (3,), "m", "place"),
     Field("velocity", (3,), "m/s", "of the tip"),
     Field("axes", (3, 3), "", "of the root"),
+    Field("turn", (3,), "rad", "rotation vector of the tip's axes"),
+    Field("spin", (3,), "rad/s", "angular velocity of the tip about its own axes"),
 )  # fmt: skip
 """What is known of a link in space, as `protocol.task_poses` writes it."""
 

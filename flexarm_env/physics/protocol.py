@@ -55,6 +55,7 @@ and registers these functions (kernels; `lane` is a lane tag, arrays hold lanes,
     energy(lane, model, par, q, v)   (kinetic, strain, gravity), J
     link_poses(lane, model, par, q, v, out)   a `layout.POSES` a link
     task_poses(lane, model, par, q, v, out)  what tasks look at: `link_poses`, in space a `layout.SPACE_POSES` a link
+    gauge(lane, model, q, row)       what a strain gauge reads, 1/m, of q by its row of `gauges.curvature_rows`
     stand(lane, model, live, angles, q)  in space: where `live` > 1/2, q of straight links at these joint angles
     out_of_range(lane, model, par, q)  0 where the model holds, otherwise the status code (as float64 lanes)
     shape(model, q, points)          SINGLE only: node positions along the chain, (n_points, 2)
@@ -130,6 +131,15 @@ def _as_link_poses(lane, model, par, q, v, out):
 
 
 @kernel
+def weighted_sum(lane, q, row):
+    """Sum of coordinates, each times its weight: `gauge` in the plane."""
+    total = splat(lane, 0.0)
+    for k in range(row.shape[0]):
+        total = total + load(lane, q, k) * row[k]
+    return total
+
+
+@kernel
 def _no_stiffness(lane, model, S, k, x):
     """`stiffen` of a formulation whose joints have none."""
 
@@ -172,7 +182,7 @@ def _by_assembling(lane, model, par, state, u, r, S):
 FORMULATIONS = Family(
     "model", predict=_no_guess, update=_add, difference=_subtract, ports_after=_at_once, stiffen=_no_stiffness,
     friction=_no_friction, residual=_by_assembling, constrain=_no_constraint, out_of_range=_everywhere,
-    task_poses=_as_link_poses, light=_resolved, conserve=_held,
+    task_poses=_as_link_poses, light=_resolved, conserve=_held, gauge=weighted_sum,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
@@ -206,6 +216,7 @@ damping_work = FORMULATIONS.function("damping_work", "lane, model, par, q, v, x"
 energy = FORMULATIONS.function("energy", "lane, model, par, q, v")
 link_poses = FORMULATIONS.function("link_poses", "lane, model, par, q, v, out")
 task_poses = FORMULATIONS.function("task_poses", "lane, model, par, q, v, out")
+gauge = FORMULATIONS.function("gauge", "lane, model, q, row")
 stand = FORMULATIONS.function("stand", "lane, model, live, angles, q")
 out_of_range = FORMULATIONS.function("out_of_range", "lane, model, par, q")
 shape = FORMULATIONS.function("shape", "model, q, points")

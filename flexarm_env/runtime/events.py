@@ -13,10 +13,10 @@ from ..compiler import absolute, arms, kernel, load, maximum, place, select_lt, 
 from ..physics.arithmetic import put
 from ..physics.integrator.impact import change_payload
 from ..physics.model import OK, PAYLOAD_INERTIA, PAYLOAD_MASS
+from ..physics.protocol import weighted_sum
 from ..tasks.program import CHANGE, COST, DEFLECTION, FURTHER, PERIODS, PUSH, PUSHED
 from ..tasks.stream import draw, uniform
 from ..tasks.task import info_of, put_info
-from .sensors import weighted_sum
 
 _PUSH = PUSH.places
 _ONE, _BOTH = (0,), (0, 0)

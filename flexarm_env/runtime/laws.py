@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler import SINGLE, alone, arms, kernel, pick, place, sincos, with_slope
+from ..compiler import alone, arms, kernel, pick, place, sincos, with_slope
 from ..tasks.program import CHANNEL, LAW, channel_at
 from ..tasks.stream import draw, uniform
 
@@ -141,6 +141,12 @@ def read_encoder(lane, laws, room, c, memory, base, stream, arm, angle, first):
     return now, pick(lane, memory, at.rate, i)
 
 
+@kernel
+def channel_of(base, room, c):
+    """Where the numbers of channel c are."""
+    return channel_at(base + c * channel_at(0, room).end, room)
+
+
 GAUSS = math.sqrt(0.6)
 """The outer two of three Gauss points between -1 and 1; their weights are 5/18, that of the middle 8/18."""
 
@@ -155,8 +161,7 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
 
     first: there is no time before; what it is at the instant if the velocity in the tip's own axes stays as it is.
     """
-    a = channel_at(base + c * channel_at(0, room).end, room)
-    b = channel_at(base + (c + 1) * channel_at(0, room).end, room)
+    a, b = channel_of(base, room, c), channel_of(base, room, c + 1)
     if first:
         fx, fy, turn = -rate * vy - gravity_x, rate * vx - gravity_y, angle
     else:
@@ -184,30 +189,3 @@ def tip_acceleration(lane, memory, base, room, c, i, x, y, angle, vx, vy, rate, 
     place(lane, memory, b.turn, i, rate)
     sine, cosine = sincos(turn)
     return cosine * fx + sine * fy, cosine * fy - sine * fx
-
-
-@kernel
-def read_rows(laws, room, memory, stream, period, gravity_x, gravity_y, encoders, accelerometers, inputs, out):
-    """Readings at instants `period` apart, an instant a row of `out`; all in SI, not in scales.
-
-    Columns of inputs: an angle for each encoder; the tip's x, y, angle and their rates for each accelerometer; then
-    what is read as it stands. Columns of out: angle and rate for each encoder, then one for each channel.
-    """
-    for k in range(inputs.shape[0]):
-        first, c, column, put = k == 0, 0, 0, 0
-        for _ in range(encoders):
-            angle, rate = read_encoder(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
-            out[k, put], out[k, put + 1] = angle, rate
-            c, column, put = c + 1, column + 1, put + 2
-        for _ in range(accelerometers):
-            x, y, angle = inputs[k, column], inputs[k, column + 1], inputs[k, column + 2]
-            vx, vy, rate = inputs[k, column + 3], inputs[k, column + 4], inputs[k, column + 5]
-            along, across = tip_acceleration(
-                SINGLE, memory, 0, room, c, 0, x, y, angle, vx, vy, rate, period, gravity_x, gravity_y, first
-            )
-            out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, along, first)
-            out[k, put + 1] = read(SINGLE, laws, room, c + 1, memory, 0, stream, 0, across, first)
-            c, column, put = c + 2, column + 6, put + 2
-        while put < out.shape[1]:
-            out[k, put] = read(SINGLE, laws, room, c, memory, 0, stream, 0, inputs[k, column], first)
-            c, column, put = c + 1, column + 1, put + 1

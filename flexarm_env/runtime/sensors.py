@@ -6,12 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import arms, kernel, load, pick, place, sincos, size, splat, store
-from ..physics.arithmetic import clip
+from ..compiler import arms, kernel, load, maximum, pick, place, sincos, size, square_root, store
+from ..physics.arithmetic import arctangent, clip
 from ..physics.layout import POSE, SPACE_POSE
-from ..physics.protocol import ports
+from ..physics.protocol import gauge, ports
+from ..physics.space.rotations import matrix, quaternion
 from ..tasks.program import CLIP, GOAL, TARGET, channel_at
-from .laws import LAW_SIZE, normal, read, read_encoder, tip_acceleration
+from .inertial import specific_force
+from .laws import LAW_SIZE, channel_of, normal, read, read_encoder, tip_acceleration
 
 
 @kernel
@@ -21,17 +23,8 @@ def read_gauges(lane, sensors, entries, model, q, seen):
         n = size(model.n)
         count = sensors.gauges.shape[0] // n
         for g in range(count):
-            row = weighted_sum(lane, q, sensors.gauges[g * n : (g + 1) * n])
-            store(seen, entries - count + g, clip(row, CLIP))
-
-
-@kernel
-def weighted_sum(lane, q, weights):
-    """Sum of coordinates, each times its weight."""
-    total = splat(lane, 0.0)
-    for k in range(weights.shape[0]):
-        total = total + load(lane, q, k) * weights[k]
-    return total
+            read = gauge(lane, model, q, sensors.gauges[g * n : (g + 1) * n])
+            store(seen, entries - count + g, clip(read, CLIP))
 
 
 @kernel
@@ -63,6 +56,7 @@ def measure(lane, p, stream, arm, poses, record, seen, first):
         _turned(lane, p, instruments, who, poses, record, seen)
         at = _goals(lane, p, instruments, who, at, poses, record, seen)
         at, c = _accelerometer(lane, p, instruments, who, at, c, poses, record, seen)
+        at, c = _gyroscope(lane, p, instruments, who, at, c, poses, record, seen)
         at, c = _camera(lane, p, instruments, who, at, c, poses, record, seen)
         _gauges(lane, p, instruments, who, c, record, seen)
 
@@ -94,7 +88,7 @@ def readings_size(instruments):
 @kernel
 def _channel(instruments, base, c):
     """Where the numbers of channel c are."""
-    return channel_at(base + c * channel_at(0, instruments.room).end, instruments.room)
+    return channel_of(base, instruments.room, c)
 
 
 @kernel
@@ -177,10 +171,33 @@ def _goals(lane, p, instruments, who, at, poses, record, seen):
 
 
 @kernel
+def _show(lane, instruments, who, at, c, record, seen, value):
+    """Entry `at`: what channel c reads of a value."""
+    place(lane, seen, at, who.i, clip(_law(lane, instruments, who, c, record, value), CLIP))
+
+
+@kernel
+def _of_tip(lane, p, who, poses, field):
+    """Three numbers of the last link's pose in space."""
+    o = SPACE_POSE.end * (size(p.task.links) - 1) + field
+    return pick(lane, poses, o, who.i), pick(lane, poses, o + 1, who.i), pick(lane, poses, o + 2, who.i)
+
+
+@kernel
 def _accelerometer(lane, p, instruments, who, at, c, poses, record, seen):
-    """Along the tip's tangent and across it; returns the next entry and channel."""
+    """Along the tip's tangent and across it, in space along its axes; returns the next entry and channel."""
     accelerometer = instruments.accelerometer
     if accelerometer is not None:
+        if size(p.task.targets) == 3:
+            found = specific_force(
+                lane, record, who.base, instruments.room, c, who.i, _of_tip(lane, p, who, poses, SPACE_POSE.tip),
+                _of_tip(lane, p, who, poses, SPACE_POSE.turn), _of_tip(lane, p, who, poses, SPACE_POSE.velocity),
+                _of_tip(lane, p, who, poses, SPACE_POSE.spin), instruments.period,
+                (accelerometer[0], accelerometer[1], accelerometer[2]), who.first,
+            )  # fmt: skip
+            for d in range(3):
+                _show(lane, instruments, who, at + d, c + d, record, seen, found[d] / accelerometer[3])
+            return at + 3, c + 3
         i, o, room = who.i, POSE.end * (size(p.task.links) - 1), instruments.room
         x, vx = pick(lane, poses, o + POSE.tip_x, i), pick(lane, poses, o + POSE.tip_vx, i)
         y, vy = pick(lane, poses, o + POSE.tip_y, i), pick(lane, poses, o + POSE.tip_vy, i)
@@ -198,9 +215,34 @@ def _accelerometer(lane, p, instruments, who, at, c, poses, record, seen):
 
 
 @kernel
+def _gyroscope(lane, p, instruments, who, at, c, poses, record, seen):
+    """Angular velocity about the tip's axes; returns the next entry and channel."""
+    if instruments.gyroscope is not None:
+        spin = _of_tip(lane, p, who, poses, SPACE_POSE.spin)
+        for d in range(3):
+            _show(lane, instruments, who, at + d, c + d, record, seen, spin[d] / instruments.gyroscope)
+        return at + 3, c + 3
+    return at, c
+
+
+@kernel
+def rise(x):
+    """The angle whose sine is x, from -pi/2 to pi/2."""
+    return arctangent(x, square_root(maximum(1.0 - x * x, 0.0)))
+
+
+@kernel
 def _camera(lane, p, instruments, who, at, c, poses, record, seen):
-    """The tip's position; returns the next entry and channel."""
+    """The tip's position, in space also by what its axis rises towards y and z; returns the next entry and channel."""
     if instruments.camera is not None:
+        if size(p.task.targets) == 3:
+            tip = _of_tip(lane, p, who, poses, SPACE_POSE.tip)
+            A = matrix(quaternion(_of_tip(lane, p, who, poses, SPACE_POSE.turn)))
+            for d in range(3):
+                _show(lane, instruments, who, at + d, c + d, record, seen, tip[d] / instruments.camera)
+            for d in range(1, 3):
+                _show(lane, instruments, who, at + 2 + d, c + 2 + d, record, seen, rise(A[d][0]))
+            return at + 5, c + 5
         i, o = who.i, POSE.end * (size(p.task.links) - 1) + POSE.tip_x
         for d in range(2):
             value = _law(lane, instruments, who, c + d, record, pick(lane, poses, o + d, i) / instruments.camera)

@@ -49,14 +49,13 @@ CHANNEL = Layout(
     Field("gain", (), "", "as drawn"),
     Field("bias", (), "", ""),
     Field("input", (), "", "of the filter"),
-    Field("output", (), "", ""),
-    Field("slope", (), "", "of the output, over w"),
+    Field("output", (), "", ""), Field("slope", (), "", "of the output, over w"),
     Field("reading", (), "", "the last"),
     Field("since", (), "", "periods since it was taken"),
-    Field("rate", (), "1/s", "of an encoder"),
+    Field("rate", (), "1/s", "of an encoder; in space an accelerometer's angular velocity, an axis in each channel"),
     Field("motor", (), "rad", "angle of the joint's motor, over the ratio"),
-    Field("place", (), "m", "of the tip at the instant before, for an accelerometer's two channels x or y"),
-    Field("speed", (), "m/s", "its rate"), Field("turn", (), "rad, rad/s", "tip angle (first channel), rate (second)"),
+    Field("place", (), "m", "of the tip at the instant before, for an accelerometer's channels x, y, z"),
+    Field("speed", (), "m/s", "its rate"), Field("turn", (), "rad, rad/s", "tip angle, rate; in space rotation vector"),
     Field("past", ("room",), "", "outputs before the last, the newest first"),
 )  # fmt: skip
 """What a sensor remembers of a quantity that it reads."""
@@ -316,13 +315,13 @@ class Sensors(NamedTuple):
 
     noise: np.ndarray  # (S,) standard deviation of each entry, in its scale
     age: int  # control periods by which observations come late
-    gauges: np.ndarray  # (G, n): curvature at the stations from the state, over the scale
+    gauges: np.ndarray  # (G, n): rows of `physics.gauges.curvature_rows`, over the scale
 
 
 class Instruments(NamedTuple):
     """Sensors that read by a law; None: there are none of this kind. Channels stand in the order of the fields.
 
-    Their entries follow the task's and the target's, gauges last: goals, accelerometer, camera.
+    Their entries follow the task's and the target's, gauges last: goals, accelerometer, gyroscope, camera.
     """
 
     period: float  # s
@@ -332,9 +331,10 @@ class Instruments(NamedTuple):
     goals: tuple[int, ...] | None  # a tag: joint angles at the goal less encoder angles, and a target that is a point
     encoders: np.ndarray | None  # (3 N,) int64: entries of each joint's sine, cosine and rate
     motors: np.ndarray | None  # (N,) int64: 1 where the encoder sits on a motor that has an angle of its own
-    accelerometer: np.ndarray | None  # (3,): gravity, m/s^2; scale, m/s^2
+    accelerometer: np.ndarray | None  # (3,), in space (4,): gravity, m/s^2; scale, m/s^2
     camera: float | None  # scale, m
     gauges: tuple[int, ...] | None  # a tag for each
+    gyroscope: float | None = None  # scale, rad/s; in space
 
 
 class Selection(NamedTuple):

@@ -330,6 +330,12 @@ def stand(lane, model, live, angles, q):
 
 
 @kernel
+def gauge(lane, model, q, row):
+    """The arm's own."""
+    return protocol.gauge(lane, model.arm, q, row)
+
+
+@kernel
 def light(model):
     """The arm's own."""
     return protocol.light(model.arm)
@@ -356,5 +362,5 @@ def shape(model, q, points):
 register(
     Jointed, assemble, pin, factor, solve, solve_transposed, predict, update, inertia, rotate, ports,
     friction, damping_work, energy, link_poses, out_of_range, shape, difference, ports_after, task_poses, stand, light,
-    conserve,
+    conserve, gauge,
 )  # fmt: skip

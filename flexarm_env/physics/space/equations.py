@@ -29,6 +29,7 @@ from .output import (
     damping_work,
     difference,
     energy,
+    gauge,
     light,
     link_poses,
     ports,
@@ -208,5 +209,5 @@ register(
     SpatialBeam, assemble=assemble, pin=pin, stiffen=stiffen, factor=factor, solve=solve, update=update,
     difference=difference, energy=energy, ports=ports, ports_after=ports_after, damping_work=damping_work,
     link_poses=link_poses, shape=shape, predict=predict, task_poses=task_poses, stand=stand,
-    light=light, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway,
+    light=light, conserve=conserve, gyrate=gyrate, lean=lean, sway=sway, gauge=gauge,
 )  # fmt: skip

@@ -120,6 +120,18 @@ LOAD = Layout(
     Field("lever", (3,), "m", "from there to where it works, in the axes there"),
 )  # fmt: skip
 
+GAUGE = Layout(
+    "Gauge", "",
+    Field("link", (), "", "that it is on"),
+    Field("element", (), "", "of that, the first of two whose ends it looks at"),
+    Field("axis", (), "", "0, 1 or 2: x, y or z of the rotations"),
+    Field("near", (2,), "1/m", "share of the rotations of that element's ends, left and right"),
+    Field("far", (2,), "1/m", "of the next one's, or 0"),
+    Field("rest", (), "1/m", "what this is without stress"),
+)  # fmt: skip
+"""Rotations are those against the element's middle, or against a segment's frame."""
+
+G = GAUGE.places
 E, J, P, F, H, B = ELEMENT.places, JOINT.places, BODY.places, FACTOR.places, HINGE.places, BASE.places
 PL, L, R, W = PLACE.places, LOAD.places, FRAME.places, WEIGHT.places
 

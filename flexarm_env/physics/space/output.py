@@ -9,8 +9,8 @@ from ..model import PAYLOAD_MASS
 from ..protocol import State
 from .chain import Vertex, energy_of, hinged, place_at, section_at, three_of, uneven_of
 from .element import Place, bow_of, middle, middle_of, rates, scale
-from .frame import frame_damping, frame_energy
-from .layout import AXES, E, J, L, P, count_of, joint_row
+from .frame import frame_damping, frame_energy, frame_of
+from .layout import AXES, E, G, J, L, P, count_of, joint_row
 from .rotations import (
     add_vector,
     back,
@@ -221,6 +221,32 @@ def _loaded_place(lane, model, q, v, link, at_tip):
 
 
 @kernel
+def _bent_ends(model, left, right):
+    """Rotation vectors of an element's ends: against its middle, or against its frame."""
+    if model.frames is None:
+        half = times(rotation_vector(shorter(composed(inverse(left.p), right.p))), 0.5)
+        return times(half, -1.0), half
+    frame = frame_of(left, right)
+    return frame.left.phi, frame.right.phi
+
+
+@kernel
+def gauge(lane, model, q, row):
+    """See `protocol`."""
+    k, e, axis = int(row[G.link]), int(row[G.element]), int(row[G.axis])
+    i, total = joint_row(model, k) + 1 + AXES * e, splat(lane, -row[G.rest])
+    left = _loaded_place(lane, model, q, q, k, False) if e == 0 else place_at(lane, q, q, i - AXES)
+    for j in range(min(2, count_of(model, k) - e)):
+        right = place_at(lane, q, q, i)
+        a, b = _bent_ends(model, left, right)
+        o = G.near + 2 * j
+        total = total + a[axis] * row[o] + b[axis] * row[o + 1]
+        left = right
+        i += AXES
+    return total
+
+
+@kernel
 def ports(lane, model, par, q, y):
     """Joint angles, then of each load the position of its point and the rotation of its section, as a vector."""
     for k in range(model.links):
@@ -285,6 +311,8 @@ def task_poses(lane, model, par, q, v, out):
         put_vector(out, o + SP.velocity, rate)
         for a in range(3):
             put_vector(out, o + SP.axes + 3 * a, frame[a])
+        put_vector(out, o + SP.turn, rotation_vector(shorter(tip.p)))
+        put_vector(out, o + SP.spin, tip.spin)
 
 
 @kernel

@@ -1,0 +1,78 @@
+"""Strain gauges in space: what they read of the elements beside a station.
+
+Bending moments and torque run straight from the middle of an element of the exact beam to the next, which is what
+loads at vertices make of them; the strain is the moment there over the stiffness there. A segment with a floating frame
+has its own shape functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import validation as check
+from ...parameters import Link
+from ...scene import Scene
+from ...settings import Settings
+from ..floating.beam_element import mesh
+from .build import count_elements, turns_of
+from .layout import GAUGE
+from .segments import ENDS, frames, turned_over
+
+Array = NDArray[np.float64]
+
+AXIS = {"xy": 2, "xz": 1, "torsion": 0}
+"""About which of a section's axes."""
+
+
+def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
+    """(G, GAUGE.length): a `GAUGE` for each (link, place, measures)."""
+    found = []
+    for k, place, *more in spots:
+        link, measures = scene.arm.links[k], more[0] if more else "xy"
+        if link.rigid:
+            raise check.InvalidValue("strain_gauges", k, f"must be on a link that bends; links[{k}] is rigid")
+        n, axis = count_elements(link, settings), AXIS[measures]
+        own = _segment if settings.formulation == "floating_frame" else _elements
+        first, near, far, rest = own(link, n, place * link.length, axis)
+        sign = -1.0 if measures == "xz" else 1.0
+        found.append(
+            GAUGE.pack({}, link=k, element=first, axis=axis, near=sign * near, far=sign * far, rest=sign * rest)
+        )
+    return np.array(found, np.float64).reshape(len(spots), GAUGE.places.end)
+
+
+def _stiffness(link: Link, s: Array, axis: int) -> Array:
+    """GJ, EI_y or EI."""
+    return np.asarray(link.along(s).EI if axis == 2 else link.across(s)["GJ" if axis == 0 else "EI_y"])
+
+
+def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array, float]:
+    """The first of two elements, weights of the rotations of their ends, what is there without stress."""
+    ends = link.mesh(n, "elements")
+    middles, lengths = 0.5 * (ends[1:] + ends[:-1]), np.diff(ends)
+    first = int(np.clip(np.searchsorted(middles, s, side="right") - 1, 0, max(0, n - 2)))
+    pair = [first] if n == 1 else [first, first + 1]
+    share = 0.0 if n == 1 else (s - middles[first]) / (middles[first + 1] - middles[first])
+    stiff = _stiffness(link, np.append(middles, s), axis)
+    weights = np.array([1.0 - share, share])[: len(pair)] * stiff[pair] / stiff[-1] / lengths[pair]
+    rest = float(weights @ turns_of(link, ends)[pair]) if axis == 2 else 0.0
+    sides = np.zeros((2, 2))
+    sides[: len(pair)] = np.outer(weights, [-1.0, 1.0])
+    return first, sides[0], sides[1], rest
+
+
+def _segment(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array, float]:
+    """The same of the one segment that a station is on."""
+    ends = link.mesh(n, "segments")
+    e = int(np.clip(np.searchsorted(ends, s, side="right") - 1, 0, n - 1))
+    weights = np.array([-1.0, 1.0]) / (ends[e + 1] - ends[e])
+    if axis > 0:
+        part = mesh(link if axis == 2 else turned_over(link), n, "segments")[e]
+        weights = part.bend((s - ends[e]) / part.length)[ENDS]
+    natural = frames(link, n)[e][1]
+    rest = float(weights @ [-natural[0], natural[2]]) if axis == 2 else 0.0
+    return e, weights, np.zeros(2), rest
