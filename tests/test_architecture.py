@@ -55,7 +55,7 @@ ROOMS: dict[str, set[str]] = {
     "runtime": {"compiler", "layout", "physics", "tasks"},
     "view": {*_DESCRIPTION, "physics"},
     "trajectory": {*_DESCRIPTION, "physics", "runtime", "view"},
-    "spatial": {"validation", "trajectory"},
+    "spatial": {"validation", "rotations", "sensors", "trajectory"},
     "accuracy": {*_DESCRIPTION},
     "rest": {"compiler", "physics", "scene", "settings", "time_functions"},
     "simulation": {*_DESCRIPTION, *_COMPILED, "trajectory", "accuracy", "rest"},

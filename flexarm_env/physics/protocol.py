@@ -132,11 +132,17 @@ def _as_link_poses(lane, model, par, q, v, out):
 
 @kernel
 def weighted_sum(lane, q, row):
-    """Sum of coordinates, each times its weight: `gauge` in the plane."""
+    """Sum of coordinates, each times its weight."""
     total = splat(lane, 0.0)
     for k in range(row.shape[0]):
         total = total + load(lane, q, k) * row[k]
     return total
+
+
+@inlined
+def _linear_gauge(lane, model, q, row):
+    """`gauge` in the plane."""
+    return weighted_sum(lane, q, row)
 
 
 @kernel
@@ -182,7 +188,7 @@ def _by_assembling(lane, model, par, state, u, r, S):
 FORMULATIONS = Family(
     "model", predict=_no_guess, update=_add, difference=_subtract, ports_after=_at_once, stiffen=_no_stiffness,
     friction=_no_friction, residual=_by_assembling, constrain=_no_constraint, out_of_range=_everywhere,
-    task_poses=_as_link_poses, light=_resolved, conserve=_held, gauge=weighted_sum,
+    task_poses=_as_link_poses, light=_resolved, conserve=_held, gauge=_linear_gauge,
 )  # fmt: skip
 """Each formulation's functions, by the class of its Model."""
 
