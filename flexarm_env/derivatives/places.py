@@ -127,13 +127,14 @@ def _of_sensors(instruments: Any, first: int, recorded: Any) -> tuple[list[_Plac
     moving: list[_Place] = []
     given: list[_Place] = []
     encoders = 0 if instruments.encoders is None else len(instruments.encoders) // 3
-    shaken = 0 if instruments.accelerometer is None else 2
+    shaken = 0 if instruments.accelerometer is None else len(instruments.accelerometer) - 1  # axes
     for c, law in enumerate(instruments.laws.reshape(-1, _LAW.end)):
         at = CHANNEL.offsets(first + c * CHANNEL.offsets(0, instruments.room).end, instruments.room)
         late = int(law[_LAW.late]) + (law[_LAW.share] > 0.0)
         parts = {
             "filter": ((at.input, 3), law[_LAW.own : _LAW.after].any()),
             "tip": ((at.place, 3), encoders <= c < encoders + shaken),
+            "spin": ((at.rate, 1), shaken > 2 and encoders <= c < encoders + shaken),
             "reading": ((at.reading, 1), c < encoders or law[_LAW.every] > 1.0),
             "rate": ((at.rate, 1), c < encoders and law[_LAW.kept] > 0.0),
             "past": ((at.past, late), late > 0),

@@ -63,7 +63,7 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     `target_x`, `target_y`, `target_z`: the target in fixed axes (scale L). Of sensors: `tip_acceleration_x`, `_y`, `_z`
     (m/s^2, scale w_0^2 L), `gyroscope_x`, `_y`, `_z` (rad/s, scale w_0), `camera_x`, `_y`, `_z` (m, scale L),
     `camera_rise_y`, `_z` (rad, scale 1), `strain_gauge_1`, ... (1/m, or strain; scale: under the full torque of the
-    link's joint). `observation="measured"`: sines, cosines and rates of encoders, these errors, the target, and sensors.
+    link's joint). `observation="measured"`: sines, cosines and rates of encoders, these errors, the target, sensors.
 
     ## Reward
 
