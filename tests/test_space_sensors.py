@@ -61,7 +61,7 @@ def test_strains_are_curvatures_times_distances() -> None:
     section = fx.Section.rectangle(0.05, 0.01, 70e9, 2700.0, 26e9)
     push = fx.PointLoad(0, "tip", force_y=constant(1e-3), force_z=constant(2e-3), torque_x=constant(5e-4))
     taper = fx.Taper((0.05, 0.03), (0.012, 0.008), 70e9, 2700.0, 26e9)
-    for link, most in ((fx.Link(0.8, section), 1e-5), (fx.Link(0.8, taper), 3e-3)):
+    for link, most in ((fx.Link(0.8, section), 1e-5), (fx.Link(0.8, taper), 1e-5)):
         scene = fx.Scene("s", fx.Arm("a", (link,)), duration=0.002, dt=1e-3, loads=(push,), start="held", space=True)
         gauges = [{"place": 0.25, "unit": "strain"}, {"place": 0.25, "unit": "strain", "measures": "xz"},
                   {"place": 0.25, "unit": "strain", "measures": "torsion", "distance": 0.005}]  # fmt: skip

@@ -10,18 +10,17 @@ from ..physics.space.rotations import (
     difference,
     dot,
     inverse,
-    inverse_tangent,
     matrix,
     minus,
     plus,
     product,
     quaternion,
-    rotation_vector,
     scaled,
     shorter,
     sum_of,
     times,
     transposed,
+    turn_of,
     turned,
 )
 from .laws import GAUSS, channel_of
@@ -57,9 +56,9 @@ def specific_force(lane, memory, base, room, c, i, r, psi, v, w, period, gravity
     else:
         old_r, old_v, old_psi, old_w = _before(lane, memory, base, room, c, i)
         p = quaternion(old_psi)
-        relative = shorter(composed(inverse(p), quaternion(psi)))
-        turn = rotation_vector(relative)
-        start, end = times(old_w, 0.5 * period), times(turned(inverse_tangent(turn, relative), w), 0.5 * period)
+        whole = turn_of(shorter(composed(inverse(p), quaternion(psi))))
+        turn = whole.psi
+        start, end = times(old_w, 0.5 * period), times(turned(whole.T, w), 0.5 * period)
         R0, share = matrix(p), 1.0 / period
         M0 = back(R0, minus(times(minus(v, old_v), share), gravity))
         M1 = back(R0, times(minus(plus(v, old_v), times(minus(r, old_r), 2.0 * share)), share))

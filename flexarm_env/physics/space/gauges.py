@@ -18,8 +18,9 @@ from ...parameters import Link
 from ...scene import Scene
 from ...settings import Settings
 from ..floating.beam_element import mesh
+from .build import _elements as _packed
 from .build import count_elements, turns_of
-from .layout import GAUGE
+from .layout import ELEMENT, GAUGE
 from .segments import ENDS, frames, turned_over
 
 Array = NDArray[np.float64]
@@ -53,12 +54,16 @@ def _stiffness(link: Link, s: Array, axis: int) -> Array:
 def _elements(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array, float]:
     """The first of two elements, weights of the rotations of their ends, what is there without stress."""
     ends = link.mesh(n, "elements")
-    middles, lengths = 0.5 * (ends[1:] + ends[:-1]), np.diff(ends)
+    own = [ELEMENT.unpack(packed) for packed in _packed(link, n, 1.0)]
+    lengths, stiff = np.diff(ends), np.array([one["bend"][axis] for one in own])
+    middles = 0.5 * (ends[1:] + ends[:-1])  # or rather where an element's bending is that of the moment
+    if axis > 0:
+        middles = middles + lengths * [one["tilt"][axis - 1] for one in own]
     first = int(np.clip(np.searchsorted(middles, s, side="right") - 1, 0, max(0, n - 2)))
     pair = [first] if n == 1 else [first, first + 1]
     share = 0.0 if n == 1 else (s - middles[first]) / (middles[first + 1] - middles[first])
-    stiff = _stiffness(link, np.append(middles, s), axis)
-    weights = np.array([1.0 - share, share])[: len(pair)] * stiff[pair] / stiff[-1] / lengths[pair]
+    here = float(_stiffness(link, np.array(s), axis))
+    weights = np.array([1.0 - share, share])[: len(pair)] * stiff[pair] / here / lengths[pair]
     rest = float(weights @ turns_of(link, ends)[pair]) if axis == 2 else 0.0
     sides = np.zeros((2, 2))
     sides[: len(pair)] = np.outer(weights, [-1.0, 1.0])
