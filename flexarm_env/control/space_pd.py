@@ -52,14 +52,25 @@ def lumps(arm: Arm) -> list[tuple[int, Body]]:
     return [(k, part) for k, part in found if part.mass > 0.0 or part.inertia.any()]
 
 
-def holding(arm: Arm, gravity: Array, angles: Array) -> tuple[Array, Array]:
-    """Of the rigid arm at joint angles (n, N): torques that hold it, N m; inertia about each joint, kg m^2."""
+def _cross(a: Array, b: Array) -> Array:
+    """As NumPy's, sooner."""
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
+
+
+def holding(
+    arm: Arm, gravity: Array, angles: Array, parts: list[tuple[int, Body]] | None = None
+) -> tuple[Array, Array]:
+    """Of the rigid arm at joint angles (n, N): torques that hold it, N m; inertia about each joint, kg m^2.
+
+    parts: its `lumps`, where they are known.
+    """
     places, axes, links, _ = frames(arm, angles)
     torques, inertia = np.zeros(angles.shape), np.zeros(angles.shape)
-    for k, part in lumps(arm):
+    for k, part in lumps(arm) if parts is None else parts:
         r = places[:, k] + links[:, k] @ part.centre
         for j in range(k + 1):
-            swing = np.cross(axes[:, j], r - places[:, j])
+            swing = _cross(axes[:, j], r - places[:, j])
             own = np.swapaxes(links[:, k], -1, -2) @ axes[:, j, :, None]
             torques[:, j] -= part.mass * swing @ gravity
             turning = (own[..., 0] * (own[..., 0] @ part.inertia)).sum(axis=1)
@@ -76,6 +87,7 @@ class SpatialPD(Controller):
     def __init__(self, setup: Setup, gains: SpatialPDGains) -> None:
         super().__init__(setup)
         self.gains, self.gravity = gains, np.array(setup.gravity or (0.0, 0.0, 0.0))
+        self.parts = lumps(setup.arm)
         self.passed = float(1.0 - np.exp(-setup.control_dt / gains.lag))
         """Of a change of the rates, by their filter, in a period."""
 
@@ -125,12 +137,12 @@ class SpatialPD(Controller):
         return goals
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        weight, self.inertia = holding(self.setup.arm, self.gravity, self.goal)
+        weight, self.inertia = holding(self.setup.arm, self.gravity, self.goal, self.parts)
         self.torque, self.rates = self.torque - weight, signals.rates.copy()
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
         self.rates += self.passed * (signals.rates - self.rates)
-        weight = holding(self.setup.arm, self.gravity, self.goal - to_go)[0]
+        weight = holding(self.setup.arm, self.gravity, self.goal - to_go, self.parts)[0]
         wanted: Array = self.torque + weight + self.inertia * self._pull(to_go, self.rates)
         return wanted
 
@@ -143,6 +155,6 @@ class SpatialPD(Controller):
     def towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
         """Torques (N,), N m, that hold the rigid arm's weight and turn joints at angles, with filtered rates, to the
         angles wanted, all (N,)."""
-        weight, inertia = holding(self.setup.arm, self.gravity, angles[None])
+        weight, inertia = holding(self.setup.arm, self.gravity, angles[None], self.parts)
         found: Array = weight[0] + inertia[0] * self._pull(wanted - angles, rates)
         return found
