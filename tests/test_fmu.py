@@ -184,31 +184,6 @@ def test_variables_of_an_arm_in_space() -> None:
     assert "payload_mass" in found and "observation.twist_2" in found
 
 
-@needs_c
-@pytest.mark.slow
-def test_an_arm_in_space(tmp_path: Path) -> None:
-    env = gym.make("SpatialFlexArm-v0", info_level="full", duration=1000.0)
-    write_fmu(env, tmp_path / "arm.fmu", "arm")
-    unit, plain, joints = Unit(tmp_path / "arm.fmu", tmp_path / "unit", "3.0"), env.unwrapped, np.arange(3)
-    start, goal = np.array([0.3, -0.2, 0.5]), np.array([-0.5, 0.4, 0.6])
-    starts = {f"start_angle__{k}": float(start[k]) for k in joints} | {f"target__{k}": float(goal[k]) for k in joints}
-    assert unit.set(**starts) == 0 and unit.start() == 0
-    env.reset(seed=0)
-    plain.batch.ask(start, goal, np.zeros(1))
-    plain.batch.start((0,), (0,), limit=10**6)
-    names = ["tip[0]", "tip[1]", "tip[2]", "target[0]", "energy.strain", "twist[2]", "link[1].velocity[2]"]
-    at = plain.batch.info_at
-    for k in range(300):
-        table, pose = plain.batch.table[:, 0], plain.batch.poses(0)[1, SPACE_POSE.velocity + 2]
-        wanted = [*table[at.tip : at.tip + 3], goal[0], table[at.energies + 1], table[at.twist + 2], pose]
-        assert unit.get(*names).tolist() == wanted
-        action = (0.3 * np.sin(0.2 * k + joints)).astype(np.float32)
-        torques = {f"torque__{j}": float(action[j]) * plain.plan.arm.torque_limits[j] for j in joints}
-        assert unit.set(**torques) == 0 and unit.step(0.01 * k, 0.01) == 0
-        plain.step(action)
-    env.close()
-
-
 def coupled(arm: Unit, controller: Unit, period: float, length: float, seconds: float) -> Array:
     """Where the hub is after each 0.08 s, the controller stepped before the arm; units as just begun."""
     names = [name for name in controller.places if name.startswith("observation")]

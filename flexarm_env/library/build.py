@@ -114,8 +114,6 @@ def check_name(name: str) -> None:
 
 def _periods(batch: Any) -> tuple[Periods | None, str]:
     """The derivatives of the batch's one arm, or why there are none."""
-    if batch.arm.spatial:
-        return None, "there are none in space"
     try:
         periods = Periods(batch)
     except (ValueError, NotImplementedError) as error:
