@@ -656,7 +656,7 @@ def _run(arm: fx.Arm, formulation: str | None = None, **options: Any) -> Any:
         (lambda: gym.make("TwoLinkFlexArm-v0", arm=_arm(torque_limits=(1.0, 1.0))), "space"),
         (lambda: gym.make("MultiLinkFlexArm-v0", arm="three_dof"), "arm = 'three_dof': must move in the x-y plane"),
         (lambda: gym.make_vec("MultiLinkFlexArm-v0", 2, arm="three_dof", formulation="geometrically_exact"), "plane"),
-        (lambda: linearize(fx.Scene("s", _arm(), duration=1.0, dt=1e-3)), "must be a scene in the plane"),
+        (lambda: linearize(fx.Scene("s", _arm(), duration=1.0, dt=1e-3), motions=True), "motions = True"),
     ],
 )  # fmt: skip
 def test_what_is_not_there_is_refused_by_name(make: Any, words: str) -> None:

@@ -223,7 +223,6 @@ def test_what_is_built_upon_environments_refuses_them() -> None:
     env = gym.make("SpatialFlexArm-v0", **COARSE)
     for make, words in (
         (lambda: control.make("lqr", env), "controller = 'lqr': must be \"pd\""),
-        (lambda: env.unwrapped.linearize(), "must be a scene in the plane"),
     ):
         env.reset(seed=0)
         with pytest.raises(ValueError) as caught:

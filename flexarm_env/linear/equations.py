@@ -135,7 +135,7 @@ class Equations:
         """stepping: with the inertia that the solver steps with, which may hold a correction of its period. driven:
         prescribed coordinates are rows that can move."""
         if simulation.scene.spatial:
-            what = "must be a scene in the plane; in space there are `modes` and `static_equilibrium`"
+            what = "must be a scene in the plane; in space there are `linearize`, `modes` and `static_equilibrium`"
             raise check.InvalidValue("scene", simulation.scene.name, what)
         system, model = simulation.system, smooth(simulation.model) if stepping else physical(simulation.model)
         self._simulation = simulation

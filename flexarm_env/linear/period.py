@@ -45,16 +45,22 @@ def point_of(w: Work) -> Point:
     return Point(w.q.copy(), w.v.copy(), w.a.copy(), w.u.copy(), w.psi.copy())
 
 
-def solved(
-    simulation: Simulation, equations: Equations, flat: Array, w: Work, reduced: Reduced, dt: float
-) -> tuple[Array, Array, Array]:
-    """A, B and the next state of a period, along the motion that starts in the work array (which moves on)."""
-    scheme, end = simulation.scheme, simulation.t + dt
+def steps_of(simulation: Simulation, dt: float) -> tuple[int, float]:
+    """How many steps of which length the solver takes in a period, s; ValueError where a kink of the scene is in it."""
+    end = simulation.t + dt
     kinks = [t for t in simulation.scene.kinks if simulation.t + 1e-12 < t < end - 1e-12]
     if kinks:
         raise check.InvalidValue("discrete", dt, f"must not reach past the scene's kink at t = {kinks[0]:g} s")
     steps = max(1, math.ceil(dt / simulation.dt * (1.0 - 1e-9)))
-    h = dt / steps
+    return steps, dt / steps
+
+
+def solved(
+    simulation: Simulation, equations: Equations, flat: Array, w: Work, reduced: Reduced, dt: float
+) -> tuple[Array, Array, Array]:
+    """A, B and the next state of a period, along the motion that starts in the work array (which moves on)."""
+    scheme = simulation.scheme
+    steps, h = steps_of(simulation, dt)
     n, m, f = equations.independent.size, equations.inputs.size, equations.free.size
     if simulation.model.correction is not None:
         return _by_differences(simulation, equations, flat, w, reduced, h, steps)
@@ -64,7 +70,7 @@ def solved(
     tangents = _Tangents(q, v, a, a)
     for step in range(steps):
         start, b = point_of(w), w.b.copy()
-        _advance(simulation, simulation.drive, flat, w, simulation.t + step * h, h, 1)
+        advance_steps(simulation, simulation.drive, flat, w, simulation.t + step * h, h, 1)
         end_point = point_of(w)
         found = _found(equations, scheme, h, start, b, end_point)
         derivatives = equations.derivatives(found, rates=False)
@@ -75,7 +81,9 @@ def solved(
     return change[:, : 2 * n], change[:, 2 * n :], np.concatenate(equations.state(w.q, w.v))
 
 
-def _advance(simulation: Simulation, drive: Drive, flat: Array, w: Work, at: float, h: float, steps: int) -> None:
+def advance_steps(
+    simulation: Simulation, drive: Drive, flat: Array, w: Work, at: float, h: float, steps: int
+) -> None:
     """Equal steps of h from t = at; RuntimeError where they fail or have to be halved."""
     scheme = simulation.scheme
     if simulation.model.correction is not None:
@@ -118,7 +126,7 @@ def _by_differences(
         w.u[e.inputs] += u
         drive = _offset(simulation.drive, e.inputs, u)
         simulation.make_consistent(simulation.model, drive, flat)
-        _advance(simulation, drive, flat, w, simulation.t, h, steps)
+        advance_steps(simulation, drive, flat, w, simulation.t, h, steps)
         return np.concatenate(e.state(w.q, w.v))
 
     rows = np.arange(2 * n + m)

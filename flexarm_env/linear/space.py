@@ -53,12 +53,17 @@ class SmallMotions:
         self.chain = model.arm if isinstance(model, Jointed) else model
         self.omega = spin * (mount_of(arm, 0) @ axis_of(arm, 0))
         self.spin = spin
+        self.about(np.zeros(self.n), np.zeros(self.n), simulation.work.u)
+
+    def about(self, v: Array, a: Array, u: Array) -> None:
+        """Rates and accelerations (n,) that d' and d'' come on top of; torques and loads."""
+        self.v, self.a, self.u = v, a, u
 
     def _moving(self, d: Array, d1: Array, d2: Array, q0: Array) -> State:
         """The state that increments and their rates come to."""
         q = q0.copy()
         uncompiled(update)(SINGLE, self.model, q, 1.0, d, None)
-        v, a = d1.copy(), d2.copy()
+        v, a = self.v + d1, self.a + d2
         if self.spin:
             v[self.spun] += self.spin
             for i in self._vertices():
@@ -75,9 +80,9 @@ class SmallMotions:
         return [i for i, name in enumerate(names) if name.startswith("link") and ".x" in name]
 
     def residual(self, changes: Array, q0: Array) -> Array:
-        """r (n,) of d, d', d'' (3, n) about q0, under the torques and loads that the simulation has now."""
+        """r (n,) of d, d', d'' (3, n) about q0."""
         state, r, w = self._moving(changes[0], changes[1], changes[2], q0), np.zeros(self.n), self.simulation.work
-        evaluate(SINGLE, self.model, self.simulation.par, state, w.u, w.psi, 0, r, self._room)
+        evaluate(SINGLE, self.model, self.simulation.par, state, self.u, w.psi, 0, r, self._room)
         return r
 
     def slopes(self, q0: Array, which: int, rows: NDArray[np.int64]) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 from .. import validation as check
 from ..compiler import SINGLE, uncompiled
 from ..physics.assembly import smooth
-from ..physics.gauges import curvature_rows
+from ..physics.gauges import Spot, curvature_rows
 from ..physics.integrator.work import Work, unpack
 from ..physics.layout import POSE, ROOT, ROOT_RATES, TIP, TIP_RATES
 from ..scene import Scene
+from ..sensors import MEASURES
 from ..simulation import Simulation
 from ..trajectory import link_deflection
 from .equations import Equations, Point, Reduced, exact_slopes, slopes
 from .period import point_of, solved
+from .space_model import linear_parts
 from .stability import eigenpairs, growing
 
 Array = NDArray[np.float64]
@@ -36,12 +38,15 @@ class LinearModel:
 
     Attributes:
         A (2n, 2n), B (2n, m), C (p, 2n), D (p, m).
-        states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI.
+        states: n independent coordinates, then their rates: "joint0", ..., "joint0_rate", ...; SI. In space they are
+            those of the tangent space: of a rotation ("link0.rx1", ...) increments in the section's own axes, from 0 at
+            the point, and its angular velocity there.
         inputs: torques of the joints that can turn and are not prescribed, "torque0", ..., N m; with `motions` then the
             accelerations of prescribed coordinates, "joint0_acceleration", ..., rad/s^2 or m/s^2.
         outputs: "joint0" ... (rad), their rates, "deflection0" ... (each link's tip normal to its root's tangent, m),
             their rates, "tip_x", "tip_y" (m); behind elastic gears "motor0", "motor0_rate", ...; and what `gauges` asks
-            for, "curvature0@0", ... (1/m).
+            for, "curvature0@0", ... (1/m). In space "deflection0_y", "deflection0_z", "twist0" (rad), "tip_z";
+            "curvature_z0@0" in x-z, "torsion0@0".
         x, u, y: the point of the motion. rate: x' there; with dt, the state one period later.
         t: its time, s. dt: period, s, or None (continuous).
         growing: how many motions of the continuous model grow about the point, joints free; 0 where it is stable. The
@@ -79,7 +84,7 @@ def linearize(
     discrete: float | None = None,
     method: str = "solver",
     motions: bool = False,
-    gauges: Sequence[tuple[int, float]] = (),
+    gauges: Sequence[Spot] = (),
     **options: Any,
 ) -> LinearModel:
     """The linear model of an arm about a point of its motion.
@@ -90,11 +95,12 @@ def linearize(
         formulation, options: of a Scene, as for `simulate`.
         discrete: period, s, over which the torques are held; None for the continuous model.
         method: "solver": the derivative of what the solver does in a period (accelerations afresh, then steps of at
-            most the settings' dt), along the motion; "zoh": the exponential of the continuous model.
+            most the settings' dt), along the motion, in space about rests alone; "zoh": the exponential of the
+            continuous model.
         motions: True: prescribed coordinates and their rates are states, their accelerations inputs (continuous, or
             method "zoh"); False: they are neither.
         gauges: (link, place from 0 at its root to 1 at its tip) of curvatures among the outputs; times half the
-            thickness they are strains.
+            thickness they are strains. In space a third entry says what of `sensors.MEASURES`.
     Returns:
         The LinearModel. Coulomb friction is left out.
     Raises:
@@ -110,6 +116,8 @@ def linearize(
     if motions and stepping:
         raise check.InvalidValue("method", method, "must be 'zoh' where motions are inputs of a discrete model")
     simulation = without_friction(simulation_of(target, formulation, options, discrete if stepping else None))
+    if simulation.scene.spatial:
+        return _in_space(simulation, discrete, stepping, motions, gauges)
     if motions and (simulation.drive.known < 0).any():
         what = "must be False where multipliers join bodies: they prescribe the joints"
         raise check.InvalidValue("motions", motions, what)
@@ -148,13 +156,30 @@ def linearize(
     )  # fmt: skip
 
 
-def _places(gauges: object, links: int) -> list[tuple[int, float]]:
+def _in_space(
+    simulation: Simulation, discrete: float | None, stepping: bool, motions: bool, gauges: Sequence[Spot]
+) -> LinearModel:
+    """`linearize` of an arm in space."""
+    if motions:
+        raise check.InvalidValue("motions", True, "must be False in space")
+    flat, w = at_start(simulation, simulation.model)
+    spots = _places(gauges, simulation.scene.arm.n_links, True)
+    model = LinearModel(**linear_parts(simulation, flat, w, discrete if stepping else None, spots))
+    if discrete is None or stepping:
+        return model
+    A, B, rate = _held(model.A, model.B, model.rate, model.x, discrete)
+    return replace(model, A=A, B=B, rate=rate, dt=discrete)
+
+
+def _places(gauges: object, links: int, space: bool = False) -> list[Any]:
     """Checked places of gauges."""
-    found = []
+    found: list[Any] = []
     for i, entry in enumerate(check.sequence("gauges", gauges, "pairs (link, place)")):
-        link, place = check.sequence(f"gauges[{i}]", entry, "a link and a place from 0 to 1", 2)
+        count = 3 if space and isinstance(entry, list | tuple) and len(entry) == 3 else 2
+        link, place, *more = check.sequence(f"gauges[{i}]", entry, "a link and a place from 0 to 1", count)
         link = check.integer(f"gauges[{i}][0]", link, minimum=0, maximum=links - 1)
-        found.append((link, check.number(f"gauges[{i}][1]", place, minimum=0.0, maximum=1.0)))
+        place = check.number(f"gauges[{i}][1]", place, minimum=0.0, maximum=1.0)
+        found.append((link, place, *(check.choice(f"gauges[{i}][2]", what, MEASURES) for what in more)))
     return found
 
 

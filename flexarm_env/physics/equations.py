@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..compiler import SINGLE, kernel, store
-from .protocol import RESIDUAL_ALONE, assemble, constrain, gauge, out_of_range
+from .protocol import RESIDUAL_ALONE, assemble, constrain, gauge, out_of_range, task_poses
 
 
 @kernel
@@ -24,3 +24,9 @@ def read_gauges(model, q, rows, out):
     for i in range(q.shape[0]):
         for g in range(rows.shape[0]):
             store(out[i], g, gauge(SINGLE, model, q[i], rows[g]))
+
+
+@kernel
+def read_poses(model, par, q, v, out):
+    """out <- what tasks look at (`protocol.task_poses`)."""
+    task_poses(SINGLE, model, par, q, v, out)
