@@ -94,16 +94,20 @@ HALF = 0.5
 """Error for each unit of distance from a run of twice the step, or on half the mesh."""
 
 
-def other_mesh(settings: Settings) -> tuple[Settings, float]:
+def other_mesh(settings: Settings, space: bool = False) -> tuple[Settings, float]:
     """Settings of another mesh, and the error for each unit of distance from a run on it.
 
-    The mesh is coarser; finer where there is none coarser; the full model where the link is reduced to modes.
+    The mesh is coarser; finer where there is none coarser; the full model where the link is reduced to modes, but in
+    space, where these and finite elements are of one kind, other segments with as many modes.
     """
     if settings.formulation == "elastica":
         assert settings.nodes is not None
         if settings.nodes == 3:
             return settings.replace(nodes=5), 1.0
         return settings.replace(nodes=max(3, settings.nodes - 2)), HALF
+    if settings.modes is not None and space:
+        n = settings.segments or 1
+        return settings.replace(segments=2 if n == 1 else -(-n // 2), modes=settings.modes), 1.0 if n == 1 else HALF
     if settings.modes is not None:
         return settings.replace(segments=max(5, settings.segments or 1), elements=1), 1.0
     assert settings.elements is not None
@@ -273,7 +277,7 @@ def estimate(
     drag = scene.arm.mass_damping > 0.0
     bare = replace(scene, arm=replace(scene.arm, mass_damping=0.0)) if drag else scene
     if settings.step_tolerance is not None:
-        other, factor = other_mesh(settings)
+        other, factor = other_mesh(settings, scene.spatial)
         time_step = HALF * distance(mine, run(scene, settings, sample, [level - 1 for level in levels]))
         base = run(bare, settings, sample, levels) if drag else mine
         mesh = factor * distance(base, run(bare, other, sample, levels))
@@ -289,7 +293,7 @@ def estimate(
         time_step = 2.0 * distance(mine, run(scene, settings.replace(dt=0.5 * dt), sample))
     if dt * slowest_rate(scene) > COARSE:
         time_step = max(time_step, distance(mine, run(scene, settings.replace(dt=FINER * dt), sample)))
-    other, factor = other_mesh(doubled)
+    other, factor = other_mesh(doubled, scene.spatial)
     base = run(bare, doubled, wide) if drag else companion
     mesh = factor * distance(base, run(bare, other, wide))
     if math.isinf(mesh):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -422,7 +423,8 @@ def recorded(simulation: Any, fields: Mapping[str, Array], shapes: Array, cpu_se
         "steps": int(counts[STEPS]), "iterations": int(counts[ITERATIONS]),
         "factorizations": int(counts[FACTORISATIONS]), "halvings": int(counts[HALVINGS]), "cpu_seconds": cpu_seconds,
         "notes": system.notes, "gross_work": simulation.gross, "step_levels": tuple(simulation.levels),
-        "step_error": simulation.step_error, "deflection_bound": simulation.settings.deflection_bound,
+        "step_error": simulation.step_error,
+        "deflection_bound": math.inf if scene.spatial else simulation.settings.deflection_bound,
     }  # fmt: skip
     if scene.spatial:
         return kind_of(scene)(**common, **read_in_space(scene.arm, simulation.settings, fields["q"], fields["v"]))

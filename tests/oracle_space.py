@@ -280,6 +280,34 @@ class SpatialOracle:
             v[3:6], v[6] = scene.rates[0] * mount @ np.array(self.arm.hub_axis), 0.0
         return y
 
+    def rest(self, y: Array) -> Array:
+        """The state of rest under the loads as they are at t = 0 that `y` leads to: pseudo-transient continuation,
+        (s M + dh/dq) d = -h with s falling as it goes."""
+        m, held = self.n - 6, self.scene.start == "held"
+        rows = np.array([i for i in self.free if i > 5 and not (held and i < 6 + self.arm.n_links)])
+        r, A, q, v = self.parts(y, 0.0, "right")
+        v = 0.0 * v
+        s, eps = 1e3, 1e-6
+        for _ in range(200):
+            M, h = self.equations(r, A, q, v, 0.0, "right")
+            J = np.empty((len(rows), len(rows)))
+            for j, row in enumerate(rows):
+                ends = []
+                for sign in (1.0, -1.0):
+                    near = q.copy()
+                    near[row] += sign * eps
+                    ends.append(self.equations(r, A, near, v, 0.0, "right")[1][rows])
+                J[:, j] = (ends[0] - ends[1]) / (2.0 * eps)
+            d = np.linalg.solve(s * M[np.ix_(rows, rows)] + J, -h[rows])
+            size = np.abs(d).max()
+            q[rows] += d * min(1.0, 0.3 / size)
+            if s < 1e-6 and size < 1e-9:
+                y = y.copy()
+                y[7 : 7 + m] = q[6:]
+                return y
+            s *= 0.2 if size < 0.1 else 0.7
+        raise AssertionError("no rest")
+
     def parts(self, y: Array, t: float, side: Side) -> tuple[Array, Array, Array, Array]:
         """Place and axes of the base, coordinates (those of the base left 0) and rates, motions prescribed in them."""
         m = self.n - 6
@@ -324,8 +352,11 @@ class SpatialOracle:
 
     def run(self, times: Array, rtol: float = 3e-5) -> dict[str, Array]:
         """Where the tip is, its axes, each link's deflection and twist, torques of prescribed joints, what is
-        dissipated, at `times` (ascending from 0): a row each."""
+        dissipated, at `times` (ascending from 0): a row each; "natural": deflections without stress."""
         scene, y = self.scene, self.start()
+        natural = self._read(y, 0.0, "right")["bent"]
+        if scene.start != "unloaded":
+            y = self.rest(y)
         found: list[dict[str, Array]] = [self._read(y, 0.0, "right")] if times[0] == 0.0 else []
         for start, end in itertools.pairwise([0.0, *(k for k in scene.kinks if k < times[-1]), float(times[-1])]):
             here = times[(times > start) & (times <= end)]
@@ -338,7 +369,7 @@ class SpatialOracle:
             assert solution.success, solution.message
             y = solution.y[:, -1]
             found += [self._read(solution.y[:, i], t, "left") for i, t in enumerate(here)]
-        return {key: np.array([row[key] for row in found]) for key in found[0]}
+        return {"natural": natural, **{key: np.array([row[key] for row in found]) for key in found[0]}}
 
     def _read(self, y: Array, t: float, side: Side) -> dict[str, Array]:
         r, A, q, v = self.parts(y, t, side)

@@ -84,7 +84,7 @@ def stiffnesses(
         elif settings.modes is not None:
             bend *= (settings.modes * (settings.segments or 1)) ** 2
         found.append(Stiffness(f"{at}.EI", has["EI"], "N m^2", bend * slow))
-        if settings.formulation != "elastica" and settings.modes is None:
+        if settings.formulation != "elastica" and (settings.modes is None or space):
             found += [Stiffness(f"{at}.{name}", has[name], "N", has[name] * link.length * slow) for name in ("EA", "C")]
         if space:
             found.append(Stiffness(f"{at}.C_y", has["C_y"], "N", has["C_y"] * link.length * slow))

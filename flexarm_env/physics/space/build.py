@@ -19,7 +19,8 @@ from ..model import BEAM, Honours, System
 from . import segments
 from .chain import SpatialBeam
 from .element import BOW
-from .layout import AXES, BODY, ELEMENT, JOINT, LOAD, PLACE, POINTS, B, E, F, H, R, W
+from .layout import AXES, BODY, ELEMENT, FRAME, INNER, JOINT, LOAD, PLACE, WEIGHT, B, E, F, H, W, points_for
+from .segments import Natural
 
 Array = NDArray[np.float64]
 
@@ -65,8 +66,7 @@ def packed(one: Body, there: bool = False) -> Array:
 
 def count_elements(link: Link, settings: Settings) -> int:
     """Elements of a link in space, or segments with floating frames."""
-    assert settings.elements is not None
-    return 0 if link.rigid else settings.elements * (settings.segments or 1)
+    return 0 if link.rigid else (settings.elements or 1) * (settings.segments or 1)
 
 
 def tip_lever(link: Link) -> Array:
@@ -183,20 +183,27 @@ def names_of(arm: Arm, settings: Settings) -> tuple[str, ...]:
     for k, link in enumerate(arm.links):
         found.append(f"joint{k}")
         found += [f"link{k}.{name}{e + 1}" for e in range(max(1, count_elements(link, settings))) for name in places]
+    for k, link in enumerate(arm.links):
+        modes = [f"mode{i + 1}{axis}" for i in range(inner_modes(settings)) for axis in "xyz"]
+        found += [f"link{k}.{name}_{e + 1}" for e in range(count_elements(link, settings)) for name in modes]
     return tuple(found)
 
 
-def _natural(link: Link, n: int, settings: Settings) -> list[tuple[float, float, float]]:
-    """Of each element without stress: by what its chord is turned from its left end, rad, how long that is, m, and by
-    what its right end is turned from it."""
+def inner_modes(settings: Settings) -> int:
+    """Modes of a segment, about each axis, beside what its ends turn it by."""
+    return (settings.modes or 2) - 2
+
+
+def _natural(link: Link, n: int, settings: Settings) -> list[Natural]:
+    """Of each element without stress."""
     if settings.formulation == "floating_frame":
-        return [natural for _, natural in segments.frames(link, n)]
+        return [natural for _, natural in segments.frames(link, n, settings.modes)]
     ends = link.mesh(n, "elements") if n else np.zeros(1)
     found = []
     for length, turn, own in zip(np.diff(ends), turns_of(link, ends), chords_of(link, ends), strict=True):
         chord = complex(1.0 - BOW * turn**2 + own[0], own[1])
         aside = math.atan2(chord.imag, chord.real)
-        found.append((0.5 * turn + aside, length * abs(chord), 0.5 * turn - aside))
+        found.append(Natural(0.5 * turn + aside, length * abs(chord), 0.5 * turn - aside))
     return found
 
 
@@ -209,6 +216,7 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
         spin = scene.rates[0] * (mount_of(arm, 0) @ axis_of(arm, 0))
     q, v = [*r, 0.0, 0.0, 0.0], [*rate, *spin]
     before_rate = 0.0
+    inner: list[float] = []
     for k, link in enumerate(arm.links):
         near, far = levers(arm, k)
         joint = scene.initial_value(f"joint{k}")
@@ -225,17 +233,18 @@ def _start(scene: Scene, settings: Settings) -> tuple[Array, Array]:
         q.append(joint)
         v.append(own)
         n = count_elements(link, settings)
-        for near_turn, length, far_turn in _natural(link, n, settings):
-            A = A @ rotations.matrices([0.0, 0.0, near_turn])
-            step = A @ (length * X)
-            A = A @ rotations.matrices([0.0, 0.0, far_turn])
+        for natural in _natural(link, n, settings):
+            A = A @ rotations.matrices([0.0, 0.0, natural.near])
+            step = A @ (natural.length * X)
+            A = A @ rotations.matrices([0.0, 0.0, natural.far])
+            inner += natural.inner
             r, rate = r + step, rate + np.cross(spin, step)
             q += [*r, *rotations.vectors(A)]
             v += [*rate, *A.T @ spin]
         if n == 0:
             q += [*r, *rotations.vectors(A)]
             v += [*rate, *A.T @ spin]
-    return np.array(q), np.array(v)
+    return np.array([*q, *inner]), np.array([*v, *np.zeros(len(inner))])
 
 
 def _check_inertia(arm: Arm) -> None:
@@ -248,9 +257,10 @@ def _check_inertia(arm: Arm) -> None:
         raise check.InvalidValue(f"links[{k}].mass", 0.0, what)
 
 
-def _mass(arm: Arm, sections: list[Array], frames: list[Array]) -> float:
+def _mass(arm: Arm, sections: list[Array], frames: list[Array], inner: int) -> float:
     """kg, of all but the payload, as the elements have it."""
-    points = [R.points + W.end * p + W.mass for p in range(POINTS)]
+    count, weight = points_for(inner), WEIGHT.offsets(0, inner).end
+    points = [FRAME.offsets(0, inner, count).points + weight * p + W.mass for p in range(count)]
     beams = [row[points].sum() for row in frames] if frames else [row[E.mass : E.mass + 3].sum() for row in sections]
     near = [near_body(arm, k).mass for k in range(1, arm.n_links)] + [_tip_end(arm.links[-1]).mass]
     return float(sum(beams) + sum(near) + sum(far_body(arm, k).mass for k in range(arm.n_links)))
@@ -291,14 +301,16 @@ def build(scene: Scene, settings: Settings) -> System:
     frames: list[Array] = []
     for k, (link, n) in enumerate(zip(arm.links, counts, strict=True)):
         sections += _elements(link, n, 1.0 if shares is None else shares[k])
-        frames += [packed for packed, _ in segments.frames(link, n)] if floating else []
+        frames += [packed for packed, _ in segments.frames(link, n, settings.modes)] if floating else []
     rows = [names.index(f"joint{k}") for k in range(arm.n_links)]
     first = B.end + H.end * arm.n_links
     places = []
     for row, n in zip(rows, counts, strict=True):
         places.append(PLACE.pack({}, row=row, elements=n, factor=first))
         first += F.end * max(1, n)
-    places.append(PLACE.pack({}, row=len(names), elements=0, factor=first))
+    inner, m = inner_modes(settings), sum(counts)
+    places.append(PLACE.pack({}, row=len(names) - 3 * inner * m, elements=0, factor=first))
+    first += INNER.offsets(0, inner).end * m
     weight = np.ones(len(names))
     for k, (row, n) in enumerate(zip(rows, counts, strict=True)):
         for i in range(row + 1, row + 1 + AXES * max(1, n), AXES):
@@ -329,6 +341,7 @@ def build(scene: Scene, settings: Settings) -> System:
         places=np.concatenate(places).astype(np.int64),
         sections=np.concatenate([np.zeros(0), *sections]),
         frames=np.concatenate([np.zeros(0), *frames]) if floating else None,
+        inner=(0,) * inner or None,
         joints=np.concatenate([_joint(arm, k) for k in range(arm.n_links)]),
         end=packed(_tip_end(last)),
         payload=packed(Body(0.0, tip_lever(last) + offset, bodies.tensor(payload.inertia)), True),
@@ -337,7 +350,7 @@ def build(scene: Scene, settings: Settings) -> System:
         loads=np.concatenate(loads) if loads else None,
         damped=(0,) if largest > 0.0 else None,
         rotors=np.array([int(rotor > 0.0) for rotor in rotors], np.int64) if any(rotors) else None,
-        free=_mass(arm, sections, frames) if scene.root == "free" else None,
+        free=_mass(arm, sections, frames, inner) if scene.root == "free" else None,
         uneven=None if floating or all(link.rigid or link.uniform is not None for link in arm.links) else (0,),
     )
     coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}

@@ -43,6 +43,7 @@ class SpatialBeam(NamedTuple):
     places    int64: a `PLACE` for each link, and another for where one more would be
     sections  float64: an `ELEMENT` for each element, from root to tip
     frames    float64: a `FRAME` for each, where elements are segments with floating frames; otherwise None
+    inner     (0,) * n of segments with n inner modes, whose rows follow all others; otherwise None
     joints    float64: a `JOINT` for each link, at its root
     end       float64 `BODY`, the last link's rigid end; payload  another
     levers    (0,) where a `JOINT` has `before` or `beyond`, otherwise None
@@ -66,6 +67,7 @@ class SpatialBeam(NamedTuple):
     places: np.ndarray
     sections: np.ndarray
     frames: np.ndarray | None
+    inner: tuple[int, ...] | None
     joints: np.ndarray
     end: np.ndarray
     payload: np.ndarray

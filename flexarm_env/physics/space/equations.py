@@ -22,7 +22,7 @@ from .chain import (
     vertex_at,
 )
 from .element import forces, inertia, middle, most_force, tangent
-from .frame import framed
+from .framed import framed
 from .layout import AXES, B, E, F, H, J, L, P, before, count_of, factor_at, hinge_at, joint_row, rows_before
 from .matrix import factor, gyrate, lean, matrix_in, pin, put_matrix, solve, stiffen, sway
 from .output import (
@@ -96,7 +96,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
             if model.frames is None:
                 on_left, on_right = _exact(lane, model, section, left, right, element, weights, S, f)
             else:
-                on_left, on_right = framed(lane, model, par, section, left, right, element, weights, S, f)
+                on_left, on_right = framed(lane, model, par, section, state, left, right, element, weights, r, S, f)
             if e == 0:
                 on_root = on_left
             else:

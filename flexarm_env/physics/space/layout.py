@@ -2,7 +2,8 @@
 
 Rows: the base's place (x, y, z) and its rotation vector; of each link the angle of the joint at its root, then place
 and rotation vector of its vertices, the right end of each element, from root to tip. A link's root is where the vertex
-before it is; it is turned by the joint's mount and angle against that.
+before it is; it is turned by the joint's mount and angle against that. Last come the amplitudes, about x, y and z, of
+the inner modes of each segment with a floating frame.
 """
 
 from __future__ import annotations
@@ -27,18 +28,19 @@ ELEMENT = Layout(
 )  # fmt: skip
 
 POINTS = 4
-"""Gauss points of a segment's mass."""
+"""Gauss points of a segment's mass, at least."""
 
 WEIGHT = Layout(
-    "Weight", "",
+    "Weight", "inner",
     Field("xi", (), "", "where on the segment, from 0 to 1"),
     Field("mass", (), "kg", "of the point"),
     Field("left", (3,), "m", "by what it is off the chord along y, z for rotations phi of the left end: h (phi x e_x)"),
     Field("right", (3,), "m", "likewise, of the right end"),
+    Field("inner", ("inner", 3), "m", "of each inner mode"),
 )  # fmt: skip
 
 FRAME = Layout(
-    "SpatialFrame", "",
+    "SpatialFrame", "inner, points",
     Field("length", (), "m", "of a segment"),
     Field("pull", (), "N/m", "EA / l"),
     Field("bend", (3, 3), "N m", "K about x, y, z of the rotations (left, left), (left, right), (right, right)"),
@@ -50,7 +52,14 @@ FRAME = Layout(
     Field("near", (2, 3), "kg m", "of the left place and the rotations left and right, h of `WEIGHT`"),
     Field("far", (2, 3), "kg m", "of the right place"),
     Field("lateral", (3, 3), "kg m^2", "of the rotations, about x, y, z: (l, l), (l, r), (r, r)"),
-    Field("points", (POINTS, WEIGHT.length), "", "a `WEIGHT` each"),
+    Field("points", ("points", WEIGHT.length), "", "a `WEIGHT` each"),
+    Field("inner_bend", ("inner", "inner", 3), "N m", "K of the inner modes, which these share with no rotation"),
+    Field("inner_coupling", ("inner", "inner + 2", 3), "m", "H by left, right, and the inner modes"),
+    Field("inner_lateral", ("inner", "inner + 2", 3), "kg m^2", "likewise"),
+    Field("inner_rotary", ("inner", "inner + 3", 3), "kg m^2", "by left, right, frame, and the inner modes"),
+    Field("inner_near", ("inner", 3), "kg m", ""),
+    Field("inner_far", ("inner", 3), "kg m", ""),
+    Field("inner_moment", ("inner", 3), "N m", ""),
 )  # fmt: skip
 
 BODY = Layout(
@@ -79,6 +88,14 @@ FACTOR = Layout(
     Field("RL", (6, 6), "", "after `factor` RR^-1 RL"),
     Field("RR", (6, 6), "", "after `factor` its L and U, pivots inverted"),
 )  # fmt: skip
+
+INNER = Layout(
+    "Inner", "inner",
+    Field("matrix", ("3 * inner", "3 * inner"), "", "of a segment's inner modes, its L and U, pivots inverted"),
+    Field("ends", ("3 * inner", 12), "", "of these by the left and the right end"),
+    Field("over", ("3 * inner", 12), "", "matrix^-1 ends"),
+)  # fmt: skip
+"""Behind the `FACTOR`s, of each segment."""
 
 HINGE = Layout(
     "Hinge", "",
@@ -133,7 +150,54 @@ GAUGE = Layout(
 
 G = GAUGE.places
 E, J, P, F, H, B = ELEMENT.places, JOINT.places, BODY.places, FACTOR.places, HINGE.places, BASE.places
-PL, L, R, W = PLACE.places, LOAD.places, FRAME.places, WEIGHT.places
+PL, L = PLACE.places, LOAD.places
+W = WEIGHT.offsets(0, 0)
+_frame_at, _weight_at, inner_layout = kernel(FRAME.offsets), kernel(WEIGHT.offsets), kernel(INNER.offsets)
+
+
+@kernel
+def inner_of(model):
+    """How many inner modes a segment has, each about three axes."""
+    if model.inner is None:
+        return 0
+    return len(model.inner)
+
+
+def points_for(inner: int) -> int:
+    """Gauss points of the mass of a segment with so many inner modes."""
+    return max(POINTS, 2 * inner + 2)
+
+
+@kernel
+def points_of(model):
+    """`points_for` of the model."""
+    return max(POINTS, 2 * inner_of(model) + 2)
+
+
+@kernel
+def frame_at(model, i):
+    """Where the fields of the `FRAME` of segment i are."""
+    inner, points = inner_of(model), points_of(model)
+    return _frame_at(i * _frame_at(0, inner, points).end, inner, points)
+
+
+@kernel
+def weight_end(model):
+    """Numbers of a `WEIGHT`."""
+    return _weight_at(0, inner_of(model)).end
+
+
+@kernel
+def inner_row(model, i):
+    """First row of the inner modes of segment i, behind all others."""
+    return model.places[PL.end * model.links + PL.row] + 3 * inner_of(model) * i
+
+
+@kernel
+def inner_at(model, i):
+    """The fields of the `INNER` of segment i in S."""
+    inner = inner_of(model)
+    return inner_layout(model.places[PL.end * model.links + PL.factor] + inner_layout(0, inner).end * i, inner)
 
 
 @kernel

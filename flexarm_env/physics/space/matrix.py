@@ -11,9 +11,25 @@ from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store, traced
 from ..arithmetic import add
+from . import inner
 from .chain import clear, three_of
 from .element import add_block
-from .layout import AXES, B, F, H, J, before, count_of, factor_at, hinge_at, joint_row, rows_before
+from .inner import elements_before
+from .layout import (
+    AXES,
+    B,
+    F,
+    H,
+    J,
+    before,
+    count_of,
+    factor_at,
+    hinge_at,
+    inner_at,
+    inner_row,
+    joint_row,
+    rows_before,
+)
 from .rotations import (
     add_vector,
     back,
@@ -247,18 +263,30 @@ def _down(lane, model, S, k, x):
     """Forward elimination of link k: what is left on the section before it, and on its joint."""
     h, row, under, count = hinge_at(k), joint_row(model, k), rows_before(model, k), count_of(model, k)
     axis, turn = three_of(lane, model.joints, J.end * k + J.axis), matrix_in(lane, S, h + H.turn)
+    a, b = vector(lane, x, row + 1), vector(lane, x, row + 4)  # of a rigid link
     for back_e in range(count):
         e = count - 1 - back_e
         o, i = factor_at(model, k, e), row + 1 + AXES * e
+        if model.inner is not None:
+            n = elements_before(model, k) + e
+            on_left = inner.down(lane, model, S, inner_at(model, n), x, inner_row(model, n), i)
+            if e > 0:
+                add_vector(lane, x, i - 6, on_left[0])
+                add_vector(lane, x, i - 3, on_left[1])
+            else:
+                a, b = on_left
         _solve_six(lane, _part(lane, S, o + F.RR, 36), _part(lane, x, i, 6))
         if e > 0:
-            a, b = _times(lane, S, o + F.LR, vector(lane, x, i), vector(lane, x, i + 3))
-            add_vector(lane, x, i - 6, times(a, -1.0))
-            add_vector(lane, x, i - 3, times(b, -1.0))
-    a, b = vector(lane, x, row + 1), vector(lane, x, row + 4)
+            push, turn_by = _times(lane, S, o + F.LR, vector(lane, x, i), vector(lane, x, i + 3))
+            add_vector(lane, x, i - 6, times(push, -1.0))
+            add_vector(lane, x, i - 3, times(turn_by, -1.0))
     if count > 0:
-        a, b = _times(lane, S, factor_at(model, k, 0) + F.LR, a, b)
-        a, b = times(a, -1.0), times(b, -1.0)
+        push, turn_by = vector(lane, x, row + 1), vector(lane, x, row + 4)
+        push, turn_by = _times(lane, S, factor_at(model, k, 0) + F.LR, push, turn_by)
+        if model.inner is None:
+            a, b = times(push, -1.0), times(turn_by, -1.0)
+        else:
+            a, b = minus(a, push), minus(b, turn_by)
     on_section, on_joint = turned(turn, b), dot(axis, b)
     if model.levers is not None:
         on_section = plus(on_section, back(matrix_in(lane, S, h + H.shift), a))
@@ -292,9 +320,13 @@ def _up(lane, model, S, k, x):
         put_vector(x, i + 3, b)
     for e in range(count_of(model, k)):
         up, low = _times(lane, S, factor_at(model, k, e) + F.RL, a, b)
+        left = a, b
         a, b = minus(vector(lane, x, i), up), minus(vector(lane, x, i + 3), low)
         put_vector(x, i, a)
         put_vector(x, i + 3, b)
+        if model.inner is not None:
+            n = elements_before(model, k) + e
+            inner.up(lane, model, S, inner_at(model, n), x, inner_row(model, n), left, (a, b))
         i += AXES
 
 

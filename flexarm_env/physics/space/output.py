@@ -9,7 +9,8 @@ from ..model import PAYLOAD_MASS
 from ..protocol import State
 from .chain import Vertex, energy_of, hinged, place_at, section_at, three_of, uneven_of
 from .element import Place, bow_of, middle, middle_of, rates, scale
-from .frame import frame_damping, frame_energy, frame_of
+from .frame import frame_of
+from .framed import frame_damping, frame_energy
 from .layout import AXES, E, G, J, L, P, count_of, joint_row
 from .rotations import (
     add_vector,
@@ -66,6 +67,11 @@ def update(lane, model, q, share, d, more):
         for _ in range(_vertices(model, k)):
             _move_vertex(lane, q, i, share, d, more)
             i += AXES
+    for j in range(i, model.n):
+        amplitude = load(lane, q, j) + load(lane, d, j) * share
+        if more is not None:
+            amplitude = amplitude + load(lane, more, j)
+        store(q, j, amplitude)
 
 
 @kernel
@@ -88,6 +94,8 @@ def difference(lane, model, start, q, d):
             put_vector(d, i, minus(vector(lane, q, i), vector(lane, start, i)))
             put_vector(d, i + 3, _between(lane, start, q, i + 3))
             i += AXES
+    for j in range(i, model.n):
+        store(d, j, load(lane, q, j) - load(lane, start, j))
 
 
 @kernel
@@ -164,7 +172,7 @@ def energy(lane, model, par, q, v):
             if model.frames is None:
                 more, bent, fall = _element_energy(lane, model, par, left, right, element)
             else:
-                more, bent, fall = frame_energy(lane, model, par, left, right, element)
+                more, bent, fall = frame_energy(lane, model, par, q, v, left, right, element)
             kinetic, strain, gravity = kinetic + more, strain + bent, gravity + fall
             left = right
             i += AXES
@@ -182,7 +190,7 @@ def damping_work(lane, model, par, q, v, x):
     total = splat(lane, 0.0)
     if model.damped is None:
         return total
-    by_v, by_x, element = State(q, v, v), State(q, x, x), 0
+    by_v, by_x, at, element = State(q, v, v), State(q, x, x), State(q, v, x), 0
     tip_v, tip_x = place_at(lane, q, v, 0), place_at(lane, q, x, 0)
     for k in range(model.links):
         i = joint_row(model, k) + 1
@@ -198,7 +206,7 @@ def damping_work(lane, model, par, q, v, x):
                 power = dot(of_stretch, scale(stretch, section.stretch)) * section.length
                 power = power + dot(of_bend, scale(bend, section.bend)) / section.length
             else:
-                power = frame_damping(lane, model, par, tip_v, right_v, tip_x, right_x, element)
+                power = frame_damping(lane, model, par, at, tip_v, right_v, tip_x, right_x, element)
             total = total + power * section.tau
             tip_v, tip_x = right_v, right_x
             i += AXES
@@ -340,6 +348,8 @@ def stand(lane, model, live, angles, q):
             _put_place(lane, live, q, i + 1 + AXES * e, tip)
         if count_of(model, k) == 0:
             _put_place(lane, live, q, i + 1, root)
+    for j in range(joint_row(model, model.links), model.n):
+        put(live, q, j, splat(lane, 0.0), load(lane, q, j))
 
 
 @kernel

@@ -1,10 +1,15 @@
-"""Constants of segments with floating frames in space: the planar elements of both bendings, and torsion."""
+"""Constants of segments with floating frames in space: the planar elements of both bendings, and torsion.
+
+A segment that is reduced to n modes has of each bending the static shapes of its turned ends and `inner` ones: the
+n - 2 lowest modes between pins, less what they turn the ends by (their coordinate: the largest slope or turn there is
+before that). Of torsion it has a linear shape and n - 2 waves between held ends.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +18,11 @@ from ... import curves
 from ... import validation as check
 from ...parameters import Link, Section, Taper
 from ...settings import Settings
-from ..floating.beam_element import QUADRATURE, Element, coupling_matrix, mesh
-from .layout import FRAME, WEIGHT
+from ..floating.beam_element import BENDING, Element, coupling_matrix, mesh
+from ..floating.reduction import MESH, pinned_modes
+from .layout import FRAME, WEIGHT, points_for
 
 Array = NDArray[np.float64]
-
-ENDS = [2, 5]
-"""Rotations among the six coordinates of a planar element."""
 
 LEAST_ROTARY = 1e-8
 """Rotary inertia about the axis, over m l^2 of a segment, that none falls below: its ends turn by themselves."""
@@ -27,12 +30,14 @@ LEAST_ROTARY = 1e-8
 
 def refuse(settings: Settings) -> None:
     """What floating frames in space do not have, by name."""
+    if settings.modes == 1:
+        what = "must be at least 2 in space: a segment's ends turn by themselves, and each bends it"
+        raise check.InvalidValue("modes", 1, what)
     for name, value, wanted, instead in (
-        ("modes", settings.modes, None, "segments=..., whose number takes the place of modes"),
         ("multipliers", settings.multipliers, False, "multipliers=False: joints are coordinates there"),
         ("frame", settings.frame, "chord", "frame='chord'"),
-        ("coupling", settings.coupling, "von_karman", "coupling='von_karman'"),
-        ("elements", settings.elements, 1, "elements=1, and more segments"),
+        ("coupling", settings.coupling or "von_karman", "von_karman", "coupling='von_karman'"),
+        ("elements", settings.elements or 1, 1, "modes=3 or more, which bend a segment between its ends"),
     ):
         if value != wanted:
             raise check.InvalidValue(name, value, f"is one of the plane; in space take {instead}")
@@ -61,68 +66,117 @@ def torsion(link: Link, a: float, b: float) -> float:
     return float(2.0 / (w @ (1.0 / link.across(0.5 * (a + b) + 0.5 * (b - a) * x)["GJ"])))
 
 
-def _pairs(weights: Array, a: Array, b: Array) -> Array:
-    """(ll, lr, rr) of two functions at points."""
-    return np.array([weights @ (a * a), weights @ (a * b), weights @ (b * b)])
+class _Plane:
+    """A segment's bending in one plane by its shapes: K, H, the moments without stress, and what moves with them."""
+
+    def __init__(self, part: Element, modes: int | None) -> None:
+        self.part, self.parts, self.n = part, [part], modes or 2
+        self.nodal, self.K = np.zeros((4, 2)), part.stiffness()[np.ix_([2, 5], [2, 5])]
+        self.nodal[[1, 3], [0, 1]] = 1.0
+        if modes is not None:
+            K, nodal = pinned_modes(part.link, modes)
+            basis = np.eye(modes)
+            basis[:2, 2:] = -nodal[[1, -1], 2:]
+            slopes = np.abs(np.diff(nodal[0::2, 2:], axis=0)).max(axis=0) * (MESH / part.length)
+            basis[:, 2:] /= np.maximum(slopes, np.abs(nodal[1::2, 2:]).max(axis=0))  # alike in both planes
+            self.parts, self.nodal, self.K = mesh(part.link, MESH, "elements"), nodal @ basis, basis.T @ K @ basis
+        starts = [one.at(0.0) - self.parts[0].at(0.0) for one in self.parts]
+        self.starts = np.array(starts)
+        self.H, self.moment, rows = np.zeros((self.n, self.n)), np.zeros(self.n), []
+        for e, (start, one) in enumerate(zip(starts, self.parts, strict=True)):
+            own = self.nodal[2 * e : 2 * e + 4]
+            self.H += own.T @ coupling_matrix(one.section, one.length) @ own
+            for xi, weight, section in one.points:
+                x, dx, (_, v, phi) = start + xi * one.length, weight * one.length, one.shapes(xi)
+                rows.append([x, dx, section.m, section.J, *(v[BENDING] @ own), *(phi[BENDING] @ own)])
+                if one.link.curved:
+                    kappa = float(curves.along(one.link.curvature, xi * one.length))
+                    self.moment += dx * section.EI * kappa * (one.bend(xi)[BENDING] @ own)
+        x, dx, m, J, *shapes = np.array(rows).T
+        self.at, self.dm, self.dJ = x / part.length, m * dx, J * dx
+        self.h, self.phi = np.array(shapes[: self.n]), np.array(shapes[self.n :])
+
+    def across(self, x: float) -> Array:
+        """h of the shapes at x, m from the left end."""
+        e = int(np.searchsorted(self.starts, x, "right")) - 1
+        xi = (x - self.starts[e]) / self.parts[e].length
+        return np.asarray(self.parts[e].shapes(xi)[1][BENDING] @ self.nodal[2 * e : 2 * e + 4])
 
 
-def _frame(link: Link, plane: Element, across: Element, start: float) -> tuple[Array, tuple[float, float, float]]:
-    """A `FRAME`, and the turn from the left section to the chord, the chord's length, the turn to the right section
-    without stress."""
-    l, both = plane.length, np.ix_(ENDS, ENDS)
-    bend, coupling = np.zeros((3, 3)), np.zeros((3, 3))
+class Natural(NamedTuple):
+    """A segment without stress: the turn from its left section to the chord, rad, the chord's length, m, the turn to
+    its right section, and its inner modes."""
+
+    near: float
+    length: float
+    far: float
+    inner: tuple[float, ...] = ()
+
+
+_UPPER = np.triu_indices(2)
+
+
+def _symmetric(weights: Array, rows: Array) -> Array:
+    """int w f_i f_j of functions (n, points)."""
+    return np.asarray((rows * weights) @ rows.T)
+
+
+def _frame(link: Link, plane: Element, across: Element, start: float, modes: int | None) -> tuple[Array, Natural]:
+    """A `FRAME` of the segment that begins at `start`, and how it is without stress."""
+    l, n = plane.length, modes or 2
+    inner, both = n - 2, (_Plane(across, modes), _Plane(plane, modes))
+    K, H, lateral, rotary = (np.zeros((n + k, n + k, 3)) for k in (0, 0, 0, 1))  # the frame comes last
+    near, far, moments = (np.zeros((n, 3)) for _ in range(3))
     twist = torsion(link, start, start + l) / l
-    bend[:, 0] = twist, -twist, twist
-    upper = np.triu_indices(2)
-    moments = np.zeros((2, 3))
-    for axis, part in ((1, across), (2, plane)):
-        bend[:, axis] = part.stiffness()[both][upper]
-        coupling[:, axis] = coupling_matrix(part.section, l)[np.ix_([1, 3], [1, 3])][upper]
-    w: Array = np.zeros(2)
-    if link.curved:
-        for xi, weight, section in plane.points:
-            kappa = float(curves.along(plane.link.curvature, xi * l))
-            moments[:, 2] += weight * l * section.EI * kappa * plane.bend(xi)[ENDS]
-        w[:] = np.linalg.solve(plane.stiffness()[both], moments[:, 2])
-    # inertia
-    rotary, lateral, near, far = np.zeros((6, 3)), np.zeros((3, 3)), np.zeros((2, 3)), np.zeros((2, 3))
-    for axis, part in ((1, across), (2, plane)):
-        points = part.points
-        at, share = np.array([p[0] for p in points]), l * np.array([p[1] for p in points])
-        shapes = np.array([part.shapes(xi) for xi, _, _ in points])
-        h, phi = shapes[:, 1][:, ENDS].T, shapes[:, 2][:, ENDS].T
-        m, J = (share * np.array([getattr(p[2], name) for p in points]) for name in ("m", "J"))
-        rest = 1.0 - phi[0] - phi[1]
-        rotary[:3, axis] = _pairs(J, *phi)
-        rotary[3:, axis] = J @ (phi[0] * rest), J @ (phi[1] * rest), J @ (rest * rest)
-        lateral[:, axis] = _pairs(m, *h)
+    K[:2, :2, 0] = twist * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    waves = np.pi * np.arange(1, inner + 1)[:, None]
+    for axis, one in zip((1, 2), both, strict=True):
+        K[..., axis], H[..., axis], lateral[..., axis] = one.K, one.H, _symmetric(one.dm, one.h)
+        rest = 1.0 - one.phi[0] - one.phi[1]
+        rotary[..., axis] = _symmetric(one.dJ, np.vstack([one.phi, rest]))
         side = 3 - axis  # a rotation about z moves along y
-        near[:, side], far[:, side] = h @ (m * (1.0 - at)), h @ (m * at)
-        rotary[:3, 0] += _pairs(J, 1.0 - at, at)
-        mass = _pairs(m, 1.0 - at, at)
+        near[:, side], far[:, side] = one.h @ (one.dm * (1.0 - one.at)), one.h @ (one.dm * one.at)
+        moments[:, axis] = one.moment
+        twisted = np.vstack([1.0 - one.at, one.at, np.sin(waves * one.at), 0.0 * one.at])
+        rotary[..., 0] += _symmetric(one.dJ, twisted)
+        mass = _symmetric(one.dm, twisted[:2])[_UPPER]
+    x, weights = np.polynomial.legendre.leggauss(32)
+    at, slopes = 0.5 * (1.0 + x), waves * np.cos(waves * 0.5 * (1.0 + x)) / l
+    K[2:, 2:, 0] = _symmetric(0.5 * l * weights * np.asarray(link.across(start + l * at)["GJ"]), np.asarray(slopes))
     least = LEAST_ROTARY * plane.section.m * l**3
-    if rotary[0, 0] < least / 3.0:
-        rotary[:3, 0] = least / 3.0, least / 6.0, least / 3.0
-    rows = []
-    for xi, weight in zip(*QUADRATURE, strict=True):
-        hy, hz = (part.shapes(xi)[1][ENDS] for part in (plane, across))
+    if rotary[0, 0, 0] < least / 3.0:
+        rotary[..., 0] = 0.0
+        rotary[:2, :2, 0] = least / 6.0 * (np.ones((2, 2)) + np.eye(2))
+        rotary[2:n, 2:n, 0] = 0.5 * least * np.eye(inner)
+    rows, (x, weights) = [], np.polynomial.legendre.leggauss(points_for(inner))
+    for xi, weight in zip((0.5 * (1.0 + x)).tolist(), (0.5 * weights).tolist(), strict=True):
+        h = np.zeros((n, 3))
+        h[:, 2], h[:, 1] = both[0].across(xi * l), both[1].across(xi * l)
         dm = float(plane.link.along(np.array([xi * l])).m[0]) * weight * l
-        rows.append(WEIGHT.pack({}, xi=xi, mass=dm, left=[0.0, hy[0], hz[0]], right=[0.0, hy[1], hz[1]]))
-    pull = plane.section.EA / l
+        rows.append(WEIGHT.pack({"inner": inner}, xi=xi, mass=dm, left=h[0], right=h[1], inner=h[2:]))
+    order = [0, 1, n, *range(2, n)]  # the frame before inner modes
+    w: Array = np.zeros(n)
+    if link.curved:
+        w[:] = np.linalg.solve(K[..., 2], moments[:, 2])
     packed = FRAME.pack(
-        {}, length=l, pull=pull, bend=bend, coupling=coupling, moment=moments, spent=0.5 * moments[:, 2] @ w,
-        rotary=rotary, mass=mass, near=near, far=far, lateral=lateral, points=np.concatenate(rows),
+        {"inner": inner, "points": len(rows)}, length=l, pull=plane.section.EA / l, bend=K[:2, :2][_UPPER],
+        coupling=H[:2, :2][_UPPER], moment=moments[:2], spent=0.5 * moments[:, 2] @ w,
+        rotary=[*rotary[:2, :2][_UPPER], *rotary[:2, n], rotary[n, n]], mass=mass, near=near[:2], far=far[:2],
+        lateral=lateral[:2, :2][_UPPER], points=np.concatenate(rows), inner_bend=K[2:, 2:], inner_coupling=H[2:],
+        inner_lateral=lateral[2:], inner_rotary=rotary[2:n, order], inner_near=near[2:], inner_far=far[2:],
+        inner_moment=moments[2:],
     )  # fmt: skip
-    stretch = 0.5 * float(w @ coupling_matrix(plane.section, l)[np.ix_([1, 3], [1, 3])] @ w)
-    return packed, (-float(w[0]), l - stretch, float(w[1]))
+    bent = np.zeros((inner, 3))
+    bent[:, 2] = w[2:]
+    return packed, Natural(-float(w[0]), l - 0.5 * float(w @ H[..., 2] @ w), float(w[1]), tuple(bent.ravel().tolist()))
 
 
 @lru_cache(64)
-def frames(link: Link, n: int) -> tuple[tuple[Array, tuple[float, float, float]], ...]:
+def frames(link: Link, n: int, modes: int | None) -> tuple[tuple[Array, Natural], ...]:
     """`_frame` of each of n segments; kept, since arms are used again and again."""
     if n == 0:
         return ()
     planes, across = mesh(link, n, "segments"), mesh(turned_over(link), n, "segments")
     ends = link.mesh(n, "segments")
     pieces = zip(planes, across, ends[:-1].tolist(), strict=True)
-    return tuple(_frame(link, plane, other, s) for plane, other, s in pieces)
+    return tuple(_frame(link, plane, other, s, modes) for plane, other, s in pieces)
