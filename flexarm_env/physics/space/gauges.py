@@ -32,6 +32,9 @@ AXIS = {"xy": 2, "xz": 1, "torsion": 0}
 def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
     """(G, GAUGE.length): a `GAUGE` for each (link, place, measures)."""
     found = []
+    if settings.modes is not None and len(spots):
+        what = "must be left out where strain gauges are read in space: these know segments of one element"
+        raise check.InvalidValue("modes", settings.modes, what)
     for k, place, *more in spots:
         link, measures = scene.arm.links[k], more[0] if more else "xy"
         if link.rigid:
@@ -78,6 +81,6 @@ def _segment(link: Link, n: int, s: float, axis: int) -> tuple[int, Array, Array
     if axis > 0:
         part = mesh(link if axis == 2 else turned_over(link), n, "segments")[e]
         weights = part.bend((s - ends[e]) / part.length)[ENDS]
-    natural = frames(link, n)[e][1]
-    rest = float(weights @ [-natural[0], natural[2]]) if axis == 2 else 0.0
+    natural = frames(link, n, None)[e][1]
+    rest = float(weights @ [-natural.near, natural.far]) if axis == 2 else 0.0
     return e, weights, np.zeros(2), rest

@@ -24,6 +24,9 @@ from .layout import FRAME, WEIGHT, points_for
 
 Array = NDArray[np.float64]
 
+ENDS = [2, 5]
+"""Rotations among the six coordinates of a planar element."""
+
 LEAST_ROTARY = 1e-8
 """Rotary inertia about the axis, over m l^2 of a segment, that none falls below: its ends turn by themselves."""
 
@@ -71,7 +74,7 @@ class _Plane:
 
     def __init__(self, part: Element, modes: int | None) -> None:
         self.part, self.parts, self.n = part, [part], modes or 2
-        self.nodal, self.K = np.zeros((4, 2)), part.stiffness()[np.ix_([2, 5], [2, 5])]
+        self.nodal, self.K = np.zeros((4, 2)), part.stiffness()[np.ix_(ENDS, ENDS)]
         self.nodal[[1, 3], [0, 1]] = 1.0
         if modes is not None:
             K, nodal = pinned_modes(part.link, modes)
