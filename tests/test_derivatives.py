@@ -104,7 +104,8 @@ CASES = [
     case("gravity, exact beam", TWO, 1e-14, back=True, arm="two_link_upright", gravity=(0.0, -9.81), **EXACT),
     case("motors, exact beam, two links", TWO, 1e-14, back=True, **MOTORS, **EXACT),
     case("gears, exact beam", ONE, 1e-15, back=True, arm=bare(geared()), **EXACT),
-    case("rigid ends, exact beam", ONE, 1e-14, arm=geared(), **EXACT),
+    case("rigid ends, exact beam", ONE, 1e-14, back=True, arm=geared(), **EXACT),
+    case("parameters, exact beam", ONE, 1e-14, back=True, parameters=True, **FALL, **EXACT),
     case("multipliers", ONE, parameters=True, gravity=(0.0, -9.81), **MULTIPLIERS),
     case("multipliers, motors and controllers", TWO, segments=1, elements=1, **MOTORS, **PD, **MULTIPLIERS),
 ]

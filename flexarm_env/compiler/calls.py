@@ -32,7 +32,8 @@ def call(writer: Any, function: Any, items: list[Any], named: dict[str, Any]) ->
     if isinstance(function, type) and issubclass(function, tuple) and hasattr(function, "_fields"):
         return _record(function, items, named)
     if isinstance(function, Kernel):
-        return _kernel(writer, function, function.complete(items, named))
+        items = function.complete(items, named)
+        return writer.inlined(function, items) if hasattr(writer, "inlined") else _kernel(writer, function, items)
     if isinstance(function, Straight):
         return function.written(writer, items)
     if hasattr(function, "choice"):

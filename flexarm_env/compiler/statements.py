@@ -90,7 +90,11 @@ class Writer(Expressions):
         """Give a name a value."""
         if name not in self.source.often:
             self.names[name] = item
-            return
+        else:
+            self.put_in_slot(name, item)
+
+    def put_in_slot(self, name: str, item: Any) -> None:
+        """Give a name one of several values."""
         item = self.dynamic(item)
         parts = leaves(item)
         if not parts:
@@ -247,13 +251,7 @@ class Writer(Expressions):
 
     def _count(self, node: ast.For, limits: list[Any], keywords: bool) -> None:
         """for ... in range(...)"""
-        if not isinstance(node.target, ast.Name):
-            raise Refused("a loop over a range counts by one name")
-        if not 1 <= len(limits) <= 3 or keywords:
-            raise Refused("range takes one to three numbers")
-        start, stop, step = (0, limits[0], 1) if len(limits) == 1 else (*limits, 1) if len(limits) == 2 else limits
-        if known(step) and step == 0:
-            raise Refused("range() by 0")
+        name, start, stop, step = limits_of(node, limits, keywords)
         last, by = whole(self.b, stop), whole(self.b, step)
         counter = self.room(WORD)
         self.b.store(whole(self.b, start), counter)
@@ -271,7 +269,7 @@ class Writer(Expressions):
         self.b.cbranch(go, body, end)
         self.b.position_at_end(body)
         self.names = dict(before)
-        self.bind(node.target.id, Integer(k))
+        self.bind(name, Integer(k))
         loop = Loop(nxt, end)
         self._round(node.body, loop, before)
         self.b.position_at_end(nxt)
@@ -327,6 +325,17 @@ class Writer(Expressions):
         self.b.branch(self.loops[-1].nxt)
         self.loops[-1].nexts.append(self.names)
 
+
+def limits_of(node: ast.For, limits: list[Any], keywords: bool) -> tuple[str, Any, Any, Any]:
+    """What a loop over a range counts by: a name, from where, to where, in which steps."""
+    if not isinstance(node.target, ast.Name):
+        raise Refused("a loop over a range counts by one name")
+    if not 1 <= len(limits) <= 3 or keywords:
+        raise Refused("range takes one to three numbers")
+    start, stop, step = (0, limits[0], 1) if len(limits) == 1 else (*limits, 1) if len(limits) == 2 else limits
+    if known(step) and step == 0:
+        raise Refused("range() by 0")
+    return node.target.id, start, stop, step
 
 
 class Loop:

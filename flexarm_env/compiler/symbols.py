@@ -164,8 +164,9 @@ def round_even(x: Value) -> Value:
 
 def largest(x: Value) -> Value:
     """The largest entry of all lanes (NaN entries are passed over)."""
+    x = alone(x)
     if x.count == 1:
-        return x.alone
+        return x
     builder = x.builder
     result = builder.extract_element(x.value, ir.Constant(SLOT, 0))
     for i in range(1, x.count):
@@ -176,7 +177,14 @@ def largest(x: Value) -> Value:
 
 def with_slope(y: Value, x: Value, slope: Value) -> Value:
     """y, a function of x whose derivative is `slope`."""
+    if hasattr(y.builder, "sloped"):
+        return y.builder.sloped(y, x, slope)
     return y.alone.having(_times(x.tangents, slope))
+
+
+def alone(x: Value) -> Value:
+    """x without its tangents."""
+    return x.builder.constant(x) if hasattr(x.builder, "constant") else x.alone
 
 
 def change(x: Value) -> Value:

@@ -14,6 +14,7 @@ plain numbers.
 
 from __future__ import annotations
 
+import functools
 import inspect
 import types as python
 from collections.abc import Callable, Hashable, Iterator
@@ -69,7 +70,7 @@ class Tracer:
             lanes.square_root: symbols.square_root,
             lanes.turn: symbols.turned,
             lanes.round_even: symbols.round_even,
-            lanes.alone: lambda x: x.alone,
+            lanes.alone: symbols.alone,
             lanes.change: symbols.change,
             lanes.with_slope: symbols.with_slope,
             lanes.stack: lambda lane, sizes: [None] * len(sizes),
@@ -78,6 +79,13 @@ class Tracer:
 
     def value(self, x: Any) -> Value:
         return x if isinstance(x, Value) else Value(self.builder, ir.Constant(DOUBLE, float(x)), 1)
+
+    def slots(self, array: Array) -> Slots:
+        """An array of numbers."""
+        return Slots(self.builder, array)
+
+    def close(self) -> None:
+        """All is written."""
 
     def load(self, lane: Any, array: Any, k: int) -> Value:
         return array[k] if isinstance(array, list) else array.get(k, self.count, self.tangents)
@@ -113,7 +121,7 @@ class Tracer:
     def symbol(self, item: Any) -> Any:
         """What stands for an item of the calling kernel's; None: a whole number, or an array of others than float64."""
         if isinstance(item, Array):
-            return Slots(self.builder, item) if item.letter == "f" else None
+            return self.slots(item) if item.letter == "f" else None
         if isinstance(item, Record | Stored):
             values = map(self.symbol, self.writer.parts(item))
             names = item.instance_class._fields  # type: ignore[attr-defined]
@@ -167,8 +175,9 @@ class Straight:
         given = dict(zip(self.names, items, strict=True))
         if self._when is not None and not self._when(given, writer):
             return writer.module.call(writer, self.function, items, {})
-        tracer = Tracer(writer, given["lane"])
+        tracer = getattr(writer, "tracer", functools.partial(Tracer, writer))(given["lane"])
         found = tracer.on_symbols(self)(*map(tracer.symbol, items))
+        tracer.close()
         if found is None:
             return None
         values = (tracer.value(x).parts(tracer.count, tracer.tangents) for x in found)

@@ -238,7 +238,7 @@ WORDS: dict[Any, Callable[..., Any]] = {
     lanes.turn: _on_symbols(symbols.turned),
     lanes.with_slope: _on_symbols(symbols.with_slope),
     lanes.change: _on_symbols(symbols.change),
-    lanes.alone: _on_symbols(lambda x: x.alone, plain=True),
+    lanes.alone: _on_symbols(symbols.alone, plain=True),
     lanes.largest: _on_symbols(symbols.largest, plain=True),
     lanes.size: lambda e, n: len(n) if is_tuple(n) else n,
     lanes.follow: lambda e, x: x,

@@ -259,10 +259,10 @@ class Periods:
     ) -> tuple[Array, Array]:
         """Cotangents (n, S), (n, O), (n,) of what a period comes to, taken back to its state (n, S), action (n, A).
 
-        Backwards (`backwards`) for a few times what the period costs: elasticas; without controllers floating frames of
-        at most eight elastic coordinates a segment, exact beams without rigid ends and parameters, and all these behind
-        gears, but floating frames without Coulomb friction; targets at rest, ideal sensors. Of all others by the
-        Jacobians.
+        Backwards (`backwards`) for a few times what the period costs: elasticas; without controllers exact beams,
+        floating frames of at most eight elastic coordinates a segment, and all these behind gears (but not by the
+        gears' own numbers, nor floating frames with Coulomb friction); targets at rest, ideal sensors. Of all others by
+        the Jacobians.
         """
         given = checked("state_bar", state_bar, (self.n, self.state_size))
         seen = checked("observation_bar", observation_bar, (self.n, self.observation_size))
@@ -377,4 +377,4 @@ def _goes_back(model: Any, controls: bool, parameters: bool) -> bool:
     if isinstance(model, Jointed):
         dry = model.friction is not None and isinstance(model.arm, FloatingChain)
         return not parameters and not dry and _goes_back(model.arm, controls, parameters)
-    return isinstance(model, ExactBeam) and not parameters and model.rigid is None and model.loads is None
+    return isinstance(model, ExactBeam)

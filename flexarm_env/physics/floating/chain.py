@@ -18,7 +18,7 @@ from ..protocol import register
 from .body import carry, forces
 from .chain_output import damping_work, energy, link_poses, out_of_range, ports, shape
 from .layout import JOINT, KNOWN, LOADED, PASSED, ROOT, acts_at, cell, elastic_row, elbow_row, factors_at
-from .matrix import condense, reduce, reduce_transposed, restore, restore_transposed, tangent
+from .matrix import condense, reduce, restore, tangent
 from .rigid import ACROSS, ROOT_END, SWEPT, TIP_END, end_of, inward, near, outward, swept, to_payload, with_moment
 
 THREE, FIVE, NINE = (0,) * 3, (0,) * 5, (0,) * 9
@@ -271,69 +271,7 @@ def solve(lane, model, S, x):
         swept(lane, end_of(model, k, TIP_END), S, levers, SWEPT, flow)
 
 
-@kernel
-def solve_transposed(lane, model, S, x):
-    """x <- S^-T x with the same factors: the steps of `solve` in turn backwards, each transposed."""
-    mesh, L, stride, first, levers = model.mesh, len(lane), _stride(model), _bodies_at(model), _levers_at(model)
-    flow = stack(lane, THREE)
-    for i in range(3):
-        store(flow, i, splat(lane, 0.0))
-    for k in range(model.links - 1, -1, -1):
-        with_moment(lane, end_of(model, k, TIP_END), S, levers, SWEPT, flow)
-        for b in range((k + 1) * model.segments - 1, k * model.segments - 1, -1):
-            D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
-            own_x = x[elastic_row(model, b) * L :]
-            restore_transposed(lane, mesh, D, own, own_x, flow, own_x, flow)
-        with_moment(lane, end_of(model, k, ROOT_END), S, levers, SWEPT, flow)
-        if k > 0:
-            o = _joint_at(k)
-            if S[(o + JOINT.pinned) * L] == 0.0:
-                wanted = load(lane, x, elbow_row(model, k))
-                turn = load(lane, flow, 2) + wanted
-                for i in range(2):
-                    store(flow, i, load(lane, flow, i) - load(lane, S, o + JOINT.row + i) * turn)
-                store(flow, 2, _with_own(lane, model, S, o + JOINT.own, -wanted, turn))
-                store(x, elbow_row(model, k), turn * load(lane, S, o + JOINT.inverse))
-    F = ROOT.factors
-    for i in range(3):
-        total = load(lane, x, i)
-        if i < 2:
-            total = total * load(lane, S, ROOT.scale + 1)
-        total = total + load(lane, flow, i)
-        for j in range(i):
-            total = total - load(lane, S, F + cell(j, i)) * load(lane, flow, j)
-        store(flow, i, total * load(lane, S, F + cell(i, i)))
-    for i in range(1, -1, -1):
-        for j in range(i + 1, 3):
-            store(flow, i, load(lane, flow, i) - load(lane, S, F + cell(j, i)) * load(lane, flow, j))
-    for i in range(3):
-        right, left = load(lane, flow, i), splat(lane, 0.0)
-        if S[(ROOT.pinned + i) * L] == 0.0:
-            left = -right
-        elif i < 2:
-            right = right * load(lane, S, ROOT.scale)
-        store(x, i, right)
-        store(flow, i, left)
-    for k in range(model.links):
-        if k > 0:
-            o = _joint_at(k)
-            if S[(o + JOINT.pinned) * L] == 0.0:
-                turn = load(lane, flow, 2)
-                left = load(lane, x, elbow_row(model, k))
-                for i in range(2):
-                    left = left + load(lane, S, o + JOINT.column + i) * load(lane, flow, i)
-                left = _with_own(lane, model, S, o + JOINT.own, left, -turn)
-                store(x, elbow_row(model, k), turn + left)
-                store(flow, 2, -left)
-        swept(lane, end_of(model, k, ROOT_END), S, levers, ACROSS, flow)
-        for b in range(k * model.segments, (k + 1) * model.segments):
-            D, own = model.data[model.block * b :], S[(first + stride * b) * L :]
-            own_x = x[elastic_row(model, b) * L :]
-            reduce_transposed(lane, mesh, D, own, own_x, flow, own_x, flow)
-        swept(lane, end_of(model, k, TIP_END), S, levers, ACROSS, flow)
-
-
 register(
-    FloatingChain, assemble, pin, stiffen, factor, solve, solve_transposed, ports, damping_work, energy, link_poses,
+    FloatingChain, assemble, pin, stiffen, factor, solve, ports, damping_work, energy, link_poses,
     out_of_range, shape,
 )  # fmt: skip

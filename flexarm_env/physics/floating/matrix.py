@@ -5,7 +5,7 @@ Rows and columns: the body's n elastic coordinates, then x, y of the acceleratio
 
 from __future__ import annotations
 
-from ...compiler import kernel, load, size, splat, store, unrolled, vjp_of
+from ...compiler import kernel, load, size, splat, store, unrolled
 from ..model import STIFFNESS_FACTOR
 from .body import constants, damping_time, dot, turn_of_root
 from .layout import KNOWN, NOW, cell, factors_at, span_at, strain_at, vectors_at, window
@@ -302,15 +302,3 @@ def restore(lane, model, D, S, x, flow):
     store(flow, 0, c * bx - s * by)
     store(flow, 1, s * bx + c * by)
     store(flow, 2, turn + dot(lane, model, D, own.tip_phi, x))
-
-
-def _reduce(lane, model, D, S, x, flow):
-    reduce(lane, model, D, S, x, flow)
-
-
-def _restore(lane, model, D, S, x, flow):
-    restore(lane, model, D, S, x, flow)
-
-
-reduce_transposed, restore_transposed = (vjp_of(sweep, ("x", "flow")) for sweep in (_reduce, _restore))
-"""Both are linear in x and flow, whose cotangents go by the transposed; what x and flow are does not matter."""
