@@ -113,7 +113,7 @@ def agree(made: Any, lane: tuple[int, ...], rng: Any, text: str) -> None:
     assert abs(one - other) < 1e-12 * size, text
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(120, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [12, pytest.param(60, marks=pytest.mark.slow)])
 def test_drawn_kernels_backwards(count: int, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Of loops within loops over ranges of either direction, of branches, of what is overwritten and read again."""
     seed = request.config.option.hypothesis_seed or 0
