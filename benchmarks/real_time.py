@@ -2,7 +2,7 @@
 
 python -m benchmarks.real_time [--periods N] [--page] [--out FOLDER]
 
-An arm served in one process, driven by PD from another, on loopback, each on a core of its own; about ten minutes.
+An arm served in one process, driven by PD from another, on loopback, each on a core of its own; about half an hour.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 
 RATES = (100, 500, 1000)
 BESIDE: dict[str, tuple[bool, bool, dict[int, float]]] = {
-    "nothing": (False, False, {100: 0.06, 500: 1.0, 1000: 1.0}),
-    "a busy process on each core": (True, False, {100: 0.01, 500: 0.1, 1000: 0.25}),
+    "nothing": (False, False, {100: 1.0, 500: 1.0, 1000: 1.0}),
+    "a busy process on each core": (True, False, {100: 0.01, 500: 0.1, 1000: 1.0}),
     "the same, served and driven with `chrt -f 10`": (True, True, {1000: 1.0}),
 }
 """What runs beside it: whether cores are busy, whether server and peer go first, and shares of the periods by rate."""
