@@ -203,7 +203,7 @@ PAIRS = [
     ("payload", "free flight"), ("payload", "shaken base"), ("soft", "free flight"),
     ("light damping", "prescribed hub"),
     ("heavy damping", "free flight"), ("gravity", "shaken base"), ("tapered", "gravity"),
-    ("elbow", "held start"), ("elbow", "rest start"), ("prescribed elbow", "held start"), ("pillar", "rest start"),
+    ("elbow", "held start"), ("elbow", "rest start"), ("prescribed elbow", "held start"),
     ("rigid ends", "held start"), ("curved", "held start"), ("curved", "rest start"), ("payload", "rest start"),
 ]  # fmt: skip
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {

@@ -174,7 +174,7 @@ class FlexibleArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see `si
     `rate_frequency`; {}: ideal), which then says `hub_sin`, `hub_cos` and `hub_rate`; `accelerometer` and `camera`
     (`period`) tables that add their entries before the gauges'. Each may have `gain`, `bias`, `noise`, `low_pass`
     (`frequency`, `order`, `damping`), `quantum` and `delay`: docs/tutorials/sensors.md, `flexarm_env.sensors`. Those of
-    the arm itself hold where `observation` is not "full" and nothing else is said.
+    the arm itself hold where `observation` is not "full" and nothing else is said. A `gyroscope` is one of space.
 
     Actuator: `lag` is the time constant of the motor, s; `delay` a whole number of solver's steps, s; `jitter` the most
     that is added to it, s, drawn for each period in whole steps; `saturation` a share of the torque limit; `viscous` (N
