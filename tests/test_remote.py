@@ -387,6 +387,17 @@ class Stream:
         return pack(Packet(Kind.READING, 9, self.count, 0.01 * self.count, (0.0,) * 6))
 
 
+def test_of_two_commands_in_a_period_the_second_acts_and_the_first_has_armed() -> None:
+    session = made()
+    connection = joined(session)
+    command(session, connection, 1, 0.5, ARM)
+    command(session, connection, 2, 1.0)
+    assert not reading(session).flags & HELD and session.torque[0] == 1.0
+    command(session, connection, 3, 0.5, ARM)
+    session.receive(pack(Packet(Kind.BYE, connection, 4)), PEER)
+    assert session.advance() is None and session.held and session.torque[0] == 0.0
+
+
 def test_a_reading_is_not_waited_for_behind_another() -> None:
     """The peer of an arm at 1000 Hz was always shown one more while it looked whether there was one."""
     wire: Any = object.__new__(Wire)

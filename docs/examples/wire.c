@@ -5,6 +5,7 @@
  */
 #define _POSIX_C_SOURCE 200112L
 #include <arpa/inet.h>
+#include <poll.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -34,17 +35,21 @@ static int put(int wire, packet *p, int kind, int flags, uint32_t count)
     return send(wire, p, HEAD + 8 * count, 0) < 0;
 }
 
-/* The next packet of a kind; 0 where none comes within the socket's time. */
+/* The newest packet of a kind; 0 where none comes within the socket's time. Older ones that wait are left behind: a peer
+ * that was late would act on what is past. */
 static int take(int wire, packet *p, int kind)
 {
-    for (int tries = 0; tries < 8; tries++) {
-        ssize_t size = recv(wire, p, sizeof *p, 0);
-        if (size < 0) return 0;
-        if (size >= HEAD && !memcmp(p->magic, "FXRM", 4) && p->version == 1 && p->kind == kind && p->count <= MOST &&
-            size == (ssize_t)(HEAD + 8 * p->count))
-            return 1;
+    struct pollfd more = {.fd = wire, .events = POLLIN};
+    packet next;
+    int found = 0;
+    for (int tries = 0; tries < (found ? 1000 : 8) && (!found || poll(&more, 1, 0) > 0); tries++) {
+        ssize_t size = recv(wire, &next, sizeof next, 0);
+        if (size < 0) break;
+        if (size >= HEAD && !memcmp(next.magic, "FXRM", 4) && next.version == 1 && next.kind == kind &&
+            next.count <= MOST && size == (ssize_t)(HEAD + 8 * next.count))
+            *p = next, found = 1;
     }
-    return 0;
+    return found;
 }
 
 int main(int words, char **word)

@@ -150,10 +150,11 @@ class Session:
             self.counts["accepted"] += 1
             self.last, self.silent = found.sequence, 0
             if found.kind is Kind.BYE:
-                self.peer = None
+                self.peer = self._asked = None
                 self._stop("the peer has gone")
             else:
-                self._asked = found
+                before = 0 if self._asked is None else self._asked.flags & (ARM | RESET)
+                self._asked = found._replace(flags=found.flags | before)  # two in a period: what the first began holds
         return None
 
     def _welcome(self, hello: int, address: Any) -> bytes | None:
