@@ -131,9 +131,9 @@ def test_bend_of_45_degrees_in_second_order() -> None:
     arm = fx.Arm("bend", (fx.Link(25.0 * math.pi, s, curvature=0.01),))
     load = fx.PointLoad(0, "tip", force_z=constant(600.0))
     known = np.array([-23.56065, -13.60467, 53.47554]) + 100.0 * np.array([math.sqrt(0.5), 1.0 - math.sqrt(0.5), 0.0])
-    errors = [float(np.abs(rest(arm, n, load) - known).max()) for n in (8, 16, 32)]
+    errors = [float(np.abs(rest(arm, n, load) - known).max()) for n in (8, 16, 32, 64)]
     assert errors[0] < 0.01
-    assert all(a / b > 3.6 for a, b in pairwise(errors))
+    assert all(a / b > 3.7 for a, b in pairwise(errors[1:]))
 
 
 @pytest.mark.slow
