@@ -173,32 +173,31 @@ GEARED_CHAINS = pytest.mark.parametrize(
 )
 
 
-@GEARED_CHAINS
-def test_power_of_geared_joints_is_the_rate_of_the_energy(levers: bool, how: str) -> None:
-    """The same with rotors, gears and friction: gyroscopic moments of rotors do no work; what is lost is counted."""
-    arm, h = Drawn(levers, 0.1, 1.0, how=how, joints=GEARED), 1e-5
+def _taken(arm: Drawn) -> tuple[float, float, float]:
+    """What damping and friction take, W: by the power of all forces less the rate of the energy, by the books; and that
+    power."""
+    h = 1e-5
 
     def energy(t: float) -> float:
         return float(arm.energy(arm.moved(arm.q, t * arm.v + 0.5 * t * t * arm.a), arm.v + t * arm.a).sum())
 
     power = float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum())
     lost = float(_lost(SINGLE, arm.model, arm.par, arm.q, arm.v))
-    assert lost > 0.0
-    assert power - (energy(h) - energy(-h)) / (2.0 * h) == pytest.approx(lost, rel=1e-5, abs=1e-7 * abs(power))
+    return power - (energy(h) - energy(-h)) / (2.0 * h), lost, power
+
+
+@GEARED_CHAINS
+def test_power_of_geared_joints_is_the_rate_of_the_energy(levers: bool, how: str) -> None:
+    """The same with rotors, gears and friction: gyroscopic moments of rotors do no work; what is lost is counted."""
+    taken, lost, power = _taken(Drawn(levers, 0.1, 1.0, how=how, joints=GEARED))
+    assert lost > 0.0 and taken == pytest.approx(lost, rel=1e-5, abs=1e-7 * abs(power))
 
 
 @CHAINS
 def test_damping_takes_what_the_power_lacks(levers: bool, how: str) -> None:
     """r . v - d(T + V)/dt = v'C v, which the books count, with a time constant of each link's own: positive."""
-    arm, h = Drawn(levers, 0.02, 1.0, damped=True, how=how), 1e-5
-
-    def energy(t: float) -> float:
-        return float(arm.energy(arm.moved(arm.q, t * arm.v + 0.5 * t * t * arm.a), arm.v + t * arm.a).sum())
-
-    power = float((arm.residual(arm.q, arm.v, arm.a) * arm.v)[arm.rows].sum())
-    lost = float(_lost(SINGLE, arm.model, arm.par, arm.q, arm.v))
-    assert lost > 0.0
-    assert power - (energy(h) - energy(-h)) / (2.0 * h) == pytest.approx(lost, rel=1e-5)
+    taken, lost, _ = _taken(Drawn(levers, 0.02, 1.0, damped=True, how=how))
+    assert lost > 0.0 and taken == pytest.approx(lost, rel=1e-5)
 
 
 NEAR = pytest.mark.parametrize(("bent", "moving", "most"), [(0.0, 0.0, 1e-6), (1e-3, 0.1, 1e-3), (0.01, 0.3, 0.05)])
