@@ -276,7 +276,7 @@ class Arm:
         if self.sensors is not None:
             check.instance("sensors", self.sensors, Sensors)
             with check.under("sensors"):
-                self.sensors.check_for(n)
+                self.sensors.check_for(links)
         _store(
             self,
             links=links,

@@ -13,7 +13,7 @@ the quantity is taken to have been what it is for ever.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, TypeVar
 
@@ -304,22 +304,25 @@ class Sensors:
         gauges = enumerate(self.strain_gauges)
         return found | {f"strain_gauge_{i + 1}": (f"strain_gauges[{i}]", gauge) for i, gauge in gauges}
 
-    def check_for(self, n_links: int, space: bool = True) -> None:
-        """ValueError unless an arm of so many links can carry them; space: whether it is one in space."""
+    def check_for(self, links: Sequence[Any], space: bool = True) -> None:
+        """ValueError unless an arm of these links can carry them; space: whether it is one in space."""
         if not space and self.gyroscope is not None:
             what = "must be left out: there are gyroscopes in space alone"
             raise check.InvalidValue("gyroscope", self.gyroscope, what)
-        if len(self.encoders) not in (0, 1, n_links):
-            raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {n_links}")
+        if len(self.encoders) not in (0, 1, len(links)):
+            raise check.InvalidValue("encoders", f"{len(self.encoders)} encoders", f"must be one, or {len(links)}")
         for i, gauge in enumerate(self.strain_gauges):
-            check.integer(f"strain_gauges[{i}].link", gauge.link, minimum=0, maximum=n_links - 1)
+            check.integer(f"strain_gauges[{i}].link", gauge.link, minimum=0, maximum=len(links) - 1)
+            if links[gauge.link].rigid:
+                what = "must be a link that bends: this one is rigid"
+                raise check.InvalidValue(f"strain_gauges[{i}].link", gauge.link, what)
             if not space and gauge.measures != "xy":
                 raise check.InvalidValue(f"strain_gauges[{i}].measures", gauge.measures, 'must be "xy" in the plane')
 
     @classmethod
-    def ideal(cls, n_links: int) -> Sensors:
-        """Those of an arm that names none: encoders without counts and a gauge at the root of each link."""
-        return cls((Encoder(),), tuple(StrainGauge(link=k) for k in range(n_links)))
+    def ideal(cls, links: Sequence[Any]) -> Sensors:
+        """Those of an arm that names none: encoders without counts and a gauge at the root of each link that bends."""
+        return cls((Encoder(),), tuple(StrainGauge(link=k) for k, link in enumerate(links) if not link.rigid))
 
 
 def from_table(table: Mapping[str, Any], path: str = "sensors") -> Sensors:

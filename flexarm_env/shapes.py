@@ -199,8 +199,8 @@ class Cylinder(Shape):
 
     def __post_init__(self) -> None:
         start, end = bodies.vector("start", self.start, "m"), bodies.vector("end", self.end, "m")
-        if not math.dist(start, end) > 0.0:
-            raise check.InvalidValue("end", self.end, "must be another point than start")
+        if not math.dist(start, end) > 1e-12:
+            raise check.InvalidValue("end", self.end, "must be another point than start (1e-12 m apart and more)")
         check.store(self, start=start, end=end, radius=check.number("radius", self.radius, "m", above=0.0))
 
     @property

@@ -179,7 +179,7 @@ class Trajectory:
             distance: m. None: to the surface of a rectangle of the section's m and J, sqrt(3 J / m).
         """
         gauge = StrainGauge(link=link, place=place, unit="strain", distance=distance)
-        Sensors(strain_gauges=(gauge,)).check_for(self.scene.arm.n_links)
+        Sensors(strain_gauges=(gauge,)).check_for(self.scene.arm.links)
         return self._bending((gauge,))[:, 0]
 
     def _bending(self, gauges: Sequence[StrainGauge]) -> Array:
@@ -232,10 +232,10 @@ class Trajectory:
         self.check_arrays()
         arm = self.scene.arm
         own = arm.sensors if sensors is None else sensors
-        own = Sensors.ideal(arm.n_links) if own is None else own
+        own = Sensors.ideal(arm.links) if own is None else own
         own = own if isinstance(own, Sensors) else from_table(check.table_of("sensors", own))
         with check.under("sensors"):
-            own.check_for(arm.n_links, self.scene.spatial)
+            own.check_for(arm.links, self.scene.spatial)
         steps = np.diff(self.t)
         if not len(steps) or np.ptp(steps) > 1e-6 * steps[0]:
             what = (

@@ -204,7 +204,7 @@ def test_features_carry_over() -> None:
         ({"initial_vibration": 0.1}, "initial_vibration = 0.1"),
         ({"keep_out": [{"shape": "sphere", "center": (0, 0), "radius": 1}]}, "must be in space"),
         ({"action_mode": "voltage"}, "arm.joints[0].motor: missing"),
-        ({"sensors": {"strain_gauges": [0.0]}}, "links[0] is rigid"),
+        ({"sensors": {"strain_gauges": [0.0]}}, "strain_gauges[0].link = 0: must be a link that bends"),
         ({"randomization": {"friction": (0.5, 2.0)}}, "randomization.friction"),
         ({"randomization": {"payload_inertia": (0.5, 2.0)}}, "randomization.payload_inertia"),
         ({"formulation": "elastica"}, "formulation = 'elastica'"),

@@ -274,7 +274,7 @@ def test_an_arm_s_own_sensors_and_what_is_refused() -> None:
     for make, words in (
         (lambda: gym.make("FlexibleArm-v0", sensors={"gyroscope": {}}), "sensors.gyroscope"),
         (lambda: gym.make("FlexibleArm-v0", sensors={"strain_gauges": [{"measures": "xz"}]}), "measures = 'xz'"),
-        (lambda: gym.make("SpatialFlexArm-v0", sensors={"strain_gauges": [0.0]}), "links[0] is rigid"),
+        (lambda: gym.make("SpatialFlexArm-v0", sensors={"strain_gauges": [0.0]}), "link = 0: must be a link that"),
         (lambda: StrainGauge(unit="strain", measures="torsion"), "distance = None"),
         (lambda: StrainGauge(measures="yz"), "measures = 'yz'"),
     ):

@@ -175,7 +175,7 @@ def gauges_of(setup: Setup) -> dict[int, StrainGauge]:
 
 def _encoders(setup: Setup) -> list[Encoder]:
     """Those of the joints; ideal ones where none are known."""
-    known = setup.sensors if setup.sensors and setup.sensors.encoders else Sensors.ideal(setup.n_joints)
+    known = setup.sensors if setup.sensors and setup.sensors.encoders else Sensors.ideal(setup.arm.links)
     return [known.encoder(k).behind(setup.arm.joint(k).gear_ratio) for k in range(setup.n_joints)]
 
 

@@ -68,7 +68,6 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
 
     Under "measured" an arm that names none has ideal ones, and one that names no encoders has ideal encoders.
     """
-    n = arm.n_links
     own = arm.sensors
     if isinstance(given, description.Sensors):
         found, named = given, set(description.KEYS)
@@ -77,7 +76,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
         known = {key: value for key, value in table.items() if key in description.KEYS}
         found, named = description.from_table(known), set(known)
     if observation != FULL:
-        base = own or (description.Sensors() if arm.spatial else description.Sensors.ideal(n))
+        base = own or (description.Sensors() if arm.spatial else description.Sensors.ideal(arm.links))
         if own is None and observation != MEASURED:
             gauged = any(name.startswith("strain_gauge_") for name in observation)
             base = description.Sensors(strain_gauges=base.strain_gauges if gauged else ())
@@ -85,7 +84,7 @@ def sensors_of(arm: Arm, observation: str | tuple[str, ...], given: Any) -> desc
         if observation == MEASURED and not found.encoders:
             found = dataclasses.replace(found, encoders=(description.Encoder(),))
     with check.under("sensors"):
-        found.check_for(n, arm.spatial)
+        found.check_for(arm.links, arm.spatial)
     return found
 
 

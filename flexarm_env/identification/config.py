@@ -125,9 +125,10 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
     if len(set(joints)) < len(joints):
         raise check.InvalidValue("inputs", [c.name for c in inputs], "must have one entry for each joint")
     sensors = table.get("sensors")
-    carried = arm.sensors or Sensors.ideal(n) if sensors is None else from_table(check.table_of("sensors", sensors))
+    own = arm.sensors or Sensors.ideal(arm.links)
+    carried = own if sensors is None else from_table(check.table_of("sensors", sensors))
     with check.under("sensors"):
-        carried.check_for(n)
+        carried.check_for(arm.links)
     parameters = tuple(_parameter(p, v) for p, v in check.table_of("parameters", table.get("parameters", {})).items())
     solver = {"formulation": "elastica", **check.table_of("solver", table.get("solver", {}))}
     good = check.number("good", table.get("good", 70.0), "%", maximum=100.0)

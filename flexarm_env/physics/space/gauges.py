@@ -37,8 +37,6 @@ def gauges(scene: Scene, settings: Settings, spots: Sequence[Any]) -> Array:
         raise check.InvalidValue("modes", settings.modes, what)
     for k, place, *more in spots:
         link, measures = scene.arm.links[k], more[0] if more else "xy"
-        if link.rigid:
-            raise check.InvalidValue("strain_gauges", k, f"must be on a link that bends; links[{k}] is rigid")
         n, axis = count_elements(link, settings), AXIS[measures]
         own = _segment if settings.formulation == "floating_frame" else _elements
         first, near, far, rest = own(link, n, place * link.length, axis)
