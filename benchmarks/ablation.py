@@ -214,10 +214,5 @@ def measure(options: argparse.Namespace) -> pages.Found:
     return {"scenes": scenes_present(), "present": present(options.rounds), "absent": absent()}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write the results."""
-    return pages.run("ablation", __doc__, measure, blocks, arguments, page="results/cost_model", rounds=7)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("ablation", __doc__, measure, blocks, page="results/cost_model", rounds=7))

@@ -260,10 +260,5 @@ def flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--env", choices=IDS, action="append", help="only this environment")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure, write, return 0 where the defaults are good enough."""
-    return pages.run("default_settings", __doc__, measured, blocks, arguments, more=flags, episodes=200)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("default_settings", __doc__, measured, blocks, more=flags, episodes=200))

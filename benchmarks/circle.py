@@ -252,11 +252,6 @@ def flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", type=Path, default=Path("runs/circle"), help="folder of logs and policies")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """All of it."""
-    return pages.run("circle", __doc__, measure, blocks, arguments, packages=("stable-baselines3", "torch"),
-                     more=flags, seeds=3, steps=400_000, targets=6)  # fmt: skip
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("circle", __doc__, measure, blocks, packages=("stable-baselines3", "torch"), more=flags, seeds=3,
+                       steps=400_000, targets=6))  # fmt: skip

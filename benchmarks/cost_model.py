@@ -133,10 +133,5 @@ def measure(options: argparse.Namespace) -> pages.Found:
     return {"ceiling": {"1": ceiling(SINGLE), "8": ceiling(EIGHT)}, "rows": rows}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write the results."""
-    return pages.run("cost_model", __doc__, measure, blocks, arguments)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("cost_model", __doc__, measure, blocks))

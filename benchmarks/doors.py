@@ -400,10 +400,5 @@ def blocks(found: Found) -> pages.Blocks:
     }  # fmt: skip
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write."""
-    return pages.run("doors", __doc__, measure, blocks, arguments, packages=("fmpy",), periods=100_000)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("doors", __doc__, measure, blocks, packages=("fmpy",), periods=100_000))

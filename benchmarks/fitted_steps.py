@@ -165,10 +165,5 @@ def measure(options: argparse.Namespace) -> pages.Found:
     return {"rows": rows, "verdicts": {"no fitted period adds more than it is allowed": within}}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run all, write the results; 1 where a fitted period added more than it was allowed."""
-    return pages.run("fitted_steps", __doc__, measure, blocks, arguments, page="results/default_settings", periods=400)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("fitted_steps", __doc__, measure, blocks, page="results/default_settings", periods=400))

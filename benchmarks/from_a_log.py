@@ -113,11 +113,6 @@ def flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", type=Path, default=Path("runs/from_a_log"), help="folder of logs and policies")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Log, fit, train, judge, write."""
-    return pages.run("from_a_log", __doc__, measure, blocks, arguments, page="results/identification",
-                     packages=("stable-baselines3", "torch"), more=flags, steps=800_000, episodes=100)  # fmt: skip
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("from_a_log", __doc__, measure, blocks, page="results/identification",
+                       packages=("stable-baselines3", "torch"), more=flags, steps=800_000, episodes=100))  # fmt: skip

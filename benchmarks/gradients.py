@@ -166,11 +166,6 @@ def flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kept", action="store_true", help="tell of runs that have finished, start none")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure, train, judge, write; 1 where something that was to be shown does not hold."""
-    return pages.run("gradients", __doc__, measure, blocks, arguments, page="results/derivatives", more=flags, seeds=5,
-                     ppo=5, arms=512)  # fmt: skip
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("gradients", __doc__, measure, blocks, page="results/derivatives", more=flags, seeds=5, ppo=5,
+                       arms=512))  # fmt: skip

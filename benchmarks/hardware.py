@@ -162,11 +162,6 @@ def flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fit", type=Path, default=ROOT / "runs/hardware", help="folder of the fit and its arm.toml")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Fit all, draw, and write the page."""
-    return pages.run("hardware", __doc__, measure, blocks, arguments, page="hardware", packages=("scipy",), more=flags,
-                     variants=len(VARIANTS))  # fmt: skip
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("hardware", __doc__, measure, blocks, page="hardware", packages=("scipy",), more=flags,
+                       variants=len(VARIANTS)))  # fmt: skip

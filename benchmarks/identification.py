@@ -108,10 +108,5 @@ def measure(options: argparse.Namespace) -> pages.Found:
     return {"cases": rows}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run all cases and publish."""
-    return pages.run("identification", __doc__, measure, blocks, arguments, packages=("scipy",), cases=CASES)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("identification", __doc__, measure, blocks, packages=("scipy",), cases=CASES))

@@ -233,10 +233,5 @@ def measure(options: argparse.Namespace) -> pages.Found:
     return {**found, "verdicts": verdicts(found)}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure, draw, write; 1 where something does not hold."""
-    return pages.run("physics", __doc__, measure, blocks, arguments)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("physics", __doc__, measure, blocks))

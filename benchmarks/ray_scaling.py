@@ -265,10 +265,5 @@ def measure(arguments: argparse.Namespace) -> pages.Found:
     return {"load_average": load, "env": ENV, "bare_us": bare(config), "found": found}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write the results."""
-    return pages.run("ray", __doc__, measure, blocks, arguments, packages=("ray", "torch"), iterations=8, rounds=2)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("ray", __doc__, measure, blocks, packages=("ray", "torch"), iterations=8, rounds=2))

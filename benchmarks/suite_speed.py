@@ -65,10 +65,5 @@ def blocks(found: pages.Found) -> pages.Blocks:
     return {"rates": table("task | environment | plain, 1/s | task, 1/s | ratio", cells)}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write the results."""
-    return pages.run("suite_speed", __doc__, measure, blocks, arguments, page="results/throughput", rounds=4)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("suite_speed", __doc__, measure, blocks, page="results/throughput", rounds=4))

@@ -160,11 +160,5 @@ def flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="two sizes, one formulation, no memory")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write the results."""
-    return pages.run("throughput", __doc__, measure, blocks, arguments, packages=("envpool", "exudyn"), more=flags,
-                     rounds=5)  # fmt: skip
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("throughput", __doc__, measure, blocks, packages=("envpool", "exudyn"), more=flags, rounds=5))

@@ -438,11 +438,6 @@ def flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fresh", action="store_true", help="forget what an earlier run has left")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run all, write the results."""
-    return pages.run("work_precision", __doc__, measured, blocks, arguments, packages=("exudyn", "pyelastica"),
-                     indent=None, more=flags)  # fmt: skip
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(pages.run("work_precision", __doc__, measured, blocks, packages=("exudyn", "pyelastica"), indent=None,
+                       more=flags))  # fmt: skip
