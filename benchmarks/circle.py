@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from benchmarks import pages
 from benchmarks.machine import table
 from flexarm_env import Joint, arms
-from flexarm_env.files import csv_lines, write_whole
+from flexarm_env.files import csv_lines, write_text
 from flexarm_env.identification import identify
 from flexarm_env.remote import Played, RemoteArmEnv, run_policy
 
@@ -173,7 +173,7 @@ def fitted(folder: Path, arm: Path, delay: float, seed: int, seconds: float = 10
         played = Played(folder / "excite.csv", env.wire.period, env.wire.limits)
         run_policy(played, env, played.seconds, most_angle=10.0)
     start = rows_of(folder / "log.csv")["angle0"][0]
-    write_whole(folder / "known.toml", arms.to_toml(strip_with((0.005, 0.005))).encode())
+    write_text(folder / "known.toml", arms.to_toml(strip_with((0.005, 0.005))))
     config = CONFIG.replace("START", repr(float(start)))
     return identify(folder / "known.toml", config, [folder / "log.csv"], out=folder / "fit")
 
@@ -183,7 +183,7 @@ def one(folder: Path, seed: int, steps: int, targets: int, seconds: float = 10.0
     folder.mkdir(parents=True, exist_ok=True)
     arm, delay = unknown(seed)
     path = folder / "unknown.toml"
-    write_whole(path, arms.to_toml(arm).encode())
+    write_text(path, arms.to_toml(arm))
     found = fitted(folder, path, delay, seed, seconds)
     truth = (arm.links[0].section.EI, arm.payload.mass, arm.hub_inertia, arm.tau_d, arm.joints[0].friction_viscous,
              arm.joints[0].friction_coulomb, delay)  # fmt: skip

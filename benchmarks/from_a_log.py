@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks import pages
 from benchmarks.machine import table
 from flexarm_env import Encoder, JointTorque, LowPass, Scene, Sensors, StrainGauge, arms, simulate
-from flexarm_env.files import write_whole
+from flexarm_env.files import write_text
 from flexarm_env.identification import identify
 from flexarm_env.time_functions import linear_table
 
@@ -52,7 +52,7 @@ def write_log(arm: Any, path: Path) -> None:
     strain = 1e6 * (strain + 0.01 * strain.std() * rng.normal(size=len(t)) + 2e-5)
     columns = np.array([t, torque, np.degrees(run.measured(own)["hub_angle"]), strain]).T
     text = "\n".join(["t,torque,hub,strain", *(",".join(f"{x:.8g}" for x in row) for row in columns)])
-    write_whole(path, (text + "\n").encode())
+    write_text(path, text + "\n")
 
 
 def flexarm(*words: str) -> str:
@@ -64,7 +64,7 @@ def flexarm(*words: str) -> str:
 def measure(options: argparse.Namespace) -> pages.Found:
     """Log, fit, train three policies, judge them on the true arm."""
     folder, arm = options.runs, true_arm()
-    write_whole(folder / "true.toml", arms.to_toml(arm).encode())
+    write_text(folder / "true.toml", arms.to_toml(arm))
     write_log(arm, folder / "log.csv")
     found = identify("strip", CONFIG, [folder / "log.csv"], out=folder / "fit")
     print(json.dumps(found.lines(), indent=1), flush=True)

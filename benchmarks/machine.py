@@ -13,7 +13,7 @@ from typing import Any
 
 import flexarm_env
 from benchmarks.running import cores
-from flexarm_env.files import write_whole
+from flexarm_env.files import write_text as write_text
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PACKAGES = ("numpy", "llvmlite", "gymnasium")
@@ -48,11 +48,6 @@ def describe_machine(*packages: str) -> dict[str, str]:
 def cpu_seconds() -> float:
     """Processor time that this process and those that it has waited for have used up to now, s."""
     return sum(os.times()[:4])
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file completely or not at all."""
-    write_whole(path, text.encode())
 
 
 def told(machine: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ import re
 import tomllib
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -185,18 +185,32 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
 
 
 # ------------------------------------------------------------------ writing
-def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` to `path`, completely or not at all; its folder is made. OSError where that cannot be done."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")  # of this process alone
+def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
+    """Write `content`, or what it makes of a file of the same suffix, to `path`, completely or not at all.
+
+    The folder is made. OSError with the path where that cannot be done.
+    """
+    part = path.with_name(f".part-{os.getpid()}-{path.name}")  # of this process alone
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(content)
+        write = content if callable(content) else lambda part: part.write_bytes(content)
+        write(part)
         part.replace(path)
     except OSError as error:
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
+        raise OSError(error.errno, error.strerror or str(error), os.fspath(path)) from error
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """The same of a text."""
+    write_whole(path, text.encode())
+
+
+def write_json(path: Path, content: Any) -> None:
+    """The same of JSON."""
+    write_text(path, json.dumps(content, indent=2) + "\n")
 
 
 def write_npz(path: Path, arrays: Mapping[str, Any]) -> None:

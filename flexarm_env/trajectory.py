@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import validation as check
-from .files import from_json, read_npz, write_npz, write_whole
+from .files import from_json, read_npz, write_npz, write_text
 from .physics.assembly import assemble
 from .physics.gauges import Spot, curvatures
 from .physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, STEPS, TIP, TIP_RATES
@@ -290,7 +290,7 @@ class Trajectory:
         table = self.columns()
         text = [",".join(table)]
         text += [",".join(repr(float(x)) for x in row) for row in zip(*table.values(), strict=True)]
-        write_whole(Path(path), ("\n".join(text) + "\n").encode())
+        write_text(Path(path), "\n".join(text) + "\n")
 
     # --- files --------------------------------------------------------------------------------------
     def check_arrays(self) -> None:

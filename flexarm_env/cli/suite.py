@@ -11,7 +11,7 @@ from flexarm_env import suite
 from flexarm_env import validation as check
 from flexarm_env.cli.codes import DONE, FAILED, Parser
 from flexarm_env.cli.progress import show
-from flexarm_env.files import write_whole
+from flexarm_env.files import write_text
 from flexarm_env.suite import best
 from flexarm_env.suite.data import Task
 from flexarm_env.suite.page import page
@@ -170,6 +170,6 @@ def _page(words: Sequence[str]) -> int:
     if args.out is None:
         print(text, end="")
         return DONE
-    write_whole(Path(args.out), text.encode())
+    write_text(Path(args.out), text)
     print(f"page: {args.out}")
     return DONE

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from flexarm_env import arms
 from flexarm_env import validation as check
-from flexarm_env.files import write_whole
+from flexarm_env.files import write_text
 from flexarm_env.linear import modes as modes_of
 from flexarm_env.parameters import Arm
 from flexarm_env.rigid import coriolis, rigid_inertia
@@ -64,7 +64,7 @@ class Excitation:
         """A CSV file with the columns t, torque0, ..., whole or not at all. Raises OSError."""
         names = ["t", *(f"torque{k}" for k in range(self.torques.shape[1]))]
         rows = (",".join(f"{x:.12g}" for x in row) for row in np.column_stack([self.t, self.torques]).tolist())
-        write_whole(Path(path), ("\n".join([",".join(names), *rows]) + "\n").encode())
+        write_text(Path(path), "\n".join([",".join(names), *rows]) + "\n")
 
 
 def excite(

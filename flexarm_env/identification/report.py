@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexarm_env import arms
-from flexarm_env.files import write_whole
+from flexarm_env.files import write_json, write_text
 from flexarm_env.parameters import Arm
 
 from .config import Config, Parameter
@@ -88,9 +87,9 @@ class Identification:
         from flexarm_env.plotting import styled_figure
 
         home = Path(folder)
-        write_whole(home / "arm.toml", arm_text(self).encode())
-        write_whole(home / "report.md", page(self).encode())
-        write_whole(home / "result.json", (json.dumps(self.lines(), indent=2) + "\n").encode())
+        write_text(home / "arm.toml", arm_text(self))
+        write_text(home / "report.md", page(self))
+        write_json(home / "result.json", self.lines())
         for row in (*self.train, *self.held_out):
             names = list(row.readings)
             with styled_figure(home / f"{row.run.stem}.png", 9.0, 2.6 * len(names)) as figure:

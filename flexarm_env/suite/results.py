@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..files import read_json, write_whole
+from ..files import read_json, write_text
 from . import digest, make_vec, policies, second
 from .data import Task, tasks
 from .frozen import Possible, instants, possible
@@ -62,7 +62,7 @@ class Results:
         path = folder / self.file
         text = json.dumps({"format": FORMAT, **asdict(self)}, indent=1) + "\n"
         lists = re.sub(r'\[[^][{}"]*\]', lambda found: " ".join(found[0].split()), text)
-        write_whole(path, lists.encode())
+        write_text(path, lists)
         return path
 
     def has(self, task: Task, chosen: Chosen, episodes: int) -> bool:

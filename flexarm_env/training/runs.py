@@ -6,7 +6,6 @@ import contextlib
 import csv
 import dataclasses
 import io
-import json
 import os
 import shutil
 import sys
@@ -16,6 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from flexarm_env.files import read_json as read_json
+from flexarm_env.files import write_json as write_json
+from flexarm_env.files import write_text as write_text
+from flexarm_env.files import write_whole as write_whole
 from flexarm_env.suite.results import versions as versions
 from flexarm_env.suite.score import FIRST
 from flexarm_env.training.arguments import parse
@@ -27,18 +30,6 @@ MOST_SEED = FIRST - 1001
 """Of a training run, whose environments have the thousand seeds from it on."""
 
 
-def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let `write` fill a part-file (of the same suffix) beside path, then put it in path's place."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".part-{os.getpid()}-{path.name}")
-    try:
-        with at(path):
-            write(part)
-            os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 @contextlib.contextmanager
 def at(path: Path) -> Iterator[None]:
     """Say which file or folder an OSError inside the block is about (a full disk's does not)."""
@@ -48,20 +39,6 @@ def at(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or str(error), os.fspath(path)) from error
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
-
-    def write(part: Path) -> None:
-        part.write_text(text, "utf-8")
-
-    write_whole(path, write)
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, whole or not at all."""
-    write_text(path, json.dumps(content, indent=2) + "\n")
-
-
 def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a CSV file, whole or not at all."""
     text = io.StringIO()
@@ -69,16 +46,6 @@ def write_rows(path: Path, heads: Sequence[str], rows: Iterable[Mapping[str, Any
     writer.writeheader()
     writer.writerows(rows)
     write_text(path, text.getvalue())
-
-
-def read_json(path: Path) -> Any:
-    """A JSON file's content; ValueError with a sentence where it is missing or damaged."""
-    try:
-        return json.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ValueError(f"{path}: damaged, not JSON ({error})") from error
 
 
 def broken_off(folder: Path, command: str, error: OSError | None = None) -> int:

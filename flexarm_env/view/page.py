@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation as check
-from ..files import write_whole
+from ..files import write_text
 from .clip import Chart, Clip
 from .space import SpaceClip, check_alike
 
@@ -62,7 +62,7 @@ class Player:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page to a file, whole or not at all; its folder is made. Raises OSError."""
         target = Path(path)
-        write_whole(target, self.html.encode())
+        write_text(target, self.html)
         return target
 
     def _repr_html_(self) -> str:
