@@ -33,12 +33,12 @@ from flexarm_env.remote.packet import ARM
 Array = NDArray[np.float64]
 
 RATES = (100, 500, 1000)
-BESIDE: dict[str, tuple[bool, bool, dict[int, float]]] = {
-    "nothing": (False, False, {100: 1.0, 500: 1.0, 1000: 1.0}),
-    "a busy process on each core": (True, False, {100: 0.01, 500: 0.1, 1000: 1.0}),
-    "the same, served and driven with `chrt -f 10`": (True, True, {1000: 1.0}),
+BESIDE: dict[str, tuple[bool, bool, tuple[int, ...]]] = {
+    "nothing": (False, False, RATES),
+    "a busy process on each core": (True, False, RATES),
+    "the same, served and driven with `chrt -f 10`": (True, True, (1000,)),
 }
-"""What runs beside it: whether cores are busy, whether server and peer go first, and shares of the periods by rate."""
+"""What runs beside it: whether cores are busy, whether server and peer go first, and at which rates."""
 SHARES = (50.0, 99.0, 99.9, 100.0)
 FIRST = 10
 """Priority of the first come, first served."""
@@ -147,28 +147,27 @@ def kept(rate: int, periods: int, first: bool) -> Found:
 
 
 def share(env_id: str, rate: int, kwargs: Found) -> list[list[float]]:
-    """Median and worst us of a period: of the arm's step alone, and of serving it with its packets if it can be."""
+    """Median and worst us of a period: of the arm's step alone, and of serving it with its packets."""
     env = arm_of(env_id, rate, **kwargs)
     plain, limits, spent = env.unwrapped, np.array(env.unwrapped.plan.arm.torque_limits), np.empty((MEASURED, 2))
-    session = None if plain.plan.arm.spatial else Session(arm_of(env_id, rate, **kwargs), seed=0)
-    welcome = unpack((session and session.receive(pack(Packet(Kind.HELLO, 1, 0)), 1)) or b"")
+    session = Session(arm_of(env_id, rate, **kwargs), seed=0)
+    welcome = unpack(session.receive(pack(Packet(Kind.HELLO, 1, 0)), 1) or b"")
     plain.reset(seed=0)
     for k in range(MEASURED):
         share = np.full(len(limits), 0.3 * np.sin(6.0 * k / rate), np.float32)
         at = time.perf_counter()
         _, _, ended, *_ = plain.step(share)
-        between = spent[k, 1] = time.perf_counter()
+        spent[k, 1] = time.perf_counter()
         if ended:
             plain.reset(seed=k)
-        if session is not None and isinstance(welcome, Packet):
-            wanted = tuple((limits * share).tolist())
-            command = pack(Packet(Kind.COMMAND, welcome.connection, k + 1, 0.0, wanted, ARM))
-            between = time.perf_counter()
-            session.receive(command, 1)
-            session.advance()
+        assert isinstance(welcome, Packet)
+        wanted = tuple((limits * share).tolist())
+        command = pack(Packet(Kind.COMMAND, welcome.connection, k + 1, 0.0, wanted, ARM))
+        between = time.perf_counter()
+        session.receive(command, 1)
+        session.advance()
         spent[k] = spent[k, 1] - at, time.perf_counter() - between
-    both = (1e6 * np.percentile(spent, (50.0, 100.0), axis=0)).T.tolist()
-    return both if session is not None else both[:1]
+    return (1e6 * np.percentile(spent, (50.0, 100.0), axis=0)).T.tolist()  # type: ignore[no-any-return]
 
 
 def measure(options: argparse.Namespace) -> Found:
@@ -177,13 +176,13 @@ def measure(options: argparse.Namespace) -> Found:
     for name, (env_id, kwargs) in ARMS.items():
         found["arms"].append({"arm": name, "us": [share(env_id, rate, kwargs) for rate in RATES]})
         print(found["arms"][-1], flush=True)
-    for beside, (load, first, shares) in BESIDE.items():
-        for rate, part in shares.items():
+    for beside, (load, first, rates) in BESIDE.items():
+        for rate in rates:
             if first and not may_go_first():
                 one: Found = {"rate": rate, "refused": True}
             else:
                 with busy(load):
-                    one = kept(rate, int(part * options.periods), first)
+                    one = kept(rate, options.periods, first)
             found["kept"].append({"beside": beside} | one)
             print(found["kept"][-1], flush=True)
     found["load_after"] = os.getloadavg()[0]
@@ -204,7 +203,7 @@ def blocks(found: Found) -> pages.Blocks:
         ))  # fmt: skip
     arms = []
     for one in found["arms"]:
-        for what, of in zip(("arm", "served"), zip(*one["us"], strict=True), strict=False):
+        for what, of in zip(("arm", "served"), zip(*one["us"], strict=True), strict=True):
             cells = (f"{us:.3g} ({worst:.3g}): {us * r / 1e4:.2g} %" for r, (us, worst) in zip(RATES, of, strict=True))
             arms.append((one["arm"], what, *cells))
     heads = "beside it | Hz | periods | took, s | begins late, ms | latency, ms | off, ms | missed | lost | us a period"
