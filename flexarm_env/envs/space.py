@@ -22,7 +22,7 @@ from .task import REACH, Kind
 Array = NDArray[np.float64]
 
 WHERE = "is not there in space (docs: environments in space)"
-_NOT_YET: dict[str, Any] = dict.fromkeys(("reference", "motion", "cost", "pushes", "payload_change"))
+_NOT_YET: dict[str, Any] = dict.fromkeys(("reference", "motion", "cost"))
 _NOT_YET |= {"initial_vibration": 0.0}
 
 
@@ -33,9 +33,6 @@ def refuse(**given: Any) -> None:
             raise check.InvalidValue(name, given[name], f"must be left out: it {WHERE}")
     if given["task"] not in (None, "reach"):
         raise check.InvalidValue("task", given["task"], f'must be "reach": another {WHERE}')
-    table, name = given["randomization"], "payload_inertia"
-    if isinstance(table, Mapping) and table.get(name) is not None:
-        raise check.InvalidValue(f"randomization.{name}", table[name], f"must be left out: it {WHERE}")
 
 
 def refuse_options(table: Mapping[str, Any]) -> None:

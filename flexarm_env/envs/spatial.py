@@ -102,7 +102,8 @@ class SpatialFlexArmEnv(SingleArmEnv, gym.Env[Array32, Array32]):  # bases: see 
     ## Arguments and options
 
     Those of FlexibleArm-v0 (:class:`flexarm_env.envs.flexible_arm.FlexibleArmEnv`) that the page on environments in
-    space lists; what is not there yet is refused by name. Where they differ:
+    space lists; what is not there yet is refused by name. Pushes come from all around; `info["push"]` (3,) N is along
+    fixed axes. Where they differ:
 
     | name | default | meaning |
     |---|---|---|

@@ -217,7 +217,7 @@ def info_entries(
     if told.payload_change is not None:
         entries.append(Entry("payload_mass", first + FURTHER.payload, None))
     if told.pushes is not None:
-        entries.append(Entry("push", first + FURTHER.push, 2))
+        entries.append(Entry("push", first + FURTHER.push, 3 if kind.space else 2))
     if fitted:
         entries.append(Entry("step_error", first + FURTHER.step_error, None))
     entries += [Entry(f"drawn_{name}", first + FURTHER.drawn + k, None) for name, k in (drawn or {}).items()]

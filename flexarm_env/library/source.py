@@ -33,6 +33,8 @@ _OWN = (
 )  # fmt: skip
 """Of an arm's own parameters the name, unit, meaning and what each is at least."""
 
+_OWN_IN_SPACE = (_OWN[0], ("payload_inertia", "", "a factor on the payload's tensor", 0.0), *_OWN[2:])
+
 SENTENCES = {
     "ok": "ok",
     "newton_failed": "Newton's iteration did not converge, although the step was halved",
@@ -154,11 +156,10 @@ class Source:
     def parameters(self) -> list[Parameter]:
         """What may be set between periods."""
         batch, system = self.batch, self.batch.system
-        own = zip(_OWN, self._most(), strict=True)
+        own = zip(_OWN_IN_SPACE if self.spatial else _OWN, self._most(), strict=True)
         found = [
             Parameter(name, unit, meaning, float(system.par[k]), least, most, None, batch.layout.par + k)
             for k, ((name, unit, meaning, least), most) in enumerate(own)
-            if not (self.spatial and name == "payload_inertia")
         ]
         factor = batch.layout.record + TORQUE_FACTOR
         found.append(Parameter("torque_factor", "", "on the motors' torques", 1.0, 0.0, check.LARGEST, None, factor))

@@ -39,8 +39,8 @@ MESSAGE = (
 """Sentences of the status codes."""
 
 PAYLOAD_MASS, PAYLOAD_INERTIA, STIFFNESS_FACTOR, TAU_D, JOINT_LAWS = range(5)
-"""Entries of an arm's own parameters `par` (kg, kg m^2, factor on EI, s): what may differ between arms of a batch;
-behind them, where a `Jointed` model says so, the laws of its joints."""
+"""Entries of an arm's own parameters `par` (kg; kg m^2, in space a factor on the payload's tensor; factor on EI; s):
+what may differ between arms of a batch; behind them, where a `Jointed` model says so, the laws of its joints."""
 
 
 def damped(arm: Arm) -> tuple[int, ...] | NDArray[np.float64] | None:

@@ -22,6 +22,12 @@ _PUSH = PUSH.places
 _ONE, _BOTH = (0,), (0, 0)
 
 
+@kernel
+def _axes(task):
+    """Components of a push: in space targets have three numbers."""
+    return 2 + size(task.targets) // 3
+
+
 # --- at the start of an episode ------------------------------------------------------------------------
 @kernel
 def draw_events(lanes, p, arm, par, record, info):
@@ -31,14 +37,14 @@ def draw_events(lanes, p, arm, par, record, info):
         record[CHANGE * lanes + i] = math.floor(draw(p.stream, arm, p.payload_change.time, 0) + 0.5)
         record[(CHANGE + 1) * lanes + i] = draw(p.stream, arm, p.payload_change.factor, 0)
     if p.pushes is not None:
-        _draw_push(p.pushes, p.stream, arm, record, lanes)
+        _draw_push(p.pushes, p.stream, arm, record, lanes, _axes(p.task))
     if size(p.task.further) > 0:
         info[(info_of(p.task).further + FURTHER.payload) * lanes + i] = par[PAYLOAD_MASS * lanes + i]
 
 
 @kernel
-def _draw_push(pushes, stream, arm, record, lanes):
-    """The push after the present period's start: when, how strong, which way."""
+def _draw_push(pushes, stream, arm, record, lanes, axes):
+    """The push after the present period's start: when, how strong, which way, in the plane or in space."""
     i = arm % lanes
     first = record[PERIODS * lanes + i] + math.floor(draw(stream, arm, pushes.wait, 0) + 0.5)
     force, angle = draw(stream, arm, pushes.force, 0), 2.0 * math.pi * uniform(stream, arm)
@@ -46,8 +52,10 @@ def _draw_push(pushes, stream, arm, record, lanes):
         first = math.inf
     record[(PUSHED + _PUSH.first) * lanes + i] = first
     record[(PUSHED + _PUSH.over) * lanes + i] = first + pushes.lasting
-    record[(PUSHED + _PUSH.x) * lanes + i] = force * math.cos(angle)
-    record[(PUSHED + _PUSH.y) * lanes + i] = force * math.sin(angle)
+    height = 2.0 * uniform(stream, arm) - 1.0 if axes == 3 else 0.0
+    level, at = force * math.sqrt(1.0 - height * height), (PUSHED + _PUSH.force) * lanes + i
+    record[at], record[at + lanes] = level * math.cos(angle), level * math.sin(angle)
+    record[at + 2 * lanes] = force * height
 
 
 # --- at the start of a control period ------------------------------------------------------------------
@@ -58,7 +66,7 @@ def apply_events(lane, p, g, par, record, w):
     if p.pushes is not None:
         for i in range(len(lane)):
             if w.flag[i] == OK and record[(PUSHED + _PUSH.over) * len(lane) + i] <= record[PERIODS * len(lane) + i]:
-                _draw_push(p.pushes, p.stream, g * len(lane) + i, record, len(lane))
+                _draw_push(p.pushes, p.stream, g * len(lane) + i, record, len(lane), _axes(p.task))
 
 
 @kernel
@@ -89,8 +97,8 @@ def set_pushes(lane, p, record, w):
         for i in range(arms(lane)):
             now = record[PERIODS * lanes + i]
             on = record[(PUSHED + _PUSH.first) * lanes + i] <= now and now < record[(PUSHED + _PUSH.over) * lanes + i]
-            for d in range(2):
-                w.u[(first + d) * lanes + i] = record[(PUSHED + _PUSH.x + d) * lanes + i] if on else 0.0
+            for d in range(_axes(p.task)):
+                w.u[(first + d) * lanes + i] = record[(PUSHED + _PUSH.force + d) * lanes + i] if on else 0.0
 
 
 # --- at its end ----------------------------------------------------------------------------------------
@@ -109,7 +117,7 @@ def record_events(lane, p, par, record, w, live, info):
         put_info(lane, live, info, at + FURTHER.episode_cost, before + cost)
         put_info(lane, live, info, at + FURTHER.payload, load(lane, par, PAYLOAD_MASS))
         if p.pushes is not None:
-            for d in range(2):
+            for d in range(_axes(p.task)):
                 put_info(lane, live, info, at + FURTHER.push + d, load(lane, w.u, first + d))
 
 

@@ -64,7 +64,7 @@ PUSH = Layout(
     "Push", "",
     Field("first", (), "", "control period in which it begins"),
     Field("over", (), "", "and the first without it"),
-    Field("x", (), "N", "force on the tip"), Field("y", (), "N", ""),
+    Field("force", (3,), "N", "on the tip; in the plane the last is 0"),
 )  # fmt: skip
 """A push at the tip."""
 
@@ -171,7 +171,7 @@ _FURTHER = Layout(
     Field("cost", (), "", "of the period"),
     Field("episode_cost", (), "", "of the episode so far"),
     Field("payload", (), "kg", "mass of the payload"),
-    Field("push", (2,), "N", "force on the tip in the period"),
+    Field("push", (3,), "N", "force on the tip in the period"),
     Field("step_error", (), "", "of the period over L, as fitted steps have it"),
     Field("drawn", (8,), "", "factors on the nominal values, as in a `START`"),
     Field("clearance", (), "m", "from the shapes that it keeps out of; negative within one"),

@@ -354,5 +354,5 @@ def build(scene: Scene, settings: Settings) -> System:
         uneven=None if floating or all(link.rigid or link.uniform is not None for link in arm.links) else (0,),
     )
     coordinates = {name: i for i, name in enumerate(names) if name.startswith(("root_", "joint"))}
-    par = np.array([payload.mass, 0.0, 1.0, largest])
+    par = np.array([payload.mass, 1.0, 1.0, largest])
     return System(model, par, *q0_v0, coordinates, names, (), (), {})

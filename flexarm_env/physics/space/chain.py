@@ -207,12 +207,22 @@ def lump(lane, mass, I, at, weights, S, o):
 
 
 @kernel
-def body(lane, array, o, mass, at, weights, S, to):
-    """(force, moment) of the `BODY` at o of `array`, of this mass, on a section, and its part of the matrix at `to`."""
+def inertia_of(lane, array, o, share):
+    """The tensor of the `BODY` at o of `array`, as it is or times a share."""
+    I = nine_of(lane, array, o + P.inertia)
+    if share is None:
+        return I
+    return scaled(I, share)
+
+
+@kernel
+def body(lane, array, o, mass, share, at, weights, S, to):
+    """(force, moment) of the `BODY` at o of `array`, of this mass and `inertia_of`, on a section, and its part of the
+    matrix at `to`."""
     zero = splat(lane, 0.0)
     force, moment = (zero, zero, zero), (zero, zero, zero)
     if array[o + P.there] != 0.0:
-        c, I = three_of(lane, array, o + P.centre), nine_of(lane, array, o + P.inertia)
+        c, I = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share)
         A, w, arm = matrix(at.place.p), at.place.spin, times(c, mass)
         own, swing = times(back(A, at.a), mass), _swung(w, at.alpha, arm)  # of the force, in its axes
         force, moment = turned(A, plus(own, swing)), plus(turning(I, w, at.alpha), cross(c, plus(own, swing)))
@@ -274,9 +284,9 @@ def clear(lane, S, o, n):
 
 
 @kernel
-def energy_of(lane, model, array, o, mass, at):
+def energy_of(lane, model, array, o, mass, share, at):
     """(kinetic, gravity) energy, J, of the `BODY` at o of `array` on a place."""
-    c, I, A = three_of(lane, array, o + P.centre), nine_of(lane, array, o + P.inertia), matrix(at.p)
+    c, I, A = three_of(lane, array, o + P.centre), inertia_of(lane, array, o, share), matrix(at.p)
     r, rate = plus(at.r, turned(A, c)), plus(at.v, turned(A, cross(at.spin, c)))
     kinetic = (dot(rate, rate) * mass + dot(at.spin, turned(I, at.spin))) * 0.5
     if model.gravity is None:

@@ -7,7 +7,7 @@ ends; a vertex's moment is J dw/dt + w x J w in its own axes.
 from __future__ import annotations
 
 from ...compiler import kernel, load, splat, store
-from ..model import PAYLOAD_MASS
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import RESIDUAL_ALONE, State, register
 from .chain import (
     SpatialBeam,
@@ -78,7 +78,7 @@ def assemble(lane, model, par, state, u, weights, r, S):
         o, i = before(model, k), rows_before(model, k)
         if k > 0:
             mass = splat(lane, model.joints[at + J.near + P.mass])
-            _add(lane, r, i, body(lane, model.joints, at + J.near, mass, tip, weights, S, o))
+            _add(lane, r, i, body(lane, model.joints, at + J.near, mass, None, tip, weights, S, o))
             _add(lane, r, i, loaded(lane, model, u, k - 1, True, tip, weights, S, o))
         if model.rotors is not None:
             if model.rotors[k] != 0:
@@ -106,14 +106,15 @@ def assemble(lane, model, par, state, u, weights, r, S):
             j += AXES
             element += 1
         mass = splat(lane, model.joints[at + J.far + P.mass])
-        on_root = _both(on_root, body(lane, model.joints, at + J.far, mass, root, weights, S, first + F.LL))
+        on_root = _both(on_root, body(lane, model.joints, at + J.far, mass, None, root, weights, S, first + F.LL))
         on_root = _both(on_root, loaded(lane, model, u, k, False, root, weights, S, first + F.LL))
         _note(lane, model, S, h, hinge, tip, on_root)
         tip = left
     i = rows_before(model, model.links)
     o = before(model, model.links)
-    _add(lane, r, i, body(lane, model.end, 0, splat(lane, model.end[P.mass]), tip, weights, S, o))
-    _add(lane, r, i, body(lane, model.payload, 0, load(lane, par, PAYLOAD_MASS), tip, weights, S, o))
+    _add(lane, r, i, body(lane, model.end, 0, splat(lane, model.end[P.mass]), None, tip, weights, S, o))
+    mass, share = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
+    _add(lane, r, i, body(lane, model.payload, 0, mass, share, tip, weights, S, o))
     _add(lane, r, i, loaded(lane, model, u, model.links - 1, True, tip, weights, S, o))
     for back_k in range(model.links):
         _hand_on(lane, model, u, weights, r, S, model.links - 1 - back_k)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...compiler import alone, change, kernel, load, select_lt, splat, square_root, store
 from ..arithmetic import put
 from ..layout import SPACE_POSE as SP
-from ..model import PAYLOAD_MASS
+from ..model import PAYLOAD_INERTIA, PAYLOAD_MASS
 from ..protocol import State
 from .chain import Vertex, energy_of, hinged, place_at, section_at, three_of, uneven_of
 from .element import Place, bow_of, middle, middle_of, rates, scale
@@ -160,12 +160,12 @@ def energy(lane, model, par, q, v):
         at, i = J.end * k, joint_row(model, k) + 1
         if k > 0:
             mass = splat(lane, model.joints[at + J.near + P.mass])
-            more, fall = energy_of(lane, model, model.joints, at + J.near, mass, tip)
+            more, fall = energy_of(lane, model, model.joints, at + J.near, mass, None, tip)
             kinetic, gravity = kinetic + more, gravity + fall
         root = hinged(lane, model, state, k, Vertex(tip, tip.v, tip.spin)).root
         left = root.place
         mass = splat(lane, model.joints[at + J.far + P.mass])
-        more, fall = energy_of(lane, model, model.joints, at + J.far, mass, left)
+        more, fall = energy_of(lane, model, model.joints, at + J.far, mass, None, left)
         kinetic, gravity = kinetic + more, gravity + fall
         for _ in range(count_of(model, k)):
             right = place_at(lane, q, v, i)
@@ -178,9 +178,10 @@ def energy(lane, model, par, q, v):
             i += AXES
             element += 1
         tip = left
-    more, fall = energy_of(lane, model, model.end, 0, splat(lane, model.end[P.mass]), tip)
+    more, fall = energy_of(lane, model, model.end, 0, splat(lane, model.end[P.mass]), None, tip)
     kinetic, gravity = kinetic + more, gravity + fall
-    more, fall = energy_of(lane, model, model.payload, 0, load(lane, par, PAYLOAD_MASS), tip)
+    mass, share = load(lane, par, PAYLOAD_MASS), load(lane, par, PAYLOAD_INERTIA)
+    more, fall = energy_of(lane, model, model.payload, 0, mass, share, tip)
     return kinetic + more, strain, gravity + fall
 
 
