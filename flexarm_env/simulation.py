@@ -27,8 +27,9 @@ from .runtime.fitted import APART, FITS, close_fit, end_run, open_fit, start_run
 from .runtime.keeping import keep
 from .runtime.layout import fit_rooms
 from .runtime.sampling import ANEW, AT_KINK, GOES_ON, NEAR, SAMPLE, STRETCH, gained, observe_arm, sample_rows
-from .scene import Scene
+from .scene import Scene, computed
 from .settings import Settings
+from .spatial import placed
 from .trajectory import Trajectory, check_work, recorded, tips_of
 
 Array = NDArray[np.float64]
@@ -76,8 +77,7 @@ class Simulation:
         self._systems = fitted_systems(scene, settings)
         self.follow: Sequence[int] = ()
         self.system = rested(self._systems[-1], scene, settings, Simulation)
-        self.drive = assembly.drive(scene, self.system)
-        self.n_motions = len(scene.motions)
+        self.drive, self.n_motions = assembly.drive(scene, self.system), len(scene.motions)
         self.scheme = assembly.scheme_of(settings, precision.of_scene(scene, settings))
         self.model, self.par = self.system.model, self.system.par.copy()
         self._flat = np.zeros(int(uncompiled(work_size)(1, self.model, self.n_motions)))
@@ -381,11 +381,11 @@ def simulate(
         estimate_error: False leaves those out: `error_estimate` is nan, energy and notes alone judge (`error_parts`).
         options: flat keywords of the formulation (`flexarm_env.settings.Settings`), e.g. segments=8, dt=0.01.
     Returns:
-        The Trajectory. Its status is "ok"; "inaccurate" where the estimated error is above error_limit or the
-        step_tolerance is not kept; or names a failure that ended the run early. `message` says it in a sentence.
+        The Trajectory; of a scene in space a `SpatialTrajectory`, by the plane's kernels where it stays in one plane.
+            Its status is "ok"; "inaccurate" where the estimated error is above error_limit or the step_tolerance is not
+            kept; or names a failure that ended the run early. `message` says it in a sentence.
     Raises:
-        ValueError: an option the formulation lacks, or a value that is not allowed; more than `trajectory.MOST_STEPS`
-            steps or `MOST_SAMPLES` samples.
+        ValueError: an option the formulation lacks, what is not allowed, or more than MOST_STEPS or MOST_SAMPLES.
     """
     if not isinstance(scene, Scene):
         raise check.InvalidValue("scene", scene, "must be a Scene, such as flexarm_env.named(NAME) gives")
@@ -398,13 +398,14 @@ def simulate(
     check_work(end, interval, settings.dt)
     if end > scene.duration:
         scene = dataclasses.replace(scene, duration=end)  # its kinks up to there count
-    simulation = Simulation(scene, accuracy.in_steps(scene, settings, end, interval))
+    there = computed(scene)
+    simulation = Simulation(there, accuracy.in_steps(there, settings, end, interval))
     simulation.compile()
     clock = time.thread_time()
     simulation.deadline = None if allowed is None else time.perf_counter() + allowed
     samples = simulation.record(end, interval, progress)
-    trajectory = recorded(simulation, *samples, time.thread_time() - clock)
-    return judge(trajectory, interval, limit, allowed, estimate_error)
+    run = recorded(simulation, *samples, time.thread_time() - clock)
+    return placed(judge(run, interval, limit, allowed, estimate_error), scene)
 
 
 def judge(

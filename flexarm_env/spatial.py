@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +12,9 @@ from numpy.typing import NDArray
 
 from . import rotations
 from . import validation as check
-from .sensors import Sensors
+from .physics.gauges import Spot, curvatures
+from .scene import Scene, in_plane
+from .sensors import MEASURES, Sensors
 from .trajectory import ARRAYS, Trajectory
 
 Array = NDArray[np.float64]
@@ -32,7 +36,7 @@ class SpatialTrajectory(Trajectory):
         link_rotations (n, N, 2, 4): quaternions of each link's root and tip.
         shapes (n, points, 3): points along the chain from root to tip, m.
         q, v (n, rows): places, rotation vectors and joint angles; of rotations v holds angular velocities in the
-            section's own axes, rad/s.
+            section's own axes, rad/s. Of a scene that stays in a plane the rows of the plane (`scene.plane.in_plane`).
     """
 
     tip_rotation: Array = field(default_factory=lambda: np.zeros((0, 4)))
@@ -55,6 +59,14 @@ class SpatialTrajectory(Trajectory):
     def _in_the_plane(self, what: str) -> Any:
         raise check.InvalidValue("scene", self.scene.name, f"must be in the plane for {what}; it is in space")
 
+    def _curvature(self, places: Sequence[Spot]) -> Array:
+        flat = in_plane(self.scene)
+        if flat is None:
+            return super()._curvature(places)
+        found = curvatures(flat.scene, self.settings, self.names, [spot[:2] for spot in places], self.q)
+        shares = [(*flat.frames[spot[0]][1, 1:], 0.0)[MEASURES.index((*spot, "xy")[2])] for spot in places]
+        return np.asarray(found * np.array(shares))
+
     def _tip_inputs(self, own: Sensors) -> list[Array]:
         turn = rotations.of_quaternions(self.tip_rotation)
         A = rotations.matrices(turn)
@@ -71,3 +83,34 @@ SpatialTrajectory.arrays = {
     "shapes": ("n", "points", 3), "tip_rotation": ("n", 4), "twist": ("n", "links"),
     "link_rotations": ("n", "links", 2, 4),
 }  # fmt: skip
+
+
+def placed(run: Trajectory, scene: Scene) -> Trajectory:
+    """The run of a scene (`scene.computed`) as it is in space, where that is one of the scene's plane."""
+    flat = in_plane(scene)
+    if flat is None:
+        return run
+    inside, normal = flat.axes[:, :2].T, flat.axes[:, 2]
+    n, N = len(run.t), scene.arm.n_links
+
+    def lifted(points: Array) -> Array:
+        return np.asarray(points[..., :2] @ inside + flat.height * normal)
+
+    turned = rotations.matrices(run.link_angles[..., None] * np.array([0.0, 0.0, 1.0]))
+    links = rotations.quaternions(flat.axes @ turned @ flat.frames[:, None])
+    angles = {"joint_angles": run.joint_angles, "motor_angles": run.motor_angles}
+    rates = {"joint_rates": run.joint_rates, "motor_rates": run.motor_rates, "joint_torque": run.joint_torque}
+    joints = {name: (values - flat.offsets) * flat.signs for name, values in angles.items()}
+    joints |= {name: values * flat.signs for name, values in rates.items()}
+    if scene.root == "free":  # nothing is there to turn the first joint from, and it stays
+        joints["joint_angles"][:, 0] = joints["motor_angles"][:, 0] = scene.angles[0]
+        joints["joint_rates"][:, 0] = joints["motor_rates"][:, 0] = 0.0
+    known = {f.name: getattr(run, f.name) for f in dataclasses.fields(run) if f.name != "link_angles"}
+    known |= joints | {name: lifted(getattr(run, name)) for name in ("start", "tip", "hinges", "shapes")}
+    spin = run.tip_velocity[:, 2:] * normal
+    known |= {
+        "scene": scene, "tip_velocity": np.hstack([run.tip_velocity[:, :2] @ inside, spin]),
+        "tip_deflection": run.tip_deflection[..., None] * flat.frames[:, 1, 1:], "twist": np.zeros((n, N)),
+        "link_rotations": links, "tip_rotation": links[:, -1, 1].copy(),
+    }  # fmt: skip
+    return SpatialTrajectory(**known)

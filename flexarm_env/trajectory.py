@@ -23,7 +23,7 @@ from .physics.layout import FACTORISATIONS, HALVINGS, ITERATIONS, POSE, ROOT, ST
 from .physics.model import STATUS
 from .physics.space.reading import read as read_in_space
 from .physics.space.reading import tips as tips_in_space
-from .scene import Scene
+from .scene import Scene, computed
 from .scenes import COLUMNS
 from .sensors import Sensors, StrainGauge, from_table
 from .settings import Settings
@@ -328,7 +328,7 @@ class Trajectory:
             options = check.table_of("options", from_json(single.pop("options"), "options"))
             settings = Settings.make(single.pop("formulation"), **options)
             names = tuple(single.pop("names"))
-            if settings.dt is None or names != assemble(scene, settings).names:
+            if settings.dt is None or names != assemble(computed(scene), settings).names:
                 raise check.InvalidValue("names", names, "must be the rows of the scene's state under its options")
             run = kind(scene, settings, **{name: known[name] for name in kind.arrays}, names=names, **single, **own)
             run.check_arrays()

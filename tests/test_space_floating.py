@@ -71,7 +71,7 @@ def test_a_planar_scene_in_a_drawn_plane_is_that_of_the_plane(seed: int, swing: 
     fields, plane = swing
     turn = Rotation.random(random_state=seed)
     arm, g = fx.Arm("a", hub_mount=turn.as_matrix(), **fields), tuple(turn.apply([0.0, -9.81, 0.0]))
-    scene = fx.Scene("turned", arm, gravity=g, loads=_TORQUE, angles=(0.3, 0.5), **_TIMES)
+    scene = fx.Scene("turned", arm, gravity=g, loads=_TORQUE, angles=(0.3, 0.5), space=True, **_TIMES)
     assert np.abs(extrapolated(scene, segments=3) - turn.apply(plane)).max() < 1e-7 * arm.total_length
 
 

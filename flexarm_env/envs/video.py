@@ -20,7 +20,7 @@ from ..physics.layout import POSE, ROOT, TIP
 from ..physics.space.reading import straight
 from ..trajectory import Trajectory
 from ..view.clip import cuts_of
-from ..view.ribbons import ribbons, sides
+from ..view.ribbons import ribbons_of, sides
 from .pictures import bending, bent
 from .rendering import Renderer, end_of_scale
 from .space_rendering import SpaceRenderer
@@ -88,11 +88,11 @@ def _in_the_plane(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> t
 
 
 def _in_space(trajectory: Trajectory, mode: str, usual: dict[str, Any]) -> tuple[Renderer, Draw]:
-    arm, found = trajectory.scene.arm, ribbons(trajectory.scene.arm, trajectory.settings, trajectory.q)
+    arm, found = trajectory.scene.arm, ribbons_of(trajectory)
     ground = min(float(trajectory.shapes[..., 2].min()), 0.0)
     pen = SpaceRenderer(mode, arm.total_length, sides=sides(arm), links=bending(arm), ground=ground, **usual)
 
-    held = trajectory.scene.root == "pinned" and not trajectory.q[:, 3:6].any()
+    held = trajectory.scene.root == "pinned"
 
     def draw(i: int, torques: Any) -> Any:
         off = bent(arm, trajectory.tip_deflection[i])

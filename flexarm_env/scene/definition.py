@@ -48,8 +48,9 @@ class Scene:
         motions: prescribed coordinates; each starts at the value given by ``position`` and ``angles``.
         loads: joint torques and point loads.
         gravity: acceleration (gx, gy), in space (gx, gy, gz), m/s^2, or None.
-        space: True computes an arm in space that could be computed in the plane. What leaves the plane is computed in
-            space always: such an arm, gravity, place, velocity, a force, a moment or a motion of the root out of it.
+        space: True computes an arm in space that could be computed in the plane. What leaves the x-y plane is in space
+            always: such an arm, gravity, place, velocity, a force, a moment or a motion of the root out of it; where
+            that stays in another plane `simulate` finds it (`scene.plane.in_plane`).
         solver: formulation and flat options that suit the scene, as pairs (name, value); a dict is taken too.
         description, source, note: what it is, where it is from, what was assumed.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from ..parameters import Arm
 from ..physics.space.reading import Frame, links
 from ..rotations import matrices, turned, vectors
+from ..scene import in_plane
 from ..sections import Link
 from ..settings import Settings
+from .clip import cuts_of, thinned
 
 Array = NDArray[np.float64]
 
@@ -49,6 +51,24 @@ def ribbons(arm: Arm, settings: Settings, q: Array, pieces: int = 6) -> Ribbons:
         cuts.append(sum(points.shape[1] for points, _ in lines))
     points, across = (np.concatenate(parts, axis=1) for parts in zip(*lines, strict=True))
     return Ribbons(points, across, tuple(cuts))
+
+
+def ribbons_of(run: Any, pieces: int = 6) -> Ribbons:
+    """The links of a `SpatialTrajectory`; of one that stays in a plane as they are drawn there."""
+    flat = in_plane(run.scene)
+    if flat is None:
+        return ribbons(run.scene.arm, run.settings, run.q, pieces)
+    kept, cuts = thinned(cuts_of(run.shapes, run.hinges), 4 * pieces + 1)
+    lines, starts = [], [0]
+    for (a, b), frame in zip(pairwise(cuts), flat.frames, strict=True):
+        points = run.shapes[:, kept[a : b + 1]]
+        along = np.gradient(points, axis=1)
+        along /= np.linalg.norm(along, axis=-1, keepdims=True)
+        normal = flat.axes[:, 2]
+        lines.append((points, frame[1, 2] * np.cross(normal, along) + frame[2, 2] * normal))
+        starts.append(starts[-1] + b + 1 - a)
+    found, across = (np.concatenate(parts, axis=1) for parts in zip(*lines, strict=True))
+    return Ribbons(found, across, tuple(starts))
 
 
 def sides(arm: Arm) -> Array:

@@ -13,12 +13,11 @@ from .. import validation as check
 from ..parameters import Arm
 from ..physics.space.build import axis_of
 from ..physics.space.reading import links, straight
-from ..rotations import turned
+from ..rotations import matrices, of_quaternions, turned
 from ..scene import PointLoad, Scene
-from ..settings import Settings
 from .clip import Chart, Pull, thinner
 from .outlines import faces_of
-from .ribbons import ribbons, sides
+from .ribbons import Ribbons, ribbons, ribbons_of, sides
 
 Array = NDArray[np.float64]
 
@@ -60,16 +59,16 @@ class SpaceClip:
 
 
 def _clip(
-    arm: Arm, settings: Settings, q: Array, torque: Array, joints: Array | None, loads: Sequence[PointLoad] = (),
+    arm: Arm, found: Ribbons, A: Array, torque: Array, joints: Array | None, loads: Sequence[PointLoad] = (),
     **more: Any,
-) -> SpaceClip:
-    """joints (n, N): angles of the rigid arm that is drawn beside, from a root at rest; None: it is not."""
-    found = ribbons(arm, settings, q, 4)
+) -> SpaceClip:  # fmt: skip
+    """A (n, N, 3, 3): axes of the links' roots. joints (n, N): angles of the rigid arm that is drawn beside, from a
+    root at rest; None: it is not."""
     limits = arm.torque_limits or (None,) * arm.n_links
     pulls = []
-    for k, motion in enumerate(links(arm, settings, q, np.zeros_like(q))):
+    for k in range(arm.n_links):
         if np.any(torque[:, k] != 0.0):
-            axis = turned(motion.root.A, axis_of(arm, k))
+            axis = turned(A[:, k], axis_of(arm, k))
             name = f"{arm.joint_names[k].replace('_', ' ')} torque"
             pulls.append(Pull(name, found.cuts[k], torque[:, k], limits[k], axis))
     pulls += _loads(loads, found.cuts, more["t"])
@@ -91,9 +90,9 @@ def _bending(arm: Arm, deflection: Array, twist: Array) -> list[Chart]:
 def of_run(run: Any, label: str | None, note: str, charts: Sequence[Chart]) -> SpaceClip:
     """The clip of a `SpatialTrajectory`; charts: of torques and energies."""
     scene: Scene = run.scene
-    held = scene.root == "pinned" and not run.q[:, 3:6].any()
+    held, A = scene.root == "pinned", matrices(of_quaternions(run.link_rotations[:, :, 0]))
     return _clip(
-        scene.arm, run.settings, run.q, run.joint_torque, run.joint_angles if held else None,
+        scene.arm, ribbons_of(run, 4), A, run.joint_torque, run.joint_angles if held else None,
         label=scene.name if label is None else label, note=note, t=run.t, pinned=scene.root == "pinned",
         loads=[load for load in scene.loads if isinstance(load, PointLoad)],
         charts=[*_bending(scene.arm, run.tip_deflection, run.twist), *charts],
@@ -126,11 +125,13 @@ def of_episode(plan: Any, views: Sequence[Any], label: str, note: str, charts: S
     target = np.array([view.target for view in views])
     poses = np.array([view.poses for view in views])
     bend = np.array([view.deflection for view in views]).reshape(len(views), 2, -1).swapaxes(1, 2)
-    tip = ribbons(arm, plan.settings, q, 1).points[:, -1]
-    miss = Chart("tip error: distance from the target (m)", {"tip": np.linalg.norm(tip - target, axis=1)})
+    found = ribbons(arm, plan.settings, q, 4)
+    A = np.stack([motion.root.A for motion in links(arm, plan.settings, q, np.zeros_like(q))], axis=1)
+    apart = np.linalg.norm(found.points[:, -1] - target, axis=1)
+    miss = Chart("tip error: distance from the target (m)", {"tip": apart})
     walls = [face for shape in plan.keep_out for face in faces_of(shape, np.zeros(3), 0.7 * arm.total_length)]
     return _clip(
-        arm, plan.settings, q, np.array([view.torques for view in views]), poses[..., 0], label=label, note=note,
+        arm, found, A, np.array([view.torques for view in views]), poses[..., 0], label=label, note=note,
         t=np.array([view.time for view in views]), target=target, walls=walls,
         charts=[miss, *_bending(arm, bend, poses[..., 6]), *charts],
     )  # fmt: skip
