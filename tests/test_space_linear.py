@@ -119,7 +119,7 @@ def test_what_a_spatial_linear_model_refuses() -> None:
     for make, words in (
         (lambda: linearize(scene, elements=1, motions=True), "motions = True"),
         (lambda: linearize(scene, elements=1, gauges=[(1, 0.0, "yz")]), "gauges[0][2] = 'yz'"),
-        (lambda: linearize(scene, elements=1, gauges=[(0, 0.0)]), "links[0] is rigid"),
+        (lambda: linearize(scene, elements=1, gauges=[(0, 0.0)]), "gauges[0][0] = 0: must be a link that bends"),
         (lambda: linearize(scene, elements=1, discrete=0.01), "must be 'zoh' in space"),
     ):
         with pytest.raises(ValueError) as caught:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .. import validation as check
 from ..compiler import SINGLE, uncompiled
+from ..parameters import Link
 from ..physics.assembly import smooth
 from ..physics.gauges import Spot, curvature_rows
 from ..physics.integrator.work import Work, unpack
@@ -138,7 +139,7 @@ def linearize(
         A, B, rate = solved(simulation, equations, flat, w, reduced, discrete)
     names, y0, C = _outputs(equations, start, reduced)
     if gauges:
-        places = _places(gauges, equations.n_links)
+        places = _places(gauges, simulation.scene.arm.links)
         rows = curvature_rows(simulation.scene, simulation.settings, simulation.system, places)
         names += tuple(f"curvature{link}@{place:g}" for link, place in places)
         y0, own = np.concatenate([y0, rows @ start.q]), rows[:, equations.free] @ reduced.lift
@@ -163,7 +164,7 @@ def _in_space(
     if motions:
         raise check.InvalidValue("motions", True, "must be False in space")
     flat, w = at_start(simulation, simulation.model)
-    spots = _places(gauges, simulation.scene.arm.n_links, True)
+    spots = _places(gauges, simulation.scene.arm.links, True)
     model = LinearModel(**linear_parts(simulation, flat, w, discrete if stepping else None, spots))
     if discrete is None or stepping:
         return model
@@ -171,13 +172,15 @@ def _in_space(
     return replace(model, A=A, B=B, rate=rate, dt=discrete)
 
 
-def _places(gauges: object, links: int, space: bool = False) -> list[Any]:
+def _places(gauges: object, links: Sequence[Link], space: bool = False) -> list[Any]:
     """Checked places of gauges."""
     found: list[Any] = []
     for i, entry in enumerate(check.sequence("gauges", gauges, "pairs (link, place)")):
         count = 3 if space and isinstance(entry, list | tuple) and len(entry) == 3 else 2
         link, place, *more = check.sequence(f"gauges[{i}]", entry, "a link and a place from 0 to 1", count)
-        link = check.integer(f"gauges[{i}][0]", link, minimum=0, maximum=links - 1)
+        link = check.integer(f"gauges[{i}][0]", link, minimum=0, maximum=len(links) - 1)
+        if links[link].rigid:
+            raise check.InvalidValue(f"gauges[{i}][0]", link, "must be a link that bends: this one is rigid")
         place = check.number(f"gauges[{i}][1]", place, minimum=0.0, maximum=1.0)
         found.append((link, place, *(check.choice(f"gauges[{i}][2]", what, MEASURES) for what in more)))
     return found
