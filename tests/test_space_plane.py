@@ -19,7 +19,7 @@ from flexarm_env.spatial import SpatialTrajectory
 from flexarm_env.time_functions import constant, cycloid, pulse, sine
 
 Array = NDArray[np.float64]
-X, Y, Z = (tuple(row) for row in np.eye(3).tolist())
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 FLAT = fx.Section.rectangle(0.05, 0.006, 70e9, 2700.0, 26e9)
 TALL = fx.Section.rectangle(0.006, 0.05, 70e9, 2700.0, 26e9)
 TUBE = fx.Section.tube(0.02, 0.002, 70e9, 2700.0, 26e9)
@@ -98,7 +98,7 @@ def turned() -> fx.Scene:
 def carried() -> fx.Scene:
     """A root that is moved along z, a curved link upside down, a rigid joint, a rest to start from."""
     arm = fx.Arm(
-        "carried", (fx.Link(0.5, FLAT, curvature=1.2), fx.Link(0.4, FLAT)), hub_axis=tuple(-x for x in Z),
+        "carried", (fx.Link(0.5, FLAT, curvature=1.2), fx.Link(0.4, FLAT)), hub_axis=(0.0, 0.0, -1.0),
         hub_mount=(X, math.pi / 2), payload=fx.Payload(0.2),
         elbows=(fx.Elbow(axis=Z),),
     )  # fmt: skip
@@ -175,7 +175,7 @@ def _arm(**changes: Any) -> fx.Scene:
 
 
 SKEWED = ((2e-3, 1e-5, 0.0), (1e-5, 2e-3, 0.0), (0.0, 0.0, 2e-3))
-PUSH = {"link": 1, "end": "tip"}
+PUSH: dict[str, Any] = {"link": 1, "end": "tip"}
 
 
 @pytest.mark.parametrize("scene", [
