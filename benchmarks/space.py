@@ -17,8 +17,8 @@ from benchmarks import pages
 from benchmarks.machine import DOCS, table
 from flexarm_env import arms, scenes
 from flexarm_env.envs.video import pictures, write_film
-from flexarm_env.linear import modes, static_equilibrium
-from flexarm_env.plotting import plot_trajectory
+from flexarm_env.linear import campbell, modes, static_equilibrium
+from flexarm_env.plotting import plot_campbell, plot_trajectory
 from flexarm_env.time_functions import constant, cycloid
 
 Found = dict[str, Any]
@@ -181,11 +181,21 @@ def floating() -> list[list[Any]]:
     return rows
 
 
+def rotor() -> fx.Scene:
+    """An overhung disc on a light shaft that is damped within."""
+    shaft = fx.Section(EI=2.0, EA=1e7, C=1e9, m=1e-6, J=1e-12, EI_y=2.0, C_y=1e9, J_y=1e-12, GJ=50.0)
+    disc = fx.Payload(0.5, np.diag([2e-2, 1.1e-2, 1.1e-2]).tolist())
+    arm = fx.Arm("rotor", (fx.Link(0.4, shaft),), hub_axis=(1.0, 0.0, 0.0), payload=disc, tau_d=1e-5)
+    return fx.Scene("rotor", arm, duration=1.0, dt=1e-3)
+
+
 def measure(_: argparse.Namespace) -> Found:
     """All of it, and the figures."""
     figures = DOCS / "figures"
     for name in ("three_dof_slew", "right_angle_frame"):
         plot_trajectory(fx.simulate(scenes.named(name), estimate_error=False), figures / f"{name}.png")
+    spins = np.linspace(0.0, 40.0, 81).tolist()
+    plot_campbell(campbell(rotor(), spins, 5, elements=1), figures / "campbell.png", "Overhung disc on a light shaft")
     film = fx.simulate(scenes.named("three_dof_slew"), estimate_error=False, sample=0.01)
     write_film(figures / "three_dof_slew.gif", pictures(film, 20.0, 1.0 / 3.0, (480, 480)), 20.0)
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ import pytest
 import flexarm_env as fx
 from flexarm_env import arms
 from flexarm_env.compiler import SINGLE, uncompiled
-from flexarm_env.linear import linearize, modes, static_equilibrium
+from flexarm_env.linear import campbell, linearize, modes, static_equilibrium
 from flexarm_env.physics.protocol import difference, update
+from flexarm_env.plotting import plot_campbell
 from flexarm_env.simulation import Simulation
 
 Array = np.ndarray
@@ -112,6 +114,52 @@ def test_a_planar_arm_in_space_has_the_planar_model_s_answer() -> None:
         found = answer(space, ("joint0", "deflection0_y", "tip_x", "tip_y", "curvature0@0.25"), w)
         np.testing.assert_allclose(found[:4], known[:4], rtol=2e-3)
         assert abs(found[4] / known[4] - 1.0) < 8e-3  # of second order in the mesh where inertia loads the elements
+
+
+FRAMES = pytest.param({"formulation": "floating_frame", "segments": 1}, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("options", [{"elements": 1}, FRAMES])
+def test_whirl_of_an_overhung_disc(options: dict[str, Any], tmp_path: Path) -> None:
+    """On a shaft without mass, seen from rest: with u = y + i z of the tip and phi its slope, exp(i w t),
+
+        (12 EI/L^3 - m w^2) u - 6 EI/L^2 phi = 0,    -6 EI/L^2 u + (4 EI/L - I_d w^2 + I_p W w) phi = 0,
+
+    w > 0 forward; torsion is sqrt(GJ / (L I_p)). Damping within the shaft makes the forward whirl grow from the spin on
+    that it whirls at (Kimball 1924)."""
+    L, EI, m, polar, lateral, tau = 0.4, 2.0, 0.5, 2e-2, 1.1e-2, 1e-5
+    shaft = fx.Section(EI=EI, EA=1e7, C=1e9, m=1e-6, J=1e-12, EI_y=EI, C_y=1e9, J_y=1e-12, GJ=50.0)
+    disc = fx.Payload(m, np.diag([polar, lateral, lateral]).tolist())
+    arm = fx.Arm("rotor", (fx.Link(L, shaft),), hub_axis=(1.0, 0.0, 0.0), payload=disc, tau_d=tau)
+    scene = fx.Scene("rotor", arm, duration=1.0, dt=1e-3)
+    spins = 0.0, 15.0, 16.0, 40.0, -16.0
+    found = campbell(scene, spins, 5, **options)
+    for spin, seen, turning in zip(spins, found.at_rest, found.frequencies, strict=True):
+        square = np.polymul([-m, 0.0, 12.0 * EI / L**3], [-lateral, spin * polar, 4.0 * EI / L])
+        square[-1] -= (6.0 * EI / L**2) ** 2
+        known = np.sort([*np.roots(square).real, math.sqrt(50.0 / (L * polar))])
+        np.testing.assert_allclose(np.sort(seen), known if spin else np.abs(known)[[1, 2, 0, 3, 4]], rtol=2e-6)
+        assert (np.isclose(np.abs(seen - spin), turning, 1e-12) | (seen == turning)).all()
+    forward = [seen[(seen > 0.0)].min() for seen in found.at_rest[1:4]]
+    assert forward[0] > 15.0 and forward[1] < 16.0 and found.growing.tolist() == [0, 0, 1, 1, 1]
+    assert plot_campbell(found, tmp_path / "disc.png").stat().st_size > 10_000
+
+
+def test_a_blade_has_flap_in_both_frames_and_lag_in_its_own(tmp_path: Path) -> None:
+    """Seen from rest lag has two frequencies, spin +- its own; in the plane it is that of the planar beam."""
+    blade = fx.Section(EI=1.0, EA=1e6, C=1e6, m=1.0, J=1e-4, EI_y=3.0, C_y=1e6, J_y=3e-4, GJ=1e3)
+    scene = fx.Scene("blade", fx.Arm("blade", (fx.Link(1.0, blade),)), duration=1.0, dt=1e-3)
+    plane = campbell(scene, (0.0, 2.0), 1, "geometrically_exact", elements=4, order=3)
+    space = campbell(dataclasses.replace(scene, space=True), (0.0, 2.0), 2, elements=8)
+    np.testing.assert_allclose(space.frequencies[:, 0], plane.frequencies[:, 0], rtol=2e-4)
+    assert np.isnan(space.at_rest[1, 0]) and np.isnan(plane.at_rest[1, 0])
+    np.testing.assert_array_equal(space.at_rest[:, 1], space.frequencies[:, 1])
+    plot_campbell(space, tmp_path / "blade.png")
+    for spins, words in (((), "spins = ()"), ((1.0, math.nan), r"spins\[1\] = nan")):
+        with pytest.raises(ValueError, match=words):
+            campbell(scene, spins)
+    with pytest.raises(ValueError, match=r"spin = 1\.0: needs a pinned root and no gravity"):
+        campbell(bent(), (1.0,))
 
 
 def test_what_a_spatial_linear_model_refuses() -> None:

@@ -1,6 +1,7 @@
 """Linear models of an arm about a point of its motion: state space, equilibrium, natural frequencies and shapes."""
 
 from ..rest import NoEquilibrium
+from .campbell import Campbell, campbell
 from .equilibrium import Equilibrium, UnstableEquilibrium, static_equilibrium
 from .many import LinearModels
 from .stability import Stability
@@ -8,6 +9,7 @@ from .state_space import LinearModel, linearize, set_state, state_of
 from .vibration import Modes, modes
 
 __all__ = [
+    "Campbell",
     "Equilibrium",
     "LinearModel",
     "LinearModels",
@@ -15,6 +17,7 @@ __all__ = [
     "NoEquilibrium",
     "Stability",
     "UnstableEquilibrium",
+    "campbell",
     "linearize",
     "modes",
     "set_state",

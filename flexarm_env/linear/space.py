@@ -157,8 +157,9 @@ def stability_of(simulation: Simulation, held: list[int]) -> Stability:
     return Stability(float(squares.min()), int((squares < 0.0).sum()), int((squares == 0.0).sum()))
 
 
-def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> tuple[Any, Array, Array]:
-    """(eigenvalues, one of each pair; displacements of the chain's points (modes, points, 3); points (points, 3))."""
+def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> tuple[Any, Array, Array, Array]:
+    """(eigenvalues, one of each pair; displacements of the chain's points (modes, points, 3); points (points, 3); which
+    way they whirl about the first joint's axis (modes,), see `Modes`)."""
     motions = SmallMotions(simulation, spin)
     rows = np.array([k for k in motions.free if k not in [motions.joints[j] for j in held]], np.int64)
     if spin:
@@ -171,7 +172,8 @@ def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> 
     def points(at: Array) -> Array:
         return np.asarray(read(arm, settings, at[None], np.zeros((1, motions.n)))["shapes"][0])
 
-    shapes = []
+    shapes, whirl = [], []
+    axis = mount_of(arm, 0) @ axis_of(arm, 0)
     for column in vectors.T:
         vector = np.zeros(motions.n, np.complex128)
         vector[rows] = column
@@ -185,8 +187,12 @@ def modes_of(simulation: Simulation, q: Array, held: list[int], spin: float) -> 
                 ends.append(points(moved))
             change.append((ends[0] - ends[1]) / 2e-6)
         complex_change = change[0] + 1j * change[1]
+        across = complex_change - np.outer(complex_change @ axis, axis)
+        around = -float(np.cross(across.conj(), across).imag.sum(axis=0) @ axis)
+        moved_by, least = float((np.abs(across) ** 2).sum()), 1e-6 * arm.total_length  # less is round-off
+        whirl.append(around / moved_by if moved_by > least**2 else np.nan)
         largest = complex_change.ravel()[np.abs(complex_change).argmax()]
         real = (complex_change * np.conj(largest) / max(abs(largest), 1e-300)).real
         shapes.append(real / max(float(np.linalg.norm(real, axis=1).max()), 1e-300))
     order = np.argsort(np.abs(values), kind="stable")
-    return values[order], np.array(shapes)[order], points(q)
+    return values[order], np.array(shapes)[order], points(q), np.array(whirl)[order]

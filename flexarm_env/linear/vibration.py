@@ -37,6 +37,9 @@ class Modes:
         spin: rad/s.
         growing: how many modes of all, not of the n lowest alone, grow: 0 where the arm stays near the point. The
             frequency of one that grows without oscillation is its rate of growth.
+        whirl (n,): in space, which way the points go round the first joint's axis, as an observer sees it who turns
+            with the arm: 1 on circles with a positive spin, -1 against it, 0 where they move to and fro; NaN where they
+            stay or move along the axis alone. In the plane empty.
     """
 
     frequencies: Array
@@ -46,6 +49,7 @@ class Modes:
     points: Array = field(repr=False)
     spin: float
     growing: int = 0
+    whirl: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def modes(
@@ -119,10 +123,10 @@ def _in_space(
     if isinstance(target, Scene) and spin == 0.0:
         everywhere = list(range(simulation.scene.arm.n_links))
         warn_unstable(space.stability_of(simulation, everywhere), refuse=False)
-    values, shapes, points = space.modes_of(simulation, simulation.work.q.copy(), held, spin)
+    values, shapes, points, whirl = space.modes_of(simulation, simulation.work.q.copy(), held, spin)
     frequencies = np.abs(values)
     damping = np.where(frequencies > 0.0, -values.real / np.maximum(frequencies, 1e-300), 0.0) + 0.0
-    return Modes(frequencies[:n], damping[:n], values[:n], shapes[:n], points, spin, growing(values))
+    return Modes(frequencies[:n], damping[:n], values[:n], shapes[:n], points, spin, growing(values), whirl[:n])
 
 
 def _about(

@@ -19,6 +19,7 @@ from flexarm_env.comparison import common_instants
 from flexarm_env.view.clip import cuts_of
 from flexarm_env.view.sources import shapes_of
 
+from .rotating import plot_campbell
 from .space import plot_in_space
 from .style import COLORS, FAINT, INK, draw_energies, legend_above, mark_kinks, shade, styled_figure
 
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
     from flexarm_env.trajectory import Trajectory
 
 __all__ = [
-    "COLORS", "FAINT", "INK", "plot_all", "plot_comparison", "plot_energies", "plot_spectrum", "plot_trajectory",
-    "spectrum", "styled_figure",
+    "COLORS", "FAINT", "INK", "plot_all", "plot_campbell", "plot_comparison", "plot_energies", "plot_spectrum",
+    "plot_trajectory", "spectrum", "styled_figure",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]

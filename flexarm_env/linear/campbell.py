@@ -1,0 +1,80 @@
+"""Natural frequencies of a spinning arm against its spin: Campbell's diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation as check
+from ..scene import Scene
+from .vibration import modes
+
+Array = NDArray[np.float64]
+
+ROUND = 1e-3
+"""How far a whirl may be from 1 or -1 to be taken for it."""
+
+
+@dataclass(frozen=True)
+class Campbell:
+    """Frequencies of an arm in steady rotation, at each spin the n lowest.
+
+    Attributes:
+        spins (m,): rad/s.
+        frequencies (m, n): rad/s, as an observer sees them who turns with the arm (`Modes.frequencies`).
+        at_rest (m, n): rad/s, as one sees them who rests: frequency + spin on circles with the spin (`Modes.whirl` 1),
+            spin - frequency on circles against it, the frequency itself where nothing moves across the axis; positive:
+            forward whirl (for a positive spin), negative: backward. NaN where points move on ellipses or to and fro
+            across the axis: seen from rest, such a motion has several frequencies.
+        growing (m,): how many modes of all grow (`Modes.growing`).
+    """
+
+    spins: Array
+    frequencies: Array
+    at_rest: Array
+    growing: NDArray[np.int64]
+
+
+def campbell(
+    scene: Scene,
+    spins: Sequence[float],
+    n: int = 6,
+    formulation: str | None = None,
+    *,
+    clamped: bool | Sequence[int] = True,
+    **options: Any,
+) -> Campbell:
+    """Natural frequencies of an arm in steady rotation about its first joint's axis, against the spin.
+
+    Args:
+        scene: pinned, without gravity; its loads are left out. spins: rad/s, one or more.
+        n: how many at each spin: the lowest as seen from rest where that has a meaning, otherwise as seen by one who
+            turns with the arm. Arms of the plane have the latter alone.
+        formulation, options, clamped: as for `modes`; the hub is held at its spin unless it is told otherwise.
+    Returns:
+        The Campbell; `plotting.plot_campbell` draws it.
+    Raises:
+        ValueError: a value that is not allowed. NoEquilibrium: a spin is beyond what the arm's stiffness holds.
+    """
+    n = check.integer("n", n, minimum=1)
+    given = check.sequence("spins", spins, "one or more numbers (rad/s)")
+    if not given:
+        raise check.InvalidValue("spins", spins, "must be one or more numbers (rad/s)")
+    rows = []
+    for k, value in enumerate(given):
+        spin = check.number(f"spins[{k}]", value, "rad/s")
+        found = modes(scene, 10**6, formulation, spin=spin, clamped=clamped, **options)
+        seen = found.frequencies.copy()
+        if spin != 0.0:
+            whirl = found.whirl if len(found.whirl) else np.zeros(len(seen))  # in the plane all is across the axis
+            seen = np.where(np.isnan(whirl), seen, spin + np.sign(whirl) * seen)
+            seen[np.abs(np.abs(whirl) - 1.0) > ROUND] = np.nan
+        key = np.where(np.isnan(seen), found.frequencies, np.abs(seen))
+        lowest = np.argsort(key, kind="stable")[:n]
+        rows.append((spin, found.frequencies[lowest], seen[lowest], found.growing))
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    return Campbell(columns[0], columns[1], columns[2], columns[3])
