@@ -78,6 +78,7 @@ class Run:
             (bool(np.diff(self.t).max(initial=0.0) > 1.001 * simulation.dt), "more steps than are kept"),
             (bool(inside), "a load that jumps or a motion that has a kink"),
             (bool(between), "a kink between two steps"),
+            (scene.spatial and scene.root == "free", "a free root in space"),
         ):
             if there:
                 raise NotDifferentiable(what)
@@ -110,9 +111,9 @@ class Run:
             tangent = tangent + weight * _state(other)
             moved = moved + weight * other_psi
             stars.append(Neighbour(other.model, other.par, other_u.ravel(), offset, weight))
-        passes = PASSES if own.settings.formulation == "geometrically_exact" else 1
+        passes = PASSES if own.scene.spatial or own.settings.formulation == "geometrically_exact" else 1
         room, out = np.zeros(sensitivity.room_of(model, own.par)), np.empty((len(h), 2 * n))
-        first, tangent = tangent[:2].flatten(), np.ascontiguousarray(tangent)
+        first, both = tangent[:2].flatten(), np.stack([self.start, tangent], axis=-1).reshape(4, 2 * n)
         most = max(1, MOST // int(size(model.n_factor)))
         for k in range(0, len(h), most):
             part = slice(k, k + most)
@@ -121,7 +122,7 @@ class Run:
             stage = [star._replace(u=star.u[k * u.shape[1] : (k + most) * u.shape[1]]) for star in stars]
             sensitivity.tangent_rows(
                 SINGLE, dual(SINGLE), model, own.drive, steps, own.scheme, factors, *stage, moved[part], passes,
-                tangent, room, out[part],
+                both, room, out[part],
             )  # fmt: skip
         return np.concatenate([first[None], out[self.every - 1 :: self.every]]).reshape(-1, 2, n)
 

@@ -13,20 +13,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiler import kernel, size, splat, store
+from ..compiler import kernel, load, size, splat, store
 from ..physics.integrator.drive import set_inputs, set_motions
 from ..physics.integrator.newton import slopes_of
-from ..physics.integrator.work import take_out_known
+from ..physics.integrator.step import foresee
+from ..physics.integrator.work import copy_rows, take_out_known
 from ..physics.joints.friction import change_friction, friction_tangents, note_branch
 from ..physics.layout import OF_MOTION
 from ..physics.protocol import (
     State,
     Weights,
     assemble,
+    difference,
     factor,
     link_poses,
     residual,
     solve,
+    update,
 )
 
 
@@ -80,72 +83,99 @@ def _state(on, k, n):
 
 def room_of(model, par):
     """Numbers that `tangent_rows` works in."""
-    return 11 * int(size(model.n)) + 2 * (int(size(model.n_inputs)) + len(par) + int(size(model.n_factor)))
+    return 16 * int(size(model.n)) + 2 * (int(size(model.n_inputs)) + len(par) + int(size(model.n_factor)))
+
+
+class Twice(NamedTuple):
+    """What `integrator.step.foresee` needs of a `Work`, numbers with their tangents."""
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    q0: np.ndarray
+    v0: np.ndarray
+    a0: np.ndarray
+    b0: np.ndarray
+    r: np.ndarray
 
 
 @kernel
 def tangent_rows(
-    lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, tangent, room, out
+    lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, both, room, out
 ):
-    """out (rows, 2 n) <- what q and v at the steps' ends change by; tangent (4, n) of q, v, a, b: before, then after.
+    """out (rows, 2 n) <- what q and v at the steps' ends change by; both (4, 2 n): q, v, a, b, each number followed by
+    its tangent: before, then after.
 
     wide: `lane` with a tangent. here, ahead, behind: `Neighbour`s; here is the model itself. moved (rows, motions, 3):
     what motions change by. passes: 1 where the factored matrix is the residual's derivative; where it is nearly so,
-    what is left is solved for again. room: `room_of`.
+    what is left is solved for again. room: `room_of`. A step's end is its prediction moved by what Newton came to, which
+    v, a and b follow; rotations are moved by `protocol.update`, on both ways.
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
-    dq, dv, da, db = tangent[0], tangent[1], tangent[2], tangent[3]
-    r, start, given = room[:n], room[n : 2 * n], room[2 * n : 3 * n]
-    q, v, a, both = room[3 * n : 5 * n], room[5 * n : 7 * n], room[7 * n : 9 * n], room[9 * n : 11 * n]
-    u, par = room[11 * n : 11 * n + 2 * inputs], room[11 * n + 2 * inputs :]
+    r, given, dv, da = room[:n], room[n : 2 * n], room[2 * n : 3 * n], room[3 * n : 4 * n]
+    q0, v0, a0, b0 = room[4 * n : 6 * n], room[6 * n : 8 * n], room[8 * n : 10 * n], room[10 * n : 12 * n]
+    x, d = room[12 * n : 14 * n], room[14 * n : 16 * n]
+    w = Twice(both[0], both[1], both[2], both[3], q0, v0, a0, b0, x)
+    u, par = room[16 * n : 16 * n + 2 * inputs], room[16 * n + 2 * inputs :]
     free = par[2 * here.par.shape[0] :]
     for i in range(here.par.shape[0]):
         store(par, i, splat(wide, here.par[i]))
-    am, af = scheme.alpha_m, scheme.alpha_f
     for k in range(steps.h.shape[0]):
         h, slopes, own = steps.h[k], slopes_of(scheme, steps.h[k]), factors[k * length : (k + 1) * length]
+        foresee(wide, model, w, h, scheme)
+        copy_rows(wide, n, w.q, q0)
+        copy_rows(wide, n, w.v, v0)
+        copy_rows(wide, n, w.a, a0)
+        copy_rows(wide, n, w.b, b0)
         for i in range(n):
-            start[i] = dq[i] + h * dv[i] + (h * h * (0.5 - scheme.beta)) * db[i]
-            dv[i] = dv[i] + (h * (1.0 - scheme.gamma)) * db[i] - slopes.v * start[i]
-            da[i] = (am * db[i] - af * da[i]) * (1.0 / (1.0 - af)) - slopes.a * start[i]
-            dq[i], given[i] = 0.0, 0.0
-        _know(drive, moved[k], dq, dv, da)
+            store(w.q, i, splat(wide, steps.q[k * n + i]))
+            given[i] = 0.0
+        for i in range(drive.known.shape[0]):
+            w.q[2 * drive.known[i] + 1] = moved[k, i, OF_MOTION.value]
         for i in range(inputs):
             store(u, i, splat(wide, here.u[k * inputs + i]))
         _add(lane, here, steps, k, r, free, given)
         _add(lane, ahead, steps, k, r, free, given)
         _add(lane, behind, steps, k, r, free, given)
         for _ in range(passes):
+            _follow(wide, model, drive, w, d, slopes, steps, k, moved)
+            residual(wide, model, par, State(w.q, w.v, w.a), u, x, free)
             for i in range(n):
-                q[2 * i], v[2 * i], a[2 * i] = steps.q[k * n + i], steps.v[k * n + i], steps.a[k * n + i]
-                q[2 * i + 1], v[2 * i + 1], a[2 * i + 1] = dq[i], dv[i], da[i]
-            residual(wide, model, par, State(q, v, a), u, both, free)
-            for i in range(n):
-                r[i] = given[i] + both[2 * i + 1]
+                r[i], dv[i], da[i] = given[i] + x[2 * i + 1], w.v[2 * i + 1], w.a[2 * i + 1]
             take_out_known(lane, model, drive, r, own, False)
             solve(lane, model, own, r)
             _bound(lane, here, own)
             _bound(lane, ahead, own)
             _bound(lane, behind, own)
             weights = Weights(slopes.a, slopes.v, 1.0)
-            friction_tangents(lane, model, State(dq, dv, da), weights, slopes.v / slopes.a, own, r)
+            friction_tangents(lane, model, State(dv, dv, da), weights, slopes.v / slopes.a, own, r)
             for i in range(n):
-                dq[i] -= r[i]
-                dv[i] -= slopes.v * r[i]
-                da[i] -= slopes.a * r[i]
+                x[2 * i], x[2 * i + 1] = -0.0, -r[i]
+            update(wide, model, w.q, 1.0, x, None)
+            for i in range(n):
+                w.q[2 * i] = steps.q[k * n + i]
+        _follow(wide, model, drive, w, d, slopes, steps, k, moved)
         for i in range(n):
-            db[i] = (dq[i] - start[i]) * slopes.b
-            out[k, i], out[k, n + i] = dq[i], dv[i]
+            store(w.b, i, load(wide, b0, i) + load(wide, d, i) * slopes.b)
+            out[k, i], out[k, n + i] = w.q[2 * i + 1], w.v[2 * i + 1]
         for i in range(drive.known.shape[0]):
-            db[drive.known[i]] = da[drive.known[i]]
+            j = drive.known[i]
+            store(w.b, j, load(wide, w.a, j))
 
 
 @kernel
-def _know(drive, moved, dq, dv, da):
-    """Tangents of prescribed coordinates."""
+def _follow(wide, model, drive, w, d, slopes, on, k, moved):
+    """d <- what moves the prediction to q; v and a follow it, their values those of step k."""
+    n = size(model.n)
+    difference(wide, model, w.q0, w.q, d)
+    for i in range(n):
+        store(w.v, i, load(wide, w.v0, i) + load(wide, d, i) * slopes.v)
+        store(w.a, i, load(wide, w.a0, i) + load(wide, d, i) * slopes.a)
+        w.v[2 * i], w.a[2 * i] = on.v[k * n + i], on.a[k * n + i]
     for i in range(drive.known.shape[0]):
-        k = drive.known[i]
-        dq[k], dv[k], da[k] = moved[i, OF_MOTION.value], moved[i, OF_MOTION.rate], moved[i, OF_MOTION.second]
+        j = 2 * drive.known[i] + 1
+        w.v[j], w.a[j] = moved[k, i, OF_MOTION.rate], moved[k, i, OF_MOTION.second]
 
 
 @kernel

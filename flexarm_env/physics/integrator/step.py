@@ -41,7 +41,7 @@ def _share(predictor):
 
 
 @inlined
-def _predict(lane, model, w, h, scheme):
+def foresee(lane, model, w, h, scheme):
     """Where Newton starts, eqs. [66]-[68]: q+, v+, b+ of an acceleration a+; q, v, a, b are kept in q0, v0, a0, b0."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
     n, share = size(model.n), _share(model.predictor)
@@ -179,7 +179,7 @@ def advance_within(lane, model, drive, par, w, t, h, n_steps, scheme, books):
     while done < n_steps:
         start = t + done * h + (h - left)
         slopes = slopes_of(scheme, part)
-        _predict(lane, model, w, part, scheme)
+        foresee(lane, model, w, part, scheme)
         if arms(lane) == 1 and again:
             _stay(lane, model, w, slopes)
         _prescribe(lane, drive, w, start + part, part)
