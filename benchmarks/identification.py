@@ -5,6 +5,9 @@ python -m benchmarks.identification [--cases N] [--page] [--out FOLDER]     stop
 Each case draws a strip (EI, payload and tau_d within 8 % of the usual ones), a smooth hub motion of nine sines and 1 %
 of white noise on a filtered, offset strain gauge. Three parameters are fitted from the usual strip; then the mass per
 length as well, of which with the hub's angle prescribed only ratios to stiffness and payload show.
+
+A case in space draws a boom on a pillar that turns, by yaw and shoulder, under gravity: its stiffnesses to bending in
+both planes and to torsion, payload, tau_d and the shoulder's gear, from three gauges by the motors' angles.
 """
 
 from __future__ import annotations
@@ -14,13 +17,14 @@ import dataclasses
 import json
 import sys
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from benchmarks import pages
 from benchmarks.machine import table, write_text
-from flexarm_env import arms
+from flexarm_env import Arm, Elbow, Joint, Link, Payload, RigidLink, Section, arms
 from flexarm_env.identification.config import read_config
 from flexarm_env.identification.fit import Problem, Solver
 from flexarm_env.identification.log import Run
@@ -46,66 +50,136 @@ dt = 0.005
 "tau_d" = { name = "tau_d", low = 1e-5, high = 0.05 }
 "links[0].section.m" = { name = "m", low = 0.05, high = 1.0 }
 """
+SPACE = """
+skip = 0.3
+starts = 2
+gravity = [0.0, 0.0, -9.81]
+[inputs]
+joint0 = "yaw"
+motor1 = "shoulder"
+[outputs]
+strain_gauge_1 = "up"
+strain_gauge_2 = "across"
+strain_gauge_3 = "twist"
+[sensors]
+strain_gauges = [
+    { link = 1, place = 0.1, low_pass = { frequency = 30.0, order = 2 } }, { link = 1, place = 0.1, measures = "xz" },
+    { link = 1, place = 0.3, measures = "torsion" },
+]
+[solver]
+elements = 2
+dt = 0.005
+[parameters]
+"links[1].section.EI" = { name = "EI", low = 5.0, high = 500.0 }
+"links[1].section.EI_y" = { name = "EI_y", low = 5.0, high = 500.0 }
+"links[1].section.GJ" = { name = "GJ", low = 1.0, high = 100.0 }
+"payload.mass" = { name = "payload", low = 0.01, high = 1.0 }
+"tau_d" = { name = "tau_d", low = 1e-5, high = 0.05 }
+"joints[1].stiffness" = { name = "gear", low = 40.0, high = 4000.0 }
+"""
+BOOM = Arm(
+    "boom",
+    (
+        RigidLink(0.3, mass=2.0, centre=(0.15, 0.0, 0.0), inertia=0.02),
+        Link(0.8, Section.rectangle(width=8e-3, thickness=5e-3, E=70e9, rho=2700.0, G=26e9)),
+    ),
+    elbows=(Elbow(mount=((1.0, 0.0, 0.0), -np.pi / 2)),),
+    payload=Payload(0.15, 1e-4, (0.0, 0.03, 0.02)),
+    tau_d=2e-3,
+    joints=(Joint(), Joint(stiffness=400.0, damping=0.2)),
+    hub_axis=(1.0, 0.0, 0.0),
+    hub_mount=((0.0, 1.0, 0.0), -np.pi / 2),
+)
 TOLD, RATIOS = ("EI", "payload", "tau_d"), ("EI", "payload", "m")
+IN_SPACE = ("EI", "EI_y", "GJ", "payload", "tau_d", "gear")
+
+
+def turns(rng: np.random.Generator, t: np.ndarray, rough: np.ndarray) -> np.ndarray:
+    """A smooth random motion of a hub, rad, from rest."""
+    waves = zip(rng.normal(0, 1, 9), rough + rng.uniform(-2, 2, 9), rng.uniform(0, 6, 9), strict=True)
+    return np.asarray(np.minimum(t, 1.0) ** 3 * sum(a * np.sin(w * t + p) / w for a, w, p in waves))
+
+
+def drawn(
+    seed: int, arm: Arm, text: str, names: Sequence[str], joints: Sequence[str], seconds: float, rough: np.ndarray
+) -> tuple[Problem, np.ndarray]:
+    """A log of an arm whose parameters of these names are drawn, as a problem, and the drawn values."""
+    rng, t = np.random.default_rng(seed), np.arange(round(100 * seconds) + 1) / 100
+    config = read_config(text, arm)
+    motions = {joint: turns(rng, t, rough) for joint in joints}
+    experiment = Experiment(arm, config, config.chosen(tuple(names)))
+    truth = experiment.start * rng.uniform(0.92, 1.08, len(names))
+    silent = Run("case", t, motions, {channel.name: t for channel in config.outputs}, t >= config.skip)
+    read = experiment.predict(truth, silent)
+    noisy = {name: y + 0.01 * y.std() * rng.normal(size=len(t)) + rng.normal() for name, y in read.items()}
+    return Problem(experiment, [dataclasses.replace(silent, outputs=noisy)]), truth
+
+
+def found_of(problem: Problem, truth: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
+    """The values of the fit, and whether each interval holds the truth."""
+    best = Solver(problem).run()
+    worth, values = uncertainty(problem, best.z), problem.values(best.z)
+    names = [p.name for p in problem.experiment.parameters]
+    return values, {
+        "holds": dict(zip(names, (np.abs(values - truth) < worth.half).tolist(), strict=True)),
+        "width": dict(zip(names, (worth.half / values).tolist(), strict=True)),
+        "error": dict(zip(names, (values / truth - 1.0).tolist(), strict=True)),
+        "untold": list(worth.unidentifiable),
+    }
 
 
 def case(seed: int) -> dict[str, Any]:
     """Whether each interval holds the truth, and what is named as not told."""
-    rng, t = np.random.default_rng(seed), np.arange(401) / 100
     arm = arms.named("strip")
-    config = read_config(CONFIG, arm)
-    waves = zip(rng.normal(0, 1, 9), np.linspace(4, 65, 9) + rng.uniform(-2, 2, 9), rng.uniform(0, 6, 9), strict=True)
-    hub = np.minimum(t, 1.0) ** 3 * sum(a * np.sin(w * t + p) / w for a, w, p in waves)
-    experiment = Experiment(arm, config, config.chosen(TOLD))
-    truth = experiment.start * rng.uniform(0.92, 1.08, 3)
-    silent = Run("case", t, {"joint0": hub}, {"strain_gauge_1": t}, t >= config.skip)
-    strain = experiment.predict(truth, silent)["strain_gauge_1"]
-    strain = strain + 0.01 * strain.std() * rng.normal(size=len(t)) + rng.normal()
-    run = dataclasses.replace(silent, outputs={"strain_gauge_1": strain})
-    problem = Problem(experiment, [run])
-    found = Solver(problem).run()
-    worth = uncertainty(problem, found.z)
-    values = problem.values(found.z)
-    wide = dataclasses.replace(config, starts=1, evaluations=8)
-    usual = experiment.arm_of(values)
-    both = Problem(Experiment(usual, wide, wide.chosen((*TOLD, "m"))), [run])
+    problem, truth = drawn(seed, arm, CONFIG, TOLD, ["joint0"], 4.0, np.linspace(4, 65, 9))
+    values, row = found_of(problem, truth)
+    wide = dataclasses.replace(problem.experiment.config, starts=1, evaluations=8)
+    usual = problem.experiment.arm_of(values)
+    both = Problem(Experiment(usual, wide, wide.chosen((*TOLD, "m"))), problem.runs)
     named = uncertainty(both, Solver(both).run().z).unidentifiable
-    return {
-        "seed": seed,
-        "holds": dict(zip(TOLD, (np.abs(values - truth) < worth.half).tolist(), strict=True)),
-        "width": dict(zip(TOLD, (worth.half / values).tolist(), strict=True)),
-        "error": dict(zip(TOLD, (values / truth - 1.0).tolist(), strict=True)),
-        "untold": list(worth.unidentifiable), "named": list(named),
-    }  # fmt: skip
+    return {"seed": seed, **row, "named": list(named)}
 
 
-def blocks(found: pages.Found) -> pages.Blocks:
+def case_in_space(seed: int) -> dict[str, Any]:
+    """Whether each interval holds the truth, of a boom."""
+    problem, truth = drawn(seed, BOOM, SPACE, IN_SPACE, ["joint0", "motor1"], 2.0, np.linspace(3, 40, 9))
+    return {"seed": seed, **found_of(problem, truth)[1]}
+
+
+def table_of(rows: list[dict[str, Any]], names: Sequence[str]) -> list[str]:
     """How many of the cases hold, for each parameter."""
-    rows, summary = found["cases"], []
-    for name in TOLD:
+    summary = []
+    for name in names:
         held = sum(row["holds"][name] for row in rows)
         width = float(np.median([row["width"][name] for row in rows]))
         error = float(np.median([abs(row["error"][name]) for row in rows]))
         summary.append((f"`{name}`", f"{held} of {len(rows)}", f"{100 * width:.2g} %", f"{100 * error:.2g} %"))
+    return table("parameter | truth within its 95 % interval | half width, median | error, median", summary, True)
+
+
+def blocks(found: pages.Found) -> pages.Blocks:
+    """Both tables, and what is named."""
+    rows, space = found["cases"], found["space"]
     right = sum(set(row["named"]) == set(RATIOS) for row in rows)
-    rash = sum(bool(row["untold"]) for row in rows)
-    heads = "parameter | truth within its 95 % interval | half width, median | error, median"
+    rash, missed = (sum(bool(row["untold"]) for row in of) for of in (rows, space))
     return {
-        "intervals": table(heads, summary, True),
+        "intervals": table_of(rows, TOLD),
         "untold": [f"All three in {right} of {len(rows)} cases; one of those that the log does tell in {rash}."],
+        "space": [*table_of(space, IN_SPACE), "", f"Named as not told: one in {missed} of {len(space)} cases."],
     }
 
 
 def measure(options: argparse.Namespace) -> pages.Found:
     """All cases that are not in the record."""
     kept = options.out / "identification.json"
-    rows = json.loads(kept.read_text())["cases"] if kept.is_file() else []
+    found = {"cases": [], "space": [], **(json.loads(kept.read_text()) if kept.is_file() else {})}
     clock = time.perf_counter()
-    for seed in range(len(rows), options.cases):
-        rows.append(case(seed))
-        write_text(kept, json.dumps({"cases": rows}, indent=1) + "\n")
-        print(f"case {seed + 1} of {options.cases}, {time.perf_counter() - clock:.0f} s", flush=True)
-    return {"cases": rows}
+    for key, one in (("cases", case), ("space", case_in_space)):
+        for seed in range(len(found[key]), options.cases):
+            found[key].append(one(seed))
+            write_text(kept, json.dumps(found, indent=1) + "\n")
+            print(f"{key} {seed + 1} of {options.cases}, {time.perf_counter() - clock:.0f} s", flush=True)
+    return {key: found[key] for key in ("cases", "space")}
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..compiler import SINGLE, dual, size
 from ..physics.layout import HALVINGS, OF_MOTION, POSE
+from ..physics.space.reading import read as read_in_space
 from ..runtime import sensitivity
 from ..runtime.sensitivity import Neighbour, Steps
 from ..simulation import Simulation
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 MOST = 4_000_000
 """Numbers of factored matrices kept at once."""
 
+PASSES_IN_SPACE = 10
+"""As `period.PASSES`: Newton's matrix lacks more there."""
 
 MOST_ROWS = 1_000_000
 """Steps of a run up to which each is kept."""
@@ -111,7 +114,8 @@ class Run:
             tangent = tangent + weight * _state(other)
             moved = moved + weight * other_psi
             stars.append(Neighbour(other.model, other.par, other_u.ravel(), offset, weight))
-        passes = PASSES if own.scene.spatial or own.settings.formulation == "geometrically_exact" else 1
+        passes = PASSES if own.settings.formulation == "geometrically_exact" else 1
+        passes = PASSES_IN_SPACE if own.scene.spatial else passes
         room, out = np.zeros(sensitivity.room_of(model, own.par)), np.empty((len(h), 2 * n))
         first, both = tangent[:2].flatten(), np.stack([self.start, tangent], axis=-1).reshape(4, 2 * n)
         most = max(1, MOST // int(size(model.n_factor)))
@@ -133,7 +137,9 @@ class Run:
         """
         q, v = self.trajectory.q + change[:, 0], self.trajectory.v + change[:, 1]
         found: dict[str, Any] = {}
-        if places:
+        if places and other.scene.spatial:
+            found = read_in_space(other.scene.arm, other.settings, q, v)
+        elif places:
             links = other.scene.arm.n_links
             poses = np.zeros((len(q), POSE.end * links))
             sensitivity.pose_rows(SINGLE, other.model, other.par, q, v, poses)

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from flexarm_env import validation as check
 from flexarm_env.files import read_toml
 from flexarm_env.parameters import Arm
@@ -79,6 +81,7 @@ class Config:
     skip: float = 0.0
     sensors: Sensors | None = None
     experiment: Mapping[str, Any] = field(default_factory=dict)  # gravity, loads
+    space: bool = False  # whether the arm is computed in space
     solver: Mapping[str, Any] = field(default_factory=dict)
     starts: int = 4
     evaluations: int = 60
@@ -127,26 +130,35 @@ def _config(table: dict[str, Any], arm: Arm) -> Config:
     sensors = table.get("sensors")
     own = arm.sensors or Sensors.ideal(arm.links)
     carried = own if sensors is None else from_table(check.table_of("sensors", sensors))
+    experiment: dict[str, Any] = {key: table[key] for key in ("gravity", "loads") if key in table}
+    space = arm.spatial or _leaves_the_plane(experiment)
     with check.under("sensors"):
-        carried.check_for(arm.links)
+        carried.check_for(arm.links, space)
     parameters = tuple(_parameter(p, v) for p, v in check.table_of("parameters", table.get("parameters", {})).items())
-    solver = {"formulation": "elastica", **check.table_of("solver", table.get("solver", {}))}
+    usual = "geometrically_exact" if space else "elastica"
+    solver = {"formulation": usual, **check.table_of("solver", table.get("solver", {}))}
     good = check.number("good", table.get("good", 70.0), "%", maximum=100.0)
     config = Config(
         time=_channel("time", "t", table.get("time", "t"), False),
         inputs=inputs, outputs=_channels("outputs", table, True), parameters=parameters,
         fit=check.sequence("fit", table.get("fit", [p.name for p in parameters]), "names of parameters"),
         skip=check.number("skip", table.get("skip", 0.0), "s", minimum=0.0),
-        sensors=carried, experiment={key: table[key] for key in ("gravity", "loads") if key in table},
-        solver=solver, starts=check.integer("starts", table.get("starts", 4), minimum=1),
+        sensors=carried, experiment=experiment, space=space, solver=solver,
+        starts=check.integer("starts", table.get("starts", 4), minimum=1),
         evaluations=check.integer("evaluations", table.get("evaluations", 60), minimum=1), good=good,
         seed=check.integer("seed", table.get("seed", 0), minimum=0),
     )  # fmt: skip
-    known = carried.readings(arm)
+    known = carried.readings(arm, space)
     for channel in config.outputs:
         if channel.name not in known:
             raise check.UnknownKey(f"outputs.{channel.name}", known, "sensor")
     return config
+
+
+def _leaves_the_plane(experiment: Mapping[str, Any]) -> bool:
+    """Whether gravity has three numbers, or a load a force along z."""
+    loads = check.sequence("loads", experiment.get("loads", ()), "tables")
+    return np.size(experiment.get("gravity", ())) == 3 or any("force_z" in load for load in loads)
 
 
 def _channels(what: str, table: Mapping[str, Any], offsets: bool) -> tuple[Channel, ...]:

@@ -38,7 +38,7 @@ STEP = 1e-4
 LOST = 1e3
 """Readings, over their scale, of an arm whose run fails: far from any log."""
 
-_LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0}
+_LOAD = {"link": 0, "end": "tip", "force_x": 0.0, "force_y": 0.0, "force_z": 0.0}
 
 
 class Experiment:
@@ -55,10 +55,13 @@ class Experiment:
         loads = check.sequence("loads", config.experiment.get("loads", ()), "tables")
         for i, load in enumerate(loads):
             check.known_keys(f"loads[{i}]", check.table_of(f"loads[{i}]", load), _LOAD)
-        gravity = check.sequence("gravity", config.experiment.get("gravity", (0.0, 0.0)), "two numbers (m/s^2)", 2)
+        gravity = check.sequence("gravity", config.experiment.get("gravity", (0.0, 0.0)), "numbers (m/s^2)")
+        if len(gravity) not in (2, 3):
+            raise check.InvalidValue("gravity", gravity, "must be two numbers (m/s^2), or three for an arm in space")
+        usual = {key: value for key, value in _LOAD.items() if config.space or key != "force_z"}
         self._table: dict[str, Any] = {
-            **arms.to_table(arm), "sensors": sensing.to_table(config.sensors), "gravity": list(gravity),
-            "loads": [{**_LOAD, **load} for load in loads],
+            **_lists(arms.to_table(arm)), "sensors": sensing.to_table(config.sensors),
+            "gravity": [*gravity, 0.0][: 2 + config.space], "loads": [{**usual, **load} for load in loads],
             "inputs": {c.name: {"gain": 1.0, "offset": 0.0, "shift": 0.0} for c in config.inputs},
             "outputs": {c.name: {"gain": 1.0, "shift": 0.0} for c in config.outputs},
         }  # fmt: skip
@@ -259,8 +262,8 @@ class Experiment:
                 factor, arm = _drive(arm, k, kind)
                 loads.append(JointTorque(k, self._function(run, channel, {**own, "gain": own["gain"] * factor}, kind)))
         for load in table["loads"]:
-            forces = (constant(load["force_x"]), constant(load["force_y"]))
-            loads.append(PointLoad(load["link"], load["end"], *forces))
+            forces = {name: constant(load[name]) for name in load if name.startswith("force")}
+            loads.append(PointLoad(load["link"], load["end"], **forces))
         if self._starts_at_readings():
             for k, name in enumerate(arm.joint_names):
                 if f"{name}_angle" in run.outputs and not any(
@@ -269,12 +272,12 @@ class Experiment:
                     angles[k] = float(run.outputs[f"{name}_angle"][0])
         absolute = []
         for angle in angles:
-            before += angle
+            before = angle if arm.spatial else before + angle
             absolute.append(before)
         gravity = tuple(table["gravity"]) if any(table["gravity"]) else None
         return Scene(
             run.stem, arm, duration=float(run.t[-1]), dt=run.period, angles=tuple(absolute), motions=tuple(motions),
-            loads=tuple(loads), gravity=gravity,
+            loads=tuple(loads), gravity=gravity, space=self.config.space,
         )  # fmt: skip
 
     def _starts_at_readings(self) -> bool:
@@ -332,13 +335,14 @@ def _quiet(given: sensing.Sensors, names: Iterable[str]) -> sensing.Sensors:
     def wanted(*words: str) -> bool:
         return any(name.startswith(words) for name in names)
 
-    others = ("strain_gauge", "tip_acceleration", "camera")
+    others = ("strain_gauge", "tip_acceleration", "camera", "gyroscope")
     turned = any(not name.startswith(others) for name in names)
     return sensing.Sensors(
         tuple(still(e) for e in given.encoders if turned),
         tuple(still(g) for g in given.strain_gauges if wanted(others[0])),
         still(given.accelerometer) if given.accelerometer and wanted(others[1]) else None,
         still(given.camera) if given.camera and wanted(others[2]) else None,
+        still(given.gyroscope) if given.gyroscope and wanted(others[3]) else None,
     )  # fmt: skip
 
 
@@ -389,17 +393,29 @@ def _got(table: Any, place: Sequence[Any]) -> Any:
 
 
 def _put(table: Any, place: Sequence[Any], value: float) -> None:
-    for word in place[:-1]:
-        table = table.setdefault(word, {}) if isinstance(table, dict) else table[word]
-    table[place[-1]] = value
+    *before, last = place
+    for word in before:
+        above, table = table, table.setdefault(word, {}) if isinstance(table, dict) else table[word]
+    table[last] = value
+    if isinstance(last, int) and isinstance(before[-1], int):  # of a tensor, which is symmetric
+        above[last][before[-1]] = value
+
+
+def _lists(table: Any) -> Any:
+    """A table in which all can be put."""
+    if isinstance(table, Mapping):
+        return {key: _lists(value) for key, value in table.items()}
+    return [_lists(value) for value in table] if isinstance(table, list | tuple) else table
 
 
 def _whole(arm: Arm, config: Config) -> dict[str, Any]:
     """All numbers of an arm and its sensors, defaults among them, to be found by key path."""
-    table = dataclasses.asdict(dataclasses.replace(arm, sensors=config.sensors))
+    table: dict[str, Any] = _lists(dataclasses.asdict(dataclasses.replace(arm, sensors=config.sensors)))
     joints = [dataclasses.asdict(arm.joint(k) if arm.joints else Joint()) for k in range(arm.n_links)]
     for i, link in enumerate(arm.links):
         table["links"][i]["tau_d"] = arm.tau_d if link.tau_d is None else link.tau_d
+        if link.rigid:
+            table["links"][i] = arms.to_table(arm)["links"][i]
     elbows = [dataclasses.asdict(arm.elbow(k)) for k in range(1, arm.n_links)]
     return {**table, "joints": joints, "elbows": elbows}
 

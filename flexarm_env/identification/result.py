@@ -79,7 +79,7 @@ def identify(
     before = Experiment(given, setup, ())
     unfitted = tuple(_judged(run, before.predict(np.zeros(0), run), setup) for run in everything)
     assert setup.sensors is not None
-    laws = {name: law for name, (_, law) in setup.sensors.readings(given).items()}
+    laws = {name: law for name, (_, law) in setup.sensors.readings(given, setup.space).items()}
     simple = {c.name: oscillator(runs, c.name, laws[c.name]) for c in setup.outputs}
     baseline = tuple(_judged(run, {n: o.predict(run) for n, o in simple.items()}, setup) for run in everything)
     found = experiment.arm_of(values)
@@ -131,7 +131,7 @@ def _modes(arm: Arm, config: Config) -> tuple[Array, Array]:
     """Of the arm as it lies straight, prescribed joints held, Hz and damping ratios."""
     held = tuple(int(c.name[-1]) for c in config.inputs if c.name[:-1] in ("joint", "motor"))
     solver = {key: value for key, value in config.solver.items() if key not in ("formulation", "dt")}
-    rest = Scene("rest", arm, duration=1.0, dt=0.005)
+    rest = Scene("rest", arm, duration=1.0, dt=0.005, space=config.space)
     try:
         found = modes(rest, 4, config.solver["formulation"], clamped=held, **solver)
     except ValueError:  # an elastic gear whose motor has no inertia, driven by nothing

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ MOST_LATE = 1000
 """Periods by which a sensor may be late: each of them is remembered."""
 
 
+@lru_cache(64)
 def _held_filter(low_pass: Any, period: float) -> tuple[Any, Any, Any]:
     """A low-pass over a period in which its input runs straight: the exact solution of its equation.
 

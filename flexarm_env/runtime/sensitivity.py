@@ -101,16 +101,14 @@ class Twice(NamedTuple):
 
 
 @kernel
-def tangent_rows(
-    lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, both, room, out
-):
+def tangent_rows(lane, wide, model, drive, steps, scheme, factors, here, ahead, behind, moved, passes, both, room, out):
     """out (rows, 2 n) <- what q and v at the steps' ends change by; both (4, 2 n): q, v, a, b, each number followed by
     its tangent: before, then after.
 
     wide: `lane` with a tangent. here, ahead, behind: `Neighbour`s; here is the model itself. moved (rows, motions, 3):
     what motions change by. passes: 1 where the factored matrix is the residual's derivative; where it is nearly so,
-    what is left is solved for again. room: `room_of`. A step's end is its prediction moved by what Newton came to, which
-    v, a and b follow; rotations are moved by `protocol.update`, on both ways.
+    what is left is solved for again. room: `room_of`. A step's end is its prediction moved by what Newton came to, and
+    v, a and b follow that; rotations are moved by `protocol.update`, on both ways.
     """
     n, length, inputs = size(model.n), size(model.n_factor), size(model.n_inputs)
     r, given, dv, da = room[:n], room[n : 2 * n], room[2 * n : 3 * n], room[3 * n : 4 * n]
