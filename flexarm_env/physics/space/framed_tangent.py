@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from ...compiler import kernel, load, store
 from ..model import STIFFNESS_FACTOR
 from .element import fill, scale
-from .frame import across
+from .frame import across, lifted
 from .inner import HELIX, condense, constant, ends_by, inner_by
 from .inner import product as product_of
 from .layout import F, frame_at, inner_at, inner_of, inner_row
@@ -17,22 +17,21 @@ from .rotations import (
     difference,
     dot,
     minus,
+    outer,
     plus,
+    plus_identity,
     product,
     put_vector,
     scaled,
     skew,
+    skewed,
     sum_of,
+    symmetric,
     times,
     transposed,
+    turned,
     vector,
 )
-
-
-@kernel
-def _outer(a, b):
-    """a b^T."""
-    return times(b, a[0]), times(b, a[1]), times(b, a[2])
 
 
 @kernel
@@ -49,15 +48,16 @@ def _both_rows(lane, model, table, A, B):
 
 
 @kernel
-def _rows_across(h, A):
-    """h (phi x e_x) where phi's rows are A."""
-    return times(A[0], 0.0), times(A[2], h[1]), times(A[1], -h[2])
+def _plus_diagonal(A, d):
+    """A + diag(d)."""
+    a, b, c = A
+    return (a[0] + d[0], a[1], a[2]), (b[0], b[1] + d[1], b[2]), (c[0], c[1], c[2] + d[2])
 
 
 @kernel
-def _cross_row(u, A):
-    """The first row of u^ A."""
-    return minus(times(A[2], u[1]), times(A[1], u[2]))
+def _column(A, j):
+    """Column j of A."""
+    return A[0][j], A[1][j], A[2][j]
 
 
 class Column(NamedTuple):
@@ -113,7 +113,7 @@ def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by)
     """Rows of inner mode k by a `Column`; share: of EA / l. What of the ends these modes change is the same, turned."""
     cm, (slope, bow), pair = weights.mass, own, (inner_of(model) + 2) * k
     strain = plus(back(by.phi_l, stiff.slope_l), back(by.phi_r, stiff.slope_r))
-    found = _outer(slope, times((strain[0] + by.d, strain[1], strain[2]), share))
+    found = outer(slope, times((strain[0] + by.d, strain[1], strain[2]), share))
     hl = times(constant(lane, model, at.inner_coupling, pair), geometric)
     hr = times(constant(lane, model, at.inner_coupling, pair + 1), geometric)
     hl = plus(hl, times(constant(lane, model, at.inner_lateral, pair), cm))
@@ -122,7 +122,7 @@ def _inner_column(lane, model, stiff, geometric, own, share, weights, at, k, by)
     near, far = constant(lane, model, at.inner_near, k), constant(lane, model, at.inner_far, k)
     h, zero = times(plus(times(near, by.x_l), times(far, by.x_r)), cm), bow[0]
     found = sum_of(found, ((zero, zero, zero), (zero, zero, -h[2]), (zero, h[1], zero)))
-    found = sum_of(found, _outer((zero, -bow[2], bow[1]), by.beta[0]))
+    found = sum_of(found, outer((zero, -bow[2], bow[1]), by.beta[0]))
     turn = (inner_of(model) + 3) * k
     for j, part in ((0, by.t_l), (1, by.t_r), (2, by.beta)):
         found = sum_of(found, _rows(times(constant(lane, model, at.inner_rotary, turn + j), cm), part))
@@ -138,84 +138,195 @@ def _inner_pair(lane, model, par, slopes, share, rate, pull, weights, at, k, j, 
     own = plus(own, times(constant(lane, model, at.inner_lateral, (m + 2) * k + 2 + j), weights.mass))
     own = plus(own, times(constant(lane, model, at.inner_rotary, (m + 3) * k + 3 + j), weights.mass))
     own = plus(own, (bend[0], bend[1] * factor, bend[2] * factor))
-    block = _outer(one, times(two, share))
+    block = outer(one, times(two, share))
     for a in range(3):
         for b in range(3):
             store(S, inner.matrix + 3 * m * (3 * k + a) + 3 * j + b, block[a][b] + own[a] if a == b else block[a][b])
 
 
 @kernel
-def _strained_rows(lane, model, par, a, b, A, B, at):
-    """K of the `framed._strained` of a, b, on increments A, B of these."""
-    d, D = minus(b, a), difference(B, A)
-    c = scaled(difference(product(skew(a), B), product(skew(b), A)), 0.25)
-    zero, x = (d[0] * 0.0, d[0] * 0.0, d[0] * 0.0), d[0] * HELIX
-    y, z = plus(times(D[0], d[2] * HELIX), times(D[2], x)), minus(times(D[0], -d[1] * HELIX), times(D[1], x))
-    helix, factor = (zero, y, z), load(lane, par, STIFFNESS_FACTOR)
-    l, r = _both_rows(lane, model, at.bend, difference(sum_of(A, c), helix), difference(difference(B, c), helix))
+def _bent_rows(lane, model, par, a, b, near, far, at):
+    """Rows of the moments on phi_l, phi_r of K by what the `framed._strained` of a, b changes by, near and far."""
+    d, factor = times(minus(b, a), HELIX), load(lane, par, STIFFNESS_FACTOR)
+    l, r = _both_rows(lane, model, at.bend, near, far)
     l, r = (l[0], times(l[1], factor), times(l[2], factor)), (r[0], times(r[1], factor), times(r[2], factor))
     apart, both = scaled(difference(l, r), 0.25), sum_of(l, r)
-    more = minus(times(both[1], d[2] * HELIX), times(both[2], d[1] * HELIX)), times(both[2], -x), times(both[1], x)
-    l, r = sum_of(l, product(skew(b), apart)), difference(r, product(skew(a), apart))
-    return sum_of(l, more), difference(r, more)
+    more = minus(times(both[1], d[2]), times(both[2], d[1])), times(both[2], -d[0]), times(both[1], d[0])
+    return sum_of(sum_of(l, skewed(b, apart)), more), difference(difference(r, skewed(a, apart)), more)
 
 
 @kernel
-def _column(lane, model, par, frame, stiff, kept, now, bent, rate, weights, at, by):
-    """Rows of the tangent for a `Column`, in the frame's axes and the sections': of both forces and both moments."""
-    cm, c, a, b, share = weights.mass, weights.stiffness, frame.left, frame.right, 1.0 / frame.length
-    zero = frame.length * 0.0
-    # what e and phi change by, to the force along the chord and the moments on phi
-    sl, sr = stiff.slope_l, stiff.slope_r
-    strain = plus(back(by.phi_l, sl), back(by.phi_r, sr))
-    pull = times((strain[0] + by.d, strain[1], strain[2]), rate * model.frames[at.pull])
-    l, r = _strained_rows(lane, model, par, a.phi, b.phi, scaled(by.phi_l, rate), scaled(by.phi_r, rate), at)
-    turned, f, D = scaled(skew(stiff.apart), c), times(stiff.both, c), difference(by.phi_r, by.phi_l)
-    more = minus(times(D[2], f[1]), times(D[1], f[2])), times(D[0], -f[2]), times(D[0], f[1])
-    l = sum_of(difference(l, product(turned, by.phi_r)), more)
-    r = difference(sum_of(r, product(turned, by.phi_l)), more)
-    gl, gr = _both_rows(lane, model, at.coupling, by.phi_l, by.phi_r)
-    geometric = kept * c
-    l = sum_of(sum_of(l, scaled(gl, geometric)), _outer(sl, pull))
-    r = sum_of(sum_of(r, scaled(gr, geometric)), _outer(sr, pull))
-    # inertia of the unbent segment
-    il, ir = _both_rows(lane, model, at.lateral, scaled(by.phi_l, cm), scaled(by.phi_r, cm))
-    near_l, near_r = constant(lane, model, at.near, 0), constant(lane, model, at.near, 1)
-    far_l, far_r = constant(lane, model, at.far, 0), constant(lane, model, at.far, 1)
-    hl = times(plus(times(near_l, by.x_l), times(far_l, by.x_r)), cm)
-    hr = times(plus(times(near_r, by.x_l), times(far_r, by.x_r)), cm)
-    l = sum_of(sum_of(l, il), ((zero, zero, zero), (zero, zero, -hl[2]), (zero, hl[1], zero)))
-    r = sum_of(sum_of(r, ir), ((zero, zero, zero), (zero, zero, -hr[2]), (zero, hr[1], zero)))
-    mass = constant(lane, model, at.mass, 0)
-    on_l = sum_of(_rows_across(near_l, by.phi_l), _rows_across(near_r, by.phi_r))
-    on_r = sum_of(_rows_across(far_l, by.phi_l), _rows_across(far_r, by.phi_r))
-    on_l = scaled(difference(on_l, product(skew(bent.near), by.beta)), cm)
-    on_r = scaled(difference(on_r, product(skew(bent.far), by.beta)), cm)
-    bow = scaled(skew(plus(times(bent.near, by.x_l), times(bent.far, by.x_r))), cm)
-    # about the chord, as if h were one in both planes
+def _diagonal(lane, model, at, i, A, geometric, cm):
+    """A and the i-th of what has the force in the chord and inertia of the bent shape."""
+    d = times(constant(lane, model, at.coupling, i), geometric)
+    return _plus_diagonal(A, plus(d, times(constant(lane, model, at.lateral, i), cm)))
+
+
+@kernel
+def _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at):
+    """Symmetric derivative (ll, lr, rr) of the moments on phi_l, phi_r by these, with inertia of the bent shape.
+    strong: EA / l, with its rate; pull: the force in the chord."""
+    c, a, b = weights.stiffness, frame.left.phi, frame.right.phi
+    (x, y, z), (a0, a1, a2), (b0, b1, b2) = times(minus(b, a), HELIX), times(a, 0.25), times(b, 0.25)
+    zero, one = x * 0.0, x * 0.0 + 1.0
+    near = (one, b2, -b1), (z - b2, one, x + b0), (b1 - y, -(b0 + x), one)
+    far = (zero, -b2, b1), (z + b2, zero, x - b0), (-(b1 + y), b0 - x, zero)
+    ll, _ = _bent_rows(lane, model, par, a, b, near, far, at)
+    near = (zero, -a2, a1), (a2 - z, zero, -(a0 + x)), (y - a1, a0 + x, zero)
+    far = (one, a2, -a1), (-(a2 + z), one, a0 - x), (a1 + y, x - a0, one)
+    lr, rr = _bent_rows(lane, model, par, a, b, near, far, at)
+    sl, sr, both = stiff.slope_l, stiff.slope_r, times(stiff.both, c)
+    more = (zero, -both[2], both[1]), (-both[2], zero, zero), (both[1], zero, zero)
+    ll = difference(sum_of(scaled(ll, rate), outer(times(sl, strong), sl)), more)
+    lr = sum_of(sum_of(scaled(lr, rate), outer(times(sl, strong), sr)), difference(more, skew(times(stiff.apart, c))))
+    rr = difference(sum_of(scaled(rr, rate), outer(times(sr, strong), sr)), more)
+    cm, geometric = weights.mass, pull * c
+    return (
+        _mirrored(_diagonal(lane, model, at, 0, ll, geometric, cm)),
+        _diagonal(lane, model, at, 1, lr, geometric, cm),
+        _mirrored(_diagonal(lane, model, at, 2, rr, geometric, cm)),
+    )
+
+
+@kernel
+def _mirrored(A):
+    """The upper part of A and its mirror image."""
+    return A[0], (A[0][1], A[1][1], A[1][2]), (A[0][2], A[1][2], A[2][2])
+
+
+class Turned(NamedTuple):
+    """Derivative of moments by rotations: of the sections (l, r) and of the frame (b), rows before columns."""
+
+    ll: Any
+    lr: Any
+    lb: Any
+    rr: Any
+    rb: Any
+    bl: Any
+    br: Any
+    bb: Any
+
+
+@kernel
+def _turned(lane, model, frame, now, bending, bent, weights, at):
+    """`Turned`, where d phi = T dth - T' dbeta of either end."""
+    cm, c, P, Q = weights.mass, weights.stiffness, frame.left.T, frame.right.T
+    Pt, Qt, (ll, lr, rr) = transposed(P), transposed(Q), bending
+    by_l, by_r = (
+        sum_of(product(ll, Pt), product(lr, Qt)),
+        sum_of(product(transposed(lr), Pt), product(rr, Qt)),
+    )
+    # inertia about the chord, as if h were one in both planes
     ul, ur = times(bent.left, cm), times(bent.right, cm)
-    roll = plus(_cross_row(ul, by.phi_l), _cross_row(ur, by.phi_r))
-    roll = plus(roll, times(by.beta[0], dot(ul, a.phi) + dot(ur, b.phi)))
-    bow = plus(bow[0], roll), bow[1], bow[2]
-    l, r = sum_of(l, _outer((zero, -ul[2], ul[1]), by.beta[0])), sum_of(r, _outer((zero, -ur[2], ur[1]), by.beta[0]))
-    ml, mr = (mass[0] * by.x_l + mass[1] * by.x_r) * cm, (mass[1] * by.x_l + mass[2] * by.x_r) * cm
-    # as in `framed`
-    tl, tr = _both_rows(lane, model, at.rotary, by.t_l, by.t_r)
-    lc, rc = constant(lane, model, at.rotary, 3), constant(lane, model, at.rotary, 4)
-    tc = sum_of(sum_of(_rows(lc, by.t_l), _rows(rc, by.t_r)), _rows(constant(lane, model, at.rotary, 5), by.beta))
-    tl, tr = scaled(sum_of(tl, _rows(lc, by.beta)), cm), scaled(sum_of(tr, _rows(rc, by.beta)), cm)
-    aside, half_l, half_r = times(now[0], c), skew(times(now[1], 0.5 * c)), skew(times(now[2], 0.5 * c))
-    half_l, half_r = product(half_l, by.phi_l), product(half_r, by.phi_r)  # of T^-1 and T^-T, to first order
-    couple = difference(scaled(tc, cm), sum_of(product(a.T, l), product(b.T, r)))
-    couple = sum_of(couple, sum_of(bow, sum_of(half_l, half_r)))
-    d = pull, times(couple[2], share), times(plus(couple[1], times(couple[0], frame.k)), -share)
-    d = difference(d, product(skew(aside), by.beta))
-    shorter, none = by.d * share, (zero, zero, zero)
-    d = d[0], minus(d[1], (aside[1] * shorter, zero, zero)), minus(d[2], (aside[2] * shorter, zero, zero))
-    tl = sum_of(sum_of(product(transposed(a.T), l), _outer(a.g, couple[0])), sum_of(tl, half_l))
-    tr = sum_of(sum_of(product(transposed(b.T), r), _outer(b.g, couple[0])), sum_of(tr, half_r))
-    on_l, on_r = sum_of(on_l, about_identity(ml, none, zero, none)), sum_of(on_r, about_identity(mr, none, zero, none))
-    return difference(on_l, d), tl, sum_of(on_r, d), tr
+    vl, vr = lifted(ul), lifted(ur)
+    roll = plus(turned(P, vl), turned(Q, vr))
+    own = dot(ul, frame.left.phi) + dot(ur, frame.right.phi)
+    lb, rb = _plus_column(product(Pt, by_l), turned(Pt, vl)), _plus_column(product(Qt, by_r), turned(Qt, vr))
+    bb = sum_of(product(P, by_l), product(Q, by_r))
+    bb = (bb[0][0] + (own - roll[0] * 2.0), bb[0][1] - roll[1], bb[0][2] - roll[2]), bb[1], bb[2]
+    bb = _mirrored(bb)
+    # rotary inertia
+    tl, tr, lc = (
+        times(constant(lane, model, at.rotary, 0), cm),
+        times(constant(lane, model, at.rotary, 2), cm),
+        times(constant(lane, model, at.rotary, 3), cm),
+    )
+    rc, tc = times(constant(lane, model, at.rotary, 4), cm), times(constant(lane, model, at.rotary, 5), cm)
+    across_ends = _plus_diagonal(product(product(Pt, lr), Q), times(constant(lane, model, at.rotary, 1), cm))
+    lb, rb = _plus_diagonal(lb, lc), _plus_diagonal(rb, rc)
+    # moments that turn: of T^-1 and T^-T, to first order
+    half_l, half_r = times(now[1], 0.5 * c), times(now[2], 0.5 * c)
+    on_l, on_r, off_l, off_r = skewed(half_l, P), skewed(half_r, Q), skewed(half_l, Pt), skewed(half_r, Qt)
+    return Turned(
+        sum_of(_plus_diagonal(symmetric(P, product(ll, P)), tl), on_l),
+        across_ends,
+        difference(lb, off_l),
+        sum_of(_plus_diagonal(symmetric(Q, product(rr, Q)), tr), on_r),
+        difference(rb, off_r),
+        sum_of(transposed(lb), on_l),
+        sum_of(transposed(rb), on_r),
+        difference(_plus_diagonal(bb, tc), sum_of(off_l, off_r)),
+    )
+
+
+@kernel
+def _plus_column(A, a):
+    """a to the first column of - A."""
+    one, two, three = A
+    return (a[0] - one[0], -one[1], -one[2]), (a[1] - two[0], -two[1], -two[2]), (a[2] - three[0], -three[1], -three[2])
+
+
+@kernel
+def _plus_roll(A, a, g):
+    """A + a g^T of a g without y."""
+    one, two, three = A
+    return (
+        (a[0] * g[0] + one[0], one[1], a[0] * g[2] + one[2]),
+        (a[1] * g[0] + two[0], two[1], a[1] * g[2] + two[2]),
+        (a[2] * g[0] + three[0], three[1], a[2] * g[2] + three[2]),
+    )
+
+
+@kernel
+def _by_chord(frame, A):
+    """Rows of the frame's rotation as those of the force between the ends, but for that along the chord."""
+    share = 1.0 / frame.length
+    return times(A[2], share), times(plus(A[1], times(A[0], frame.k)), -share)
+
+
+@kernel
+def _drawn(frame, left, right, bent, cm):
+    """Inertia of an end's place with rotations, (its rows across the chord by the left section, by the right one; what
+    the force between the ends has of it by places, across the chord) of an end whose share of the mass is `bent` off
+    the chord by left phi_l + right phi_r."""
+    P, Q, gl, gr = frame.left.T, frame.right.T, frame.left.g, frame.right.g
+    hl, hr, n, Pt, Qt = times(left, cm), times(right, cm), times(bent, cm), transposed(P), transposed(Q)
+    y, z = plus(times(Pt[2], hl[1]), times(Qt[2], hr[1])), plus(times(Pt[1], hl[2]), times(Qt[1], hr[2]))
+    y, z = (-(y[0] + n[2]), -y[1], n[0] - y[2]), (z[0] + n[1], z[1] - n[0], z[2])  # by the frame
+    by_l = plus(times(P[2], hl[1]), times(gl, y[0])), plus(times(P[1], -hl[2]), times(gl, z[0]))
+    by_r = plus(times(Q[2], hr[1]), times(gr, y[0])), plus(times(Q[1], -hr[2]), times(gr, z[0]))
+    x = n[2] * 0.0, n[2], -n[1]
+    return by_l, by_r, _by_chord(frame, transposed((x, y, z)))
+
+
+@kernel
+def _across(A, rows):
+    """A M A' where M has these rows for y and z."""
+    y, z = turned(A, rows[0]), turned(A, rows[1])
+    return (
+        plus(times(y, A[0][1]), times(z, A[0][2])),
+        plus(times(y, A[1][1]), times(z, A[1][2])),
+        plus(times(y, A[2][1]), times(z, A[2][2])),
+    )
+
+
+@kernel
+def _place_rows(A, x, rows, more):
+    """A times the matrix of x and of the sums of both pairs of rows."""
+    y, z = plus(rows[0], more[0]), plus(rows[1], more[1])
+    return product(A, (x, y, z))
+
+
+@kernel
+def _less(rows):
+    """Minus a pair of rows."""
+    return times(rows[0], -1.0), times(rows[1], -1.0)
+
+
+@kernel
+def _columns(frame):
+    """The `Column`s of the left end's place and rotation, and of the right one's."""
+    a, b, share, zero = frame.left, frame.right, 1.0 / frame.length, frame.length * 0.0
+    none, full = (zero, zero, zero), zero + 1.0
+    nothing, one = (none, none, none), about_identity(full, none, zero, none)
+    beta = (zero, zero, -(frame.k * share)), (zero, zero, -share), (zero, share, zero)
+    dl, dr = scaled(product(transposed(a.T), beta), -1.0), scaled(product(transposed(b.T), beta), -1.0)
+    left = Column(-full, full, zero, scaled(dl, -1.0), scaled(dr, -1.0), scaled(beta, -1.0), nothing, nothing)
+    ll, lr = difference(a.T, outer(a.T[0], a.g)), scaled(outer(a.T[0], b.g), -1.0)
+    rl, rr = scaled(outer(b.T[0], a.g), -1.0), difference(b.T, outer(b.T[0], b.g))
+    turn_l = Column(zero, zero, zero, ll, rl, (a.g, none, none), one, nothing)
+    turn_r = Column(zero, zero, zero, lr, rr, (b.g, none, none), nothing, one)
+    return left, turn_l, Column(full, zero, full, dl, dr, beta, nothing, nothing), turn_r
 
 
 @kernel
@@ -227,38 +338,65 @@ def tangent(lane, model, par, tau, frame, stiff, pull, now, i, q, weights, S, f)
     rate = weights.stiffness
     if tau is not None:
         rate = tau * weights.damping + rate
-    a, b, A, share, zero = frame.left, frame.right, frame.A, 1.0 / frame.length, frame.length * 0.0
-    none, full = (zero, zero, zero), zero + 1.0
-    nothing, one = (none, none, none), about_identity(full, none, zero, none)
-    beta = (zero, zero, -(frame.k * share)), (zero, zero, -share), (zero, share, zero)
-    dl, dr = scaled(product(transposed(a.T), beta), -1.0), scaled(product(transposed(b.T), beta), -1.0)
-    left = Column(-full, full, zero, scaled(dl, -1.0), scaled(dr, -1.0), scaled(beta, -1.0), nothing, nothing)
-    right = Column(full, zero, full, dl, dr, beta, nothing, nothing)
-    ll, lr = difference(a.T, _outer(a.T[0], a.g)), scaled(_outer(a.T[0], b.g), -1.0)
-    rl, rr = scaled(_outer(b.T[0], a.g), -1.0), difference(b.T, _outer(b.T[0], b.g))
-    turn_l = Column(zero, zero, zero, ll, rl, (a.g, none, none), one, nothing)
-    turn_r = Column(zero, zero, zero, lr, rr, (b.g, none, none), nothing, one)
-    bent = _bent_inertia(lane, model, frame, at, q, row)
-    xl = _column(lane, model, par, frame, stiff, pull, now, bent, rate, weights, at, left)
-    tl = _column(lane, model, par, frame, stiff, pull, now, bent, rate, weights, at, turn_l)
-    xr = _column(lane, model, par, frame, stiff, pull, now, bent, rate, weights, at, right)
-    tr = _column(lane, model, par, frame, stiff, pull, now, bent, rate, weights, at, turn_r)
-    B = transposed(A)
-    fill(S, f + F.LL, product(product(A, xl[0]), B), product(A, tl[0]), product(xl[1], B), tl[1])
-    fill(S, f + F.LR, product(product(A, xr[0]), B), product(A, tr[0]), product(xr[1], B), tr[1])
-    fill(S, f + F.RL, product(product(A, xl[2]), B), product(A, tl[2]), product(xl[3], B), tl[3])
-    fill(S, f + F.RR, product(product(A, xr[2]), B), product(A, tr[2]), product(xr[3], B), tr[3])
+    cm, c, a, b, A, share = weights.mass, weights.stiffness, frame.left, frame.right, frame.A, 1.0 / frame.length
+    bent, strong = _bent_inertia(lane, model, frame, at, q, row), rate * model.frames[at.pull]
+    bending = _bending(lane, model, par, frame, stiff, pull, strong, rate, weights, at)
+    of = _turned(lane, model, frame, now, bending, bent, weights, at)
+    # by the sections alone: the frame rolls with them
+    on_l, on_r, roll = _column(of.lb, 0), _column(of.rb, 0), _column(of.bb, 0)
+    couple_l, couple_r = _plus_roll(of.bl, roll, a.g), _plus_roll(of.br, roll, b.g)
+    ll, rr = _plus_roll(of.ll, on_l, a.g), _plus_roll(of.rr, on_r, b.g)
+    lr, rl = _plus_roll(of.lr, on_l, b.g), _plus_roll(transposed(of.lr), on_r, a.g)
+    ll, lr = sum_of(ll, outer(a.g, couple_l[0])), sum_of(lr, outer(a.g, couple_r[0]))
+    rl, rr = sum_of(rl, outer(b.g, couple_l[0])), sum_of(rr, outer(b.g, couple_r[0]))
+    # the force between the ends by rotations, and, turned over, moments by that of the ends' places
+    aside, strain = times(now[0], c), times(plus(turned(a.T, stiff.slope_l), turned(b.T, stiff.slope_r)), -1.0)
+    x_l = times(plus(back(a.T, stiff.slope_l), times(a.g, strain[0])), strong)
+    x_r = times(plus(back(b.T, stiff.slope_r), times(b.g, strain[0])), strong)
+    push_l, push_r = _by_chord(frame, couple_l), _by_chord(frame, couple_r)
+    push_l = minus(push_l[0], times(a.g, aside[2])), plus(push_l[1], times(a.g, aside[1]))
+    push_r = minus(push_r[0], times(b.g, aside[2])), plus(push_r[1], times(b.g, aside[1]))
+    lift_l = _by_chord(frame, _plus_roll(transposed(of.lb), of.bb[0], a.g))
+    lift_r = _by_chord(frame, _plus_roll(transposed(of.rb), of.bb[0], b.g))
+    # by places
+    y, z = _by_chord(frame, of.bb)
+    zero, lean = share * 0.0, frame.k
+    sway = _by_chord(frame, transposed(((zero, zero, zero), y, z)))
+    by_y = (strain[2] * strong - aside[1]) * share
+    by_z = ((strain[1] + strain[0] * lean) * strong + aside[2]) * -share
+    y = by_y, sway[0][1] + aside[0] * share, sway[1][1] + aside[2] * lean * share
+    z = by_z, sway[0][2], sway[1][2] + (aside[0] - aside[1] * lean) * share
+    D = product(product(A, ((strong, by_y, by_z), y, z)), transposed(A))
+    near_l, near_r = constant(lane, model, at.near, 0), constant(lane, model, at.near, 1)
+    far_l, far_r = constant(lane, model, at.far, 0), constant(lane, model, at.far, 1)
+    near, far = _drawn(frame, near_l, near_r, bent.near, cm), _drawn(frame, far_l, far_r, bent.far, cm)
+    drawn_l, drawn_r = _across(A, near[2]), _across(A, far[2])
+    mass = times(constant(lane, model, at.mass, 0), cm)
+    xx_ll = plus_identity(difference(D, sum_of(drawn_l, transposed(drawn_l))), mass[0])
+    xx_lr = plus_identity(difference(difference(transposed(drawn_l), drawn_r), D), mass[1])
+    xx_rl = plus_identity(difference(difference(drawn_l, transposed(drawn_r)), D), mass[1])
+    xx_rr = plus_identity(sum_of(D, sum_of(drawn_r, transposed(drawn_r))), mass[2])
+    less_l, less_r = times(x_l, -1.0), times(x_r, -1.0)
+    xt_ll, tx_ll = _place_rows(A, less_l, near[0], _less(push_l)), _place_rows(A, less_l, near[0], _less(lift_l))
+    xt_lr, tx_lr = _place_rows(A, less_r, near[1], _less(push_r)), _place_rows(A, x_l, far[0], lift_l)
+    xt_rl, tx_rl = _place_rows(A, x_l, far[0], push_l), _place_rows(A, less_r, near[1], _less(lift_r))
+    xt_rr, tx_rr = _place_rows(A, x_r, far[1], push_r), _place_rows(A, x_r, far[1], lift_r)
+    fill(S, f + F.LL, xx_ll, xt_ll, transposed(tx_ll), ll)
+    fill(S, f + F.LR, xx_lr, xt_lr, transposed(tx_lr), lr)
+    fill(S, f + F.RL, xx_rl, xt_rl, transposed(tx_rl), rl)
+    fill(S, f + F.RR, xx_rr, xt_rr, transposed(tx_rr), rr)
     if model.inner is not None:
-        inner, share = inner_at(model, i), rate * model.frames[at.pull]
+        inner, B = inner_at(model, i), transposed(A)
+        left, turn_l, right, turn_r = _columns(frame)
         for k in range(inner_of(model)):
             own = _inner_own(lane, model, frame, at, k, q, row, weights.mass)
-            for c, by in ((0, left), (3, turn_l), (6, right), (9, turn_r)):
-                block = _inner_column(lane, model, stiff, pull * weights.stiffness, own, share, weights, at, k, by)
-                if c == 0 or c == 6:
+            for first, by in ((0, left), (3, turn_l), (6, right), (9, turn_r)):
+                block = _inner_column(lane, model, stiff, pull * weights.stiffness, own, strong, weights, at, k, by)
+                if first == 0 or first == 6:
                     block = product(block, B)
                 for j in range(3):
-                    put_vector(S, inner.ends + 12 * (3 * k + j) + c, block[j])
+                    put_vector(S, inner.ends + 12 * (3 * k + j) + first, block[j])
             for j in range(inner_of(model)):
                 other = inner_by(lane, model, at.inner_coupling, 2, j, a.phi, b.phi, q, row)
-                _inner_pair(lane, model, par, (own[0], other), share, rate, pull, weights, at, k, j, S, inner)
+                _inner_pair(lane, model, par, (own[0], other), strong, rate, pull, weights, at, k, j, S, inner)
         condense(lane, model, S, f, inner)
