@@ -31,6 +31,17 @@ def postures(goals: Array) -> list[tuple[float, ...]]:
     return [tuple((0.0 + row * (-1.0 if flip else 1.0)).tolist()) for row, flip in zip(elbows, mirrored, strict=True)]
 
 
+def held(A: Array, B: Array, dt: float) -> tuple[Array, Array]:
+    """A continuous model over one period dt with its input held."""
+    from scipy.linalg import expm
+
+    n, m = B.shape
+    block = np.zeros((n + m, n + m))
+    block[:n, :n], block[:n, n:] = A, B
+    power = expm(block * dt)
+    return power[:n, :n], power[:n, n:]
+
+
 @dataclass(frozen=True)
 class ArmModel:
     """Linear model of an arm about rest, its joints at given angles: a truncated set of modes, SI.
@@ -58,13 +69,7 @@ class ArmModel:
 
     def discrete(self, dt: float) -> tuple[Array, Array]:
         """A, B over one period dt with the torque held."""
-        from scipy.linalg import expm
-
-        n, m = self.B.shape
-        block = np.zeros((n + m, n + m))
-        block[:n, :n], block[:n, n:] = self.A, self.B
-        power = expm(block * dt)
-        return power[:n, :n], power[:n, n:]
+        return held(self.A, self.B, dt)
 
     def state_of(self, outputs: Array) -> Array:
         """The state (..., 2n) of least strain and kinetic energy that has these outputs (..., 4N)."""

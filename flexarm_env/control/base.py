@@ -97,7 +97,8 @@ class Signals:
         bend_rates (n, N) 1/s; error (n, 1): target minus tip angle, rad (slew), or (n, 2): tip to target in the frame
         that turns with the hub, m (reach). Where the observation has instead the goal's joint angles less the joints'
         (observation="measured"), these are to_go (n, N) rad, and bends, their rates and error are empty. gauges (n, G):
-        in their units.
+        in their units. In space error is (n, 3), and bends (n, 3 F) are those along y, along z and twists (rad) of the
+        F flexible links, for controllers that need them.
     """
 
     angles: Array
@@ -109,8 +110,14 @@ class Signals:
     to_go: Array | None = None
 
     def outputs(self, angles: Array) -> Array:
-        """Outputs (n, 4 N) of an arm's model with its joints at these angles: they, their rates, deflections, rates."""
+        """Outputs (n, 4 N) of an arm's model with its joints at these angles: they, their rates, deflections, rates;
+        in space (n, 2 N + 6 F)."""
         return np.concatenate([angles, self.rates, self.bends, self.bend_rates], axis=1)
+
+
+BENDS = ("tip_deflection_y", "tip_deflection_z", "twist")
+BEND_RATES = ("tip_deflection_rate_y", "tip_deflection_rate_z", "twist_rate")
+"""What the links of arms in space show."""
 
 
 class Reader:
@@ -130,7 +137,11 @@ class Reader:
         deflections, deflection_rates = (setup.arm.by_link(f"tip_deflection{rate}") for rate in ("", "_rate"))
         error = ("target_error",) if setup.task == "slew" else ("to_target_x", "to_target_y")
         if setup.arm.spatial:
-            deflections, deflection_rates, error = (), (), (*error, "to_target_z")
+            bending = [k for k, link in enumerate(setup.arm.links) if bends and not link.rigid]
+            deflections, deflection_rates = (
+                tuple(setup.arm.by_link(name)[k] for name in names for k in bending) for names in (BENDS, BEND_RATES)
+            )
+            error = (*error, "to_target_z")
         aims = tuple(f"{joint}_error" for joint in joints)
         self.aimed = goals or (
             not bends and any(name not in place for name in (*error, *deflections)) and aims[0] in place
@@ -203,7 +214,7 @@ class Controller(ABC):
             raise RuntimeError("No episode has begun: call the controller's reset(observation) first")
         if count != begun:
             raise check.InvalidValue("rows of observation", count, f"must be {begun}, as reset had")
-        if signals.to_go is not None:
+        if signals.to_go is not None and not self.setup.arm.spatial:
             to_go = signals.to_go
         elif self.setup.task == "slew":
             to_go = _hub_error(signals)

@@ -15,6 +15,7 @@ from .lqr import LQR, LQRGains
 from .mpc import MPC, MPCGains
 from .pd import PD, PDGains
 from .shaping import ShapedGains, ShapedPD
+from .space_lqg import SpatialLQG, SpatialLQR
 from .space_pd import SpatialPD, SpatialPDGains
 from .time_optimal import TimeOptimal, TimeOptimalGains
 
@@ -28,6 +29,13 @@ _KINDS: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
     "time_optimal": (TimeOptimalGains, TimeOptimal),
 }
 
+_SPACE: dict[str, tuple[type[Any], Callable[[Setup, Any], Controller]]] = {
+    "pd": (SpatialPDGains, SpatialPD),
+    "lqr": (LQGGains, SpatialLQR),
+    "lqg": (LQGGains, SpatialLQG),
+}
+"""Those of arms in space."""
+
 NAMES = tuple(_KINDS)
 """Names that `make` takes."""
 
@@ -39,22 +47,22 @@ def _table(task: str) -> dict[str, Any]:
 
 
 def tuned_gains(name: str, task: str, n_joints: int | None = None) -> Any:
-    """The tuned gains of the controller `name` for a task ("slew" or "reach"), an instance of its gains' class.
+    """The tuned gains of the controller `name` for a task ("slew", "reach", or "space"), of its gains' class.
 
     n_joints: of the arm; None: as the task's own arm has. For three and more there is one set of gains, "chain".
     Raises ValueError for a name that there is not, or that no arm of this task can have.
     """
     check.choice("controller", name, NAMES)
-    table = _table("chain" if n_joints is not None and n_joints > 2 else task)
+    table = _table("chain" if n_joints is not None and n_joints > 2 and task != "space" else task)
     if name not in table:
         known = ", ".join(f'"{other}"' for other in table)
         raise check.InvalidValue("controller", name, f'must be one of {known} for task="{task}"')
-    return gains_from(name, table[name])
+    return gains_from(name, table[name], task == "space")
 
 
-def gains_from(name: str, values: Mapping[str, Any]) -> Any:
+def gains_from(name: str, values: Mapping[str, Any], space: bool = False) -> Any:
     """Gains of the controller `name` from values by key; an unknown key is a ValueError that says which there are."""
-    kind, _ = _KINDS[name]
+    kind, _ = (_SPACE if space else _KINDS)[name]
     check.known_keys(name, values, check.names_of(kind))
     return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
 
@@ -78,10 +86,10 @@ def make(name: str, env: Any, gains: Any = None) -> Controller:
         if plan.extras.controller is not None:
             what = 'must be "torque": controllers set torques themselves'
             raise check.InvalidValue("action_mode", "residual_pd", what)
-    if setup.arm.spatial:
-        if name != "pd":
-            raise check.InvalidValue("controller", name, 'must be "pd" for an arm in space: there is no other yet')
-        return SpatialPD(setup, SpatialPDGains() if gains is None else check.instance("gains", gains, SpatialPDGains))
-    kind, made = _KINDS[name]
-    own = tuned_gains(name, setup.task, setup.n_joints) if gains is None else check.instance("gains", gains, kind)
-    return made(setup, own)
+    space = setup.arm.spatial
+    if space and name not in _SPACE:
+        there = ", ".join(f'"{one}"' for one in _SPACE)
+        raise check.InvalidValue("controller", name, f"must be one of {there} for an arm in space")
+    kind, made = (_SPACE if space else _KINDS)[name]
+    own = gains if gains is None else check.instance("gains", gains, kind)
+    return made(setup, own or tuned_gains(name, "space" if space else setup.task, setup.n_joints))

@@ -62,15 +62,18 @@ class LQGGains(StateWeights):
 class Plant(NamedTuple):
     """An arm about rest, over a control period: x+ = A x + B u; outputs are rows . x.
 
-    rigid (2n, N): x by the joint angles of a stiff arm. first: lowest flexible frequency, joints free, rad/s.
+    rigid (2n, N): x by the joint angles of a stiff arm, of rigid inertia (N, N). first: lowest flexible frequency,
+    joints free, rad/s. bends: rows of tip deflections over length, and their rates' (in space of twists too).
     """
 
     A: Array
     B: Array
     rows: dict[str, Array]
     rigid: Array
+    inertia: Array
     first: float
     states: tuple[str, ...]
+    bends: tuple[Array, Array]
 
 
 class Design(NamedTuple):
@@ -107,40 +110,49 @@ def plant(setup: Setup, posture: tuple[float, ...]) -> Plant:
     modes = np.linalg.svd(stiffness)[2][-n:].T
     rigid = np.vstack([modes @ np.linalg.inv(joints @ modes), np.zeros((size, n))])
     first = float(np.sqrt(np.sort(-np.linalg.eigvals(stiffness).real)[n]))
-    return Plant(held.A, held.B, dict(zip(free.outputs, free.C, strict=True)), rigid, first, free.states)
+    rows = dict(zip(free.outputs, free.C, strict=True))
+    spans = np.array([[link.span] for link in setup.arm.links])
+    bends = [np.array([rows[f"deflection{k}{end}"] for k in range(n)]) / spans for end in ("", "_rate")]
+    inertia = rigid_inertia(setup.arm, np.array([posture or (0.0,) * (n - 1)]))[0]
+    return Plant(held.A, held.B, rows, rigid, inertia, first, free.states, (bends[0], bends[1]))
 
 
 @lru_cache(maxsize=256)
 def design(setup: Setup, gains: LQGGains, posture: tuple[float, ...] = ()) -> Design:
     """Regulator and filter of an arm about rest, its elbows at a posture in rad."""
+    return measured(setup, gains, plant(setup, posture))
+
+
+def measured(setup: Setup, gains: LQGGains, own: Plant) -> Design:
+    """The design for encoders of the joints and what gauges are observed."""
+    arm, gauges, encoders = setup.arm, list(gauges_of(setup).values()), _encoders(setup)
+    rows = [
+        own.rows[f"{'motor' if encoder.side == 'motor' and arm.joint(k).elastic else 'joint'}{k}"]
+        for k, encoder in enumerate(encoders)
+    ]
+    rows += [unit * own.rows[name] for unit, name in curvatures(setup)]
+    bias = np.array([np.ptp(gauge.biases) / np.sqrt(12.0) for gauge in gauges])
+    return designed(setup, gains, own, np.array(rows), np.array(_variances(setup, encoders)), bias)
+
+
+def designed(setup: Setup, gains: LQGGains, own: Plant, seen: Array, variances: Array, bias: Array) -> Design:
+    """Regulator and filter for what is seen: rows (p, 2n), of these variances; bias (b,): deviations of the last b."""
     from scipy.linalg import block_diag
 
-    arm, n, own = setup.arm, setup.n_joints, plant(setup, posture)
-    gauges, limits, size = list(gauges_of(setup).values()), np.asarray(setup.torque_limits), len(own.A)
-    count, more = len(gauges), n + len(gauges)
-    encoders = _encoders(setup)
-    C = np.zeros((n + count, size + more))
-    for k, encoder in enumerate(encoders):
-        C[k, :size] = own.rows[f"{'motor' if encoder.side == 'motor' and arm.joint(k).elastic else 'joint'}{k}"]
-    for k, gauge in enumerate(gauges, n):
-        there = arm.links[gauge.link].along(gauge.place * arm.links[gauge.link].length)
-        unit = gauge.per_curvature(float(there.m), float(there.J)) * float(np.mean(gauge.gains))
-        C[k, :size] = unit * own.rows[f"curvature{gauge.link}@{gauge.place:g}"]
-        C[k, size + k] = 1.0
+    n, limits, size, count, p = setup.n_joints, np.asarray(setup.torque_limits), len(own.A), len(bias), len(seen)
+    C, more = np.hstack([seen, np.zeros((p, n)), np.eye(p)[:, p - count :]]), n + count
     A = block_diag(own.A, np.eye(more))
     A[:size, size : size + n] = own.B
 
-    inertia = rigid_inertia(arm, np.array([posture or (0.0,) * (n - 1)]))[0]
-    turn = np.roll(own.rigid, size // 2, axis=0) @ np.linalg.inv(inertia) * setup.control_dt
+    turn = np.roll(own.rigid, size // 2, axis=0) @ np.linalg.inv(own.inertia) * setup.control_dt
     unseen = np.hstack([own.B * gains.noise * limits, turn * gains.push * limits])
     push = unseen @ unseen.T + 1e-12 * np.eye(size)
-    V, drift = np.diag(_variances(setup, encoders)), np.diag((gains.drift * limits) ** 2)
-    bias = np.array([np.ptp(gauge.biases) / np.sqrt(12.0) for gauge in gauges])
+    V, drift = np.diag(variances), np.diag((gains.drift * limits) ** 2)
     W = block_diag(push, drift, np.diag((WALK * bias) ** 2))
     start = own.rigid @ V[:n, :n] @ own.rigid.T
     for _ in range(UNREST):
         start = own.A @ start @ own.A.T + push
-    S, L = block_diag(start, drift, np.diag(bias**2)), np.empty((LEARNING, size + more, n + count))
+    S, L = block_diag(start, drift, np.diag(bias**2)), np.empty((LEARNING, size + more, p))
     for k in range(LEARNING):
         L[k] = np.linalg.solve(C @ S @ C.T + V, C @ S).T
         S = A @ (S - L[k] @ C @ S) @ A.T + W
@@ -156,14 +168,22 @@ def design(setup: Setup, gains: LQGGains, posture: tuple[float, ...] = ()) -> De
 
 def _regulator(setup: Setup, gains: LQGGains, own: Plant) -> Array:
     """K (N, 2n)."""
-    weighed = []
-    for k, link in enumerate(setup.arm.links):
-        weighed += [gains.angle * own.rows[f"joint{k}"], gains.rate / own.first * own.rows[f"joint{k}_rate"]]
-        weighed += [gains.bend / link.span * own.rows[f"deflection{k}"]]
-        weighed += [gains.bend_rate / (own.first * link.span) * own.rows[f"deflection{k}_rate"]]
-    Q = np.array(weighed)
+    joints = [np.array([own.rows[f"joint{k}{end}"] for k in range(setup.n_joints)]) for end in ("", "_rate")]
+    Q = np.vstack([
+        gains.angle * joints[0], gains.rate / own.first * joints[1],
+        gains.bend * own.bends[0], gains.bend_rate / own.first * own.bends[1],
+    ])  # fmt: skip
     R = np.diag(1.0 / np.asarray(setup.torque_limits) ** 2)
     return riccati(own.A, own.B, Q.T @ Q + 1e-9 * np.eye(len(own.A)), R)[0]
+
+
+def curvatures(setup: Setup) -> list[tuple[float, str]]:
+    """Of each gauge that is observed: its reading over the output of a linear model, and that output's name."""
+    what, links = {"xy": "curvature", "xz": "curvature_z", "torsion": "torsion"}, setup.arm.links
+    return [
+        (g.per_curvature_of(links[g.link]) * float(np.mean(g.gains)), f"{what[g.measures]}{g.link}@{g.place:g}")
+        for g in gauges_of(setup).values()
+    ]
 
 
 def gauges_of(setup: Setup) -> dict[int, StrainGauge]:
@@ -218,9 +238,12 @@ class LQG(Controller):
             for posture in dict.fromkeys(found)
         ]
 
+    def seen(self, signals: Signals, to_go: Array) -> Array:
+        """What the filter takes in, (n, p)."""
+        return np.hstack([-to_go, signals.gauges - self.centres])
+
     def torques(self, signals: Signals, to_go: Array) -> Array:
-        y = np.hstack([-to_go, signals.gauges - self.centres])
-        torques = np.zeros_like(to_go)
+        y, torques = self.seen(signals, to_go), np.zeros_like(to_go)
         self.parts = self._parts(self.goal - to_go)
         for d, rows in self.parts:
             z = self.z[rows]

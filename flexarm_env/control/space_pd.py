@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from ..physics.space.reading import frames, tips
 from ..scene import Scene
 from .base import Controller, Setup, Signals
 from .space import approach, jacobian, tip_at
+
+if TYPE_CHECKING:
+    from ..linear import Equilibrium
 
 Array = NDArray[np.float64]
 
@@ -28,9 +32,9 @@ class SpatialPDGains:
     """rate: rad/s, of each joint under its spring, others still. ratio: of damping. lag: s, of the filter of rates: a
     beam's root turns so lightly that what is sampled of it must not come back at once."""
 
-    rate: float = 4.5
-    ratio: float = 1.0
-    lag: float = 0.03
+    rate: float
+    ratio: float
+    lag: float
 
 
 def lumps(arm: Arm) -> list[tuple[int, Body]]:
@@ -61,43 +65,45 @@ def _cross(a: Array, b: Array) -> Array:
 def holding(
     arm: Arm, gravity: Array, angles: Array, parts: list[tuple[int, Body]] | None = None
 ) -> tuple[Array, Array]:
-    """Of the rigid arm at joint angles (n, N): torques that hold it, N m; inertia about each joint, kg m^2.
+    """Of the rigid arm at joint angles (n, N): torques that hold it, N m; inertia about the joints (n, N, N), kg m^2.
 
     parts: its `lumps`, where they are known.
     """
     places, axes, links, _ = frames(arm, angles)
-    torques, inertia = np.zeros(angles.shape), np.zeros(angles.shape)
+    torques, inertia = np.zeros(angles.shape), np.zeros((*angles.shape, arm.n_links))
     for k, part in lumps(arm) if parts is None else parts:
-        r = places[:, k] + links[:, k] @ part.centre
-        for j in range(k + 1):
-            swing = _cross(axes[:, j], r - places[:, j])
-            own = np.swapaxes(links[:, k], -1, -2) @ axes[:, j, :, None]
-            torques[:, j] -= part.mass * swing @ gravity
-            turning = (own[..., 0] * (own[..., 0] @ part.inertia)).sum(axis=1)
-            inertia[:, j] += part.mass * (swing**2).sum(axis=1) + turning
+        moved = slice(k + 1)
+        swing = _cross(axes[:, moved], (places[:, k] + links[:, k] @ part.centre)[:, None] - places[:, moved])
+        own = axes[:, moved] @ links[:, k]
+        torques[:, moved] -= part.mass * swing @ gravity
+        inertia[:, moved, moved] += part.mass * swing @ np.swapaxes(swing, 1, 2)
+        inertia[:, moved, moved] += own @ part.inertia @ np.swapaxes(own, 1, 2)
     return torques, inertia
 
 
-class SpatialPD(Controller):
-    """Torques of the arm at rest at its target, what the rigid arm's weight asks for elsewhere, and a PD about it.
+def rest(arm: Arm, gravity: Array, angles: Array) -> Equilibrium:
+    """The flexible arm at rest, its joints held at angles (N,)."""
+    from ..linear import static_equilibrium
+
+    where: dict[str, Any] = {"gravity": tuple(gravity.tolist()), "angles": tuple(angles.tolist())}
+    scene = Scene("rest", arm, duration=1.0, dt=1e-3, **where)
+    return static_equilibrium(scene, elements=2, hold_joints=True, require_stable=False)
+
+
+class AboutRest(Controller):
+    """Torques of the arm at rest at its target, and what the rigid arm's weight asks for elsewhere.
 
     Goals follow from static rests of the flexible arm (`linear.static_equilibrium`), some tenths of a second an arm.
     """
 
-    def __init__(self, setup: Setup, gains: SpatialPDGains) -> None:
+    def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
-        self.gains, self.gravity = gains, np.array(setup.gravity or (0.0, 0.0, 0.0))
-        self.parts = lumps(setup.arm)
-        self.passed = float(1.0 - np.exp(-setup.control_dt / gains.lag))
-        """Of a change of the rates, by their filter, in a period."""
+        self.gravity = np.array(setup.gravity or (0.0, 0.0, 0.0))
+        self.bodies = lumps(setup.arm)
 
     def _rest(self, angles: Array) -> tuple[Array, Array]:
         """Place of the tip, m, and torques, N m, where joints are held at angles (N,)."""
-        from ..linear import static_equilibrium
-
-        weight = tuple(self.gravity.tolist())
-        scene = Scene("rest", self.setup.arm, duration=1.0, dt=1e-3, gravity=weight, angles=tuple(angles.tolist()))
-        found = static_equilibrium(scene, elements=2, hold_joints=True, require_stable=False)
+        found = rest(self.setup.arm, self.gravity, angles)
         return tips(self.setup.arm, found.settings, found.work.q[None])[0], np.array(found.joint_torques())
 
     def _settle(self, target: Array, angles: Array) -> tuple[float, Array, Array]:
@@ -122,7 +128,10 @@ class SpatialPD(Controller):
     def _goal(self, signals: Signals) -> Array:
         """Arms stand straight where an episode begins, or nearly so."""
         arm, now = self.setup.arm, signals.angles
-        targets = tip_at(arm, now) + (frames(arm, now)[2][:, 0] @ signals.error[..., None])[..., 0]
+        if signals.to_go is None:
+            targets = tip_at(arm, now) + (frames(arm, now)[2][:, 0] @ signals.error[..., None])[..., 0]
+        else:
+            targets = tip_at(arm, now + signals.to_go)
         goals, self.torque = np.zeros(now.shape), np.zeros(now.shape)
         for i, target in enumerate(targets):
             sides = [[now[i, 0], *(BENT * side * (-1.0) ** k for k in range(arm.n_links - 1))] for side in (1, -1)]
@@ -137,14 +146,32 @@ class SpatialPD(Controller):
         return goals
 
     def initialise(self, signals: Signals, to_go: Array) -> None:
-        weight, self.inertia = holding(self.setup.arm, self.gravity, self.goal, self.parts)
-        self.torque, self.rates = self.torque - weight, signals.rates.copy()
+        weight, self.inertia = holding(self.setup.arm, self.gravity, self.goal, self.bodies)
+        self.torque = self.torque - weight
+
+    def forward(self, to_go: Array) -> Array:
+        """Torques (n, N), N m, that hold the arm."""
+        found: Array = self.torque + holding(self.setup.arm, self.gravity, self.goal - to_go, self.bodies)[0]
+        return found
+
+
+class SpatialPD(AboutRest):
+    """What holds the arm, and a PD about its goal."""
+
+    def __init__(self, setup: Setup, gains: SpatialPDGains) -> None:
+        super().__init__(setup)
+        self.gains = gains
+        self.passed = float(1.0 - np.exp(-setup.control_dt / gains.lag))
+        """Of a change of the rates, by their filter, in a period."""
+
+    def initialise(self, signals: Signals, to_go: Array) -> None:
+        super().initialise(signals, to_go)
+        self.rates = signals.rates.copy()
 
     def torques(self, signals: Signals, to_go: Array) -> Array:
         self.rates += self.passed * (signals.rates - self.rates)
-        weight = holding(self.setup.arm, self.gravity, self.goal - to_go, self.parts)[0]
-        wanted: Array = self.torque + weight + self.inertia * self._pull(to_go, self.rates)
-        return wanted
+        inertia = np.diagonal(self.inertia, axis1=1, axis2=2)
+        return self.forward(to_go) + inertia * self._pull(to_go, self.rates)
 
     def _pull(self, to_go: Array, rates: Array) -> Array:
         """Accelerations of the joints, rad/s^2."""
@@ -155,6 +182,6 @@ class SpatialPD(Controller):
     def towards(self, wanted: Array, angles: Array, rates: Array) -> Array:
         """Torques (N,), N m, that hold the rigid arm's weight and turn joints at angles, with filtered rates, to the
         angles wanted, all (N,)."""
-        weight, inertia = holding(self.setup.arm, self.gravity, angles[None], self.parts)
-        found: Array = weight[0] + inertia[0] * self._pull(wanted - angles, rates)
+        weight, inertia = holding(self.setup.arm, self.gravity, angles[None], self.bodies)
+        found: Array = weight[0] + np.diag(inertia[0]) * self._pull(wanted - angles, rates)
         return found

@@ -1,0 +1,60 @@
+"""How soon controllers settle `SpatialFlexArm-v0`, on 100 reaches: docs/environments/spatial.md."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import flexarm_env  # noqa: F401  (registers the environments)
+from benchmarks import pages
+from benchmarks.machine import table
+from flexarm_env import control
+
+GAUGES = [{"link": k, "measures": what} for k in (1, 2) for what in ("xy", "xz", "torsion")]
+MEASURED: dict[str, Any] = {
+    "observation": "measured", "sensors": {"encoders": {"counts": 2**16}, "strain_gauges": GAUGES},
+}  # fmt: skip
+HOLD = 50
+"""Control periods of success."""
+
+
+def settled(name: str, episodes: int, seed: int, **keywords: Any) -> list[float | None]:
+    """Times, s, from which the tip rests at its target for 0.5 s; None: it does not."""
+    env = gym.make_vec("SpatialFlexArm-v0", num_envs=episodes, **keywords)
+    controller: Any = control.make(name, env)
+    seen, _ = env.reset(seed=seed)
+    controller.reset(seen)
+    found = np.full(episodes, np.nan)
+    for k in range(1, 501):
+        seen, *_, info = env.step(controller.act(seen))
+        found[info["is_success"] & np.isnan(found)] = 0.01 * (k - HOLD)
+    return [None if np.isnan(t) else float(t) for t in found]
+
+
+def measure(options: argparse.Namespace) -> pages.Found:
+    """Times of each controller, on the same reaches."""
+    cases: dict[str, dict[str, Any]] = {"pd": {}, "lqr": {}, "lqg": MEASURED}
+    return {"times": {name: settled(name, options.episodes, 10_000, **more) for name, more in cases.items()}}
+
+
+def blocks(found: pages.Found) -> pages.Blocks:
+    """The page's table."""
+    rows = []
+    for name, times in found["times"].items():
+        known = [t for t in times if t is not None]
+        late = np.sort([np.inf if t is None else t for t in times])[[len(times) // 2, int(0.95 * len(times))]]
+        rows.append((name, f"{len(known)} of {len(times)}", *(f"{t:.2f} s" for t in late)))
+    return {"settled": table("controller | settled | median | 95 % by", rows)}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and write."""
+    return pages.run("space_control", __doc__, measure, blocks, arguments, page="environments/spatial", episodes=100)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
