@@ -172,6 +172,16 @@ def _block(lane, S, o, i, j):
 
 
 @kernel
+def _base_is_held(lane, S):
+    """Whether none of the base's rows moves."""
+    held = True
+    for i in range(6):
+        if S[(B.pinned + i) * len(lane)] == 0.0:
+            held = False
+    return held
+
+
+@kernel
 def _eliminate_joint(lane, model, S, k):
     """What is at the root of link k, to the section before, without the joint's row."""
     h, o, below = hinge_at(k), factor_at(model, k, 0) + F.LL, before(model, k)
@@ -183,8 +193,6 @@ def _eliminate_joint(lane, model, S, k):
         _block(lane, S, o, 1, 0),
         _block(lane, S, o, 1, 1),
     )
-    upper, lower = product(xt, to_root), product(turn, tx)
-    inner = product(product(turn, tt), to_root)
     moment = cross(axis, vector(lane, S, h + H.moment))
     force, on_section = turned(xt, axis), turned(turn, plus(turned(tt, axis), moment))
     by_place, by_turn = back(tx, axis), turned(turn, back(tt, axis))
@@ -196,11 +204,20 @@ def _eliminate_joint(lane, model, S, k):
         Xt, sideways = transposed(X), turned(xx, c)
         put_matrix(S, h + H.shift, X)
         put_vector(S, h + H.swing, c)
+        pivot = pivot + dot(axis, turned(tx, c)) + dot(c, turned(xt, axis)) + dot(c, sideways)
+        pivot = pivot + dot(swing, cross(pull, turned(turn, axis)))
+    free = S[(h + H.pinned) * len(lane)] == 0.0
+    if k == 0:
+        if _base_is_held(lane, S):  # what would be handed on meets nothing that moves
+            clear(lane, S, h + H.column, 12)
+            store(S, h + H.pivot, 1.0 / pivot if free else splat(lane, 1.0))
+            return
+    upper, lower = product(xt, to_root), product(turn, tx)
+    inner = product(product(turn, tt), to_root)
+    if model.levers is not None:
         inner = sum_of(inner, sum_of(product(lower, X), sum_of(product(Xt, upper), product(Xt, product(xx, X)))))
         inner = sum_of(inner, product(skew(lever), skew(pull)))
         upper, lower = sum_of(upper, product(xx, X)), sum_of(lower, product(Xt, xx))
-        pivot = pivot + dot(axis, turned(tx, c)) + dot(c, turned(xt, axis)) + dot(c, sideways)
-        pivot = pivot + dot(swing, cross(pull, turned(turn, axis)))
         by_turn = plus(by_turn, plus(turned(turn, back(xt, c)), turned(Xt, by_place)))
         by_turn = plus(by_turn, plus(turned(Xt, back(xx, c)), cross(swing, pull)))
         by_place = plus(by_place, back(xx, c))
@@ -213,7 +230,7 @@ def _eliminate_joint(lane, model, S, k):
     add_block(lane, S, below, 0, 1, upper)
     add_block(lane, S, below, 1, 0, lower)
     add_block(lane, S, below, 1, 1, inner)
-    if S[(h + H.pinned) * len(lane)] == 0.0:
+    if free:
         inverse = 1.0 / pivot
         put_vector(S, h + H.column, force)
         put_vector(S, h + H.column + 3, on_section)
