@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import keyword
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,27 @@ def c_name(word: str) -> str:
     return f"_{name}" if name[:1].isdigit() or keyword.iskeyword(name) else name or "policy"
 
 
+def c_part(part: str) -> str:
+    """A part of what all files are made of: `data/control/c`."""
+    return (resources.files("flexarm_env") / "data" / "control" / "c" / f"{part}.c").read_text("utf-8")
+
+
+def c_named(text: str, name: str) -> str:
+    """The text with a name in place of NAME, and UPPER in capitals."""
+    return re.sub("NAME|UPPER", lambda word: name if word[0] == "NAME" else name.upper(), text)
+
+
+def c_comment(lines: Iterable[str]) -> str:
+    """A comment of several lines."""
+    return "\n".join(["/*", *(f" * {line}".rstrip() for line in lines), " */"])
+
+
+def c_array(kind: str, name: str, words: Sequence[str], across: int) -> str:
+    """The declaration of a constant array, so many numbers a line."""
+    rows = ",\n    ".join(", ".join(words[i : i + across]) for i in range(0, len(words), across))
+    return f"static const {kind} NAME_{name}[{max(1, len(words))}] = {{\n    {rows or '0'}\n}};"
+
+
 def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
     """The policy as one C99 file without `main`, float32, all arrays of fixed size.
 
@@ -130,10 +152,11 @@ def c_source(policy: NumpyPolicy, entries: Entries, name: str) -> str:
         "#include <math.h>", "",
         *(f"#define UPPER_{word} {value}" for word, value in declared.items()), "",
         *_arrays(policy, entries),
-        _MEMORY, _LAYER, *([_NORMAL] if policy.normaliser is not None else []),
-        _DECIDE.replace("STEPS", "\n".join(f"    {line}" for line in _steps(policy))), _ACT,
+        *map(c_part, ("policy_memory", "policy_layer", *(["policy_normal"] if policy.normaliser is not None else []))),
+        c_part("policy_decide").replace("STEPS", "\n".join(f"    {line}" for line in _steps(policy))),
+        c_part("policy_act"),
     ])  # fmt: skip
-    return re.sub("NAME|UPPER", lambda word: name if word[0] == "NAME" else name.upper(), text)
+    return c_named(text, name)
 
 
 def _steps(policy: NumpyPolicy) -> Iterator[str]:
@@ -185,7 +208,7 @@ def _head(policy: NumpyPolicy, entries: Entries, history: int) -> str:
         "",
         "Every sum is carried with what float32 rounds off it (Dekker 1971): compile without -ffast-math.",
     ]
-    return "\n".join(["/*", *(f" * {_harmless(line)}".rstrip() for line in lines), " */"])
+    return c_comment(map(_harmless, lines))
 
 
 def _harmless(line: str) -> str:
@@ -209,93 +232,10 @@ def _arrays(policy: NumpyPolicy, entries: Entries) -> Iterator[str]:
 
 
 def _array(name: str, values: Sequence[float] | NDArray[Any]) -> str:
-    words = [_number(value) for value in values]
-    rows = [", ".join(words[i : i + 8]) for i in range(0, len(words), 8)]
-    return f"static const float NAME_{name}[{len(words)}] = {{\n    " + ",\n    ".join(rows) + "\n};\n"
+    return c_array("float", name, [_number(value) for value in values], 8) + "\n"
 
 
 def _number(value: Any) -> str:
     """A float32 as C writes it, to the last bit."""
     text = f"{np.float32(value):.9g}"
     return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
-
-
-_MEMORY = """\
-typedef struct {
-    float seen[UPPER_OBSERVATION];
-    int begun;
-} NAME_memory;
-"""
-
-_LAYER = """\
-/* out + out_rest = (in + in_rest) w + b; 4097 cuts a float in two of 12 digits, whose product is exact */
-static void NAME_layer(const float *in, const float *in_rest, int rows, const float *w, const float *b, float *out,
-                       float *out_rest, int columns)
-{
-    int j, k;
-    for (j = 0; j < columns; j++) {
-        out[j] = b[j];
-        out_rest[j] = 0.0f;
-    }
-    for (k = 0; k < rows; k++, w += columns) {
-        register const float wide = in[k] * 4097.0f;
-        register const float head = wide - (wide - in[k]), tail = (in[k] - head) + in_rest[k];
-        for (j = 0; j < columns; j++) {
-            register const float large = w[j] * 4097.0f, first = large - (large - w[j]), term = head * first;
-            register const float before = out[j], sum = before + term, back = sum - before;
-            out_rest[j] += ((before - (sum - back)) + (term - back)) + (head * (w[j] - first) + tail * w[j]);
-            out[j] = sum;
-        }
-    }
-}
-"""
-
-_NORMAL = """\
-/* entry i of an observation less its mean, over its deviation, clipped */
-static float NAME_normal(int i, float value, float *rest)
-{
-    const float d = value - NAME_mean[i], back = value - d;
-    const float d_rest = ((value - (d + back)) + (back - NAME_mean[i])) - NAME_mean_rest[i];
-    const float s = NAME_inverse[i], x = d * s;
-    const float wide = d * 4097.0f, head = wide - (wide - d), tail = d - head;
-    const float large = s * 4097.0f, first = large - (large - s), last = s - first;
-    *rest = (((head * first - x) + head * last) + tail * first) + tail * last;
-    *rest += d * NAME_inverse_rest[i] + d_rest * s;
-    if (x >= -NAME_clip && x <= NAME_clip)
-        return x;
-    *rest = 0.0f;
-    return x < 0.0f ? -NAME_clip : NAME_clip;
-}
-"""
-
-_DECIDE = """\
-void NAME_decide(const float observation[UPPER_OBSERVATION], float action[UPPER_ACTIONS])
-{
-    float x[UPPER_WIDTH], x_rest[UPPER_WIDTH], y[UPPER_WIDTH], y_rest[UPPER_WIDTH];
-    int i;
-STEPS
-}
-"""
-
-_ACT = """\
-void NAME_reset(NAME_memory *memory)
-{
-    memory->begun = 0;
-}
-
-void NAME_act(NAME_memory *memory, const float measured[UPPER_ENTRIES], float action[UPPER_ACTIONS])
-{
-    int i;
-    for (i = 0; i < UPPER_OBSERVATION; i++) {
-        const int next = i + UPPER_ENTRIES, k = i % UPPER_ENTRIES;
-        if (memory->begun && next < UPPER_OBSERVATION)
-            memory->seen[i] = memory->seen[next];
-        else {
-            const float x = measured[k] / NAME_scale[k];
-            memory->seen[i] = x < -UPPER_MOST ? -UPPER_MOST : x > UPPER_MOST ? UPPER_MOST : x;
-        }
-    }
-    memory->begun = 1;
-    NAME_decide(memory->seen, action);
-}
-"""

@@ -11,7 +11,6 @@ import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from .. import validation as check
 from ..rigid import link_inertia
 from .arm_model import GRID, postures
 from .base import Controller
+from .export import c_array, c_comment, c_named, c_part
 from .lqg import LEARNING, LQG, SHARP
 from .lqg import design as lqg_design
 from .lqr import LQR
@@ -66,9 +66,9 @@ def controller_source(controller: Controller, name: str, slew: float | None = No
     parts = ["times"] if kind is not PD else []
     parts += ["rigid"] if kind is ShapedPD or (pointed and setup.n_joints == 2) else []
     parts += ["aim_joints" if aimed else "aim_point" if many else "aim_tip", *(["posture"] if held else [])]
-    texts = [_text("memory").replace("FIELDS", _FIELDS[kind]), *map(_text, (*parts, *_BODIES[kind], "act"))]
+    texts = [c_part("memory").replace("FIELDS", _FIELDS[kind]), *map(c_part, (*parts, *_BODIES[kind], "act"))]
     body = "\n".join(texts).replace("GAUGED", _GAUGED if read._gauges else "").replace("SHARP", repr(SHARP))
-    body = body.replace("GOAL", _text("goal_two" if setup.n_joints == 2 else "goal_many"))
+    body = body.replace("GOAL", c_part("goal_two" if setup.n_joints == 2 else "goal_many"))
     numbers = [_array(word, values) for word, values in arrays.items() if re.search(rf"(NAME_|OF\(){word}\b", body)]
     numbers += [_places(word, values) for word, values in places.items() if f"NAME_{word.lower()}[" in body]
     text = "\n".join([
@@ -76,7 +76,7 @@ def controller_source(controller: Controller, name: str, slew: float | None = No
         *(f"#define UPPER_{word} {value}" for word, value in declared.items()),
         f"#define UPPER_PERIOD {setup.control_dt!r} /* s, of control */", "", *numbers, "", body,
     ])  # fmt: skip
-    return re.sub("NAME|UPPER", lambda word: name if word[0] == "NAME" else name.upper(), text)
+    return c_named(text, name)
 
 
 def _postures(own: Controller, elbows: Pairs | None) -> Held:
@@ -173,22 +173,15 @@ def _head(own: Controller, slew: float | None, held: Held) -> str:
         "Entries of an instant, value / scale:",
         *(f"    {k}: {one} / {x:.9g}" for k, (one, x) in enumerate(zip(setup.names, setup.scales, strict=True))),
     ]
-    return "\n".join(["/*", *(f" * {line}".rstrip() for line in lines), " */"])
+    return c_comment(lines)
 
 
 def _array(name: str, values: Array) -> str:
-    words = [f"{value:.17g}" for value in np.ravel(values).tolist()]
-    rows = [", ".join(words[i : i + 5]) for i in range(0, len(words), 5)]
-    return f"static const double NAME_{name}[{max(1, len(words))}] = {{\n    " + (",\n    ".join(rows) or "0") + "\n};"
+    return c_array("double", name, [f"{value:.17g}" for value in np.ravel(values).tolist()], 5)
 
 
 def _places(name: str, values: list[int]) -> str:
     return f"static const int NAME_{name.lower()}[{len(values)}] = {{{', '.join(map(str, values))}}};"
-
-
-def _text(part: str) -> str:
-    """A part of what all files are made of."""
-    return (resources.files("flexarm_env") / "data" / "control" / "c" / f"{part}.c").read_text("utf-8")
 
 
 _GAUGED = (

@@ -15,6 +15,7 @@ from .. import validation as check
 from ..batch import CLIP, MODE, PERIODS, PERIODS_ALLOWED, REASONS
 from ..compiler.image import Image
 from ..control.base import Setup
+from ..control.export import c_named
 from ..layout import Layout
 from ..physics import precision
 from ..physics.joints.layout import LAW, PLACES
@@ -52,7 +53,7 @@ def fill(file: str, name: str, known: Mapping[str, Any]) -> str:
     """A template with its marks replaced: @WORD@ by what is known, NAME, UPPER."""
     text = (resources.files("flexarm_env") / "data" / "library" / file).read_text()
     text = re.sub("@([A-Z_]+)@", lambda word: str(known[word[1]]), text)
-    return re.sub("NAME|UPPER", lambda word: name if word[0] == "NAME" else name.upper(), text)
+    return c_named(text, name)
 
 
 class Parameter(NamedTuple):

@@ -1,0 +1,4 @@
+typedef struct {
+    float seen[UPPER_OBSERVATION];
+    int begun;
+} NAME_memory;
