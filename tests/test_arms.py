@@ -14,6 +14,7 @@ from flexarm_env.linear import modes
 from flexarm_env.parameters import Arm, Elbow, Link, Payload, Section
 from flexarm_env.scene import Scene
 from tests.processes import ROOT
+from tests.refusals import refuses
 from tests.scene_tools import everything
 
 
@@ -96,10 +97,8 @@ def test_resolve(tmp_path: Path) -> None:
     for wrong in ("stripe", "none.toml", str(tmp_path)):
         with pytest.raises(ValueError, match=r'^arm = .*must be one of "de_luca_siciliano", .*or a .toml file'):
             arms.resolve(wrong)
-    with pytest.raises(ValueError, match=r"^arm = 3: must be a name, a TOML file or an Arm"):
-        arms.resolve(3)
-    with pytest.raises(ValueError, match=r"^arm = 'stripe': must be one of"):
-        arms.named("stripe")
+    refuses(r"^arm = 3: must be a name, a TOML file or an Arm", lambda: arms.resolve(3))
+    refuses(r"^arm = 'stripe': must be one of", lambda: arms.named("stripe"))
 
 
 def test_the_example_arm() -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexarm_env import time_functions
 from flexarm_env.derivatives import Arms
 from flexarm_env.envs.resets import follow
+from tests.refusals import refuses
 
 Array = NDArray[np.float64]
 
@@ -267,8 +268,6 @@ def test_arms_with_and_without_motions_together() -> None:
 @pytest.mark.slow  # it makes, and compiles, another environment
 def test_fitted_steps_are_refused_by_name() -> None:
     arms = Arms(ONE, 3, step_tolerance=1e-4)
-    with pytest.raises(ValueError, match="step_tolerance"):
-        arms.reset(options={"motion": BENT})
-    with pytest.raises(ValueError, match="step_tolerance"):
-        Arms(ONE, 3, step_tolerance=1e-4, task="replay")
+    refuses("step_tolerance", lambda: arms.reset(options={"motion": BENT}))
+    refuses("step_tolerance", lambda: Arms(ONE, 3, step_tolerance=1e-4, task="replay"))
     arms.close()

@@ -21,6 +21,7 @@ from flexarm_env.derivatives import Periods
 from flexarm_env.library import Built, build, write
 from tests.cli_tools import refused
 from tests.processes import ROOT, python
+from tests.refusals import refuses
 
 COMPILER = shutil.which("cc")
 
@@ -349,9 +350,7 @@ def test_a_disk_that_is_full_and_a_compiler_that_fails(tmp_path: Path, monkeypat
 
 
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ValueError, match="must be a single environment"):
-        write(gym.make_vec("FlexibleArm-v0", num_envs=2), tmp_path, "arm")
+    refuses("must be a single environment", lambda: write(gym.make_vec("FlexibleArm-v0", num_envs=2), tmp_path, "arm"))
     monkeypatch.setattr(build.platform, "machine", lambda: "arm64")
-    with pytest.raises(ValueError, match="built on Linux x86-64"):
-        write(gym.make("FlexibleArm-v0"), tmp_path, "arm")
+    refuses("built on Linux x86-64", lambda: write(gym.make("FlexibleArm-v0"), tmp_path, "arm"))
     assert not list(tmp_path.iterdir())

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from flexarm_env import scenes
+from tests.refusals import refuses
 
 
 def test_references_have_origin_tolerance_and_sound_columns() -> None:
@@ -36,8 +37,7 @@ def test_references_have_origin_tolerance_and_sound_columns() -> None:
         np.testing.assert_allclose(columns["start_angle"], psi(columns["t"]), atol=1e-8)
     assert scenes.reference("robot_arm_motion").tip_tolerance == 2e-3
     assert scenes.reference("robot_arm_motion_smooth").tip_tolerance == 1e-4
-    with pytest.raises(ValueError, match="unknown scene with a reference"):
-        scenes.reference("spin_up")
+    refuses("unknown scene with a reference", lambda: scenes.reference("spin_up"))
 
 
 def test_spot_values_of_another_program_agree_with_the_reference() -> None:
@@ -73,5 +73,4 @@ def test_a_wrong_trajectory_file_is_refused(tmp_path: Path, lines: list[str], me
 def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
     path = tmp_path / "trajectory.csv"
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match=rf"^{path}: not a CSV file: "):
-        scenes.read_trajectory(path)
+    refuses(rf"^{path}: not a CSV file: ", lambda: scenes.read_trajectory(path))

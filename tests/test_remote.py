@@ -40,6 +40,7 @@ from flexarm_env.remote.client import run_policy
 from flexarm_env.remote.packet import ARM, HEAD, HELD, LIMITED, RESET, SET_POINTS, unpack
 from tests.cli_tools import refused
 from tests.processes import ROOT
+from tests.refusals import refuses
 
 KEY = b"a key that both ends know"
 PEER = ("127.0.0.1", 1)
@@ -147,10 +148,8 @@ def test_limits() -> None:
     for arguments in ({"angle": 0.0}, {"rate": math.nan}, {"slew": -1.0}, {"watchdog": 0}):
         with pytest.raises(ValueError, match=next(iter(arguments))):
             Limits(**arguments)
-    with pytest.raises(ValueError, match="hold = 'up'"):
-        made(hold="up")
-    with pytest.raises(ValueError, match="action_mode 'torque'"):
-        Session(gym.make("FlexibleArm-v0", action_mode="residual_pd"))
+    refuses("hold = 'up'", lambda: made(hold="up"))
+    refuses("action_mode 'torque'", lambda: Session(gym.make("FlexibleArm-v0", action_mode="residual_pd")))
 
 
 def in_space(**arguments: Any) -> Session:
@@ -321,8 +320,7 @@ def test_over_loopback(server: Server, tmp_path: Path, monkeypatch: pytest.Monke
     simulated = gym.make("FlexibleArm-v0", control_dt=0.01)
     told = run_policy(controller("pd", simulated), plain, 0.5)
     assert told["ended"] == "time" and told["steps"] >= 5
-    with pytest.raises(ValueError, match="must be 1 finite"):
-        plain.step([math.nan])
+    refuses("must be 1 finite", lambda: plain.step([math.nan]))
     monkeypatch.setattr(client, "PATIENCE", 0.3)
     for key in (b"another key of 16 bytes", None):
         with pytest.raises(ConnectionError, match="no answer within"):
@@ -438,14 +436,12 @@ def test_an_arm_that_lies(welcome: tuple[float, ...], reading: tuple[float, ...]
         answering = threading.Thread(target=answer, args=(2 if reading else 1,))
         answering.start()
         if sentence:
-            with pytest.raises(ConnectionError, match=sentence):
-                RemoteArmEnv(*arm.getsockname()).reset()
+            refuses(sentence, lambda: RemoteArmEnv(*arm.getsockname()).reset(), ConnectionError)
         else:
             env = RemoteArmEnv(*arm.getsockname())
             assert np.isfinite(env.reset()[0]).all()
             env.wire.sequence = 2**32 - 2
-            with pytest.raises(ConnectionError, match="make another"):
-                env.step([0.0])
+            refuses("make another", lambda: env.step([0.0]), ConnectionError)
             env.close()
         answering.join()
 
@@ -483,8 +479,7 @@ def test_a_connection_ends_with_its_numbers() -> None:
     ],
 )
 def test_what_is_given_is_refused_in_a_sentence(make: Any, sentence: str) -> None:
-    with pytest.raises((ValueError, OSError), match=sentence):
-        make()
+    refuses(sentence, make, (ValueError, OSError))
 
 
 def test_a_session_does_not_show_its_key() -> None:
@@ -492,14 +487,12 @@ def test_a_session_does_not_show_its_key() -> None:
     server = Server(session)
     server.close()
     assert "both ends" not in repr(session) + repr(server)
-    with pytest.raises(ValueError, match="is closed; make another server"):
-        server.serve(0.1)
+    refuses("is closed; make another server", lambda: server.serve(0.1))
 
 
 def test_beyond_loopback_wants_a_key() -> None:
     session = made()
-    with pytest.raises(ValueError, match="must be this machine, or be given a key"):
-        Server(session, host="0.0.0.0")
+    refuses("must be this machine, or be given a key", lambda: Server(session, host="0.0.0.0"))
     Server(session, host="0.0.0.0", insecure=True).close()
 
 

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from flexarm_env.derivatives import Arms, Rollout
+from tests.refusals import refuses
 
 Array = NDArray[np.float64]
 
@@ -93,8 +94,7 @@ def test_what_an_arm_s_solver_left_is_asked_of_nobody_else(arms: Arms) -> None:
 
 def test_wrong_shapes_are_told(arms: Arms) -> None:
     run = gone(arms, 3)
-    with pytest.raises(ValueError, match=r"actions.shape = \(9, 1\): must be \(T, 9, 1\)"):
-        arms.rollout(run.states[0], run.actions[0])
+    refuses(r"actions.shape = \(9, 1\): must be \(T, 9, 1\)", lambda: arms.rollout(run.states[0], run.actions[0]))
     for value in (np.nan, np.inf):
         actions = run.actions.copy()
         actions[2, 1, 0] = value
@@ -102,8 +102,7 @@ def test_wrong_shapes_are_told(arms: Arms) -> None:
             arms.rollout(run.states[0], actions)
         arms.step(run.states[2], actions[2])
         assert arms.failed.tolist() == [k == 1 for k in range(arms.n)]  # as in the environment
-    with pytest.raises(ValueError, match=r"rewards.shape = \(3, 1\): must be \(3, 9\)"):
-        run.vjp(rewards=np.zeros((3, 1)))
+    refuses(r"rewards.shape = \(3, 1\): must be \(3, 9\)", lambda: run.vjp(rewards=np.zeros((3, 1))))
 
 
 def test_parameters_over_a_rollout() -> None:

@@ -18,6 +18,7 @@ from flexarm_env.suite.judge import judge
 from flexarm_env.suite.page import page
 from tests.cli_tools import refused
 from tests.processes import python
+from tests.refusals import refuses
 
 FIRST_TASK = suite.tasks()[0]
 
@@ -322,8 +323,7 @@ def test_one_policy_a_task_is_one_method(quick: Path, capsys):
 
 def test_each_task_may_have_a_policy_of_its_own():
     task = SimpleNamespace(id="slew-measured-v2")
-    with pytest.raises(ValueError, match="runs/slew-measured-v2/policy"):
-        policies.choose("runs/{task}/policy", task)
+    refuses("runs/slew-measured-v2/policy", lambda: policies.choose("runs/{task}/policy", task))
     assert policies.default_name("runs/{task}-ppo/policy.npz") == "ppo"
     assert policies.default_name("mine:act") == "act"
     assert policies.default_name("a/b.onnx") == "b"
@@ -408,8 +408,7 @@ def test_the_list_of_tasks(capsys: pytest.CaptureFixture[str]):
 
 
 def test_a_task_that_is_not_what_it_was_is_refused():
-    with pytest.raises(ValueError, match="the task is not what it was"):
-        results.frozen(dataclasses.replace(FIRST_TASK, digest="0" * 16))
+    refuses("the task is not what it was", lambda: results.frozen(dataclasses.replace(FIRST_TASK, digest="0" * 16)))
 
 
 # ------------------------------------------------------------------ with the real thing
